@@ -1,0 +1,301 @@
+//! Compute pipelines, the buffers they are bound to, and recording.
+
+#![expect(unsafe_code, reason = "Vulkan's edge")]
+
+use crate::device::Device;
+use crate::error::{Call, EngineError};
+use crate::memory::Buffer;
+use ash::vk;
+use std::sync::Arc;
+
+/// The engine's kernels, compiled by the build script: stage name and SPIR-V.
+pub mod stages {
+    macro_rules! stages {
+        ($($konst:ident = $name:literal;)*) => {
+            $(#[doc = concat!("SPIR-V of `", $name, "`.")]
+            pub const $konst: (&str, &[u8]) =
+                ($name, include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv")));)*
+            /// Every kernel.
+            pub const ALL: &[(&str, &[u8])] = &[$($konst,)*];
+        };
+    }
+    stages! {
+        INGEST = "ingest";
+        ENHANCE = "enhance";
+        CARRY = "carry";
+        CROSS = "cross";
+        SCATTER = "scatter";
+        SORT = "sort";
+        READBACK = "readback";
+    }
+}
+
+/// A descriptor set of buffers, set 0, slots from 0 on.
+pub struct BindingSet {
+    device: Arc<Device>,
+    layout: vk::DescriptorSetLayout,
+    pool: vk::DescriptorPool,
+    set: vk::DescriptorSet,
+    kinds: Vec<vk::DescriptorType>,
+}
+
+impl BindingSet {
+    /// Room for `slots` storage buffers.
+    pub fn new(device: &Arc<Device>, slots: u32) -> Result<Arc<Self>, EngineError> {
+        BindingSet::with_kinds(device, vec![vk::DescriptorType::STORAGE_BUFFER; slots as usize])
+    }
+
+    /// Room for a buffer of each kind.
+    pub fn with_kinds(
+        device: &Arc<Device>,
+        kinds: Vec<vk::DescriptorType>,
+    ) -> Result<Arc<Self>, EngineError> {
+        let bindings: Vec<_> = (0..)
+            .zip(&kinds)
+            .map(|(slot, &kind)| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(slot)
+                    .descriptor_type(kind)
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: the device is alive; `bindings` outlives the call.
+        let layout = unsafe { device.raw().create_descriptor_set_layout(&info, None) }
+            .call("vkCreateDescriptorSetLayout")?;
+        let mut this = BindingSet {
+            device: Arc::clone(device),
+            layout,
+            pool: vk::DescriptorPool::null(),
+            set: vk::DescriptorSet::null(),
+            kinds,
+        };
+        let sizes: Vec<_> =
+            this.kinds.iter().map(|&ty| vk::DescriptorPoolSize { ty, descriptor_count: 1 }).collect();
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
+        // SAFETY: as above.
+        this.pool =
+            unsafe { device.raw().create_descriptor_pool(&info, None) }.call("vkCreateDescriptorPool")?;
+        let layouts = [layout];
+        let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(this.pool).set_layouts(&layouts);
+        // SAFETY: the pool was made for exactly this set.
+        this.set =
+            unsafe { device.raw().allocate_descriptor_sets(&info) }.call("vkAllocateDescriptorSets")?[0];
+        Ok(Arc::new(this))
+    }
+
+    /// Binds `buffers` to the slots from 0 on. No recorded command buffer that uses the set may be
+    /// submitted again before it is recorded anew.
+    pub fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
+        let infos: Vec<_> = buffers
+            .into_iter()
+            .map(|b| [vk::DescriptorBufferInfo { buffer: b.raw(), offset: 0, range: vk::WHOLE_SIZE }])
+            .collect();
+        let writes: Vec<_> = infos
+            .iter()
+            .zip(&self.kinds)
+            .enumerate()
+            .map(|(slot, (info, &kind))| {
+                vk::WriteDescriptorSet::default()
+                    .dst_set(self.set)
+                    .dst_binding(slot as u32)
+                    .descriptor_type(kind)
+                    .buffer_info(info)
+            })
+            .collect();
+        // SAFETY: set and buffers are alive; the set is not in use by pending work (callers wait).
+        unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) };
+    }
+}
+
+impl Drop for BindingSet {
+    fn drop(&mut self) {
+        // SAFETY: pipelines that use the set are gone or idle; null handles are ignored.
+        unsafe {
+            self.device.raw().destroy_descriptor_pool(self.pool, None);
+            self.device.raw().destroy_descriptor_set_layout(self.layout, None);
+        }
+    }
+}
+
+/// A compute pipeline with its bindings.
+pub struct Kernel {
+    device: Arc<Device>,
+    bindings: Arc<BindingSet>,
+    layout: vk::PipelineLayout,
+    pipeline: vk::Pipeline,
+}
+
+impl Kernel {
+    /// A kernel with bindings of its own.
+    pub fn new(
+        device: &Arc<Device>,
+        name: &str,
+        spirv: &[u32],
+        storage_bindings: u32,
+        push_bytes: u32,
+        specialisation: &[u32],
+    ) -> Result<Self, EngineError> {
+        let bindings = BindingSet::new(device, storage_bindings)?;
+        Kernel::with_bindings(&bindings, name, spirv, push_bytes, specialisation)
+    }
+
+    /// A kernel on bindings that it shares; `specialisation[i]` is constant id `i`.
+    pub fn with_bindings(
+        bindings: &Arc<BindingSet>,
+        _name: &str,
+        spirv: &[u32],
+        push_bytes: u32,
+        specialisation: &[u32],
+    ) -> Result<Self, EngineError> {
+        let device = &bindings.device;
+        let layouts = [bindings.layout];
+        let ranges = [vk::PushConstantRange {
+            stage_flags: vk::ShaderStageFlags::COMPUTE,
+            offset: 0,
+            size: push_bytes,
+        }];
+        let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts);
+        let info = if push_bytes == 0 { info } else { info.push_constant_ranges(&ranges) };
+        // SAFETY: the set layout is alive.
+        let layout =
+            unsafe { device.raw().create_pipeline_layout(&info, None) }.call("vkCreatePipelineLayout")?;
+        let mut kernel = Kernel {
+            device: Arc::clone(device),
+            bindings: Arc::clone(bindings),
+            layout,
+            pipeline: vk::Pipeline::null(),
+        };
+        let info = vk::ShaderModuleCreateInfo::default().code(spirv);
+        // SAFETY: the code is SPIR-V that spirv-val accepts (checked by the test suite).
+        let module =
+            unsafe { device.raw().create_shader_module(&info, None) }.call("vkCreateShaderModule")?;
+        let entries: Vec<_> = (0..specialisation.len() as u32)
+            .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
+            .collect();
+        let constants = vk::SpecializationInfo::default()
+            .map_entries(&entries)
+            .data(bytemuck::cast_slice(specialisation));
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&constants);
+        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+        // SAFETY: layout and module are alive; the specialisation data outlives the call.
+        let created =
+            unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &info, None) };
+        // SAFETY: a module is not needed once its pipeline exists.
+        unsafe { device.raw().destroy_shader_module(module, None) };
+        kernel.pipeline = created.map_err(|(_, result)| result).call("vkCreateComputePipelines")?[0];
+        Ok(kernel)
+    }
+
+    /// Binds buffers to the kernel's slots; see [`BindingSet::bind`].
+    pub fn bind(&self, buffers: &[&Buffer]) {
+        self.bindings.bind(buffers.iter().copied());
+    }
+
+    /// Records a dispatch.
+    pub fn record(&self, commands: vk::CommandBuffer, push: &[u8], groups: [u32; 3]) {
+        let device = self.device.raw();
+        // SAFETY: `commands` is being recorded on this device; pipeline, layout and set are alive as
+        // long as the kernel; `push` has the size the layout was made for (checked by validation).
+        unsafe {
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, self.pipeline);
+            device.cmd_bind_descriptor_sets(
+                commands,
+                vk::PipelineBindPoint::COMPUTE,
+                self.layout,
+                0,
+                &[self.bindings.set],
+                &[],
+            );
+            if !push.is_empty() {
+                device.cmd_push_constants(commands, self.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+            }
+            device.cmd_dispatch(commands, groups[0], groups[1], groups[2]);
+        }
+    }
+}
+
+impl Drop for Kernel {
+    fn drop(&mut self) {
+        // SAFETY: whoever owns a kernel waits for the device first; null handles are ignored.
+        unsafe {
+            self.device.raw().destroy_pipeline(self.pipeline, None);
+            self.device.raw().destroy_pipeline_layout(self.layout, None);
+        }
+    }
+}
+
+/// A command buffer with a pool of its own.
+pub(crate) struct Commands {
+    device: Arc<Device>,
+    pool: vk::CommandPool,
+    raw: vk::CommandBuffer,
+}
+
+impl Commands {
+    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
+        let info = vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family());
+        // SAFETY: the device is alive.
+        let pool = unsafe { device.raw().create_command_pool(&info, None) }.call("vkCreateCommandPool")?;
+        let mut this = Commands { device: Arc::clone(device), pool, raw: vk::CommandBuffer::null() };
+        let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+        // SAFETY: the pool was just made.
+        this.raw =
+            unsafe { device.raw().allocate_command_buffers(&info) }.call("vkAllocateCommandBuffers")?[0];
+        Ok(this)
+    }
+
+    pub(crate) fn raw(&self) -> vk::CommandBuffer {
+        self.raw
+    }
+
+    /// Records anew what `record` says; the buffer is not pending.
+    pub(crate) fn record(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
+        let device = self.device.raw();
+        // SAFETY: the pool's only buffer is not pending: its owner has waited.
+        unsafe { device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }
+            .call("vkResetCommandPool")?;
+        // SAFETY: as above.
+        unsafe { device.begin_command_buffer(self.raw, &vk::CommandBufferBeginInfo::default()) }
+            .call("vkBeginCommandBuffer")?;
+        record(self.raw);
+        // SAFETY: recording was begun above.
+        unsafe { device.end_command_buffer(self.raw) }.call("vkEndCommandBuffer")
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        // SAFETY: its owner has waited for the buffer's last submission.
+        unsafe { self.device.raw().destroy_command_pool(self.pool, None) };
+    }
+}
+
+/// What kernels wrote before is visible to kernels after.
+pub(crate) fn record_barrier(device: &Device, commands: vk::CommandBuffer) {
+    let barriers = [vk::MemoryBarrier2::default()
+        .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+        .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)
+        .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+        .dst_access_mask(vk::AccessFlags2::SHADER_STORAGE_READ | vk::AccessFlags2::SHADER_STORAGE_WRITE)];
+    let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+    // SAFETY: `commands` is being recorded on this device.
+    unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+}
+
+/// The last barrier of a tick: what the device wrote is visible to the host.
+pub(crate) fn record_host_barrier(device: &Device, commands: vk::CommandBuffer) {
+    let barriers = [vk::MemoryBarrier2::default()
+        .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER)
+        .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE | vk::AccessFlags2::TRANSFER_WRITE)
+        .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+        .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+    let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+    // SAFETY: `commands` is being recorded on this device.
+    unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+}

@@ -1,0 +1,25 @@
+//! The engine: rendered frames in, time-ordered event packets out, on any Vulkan 1.3 device.
+//!
+//! A [`Rig`] holds cameras of different sensors and steps all of them with one submission. What the
+//! kernels do is in `glsl/`; what they mean is in the model crate's documentation.
+
+mod device;
+mod error;
+#[cfg(feature = "shaderc")]
+mod interface;
+mod kernel;
+#[cfg(feature = "shaderc")]
+mod kernel_folder;
+mod memory;
+mod rig;
+mod timing;
+
+pub use ash;
+pub use device::{Capability, Device, DeviceChoice, DeviceInfo, Validation, list_devices};
+pub use error::EngineError;
+pub use gpu_allocator::MemoryLocation;
+pub use kernel::{BindingSet, Kernel, stages};
+#[cfg(feature = "shaderc")]
+pub use kernel_folder::KernelFolder;
+pub use memory::{Buffer, MemoryUse};
+pub use rig::{ApsFrame, CameraConfig, Diagnostics, FrameBytes, InputBuffers, Rig, RigOptions, Tick};

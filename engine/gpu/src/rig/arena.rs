@@ -1,0 +1,388 @@
+//! Where each camera's data lie in the rig's buffers.
+
+#![expect(unsafe_code, reason = "Vulkan's edge")]
+
+use super::parameters::{channels, phases};
+use super::{CameraConfig, CameraState, RigOptions};
+use crate::device::Device;
+use crate::error::EngineError;
+use crate::memory::{Buffer, MemoryUse};
+use ash::vk;
+use esaac_model::layout::{self, BINDINGS, Counters, STATE_WORDS, STRIP_BLOCKS};
+use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
+use gpu_allocator::MemoryLocation;
+use std::sync::Arc;
+
+/// A camera's parts, in elements of each buffer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Place {
+    pub slot: u32,
+    pub pixels: u32,
+    /// Planes of `pixels` elements that a frame has.
+    pub planes: u32,
+    pub blocks_x: u32,
+    pub blocks: u32,
+    /// Strips of four blocks.
+    pub strips: u32,
+    pub bin_count: u32,
+    pub event_capacity: u32,
+    pub plane_base: u32,
+    pub motion_base: u32,
+    pub state_base: u32,
+    pub block_base: u32,
+    pub bin_base: u32,
+    pub event_base: u32,
+    pub aps_base: u32,
+    pub host_base: u32,
+    has_motion: bool,
+}
+
+impl Place {
+    /// Bytes of the camera's packet and APS frame in `host`: t, x, y, polarity, pixels.
+    fn host_bytes(&self) -> [u64; 5] {
+        let events = u64::from(self.event_capacity);
+        [4 * events, 2 * events, 2 * events, events, 2 * u64::from(self.pixels.next_multiple_of(8))]
+    }
+
+    /// First byte of each plane in `host`.
+    pub fn host_planes(&self) -> [usize; 5] {
+        let mut next = u64::from(self.host_base) * 16;
+        self.host_bytes().map(|bytes| {
+            let first = next;
+            next += bytes;
+            first as usize
+        })
+    }
+
+    /// Elements of each buffer that this camera takes, in the order of the slots; `None` for what is
+    /// shared.
+    fn elements(&self) -> [Option<u64>; BINDINGS.len()] {
+        let mut elements = [None; BINDINGS.len()];
+        let pixels = u64::from(self.pixels);
+        elements[layout::PLANES] = Some(2 * u64::from(self.planes) * pixels);
+        elements[layout::MOTION] = Some(if self.has_motion { 2 * pixels } else { 0 });
+        elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
+        elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
+        elements[layout::BINS] = Some(u64::from(self.bin_count) + 1);
+        elements[layout::BIN_CURSORS] = elements[layout::BINS];
+        elements[layout::BIN_STARTS] = elements[layout::BINS];
+        for slot in [
+            layout::STAGED,
+            layout::BINNED,
+            layout::EVENT_T,
+            layout::EVENT_X,
+            layout::EVENT_Y,
+            layout::EVENT_P,
+        ] {
+            elements[slot] = Some(u64::from(self.event_capacity));
+        }
+        elements[layout::APS] = Some(pixels.next_multiple_of(8));
+        elements[layout::HOST] = Some(self.host_bytes().iter().sum::<u64>() / 16);
+        elements
+    }
+}
+
+/// Places for cameras that start.
+pub(super) fn place(device: &Device, configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
+    // Small bins fill a GPU; on a processor each costs a workgroup.
+    let bin_px = if device.info().kind == "software" { 256 } else { 64 };
+    let mut places: Vec<Place> = configs
+        .iter()
+        .enumerate()
+        .map(|(slot, config)| {
+            let sensor = &config.sensor;
+            let pixels = sensor.width * sensor.height;
+            let blocks_x = sensor.width.div_ceil(BLOCK_PX);
+            let events =
+                if options.initial_events == 0 { pixels + pixels / 2 } else { options.initial_events };
+            Place {
+                slot: slot as u32,
+                pixels,
+                planes: channels(sensor.intensity) * phases(sensor),
+                blocks_x,
+                blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
+                strips: blocks_x.div_ceil(STRIP_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
+                bin_count: (pixels / bin_px).next_power_of_two().clamp(256, 65_536),
+                event_capacity: round_events(events),
+                has_motion: config.motion.is_some(),
+                ..Place::default()
+            }
+        })
+        .collect();
+    lay_out(&mut places);
+    places
+}
+
+/// Capacities are multiples of this, so that arrays of bytes and words begin on whole words.
+fn round_events(events: u32) -> u32 {
+    events.max(64).next_multiple_of(64)
+}
+
+/// Gives every place its bases, one after the other.
+fn lay_out(places: &mut [Place]) {
+    let mut next = [0_u64; BINDINGS.len()];
+    for place in places {
+        let elements = place.elements();
+        let mut take = |slot: usize| {
+            let base = next[slot];
+            next[slot] += elements[slot].unwrap_or(0);
+            u32::try_from(base).expect("a rig's buffers hold fewer than 2^32 elements")
+        };
+        place.plane_base = take(layout::PLANES);
+        place.motion_base = take(layout::MOTION);
+        place.state_base = take(layout::STATE);
+        place.block_base = take(layout::BLOCKS);
+        place.bin_base = take(layout::BINS);
+        place.event_base = take(layout::STAGED);
+        place.aps_base = take(layout::APS);
+        place.host_base = take(layout::HOST);
+    }
+}
+
+/// The rig's buffers, by binding slot.
+pub(super) struct Arena {
+    pub buffers: Vec<Buffer>,
+    pub samples_pixels: usize,
+}
+
+impl Arena {
+    pub(super) fn new(
+        device: &Arc<Device>,
+        places: &[Place],
+        options: RigOptions,
+    ) -> Result<Self, EngineError> {
+        let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
+        let buffers = (0..BINDINGS.len())
+            .map(|slot| {
+                let elements = match slot {
+                    layout::CAMERAS => layout::MAX_CAMERAS as u64,
+                    layout::REPORT => places.len() as u64,
+                    layout::COUNTERS => 2 * places.len() as u64,
+                    layout::SAMPLES if options.keep_substeps => {
+                        (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
+                    }
+                    layout::SAMPLES => 0,
+                    layout::HOST if device.unified_memory() => 0,
+                    slot => total(places, slot),
+                };
+                allocate(device, slot, elements)
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Arena { buffers, samples_pixels })
+    }
+
+    pub(super) fn buffers(&self) -> impl Iterator<Item = &Buffer> {
+        self.buffers.iter()
+    }
+
+    /// Zeroes what kernels expect to find zero.
+    pub(super) fn clear(&self, device: &Arc<Device>) -> Result<(), EngineError> {
+        let filled = [layout::BINS, layout::BIN_CURSORS, layout::STATE, layout::BLOCKS, layout::COUNTERS];
+        device.run_once(|commands| {
+            for slot in filled {
+                // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
+                unsafe {
+                    device.raw().cmd_fill_buffer(commands, self.buffers[slot].raw(), 0, vk::WHOLE_SIZE, 0);
+                }
+            }
+        })?;
+        let cameras = self.buffers[layout::COUNTERS].bytes() as usize / (2 * size_of::<Counters>());
+        (0..cameras as u32).try_for_each(|slot| self.clear_counters(device, slot))
+    }
+
+    /// Makes both sets of a camera's counters as they are before its first tick.
+    pub(super) fn clear_counters(&self, device: &Arc<Device>, slot: u32) -> Result<(), EngineError> {
+        let fresh = [Counters { staged_fit: u32::MAX, ..Counters::default() }; 2];
+        let offset = u64::from(slot) * size_of_val(&fresh) as u64;
+        self.upload(device, layout::COUNTERS, offset, bytemuck::cast_slice(&fresh))
+    }
+
+    /// Copies bytes into a buffer through a staging buffer, and waits.
+    pub(super) fn upload(
+        &self,
+        device: &Arc<Device>,
+        slot: usize,
+        offset: u64,
+        bytes: &[u8],
+    ) -> Result<(), EngineError> {
+        let mut staging = device.allocate(
+            "upload",
+            bytes.len() as u64,
+            vk::BufferUsageFlags::empty(),
+            MemoryLocation::CpuToGpu,
+        )?;
+        staging.write(0, bytes);
+        let region = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes.len() as u64 }];
+        device.run_once(|commands| {
+            // SAFETY: `commands` is being recorded; both buffers are alive until the copy is done.
+            unsafe {
+                device.raw().cmd_copy_buffer(commands, staging.raw(), self.buffers[slot].raw(), &region);
+            }
+        })
+    }
+
+    /// Reads a part of a buffer back through a staging buffer, and waits.
+    pub(super) fn download(
+        &self,
+        device: &Arc<Device>,
+        slot: usize,
+        offset: u64,
+        bytes: u64,
+    ) -> Result<Vec<u8>, EngineError> {
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let staging =
+            device.allocate("download", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)?;
+        let region = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
+        device.run_once(|commands| {
+            // SAFETY: `commands` is being recorded; both buffers are alive until the copy is done.
+            unsafe {
+                device.raw().cmd_copy_buffer(commands, self.buffers[slot].raw(), staging.raw(), &region);
+            }
+            crate::kernel::record_host_barrier(device, commands);
+        })?;
+        Ok(staging.read::<u8>(0, bytes as usize).to_vec())
+    }
+
+    /// Gives cameras more room for events (`wanted[slot]`, 0 for as it was), keeping what is staged and
+    /// what waits in `binned`.
+    pub(super) fn grow_events(
+        &mut self,
+        device: &Arc<Device>,
+        cameras: &mut [CameraState],
+        wanted: &[u32],
+    ) -> Result<(), EngineError> {
+        let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
+        for (place, &wanted) in places.iter_mut().zip(wanted) {
+            if wanted > place.event_capacity {
+                place.event_capacity = round_events(wanted.saturating_add(wanted / 4));
+            }
+        }
+        self.move_to(device, cameras, places)
+    }
+
+    /// Gives a camera the planes that its sensor needs now; what they held is lost.
+    pub(super) fn fit_planes(
+        &mut self,
+        device: &Arc<Device>,
+        cameras: &mut [CameraState],
+        camera: usize,
+    ) -> Result<bool, EngineError> {
+        let sensor = &cameras[camera].config.sensor;
+        let planes = channels(sensor.intensity) * phases(sensor);
+        if planes <= cameras[camera].place.planes {
+            return Ok(false);
+        }
+        let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
+        places[camera].planes = planes;
+        self.move_to(device, cameras, places)?;
+        Ok(true)
+    }
+
+    /// Moves cameras to new places: buffers whose layout differs are made anew, and each camera's part
+    /// is copied as far as both have it.
+    fn move_to(
+        &mut self,
+        device: &Arc<Device>,
+        cameras: &mut [CameraState],
+        mut places: Vec<Place>,
+    ) -> Result<(), EngineError> {
+        let before: Vec<Place> = cameras.iter().map(|c| c.place).collect();
+        lay_out(&mut places);
+        let mut fresh = Vec::new();
+        for slot in 0..BINDINGS.len() {
+            let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
+            let unused = slot == layout::HOST && device.unified_memory();
+            if !(same || unused) {
+                fresh.push((slot, allocate(device, slot, total(&places, slot))?));
+            }
+        }
+        device.run_once(|commands| {
+            for (slot, buffer) in fresh.iter().filter(|(slot, _)| *slot != layout::HOST) {
+                let stride = u64::from(BINDINGS[*slot].stride);
+                let (mut from, mut to) = (0, 0);
+                let mut regions = Vec::new();
+                for (old, new) in before.iter().zip(&places) {
+                    let (had, has) = (old.elements()[*slot].unwrap_or(0), new.elements()[*slot].unwrap_or(0));
+                    let size = had.min(has) * stride;
+                    if size > 0 {
+                        regions.push(vk::BufferCopy {
+                            src_offset: from * stride,
+                            dst_offset: to * stride,
+                            size,
+                        });
+                    }
+                    from += had;
+                    to += has;
+                }
+                // SAFETY: `commands` is being recorded; both buffers live until the copy is done.
+                unsafe {
+                    device.raw().cmd_copy_buffer(commands, self.buffers[*slot].raw(), buffer.raw(), &regions);
+                }
+            }
+        })?;
+        for (slot, buffer) in fresh {
+            self.buffers[slot] = buffer;
+        }
+        for (camera, place) in cameras.iter_mut().zip(places) {
+            camera.place = place;
+        }
+        Ok(())
+    }
+
+    /// Memory by camera and purpose.
+    pub(super) fn memory(&self, cameras: &[CameraState]) -> Vec<MemoryUse> {
+        let mut uses = Vec::new();
+        for (slot, binding) in BINDINGS.iter().enumerate() {
+            let buffer = &self.buffers[slot];
+            let mut shared = buffer.bytes();
+            for (number, camera) in cameras.iter().enumerate() {
+                if buffer.bytes() <= 16 {
+                    continue;
+                }
+                if let Some(elements) = camera.place.elements()[slot].filter(|&e| e > 0) {
+                    let bytes = elements * u64::from(binding.stride);
+                    shared = shared.saturating_sub(bytes);
+                    uses.push(MemoryUse {
+                        camera: Some(number),
+                        purpose: binding.name.to_owned(),
+                        bytes,
+                        on_host: buffer.on_host(),
+                    });
+                }
+            }
+            if shared > 0 {
+                uses.push(MemoryUse {
+                    camera: None,
+                    purpose: binding.name.to_owned(),
+                    bytes: shared,
+                    on_host: buffer.on_host(),
+                });
+            }
+        }
+        uses
+    }
+}
+
+fn total(places: &[Place], slot: usize) -> u64 {
+    places.iter().filter_map(|p| p.elements()[slot]).sum::<u64>()
+}
+
+fn allocate(device: &Arc<Device>, slot: usize, elements: u64) -> Result<Buffer, EngineError> {
+    let binding = &BINDINGS[slot];
+    let (location, usage) = match slot {
+        layout::CAMERAS => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
+        layout::REPORT | layout::SAMPLES | layout::HOST => {
+            (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty())
+        }
+        // Where the device's memory is the host's, this is the packets' only copy.
+        layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P | layout::APS
+            if device.unified_memory() =>
+        {
+            (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty())
+        }
+        _ => (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty()),
+    };
+    device.allocate(binding.name, elements * u64::from(binding.stride), usage, location)
+}

@@ -1,0 +1,184 @@
+//! From a sensor and a frame's time to what the kernels read.
+
+use super::{CameraState, RigOptions};
+use esaac_model::layout::Camera;
+use esaac_model::random::HAZARD_FRACTION_BITS;
+use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
+use esaac_model::{
+    Intensity, LOG_FRACTION_BITS, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
+};
+
+/// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
+/// and the formats of its images.
+pub(super) type Permutation = [u32; 15];
+
+/// Which code a camera needs: an effect that is off is not there.
+pub(super) fn permutation(camera: &CameraState, options: RigOptions, branches: bool) -> Permutation {
+    let sensor = &camera.config.sensor;
+    [
+        sensor.intensity as u32,
+        u32::from(sensor.contrast_mismatch > 0.0),
+        // A pixel that is held when the period is switched off is held to its end.
+        u32::from(sensor.refractory_ns > 0 || camera.last_ns < camera.holds_until_ns),
+        u32::from(sensor.leak_rate_hz > 0.0),
+        u32::from(sensor.shot_noise_rate_hz > 0.0),
+        u32::from(sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0),
+        u32::from(sensor.timestamps == Timestamps::AtSample),
+        u32::from(sensor.aps_exposure_ns > 0),
+        sensor.synthesis as u32,
+        sensor.taps as u32,
+        u32::from(options.keep_substeps),
+        0,
+        u32::from(branches),
+        camera.config.hdr as u32,
+        camera.config.motion.map_or(0, |m| m as u32),
+    ]
+}
+
+/// Index of a permutation's flag for crowded strips, set where `cross` goes on after it has stopped.
+pub(super) const PERMUTATION_CROWDED: usize = 11;
+
+/// Index of a permutation's delay flag.
+pub(super) const PERMUTATION_DELAY: usize = 5;
+
+/// Leak in nepers per second as Q24 per nanosecond times 2^32.
+pub(super) fn leak_per_ns(leak_log_per_s: f64) -> u32 {
+    (leak_log_per_s * 1e-9 * f64::from(1_u32 << LOG_FRACTION_BITS) * 4_294_967_296.0).round() as u32
+}
+
+/// How an interval's packet is cut into bins.
+struct Bins {
+    width: u32,
+    rows: u32,
+    row_px: u32,
+    samples: u32,
+}
+
+fn bins(sensor: &SensorModel, span_ns: u32, bin_count: u32, pixels: u32) -> Bins {
+    let by_rows = |steps: u32, width: u32, samples: u32| {
+        let rows = (bin_count / steps).max(1);
+        Bins { width, rows, row_px: pixels.div_ceil(rows).max(1), samples }
+    };
+    let quantum = sensor.timestamp_quantum_ns;
+    let quanta = span_ns / quantum + 1;
+    let only_at_samples = sensor.timestamps == Timestamps::AtSample
+        && sensor.substep_policy == SubstepPolicy::Fixed
+        && sensor.latency_ns == 0
+        && sensor.latency_jitter_ns == 0
+        && quantum == 1
+        && sensor.synthesis != Synthesis::None;
+    if only_at_samples && sensor.substeps < bin_count {
+        by_rows(sensor.substeps + 1, 1, sensor.substeps)
+    } else if quanta <= bin_count {
+        by_rows(quanta, quantum, 0)
+    } else {
+        let width = (span_ns / bin_count + 1).next_multiple_of(quantum);
+        Bins { width, rows: 1, row_px: pixels, samples: 0 }
+    }
+}
+
+/// One camera's row for a tick.
+pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, samples_pixels: u32) -> Camera {
+    let (sensor, place) = (&camera.config.sensor, &camera.place);
+    let start_ns = camera.last_ns.or(t_ns).unwrap_or(0);
+    let interval_ns = t_ns.map_or(0, |t| (t - start_ns) as u32);
+    let phase = match (t_ns, camera.last_ns) {
+        (None, _) => 0,
+        (Some(_), None) => 1,
+        (Some(_), Some(_)) => 2,
+    };
+    let base_ns = quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns));
+    let base_to_start_ns = (start_ns - base_ns) as u32;
+    let bins = bins(sensor, base_to_start_ns + interval_ns, place.bin_count, place.pixels);
+    let q27 = f64::from(1_u32 << HAZARD_FRACTION_BITS);
+    let aps_end_ns = sensor.aps_start_ns.saturating_add(sensor.aps_exposure_ns).min(interval_ns);
+    let aps_max = ((1_u32 << sensor.aps_bits) - 1) as f32;
+    Camera {
+        hdr_address: camera.hdr.address(),
+        motion_address: camera.motion.as_ref().map_or(0, crate::memory::Buffer::address),
+        start_ns,
+        epoch_ns: camera.epoch_ns,
+        phase,
+        interval_ns,
+        previous_interval_ns: camera.last_interval_ns,
+        base_to_start_ns,
+        width: sensor.width,
+        height: sensor.height,
+        pixels: place.pixels,
+        blocks_x: place.blocks_x,
+        blocks: place.blocks,
+        camera: camera.config.camera,
+        seed_low: sensor.seed as u32,
+        seed_high: (sensor.seed >> 32) as u32,
+        parity: camera.parity,
+        has_motion: u32::from(camera.motion.is_some()),
+        has_previous_motion: u32::from(camera.motion.is_some() && camera.frames >= 1),
+        plane_base: place.plane_base,
+        motion_base: place.motion_base,
+        state_base: place.state_base,
+        block_base: place.block_base,
+        bin_base: place.bin_base,
+        bin_count: place.bin_count,
+        bin_width: bins.width,
+        bin_rows: bins.rows,
+        bin_row_px: bins.row_px,
+        bin_samples: bins.samples,
+        event_base: place.event_base,
+        event_capacity: place.event_capacity,
+        aps_base: place.aps_base,
+        substeps: sensor.substeps,
+        substeps_fixed: u32::from(sensor.substep_policy == SubstepPolicy::Fixed),
+        no_skip: u32::from(camera.changed),
+        exposure_gain: sensor.exposure_gain as f32,
+        log_offset: sensor.log_offset as f32,
+        refractory_ns: sensor.refractory_ns,
+        latency_ns: sensor.latency_ns,
+        latency_jitter_ns: sensor.latency_jitter_ns,
+        timestamp_quantum_ns: sensor.timestamp_quantum_ns,
+        contrast_on_q24: log_to_q24(sensor.contrast_on),
+        contrast_off_q24: log_to_q24(sensor.contrast_off),
+        hazard_q27_per_ns: (0.5 * sensor.shot_noise_rate_hz * 1e-9 * q27) as f32,
+        inverse_white: (1.0 / sensor.white_level) as f32,
+        aps_start_ns: sensor.aps_start_ns.min(aps_end_ns),
+        aps_end_ns: if sensor.aps_exposure_ns == 0 { 0 } else { aps_end_ns },
+        aps_scale: (sensor.aps_gain / sensor.white_level) as f32 * aps_max,
+        aps_max,
+        max_events: sensor.max_events_per_interval,
+        slot: place.slot,
+        samples_base: place.slot * (MAX_SUBSTEPS + 1) * samples_pixels,
+        log_dark: sensor.log_offset.ln() as f32,
+        padding0: 0,
+        padding1: 0,
+        host_base: place.host_base,
+    }
+}
+
+/// Colour components kept of a camera's frames.
+pub(super) fn channels(intensity: Intensity) -> u32 {
+    if intensity == Intensity::BayerRggb { 3 } else { 1 }
+}
+
+/// Planes kept of each: four with the half-pixel lattice that cubic warps read, else the frame alone.
+pub(super) fn phases(sensor: &SensorModel) -> u32 {
+    if uses_lattice(sensor.synthesis as u32, sensor.taps as u32) { 4 } else { 1 }
+}
+
+/// Whether warps read a lattice.
+pub(super) fn uses_lattice(synthesis: u32, taps: u32) -> bool {
+    synthesis == Synthesis::Motion as u32 && taps == Taps::Cubic as u32
+}
+
+/// As [`uses_lattice`], of a permutation.
+pub(super) fn lattice_of(permutation: &Permutation) -> bool {
+    uses_lattice(permutation[8], permutation[9])
+}
+
+/// As [`channels`], of a permutation.
+pub(super) fn channels_of(permutation: &Permutation) -> u32 {
+    if permutation[0] == Intensity::BayerRggb as u32 { 3 } else { 1 }
+}
+
+/// Specialisation constants of `ingest`, by id.
+pub(super) fn ingest_constants(permutation: &Permutation) -> [u32; 4] {
+    [permutation[0], u32::from(lattice_of(permutation)), permutation[13], permutation[14]]
+}

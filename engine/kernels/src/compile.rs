@@ -1,0 +1,76 @@
+//! Runs `glslc`, the shaderc project's command-line compiler.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use thiserror::Error;
+
+/// Environment that kernels are compiled for.
+pub const TARGET_ENV: &str = "vulkan1.2";
+
+/// Why a kernel did not compile.
+#[derive(Debug, Error)]
+pub enum CompileError {
+    /// No compiler.
+    #[error("glslc cannot be run ({0}); install it with: apt-get install glslc")]
+    NoCompiler(std::io::Error),
+    /// The linked compiler does not start.
+    #[cfg(feature = "shaderc")]
+    #[error("the linked shader compiler does not start: {0}")]
+    NoLinkedCompiler(String),
+    /// The compiler refused the source.
+    #[error("{path}:\n{message}")]
+    Source {
+        /// File.
+        path: PathBuf,
+        /// The compiler's words.
+        message: String,
+    },
+    /// The output is no SPIR-V.
+    #[error("{path}: glslc wrote {bytes} bytes, expected a multiple of 4 above 20")]
+    Output {
+        /// File.
+        path: PathBuf,
+        /// Bytes written.
+        bytes: usize,
+    },
+}
+
+/// Whether the optimiser runs. It strips names; a kernel that is read back keeps them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Optimise {
+    /// For the device.
+    Yes,
+    /// For [`crate::reflect`].
+    No,
+}
+
+/// Compiles a compute kernel; `defines` are `NAME=VALUE` pairs.
+pub fn compile(
+    source: &Path,
+    include_dirs: &[PathBuf],
+    defines: &[(&str, &str)],
+    optimise: Optimise,
+) -> Result<Vec<u32>, CompileError> {
+    let mut command = Command::new("glslc");
+    command.arg(format!("--target-env={TARGET_ENV}")).args(["-Werror", "-fshader-stage=compute"]);
+    command.arg(match optimise {
+        Optimise::Yes => "-O",
+        Optimise::No => "-O0",
+    });
+    for dir in include_dirs {
+        command.arg("-I").arg(dir);
+    }
+    for (name, value) in defines {
+        command.arg(format!("-D{name}={value}"));
+    }
+    let output = command.arg(source).args(["-o", "-"]).output().map_err(CompileError::NoCompiler)?;
+    if !output.status.success() {
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        return Err(CompileError::Source { path: source.to_owned(), message });
+    }
+    let bytes = output.stdout.len();
+    if bytes < 20 || !bytes.is_multiple_of(4) {
+        return Err(CompileError::Output { path: source.to_owned(), bytes });
+    }
+    Ok(crate::words(&output.stdout))
+}

@@ -1,0 +1,58 @@
+//! Linear RGB to the scalar that a pixel sees (paper, "Log-Intensity Event Model").
+
+use crate::Intensity;
+
+/// Rec. 709 luminance weights of linear R, G, B.
+pub const REC709: [f64; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Weights of linear R, G, B in the scalar seen by pixel `(x, y)`.
+#[must_use]
+pub fn weights(intensity: Intensity, x: u32, y: u32) -> [f64; 3] {
+    match intensity {
+        Intensity::Gray => [1.0 / 3.0; 3],
+        Intensity::Luminance => REC709,
+        Intensity::BayerRggb => {
+            let mut one_component = [0.0; 3];
+            one_component[bayer_component(x, y)] = 1.0;
+            one_component
+        }
+    }
+}
+
+/// Colour component (0 R, 1 G, 2 B) of pixel `(x, y)` of an RGGB mosaic with R at (0, 0).
+#[must_use]
+pub fn bayer_component(x: u32, y: u32) -> usize {
+    ((x & 1) + (y & 1)) as usize
+}
+
+/// sRGB byte to linear (IEC 61966-2-1).
+#[must_use]
+pub fn srgb_to_linear(byte: u8) -> f64 {
+    let encoded = f64::from(byte) / 255.0;
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mosaic_is_rggb() {
+        assert_eq!([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| bayer_component(x, y)), [0, 1, 1, 2]);
+    }
+
+    #[test]
+    fn weights_of_every_mode_sum_to_one() {
+        for mode in [Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb] {
+            let sum: f64 = weights(mode, 1, 0).iter().sum();
+            assert!((sum - 1.0).abs() < 1e-12, "{mode:?}: {sum}");
+        }
+    }
+
+    #[test]
+    fn srgb_endpoints() {
+        assert_eq!(srgb_to_linear(0), 0.0);
+        assert!((srgb_to_linear(255) - 1.0).abs() < 1e-12);
+        assert!((srgb_to_linear(188) - 0.5029).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,326 @@
+//! The parameters of a sensor: one list that gives the struct, its TOML, the command-line flags and
+//! the printed tables.
+
+use crate::MAX_LATENCY_NS;
+use crate::random::jitter_bound_ns;
+use crate::substeps::MAX_SUBSTEPS;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// How RGB becomes the scalar that a pixel sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum Intensity {
+    /// Mean of R, G, B.
+    Gray = 0,
+    /// Rec. 709.
+    Luminance = 1,
+    /// One component a pixel, R at (0, 0).
+    BayerRggb = 2,
+}
+
+/// Where the intensity between two rendered frames comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum Synthesis {
+    /// Both frames warped along the surface's path.
+    Motion = 0,
+    /// Blend of the two frames in linear intensity.
+    Linear = 1,
+    /// The paper's equation as printed.
+    Paper = 2,
+    /// One sub-step: log-linear from frame to frame.
+    None = 3,
+}
+
+/// Interpolation between pixels of a warped frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum Taps {
+    /// Sixteen taps.
+    Cubic = 0,
+    /// Four taps.
+    Bilinear = 1,
+}
+
+/// How the number of sub-steps is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum SubstepPolicy {
+    /// Per block, from its motion and change, `substeps` at the most.
+    Adaptive = 0,
+    /// Always `substeps`.
+    Fixed = 1,
+}
+
+/// The time given to a crossing within a sub-step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum Timestamps {
+    /// Its own, interpolated.
+    Interpolated = 0,
+    /// The end of the sub-step.
+    AtSample = 1,
+}
+
+/// What is wrong with a sensor.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SensorError {
+    /// A parameter outside its range.
+    #[error("sensor parameter `{parameter}` is {actual}, expected {expected}")]
+    Range {
+        /// Parameter.
+        parameter: &'static str,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        actual: String,
+    },
+    /// A name that is no parameter.
+    #[error("unknown sensor parameter `{0}`; `esaac sensors` lists them")]
+    Unknown(String),
+    /// A value that a parameter does not take.
+    #[error("sensor parameter `{parameter}` cannot be `{value}`: {reason}")]
+    Value {
+        /// Parameter.
+        parameter: String,
+        /// Value given.
+        value: String,
+        /// What the parser says.
+        reason: String,
+    },
+    /// TOML that cannot be read as a sensor.
+    #[error("sensor file: {0}")]
+    Toml(String),
+}
+
+/// One parameter, for flags, tables and documentation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Parameter {
+    /// Field and TOML key; with hyphens the flag.
+    pub name: &'static str,
+    /// Unit, empty for counts and choices.
+    pub unit: &'static str,
+    /// What it means.
+    pub about: &'static str,
+}
+
+macro_rules! sensor_model {
+    ($($name:ident: $type:ty = $default:expr, $unit:literal, $about:literal;)*) => {
+        /// Every parameter of a sensor. [`SensorModel::validate`] states the ranges.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct SensorModel {
+            $(#[doc = $about] pub $name: $type,)*
+        }
+
+        impl Default for SensorModel {
+            fn default() -> Self {
+                SensorModel { $($name: $default,)* }
+            }
+        }
+
+        /// Every parameter of [`SensorModel`], in order.
+        pub const PARAMETERS: &[Parameter] =
+            &[$(Parameter { name: stringify!($name), unit: $unit, about: $about },)*];
+    };
+}
+
+sensor_model! {
+    name: String = "davis346".to_owned(), "", "Name of the sensor.";
+    width: u32 = 346, "px", "Columns.";
+    height: u32 = 260, "px", "Rows.";
+    contrast_on: f64 = 0.2, "log", "ON contrast threshold.";
+    contrast_off: f64 = 0.2, "log", "OFF contrast threshold.";
+    contrast_mismatch: f64 = 0.0, "log", "Standard deviation of the thresholds from pixel to pixel.";
+    refractory_ns: u32 = 0, "ns", "Refractory period: how long a pixel is held after an event.";
+    leak_rate_hz: f64 = 0.0, "Hz", "Rate of the ON events that a still pixel leaks.";
+    leak_spread_log: f64 = 0.0, "log", "Spread of the leak rate: standard deviation of its logarithm.";
+    shot_noise_rate_hz: f64 = 0.0, "Hz", "Shot-noise events of a dark pixel, both polarities together.";
+    white_level: f64 = 1.0, "scene", "Intensity of white: full scale of the APS frame, lowest shot noise.";
+    latency_ns: u32 = 0, "ns", "Constant delay of an event's time stamp.";
+    latency_jitter_ns: u32 = 0, "ns", "Standard deviation of the delay.";
+    timestamp_quantum_ns: u32 = 1, "ns", "Time stamps are floored to a multiple of this.";
+    intensity: Intensity = Intensity::Luminance, "", "What a pixel sees: gray, luminance or bayer_rggb.";
+    exposure_gain: f64 = 1.0, "", "Factor from the renderer's radiance to the sensor's intensity.";
+    log_offset: f64 = crate::presets::LOG_OFFSET_HDR, "scene", "Dark level: L = ln(S + log_offset).";
+    synthesis: Synthesis = Synthesis::Motion, "", "Frame-gap synthesis: motion, linear, paper or none.";
+    taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
+    substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
+    substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
+    timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";
+    max_events_per_interval: u32 = 0, "", "Hard cap of a packet, the earliest events kept; 0 for none.";
+    aps_exposure_ns: u32 = 0, "ns", "Exposure of the APS frame; 0 for no APS.";
+    aps_start_ns: u32 = 0, "ns", "Start of the exposure after the interval's start.";
+    aps_gain: f64 = 1.0, "", "Gain of the APS frame.";
+    aps_bits: u32 = 8, "bit", "Depth of an APS pixel.";
+    seed: u64 = 0, "", "Seed of everything random.";
+}
+
+impl SensorModel {
+    /// Reads a sensor from TOML; unknown keys and values out of range are errors.
+    pub fn from_toml(text: &str) -> Result<Self, SensorError> {
+        let sensor: SensorModel = toml::from_str(text).map_err(|e| SensorError::Toml(e.to_string()))?;
+        sensor.validate()?;
+        Ok(sensor)
+    }
+
+    /// The sensor as TOML, every parameter written out.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a flat struct of numbers and strings is TOML")
+    }
+
+    /// Sets one parameter from text, as a command-line flag does. Hyphens count as underscores.
+    pub fn set(&mut self, parameter: &str, value: &str) -> Result<(), SensorError> {
+        let key = parameter.replace('-', "_");
+        let mut table = toml::Table::try_from(&*self).expect("a sensor is a table");
+        let Some(current) = table.get(&key) else {
+            return Err(SensorError::Unknown(parameter.to_owned()));
+        };
+        let bad =
+            |reason: String| SensorError::Value { parameter: key.clone(), value: value.to_owned(), reason };
+        let parsed = match current {
+            toml::Value::Integer(_) => toml::Value::Integer(
+                value.replace('_', "").parse().map_err(|e: std::num::ParseIntError| bad(e.to_string()))?,
+            ),
+            toml::Value::Float(_) => {
+                toml::Value::Float(value.parse().map_err(|e: std::num::ParseFloatError| bad(e.to_string()))?)
+            }
+            _ => toml::Value::String(value.to_owned()),
+        };
+        table.insert(key.clone(), parsed);
+        *self = table.try_into().map_err(|e: toml::de::Error| bad(e.message().to_owned()))?;
+        Ok(())
+    }
+
+    /// Pixels.
+    #[must_use]
+    pub fn pixels(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Whether every parameter is in its range; the error names the first that is not.
+    pub fn validate(&self) -> Result<(), SensorError> {
+        fn check<T: std::fmt::Display>(
+            parameter: &'static str,
+            actual: T,
+            expected: &str,
+            holds: bool,
+        ) -> Result<(), SensorError> {
+            if holds {
+                Ok(())
+            } else {
+                Err(SensorError::Range {
+                    parameter,
+                    expected: expected.to_owned(),
+                    actual: actual.to_string(),
+                })
+            }
+        }
+        let within = |value: f64, low: f64, high: f64| value.is_finite() && (low..=high).contains(&value);
+        check("width", self.width, "1 to 16384", (1..=16384).contains(&self.width))?;
+        check("height", self.height, "1 to 16384", (1..=16384).contains(&self.height))?;
+        let threshold = "above 0 and at most 10 (at least 1e-4)";
+        check("contrast_on", self.contrast_on, threshold, within(self.contrast_on, 1e-4, 10.0))?;
+        check("contrast_off", self.contrast_off, threshold, within(self.contrast_off, 1e-4, 10.0))?;
+        let smaller = self.contrast_on.min(self.contrast_off);
+        check(
+            "contrast_mismatch",
+            self.contrast_mismatch,
+            "0 to half the smaller threshold",
+            within(self.contrast_mismatch, 0.0, 0.5 * smaller),
+        )?;
+        check("refractory_ns", self.refractory_ns, "0 to 1000000000", self.refractory_ns <= 1_000_000_000)?;
+        check("leak_rate_hz", self.leak_rate_hz, "0 to 100", within(self.leak_rate_hz, 0.0, 100.0))?;
+        check("leak_spread_log", self.leak_spread_log, "0 to 1", within(self.leak_spread_log, 0.0, 1.0))?;
+        check(
+            "shot_noise_rate_hz",
+            self.shot_noise_rate_hz,
+            "0 to 50",
+            within(self.shot_noise_rate_hz, 0.0, 50.0),
+        )?;
+        check("white_level", self.white_level, "1e-6 to 1e6", within(self.white_level, 1e-6, 1e6))?;
+        let delay_ns = i64::from(self.latency_ns).saturating_add(jitter_bound_ns(self.latency_jitter_ns));
+        check(
+            "latency_ns",
+            delay_ns,
+            "at most 1000000000 together with 3.46 times latency_jitter_ns",
+            delay_ns <= MAX_LATENCY_NS,
+        )?;
+        check(
+            "timestamp_quantum_ns",
+            self.timestamp_quantum_ns,
+            "1 to 1000000000",
+            (1..=1_000_000_000).contains(&self.timestamp_quantum_ns),
+        )?;
+        check("exposure_gain", self.exposure_gain, "1e-6 to 1e6", within(self.exposure_gain, 1e-6, 1e6))?;
+        check("log_offset", self.log_offset, "1e-6 to 1e3", within(self.log_offset, 1e-6, 1e3))?;
+        check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
+        check(
+            "aps_exposure_ns",
+            self.aps_exposure_ns,
+            "0 to 1000000000",
+            self.aps_exposure_ns <= 1_000_000_000,
+        )?;
+        check("aps_start_ns", self.aps_start_ns, "0 to 1000000000", self.aps_start_ns <= 1_000_000_000)?;
+        check("aps_gain", self.aps_gain, "1e-6 to 1e6", within(self.aps_gain, 1e-6, 1e6))?;
+        check("aps_bits", self.aps_bits, "1 to 16", (1..=16).contains(&self.aps_bits))?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn toml_round_trips_and_refuses_unknown_keys() {
+        let sensor =
+            SensorModel { contrast_on: 0.3, intensity: Intensity::BayerRggb, ..SensorModel::default() };
+        assert_eq!(SensorModel::from_toml(&sensor.to_toml()), Ok(sensor));
+        let error = SensorModel::from_toml("contrast_one = 0.2").unwrap_err().to_string();
+        assert!(error.contains("contrast_one"), "{error}");
+    }
+
+    #[test]
+    fn every_parameter_is_settable_by_name_and_shown_in_toml() {
+        let toml = SensorModel::default().to_toml();
+        for parameter in PARAMETERS {
+            assert!(toml.contains(&format!("{} = ", parameter.name)), "{}", parameter.name);
+        }
+        let mut sensor = SensorModel::default();
+        sensor.set("contrast-on", "0.25").unwrap();
+        sensor.set("intensity", "bayer_rggb").unwrap();
+        sensor.set("latency_ns", "100_000").unwrap();
+        assert_eq!((sensor.contrast_on, sensor.latency_ns), (0.25, 100_000));
+        assert!(matches!(sensor.set("contrast", "1"), Err(SensorError::Unknown(_))));
+        assert!(matches!(sensor.set("substeps", "many"), Err(SensorError::Value { .. })));
+        assert!(matches!(sensor.set("intensity", "red"), Err(SensorError::Value { .. })));
+        assert!(matches!(sensor.set("substeps", "-1"), Err(SensorError::Value { .. })));
+    }
+
+    #[test]
+    fn out_of_range_names_the_parameter() {
+        let base = SensorModel::default();
+        for (sensor, parameter) in [
+            (SensorModel { contrast_on: 0.0, ..base.clone() }, "contrast_on"),
+            (SensorModel { contrast_off: f64::NAN, ..base.clone() }, "contrast_off"),
+            (SensorModel { substeps: 0, ..base.clone() }, "substeps"),
+            (SensorModel { substeps: 65, ..base.clone() }, "substeps"),
+            (SensorModel { width: 0, ..base.clone() }, "width"),
+            (SensorModel { log_offset: 0.0, ..base.clone() }, "log_offset"),
+            (SensorModel { latency_jitter_ns: 900_000_000, ..base.clone() }, "latency_ns"),
+        ] {
+            match sensor.validate() {
+                Err(SensorError::Range { parameter: actual, .. }) => assert_eq!(actual, parameter),
+                other => panic!("{parameter}: {other:?}"),
+            }
+        }
+    }
+}

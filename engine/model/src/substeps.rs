@@ -1,0 +1,77 @@
+//! How an interval is cut into sub-steps, and how events are stamped.
+
+use crate::{SensorModel, SubstepPolicy};
+
+/// Side of the square block of pixels that shares one sub-step count and is skipped as one.
+pub const BLOCK_PX: u32 = 8;
+
+/// Motion per sub-step that the adaptive policy aims at, pixels.
+pub const SUBSTEP_MOTION_PX: f64 = 0.5;
+
+/// Timing error per sub-step that the adaptive policy aims at where brightness changes: a ramp of
+/// linear intensity differs from its log-linear chord by at most `T |dL| / (8 n^2)`.
+pub const SUBSTEP_TIME_ERROR_NS: f64 = 50_000.0;
+
+/// Largest sub-step count.
+pub const MAX_SUBSTEPS: u32 = 64;
+
+/// Sub-steps of a block: `motion_px` the largest motion within one block around it (both frames'
+/// fields, 3x3 blocks; finite vectors; 0 for a synthesis that uses none), `change_log` the largest
+/// `|L_k - L_{k-1}|` in it. [`Synthesis::None`](crate::Synthesis::None) has one sub-step whatever this
+/// gives.
+#[must_use]
+pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, interval_ns: f64) -> u32 {
+    match sensor.substep_policy {
+        SubstepPolicy::Fixed => sensor.substeps,
+        SubstepPolicy::Adaptive => {
+            let for_motion = (motion_px / SUBSTEP_MOTION_PX).ceil();
+            let for_change = (change_log * interval_ns / (8.0 * SUBSTEP_TIME_ERROR_NS)).sqrt().ceil();
+            for_motion.max(for_change).clamp(1.0, f64::from(sensor.substeps)) as u32
+        }
+    }
+}
+
+/// Nanoseconds from the interval's start to the end of sub-step `i` of `n`: `floor(i T / n)`.
+#[must_use]
+pub fn substep_end_ns(interval_ns: u32, i: u32, n: u32) -> u32 {
+    (u64::from(interval_ns) * u64::from(i) / u64::from(n)) as u32
+}
+
+/// Largest multiple of `quantum_ns` at or before `t_ns`, also for negative times.
+#[must_use]
+pub fn quantise_ns(t_ns: i64, quantum_ns: i64) -> i64 {
+    t_ns.div_euclid(quantum_ns) * quantum_ns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn substeps_follow_motion_and_change_within_their_bounds() {
+        let sensor = SensorModel { substeps: 32, ..SensorModel::default() };
+        let interval_ns = 33_333_333.0;
+        assert_eq!(substep_count(&sensor, 0.0, 0.0, interval_ns), 1);
+        assert_eq!(substep_count(&sensor, 4.0, 0.0, interval_ns), 8);
+        assert_eq!(substep_count(&sensor, 4.1, 0.0, interval_ns), 9);
+        assert_eq!(substep_count(&sensor, 1000.0, 0.0, interval_ns), 32);
+        assert_eq!(substep_count(&sensor, 0.0, 1.0, interval_ns), 10);
+        let fixed = SensorModel { substep_policy: SubstepPolicy::Fixed, ..sensor };
+        assert_eq!(substep_count(&fixed, 0.0, 0.0, interval_ns), 32);
+    }
+
+    #[test]
+    fn substeps_end_on_the_frame() {
+        for n in 1..=MAX_SUBSTEPS {
+            assert_eq!(substep_end_ns(33_333_333, 0, n), 0);
+            assert_eq!(substep_end_ns(33_333_333, n, n), 33_333_333);
+        }
+    }
+
+    #[test]
+    fn quantisation_floors_negative_times_too() {
+        assert_eq!(quantise_ns(1999, 1000), 1000);
+        assert_eq!(quantise_ns(-1, 1000), -1000);
+        assert_eq!(quantise_ns(5, 1), 5);
+    }
+}

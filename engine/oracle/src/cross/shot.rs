@@ -1,0 +1,75 @@
+//! Shot noise of one pixel and polarity: a Poisson process by next-event time. The waiting time is
+//! drawn as hazard, and the hazard of the light that falls is spent against it.
+
+use super::PixelConstants;
+use esaac_model::random::{HAZARD_FRACTION_BITS, PixelKey, Stream, draw, exponential_q27};
+use esaac_model::{Polarity, SensorModel};
+
+/// Share of the shot-noise rate that white light takes away (v2e).
+const FALL_WITH_INTENSITY: f64 = 0.75;
+
+/// Hazard left until the next event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShotClock {
+    /// Hazard from the current sub-step's start to the next event, without the pixel's thresholds.
+    pub left: f64,
+    /// Number of the next draw.
+    pub next_draw: u32,
+}
+
+impl ShotClock {
+    /// The clock of a pixel that arms: draw 0.
+    #[must_use]
+    pub fn start(
+        sensor: &SensorModel,
+        constants: &PixelConstants,
+        key: PixelKey,
+        polarity: Polarity,
+    ) -> Self {
+        let mut clock = ShotClock { left: 0.0, next_draw: 0 };
+        clock.redraw(sensor, constants, key, polarity);
+        clock
+    }
+
+    /// Adds the wait from this event to the next.
+    pub fn redraw(
+        &mut self,
+        sensor: &SensorModel,
+        constants: &PixelConstants,
+        key: PixelKey,
+        polarity: Polarity,
+    ) {
+        let (stream, nominal) = match polarity {
+            Polarity::Off => (Stream::ShotOff, sensor.contrast_off),
+            Polarity::On => (Stream::ShotOn, sensor.contrast_on),
+        };
+        let word = draw(key, stream, self.next_draw)[0];
+        let exponential = f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS);
+        // A pixel's threshold divides its hazard; it multiplies the wait here, once per event.
+        self.left += exponential * constants.threshold_log[polarity as usize] / nominal;
+        self.next_draw = self.next_draw.wrapping_add(1);
+    }
+
+    /// Nanoseconds from the sub-step's start to the next event, if it falls into the sub-step.
+    #[must_use]
+    pub fn next_ns(&self, hazard_per_ns: f64, duration_ns: i64) -> Option<i64> {
+        let falls_due = hazard_per_ns > 0.0 && self.left <= hazard_per_ns * duration_ns as f64;
+        falls_due.then(|| ((self.left / hazard_per_ns).ceil() as i64).clamp(1, duration_ns))
+    }
+
+    /// Spends a whole sub-step's hazard.
+    pub fn advance(&mut self, hazard: f64) {
+        self.left -= hazard;
+    }
+}
+
+/// Hazard of one polarity per nanosecond in a sub-step between two intensities (trapezoid rule),
+/// before a pixel's thresholds.
+#[must_use]
+pub fn mean_hazard_per_ns(sensor: &SensorModel, from: f64, to: f64) -> f64 {
+    let hazard_hz = |intensity: f64| {
+        let of_white = (intensity / sensor.white_level).clamp(0.0, 1.0);
+        0.5 * sensor.shot_noise_rate_hz * (1.0 - FALL_WITH_INTENSITY * of_white)
+    };
+    0.5 * (hazard_hz(from) + hazard_hz(to)) * 1e-9
+}

@@ -1,0 +1,211 @@
+//! Stage `ingest`: bytes of a rendered frame to linear RGB times the exposure gain, every pixel
+//! valid or held.
+
+use esaac_model::frame::{check_size, check_time};
+use esaac_model::intensity::{bayer_component, weights};
+use esaac_model::{DepthFormat, FrameError, HdrFormat, Intensity, MotionFormat, SensorModel, Synthesis};
+
+/// A rendered frame: rows tightly packed, top row first.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Time, nanoseconds.
+    pub t_ns: i64,
+    /// Colour.
+    pub hdr: (HdrFormat, &'a [u8]),
+    /// Motion, pixels: previous position = position + motion.
+    pub motion: Option<(MotionFormat, &'a [u8])>,
+    /// Depth, metres. Checked, and read by no synthesis so far.
+    pub depth: Option<(DepthFormat, &'a [u8])>,
+}
+
+/// Checks a frame before anything of it is read.
+pub fn check(
+    sensor: &SensorModel,
+    camera: u32,
+    previous_ns: Option<i64>,
+    frame: &Frame<'_>,
+) -> Result<(), FrameError> {
+    check_time(camera, previous_ns, frame.t_ns)?;
+    let size = (sensor.width, sensor.height);
+    check_size(camera, "hdr", size, frame.hdr.0.texel_bytes(), frame.hdr.1.len())?;
+    if let Some((format, bytes)) = frame.motion {
+        check_size(camera, "motion", size, format.texel_bytes(), bytes.len())?;
+    }
+    if let Some((format, bytes)) = frame.depth {
+        check_size(camera, "depth", size, format.texel_bytes(), bytes.len())?;
+    }
+    let missing = |synthesis| Err(FrameError::MissingMotion { camera, synthesis });
+    match (sensor.synthesis, frame.motion) {
+        (Synthesis::Motion, None) => missing("motion"),
+        (Synthesis::Paper, None) => missing("paper"),
+        _ => Ok(()),
+    }
+}
+
+/// One frame in memory: linear RGB times the exposure gain, finite and not negative, with its
+/// motion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// R, G, B of each pixel, scene units.
+    pub rgb: Vec<[f64; 3]>,
+    /// Motion of each pixel, pixels, as given (it may be non-finite).
+    pub motion: Option<Vec<[f64; 2]>>,
+}
+
+impl Image {
+    /// A black image without motion.
+    #[must_use]
+    pub fn black(sensor: &SensorModel) -> Self {
+        Image {
+            width: sensor.width as usize,
+            height: sensor.height as usize,
+            rgb: vec![[0.0; 3]; sensor.pixels()],
+            motion: None,
+        }
+    }
+
+    /// The scalar planes that a synthesis works on: one of intensity, or for a mosaic the three
+    /// colours, since it is sampled after a warp.
+    #[must_use]
+    pub fn planes(&self, intensity: Intensity) -> Vec<Vec<f64>> {
+        match intensity {
+            Intensity::BayerRggb => (0..3).map(|c| self.rgb.iter().map(|rgb| rgb[c]).collect()).collect(),
+            Intensity::Gray | Intensity::Luminance => {
+                vec![self.rgb.iter().map(|rgb| dot(weights(intensity, 0, 0), *rgb)).collect()]
+            }
+        }
+    }
+}
+
+/// Plane of [`Image::planes`] that pixel `(x, y)` reads.
+#[must_use]
+pub fn plane_of(intensity: Intensity, x: usize, y: usize) -> usize {
+    match intensity {
+        Intensity::BayerRggb => bayer_component(x as u32, y as u32),
+        Intensity::Gray | Intensity::Luminance => 0,
+    }
+}
+
+/// What became of a frame's pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ingested {
+    /// The image, invalid pixels held at the previous image's value.
+    pub image: Image,
+    /// Whether each pixel was valid in this frame.
+    pub valid: Vec<bool>,
+}
+
+/// Decodes a checked frame. An invalid pixel takes its value from `held` (black at the start).
+#[must_use]
+pub fn ingest(sensor: &SensorModel, held: &Image, frame: &Frame<'_>) -> Ingested {
+    let (format, bytes) = frame.hdr;
+    let mut ingested = hold_invalid(sensor, held, &|pixel| format.decode(bytes, pixel), sensor.exposure_gain);
+    ingested.image.motion = frame
+        .motion
+        .map(|(format, bytes)| (0..sensor.pixels()).map(|pixel| format.decode(bytes, pixel)).collect());
+    ingested
+}
+
+/// Intensities given one by one in place of a frame: gray RGB without a gain, held where invalid.
+#[must_use]
+pub fn ingest_samples(sensor: &SensorModel, held: &Image, intensity: &dyn Fn(usize) -> f64) -> Ingested {
+    hold_invalid(sensor, held, &|pixel| [intensity(pixel); 3], 1.0)
+}
+
+fn hold_invalid(
+    sensor: &SensorModel,
+    held: &Image,
+    linear: &dyn Fn(usize) -> [f64; 3],
+    gain: f64,
+) -> Ingested {
+    let mut image = Image::black(sensor);
+    let mut valid = Vec::with_capacity(sensor.pixels());
+    for (pixel, rgb) in image.rgb.iter_mut().enumerate() {
+        let given = linear(pixel);
+        valid.push(given.iter().all(|c| c.is_finite() && *c >= 0.0));
+        *rgb = if valid[pixel] { given.map(|c| c * gain) } else { held.rgb[pixel] };
+    }
+    Ingested { image, valid }
+}
+
+fn dot(weights: [f64; 3], rgb: [f64; 3]) -> f64 {
+    weights[0] * rgb[0] + weights[1] * rgb[1] + weights[2] * rgb[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sensor(intensity: Intensity) -> SensorModel {
+        SensorModel {
+            width: 2,
+            height: 2,
+            exposure_gain: 2.0,
+            intensity,
+            synthesis: Synthesis::Linear,
+            ..SensorModel::default()
+        }
+    }
+
+    fn bytes(texels: &[[f32; 4]]) -> Vec<u8> {
+        texels.iter().flatten().flat_map(|v| v.to_le_bytes()).collect()
+    }
+
+    fn frame(hdr: &[u8]) -> Frame<'_> {
+        Frame { t_ns: 0, hdr: (HdrFormat::F32x4, hdr), motion: None, depth: None }
+    }
+
+    #[test]
+    fn invalid_texels_are_held_whole() {
+        let sensor = sensor(Intensity::Luminance);
+        let mut held = Image::black(&sensor);
+        held.rgb = vec![[7.0, 8.0, 9.0]; 4];
+        let hdr = bytes(&[
+            [1.0, 2.0, 3.0, f32::NAN],
+            [f32::NAN, 1.0, 1.0, 1.0],
+            [1.0, f32::INFINITY, 1.0, 1.0],
+            [1.0, 1.0, -1e-30, 1.0],
+        ]);
+        let got = ingest(&sensor, &held, &frame(&hdr));
+        assert_eq!(got.valid, [true, false, false, false], "alpha does not count");
+        assert_eq!(got.image.rgb[0], [2.0, 4.0, 6.0]);
+        assert_eq!(got.image.rgb[1..], [[7.0, 8.0, 9.0]; 3]);
+    }
+
+    #[test]
+    fn a_mosaic_keeps_three_planes_and_the_others_one() {
+        let hdr = bytes(&[[1.0, 2.0, 3.0, 0.0]; 4]);
+        let image = |intensity| {
+            let sensor = sensor(intensity);
+            ingest(&sensor, &Image::black(&sensor), &frame(&hdr)).image.planes(intensity)
+        };
+        assert_eq!(image(Intensity::BayerRggb), [[2.0; 4], [4.0; 4], [6.0; 4]]);
+        assert!((image(Intensity::Gray)[0][3] - 4.0).abs() < 1e-15);
+        assert_eq!([(0, 0), (1, 0), (1, 1)].map(|(x, y)| plane_of(Intensity::BayerRggb, x, y)), [0, 1, 2]);
+    }
+
+    #[test]
+    fn frames_are_checked_before_they_are_read() {
+        let sensor = sensor(Intensity::Gray);
+        let hdr = bytes(&[[1.0; 4]; 4]);
+        assert_eq!(check(&sensor, 0, None, &frame(&hdr)), Ok(()));
+        assert!(matches!(
+            check(&sensor, 0, None, &frame(&hdr[1..])),
+            Err(FrameError::Size { image: "hdr", .. })
+        ));
+        assert!(matches!(check(&sensor, 0, Some(0), &frame(&hdr)), Err(FrameError::Time { .. })));
+        let motion = Frame { motion: Some((MotionFormat::F16x2, &hdr[..15])), ..frame(&hdr) };
+        assert!(matches!(check(&sensor, 0, None, &motion), Err(FrameError::Size { image: "motion", .. })));
+        for (synthesis, name) in [(Synthesis::Motion, "motion"), (Synthesis::Paper, "paper")] {
+            let sensor = SensorModel { synthesis, ..sensor.clone() };
+            assert_eq!(
+                check(&sensor, 3, None, &frame(&hdr)),
+                Err(FrameError::MissingMotion { camera: 3, synthesis: name })
+            );
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! The camera: its state, and one interval after the other through the stages.
+
+use crate::cross::{PixelConstants, PixelState, Span, aps, walk};
+use crate::ingest::{self, Frame, Image, Ingested};
+use crate::plan::{Plan, plan};
+use crate::sort::sort;
+use crate::stamp;
+use crate::synthesize::Gap;
+use crate::synthesize::lattice::Lattice;
+use esaac_model::frame::check_time;
+use esaac_model::packet::Event;
+use esaac_model::random::PixelKey;
+use esaac_model::substeps::substep_end_ns;
+use esaac_model::{FrameError, Packet, SensorError, SensorModel};
+
+/// What was amiss in an interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Diagnostics {
+    /// Pixels of this frame with a NaN, infinite or negative component.
+    pub invalid_pixels: u64,
+    /// Motion vectors of this frame with a non-finite component.
+    pub invalid_motion_px: u64,
+    /// Pixels without a valid value so far.
+    pub unarmed_pixels: u64,
+    /// Events that wait for a later packet.
+    pub waiting_events: u64,
+}
+
+/// Intensities at the sub-steps' ends, for comparison stage by stage.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Samples {
+    starts: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl Samples {
+    /// Intensity of a pixel (`y * width + x`) at the end of each of its sub-steps, scene units.
+    #[must_use]
+    pub fn at(&self, pixel: usize) -> &[f64] {
+        let end = self.starts.get(pixel + 1).copied().unwrap_or(self.values.len());
+        &self.values[self.starts[pixel]..end]
+    }
+
+    fn push(&mut self, samples: &[f64]) {
+        self.starts.push(self.values.len());
+        self.values.extend_from_slice(samples);
+    }
+}
+
+/// All that one interval gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Interval {
+    /// Events.
+    pub packet: Packet,
+    /// APS frame, row-major.
+    pub aps: Option<Vec<u16>>,
+    /// What was amiss.
+    pub diagnostics: Diagnostics,
+    /// Sub-steps per 8x8 block, row-major; empty for the frame that arms the camera.
+    pub substeps_per_block: Vec<u32>,
+    /// Intensities, if asked for with [`Oracle::keep_samples`].
+    pub samples: Option<Samples>,
+}
+
+/// One camera.
+#[derive(Clone, Debug)]
+pub struct Oracle {
+    sensor: SensorModel,
+    camera: u32,
+    constants: Vec<PixelConstants>,
+    keep_samples: bool,
+    run: Run,
+}
+
+/// What a camera gathers from its first frame on.
+#[derive(Clone, Debug)]
+struct Run {
+    /// Times of the first frame and of the latest, nanoseconds.
+    times_ns: Option<(i64, i64)>,
+    image: Image,
+    /// Length of the interval before, nanoseconds.
+    last_interval_ns: Option<u32>,
+    /// What the synthesis of the next interval builds on.
+    history: Option<Vec<Lattice>>,
+    /// `None` while a pixel is unarmed.
+    pixels: Vec<Option<PixelState>>,
+    waiting: Vec<Event>,
+    sequence: u64,
+}
+
+impl Run {
+    fn new(sensor: &SensorModel) -> Self {
+        Run {
+            times_ns: None,
+            image: Image::black(sensor),
+            last_interval_ns: None,
+            history: None,
+            pixels: vec![None; sensor.pixels()],
+            waiting: Vec::new(),
+            sequence: 0,
+        }
+    }
+}
+
+/// Source of the intensities between two frames.
+enum Between<'a> {
+    Synthesis,
+    /// Intensity of a pixel at a time from the interval's start, nanoseconds.
+    Exact(&'a dyn Fn(usize, f64) -> f64),
+}
+
+impl Oracle {
+    /// A camera that waits for its first frame. `camera` is its number in random draws.
+    pub fn new(sensor: SensorModel, camera: u32) -> Result<Self, SensorError> {
+        sensor.validate()?;
+        let constants = draw_constants(&sensor, camera);
+        let run = Run::new(&sensor);
+        Ok(Oracle { sensor, camera, constants, keep_samples: false, run })
+    }
+
+    /// The sensor.
+    #[must_use]
+    pub fn sensor(&self) -> &SensorModel {
+        &self.sensor
+    }
+
+    /// Whether [`Interval::samples`] is filled from now on.
+    pub fn keep_samples(&mut self, keep: bool) {
+        self.keep_samples = keep;
+    }
+
+    /// What was drawn for each pixel (`y * width + x`).
+    #[must_use]
+    pub fn constants(&self) -> &[PixelConstants] {
+        &self.constants
+    }
+
+    /// State of a pixel (`y * width + x`); `None` while it is unarmed.
+    #[must_use]
+    pub fn pixel(&self, pixel: usize) -> Option<&PixelState> {
+        self.run.pixels[pixel].as_ref()
+    }
+
+    /// The next frame. The first arms the camera and yields an empty packet.
+    pub fn step(&mut self, frame: &Frame<'_>) -> Result<Interval, FrameError> {
+        ingest::check(&self.sensor, self.camera, self.run.times_ns.map(|(_, latest)| latest), frame)?;
+        let ingested = ingest::ingest(&self.sensor, &self.run.image, frame);
+        Ok(self.advance(frame.t_ns, ingested, &Between::Synthesis))
+    }
+
+    /// The next instant, with exact intensities in place of a synthesis: `samples` gives those of a
+    /// pixel (`y * width + x`) at a time from the interval's start, nanoseconds. Every pixel gets the
+    /// sensor's `substeps`. The first call arms the camera with the intensities at time 0.
+    pub fn step_samples(
+        &mut self,
+        t_ns: i64,
+        samples: &dyn Fn(usize, f64) -> f64,
+    ) -> Result<Interval, FrameError> {
+        let previous_ns = self.run.times_ns.map(|(_, latest)| latest);
+        check_time(self.camera, previous_ns, t_ns)?;
+        let length_ns = previous_ns.map_or(0, |previous_ns| t_ns - previous_ns) as f64;
+        let ingested =
+            ingest::ingest_samples(&self.sensor, &self.run.image, &|pixel| samples(pixel, length_ns));
+        Ok(self.advance(t_ns, ingested, &Between::Exact(samples)))
+    }
+
+    /// Changes parameters between two frames; the size stays.
+    pub fn set_sensor(&mut self, sensor: SensorModel) -> Result<(), SensorError> {
+        sensor.validate()?;
+        for (parameter, expected, actual) in
+            [("width", self.sensor.width, sensor.width), ("height", self.sensor.height, sensor.height)]
+        {
+            if expected != actual {
+                return Err(SensorError::Range {
+                    parameter,
+                    expected: format!("{expected}, as when the camera was made"),
+                    actual: actual.to_string(),
+                });
+            }
+        }
+        let constants = draw_constants(&sensor, self.camera);
+        if let Some((epoch_ns, latest_ns)) = self.run.times_ns {
+            for (pixel, state) in self.run.pixels.iter_mut().enumerate() {
+                if let Some(state) = state {
+                    state.change_leak(&self.constants[pixel], &constants[pixel], latest_ns - epoch_ns);
+                }
+            }
+        }
+        // A history in other units or of other planes is of no use.
+        if (sensor.log_offset, sensor.intensity) != (self.sensor.log_offset, self.sensor.intensity) {
+            self.run.history = None;
+        }
+        self.sensor = sensor;
+        self.constants = constants;
+        Ok(())
+    }
+
+    /// Forgets every frame; the next one arms the camera.
+    pub fn reset(&mut self) {
+        self.run = Run::new(&self.sensor);
+    }
+
+    fn advance(&mut self, t_ns: i64, ingested: Ingested, between: &Between<'_>) -> Interval {
+        let Ingested { image, valid } = ingested;
+        let (epoch_ns, start_ns) = self.run.times_ns.unwrap_or((t_ns, t_ns));
+        let mut interval = Interval {
+            packet: Packet {
+                sequence: self.run.sequence,
+                width_px: self.sensor.width,
+                height_px: self.sensor.height,
+                base_ns: stamp::base_ns(&self.sensor, start_ns),
+                watermark_ns: stamp::watermark_ns(&self.sensor, t_ns),
+                ..Packet::default()
+            },
+            aps: None,
+            diagnostics: Diagnostics::default(),
+            substeps_per_block: Vec::new(),
+            samples: None,
+        };
+        if self.run.times_ns.is_some() {
+            // The frame's check keeps an interval within MAX_INTERVAL_NS.
+            self.cross_interval(start_ns, (t_ns - start_ns) as u32, &image, between, &mut interval);
+        }
+        self.arm(&image, &valid, t_ns - epoch_ns);
+        interval.diagnostics.invalid_pixels = valid.iter().filter(|&&valid| !valid).count() as u64;
+        interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
+            motion.iter().filter(|v| !(v[0].is_finite() && v[1].is_finite())).count() as u64
+        });
+        interval.diagnostics.unarmed_pixels = self.run.pixels.iter().filter(|p| p.is_none()).count() as u64;
+        interval.diagnostics.waiting_events = self.run.waiting.len() as u64;
+        self.run.times_ns = Some((epoch_ns, t_ns));
+        self.run.image = image;
+        self.run.sequence += 1;
+        interval
+    }
+
+    /// Gives every unarmed pixel that is valid now its reference.
+    fn arm(&mut self, image: &Image, valid: &[bool], age_ns: i64) {
+        let planes = image.planes(self.sensor.intensity);
+        for pixel in 0..self.sensor.pixels() {
+            if valid[pixel] && self.run.pixels[pixel].is_none() {
+                let (x, y) = (pixel % image.width, pixel / image.width);
+                let intensity = planes[ingest::plane_of(self.sensor.intensity, x, y)][pixel];
+                let key = self.key(pixel);
+                let constants = &self.constants[pixel];
+                self.run.pixels[pixel] =
+                    Some(PixelState::arm(&self.sensor, constants, key, intensity, age_ns));
+            }
+        }
+    }
+
+    fn cross_interval(
+        &mut self,
+        start_ns: i64,
+        interval_ns: u32,
+        end: &Image,
+        between: &Between<'_>,
+        interval: &mut Interval,
+    ) {
+        let epoch_ns = self.run.times_ns.map_or(start_ns, |(epoch_ns, _)| epoch_ns);
+        let start = std::mem::replace(&mut self.run.image, Image::black(&self.sensor));
+        let sensor = &self.sensor;
+        let ratio = self.run.last_interval_ns.map(|last_ns| f64::from(last_ns) / f64::from(interval_ns));
+        let gap = Gap::new(sensor, &start, end, ratio, self.run.history.take());
+        let plan = match between {
+            Between::Synthesis => plan(sensor, &start, end, interval_ns),
+            Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
+        };
+        let exposure_ns = aps::exposure_ns(sensor, interval_ns);
+        let mut aps_frame = Vec::new();
+        let mut kept = self.keep_samples.then(Samples::default);
+        let mut samples = Vec::new();
+        for pixel in 0..sensor.pixels() {
+            let (x, y) = (pixel % end.width, pixel / end.width);
+            match between {
+                Between::Synthesis => gap.samples(x, y, plan.at(x, y), &mut samples),
+                Between::Exact(exact) => {
+                    exact_samples(sensor.substeps, interval_ns, &|t_ns| exact(pixel, t_ns), &mut samples);
+                }
+            }
+            if let Some(kept) = &mut kept {
+                kept.push(&samples[1..]);
+            }
+            if let Some(exposure_ns) = exposure_ns {
+                aps_frame.push(aps::quantise(sensor, aps::mean(&samples, interval_ns, exposure_ns)));
+            }
+            let key = self.key(pixel);
+            if let Some(state) = &mut self.run.pixels[pixel] {
+                let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
+                let waiting = &mut self.run.waiting;
+                walk(sensor, &self.constants[pixel], state, &span, &mut |crossing| {
+                    waiting.push(Event {
+                        t_ns: stamp::stamp_ns(sensor, key, crossing.index, crossing.t_ns),
+                        y: y as u16,
+                        x: x as u16,
+                        polarity: crossing.polarity,
+                    });
+                });
+            }
+        }
+        let due = stamp::due(&mut self.run.waiting, start_ns + i64::from(interval_ns));
+        sort(due, sensor.max_events_per_interval, &mut interval.packet);
+        self.run.history = gap.into_history();
+        self.run.last_interval_ns = Some(interval_ns);
+        interval.aps = exposure_ns.map(|_| aps_frame);
+        interval.samples = kept;
+        interval.substeps_per_block = plan.substeps;
+    }
+
+    fn key(&self, pixel: usize) -> PixelKey {
+        PixelKey { seed: self.sensor.seed, camera: self.camera, pixel: pixel as u32 }
+    }
+}
+
+fn draw_constants(sensor: &SensorModel, camera: u32) -> Vec<PixelConstants> {
+    (0..sensor.pixels() as u32)
+        .map(|pixel| PixelConstants::draw(sensor, PixelKey { seed: sensor.seed, camera, pixel }))
+        .collect()
+}
+
+/// Samples of one pixel from its exact intensity; an invalid one repeats the one before.
+fn exact_samples(substeps: u32, interval_ns: u32, exact: &dyn Fn(f64) -> f64, samples: &mut Vec<f64>) {
+    samples.clear();
+    for i in 0..=substeps {
+        let sample = exact(f64::from(substep_end_ns(interval_ns, i, substeps)));
+        let valid = sample.is_finite() && sample >= 0.0;
+        let held = samples.last().copied().unwrap_or(0.0);
+        samples.push(if valid { sample } else { held });
+    }
+}

@@ -1,0 +1,127 @@
+//! Stage `plan`: how many sub-steps each block of pixels gets.
+
+use crate::ingest::{Image, plane_of};
+use esaac_model::substeps::{BLOCK_PX, substep_count};
+use esaac_model::{SensorModel, Synthesis};
+
+/// Sub-steps per block, for a whole image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// Blocks in a row.
+    pub blocks_x: usize,
+    /// Sub-steps of each block, row-major.
+    pub substeps: Vec<u32>,
+}
+
+impl Plan {
+    /// The same count everywhere.
+    #[must_use]
+    pub fn uniform(sensor: &SensorModel, substeps: u32) -> Self {
+        let (blocks_x, blocks_y) = blocks(sensor);
+        Plan { blocks_x, substeps: vec![substeps; blocks_x * blocks_y] }
+    }
+
+    /// Sub-steps of pixel `(x, y)`.
+    #[must_use]
+    pub fn at(&self, x: usize, y: usize) -> u32 {
+        self.substeps[y / BLOCK_PX as usize * self.blocks_x + x / BLOCK_PX as usize]
+    }
+}
+
+/// Plans an interval of `interval_ns` from the frame at its start to the frame at its end. A motion
+/// vector with a non-finite component does not count, nor does motion that the synthesis does not use.
+#[must_use]
+pub fn plan(sensor: &SensorModel, start: &Image, end: &Image, interval_ns: u32) -> Plan {
+    let uses_motion = match sensor.synthesis {
+        Synthesis::None => return Plan::uniform(sensor, 1),
+        Synthesis::Linear => false,
+        Synthesis::Motion | Synthesis::Paper => true,
+    };
+    let (blocks_x, blocks_y) = blocks(sensor);
+    let block = BLOCK_PX as usize;
+    let (start_planes, end_planes) = (start.planes(sensor.intensity), end.planes(sensor.intensity));
+    let mut motion_px = vec![0.0_f64; blocks_x * blocks_y];
+    let mut change_log = vec![0.0_f64; blocks_x * blocks_y];
+    for y in 0..end.height {
+        for x in 0..end.width {
+            let pixel = y * end.width + x;
+            let index = y / block * blocks_x + x / block;
+            let plane = plane_of(sensor.intensity, x, y);
+            let log = |planes: &[Vec<f64>]| (planes[plane][pixel] + sensor.log_offset).ln();
+            change_log[index] = change_log[index].max((log(&end_planes) - log(&start_planes)).abs());
+            for motion in [&start.motion, &end.motion].into_iter().flatten().filter(|_| uses_motion) {
+                let [dx, dy] = motion[pixel];
+                if dx.is_finite() && dy.is_finite() {
+                    motion_px[index] = motion_px[index].max(dx.hypot(dy));
+                }
+            }
+        }
+    }
+    let mut substeps = Vec::with_capacity(blocks_x * blocks_y);
+    for by in 0..blocks_y {
+        for bx in 0..blocks_x {
+            let mut around_px = 0.0_f64;
+            for ny in by.saturating_sub(1)..=(by + 1).min(blocks_y - 1) {
+                for nx in bx.saturating_sub(1)..=(bx + 1).min(blocks_x - 1) {
+                    around_px = around_px.max(motion_px[ny * blocks_x + nx]);
+                }
+            }
+            let change = change_log[by * blocks_x + bx];
+            substeps.push(substep_count(sensor, around_px, change, f64::from(interval_ns)));
+        }
+    }
+    Plan { blocks_x, substeps }
+}
+
+fn blocks(sensor: &SensorModel) -> (usize, usize) {
+    (sensor.width.div_ceil(BLOCK_PX) as usize, sensor.height.div_ceil(BLOCK_PX) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sensor() -> SensorModel {
+        SensorModel { width: 35, height: 17, substeps: 32, ..SensorModel::default() }
+    }
+
+    fn still(sensor: &SensorModel) -> Image {
+        Image { motion: Some(vec![[0.0; 2]; sensor.pixels()]), ..Image::black(sensor) }
+    }
+
+    #[test]
+    fn motion_of_either_frame_reaches_one_block_around() {
+        let sensor = sensor();
+        for moving_end in [false, true] {
+            let (mut start, mut end) = (still(&sensor), still(&sensor));
+            let image = if moving_end { &mut end } else { &mut start };
+            image.motion.as_mut().unwrap()[35 * 16 + 34] = [3.0, -4.0];
+            let plan = plan(&sensor, &start, &end, 33_333_333);
+            assert_eq!(plan.blocks_x, 5);
+            assert_eq!(plan.substeps, [1, 1, 1, 1, 1, 1, 1, 1, 10, 10, 1, 1, 1, 10, 10]);
+            assert_eq!(plan.at(34, 16), 10);
+        }
+    }
+
+    #[test]
+    fn change_counts_in_its_own_block_only() {
+        let sensor = SensorModel { width: 16, height: 8, log_offset: 1.0, ..sensor() };
+        let (start, mut end) = (still(&sensor), still(&sensor));
+        end.rgb[8] = [std::f64::consts::E - 1.0; 3];
+        // sqrt(33.3 ms * 1 / (8 * 50 us)) = 9.13.
+        assert_eq!(plan(&sensor, &start, &end, 33_333_333).substeps, [1, 10]);
+    }
+
+    #[test]
+    fn invalid_and_unused_motion_does_not_count() {
+        let sensor = sensor();
+        let (start, mut end) = (still(&sensor), still(&sensor));
+        end.motion.as_mut().unwrap()[0] = [f64::NAN, 9.0];
+        end.motion.as_mut().unwrap()[1] = [0.0, f64::INFINITY];
+        assert!(plan(&sensor, &start, &end, 33_333_333).substeps.iter().all(|&n| n == 1));
+        end.motion.as_mut().unwrap()[2] = [9.0, 0.0];
+        let linear = SensorModel { synthesis: Synthesis::Linear, ..sensor.clone() };
+        assert_eq!(plan(&sensor, &start, &end, 33_333_333).at(0, 0), 18);
+        assert_eq!(plan(&linear, &start, &end, 33_333_333).at(0, 0), 1);
+    }
+}

@@ -1,0 +1,72 @@
+//! Stage `stamp`: when an event leaves the sensor, and in which packet.
+
+use esaac_model::SensorModel;
+use esaac_model::packet::Event;
+use esaac_model::random::{PixelKey, Stream, draw, jitter_ns};
+use esaac_model::substeps::quantise_ns;
+
+/// Time stamp, nanoseconds, of the event that happens at `t_ns` at a pixel that has sent `index`
+/// events before it.
+#[must_use]
+pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i64 {
+    let jitter = match sensor.latency_jitter_ns {
+        0 => 0,
+        sigma_ns => jitter_ns(draw(key, Stream::Jitter, index), sigma_ns),
+    };
+    let delay_ns = (i64::from(sensor.latency_ns) + jitter).max(0);
+    quantise_ns(t_ns + delay_ns, i64::from(sensor.timestamp_quantum_ns))
+}
+
+/// Takes out of `waiting` the events stamped at or before `end_ns`; the rest waits for a later packet.
+pub fn due(waiting: &mut Vec<Event>, end_ns: i64) -> Vec<Event> {
+    let (due, later) = std::mem::take(waiting).into_iter().partition(|event| event.t_ns <= end_ns);
+    *waiting = later;
+    due
+}
+
+/// Time that the stamps of an interval beginning at `start_ns` count from: no event of the interval
+/// is stamped earlier.
+#[must_use]
+pub fn base_ns(sensor: &SensorModel, start_ns: i64) -> i64 {
+    quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns))
+}
+
+/// Last nanosecond before the earliest stamp that an event after `end_ns` can get.
+#[must_use]
+pub fn watermark_ns(sensor: &SensorModel, end_ns: i64) -> i64 {
+    quantise_ns(end_ns + 1, i64::from(sensor.timestamp_quantum_ns)) - 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::Polarity;
+
+    const KEY: PixelKey = PixelKey { seed: 1, camera: 2, pixel: 3 };
+
+    #[test]
+    fn latency_then_quantisation() {
+        let sensor = SensorModel { latency_ns: 700, timestamp_quantum_ns: 1000, ..SensorModel::default() };
+        assert_eq!([-700, 299, 300, 1300].map(|t_ns| stamp_ns(&sensor, KEY, 0, t_ns)), [0, 0, 1000, 2000]);
+        assert_eq!(watermark_ns(&sensor, 998), -1);
+        assert_eq!(watermark_ns(&sensor, 999), 999);
+        assert_eq!(watermark_ns(&SensorModel::default(), 999), 999);
+    }
+
+    #[test]
+    fn a_delay_is_never_negative() {
+        let sensor = SensorModel { latency_jitter_ns: 1000, ..SensorModel::default() };
+        let stamps: Vec<i64> = (0..1000).map(|index| stamp_ns(&sensor, KEY, index, 50)).collect();
+        let undelayed = stamps.iter().filter(|&&t_ns| t_ns == 50).count();
+        assert!(stamps.iter().all(|&t_ns| t_ns >= 50));
+        assert!((400..600).contains(&undelayed), "{undelayed} of 1000 draws are negative");
+    }
+
+    #[test]
+    fn late_events_wait() {
+        let event = |t_ns| Event { t_ns, y: 0, x: 0, polarity: Polarity::Off };
+        let mut waiting = vec![event(5), event(11), event(10)];
+        assert_eq!(due(&mut waiting, 10), [event(5), event(10)]);
+        assert_eq!(waiting, [event(11)]);
+    }
+}

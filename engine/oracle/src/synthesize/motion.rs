@@ -1,0 +1,209 @@
+//! Synthesis `motion`: both frames warped along the path of the surface seen at the pixel, in log
+//! intensity ([`esaac_model::synthesis`]).
+
+use super::lattice::Lattice;
+use super::paths::{Path, is_valid, outside_px, paths};
+use super::taps::bilinear;
+use super::transfer::{Route, Way, transfer};
+use crate::ingest::Image;
+use esaac_model::synthesis::{CUBIC_LATTICE, EDGE_PX, EDGE_WEIGHT, TRANSFERS};
+use esaac_model::{SensorModel, Taps};
+
+/// Two frames made ready to be read along paths.
+pub struct Motion {
+    size: (usize, usize),
+    log_offset: f64,
+    paths: Vec<Path>,
+    /// Whether a pixel's own vector is finite.
+    valid: Vec<bool>,
+    planes: Planes,
+}
+
+/// What the paths lead through, per intensity plane.
+enum Planes {
+    /// Lattices of the start and the end.
+    Cubic(Vec<[Lattice; 2]>),
+    /// Log intensities of the start and the end.
+    Bilinear(Vec<[Vec<f64>; 2]>),
+}
+
+impl Motion {
+    /// Prepares an interval. `ratio` as for [`super::Gap::new`]; `history` is what
+    /// [`Motion::into_history`] gave for the one before. `None` if the end has no motion.
+    #[must_use]
+    pub fn new(
+        sensor: &SensorModel,
+        start: &Image,
+        end: &Image,
+        [start_planes, end_planes]: [&[Vec<f64>]; 2],
+        ratio: Option<f64>,
+        history: Option<Vec<Lattice>>,
+    ) -> Option<Self> {
+        let motion = end.motion.as_ref()?;
+        let size = (end.width, end.height);
+        let paths = paths(size, motion, start.motion.as_deref(), ratio);
+        let log = |plane: &[f64]| plane.iter().map(|s| (s + sensor.log_offset).ln()).collect::<Vec<f64>>();
+        let planes = start_planes.iter().zip(end_planes).map(|(start, end)| [log(start), log(end)]);
+        let planes = match sensor.taps {
+            Taps::Bilinear => Planes::Bilinear(planes.collect()),
+            Taps::Cubic => {
+                let mut history = history.into_iter().flatten();
+                let routes = [Way::ToStart, Way::ToEnd].map(|way| Route::new(size, motion, &paths, way));
+                Planes::Cubic(planes.map(|logs| lattices(size, &routes, &logs, history.next())).collect())
+            }
+        };
+        let valid = motion.iter().copied().map(is_valid).collect();
+        Some(Motion { size, log_offset: sensor.log_offset, paths, valid, planes })
+    }
+
+    /// Intensity of plane `plane` at pixel `(x, y)`, scene units; `None` where the pixel's vector is
+    /// invalid.
+    #[must_use]
+    pub fn sample(&self, plane: usize, x: usize, y: usize, fraction: f64) -> Option<f64> {
+        let pixel = y * self.size.0 + x;
+        if !self.valid[pixel] {
+            return None;
+        }
+        let [in_start, in_end] = self.paths[pixel].sources(x, y, fraction);
+        let edge = |at: [f64; 2]| (1.0 - outside_px(self.size, at) / EDGE_PX).max(EDGE_WEIGHT);
+        let (start_weight, end_weight) = ((1.0 - fraction) * edge(in_start), fraction * edge(in_end));
+        let [start_log, end_log] = match &self.planes {
+            Planes::Cubic(lattices) => {
+                let [start, end] = &lattices[plane];
+                [start.at(in_start, CUBIC_LATTICE), end.at(in_end, CUBIC_LATTICE)]
+            }
+            Planes::Bilinear(logs) => {
+                let [start, end] = &logs[plane];
+                let read = |log: &[f64], [x, y]: [f64; 2]| bilinear(log, self.size, x, y);
+                [read(start, in_start), read(end, in_end)]
+            }
+        };
+        let log = (start_weight * start_log + end_weight * end_log) / (start_weight + end_weight);
+        Some((log.exp() - self.log_offset).max(0.0))
+    }
+
+    /// The end's lattices, where the next interval goes on.
+    #[must_use]
+    pub fn into_history(self) -> Option<Vec<Lattice>> {
+        match self.planes {
+            Planes::Cubic(lattices) => Some(lattices.into_iter().map(|[_, end]| end).collect()),
+            Planes::Bilinear(_) => None,
+        }
+    }
+}
+
+fn lattices(
+    size: (usize, usize),
+    [to_start, to_end]: &[Route; 2],
+    [start_log, end_log]: &[Vec<f64>; 2],
+    history: Option<Lattice>,
+) -> [Lattice; 2] {
+    let start_alone = history.unwrap_or_else(|| Lattice::of_frame(size, start_log));
+    let end_alone = Lattice::of_frame(size, end_log);
+    let mut start = start_alone.clone();
+    let mut end = end_alone.clone();
+    for turn in 0..TRANSFERS {
+        if turn % 2 == 0 {
+            end = transfer(size, end_log, &end_alone, &start, to_start);
+        } else {
+            start = transfer(size, start_log, &start_alone, &end, to_end);
+        }
+    }
+    [start, end]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::Intensity;
+
+    const SIZE: (usize, usize) = (48, 24);
+
+    /// A band-limited texture whose points move by `motion(time)` pixels along x since time 0.
+    fn image(sensor: &SensorModel, frame: f64, path: impl Fn(f64) -> f64) -> Image {
+        let texture = |x: f64, y: f64| (0.9 * (1.4 * x).sin() + 0.4 * (0.5 * y + 0.8 * x).cos()).exp();
+        let mut image = Image::black(sensor);
+        for y in 0..SIZE.1 {
+            for x in 0..SIZE.0 {
+                image.rgb[y * SIZE.0 + x] = [texture(x as f64 - path(frame), y as f64); 3];
+            }
+        }
+        image.motion = Some(vec![[path(frame - 1.0) - path(frame), 0.0]; SIZE.0 * SIZE.1]);
+        image
+    }
+
+    fn sensor(taps: Taps) -> SensorModel {
+        let (width, height) = (SIZE.0 as u32, SIZE.1 as u32);
+        SensorModel { width, height, taps, intensity: Intensity::Gray, ..SensorModel::default() }
+    }
+
+    /// Mean error in log intensity away from the borders, over the third interval, with or without the
+    /// motion of the frame at its start.
+    fn error_log(sensor: &SensorModel, bend: bool, path: impl Fn(f64) -> f64 + Copy) -> f64 {
+        let mut frames = [0.0, 1.0, 2.0, 3.0].map(|k| image(sensor, k, path));
+        let mut motion: Option<Motion> = None;
+        for k in 1..frames.len() {
+            if !bend {
+                frames[k - 1].motion = None;
+            }
+            let (start, end) = (&frames[k - 1], &frames[k]);
+            let planes = [start, end].map(|image| image.planes(sensor.intensity));
+            let history = motion.take().and_then(Motion::into_history);
+            motion = Motion::new(sensor, start, end, [&planes[0], &planes[1]], Some(1.0), history);
+        }
+        let motion = motion.unwrap();
+        let (mut sum, mut count) = (0.0, 0.0);
+        for fraction in [0.25, 0.5, 0.75] {
+            let exact = image(sensor, 2.0 + fraction, path);
+            for y in 4..SIZE.1 - 4 {
+                for x in 14..SIZE.0 - 14 {
+                    let log = |s: f64| (s + sensor.log_offset).ln();
+                    let sample = motion.sample(0, x, y, fraction).unwrap();
+                    sum += (log(sample) - log(exact.rgb[y * SIZE.0 + x][0])).abs();
+                    count += 1.0;
+                }
+            }
+        }
+        sum / count
+    }
+
+    #[test]
+    fn a_moving_texture_is_found_in_both_frames() {
+        let error = |taps| error_log(&sensor(taps), true, |t| 2.6 * t);
+        let (cubic, bilinear) = (error(Taps::Cubic), error(Taps::Bilinear));
+        // At four and a half pixels a period the kernel matters.
+        assert!(cubic < 0.25 * bilinear, "{cubic} {bilinear}");
+    }
+
+    #[test]
+    fn accelerated_motion_follows_its_parabola() {
+        let error = |bend| error_log(&sensor(Taps::Cubic), bend, |t| 1.5 * t + 0.87 * t * t);
+        let (with, without) = (error(true), error(false));
+        assert!(with < 0.3 * without, "{with} {without}");
+    }
+
+    #[test]
+    fn an_invalid_vector_is_not_followed() {
+        let sensor = sensor(Taps::Cubic);
+        let [start, mut end] = [0.0, 1.0].map(|k| image(&sensor, k, |t| 2.0 * t));
+        end.motion.as_mut().unwrap()[SIZE.0 * 7 + 9] = [f64::NAN, 0.0];
+        let planes = [&start, &end].map(|image| image.planes(sensor.intensity));
+        let motion = Motion::new(&sensor, &start, &end, [&planes[0], &planes[1]], None, None).unwrap();
+        assert_eq!(motion.sample(0, 9, 7, 0.5), None);
+        for (x, y) in [(8, 7), (10, 7), (9, 6), (9, 8), (11, 7)] {
+            assert!(motion.sample(0, x, y, 0.5).unwrap().is_finite());
+        }
+    }
+
+    #[test]
+    fn a_still_texture_stays() {
+        let sensor = sensor(Taps::Cubic);
+        let still = image(&sensor, 0.0, |_| 0.0);
+        let planes = still.planes(sensor.intensity);
+        let motion = Motion::new(&sensor, &still, &still, [&planes, &planes], None, None).unwrap();
+        for (pixel, intensity) in planes[0].iter().enumerate() {
+            let sample = motion.sample(0, pixel % SIZE.0, pixel / SIZE.0, 0.3).unwrap();
+            assert!((sample / intensity - 1.0).abs() < 1e-14);
+        }
+    }
+}

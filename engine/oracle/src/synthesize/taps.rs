@@ -1,0 +1,67 @@
+//! Reading an image between its pixels; edges are clamped.
+
+use esaac_model::synthesis::cubic_weights;
+
+/// Four taps around `(x, y)`, pixels.
+#[must_use]
+pub fn bilinear(plane: &[f64], (width, height): (usize, usize), x: f64, y: f64) -> f64 {
+    let (x0, x1, fx) = neighbours(x, width);
+    let (y0, y1, fy) = neighbours(y, height);
+    let row = |y: usize| plane[y * width + x0] * (1.0 - fx) + plane[y * width + x1] * fx;
+    row(y0) * (1.0 - fy) + row(y1) * fy
+}
+
+/// Sixteen taps around `(x, y)`, pixels: Keys' cubic, clamped to the range of the central four.
+#[must_use]
+pub fn cubic(plane: &[f64], (width, height): (usize, usize), x: f64, y: f64, parameter: f64) -> f64 {
+    let (x0, x1, fx) = neighbours(x, width);
+    let (y0, y1, fy) = neighbours(y, height);
+    let columns = [x0.saturating_sub(1), x0, x1, (x0 + 2).min(width - 1)];
+    let rows = [y0.saturating_sub(1), y0, y1, (y0 + 2).min(height - 1)];
+    let across = cubic_weights(fx, parameter);
+    let down = cubic_weights(fy, parameter);
+    let mut sum = 0.0;
+    for j in 0..4 {
+        let row = &plane[rows[j] * width..][..width];
+        for i in 0..4 {
+            sum += down[j] * across[i] * row[columns[i]];
+        }
+    }
+    let centre = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)].map(|(x, y)| plane[y * width + x]);
+    let low = centre.into_iter().fold(f64::INFINITY, f64::min);
+    let high = centre.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    sum.clamp(low, high)
+}
+
+/// The two pixels around a clamped coordinate and its fraction from the first to the second.
+fn neighbours(coordinate: f64, size: usize) -> (usize, usize, f64) {
+    let clamped = coordinate.clamp(0.0, (size - 1) as f64);
+    let first = clamped as usize;
+    (first, (first + 1).min(size - 1), clamped - first as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bilinear_is_exact_on_planes_and_clamps() {
+        let plane: Vec<f64> = (0..12).map(|i| (i % 4) as f64 + 10.0 * (i / 4) as f64).collect();
+        let at = |x, y| bilinear(&plane, (4, 3), x, y);
+        assert!((at(1.25, 0.5) - 6.25).abs() < 1e-12);
+        assert_eq!(at(3.0, 2.0), 23.0);
+        assert_eq!(at(-7.0, 99.0), 20.0);
+        assert_eq!(bilinear(&[5.0], (1, 1), 0.3, -0.2), 5.0);
+    }
+
+    #[test]
+    fn cubic_is_the_pixel_at_a_pixel_and_never_overshoots() {
+        let plane = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0];
+        let at = |x, y| cubic(&plane, (4, 2), x, y, -0.75);
+        assert_eq!((at(2.0, 1.0), at(0.0, 0.0), at(99.0, -3.0)), (1.0, 0.0, 1.0));
+        assert!((at(1.5, 0.5) - 0.5).abs() < 1e-12);
+        assert_eq!((at(0.5, 0.3), at(2.5, 0.3)), (0.0, 1.0));
+        assert!(at(1.25, 0.0) < 0.25, "steeper than a straight line");
+        assert_eq!(cubic(&[5.0], (1, 1), 0.3, 0.2, -1.0), 5.0);
+    }
+}

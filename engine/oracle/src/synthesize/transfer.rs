@@ -1,0 +1,137 @@
+//! Detail from one frame's lattice to the other's.
+
+use super::lattice::Lattice;
+use super::paths::{Path, is_valid, outside_px};
+use super::taps::bilinear;
+use esaac_model::synthesis::{CUBIC_LATTICE, TRUST_PX};
+
+/// From which frame to which other one looks for detail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// From a pixel of the end to its place in the start.
+    ToStart,
+    /// From a pixel of the start to its place in the end.
+    ToEnd,
+}
+
+impl Way {
+    fn displacement(self, path: &Path) -> [f64; 2] {
+        match self {
+            Way::ToStart => path.end.motion,
+            Way::ToEnd => path.start.motion.map(|m| -m),
+        }
+    }
+}
+
+/// Where each lattice entry of a frame is in the other frame, and whether its detail is to be had there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Route {
+    /// Positions in the other frame, pixels.
+    there: Vec<[f64; 2]>,
+    /// 0 to 1.
+    trust: Vec<f64>,
+}
+
+impl Route {
+    /// The route of a frame of `size` pixels, given the motion of the frame at the interval's end.
+    #[must_use]
+    pub fn new(size: (usize, usize), motion: &[[f64; 2]], paths: &[Path], way: Way) -> Self {
+        let displacement: [Vec<f64>; 2] =
+            [0, 1].map(|axis| paths.iter().map(|path| way.displacement(path)[axis]).collect());
+        let pixel_trust = trust(size, motion, paths, way);
+        let (there, trust) = (0..4 * size.0 * size.1)
+            .map(|entry| {
+                let (x, y) = (0.5 * (entry % (2 * size.0)) as f64, 0.5 * (entry / (2 * size.0)) as f64);
+                let read = |plane: &[f64]| bilinear(plane, size, x, y);
+                ([x + read(&displacement[0]), y + read(&displacement[1])], read(&pixel_trust))
+            })
+            .unzip();
+        Route { there, trust }
+    }
+}
+
+/// How far each pixel may take detail from its place in the other frame, 0 to 1.
+fn trust(size: (usize, usize), motion: &[[f64; 2]], paths: &[Path], way: Way) -> Vec<f64> {
+    let vector = |x: usize, y: usize| motion[y * size.0 + x];
+    (0..size.0 * size.1)
+        .map(|pixel| {
+            let (x, y) = (pixel % size.0, pixel / size.0);
+            let mut difference_px = 0.0_f64;
+            for ny in y.saturating_sub(1)..=(y + 1).min(size.1 - 1) {
+                for nx in x.saturating_sub(1)..=(x + 1).min(size.0 - 1) {
+                    let (own, other) = (vector(x, y), vector(nx, ny));
+                    if !is_valid(own) || !is_valid(other) {
+                        return 0.0;
+                    }
+                    let here = (other[0] - own[0]).abs().max((other[1] - own[1]).abs());
+                    difference_px = difference_px.max(here);
+                }
+            }
+            let [dx, dy] = way.displacement(&paths[pixel]);
+            let inside = (1.0 - outside_px(size, [x as f64 + dx, y as f64 + dy])).max(0.0);
+            (2.0 - difference_px / TRUST_PX).clamp(0.0, 1.0) * inside
+        })
+        .collect()
+}
+
+/// The lattice of `frame` with the detail of the `other` frame's; `alone` is taken where it is not
+/// trusted.
+#[must_use]
+pub fn transfer(
+    size: (usize, usize),
+    frame: &[f64],
+    alone: &Lattice,
+    other: &Lattice,
+    route: &Route,
+) -> Lattice {
+    let entry = |x: usize, y: usize| y * 2 * size.0 + x;
+    let residual: Vec<f64> = (0..size.0 * size.1)
+        .map(|pixel| {
+            let there = route.there[entry(2 * (pixel % size.0), 2 * (pixel / size.0))];
+            frame[pixel] - other.at(there, CUBIC_LATTICE)
+        })
+        .collect();
+    Lattice::new(size, frame, |x, y| {
+        let (there, trust) = (route.there[entry(x, y)], route.trust[entry(x, y)]);
+        let correction = bilinear(&residual, size, 0.5 * x as f64, 0.5 * y as f64);
+        trust * (other.at(there, CUBIC_LATTICE) + correction) + (1.0 - trust) * alone.entry(x, y)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (6, 5);
+
+    #[test]
+    fn motion_that_differs_between_neighbours_is_not_trusted() {
+        let mut motion = vec![[0.0; 2]; 30];
+        motion[2 * 6 + 2] = [0.0, 0.75];
+        motion[4 * 6 + 5] = [f64::NAN, 0.0];
+        let trust = trust(SIZE, &motion, &[Path::default(); 30], Way::ToStart);
+        assert_eq!((trust[0], trust[6 + 1], trust[2 * 6 + 2], trust[3 * 6 + 3]), (1.0, 0.5, 0.5, 0.5));
+        assert_eq!((trust[3 * 6 + 4], trust[4 * 6 + 5]), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_place_outside_the_image_is_not_trusted() {
+        let motion = vec![[-0.5, 0.0]; 30];
+        let mut path = Path::default();
+        path.end.motion = [-0.5, 0.0];
+        let trust = trust(SIZE, &motion, &[path; 30], Way::ToStart);
+        assert_eq!((trust[0], trust[1]), (0.5, 1.0));
+    }
+
+    #[test]
+    fn untrusted_entries_stay_and_pixels_are_the_frame() {
+        let frame: Vec<f64> = (0..30).map(|i| f64::from(i * i % 7)).collect();
+        let alone = Lattice::of_frame(SIZE, &frame);
+        let other = Lattice::new(SIZE, &[9.0; 30], |_, _| 4.0);
+        let route = |v: [f64; 2]| Route::new(SIZE, &[v; 30], &[Path::default(); 30], Way::ToEnd);
+        assert_eq!(transfer(SIZE, &frame, &alone, &other, &route([f64::NAN; 2])), alone);
+        let got = transfer(SIZE, &frame, &alone, &other, &route([0.0; 2]));
+        assert_eq!(got.entry(4, 2), frame[6 + 2]);
+        assert_ne!(got.entry(5, 2), alone.entry(5, 2));
+    }
+}

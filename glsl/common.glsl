@@ -1,0 +1,22 @@
+// What every kernel shares: extensions, generated layouts, bindings, the camera of a workgroup.
+#extension GL_EXT_shader_explicit_arithmetic_types_int8 : require
+#extension GL_EXT_shader_explicit_arithmetic_types_int16 : require
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+#extension GL_EXT_shader_8bit_storage : require
+#extension GL_EXT_shader_16bit_storage : require
+#extension GL_EXT_control_flow_attributes : require
+#include "layout.glsl"
+
+// Declares a storage buffer; `access` is readonly, writeonly or empty, stated for every binding so
+// that synchronisation validation can tell readers from writers.
+#define BUFFER(access, SLOT, TYPE, name) \
+    layout(set = 0, binding = SLOT, std430) access restrict buffer Buffer_##name { TYPE name[]; }
+
+// The table of cameras: a uniform buffer, since every thread of a workgroup reads the same row.
+layout(set = 0, binding = SLOT_CAMERAS, std140) uniform Buffer_cameras { Camera cameras[MAX_CAMERAS]; };
+
+// Cameras of one dispatch are neighbours in the table; gl_WorkGroupID.y counts them.
+layout(push_constant) uniform Push { uint first_camera; } push;
+
+const uint PHASE_FIRST = 1u;
+const uint PHASE_INTERVAL = 2u;

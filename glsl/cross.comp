@@ -1,0 +1,314 @@
+// cross: from planes and motion to staged events; the synthesis and the pixel model in one kernel, so
+// that sub-steps never leave the chip.
+//
+// One workgroup of 256 threads a strip of four 8x8 blocks side by side, a thread a pixel, which synthesises
+// each sub-step and walks it; what they find is kept in a list, and all threads stamp and stage the list
+// together. A row of a strip is 32 pixels, so that a subgroup reads neighbouring words. x over strips, y
+// over cameras. Reads `planes`, `motion`, `blocks`. Appends to `staged` and counts into `bins`; updates `state`
+// in place, but only if the strip's events fitted: a strip whose events did not fit leaves everything as
+// it was and runs again, once the buffer has grown, or without a list (CROWDED) if that was too short. The
+// order within `staged` is that of the atomics; `sort` makes the packet independent of it.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "random.glsl"
+#include "substeps.glsl"
+#include "bins.glsl"
+
+layout(local_size_x = 256) in;
+layout(constant_id = 0) const uint INTENSITY = 0;
+layout(constant_id = 8) const uint SYNTHESIS = 0;
+layout(constant_id = 9) const uint TAPS = 0;
+// Whether sub-steps are also written to `samples`, for tests.
+layout(constant_id = 10) const bool DUMP_SAMPLES = false;
+// Whether events are counted in one walk and staged in a second, for strips that have more than a list.
+layout(constant_id = 11) const bool CROWDED = false;
+// Whether the device hides what it waits for behind other work and skips branches that no thread takes: then
+// two sub-steps are under way at a time, and reads away from the image's edges have a path of their own.
+layout(constant_id = 12) const bool LATENCY_BOUND = true;
+
+BUFFER(, SLOT_COUNTERS, Counters, counters);
+BUFFER(readonly, SLOT_PLANES, float, planes);
+BUFFER(readonly, SLOT_MOTION, vec2, motion);
+BUFFER(, SLOT_STATE, uint, state);
+BUFFER(, SLOT_BLOCKS, uvec4, blocks);
+BUFFER(, SLOT_BINS, uint, bins);
+BUFFER(writeonly, SLOT_STAGED, uvec2, staged);
+BUFFER(writeonly, SLOT_APS, uint16_t, aps);
+BUFFER(writeonly, SLOT_SAMPLES, int, samples_out);
+
+const uint LIST_EVENTS = 2048;
+
+// A strip's pixels in a row.
+const uint STRIP_PX = STRIP_BLOCKS * BLOCK_PX;
+
+// Time after the interval's start; pixel in the strip, polarity << 8, ordinal in the interval << 9.
+shared uvec2 list[LIST_EVENTS];
+shared uint list_count;
+shared uint list_base;
+shared uint around_motion[STRIP_BLOCKS];
+shared uint own_change[STRIP_BLOCKS];
+shared uint events_before[STRIP_PX * BLOCK_PX];
+
+#include "synthesize.glsl"
+#include "pixel_log_state.glsl"
+
+// In a crowded strip's second walk.
+bool staging;
+
+void emit(uint at_ns, bool on, uint ordinal);
+
+#include "pixel_log.glsl"
+
+// First pixel of this workgroup's strip.
+uvec2 strip_corner(uint blocks_x) {
+    const uint strips_x = (blocks_x + STRIP_BLOCKS - 1u) / STRIP_BLOCKS;
+    return uvec2((gl_WorkGroupID.x % strips_x) * STRIP_PX, (gl_WorkGroupID.x / strips_x) * BLOCK_PX);
+}
+
+// Stamps an event of the list and puts it among the staged ones.
+void stage(Camera cam, uvec2 corner, uint position, uvec2 entry) {
+    const uint in_strip = entry.y & 255u;
+    const uint pixel = (corner.y + in_strip / STRIP_PX) * cam.width + corner.x + in_strip % STRIP_PX;
+    uint since_start_ns = entry.x;
+    if (EFFECT_DELAY) {
+        int delay_ns = int(cam.latency_ns);
+        if (cam.latency_jitter_ns != 0u) {
+            const uint index = events_before[in_strip] + (entry.y >> 9);
+            delay_ns += jitter_ns(draw(cam, pixel, STREAM_JITTER, index), cam.latency_jitter_ns);
+        }
+        since_start_ns += uint(max(delay_ns, 0));
+    }
+    uvec2 event = uvec2(since_start_ns, (pixel << 1) | ((entry.y >> 8) & 1u));
+    uint bin = cam.bin_count;
+    if (since_start_ns > cam.interval_ns) {
+        event.y |= LATE;
+    } else {
+        event.x = stamp_offset(cam, since_start_ns);
+        bin = bin_of(cam, event.x, pixel);
+    }
+    atomicAdd(bins[cam.bin_base + bin], 1u);
+    staged[cam.event_base + position] = event;
+}
+
+void emit(uint at_ns, bool on, uint ordinal) {
+    const uvec2 entry = uvec2(at_ns, gl_LocalInvocationID.x | (uint(on) << 8) | (ordinal << 9));
+    const uint position = atomicAdd(list_count, 1u);
+    if (CROWDED) {
+        if (staging) {
+            const uint index = push.first_camera + gl_WorkGroupID.y;
+            stage(cameras[index], strip_corner(cameras[index].blocks_x), list_base + position, entry);
+        }
+    } else if (position < LIST_EVENTS) {
+        list[position] = entry;
+    }
+}
+
+// Log intensity at the end of sub-step i, Q7.24; from the last one on, the current frame's.
+int synthesize_q24(
+    Camera cam, Frames frames, uvec2 at, Path start, Path end, bool warps, uint i, Substeps cut,
+    float light_previous, float light_current, float log_current
+) {
+    float log_intensity = log_current;
+    if (i < cut.n) {
+        const float alpha = float(i) * cut.inverse;
+        if (SYNTHESIS == SYNTHESIS_LINEAR || !warps) {
+            log_intensity = synthesize_linear(light_previous, light_current, alpha);
+        } else if (SYNTHESIS == SYNTHESIS_MOTION) {
+            log_intensity = synthesize_motion(cam, frames, ivec2(at), start, end, alpha);
+        } else {
+            log_intensity = synthesize_paper(cam, frames, ivec2(at), alpha);
+        }
+        log_intensity = max(log_intensity, cam.log_dark);
+    }
+    const int q24 = int(round(log_intensity * LOG_SCALE));
+    if (DUMP_SAMPLES && i <= cut.n) {
+        samples_out[cam.samples_base + i * cam.pixels + at.y * cam.width + at.x] = q24;
+    }
+    return q24;
+}
+
+// Synthesises and walks a pixel's interval; returns its exposure.
+float cross_interval(
+    Camera cam, Frames frames, uvec2 at, Path start, Path end, bool warps, bool active_pixel, uint n,
+    float log_previous, float log_current, inout PixelState p
+) {
+    const uint pixel = at.y * cam.width + at.x;
+    const int first_q24 = int(round(log_previous * LOG_SCALE));
+    if (!active_pixel) {
+        silence(p, first_q24);
+    }
+    const Substeps cut = cut_interval(cam.interval_ns, n);
+    const float light_previous = exp(log_previous);
+    const float light_current = exp(log_current);
+    Walk w = begin_walk(cam, pixel, first_q24, substep_end_ns(cut, 1u), p);
+    if (DUMP_SAMPLES) {
+        samples_out[cam.samples_base + pixel] = first_q24;
+    }
+    if (LATENCY_BOUND) {
+        for (uint i = 1u; i <= n; i += 2u) {
+            const int q24 = synthesize_q24(cam, frames, at, start, end, warps, i, cut, light_previous, light_current, log_current);
+            const int next_q24 =
+                synthesize_q24(cam, frames, at, start, end, warps, i + 1u, cut, light_previous, light_current, log_current);
+            walk_substep(cam, pixel, substep_end_ns(cut, i), q24, p, w);
+            if (i < n) {
+                walk_substep(cam, pixel, substep_end_ns(cut, i + 1u), next_q24, p, w);
+            }
+        }
+    } else {
+        for (uint i = 1u; i <= n; ++i) {
+            const int q24 = synthesize_q24(cam, frames, at, start, end, warps, i, cut, light_previous, light_current, log_current);
+            walk_substep(cam, pixel, substep_end_ns(cut, i), q24, p, w);
+        }
+    }
+    end_walk(cam, w, p);
+    return w.exposed;
+}
+
+void main() {
+    const uint index = push.first_camera + gl_WorkGroupID.y;
+    const uvec2 corner = strip_corner(cameras[index].blocks_x);
+    if (cameras[index].phase != PHASE_INTERVAL || corner.y >= cameras[index].height) {
+        return;
+    }
+    const Camera cam = cameras[index];
+    const uint lane = gl_LocalInvocationID.x;
+    const uint counter = 2u * cam.slot + cam.parity;
+    const uvec2 at = corner + uvec2(lane % STRIP_PX, lane / STRIP_PX);
+    const bool inside = at.x < cam.width && at.y < cam.height;
+    const uint pixel = at.y * cam.width + at.x;
+    // Every thread knows its own block's facts; one thread a block writes them.
+    const uint in_strip = (lane % STRIP_PX) / BLOCK_PX;
+    const uvec2 block_at = uvec2(min(corner.x / BLOCK_PX + in_strip, cam.blocks_x - 1u), corner.y / BLOCK_PX);
+    const uint own_block = cam.block_base + cam.parity * cam.blocks + block_at.y * cam.blocks_x + block_at.x;
+    const bool block_first = lane < STRIP_PX && lane % BLOCK_PX == 0u && at.x < cam.width;
+
+    // A strip that was done before the buffer had to grow is not done again; its first block tells.
+    const uint first_block =
+        cam.block_base + cam.parity * cam.blocks + block_at.y * cam.blocks_x + corner.x / BLOCK_PX;
+    if (blocks[first_block].z != 0u) {
+        return;
+    }
+    if (lane < STRIP_BLOCKS) {
+        around_motion[lane] = 0u;
+        own_change[lane] = 0u;
+    }
+    if (lane == 0u) {
+        list_count = 0u;
+    }
+    barrier();
+    // Nine blocks around each of four, in both frames.
+    if (lane < 18u * STRIP_BLOCKS && (SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER)) {
+        const uint which_block = lane / 18u;
+        const uint neighbour = lane % 18u;
+        const ivec2 near = ivec2(corner / BLOCK_PX) + ivec2(which_block, 0)
+            + ivec2(int(neighbour % 3u) - 1, int((neighbour / 3u) % 3u) - 1);
+        const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
+        if (all(greaterThanEqual(near, ivec2(0))) && all(lessThanEqual(near, last_block))) {
+            const uint which = neighbour < 9u ? cam.parity : 1u - cam.parity;
+            const uint motion_bits =
+                blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)].x;
+            atomicMax(around_motion[which_block], motion_bits);
+        }
+    }
+    if (block_first) {
+        own_change[in_strip] = blocks[own_block].y;
+    }
+    barrier();
+    uint anything = 0u;
+    for (uint b = 0u; b < STRIP_BLOCKS; ++b) {
+        anything |= around_motion[b] | own_change[b];
+    }
+    if (anything == 0u && !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES && cam.no_skip == 0u) {
+        if (block_first) {
+            blocks[own_block].z = 1u;
+            atomicAdd(counters[counter].skipped_blocks, 1u);
+        }
+        return;
+    }
+    const uint n = SYNTHESIS == SYNTHESIS_NONE
+        ? 1u
+        : substep_count(cam, uintBitsToFloat(around_motion[in_strip]), uintBitsToFloat(own_change[in_strip]));
+
+    PixelState before;
+    bool active_pixel = false;
+    Frames frames;
+    float log_previous = 0.0;
+    float log_current = 0.0;
+    bool warps = false;
+    Path start = Path(vec2(0.0), vec2(0.0));
+    Path end = start;
+    if (inside) {
+        before = load_pixel(cam, pixel);
+        active_pixel = before.reference != UNARMED && before.reference != ARMING;
+        if (EFFECT_DELAY) {
+            events_before[lane] = before.events;
+        }
+        frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
+        const uint word = frame_word(cam, has_lattice(), ivec2(at));
+        log_previous = planes[frames.previous + word];
+        log_current = planes[frames.current + word];
+        if (n > 1u && (SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER)) {
+            warps = has_vector(cam, motion_base(cam, true), ivec2(at));
+        }
+        if (SYNTHESIS == SYNTHESIS_MOTION && warps) {
+            start = path_at_start(cam, ivec2(at));
+            end = path_at_end(cam, ivec2(at));
+        }
+    }
+
+    PixelState p = before;
+    float exposed = 0.0;
+    staging = false;
+    if (inside) {
+        exposed = cross_interval(cam, frames, at, start, end, warps, active_pixel, n, log_previous, log_current, p);
+    }
+    barrier();
+    const uint found = list_count;
+    if (!CROWDED && found > LIST_EVENTS) {
+        if (lane == 0u) {
+            atomicAdd(counters[counter].crowded_strips, 1u);
+        }
+        return;
+    }
+    barrier();
+    if (lane == 0u) {
+        list_base = found == 0u ? 0u : atomicAdd(counters[counter].staged, found);
+        list_count = 0u;
+    }
+    barrier();
+    if (found != 0u && (list_base > cam.event_capacity || found > cam.event_capacity - list_base)) {
+        if (lane == 0u) {
+            atomicMin(counters[counter].staged_fit, list_base);
+        }
+        return;
+    }
+    if (CROWDED) {
+        staging = true;
+        if (inside) {
+            p = before;
+            cross_interval(cam, frames, at, start, end, warps, active_pixel, n, log_previous, log_current, p);
+        }
+    } else {
+        for (uint e = lane; e < found; e += gl_WorkGroupSize.x) {
+            stage(cam, corner, list_base + e, list[e]);
+        }
+    }
+    if (inside) {
+        if (active_pixel) {
+            store_pixel(cam, pixel, p);
+        } else if (before.reference == ARMING) {
+            arm_pixel(cam, pixel, int(round(log_current * LOG_SCALE)));
+        } else {
+            atomicAdd(counters[counter].unarmed_pixels, 1u);
+        }
+        if (EFFECT_APS) {
+            const float mean = exposed / float(max(cam.aps_end_ns - cam.aps_start_ns, 1u));
+            aps[cam.aps_base + pixel] = uint16_t(clamp(round(mean * cam.aps_scale), 0.0, cam.aps_max));
+        }
+    }
+    if (block_first) {
+        blocks[own_block].z = 1u;
+        atomicAdd(counters[counter].substeps, n);
+    }
+}

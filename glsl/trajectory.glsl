@@ -1,0 +1,84 @@
+// Where a surface is at an instant of the interval, from the motion of this frame (k-1 to k) and of
+// the frame before. Twin of the oracle's `trajectory`. Needs `motion`.
+
+// A pixel without a usable vector holds zero motion with this sign bit in x.
+const uint INVALID_BIT = 0x80000000u;
+
+uint motion_base(Camera cam, bool current) {
+    return cam.motion_base + (current ? cam.parity : 1u - cam.parity) * cam.pixels;
+}
+
+vec2 motion_at(Camera cam, uint base, ivec2 at) {
+    return motion[base + uint(at.y) * cam.width + uint(at.x)];
+}
+
+bool has_vector(Camera cam, uint base, ivec2 at) {
+    return floatBitsToUint(motion_at(cam, base, at).x) != INVALID_BIT;
+}
+
+// Bilinear, position clamped to the image.
+vec2 motion_bilinear(Camera cam, uint base, vec2 position) {
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    const vec2 inside = clamp(position, vec2(0.0), vec2(last));
+    const ivec2 low = ivec2(floor(inside));
+    const ivec2 high = min(low + 1, last);
+    const vec2 f = inside - vec2(low);
+    const vec2 top = mix(motion_at(cam, base, low), motion_at(cam, base, ivec2(high.x, low.y)), f.x);
+    const vec2 bottom = mix(motion_at(cam, base, ivec2(low.x, high.y)), motion_at(cam, base, high), f.x);
+    return mix(top, bottom, f.y);
+}
+
+// Motion over the interval of the surface that was at pixel `at` in the previous frame: the point q of
+// this frame with q + m(q) = at, by fixed-point steps.
+vec2 motion_from_previous(Camera cam, ivec2 at) {
+    const uint base = motion_base(cam, true);
+    vec2 m = motion_at(cam, base, at);
+    [[unroll]] for (int step_index = 1; step_index < PATH_STEPS; ++step_index) {
+        m = motion_bilinear(cam, base, vec2(at) - m);
+    }
+    return m;
+}
+
+// How far a position lies outside the image, pixels.
+float outside_px(Camera cam, vec2 position) {
+    const vec2 beyond = max(-position, position - vec2(cam.width - 1u, cam.height - 1u));
+    return max(max(beyond.x, beyond.y), 0.0);
+}
+
+// Motion and curvature of a path: position(t) = q + t ((c - m) + t c), t = alpha - 1.
+struct Path {
+    vec2 m;
+    vec2 c;
+};
+
+// `u` is the motion over the interval before, `ratio` that interval's length over this one's.
+vec2 curvature(vec2 m, vec2 u, float ratio) {
+    return (u - ratio * m) / (ratio * (1.0 + ratio));
+}
+
+// Curvature of motion `m` where the frame before had vectors; `u` is its vector there. Renderers give no
+// vectors with their first frame, or zeros; there, zeros are no vector.
+vec2 curvature_from(Camera cam, vec2 m, vec2 u) {
+    if (cam.previous_interval_ns == 0u) {
+        return u == vec2(0.0) ? vec2(0.0) : curvature(m, u, 1.0);
+    }
+    return curvature(m, u, float(cam.previous_interval_ns) / float(cam.interval_ns));
+}
+
+// The path seen at pixel `at` at the interval's start.
+Path path_at_start(Camera cam, ivec2 at) {
+    const vec2 m = motion_from_previous(cam, at);
+    if (cam.has_previous_motion == 0u) {
+        return Path(m, vec2(0.0));
+    }
+    return Path(m, curvature_from(cam, m, motion_at(cam, motion_base(cam, false), at)));
+}
+
+// The path seen at pixel `at` at the interval's end.
+Path path_at_end(Camera cam, ivec2 at) {
+    const vec2 m = motion_at(cam, motion_base(cam, true), at);
+    if (cam.has_previous_motion == 0u) {
+        return Path(m, vec2(0.0));
+    }
+    return Path(m, curvature_from(cam, m, motion_bilinear(cam, motion_base(cam, false), vec2(at) + m)));
+}

@@ -1,0 +1,237 @@
+//! The engine held against the oracle: sequences pixel by pixel, ties, times.
+
+use crate::frames::Sequence;
+use crate::run::{Step, events, oracle, oracle_events};
+use esaac_model::intensity::weights;
+use esaac_model::packet::Event;
+use esaac_model::random::{PixelKey, jitter_bound_ns};
+use esaac_model::substeps::substep_end_ns;
+use esaac_model::{Polarity, SensorModel};
+use esaac_oracle::Interval;
+use esaac_oracle::cross::PixelConstants;
+
+/// Times agree to this (the figure), nanoseconds.
+pub const TIME_TOLERANCE_NS: f64 = 2_000.0;
+
+/// How far a log intensity of the engine may be from the oracle's, nepers: the engine computes in f32,
+/// where the log of an intensity of 1e5 has an ulp of 1e-6 and a warp's position in the image one of
+/// 4e-6 pixels; suite `stages` holds it to this. An event of a slope `s` moves by this over `s`, and two
+/// thresholds this close to a level are a tie.
+pub const LEVEL_TOLERANCE_LOG: f64 = 1e-5;
+
+/// What a comparison found.
+#[derive(Clone, Debug, Default)]
+pub struct Agreement {
+    /// Pixels compared.
+    pub pixels: usize,
+    /// Events of the oracle.
+    pub events: usize,
+    /// Pixels with another sequence of polarities.
+    pub differing: usize,
+    /// Those of them that no threshold within [`LEVEL_TOLERANCE_LOG`] explains, in words.
+    pub unexplained: Vec<String>,
+    /// Events whose time is further off than [`TIME_TOLERANCE_NS`] and the slope allow, in words.
+    pub late: Vec<String>,
+    /// Events within [`TIME_TOLERANCE_NS`] whatever their slope.
+    pub prompt: usize,
+    /// Events whose times were compared.
+    pub timed: usize,
+}
+
+impl Agreement {
+    /// Sums two comparisons.
+    pub fn add(&mut self, other: Agreement) {
+        self.pixels += other.pixels;
+        self.events += other.events;
+        self.differing += other.differing;
+        self.unexplained.extend(other.unexplained);
+        self.late.extend(other.late);
+        self.prompt += other.prompt;
+        self.timed += other.timed;
+    }
+
+    /// Share of events within [`TIME_TOLERANCE_NS`].
+    #[must_use]
+    pub fn prompt_share(&self) -> f64 {
+        self.prompt as f64 / self.timed.max(1) as f64
+    }
+}
+
+type PixelEvents = Vec<Vec<(i64, Polarity)>>;
+
+fn by_pixel(sensor: &SensorModel, events: &[Event]) -> PixelEvents {
+    let mut pixels = vec![Vec::new(); sensor.pixels()];
+    for e in events {
+        pixels[usize::from(e.y) * sensor.width as usize + usize::from(e.x)].push((e.t_ns, e.polarity));
+    }
+    pixels
+}
+
+fn polarities(events: &[(i64, Polarity)]) -> impl Iterator<Item = Polarity> + '_ {
+    events.iter().map(|e| e.1)
+}
+
+/// Compares a run of the engine's with the oracle's on the same frames.
+#[must_use]
+pub fn compare(sensor: &SensorModel, camera: u32, sequence: &Sequence, steps: &[Step]) -> Agreement {
+    let intervals = oracle(sensor, camera, sequence);
+    compare_streams(sensor, camera, sequence, &intervals, &events(steps))
+}
+
+/// The same for given streams.
+#[must_use]
+pub fn compare_streams(
+    sensor: &SensorModel,
+    camera: u32,
+    sequence: &Sequence,
+    intervals: &[Interval],
+    engine: &[Event],
+) -> Agreement {
+    let expected = by_pixel(sensor, &oracle_events(intervals));
+    let actual = by_pixel(sensor, engine);
+    let light = Light::new(sensor, camera, sequence, intervals);
+    let mut got = Agreement { pixels: sensor.pixels(), ..Agreement::default() };
+    let mut perturbed = None;
+    for pixel in 0..sensor.pixels() {
+        let (expected, actual) = (&expected[pixel], &actual[pixel]);
+        got.events += expected.len();
+        if polarities(expected).eq(polarities(actual)) {
+            light.compare_times(pixel, expected, actual, &mut got);
+            continue;
+        }
+        got.differing += 1;
+        let perturbed = perturbed.get_or_insert_with(|| perturbed_runs(sensor, camera, sequence));
+        if !perturbed.iter().any(|run| polarities(&run[pixel]).eq(polarities(actual))) {
+            got.unexplained.push(format!(
+                "pixel ({}, {}): oracle {}, engine {}",
+                pixel % sensor.width as usize,
+                pixel / sensor.width as usize,
+                show(expected),
+                show(actual)
+            ));
+        }
+    }
+    got
+}
+
+fn show(events: &[(i64, Polarity)]) -> String {
+    let one = |&(t_ns, p): &(i64, Polarity)| format!("{}{t_ns}", if p == Polarity::On { '+' } else { '-' });
+    events.iter().map(one).collect::<Vec<_>>().join(" ")
+}
+
+/// The oracle with thresholds moved by the tolerance, each up, down or not: where one of them gives
+/// another sequence, some level came within the tolerance of a threshold.
+fn perturbed_runs(sensor: &SensorModel, camera: u32, sequence: &Sequence) -> Vec<PixelEvents> {
+    let moves = [-LEVEL_TOLERANCE_LOG, 0.0, LEVEL_TOLERANCE_LOG];
+    let pairs = moves.into_iter().flat_map(|on| moves.into_iter().map(move |off| (on, off)));
+    pairs
+        .filter(|&pair| pair != (0.0, 0.0))
+        .map(|(on, off)| {
+            let contrast_on = sensor.contrast_on + on;
+            let contrast_off = sensor.contrast_off + off;
+            let moved = SensorModel { contrast_on, contrast_off, ..sensor.clone() };
+            by_pixel(sensor, &oracle_events(&oracle(&moved, camera, sequence)))
+        })
+        .collect()
+}
+
+/// A stretch in which a pixel's log intensity is straight.
+struct Stretch {
+    start_ns: i64,
+    end_ns: i64,
+    slope_per_ns: f64,
+}
+
+/// Log intensity of every pixel over time, as the oracle has it.
+struct Light<'a> {
+    sensor: &'a SensorModel,
+    camera: u32,
+    sequence: &'a Sequence,
+    intervals: &'a [Interval],
+}
+
+impl<'a> Light<'a> {
+    fn new(sensor: &'a SensorModel, camera: u32, sequence: &'a Sequence, intervals: &'a [Interval]) -> Self {
+        Light { sensor, camera, sequence, intervals }
+    }
+
+    fn first_log(&self, pixel: usize) -> f64 {
+        let width = self.sensor.width as usize;
+        let weights = weights(self.sensor.intensity, (pixel % width) as u32, (pixel / width) as u32);
+        let rgb = self.sequence.hdr.decode(&self.sequence.frames[0].hdr, pixel);
+        let sum: f64 = weights.iter().zip(rgb).map(|(w, c)| w * c).sum();
+        (sum * self.sensor.exposure_gain + self.sensor.log_offset).ln()
+    }
+
+    /// Straight stretches of a pixel's log intensity plus its leak.
+    fn stretches(&self, pixel: usize) -> Vec<Stretch> {
+        let key = PixelKey { seed: self.sensor.seed, camera: self.camera, pixel: pixel as u32 };
+        let leak_per_ns = PixelConstants::draw(self.sensor, key).leak_log_per_ns;
+        let mut stretches = Vec::new();
+        let mut from = self.first_log(pixel);
+        for (interval, frames) in self.intervals[1..].iter().zip(self.sequence.frames.windows(2)) {
+            let samples = interval.samples.as_ref().expect("runs keep samples").at(pixel);
+            let interval_ns = (frames[1].t_ns - frames[0].t_ns) as u32;
+            for (i, sample) in (1..).zip(samples) {
+                let end =
+                    |i| frames[0].t_ns + i64::from(substep_end_ns(interval_ns, i, samples.len() as u32));
+                let (start_ns, end_ns) = (end(i - 1), end(i));
+                let to = (sample + self.sensor.log_offset).ln();
+                let slope_per_ns = (to - from) / (end_ns - start_ns) as f64 + leak_per_ns;
+                stretches.push(Stretch { start_ns, end_ns, slope_per_ns });
+                from = to;
+            }
+        }
+        stretches
+    }
+
+    /// A crossing moves by the error of the level over its slope. Where the reference is set anew from the
+    /// light of an instant, that instant's error counts as an error of the level from then on.
+    fn compare_times(
+        &self,
+        pixel: usize,
+        expected: &[(i64, Polarity)],
+        actual: &[(i64, Polarity)],
+        got: &mut Agreement,
+    ) {
+        if expected.is_empty() {
+            return;
+        }
+        let sensor = self.sensor;
+        let stretches = self.stretches(pixel);
+        let sets_anew = sensor.refractory_ns > 0 || sensor.shot_noise_rate_hz > 0.0;
+        let spread_ns = jitter_bound_ns(sensor.latency_jitter_ns) + i64::from(sensor.timestamp_quantum_ns);
+        let latency_ns = i64::from(sensor.latency_ns);
+        // At most a quantum lies between stamps of times that are next to each other.
+        let quantum_ns = f64::from(sensor.timestamp_quantum_ns - 1);
+        let mut level_error = LEVEL_TOLERANCE_LOG;
+        for (e, a) in expected.iter().zip(actual) {
+            let error_ns = (e.0 - a.0).abs() as f64;
+            let happened_ns = e.0 - latency_ns;
+            let around = |from_ns: i64, to_ns: i64| {
+                stretches.iter().filter(move |s| s.start_ns <= to_ns && s.end_ns >= from_ns)
+            };
+            let near = around(happened_ns - spread_ns, happened_ns + spread_ns);
+            let slope = near.map(|s| s.slope_per_ns.abs()).fold(f64::INFINITY, f64::min);
+            let allowed_ns = TIME_TOLERANCE_NS + quantum_ns + level_error / slope;
+            got.timed += 1;
+            got.prompt += usize::from(error_ns <= TIME_TOLERANCE_NS + quantum_ns);
+            if error_ns > allowed_ns {
+                got.late.push(format!(
+                    "pixel {pixel}: oracle {}, engine {}, allowed {allowed_ns:.0} ns; of {} and {}",
+                    e.0,
+                    a.0,
+                    show(expected),
+                    show(actual)
+                ));
+            }
+            if sets_anew {
+                let until_ns = happened_ns + i64::from(sensor.refractory_ns) + spread_ns;
+                let steepest = around(happened_ns - spread_ns, until_ns)
+                    .map(|s| s.slope_per_ns.abs())
+                    .fold(0.0, f64::max);
+                level_error = LEVEL_TOLERANCE_LOG + steepest * error_ns.max(1.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! The device under test. A missing device fails a test; nothing is skipped.
+
+use esaac_engine::{Device, DeviceChoice, Validation};
+use std::sync::{Arc, LazyLock};
+
+/// The device that all tests of a process share: the best, or the one of `ESAAC_DEVICE` (an index);
+/// with the validation layer where `ESAAC_VALIDATION` is set, as the test script does.
+pub static DEVICE: LazyLock<Arc<Device>> = LazyLock::new(|| {
+    let choice = match std::env::var("ESAAC_DEVICE") {
+        Ok(index) => DeviceChoice::Index(index.parse().expect("ESAAC_DEVICE is a device's index")),
+        Err(_) => DeviceChoice::Best,
+    };
+    Device::open(choice, Validation::from_env())
+        .expect("a Vulkan device; `esaac doctor` says what is missing")
+});
+
+/// Fails if the validation layer has spoken since the process began.
+#[track_caller]
+pub fn assert_silent() {
+    let messages = DEVICE.validation_messages();
+    assert!(messages.is_empty(), "the validation layer says:\n{}", messages.join("\n"));
+}

@@ -1,0 +1,88 @@
+//! The comparison that the suites rest on finds what is wrong with known-bad streams.
+
+use esaac_model::packet::Event;
+use esaac_model::{HdrFormat, MotionFormat, Polarity, SensorModel, Synthesis};
+use esaac_scene::SceneKind;
+use esaac_tests::agreement::{Agreement, LEVEL_TOLERANCE_LOG, compare_streams};
+use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
+use esaac_tests::run::{oracle, oracle_events};
+
+const SIZE: (u32, u32) = (33, 21);
+
+fn sensor() -> SensorModel {
+    SensorModel {
+        width: SIZE.0,
+        height: SIZE.1,
+        synthesis: Synthesis::Linear,
+        refractory_ns: 1000,
+        ..SensorModel::default()
+    }
+}
+
+fn frames() -> Sequence {
+    scene(SceneKind::Lamp, SIZE, &times(0, 8), HdrFormat::F32x4, MotionFormat::F32x2)
+}
+
+/// Compares the oracle's events with what `spoil` makes of them.
+fn against(spoil: impl FnOnce(&mut Vec<Event>)) -> Agreement {
+    let (sensor, frames) = (sensor(), frames());
+    let intervals = oracle(&sensor, 0, &frames);
+    let mut events = oracle_events(&intervals);
+    assert!(events.len() > 1000);
+    spoil(&mut events);
+    compare_streams(&sensor, 0, &frames, &intervals, &events)
+}
+
+#[test]
+fn a_stream_agrees_with_itself() {
+    let got = against(|_| ());
+    assert_eq!((got.differing, got.late.len(), got.prompt_share()), (0, 0, 1.0));
+    assert_eq!(got.pixels, 33 * 21);
+}
+
+#[test]
+fn one_event_that_is_missing_doubled_or_flipped_is_not_explained() {
+    let missing = against(|events| {
+        events.remove(500);
+    });
+    let doubled = against(|events| events.push(events[500]));
+    let flipped = against(|events| {
+        let event = &mut events[500];
+        event.polarity = if event.polarity == Polarity::On { Polarity::Off } else { Polarity::On };
+    });
+    for got in [missing, doubled, flipped] {
+        assert_eq!((got.differing, got.unexplained.len()), (1, 1), "{got:?}");
+    }
+}
+
+#[test]
+fn an_event_at_the_neighbour_is_not_explained() {
+    let got = against(|events| events[500].x = (events[500].x + 1) % 33);
+    assert_eq!((got.differing, got.unexplained.len()), (2, 2), "{got:?}");
+}
+
+#[test]
+fn one_late_event_is_found() {
+    // The lamp goes on by nepers in an interval: a slope at which the tolerance is some microseconds.
+    let got = against(|events| events[500].t_ns += 60_000);
+    assert_eq!((got.differing, got.late.len()), (0, 1), "{got:?}");
+    assert!(got.prompt_share() < 1.0);
+}
+
+#[test]
+fn a_tie_is_explained_and_a_miss_is_not() {
+    let rise = |beyond: f64| {
+        let sensor =
+            SensorModel { width: 1, height: 1, synthesis: Synthesis::None, ..SensorModel::default() };
+        let frames = gray(&sensor, &times(0, 2), |frame, _| {
+            intensity_of(&sensor, if frame == 0 { 0.0 } else { sensor.contrast_on + beyond })
+        });
+        let intervals = oracle(&sensor, 0, &frames);
+        assert_eq!(oracle_events(&intervals).len(), 1);
+        compare_streams(&sensor, 0, &frames, &intervals, &[])
+    };
+    let tie = rise(0.5 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((tie.differing, tie.unexplained.len()), (1, 0));
+    let miss = rise(2.0 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((miss.differing, miss.unexplained.len()), (1, 1));
+}

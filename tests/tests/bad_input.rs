@@ -1,0 +1,223 @@
+//! Every input that the engine cannot take is an error that names what was expected and what came.
+
+use esaac_engine::ash::vk;
+use esaac_engine::{
+    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, MemoryLocation, Rig, RigOptions, Validation,
+};
+use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorError, SensorModel, Synthesis};
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{Sequence, gray, times};
+use esaac_tests::run::{camera, engine, rig, step};
+
+fn sensor() -> SensorModel {
+    SensorModel { width: 12, height: 9, synthesis: Synthesis::None, ..SensorModel::default() }
+}
+
+/// Light that gives a few events each frame.
+fn frames(sensor: &SensorModel, count: usize) -> Sequence {
+    gray(sensor, &times(0, count), |frame, pixel| (1 + pixel + 40 * (frame % 2)) as f32)
+}
+
+/// Asserts that the error's text holds every word given.
+#[track_caller]
+fn assert_names<T>(result: Result<T, EngineError>, words: &[&str]) -> EngineError {
+    let Err(error) = result else { panic!("no error, expected one that names {words:?}") };
+    let text = error.to_string();
+    for word in words {
+        assert!(text.contains(word), "\"{text}\" does not name {word:?}");
+    }
+    error
+}
+
+#[test]
+fn images_of_the_wrong_size() {
+    let sensor = sensor();
+    let frames = frames(&sensor, 2);
+    let mut config = camera(&sensor, 0, &frames);
+    config.motion = Some(MotionFormat::F16x2);
+    let mut rig = Rig::new(&DEVICE, &[config.clone(), config]).unwrap();
+    let (hdr, motion) = (vec![0; 12 * 9 * 16], vec![0; 12 * 9 * 4]);
+    let upload =
+        |rig: &mut Rig, hdr: &[u8], motion: Option<&[u8]>| rig.upload(1, &FrameBytes { hdr, motion });
+    let short = upload(&mut rig, &hdr[1..], Some(&motion));
+    assert_names(short, &["camera 1", "hdr", "1727", "1728", "12x9"]);
+    assert_names(upload(&mut rig, &[], Some(&motion)), &["hdr", "0 bytes", "1728"]);
+    let long = vec![0; 12 * 9 * 4 + 1];
+    assert_names(upload(&mut rig, &hdr, Some(&long)), &["camera 1", "motion", "433", "432"]);
+    let missing = assert_names(upload(&mut rig, &hdr, None), &["motion", "432"]);
+    assert!(matches!(missing, EngineError::Frame(FrameError::Size { image: "motion", actual: 0, .. })));
+    upload(&mut rig, &hdr, Some(&motion)).unwrap();
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn motion_missing_where_it_was_asked_for() {
+    for (synthesis, name) in [(Synthesis::Motion, "motion"), (Synthesis::Paper, "paper")] {
+        let sensor = SensorModel { synthesis, ..sensor() };
+        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+        assert_names(Rig::new(&DEVICE, &[config]), &["camera 0", name, "linear"]);
+    }
+    let base = sensor();
+    let frames = frames(&base, 1);
+    let mut rig = rig(&base, &frames, RigOptions::default());
+    let asked = rig.set_sensor(0, SensorModel { synthesis: Synthesis::Motion, ..base.clone() });
+    assert!(matches!(
+        assert_names(asked, &["motion", "linear"]),
+        EngineError::Frame(FrameError::MissingMotion { camera: 0, synthesis: "motion" })
+    ));
+    assert_eq!(rig.sensor(0).unwrap(), &base);
+    assert_silent();
+}
+
+#[test]
+fn time_that_does_not_advance_or_jumps() {
+    let sensor = sensor();
+    let frames = frames(&sensor, 3);
+    let mut rig = rig(&sensor, &frames, RigOptions::default());
+    step(&mut rig, &frames, 0);
+    let first = step(&mut rig, &frames, 1);
+    assert!(!first.packet.is_empty());
+    let latest_ns = frames.frames[1].t_ns;
+    for (t_ns, words) in [
+        (latest_ns, ["33333333 ns is not after", "33333333"]),
+        (latest_ns - 1, ["33333332", "33333333"]),
+        (i64::MIN, ["-9223372036854775808", "33333333"]),
+        (latest_ns + 1_000_000_001, ["gap of 1000000001", "at most 1000000000"]),
+        (i64::MAX, ["gap", "1000000000"]),
+    ] {
+        assert_names(rig.step(&[t_ns]).map(|_| ()), &words);
+    }
+    assert_names(rig.step(&[1, 2]).map(|_| ()), &["2 frames for 1 cameras"]);
+    assert_names(rig.step(&[]).map(|_| ()), &["0 frames for 1 cameras"]);
+    // As if nothing had been asked.
+    let second = step(&mut rig, &frames, 2);
+    assert_eq!(second.packet, engine(&sensor, &frames)[2].packet);
+    assert_silent();
+}
+
+#[test]
+fn sensors_out_of_range() {
+    let base = sensor();
+    let frames = frames(&base, 1);
+    let bad = [
+        ("contrast_on", SensorModel { contrast_on: 0.0, ..base.clone() }, "is 0"),
+        ("contrast_on", SensorModel { contrast_on: f64::NAN, ..base.clone() }, "is NaN"),
+        ("contrast_off", SensorModel { contrast_off: -0.2, ..base.clone() }, "is -0.2"),
+        ("substeps", SensorModel { substeps: 0, ..base.clone() }, "1 to 64"),
+        ("substeps", SensorModel { substeps: 65, ..base.clone() }, "is 65"),
+        ("width", SensorModel { width: 0, ..base.clone() }, "1 to 16384"),
+        ("timestamp_quantum_ns", SensorModel { timestamp_quantum_ns: 0, ..base.clone() }, "is 0"),
+        ("log_offset", SensorModel { log_offset: 0.0, ..base.clone() }, "is 0"),
+        ("aps_bits", SensorModel { aps_bits: 17, ..base.clone() }, "1 to 16"),
+        ("latency_ns", SensorModel { latency_ns: 1_000_000_001, ..base.clone() }, "1000000001"),
+    ];
+    let mut rig = rig(&base, &frames, RigOptions::default());
+    for (parameter, sensor, actual) in bad {
+        let words = ["camera 0", parameter, actual, "expected"];
+        let error = assert_names(Rig::new(&DEVICE, &[camera(&sensor, 0, &frames)]), &words);
+        assert!(matches!(error, EngineError::Sensor { source: SensorError::Range { .. }, .. }));
+        assert_names(rig.set_sensor(0, sensor), &words);
+        assert_eq!(rig.sensor(0).unwrap(), &base);
+    }
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn a_size_that_changes() {
+    let base = sensor();
+    let mut rig = rig(&base, &frames(&base, 1), RigOptions::default());
+    let wider = rig.set_sensor(0, SensorModel { width: 13, ..base.clone() });
+    let error = assert_names(wider, &["camera 0", "12x9", "13x9", "new rig"]);
+    assert!(matches!(error, EngineError::SizeChange { expected_width: 12, actual_width: 13, .. }));
+    assert_eq!(rig.sensor(0).unwrap(), &base);
+    assert_silent();
+}
+
+#[test]
+fn cameras_that_are_not_there() {
+    let base = sensor();
+    let frames = frames(&base, 1);
+    let mut rig = rig(&base, &frames, RigOptions::default());
+    let words = ["1 cameras", "camera 7"];
+    let bytes = FrameBytes { hdr: &frames.frames[0].hdr, motion: None };
+    assert_names(rig.sensor(7).map(|_| ()), &words);
+    assert_names(rig.inputs(7).map(|_| ()), &words);
+    assert_names(rig.upload(7, &bytes), &words);
+    assert_names(rig.set_sensor(7, base), &words);
+    assert_names(rig.reset(7), &words);
+    assert!(rig.substeps_q24(7).is_none());
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn devices_that_are_not_there() {
+    let name = DEVICE.info().name.clone();
+    let by_index = Device::open(DeviceChoice::Index(99), Validation::Off);
+    assert!(matches!(assert_names(by_index, &["99", &name]), EngineError::NoSuchDevice { .. }));
+    let by_uuid = Device::open(DeviceChoice::Uuid([0xab; 16]), Validation::Off);
+    assert!(matches!(assert_names(by_uuid, &["abab", &name]), EngineError::NoSuchDevice { .. }));
+    assert_silent();
+}
+
+#[test]
+fn memory_that_cannot_be_had() {
+    let bytes = 1 << 50;
+    let buffer = DEVICE.allocate("a petabyte", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly);
+    let error = assert_names(buffer, &["memory", "1125899906842624 bytes", "a petabyte"]);
+    assert!(matches!(error, EngineError::OutOfMemory { .. }), "{error:?}");
+}
+
+#[test]
+fn saved_states_that_do_not_fit() {
+    let base = sensor();
+    let frames = frames(&base, 6);
+    let mut one = rig(&base, &frames, RigOptions::default());
+    for index in 0..3 {
+        step(&mut one, &frames, index);
+    }
+    let saved = one.save().unwrap();
+    let expected = step(&mut one, &frames, 3).packet;
+
+    let mut flipped = saved.clone();
+    flipped[20] ^= 0xff;
+    let mut version = saved.clone();
+    let digit = saved.windows(10).position(|w| w == b"\"version\":").expect("the header is JSON") + 10;
+    version[digit] = b'9';
+    let garbage: Vec<u8> = (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    let mut endless = saved[..16].to_vec();
+    endless[8..16].copy_from_slice(&u64::MAX.to_le_bytes());
+    let longer = [&saved[..], &[0; 4]].concat();
+    let bad: [(&str, &[u8], &[&str]); 9] = [
+        ("nothing", &[], &["saved state", "not a saved rig"]),
+        ("garbage", &garbage, &["not a saved rig"]),
+        ("only a mark", &saved[..8], &["truncated"]),
+        ("half a header", &saved[..60], &["truncated"]),
+        ("a header without end", &endless, &["truncated"]),
+        ("a broken header", &flipped, &["saved state"]),
+        ("another version", &version, &["version", "9", "expected"]),
+        ("a truncated body", &saved[..saved.len() - 5], &["bytes", "expected"]),
+        ("a longer body", &longer, &["bytes", "expected"]),
+    ];
+    for (what, bytes, words) in bad {
+        println!("{what}");
+        assert_names(one.restore(bytes), words);
+    }
+
+    // Other rigs, each of which says what is other about it.
+    let other_sensor = SensorModel { seed: 5, ..base.clone() };
+    let mut other = rig(&other_sensor, &frames, RigOptions::default());
+    assert_names(other.restore(&saved), &["camera 0", "another sensor"]);
+    let config = camera(&base, 0, &frames);
+    let mut two = Rig::new(&DEVICE, &[config.clone(), config]).unwrap();
+    assert_names(two.restore(&saved), &["1 cameras, expected 2"]);
+
+    // After all that, a good one is taken up.
+    one.restore(&saved).unwrap();
+    assert_eq!(step(&mut one, &frames, 3).packet, expected);
+    assert!(!expected.is_empty());
+    drop((one, other, two));
+    assert_silent();
+}

@@ -1,0 +1,189 @@
+//! The engine against the float64 oracle: the same events at every pixel, every mode and effect.
+
+use esaac_engine::RigOptions;
+use esaac_model::{
+    HdrFormat, Intensity, MotionFormat, Profile, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps,
+};
+use esaac_scene::SceneKind;
+use esaac_tests::agreement::{self, Agreement};
+use esaac_tests::device::assert_silent;
+use esaac_tests::frames::{scene, times};
+use esaac_tests::run::{Step, engine_of_many};
+
+/// Share of pixels with the oracle's very sequence (the figure), over all cases of a test.
+const SAME_SHARE: f64 = 0.9999;
+
+/// A share of one in ten thousand takes as many pixels: of fewer, one may differ.
+const POOL_PX: usize = 10_000;
+
+/// Share of events within 2 us whatever their slope: what is later lies on slopes so flat that the last
+/// bits of the light decide.
+const PROMPT_SHARE: f64 = 0.99;
+
+/// Frames of a run: three intervals, so that vectors of the frame before and gathered detail count.
+const FRAMES: usize = 4;
+
+/// Far from zero, where single precision would show.
+const FIRST_NS: i64 = 20_000_000_007;
+
+const FORMATS: [(HdrFormat, MotionFormat); 3] = [
+    (HdrFormat::F32x4, MotionFormat::F32x2),
+    (HdrFormat::F16x4, MotionFormat::F16x2),
+    (HdrFormat::F32x4, MotionFormat::F32x4),
+];
+
+/// Odd sizes: blocks cut off on both sides, one of them smaller than a block.
+const SIZES: [(u32, u32); 4] = [(45, 37), (37, 45), (61, 23), (7, 50)];
+
+/// Runs one kernel permutation on every scene given, as cameras of one rig, adaptive and fixed in turn,
+/// over sizes and formats. Whatever differs is explained; how much may differ is for [`check_share`].
+fn check(sensor: &SensorModel, scenes: &[SceneKind]) -> Agreement {
+    let policies = [SubstepPolicy::Adaptive, SubstepPolicy::Fixed];
+    let cameras: Vec<_> = scenes
+        .iter()
+        .enumerate()
+        .map(|(number, &kind)| {
+            let size = SIZES[number % SIZES.len()];
+            let (hdr, motion) = FORMATS[number % FORMATS.len()];
+            let substep_policy = policies[number % 2];
+            let (width, height) = size;
+            let sensor = SensorModel { width, height, substep_policy, ..sensor.clone() };
+            (sensor, scene(kind, size, &times(FIRST_NS, FRAMES), hdr, motion))
+        })
+        .collect();
+    let runs = engine_of_many(&cameras, RigOptions::default());
+    let mut total = Agreement::default();
+    for (number, ((sensor, sequence), steps)) in cameras.iter().zip(&runs).enumerate() {
+        let got = agreement::compare(sensor, number as u32, sequence, steps);
+        println!(
+            "{:?}: {} events, {} of {} pixels differ ({} unexplained), {} late, {:.4} prompt",
+            scenes[number],
+            got.events,
+            got.differing,
+            got.pixels,
+            got.unexplained.len(),
+            got.late.len(),
+            got.prompt_share()
+        );
+        check_packets(steps);
+        total.add(got);
+    }
+    assert!(total.unexplained.is_empty(), "{sensor:?}:\n{}", total.unexplained.join("\n"));
+    assert!(total.late.is_empty(), "{sensor:?}:\n{}", total.late.join("\n"));
+    assert!(total.events > 0, "{sensor:?} sees nothing");
+    assert!(total.prompt_share() >= PROMPT_SHARE, "{sensor:?}: {}", total.prompt_share());
+    assert_silent();
+    total
+}
+
+fn check_share(cases: impl IntoIterator<Item = Agreement>) {
+    let mut total = Agreement::default();
+    cases.into_iter().for_each(|case| total.add(case));
+    let allowed = (1.0 - SAME_SHARE) * total.pixels.max(POOL_PX) as f64;
+    assert!(total.differing as f64 <= allowed, "{} of {} pixels differ", total.differing, total.pixels);
+}
+
+fn check_packets(steps: &[Step]) {
+    for step in steps {
+        assert!(step.packet.is_sorted());
+        assert_eq!(step.packet.dropped, 0);
+    }
+}
+
+const FEW: [SceneKind; 3] = [SceneKind::Flight, SceneKind::Lamp, SceneKind::Hdr];
+
+fn clean() -> SensorModel {
+    SensorModel { contrast_on: 0.17, contrast_off: 0.23, seed: 77, ..SensorModel::default() }
+}
+
+#[test]
+fn every_scene_in_the_default_mode() {
+    let scenes: Vec<SceneKind> = SceneKind::ALL.into_iter().chain(SceneKind::ALL).collect();
+    check_share([check(&clean(), &scenes)]);
+}
+
+#[test]
+fn motion_cubic() {
+    let modes = [(Intensity::BayerRggb, 32), (Intensity::Gray, 8)];
+    check_share(
+        modes.map(|(intensity, substeps)| check(&SensorModel { intensity, substeps, ..clean() }, &FEW)),
+    );
+}
+
+#[test]
+fn motion_bilinear() {
+    let modes = [(Intensity::Luminance, 64), (Intensity::BayerRggb, 8), (Intensity::Luminance, 1)];
+    check_share(modes.map(|(intensity, substeps)| {
+        check(&SensorModel { taps: Taps::Bilinear, intensity, substeps, ..clean() }, &FEW)
+    }));
+}
+
+#[test]
+fn linear() {
+    let modes = [(Intensity::Gray, 32), (Intensity::BayerRggb, 8), (Intensity::Luminance, 64)];
+    check_share(modes.map(|(intensity, substeps)| {
+        let sensor = SensorModel { synthesis: Synthesis::Linear, intensity, substeps, ..clean() };
+        check(&sensor, &[SceneKind::Lamp, SceneKind::Hdr, SceneKind::Dark, SceneKind::Edge])
+    }));
+}
+
+#[test]
+fn paper() {
+    let modes = [(Intensity::Luminance, 32), (Intensity::BayerRggb, 8)];
+    check_share(modes.map(|(intensity, substeps)| {
+        check(&SensorModel { synthesis: Synthesis::Paper, intensity, substeps, ..clean() }, &FEW)
+    }));
+}
+
+#[test]
+fn none() {
+    check_share(
+        [Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb]
+            .map(|intensity| check(&SensorModel { synthesis: Synthesis::None, intensity, ..clean() }, &FEW)),
+    );
+}
+
+#[test]
+fn every_effect_alone() {
+    let effects = [
+        ("contrast_mismatch", "0.04"),
+        ("refractory_ns", "3000000"),
+        ("leak_rate_hz", "20"),
+        ("shot_noise_rate_hz", "50"),
+        ("latency_ns", "40000000"),
+        ("latency_jitter_ns", "2000000"),
+        ("timestamp_quantum_ns", "1000"),
+        ("timestamps", "at_sample"),
+    ];
+    check_share(effects.map(|(parameter, value)| {
+        println!("{parameter} = {value}");
+        // What a pixel does with the light does not depend on where that comes from: the cheapest to
+        // compile of the syntheses that have sub-steps.
+        let mut sensor = SensorModel { synthesis: Synthesis::Linear, ..clean() };
+        sensor.set(parameter, value).expect("a valid effect");
+        check(&sensor, &[SceneKind::Flight, SceneKind::Lamp, SceneKind::Still, SceneKind::Sinusoid])
+    }));
+}
+
+#[test]
+fn all_effects_together() {
+    let mut noisy = clean();
+    Profile::Noisy.apply(&mut noisy);
+    let loud = SensorModel {
+        synthesis: Synthesis::Linear,
+        substeps: 8,
+        leak_rate_hz: 5.0,
+        shot_noise_rate_hz: 50.0,
+        white_level: 0.5,
+        latency_jitter_ns: 300_000,
+        aps_exposure_ns: 10_000_000,
+        ..noisy.clone()
+    };
+    let sensors = [
+        SensorModel { intensity: Intensity::BayerRggb, ..noisy },
+        SensorModel { intensity: Intensity::Gray, ..loud.clone() },
+        SensorModel { timestamps: Timestamps::AtSample, ..loud },
+    ];
+    let scenes = [SceneKind::Flight, SceneKind::Lamp, SceneKind::Dark, SceneKind::Still];
+    check_share(sensors.map(|sensor| check(&sensor, &scenes)));
+}

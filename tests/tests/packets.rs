@@ -1,0 +1,232 @@
+//! The packet contract: order, completeness, one and the same stream whatever happens underneath.
+
+use esaac_engine::RigOptions;
+use esaac_model::packet::Event;
+use esaac_model::{HdrFormat, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use esaac_scene::SceneKind;
+use esaac_tests::device::assert_silent;
+use esaac_tests::frames::{FRAME_NS, Sequence, scene, times};
+use esaac_tests::run::{Step, engine_of_many, engine_with, events, oracle, oracle_events, rig, step};
+
+const SIZE: (u32, u32) = (61, 43);
+
+fn sensor() -> SensorModel {
+    SensorModel {
+        width: SIZE.0,
+        height: SIZE.1,
+        synthesis: Synthesis::None,
+        substeps: 8,
+        ..SensorModel::default()
+    }
+}
+
+/// Light that changes everywhere: tens of events a pixel.
+fn busy(frames: usize) -> Sequence {
+    scene(SceneKind::Hdr, SIZE, &times(0, frames), HdrFormat::F32x4, MotionFormat::F32x2)
+}
+
+fn lamp(frames: usize) -> Sequence {
+    scene(SceneKind::Lamp, SIZE, &times(-100_000_001, frames), HdrFormat::F32x4, MotionFormat::F32x2)
+}
+
+/// Whatever the sensor, a stream of packets keeps this.
+fn check_contract(sensor: &SensorModel, sequence: &Sequence, steps: &[Step]) {
+    let mut last: Option<(Event, i64)> = None;
+    for (index, (step, frame)) in steps.iter().zip(&sequence.frames).enumerate() {
+        let packet = &step.packet;
+        assert!(packet.is_sorted(), "packet {index} of {sensor:?}");
+        assert_eq!((packet.width_px, packet.height_px), (sensor.width, sensor.height));
+        assert_eq!(packet.sequence, index as u64);
+        let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
+        let watermark_ns = (frame.t_ns + 1).div_euclid(quantum_ns) * quantum_ns - 1;
+        assert_eq!(packet.watermark_ns, watermark_ns, "packet {index} of {sensor:?}");
+        for event in packet.iter() {
+            assert!(event.t_ns <= frame.t_ns && event.t_ns % quantum_ns == 0, "{event:?} of packet {index}");
+            assert!(u32::from(event.x) < sensor.width && u32::from(event.y) < sensor.height);
+        }
+        if let (Some((before, watermark_ns)), false) = (last, packet.is_empty()) {
+            let first = packet.event(0);
+            assert!(first.t_ns >= before.t_ns, "{before:?} in an earlier packet than {first:?}");
+            assert!(first.t_ns > watermark_ns, "{first:?} though the stream was complete to {watermark_ns}");
+        }
+        if !packet.is_empty() {
+            last = Some((packet.event(packet.len() - 1), packet.watermark_ns));
+        } else if let Some((_, complete_ns)) = &mut last {
+            *complete_ns = packet.watermark_ns;
+        }
+    }
+}
+
+/// Kinds of stamps, and so of bins: free times, few times, times of samples.
+fn stampings() -> Vec<SensorModel> {
+    let at_sample = |substeps, substep_policy| SensorModel {
+        timestamps: Timestamps::AtSample,
+        synthesis: Synthesis::Linear,
+        substeps,
+        substep_policy,
+        ..sensor()
+    };
+    let mut all: Vec<SensorModel> = [1, 7, 1_000, 1_000_000, 33_333_333, 50_000_000]
+        .map(|timestamp_quantum_ns| SensorModel { timestamp_quantum_ns, ..sensor() })
+        .into();
+    all.extend([at_sample(8, SubstepPolicy::Fixed), at_sample(5, SubstepPolicy::Fixed)]);
+    all.push(at_sample(8, SubstepPolicy::Adaptive));
+    all.push(SensorModel { timestamp_quantum_ns: 10_000, ..at_sample(8, SubstepPolicy::Fixed) });
+    all
+}
+
+#[test]
+fn every_kind_of_stamp_sorts() {
+    let cameras: Vec<_> =
+        stampings().into_iter().flat_map(|sensor| [(sensor.clone(), busy(4)), (sensor, lamp(4))]).collect();
+    let runs = engine_of_many(&cameras, RigOptions::default());
+    for (number, ((sensor, sequence), steps)) in cameras.iter().zip(&runs).enumerate() {
+        check_contract(sensor, sequence, steps);
+        let expected = oracle_events(&oracle(sensor, number as u32, sequence));
+        let got = events(steps);
+        assert!(got.len() > 1000, "{sensor:?}: {}", got.len());
+        assert_eq!(got.len(), expected.len(), "{sensor:?}");
+    }
+    assert_silent();
+}
+
+#[test]
+fn delays_carry_over_and_lose_nothing() {
+    let delays = [(1, 0), (20_000_000, 0), (0, 3_000_000), (90_000_000, 9_000_000), (999_999_999, 0)];
+    let (busy_frames, still_frames) = (4, 33);
+    // Enough frames after the light has stopped for the longest delay to end.
+    let mut frames = busy(busy_frames);
+    for k in busy_frames..busy_frames + still_frames {
+        let mut frame = frames.frames[busy_frames - 1].clone();
+        frame.t_ns = k as i64 * FRAME_NS;
+        frames.frames.push(frame);
+    }
+    let cameras: Vec<_> = delays
+        .into_iter()
+        .flat_map(|(latency_ns, latency_jitter_ns)| {
+            [1, 1000].map(|timestamp_quantum_ns| {
+                let delay = SensorModel { latency_ns, latency_jitter_ns, ..sensor() };
+                (SensorModel { timestamp_quantum_ns, ..delay }, frames.clone())
+            })
+        })
+        .collect();
+    let runs = engine_of_many(&cameras, RigOptions::default());
+    let undelayed = events(&engine_with(&sensor(), &frames, RigOptions::default()));
+    for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
+        check_contract(sensor, sequence, steps);
+        assert_eq!(events(steps).len(), undelayed.len(), "{sensor:?}");
+        assert_eq!(steps.last().map(|s| s.diagnostics.late_events), Some(0));
+        if sensor.latency_ns > FRAME_NS as u32 {
+            let waiting = steps.iter().map(|s| s.diagnostics.late_events).max();
+            assert!(waiting > Some(0), "{sensor:?}");
+        }
+        if sensor.latency_jitter_ns == 0 && sensor.timestamp_quantum_ns == 1 {
+            let delayed =
+                undelayed.iter().map(|e| Event { t_ns: e.t_ns + i64::from(sensor.latency_ns), ..*e });
+            assert!(events(steps).into_iter().eq(delayed), "{sensor:?}");
+        }
+    }
+    assert_silent();
+}
+
+fn loud() -> SensorModel {
+    SensorModel {
+        contrast_on: 0.03,
+        contrast_off: 0.03,
+        contrast_mismatch: 0.005,
+        shot_noise_rate_hz: 50.0,
+        leak_rate_hz: 5.0,
+        latency_ns: 40_000_000,
+        latency_jitter_ns: 1_000_000,
+        ..sensor()
+    }
+}
+
+#[test]
+fn runs_are_bit_identical() {
+    let frames = busy(5);
+    let cameras: Vec<_> = (0..3).map(|_| (loud(), frames.clone())).collect();
+    let first = engine_of_many(&cameras, RigOptions::default());
+    for _ in 0..2 {
+        let again = engine_of_many(&cameras, RigOptions::default());
+        let packets =
+            |runs: &[Vec<Step>]| runs.iter().flatten().map(|step| step.packet.clone()).collect::<Vec<_>>();
+        assert!(packets(&first) == packets(&again), "two runs differ");
+    }
+    assert!(events(&first[0]).len() > 50_000);
+    assert_silent();
+}
+
+#[test]
+fn a_small_buffer_grows_and_gives_the_same_packets() {
+    let frames = busy(5);
+    let many = loud();
+    let large = engine_with(&many, &frames, RigOptions { initial_events: 1 << 20, ..RigOptions::default() });
+    assert!(large.iter().all(|step| step.diagnostics.regrown == 0));
+    for initial_events in [1, 63, 10_007] {
+        let small = engine_with(&many, &frames, RigOptions { initial_events, ..RigOptions::default() });
+        let regrown: u64 = small.iter().map(|step| step.diagnostics.regrown).sum();
+        assert!(regrown > 0, "{initial_events} at first");
+        for (index, (small, large)) in small.iter().zip(&large).enumerate() {
+            assert!(small.packet == large.packet, "packet {index} with {initial_events} at first");
+            let (a, b) = (small.diagnostics, large.diagnostics);
+            assert_eq!((a.late_events, a.dropped_events), (b.late_events, 0));
+            assert_eq!((a.substeps, a.invalid_pixels), (b.substeps, b.invalid_pixels));
+        }
+    }
+    assert_silent();
+}
+
+#[test]
+fn growing_leaves_the_other_cameras_alone() {
+    let calm = (sensor(), lamp(4));
+    let alone = engine_of_many(std::slice::from_ref(&calm), RigOptions::default());
+    let mut busy = (loud(), busy(4));
+    busy.0.latency_ns = 0;
+    let options = RigOptions { initial_events: 64, ..RigOptions::default() };
+    let together = engine_of_many(&[calm, busy.clone(), busy], options);
+    for (a, b) in alone[0].iter().zip(&together[0]) {
+        assert!(a.packet == b.packet);
+    }
+    assert!(together[1].iter().any(|step| step.diagnostics.regrown > 0));
+    assert_silent();
+}
+
+#[test]
+fn the_cap_keeps_the_earliest_and_counts_the_rest() {
+    const CAPS: [u32; 4] = [0, 1, 100, 777];
+    let frames = busy(4);
+    for (timestamps, timestamp_quantum_ns) in
+        [(Timestamps::Interpolated, 1), (Timestamps::AtSample, 1_000_000)]
+    {
+        let free = SensorModel { timestamps, timestamp_quantum_ns, ..sensor() };
+        let cameras = CAPS.map(|max_events_per_interval| {
+            (SensorModel { max_events_per_interval, ..free.clone() }, frames.clone())
+        });
+        let runs = engine_of_many(&cameras, RigOptions::default());
+        for (capped, cap) in runs.iter().zip(CAPS).skip(1) {
+            for (capped, whole) in capped.iter().zip(&runs[0]) {
+                let kept = whole.packet.len().min(cap as usize);
+                assert_eq!(capped.packet.len(), kept);
+                assert!(capped.packet.iter().eq(whole.packet.iter().take(kept)));
+                assert_eq!(capped.packet.dropped, (whole.packet.len() - kept) as u64);
+                assert_eq!(capped.diagnostics.dropped_events, capped.packet.dropped);
+            }
+            assert!(capped.iter().any(|step| step.packet.dropped > 0));
+        }
+    }
+    assert_silent();
+}
+
+#[test]
+fn the_first_frame_gives_an_empty_packet() {
+    let frames = busy(2);
+    let mut rig = rig(&sensor(), &frames, RigOptions::default());
+    let first = step(&mut rig, &frames, 0);
+    assert!(first.packet.is_empty() && first.packet.base_ns == frames.frames[0].t_ns);
+    assert_eq!(first.packet.watermark_ns, frames.frames[0].t_ns);
+    let second = step(&mut rig, &frames, 1);
+    assert_eq!((second.packet.base_ns, second.packet.sequence), (frames.frames[0].t_ns, 1));
+    drop(rig);
+    assert_silent();
+}

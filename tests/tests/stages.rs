@@ -1,0 +1,248 @@
+//! Each stage of the engine against the oracle's of the same name: ingest, plan, synthesis, APS.
+
+use esaac_engine::RigOptions;
+use esaac_model::intensity::weights;
+use esaac_model::{
+    HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, q24_to_log,
+};
+use esaac_oracle::Interval;
+use esaac_scene::SceneKind;
+use esaac_tests::agreement::LEVEL_TOLERANCE_LOG;
+use esaac_tests::device::assert_silent;
+use esaac_tests::frames::{Sequence, gray, scene, times};
+use esaac_tests::run::{Step, engine_of_many, oracle};
+
+/// An APS pixel rounds to the nearest count; f32 may fall on the other side of a half.
+const APS_TOLERANCE_COUNTS: u16 = 1;
+
+/// Share of APS pixels that must be equal: a half is rare.
+const APS_EQUAL_SHARE: f64 = 0.99;
+
+fn keep() -> RigOptions {
+    RigOptions { keep_substeps: true, ..RigOptions::default() }
+}
+
+fn sensor(
+    (width, height): (u32, u32),
+    synthesis: Synthesis,
+    taps: Taps,
+    intensity: Intensity,
+) -> SensorModel {
+    SensorModel { width, height, synthesis, taps, intensity, substeps: 16, ..SensorModel::default() }
+}
+
+/// Level error of the worst pixel and sub-step, where both have as many sub-steps.
+fn worst_level(sensor: &SensorModel, intervals: &[Interval], steps: &[Step]) -> f64 {
+    let mut worst = 0.0_f64;
+    for (interval, step) in intervals.iter().zip(steps).skip(1) {
+        let samples = interval.samples.as_ref().expect("runs keep samples");
+        let substeps_q24 = step.substeps_q24.as_ref().expect("the rig keeps them");
+        for pixel in 0..sensor.pixels() {
+            for (sample, levels) in samples.at(pixel).iter().zip(&substeps_q24[1..]) {
+                let expected = (sample + sensor.log_offset).ln();
+                worst = worst.max((q24_to_log(levels[pixel]) - expected).abs());
+            }
+        }
+    }
+    worst
+}
+
+fn check_plan(what: &str, intervals: &[Interval], steps: &[Step]) {
+    for (index, (interval, step)) in intervals.iter().zip(steps).enumerate() {
+        let expected: u64 = interval.substeps_per_block.iter().map(|&n| u64::from(n)).sum();
+        assert_eq!(step.diagnostics.substeps, expected, "{what}, frame {index}: sub-steps of all blocks");
+    }
+}
+
+#[test]
+fn synthesis_and_plan() {
+    const MODES: [(Synthesis, Taps, Intensity); 6] = [
+        (Synthesis::Motion, Taps::Cubic, Intensity::Luminance),
+        (Synthesis::Motion, Taps::Cubic, Intensity::BayerRggb),
+        (Synthesis::Motion, Taps::Bilinear, Intensity::Gray),
+        (Synthesis::Linear, Taps::Cubic, Intensity::BayerRggb),
+        (Synthesis::Paper, Taps::Cubic, Intensity::Luminance),
+        (Synthesis::None, Taps::Cubic, Intensity::Luminance),
+    ];
+    const SCENES: [(SceneKind, (u32, u32)); 3] =
+        [(SceneKind::Flight, (45, 37)), (SceneKind::Hdr, (33, 26)), (SceneKind::Lamp, (7, 31))];
+    let mut cameras = Vec::new();
+    for (synthesis, taps, intensity) in MODES {
+        for (kind, size) in SCENES {
+            let frames = scene(kind, size, &times(5_000_000_003, 4), HdrFormat::F32x4, MotionFormat::F32x2);
+            for substep_policy in [SubstepPolicy::Adaptive, SubstepPolicy::Fixed] {
+                let sensor = SensorModel { substep_policy, ..sensor(size, synthesis, taps, intensity) };
+                cameras.push((sensor, frames.clone()));
+            }
+        }
+    }
+    let runs = engine_of_many(&cameras, keep());
+    let mut worst = 0.0_f64;
+    let mut failures = Vec::new();
+    for (number, ((sensor, sequence), steps)) in cameras.iter().zip(&runs).enumerate() {
+        let intervals = oracle(sensor, number as u32, sequence);
+        let level = worst_level(sensor, &intervals, steps);
+        let what = format!(
+            "{:?} {:?} {:?} {:?} {}x{}",
+            sensor.synthesis,
+            sensor.taps,
+            sensor.intensity,
+            sensor.substep_policy,
+            sensor.width,
+            sensor.height
+        );
+        println!("{what}: {level:.2e}");
+        worst = worst.max(level);
+        let plan = std::panic::catch_unwind(|| check_plan(&what, &intervals, steps));
+        if level > LEVEL_TOLERANCE_LOG || plan.is_err() {
+            failures.push(format!("{what}: {level:.2e}"));
+        }
+    }
+    assert!(
+        failures.is_empty(),
+        "levels off by up to {worst:.2e}, or plans differ:\n{}",
+        failures.join("\n")
+    );
+    assert_silent();
+}
+
+/// A frame with NaN, infinities, negative values and a pixel that never is valid.
+fn broken(sensor: &SensorModel) -> Sequence {
+    const BAD: [f32; 4] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.5];
+    gray(sensor, &times(0, 4), |frame, pixel| match pixel % 11 {
+        3 => f32::NAN,
+        5 if frame > 0 && frame < 3 => BAD[pixel % 4],
+        7 if frame == 0 => BAD[pixel % 4],
+        _ => 0.02 * (1 + pixel + 3 * frame) as f32,
+    })
+}
+
+#[test]
+fn ingest_holds_and_counts_invalid_pixels() {
+    let cameras: Vec<_> = [Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb]
+        .into_iter()
+        .map(|intensity| {
+            let sensor = sensor((19, 13), Synthesis::Linear, Taps::Cubic, intensity);
+            let frames = broken(&sensor);
+            (sensor, frames)
+        })
+        .collect();
+    let runs = engine_of_many(&cameras, keep());
+    for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
+        let intervals = oracle(sensor, 0, sequence);
+        for (frame, (interval, step)) in intervals.iter().zip(steps).enumerate() {
+            let (expected, actual) = (interval.diagnostics, step.diagnostics);
+            assert_eq!(actual.invalid_pixels, expected.invalid_pixels, "frame {frame}");
+            let silent =
+                |pixel: usize| step.packet.iter().all(|e| usize::from(e.y) * 19 + usize::from(e.x) != pixel);
+            assert!((0..sensor.pixels()).filter(|pixel| pixel % 11 == 3).all(silent));
+            assert!(expected.invalid_pixels > 0 && expected.unarmed_pixels > 0);
+        }
+        // Levels of pixels that hold a value; what one without any holds is nobody's business.
+        for (interval, step) in intervals.iter().zip(steps).skip(1) {
+            let (samples, levels) =
+                (interval.samples.as_ref().expect("kept"), step.substeps_q24.as_ref().expect("kept"));
+            for pixel in (0..sensor.pixels()).filter(|pixel| !matches!(pixel % 11, 3 | 7)) {
+                for (sample, levels) in samples.at(pixel).iter().zip(&levels[1..]) {
+                    let error = (q24_to_log(levels[pixel]) - (sample + sensor.log_offset).ln()).abs();
+                    assert!(error <= LEVEL_TOLERANCE_LOG, "pixel {pixel}: {error:.2e}");
+                }
+            }
+        }
+    }
+    assert_silent();
+}
+
+#[test]
+fn ingest_reads_every_format() {
+    let formats = [
+        (HdrFormat::F16x4, MotionFormat::F16x2),
+        (HdrFormat::F32x4, MotionFormat::F32x4),
+        (HdrFormat::Srgb8x4, MotionFormat::F32x2),
+    ];
+    let size = (23, 17);
+    let base = sensor(size, Synthesis::Paper, Taps::Cubic, Intensity::Luminance);
+    let cameras: Vec<_> = formats
+        .into_iter()
+        .map(|(hdr, motion)| {
+            let frames = scene(SceneKind::Edge, size, &times(0, 3), hdr, motion);
+            (SensorModel { exposure_gain: 1.7, ..base.clone() }, frames)
+        })
+        .collect();
+    let runs = engine_of_many(&cameras, keep());
+    for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
+        let level = worst_level(sensor, &oracle(sensor, 0, sequence), steps);
+        assert!(level <= LEVEL_TOLERANCE_LOG, "{:?} {:?}: {level:.2e}", sequence.hdr, sequence.motion);
+        let frame = &sequence.frames[2];
+        let rgb = sequence.hdr.decode(&frame.hdr, 40);
+        let sum: f64 = weights(sensor.intensity, 0, 0).iter().zip(rgb).map(|(w, c)| w * c).sum();
+        assert!(sum > 0.0, "the frame shows something");
+    }
+    assert_silent();
+}
+
+#[test]
+fn invalid_vectors_are_counted_and_blended() {
+    let size = (29, 21);
+    let mut frames = scene(SceneKind::Edge, size, &times(0, 4), HdrFormat::F32x4, MotionFormat::F32x2);
+    for frame in &mut frames.frames {
+        let motion = frame.motion.as_mut().expect("the scene has motion");
+        for pixel in (0..29 * 21).filter(|pixel| pixel % 37 == 5) {
+            let bad = [f32::NAN, f32::INFINITY][pixel % 2];
+            motion[8 * pixel..8 * pixel + 4].copy_from_slice(&bad.to_le_bytes());
+        }
+    }
+    let cameras: Vec<_> = [(Synthesis::Motion, Taps::Bilinear), (Synthesis::Paper, Taps::Cubic)]
+        .into_iter()
+        .map(|(synthesis, taps)| (sensor(size, synthesis, taps, Intensity::Luminance), frames.clone()))
+        .collect();
+    let runs = engine_of_many(&cameras, keep());
+    for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
+        let intervals = oracle(sensor, 0, sequence);
+        for (interval, step) in intervals.iter().zip(steps) {
+            assert_eq!(step.diagnostics.invalid_motion, interval.diagnostics.invalid_motion_px);
+            assert_eq!(interval.diagnostics.invalid_motion_px, 17);
+        }
+        let level = worst_level(sensor, &intervals, steps);
+        assert!(level <= LEVEL_TOLERANCE_LOG, "{:?}: {level:.2e}", sensor.synthesis);
+    }
+    assert_silent();
+}
+
+#[test]
+fn aps() {
+    let size = (31, 22);
+    let base = SensorModel {
+        aps_start_ns: 7_000_000,
+        aps_exposure_ns: 20_000_000,
+        aps_bits: 12,
+        aps_gain: 0.8,
+        white_level: 2.0,
+        ..sensor(size, Synthesis::Linear, Taps::Cubic, Intensity::Gray)
+    };
+    let variants = [
+        base.clone(),
+        SensorModel { intensity: Intensity::BayerRggb, aps_bits: 16, ..base.clone() },
+        // Beyond the interval's end: cut there.
+        SensorModel { aps_exposure_ns: 500_000_000, aps_bits: 8, ..base.clone() },
+        // Nothing left: no frame.
+        SensorModel { aps_start_ns: 40_000_000, ..base },
+    ];
+    let frames = scene(SceneKind::Lamp, size, &times(0, 4), HdrFormat::F32x4, MotionFormat::F32x2);
+    let cameras: Vec<_> = variants.into_iter().map(|sensor| (sensor, frames.clone())).collect();
+    let runs = engine_of_many(&cameras, RigOptions::default());
+    for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
+        for (frame, (interval, step)) in oracle(sensor, 0, sequence).iter().zip(steps).enumerate() {
+            let (expected, actual) = (&interval.aps, step.aps.as_ref().map(|aps| &aps.pixels));
+            assert_eq!(expected.is_some(), actual.is_some(), "frame {frame} of {sensor:?}");
+            let (Some(expected), Some(actual)) = (expected, actual) else { continue };
+            let off: Vec<u16> = expected.iter().zip(actual).map(|(a, b)| a.abs_diff(*b)).collect();
+            // Sixteen bits are near the f32 of an intensity.
+            let tolerance = APS_TOLERANCE_COUNTS << sensor.aps_bits.saturating_sub(14);
+            assert!(off.iter().all(|&d| d <= tolerance), "frame {frame}: {:?}", off.iter().max());
+            let equal = off.iter().filter(|&&d| d == 0).count() as f64 / off.len() as f64;
+            assert!(sensor.aps_bits > 14 || equal >= APS_EQUAL_SHARE, "frame {frame}: {equal}");
+        }
+    }
+    assert_silent();
+}

@@ -1,0 +1,106 @@
+//! The validation layer would have spoken: each kind of fault that the suites rely on it to find is
+//! committed once, on a device of its own, and is found; the same without the fault is silent.
+
+#![expect(unsafe_code, reason = "faults that the engine's own interface does not let one commit")]
+
+use esaac_engine::ash::vk;
+use esaac_engine::{Buffer, Device, DeviceChoice, Kernel, MemoryLocation, Validation};
+use esaac_kernels::{Optimise, compile};
+use esaac_tests::device::DEVICE;
+use std::path::Path;
+use std::sync::Arc;
+
+/// The device under test once more, watched whatever the environment says.
+fn watched() -> Arc<Device> {
+    let device = Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), Validation::On)
+        .expect("the validation layer, which is a package of the test set-up");
+    assert_silent(&device);
+    device
+}
+
+fn assert_silent(device: &Device) {
+    assert_eq!(device.validation_messages(), [""; 0], "before any fault");
+}
+
+/// Fails unless the layer has said one of `words`.
+#[track_caller]
+fn assert_reported(device: &Device, words: &[&str]) {
+    let messages = device.validation_messages();
+    let found = messages.iter().any(|message| words.iter().any(|word| message.contains(word)));
+    assert!(found, "expected a message with one of {words:?}, the layer says {messages:#?}");
+}
+
+fn buffer(device: &Arc<Device>, name: &str) -> Buffer {
+    device.allocate(name, 16, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly).expect("sixteen bytes")
+}
+
+fn kernel(device: &Arc<Device>, name: &str, buffers: &[&Buffer], push_bytes: u32) -> Kernel {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("glsl").join(format!("{name}.comp"));
+    let words = compile(&source, &[], &[], Optimise::Yes).expect("a kernel that compiles");
+    let kernel = Kernel::new(device, name, &words, buffers.len() as u32, push_bytes, &[])
+        .expect("a kernel that builds");
+    kernel.bind(buffers);
+    kernel
+}
+
+const ONE: [u32; 3] = [1, 1, 1];
+
+#[test]
+fn a_misused_call_is_reported() {
+    let device = watched();
+    let nothing = vk::BufferCreateInfo::default().usage(vk::BufferUsageFlags::STORAGE_BUFFER);
+    // SAFETY: not valid, on purpose: a buffer of no bytes. The driver makes a handle of it or refuses;
+    // nothing reads or writes it.
+    let made = unsafe { device.raw().create_buffer(&nothing, None) };
+    if let Ok(buffer) = made {
+        // SAFETY: the buffer was just made by this device and is used nowhere.
+        unsafe { device.raw().destroy_buffer(buffer, None) };
+    }
+    assert_reported(&device, &["VUID-VkBufferCreateInfo-size-00912"]);
+}
+
+/// Writes a buffer and copies it in one submission, with or without a barrier between.
+fn write_then_copy(device: &Arc<Device>, with_barrier: bool) {
+    let (between, last) = (buffer(device, "between"), buffer(device, "last"));
+    let write = kernel(device, "write", &[&between], 4);
+    let copy = kernel(device, "copy", &[&between, &last], 0);
+    let record = |commands| {
+        write.record(commands, &0_u32.to_le_bytes(), ONE);
+        if with_barrier {
+            let barriers = [vk::MemoryBarrier2::default()
+                .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+                .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)
+                .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+                .dst_access_mask(vk::AccessFlags2::SHADER_STORAGE_READ)];
+            let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+            // SAFETY: `commands` is being recorded on this device.
+            unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+        }
+        copy.record(commands, &[], ONE);
+    };
+    device.run_once(record).expect("two dispatches of one thread");
+}
+
+#[test]
+fn a_missing_barrier_is_reported() {
+    let device = watched();
+    write_then_copy(&device, true);
+    assert_silent(&device);
+    write_then_copy(&device, false);
+    assert_reported(&device, &["SYNC-HAZARD-READ-AFTER-WRITE", "SYNC-HAZARD-READ_AFTER_WRITE"]);
+}
+
+#[test]
+fn a_write_out_of_bounds_is_reported() {
+    let device = watched();
+    let small = buffer(&device, "small");
+    let write = kernel(&device, "write", &[&small], 4);
+    let write_at = |index: u32| {
+        device.run_once(|commands| write.record(commands, &index.to_le_bytes(), ONE)).expect("one thread");
+    };
+    write_at(3);
+    assert_silent(&device);
+    // The first element past the buffer's end; what lies there is the rest of its own memory block.
+    write_at(4);
+    assert_reported(&device, &["out of bounds", "OOB", "highest byte accessed"]);
+}

@@ -1,0 +1,280 @@
+//! `esaac demo`: a built-in scene rendered, simulated, measured against its exact events and drawn.
+
+use crate::arguments::CommonArguments;
+use crate::event_file::write_npz;
+use crate::frame_folder::frame_time_ns;
+use crate::kernel_source::{KernelArguments, KernelSource};
+use crate::outcome::Outcome;
+use crate::overview::{self, Caption, Instant};
+use crate::report::{MemoryReport, Report};
+use crate::run_record::RunRecord;
+use crate::sensor_flags::SensorFlags;
+use crate::{accuracy, colour, device_choice, output_file, progress, report};
+use anyhow::{Context, Result};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use esaac_engine::ash::vk;
+use esaac_engine::{ApsFrame, Buffer, CameraConfig, Device, InputBuffers, MemoryLocation, Rig, Tick};
+use esaac_model::presets::preset;
+use esaac_model::{DepthFormat, HdrFormat, Intensity, MotionFormat, SensorModel};
+use esaac_scene::renderer::{Renderer, Targets};
+use esaac_scene::{Scene, SceneKind, render_cpu};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Rate of the rendered frames.
+const RATE_HZ: f64 = 30.0;
+
+/// Rows of the overview.
+const INSTANTS: usize = 4;
+
+/// Formats of what is rendered.
+const HDR: HdrFormat = HdrFormat::F16x4;
+const MOTION: MotionFormat = MotionFormat::F32x2;
+
+/// Arguments of `demo`.
+#[derive(clap::Args, Clone, Debug)]
+pub struct DemoArguments {
+    /// Scene to render
+    #[arg(long, value_name = "NAME", default_value = "flight", value_parser = scene_parser())]
+    pub scene: SceneKind,
+    /// Frames to render
+    #[arg(long, default_value_t = 21, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub frames: u32,
+    /// Folder for overview.png, events.npz and report.json
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Sensor parameters.
+    #[command(flatten)]
+    pub sensor: SensorFlags,
+    /// Kernels.
+    #[command(flatten)]
+    pub kernels: KernelArguments,
+}
+
+fn scene_parser() -> impl TypedValueParser<Value = SceneKind> {
+    PossibleValuesParser::new(SceneKind::ALL.map(|kind| PossibleValue::new(kind.name()).help(kind.about())))
+        .try_map(|name| name.parse::<SceneKind>())
+}
+
+/// Runs the command.
+pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcome> {
+    let mut kernels = KernelSource::open(&arguments.kernels)?;
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    let [picture, events, json] = ["overview.png", "events.npz", "report.json"].map(|name| out.join(name));
+    for path in [&picture, &events, &json] {
+        output_file::check(path)?;
+    }
+    let sensors = sensors(arguments)?;
+    let device = device_choice::open(common)?;
+
+    let run = Run::new(arguments, &sensors);
+    let simulated = run.simulate(&device, &mut kernels)?;
+    device_choice::check_validation(&device)?;
+
+    let record = &simulated.record;
+    let input = format!("scene {}, {} frames at {RATE_HZ} Hz", arguments.scene.name(), run.times_ns.len());
+    let info = device_choice::report(device.info());
+    let mut report = Report::new(input, info, &sensors, record);
+    let span_ns = (run.times_ns[0], run.times_ns[run.times_ns.len() - 1]);
+    report.simulated_ns = span_ns.1 - span_ns.0;
+    report.set_memory(simulated.memory);
+    for (camera, sensor) in sensors.iter().enumerate() {
+        let events = &record.cameras[camera].events;
+        report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
+    }
+    report.files = [&picture, &events, &json].map(|path| path.display().to_string()).to_vec();
+
+    let size = (sensors[0].width as usize, sensors[0].height as usize);
+    let overview = overview::draw(&caption(&report, arguments.scene), size, &simulated.instants);
+    output_file::write(&picture, |out| overview.write_png(out))?;
+    output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
+    let text = report.to_json()?;
+    output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
+    report.outcome(common.json)
+}
+
+/// The sensor asked for, with an APS frame unless its exposure was given, and its colour or gray twin.
+fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
+    let mut sensor = arguments.sensor.resolve(preset("davis346").expect("a preset"))?.sensor;
+    let given = |name: &str| arguments.sensor.explicit.iter().any(|(parameter, _)| *parameter == name);
+    if sensor.aps_exposure_ns == 0 && !given("aps_exposure_ns") {
+        sensor.aps_exposure_ns = 10_000_000;
+    }
+    if !given("aps_gain") {
+        let frame = render_cpu(&arguments.scene.scene(sensor.width, sensor.height), 0, None, HDR, MOTION);
+        let gain = colour::exposure(colours(&frame.hdr).map(colour::luminance)) * APS_KEY;
+        let gain = f64::from(gain) * sensor.white_level / sensor.exposure_gain;
+        // Three digits do, and read better in the sensor's file.
+        sensor.aps_gain = format!("{gain:.2e}").parse::<f64>()?.clamp(1e-6, 1e6);
+    }
+    sensor.validate()?;
+    let intensity = match sensor.intensity {
+        Intensity::BayerRggb => Intensity::Luminance,
+        Intensity::Gray | Intensity::Luminance => Intensity::BayerRggb,
+    };
+    Ok([sensor.clone(), SensorModel { intensity, ..sensor }])
+}
+
+/// Brightness of the APS frame relative to middle gray's.
+const APS_KEY: f32 = 1.2;
+
+struct Run<'a> {
+    scene: Scene,
+    sensors: &'a [SensorModel; 2],
+    times_ns: Vec<i64>,
+    /// Frames that the overview shows.
+    shown: Vec<usize>,
+}
+
+struct Simulated {
+    record: RunRecord,
+    memory: Vec<MemoryReport>,
+    instants: Vec<Instant>,
+}
+
+impl<'a> Run<'a> {
+    fn new(arguments: &DemoArguments, sensors: &'a [SensorModel; 2]) -> Self {
+        let frames = arguments.frames as usize;
+        let mut shown: Vec<usize> = (1..=INSTANTS).map(|i| ((frames - 1) * i / INSTANTS).max(1)).collect();
+        shown.dedup();
+        Run {
+            scene: arguments.scene.scene(sensors[0].width, sensors[0].height),
+            sensors,
+            times_ns: (0..frames).map(|k| frame_time_ns(k, RATE_HZ)).collect(),
+            shown,
+        }
+    }
+
+    fn simulate(&self, device: &Arc<Device>, kernels: &mut KernelSource) -> Result<Simulated> {
+        let configs: Vec<CameraConfig> = (0..)
+            .zip(self.sensors)
+            .map(|(camera, sensor)| CameraConfig {
+                sensor: sensor.clone(),
+                camera,
+                hdr: HDR,
+                motion: Some(MOTION),
+            })
+            .collect();
+        let mut rig = Rig::with_options(device, &configs, report::rig_options())?;
+        kernels.load(&mut rig)?;
+        let mut renderer = Renderer::new(device, self.scene.clone(), HDR, MOTION)?;
+        let mut picture = Picture::new(device, &self.scene)?;
+        let mut record = RunRecord::new(configs.len());
+        let mut instants = Vec::new();
+        let progress = progress::bar(self.times_ns.len());
+        for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
+            for camera in 0..configs.len() {
+                let InputBuffers { hdr, motion, .. } = rig.inputs(camera)?;
+                renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None })?;
+            }
+            kernels.refresh(&mut rig, &progress);
+            let tick = rig.step(&[t_ns; 2])?;
+            if index > 0 {
+                record.add_tick(&tick)?;
+            }
+            if self.shown.contains(&index) {
+                picture.render(&mut renderer, t_ns)?;
+                instants.push(self.instant(t_ns, &picture, &tick));
+            }
+            progress.inc(1);
+        }
+        progress.finish_and_clear();
+        Ok(Simulated { record, memory: MemoryReport::of(&rig), instants })
+    }
+
+    fn instant(&self, t_ns: i64, picture: &Picture, tick: &Tick<'_>) -> Instant {
+        let bayer =
+            self.sensors.iter().position(|s| s.intensity == Intensity::BayerRggb).expect("one of two");
+        Instant {
+            t_ns,
+            rgb: colours(picture.hdr.read(0, picture.pixels * HDR.texel_bytes())).collect(),
+            aps: tick.aps[1 - bayer].as_ref().map(aps_levels),
+            gray: tick.packets[1 - bayer].clone(),
+            bayer: tick.packets[bayer].clone(),
+            depth_m: picture.depth.read(0, picture.pixels).to_vec(),
+        }
+    }
+}
+
+/// Colour and depth of a frame where the host can read them.
+struct Picture {
+    pixels: usize,
+    hdr: Buffer,
+    depth: Buffer,
+}
+
+impl Picture {
+    fn new(device: &Arc<Device>, scene: &Scene) -> Result<Self> {
+        let pixels = scene.width_px as usize * scene.height_px as usize;
+        let allocate = |name: &str, texel_bytes: usize| {
+            let bytes = (pixels * texel_bytes) as u64;
+            device.allocate(name, bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)
+        };
+        Ok(Picture {
+            pixels,
+            hdr: allocate("overview colour", HDR.texel_bytes())?,
+            depth: allocate("overview depth", DepthFormat::F32.texel_bytes())?,
+        })
+    }
+
+    fn render(&mut self, renderer: &mut Renderer, t_ns: i64) -> Result<()> {
+        let targets = Targets { hdr: &self.hdr, motion: None, depth: Some(&self.depth) };
+        Ok(renderer.render(t_ns, None, targets)?)
+    }
+}
+
+fn colours(hdr: &[u8]) -> impl Iterator<Item = [f32; 3]> + '_ {
+    let pixels = hdr.len() / HDR.texel_bytes();
+    (0..pixels).map(|i| HDR.decode(hdr, i).map(|v| v as f32))
+}
+
+fn aps_levels(aps: &ApsFrame) -> Vec<f32> {
+    let full = ((1_u32 << aps.bits) - 1) as f32;
+    aps.pixels.iter().map(|&p| f32::from(p) / full).collect()
+}
+
+fn caption(report: &Report, scene: SceneKind) -> Caption {
+    let sensor = &report.cameras[0].sensor;
+    let [one, two] = [0, 1].map(|camera| thousands(report.cameras[camera].events));
+    Caption {
+        title: format!(
+            "EsaacSim: {} \u{d7}{}, {}",
+            sensor.name.to_uppercase(),
+            sensor.substeps,
+            scene.name()
+        ),
+        subtitle: format!(
+            "{}\u{d7}{} px, {RATE_HZ} Hz frames, {one} and {two} events in {:.2} s, {:.2} ms GPU time per \
+             interval on {}",
+            sensor.width,
+            sensor.height,
+            report.simulated_ns as f64 * 1e-9,
+            report.gpu.median_ns as f64 * 1e-6,
+            report.device.name
+        ),
+    }
+}
+
+/// Digits in groups of three.
+fn thousands(count: u64) -> String {
+    let digits = count.to_string();
+    let groups: Vec<&str> = digits
+        .as_bytes()
+        .rchunks(3)
+        .rev()
+        .map(|group| std::str::from_utf8(group).expect("digits are ASCII"))
+        .collect();
+    groups.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_are_grouped_from_the_right() {
+        assert_eq!([0, 999, 1000, 1_234_567].map(thousands), ["0", "999", "1 000", "1 234 567"]);
+    }
+}

@@ -1,0 +1,201 @@
+//! `esaac doctor`: what is missing on this machine, and the command that mends it.
+
+use crate::arguments::CommonArguments;
+use crate::outcome::{Ending, Outcome};
+use crate::{device_choice, table};
+use anyhow::Result;
+use esaac_engine::{DeviceInfo, EngineError, list_devices};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Memory below which a run of any size is in danger.
+const ENOUGH_MEMORY_BYTES: u64 = 512 << 20;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum State {
+    Good,
+    /// Missing, and only some uses need it.
+    Optional,
+    /// Missing, and nothing runs without it.
+    Missing,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+struct Check {
+    name: &'static str,
+    state: State,
+    found: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mend: Option<String>,
+}
+
+/// Runs the command.
+pub fn run(common: &CommonArguments) -> Result<Outcome> {
+    let mut checks = vulkan(list_devices());
+    if checks.iter().all(|c| c.state == State::Good) {
+        checks.push(opens(common));
+    }
+    checks.extend([memory(), write_access(), glslc(), validation_layer()]);
+    let missing = checks.iter().any(|c| c.state == State::Missing);
+    let text = if common.json { serde_json::to_string_pretty(&checks)? + "\n" } else { text(&checks) };
+    Ok(Outcome { text, ending: if missing { Ending::Wanting } else { Ending::Complete } })
+}
+
+fn good(name: &'static str, found: String) -> Check {
+    Check { name, state: State::Good, found, mend: None }
+}
+
+fn missing(name: &'static str, found: String, mend: &str) -> Check {
+    Check { name, state: State::Missing, found, mend: Some(mend.to_owned()) }
+}
+
+fn optional(name: &'static str, found: String, mend: &str) -> Check {
+    Check { name, state: State::Optional, found, mend: Some(mend.to_owned()) }
+}
+
+/// Loader, driver and device: each is looked at only where the one before is there.
+fn vulkan(devices: Result<Vec<DeviceInfo>, EngineError>) -> Vec<Check> {
+    const LOADER: &str = "Vulkan loader";
+    const DRIVER: &str = "Vulkan driver";
+    const DEVICE: &str = "device";
+    const MEND_LOADER: &str = "sudo apt-get install libvulkan1";
+    const MEND_DRIVER: &str =
+        "sudo apt-get install mesa-vulkan-drivers   (software, AMD, Intel; for NVIDIA its own driver)";
+    let devices = match devices {
+        Ok(devices) => devices,
+        Err(error @ EngineError::NoLoader(_)) => {
+            return vec![missing(LOADER, error.to_string(), MEND_LOADER)];
+        }
+        Err(error) => {
+            return vec![
+                good(LOADER, "libvulkan.so.1".to_owned()),
+                missing(DRIVER, error.to_string(), MEND_DRIVER),
+            ];
+        }
+    };
+    let loader = good(LOADER, "libvulkan.so.1".to_owned());
+    if devices.is_empty() {
+        return vec![loader, missing(DRIVER, "none".to_owned(), MEND_DRIVER)];
+    }
+    let mut drivers: Vec<&str> = devices.iter().map(|d| d.driver.as_str()).collect();
+    drivers.dedup();
+    let driver = good(DRIVER, drivers.join(", "));
+    let enough: Vec<&str> = devices.iter().filter(|d| d.suitable).map(|d| d.name.as_str()).collect();
+    let device = if enough.is_empty() {
+        let lacks: Vec<String> = devices
+            .iter()
+            .map(|d| {
+                let names: Vec<&str> =
+                    d.capabilities.iter().filter(|c| c.required && !c.present).map(|c| c.name).collect();
+                format!("{} lacks {}", d.name, names.join(", "))
+            })
+            .collect();
+        missing(DEVICE, lacks.join("; "), MEND_DRIVER)
+    } else {
+        good(DEVICE, enough.join(", "))
+    };
+    vec![loader, driver, device]
+}
+
+fn opens(common: &CommonArguments) -> Check {
+    const NAME: &str = "opening it";
+    match device_choice::open(common) {
+        Ok(device) => good(NAME, device.info().name.clone()),
+        Err(error) => missing(NAME, format!("{error:#}"), "esaac devices   (shows what can be chosen)"),
+    }
+}
+
+fn memory() -> Check {
+    const NAME: &str = "host memory";
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    match available_bytes(&text) {
+        None => optional(NAME, "cannot be read from /proc/meminfo".to_owned(), "mount -t proc proc /proc"),
+        Some(bytes) if bytes < ENOUGH_MEMORY_BYTES => {
+            optional(NAME, format!("{} MiB available, 512 MiB advised", bytes >> 20), "free some memory")
+        }
+        Some(bytes) => good(NAME, format!("{} MiB available", bytes >> 20)),
+    }
+}
+
+fn available_bytes(meminfo: &str) -> Option<u64> {
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib << 10)
+}
+
+fn write_access() -> Check {
+    const NAME: &str = "write access";
+    let folder = std::env::current_dir().unwrap_or_else(|_| PathBuf::from("."));
+    match tempfile::tempfile_in(&folder) {
+        Ok(_) => good(NAME, folder.display().to_string()),
+        Err(error) => optional(
+            NAME,
+            format!("{}: {error}", folder.display()),
+            "give --out a folder that you may write to",
+        ),
+    }
+}
+
+fn glslc() -> Check {
+    const NAME: &str = "glslc (to build)";
+    let run = Command::new("glslc").arg("--version").stdin(Stdio::null()).output();
+    match run {
+        Ok(output) if output.status.success() => {
+            let text = String::from_utf8_lossy(&output.stdout).into_owned();
+            good(NAME, text.lines().next().unwrap_or_default().to_owned())
+        }
+        _ => optional(NAME, "cannot be run".to_owned(), "sudo apt-get install glslc"),
+    }
+}
+
+fn validation_layer() -> Check {
+    const NAME: &str = "validation layer (to test)";
+    const FILE: &str = "VkLayer_khronos_validation.json";
+    let mut folders: Vec<PathBuf> =
+        std::env::var_os("VK_LAYER_PATH").iter().flat_map(std::env::split_paths).collect();
+    folders.extend(
+        ["/usr/share", "/usr/local/share", "/etc"]
+            .map(|base| Path::new(base).join("vulkan/explicit_layer.d")),
+    );
+    match folders.iter().map(|folder| folder.join(FILE)).find(|path| path.exists()) {
+        Some(path) => good(NAME, path.display().to_string()),
+        None => optional(NAME, "not installed".to_owned(), "sudo apt-get install vulkan-validationlayers"),
+    }
+}
+
+fn text(checks: &[Check]) -> String {
+    let mut rows = Vec::new();
+    for check in checks {
+        let state = match check.state {
+            State::Good => "ok",
+            State::Optional => "optional",
+            State::Missing => "MISSING",
+        };
+        rows.push(vec![state.to_owned(), check.name.to_owned(), check.found.clone()]);
+        if let Some(mend) = &check.mend {
+            rows.push(vec![String::new(), String::new(), format!("-> {mend}")]);
+        }
+    }
+    table::render(&rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_link_is_checked_in_turn() {
+        let no_driver = vulkan(Ok(Vec::new()));
+        assert_eq!(no_driver.last().map(|c| (c.name, c.state)), Some(("Vulkan driver", State::Missing)));
+        let text = text(&no_driver);
+        assert!(text.contains("apt-get install mesa-vulkan-drivers"), "{text}");
+    }
+
+    #[test]
+    fn available_memory_is_read_in_bytes() {
+        let meminfo = "MemTotal:  100 kB\nMemAvailable:   2048 kB\n";
+        assert_eq!(available_bytes(meminfo), Some(2 << 20));
+        assert_eq!(available_bytes("MemTotal: 1 kB\n"), None);
+    }
+}

@@ -1,0 +1,139 @@
+//! Events on disk: a NumPy archive (`.npz`) with arrays `x` u16, `y` u16, `t` i64 nanoseconds, `p` i8
+//! of -1/+1, and `sensor`, the sensor as TOML text. `numpy.load` reads it as it is, without pickles.
+
+use anyhow::Result;
+use esaac_model::Packet;
+use std::io::{Seek, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+/// Events of one camera, column by column.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EventColumns {
+    /// Column of the pixel.
+    pub x: Vec<u16>,
+    /// Row of the pixel.
+    pub y: Vec<u16>,
+    /// Time, nanoseconds.
+    pub t_ns: Vec<i64>,
+    /// -1 OFF, +1 ON.
+    pub sign: Vec<i8>,
+}
+
+impl EventColumns {
+    /// Appends a packet.
+    pub fn extend(&mut self, packet: &Packet) {
+        self.x.extend_from_slice(&packet.x);
+        self.y.extend_from_slice(&packet.y);
+        self.t_ns.extend(packet.t_offset_ns.iter().map(|&t| packet.base_ns + i64::from(t)));
+        self.sign.extend(packet.polarity.iter().map(|&p| if p == 1 { 1 } else { -1 }));
+    }
+
+    /// Number of events.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.t_ns.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.t_ns.is_empty()
+    }
+}
+
+/// Writes the archive. Members are stored, not deflated, so that reading costs no more than the bytes.
+pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &str) -> Result<()> {
+    let mut archive = ZipWriter::new(out);
+    let count = events.len();
+    member(&mut archive, "x", "<u2", Some(count), events.x.iter().map(|v| v.to_le_bytes()))?;
+    member(&mut archive, "y", "<u2", Some(count), events.y.iter().map(|v| v.to_le_bytes()))?;
+    member(&mut archive, "t", "<i8", Some(count), events.t_ns.iter().map(|v| v.to_le_bytes()))?;
+    member(&mut archive, "p", "|i1", Some(count), events.sign.iter().map(|v| v.to_le_bytes()))?;
+    let characters = sensor_toml.chars().count().max(1);
+    let code_points = sensor_toml.chars().map(|c| u32::from(c).to_le_bytes());
+    member(&mut archive, "sensor", &format!("<U{characters}"), None, code_points)?;
+    archive.finish()?;
+    Ok(())
+}
+
+/// One array of `count` elements, or a scalar (shape `()`) where `count` is `None`.
+fn member<const N: usize>(
+    archive: &mut ZipWriter<impl Write + Seek>,
+    name: &str,
+    descr: &str,
+    count: Option<usize>,
+    elements: impl Iterator<Item = [u8; N]>,
+) -> Result<()> {
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+    archive.start_file(format!("{name}.npy"), options)?;
+    archive.write_all(&npy_header(descr, count))?;
+    let mut block = Vec::with_capacity(1 << 16);
+    for element in elements {
+        block.extend_from_slice(&element);
+        if block.len() >= (1 << 16) - N {
+            archive.write_all(&block)?;
+            block.clear();
+        }
+    }
+    archive.write_all(&block)?;
+    Ok(())
+}
+
+/// Header of the NPY format, version 1.0: the data starts at a multiple of 64 bytes.
+fn npy_header(descr: &str, count: Option<usize>) -> Vec<u8> {
+    const PREAMBLE: usize = 10;
+    let shape = count.map_or("()".to_owned(), |n| format!("({n},)"));
+    let mut dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
+    let unpadded = PREAMBLE + dictionary.len() + 1;
+    dictionary.push_str(&" ".repeat(unpadded.next_multiple_of(64) - unpadded));
+    dictionary.push('\n');
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    let length = u16::try_from(dictionary.len()).expect("a header of one short line");
+    header.extend_from_slice(&length.to_le_bytes());
+    header.extend_from_slice(dictionary.as_bytes());
+    header
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Cursor, Read};
+
+    #[test]
+    fn columns_follow_the_packet() {
+        let packet = Packet {
+            base_ns: 1_000,
+            x: vec![1, 2],
+            y: vec![3, 4],
+            t_offset_ns: vec![5, 6],
+            polarity: vec![0, 1],
+            ..Packet::default()
+        };
+        let mut columns = EventColumns::default();
+        columns.extend(&packet);
+        assert_eq!(columns.t_ns, [1_005, 1_006]);
+        assert_eq!(columns.sign, [-1, 1]);
+        assert_eq!(columns.len(), 2);
+    }
+
+    #[test]
+    fn members_hold_header_and_little_endian_data() {
+        let columns = EventColumns { x: vec![258], y: vec![7], t_ns: vec![-2], sign: vec![-1] };
+        let mut bytes = Cursor::new(Vec::new());
+        write_npz(&mut bytes, &columns, "a = 1").unwrap();
+        let mut archive = zip::ZipArchive::new(bytes).unwrap();
+        let mut read = |name: &str| {
+            let mut data = Vec::new();
+            archive.by_name(name).unwrap().read_to_end(&mut data).unwrap();
+            let start = 10 + usize::from(u16::from_le_bytes([data[8], data[9]]));
+            assert_eq!(start % 64, 0, "{name}");
+            (String::from_utf8_lossy(&data[10..start]).into_owned(), data.split_off(start))
+        };
+        assert_eq!(read("x.npy").1, [2, 1]);
+        assert_eq!(read("t.npy").1, (-2_i64).to_le_bytes());
+        let (header, text) = read("sensor.npy");
+        assert!(header.contains("'<U5'") && header.contains("'shape': ()"), "{header}");
+        assert_eq!(text[..4], [b'a', 0, 0, 0]);
+    }
+}

@@ -1,0 +1,229 @@
+//! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
+
+use crate::exr_frame::{ChannelNames, FrameHeader, FrameImages, FrameLayout, read_frame, read_header};
+use anyhow::{Context, Result, bail, ensure};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, sync_channel};
+
+/// Rate where neither the command line nor the folder says one.
+pub const DEFAULT_RATE_HZ: f64 = 30.0;
+
+/// Frames decoded ahead of the simulation.
+const FRAMES_AHEAD: usize = 2;
+
+/// What of a folder is read and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FolderOptions {
+    /// Name pattern with `*` and `?`; without one `key_*.exr`, else `*.exr`.
+    pub pattern: Option<String>,
+    /// Rate; without one `sequence.json`'s `key_rate_hz`, else [`DEFAULT_RATE_HZ`].
+    pub rate_hz: Option<f64>,
+    /// Channels.
+    pub names: ChannelNames,
+    /// Whether motion channels were named, so that their absence is an error.
+    pub motion_named: bool,
+    /// Factors that turn the motion into the engine's convention.
+    pub motion_factors: [f32; 2],
+}
+
+/// A folder whose headers have been checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameFolder {
+    /// Frames in order of time.
+    pub paths: Vec<PathBuf>,
+    /// Frames a second.
+    pub rate_hz: f64,
+    /// Common layout.
+    pub layout: FrameLayout,
+    /// Channels of the first frame, for messages.
+    pub channels: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct SequenceFile {
+    key_rate_hz: Option<f64>,
+}
+
+impl FrameFolder {
+    /// Lists the folder and checks every frame's header.
+    pub fn open(folder: &Path, options: &FolderOptions) -> Result<Self> {
+        let paths = list(folder, options.pattern.as_deref())?;
+        let rate_hz = match options.rate_hz {
+            Some(rate_hz) => rate_hz,
+            None => sequence_rate(folder)?.unwrap_or(DEFAULT_RATE_HZ),
+        };
+        ensure!(
+            rate_hz.is_finite() && (1.0..=1e6).contains(&rate_hz),
+            "key frame rate is {rate_hz} Hz, expected 1 to 1000000"
+        );
+        let headers: Vec<FrameHeader> =
+            paths.iter().map(|path| read_header(path, &options.names)).collect::<Result<_>>()?;
+        let first = headers[0].clone();
+        for (path, header) in paths.iter().zip(&headers) {
+            agree(&paths[0], &first, path, header)?;
+        }
+        let listed = first.channels.join(", ");
+        if options.motion_named && !first.has_motion {
+            let names = options.names.motion.join("` and `");
+            bail!("{}: no motion channels `{names}`; it has: {listed}", paths[0].display());
+        }
+        let mut layout = FrameLayout::new(&first, &options.names, options.motion_factors);
+        if headers.iter().any(|h| !h.half_colour) {
+            layout.hdr = esaac_model::HdrFormat::F32x4;
+        }
+        Ok(FrameFolder { paths, rate_hz, layout, channels: first.channels })
+    }
+
+    /// Time of frame `index`, nanoseconds: `round(index 1e9 / rate)`.
+    #[must_use]
+    pub fn time_ns(&self, index: usize) -> i64 {
+        frame_time_ns(index, self.rate_hz)
+    }
+
+    /// Decodes the frames in order on a thread of its own, a few ahead of the receiver. The thread
+    /// ends after an error, after the last frame, or when the receiver is dropped.
+    #[must_use]
+    pub fn decode(&self) -> Receiver<Result<FrameImages>> {
+        let (sender, receiver) = sync_channel(FRAMES_AHEAD);
+        let (paths, layout) = (self.paths.clone(), self.layout.clone());
+        std::thread::spawn(move || {
+            for path in paths {
+                let frame = read_frame(&path, &layout);
+                let failed = frame.is_err();
+                if sender.send(frame).is_err() || failed {
+                    break;
+                }
+            }
+        });
+        receiver
+    }
+}
+
+/// Time of frame `index` at `rate_hz`, rounded to the nearest nanosecond. Whole rates are exact.
+#[must_use]
+pub fn frame_time_ns(index: usize, rate_hz: f64) -> i64 {
+    if rate_hz.fract() == 0.0 && rate_hz >= 1.0 {
+        let (index, rate) = (index as i128, rate_hz as i128);
+        return ((2 * index * 1_000_000_000 + rate) / (2 * rate)) as i64;
+    }
+    (index as f64 * 1e9 / rate_hz).round() as i64
+}
+
+fn list(folder: &Path, pattern: Option<&str>) -> Result<Vec<PathBuf>> {
+    ensure!(folder.exists(), "there is no folder {}", folder.display());
+    ensure!(folder.is_dir(), "{} is a file, expected a folder of OpenEXR frames", folder.display());
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
+        names.push(entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name());
+    }
+    names.sort_by_key(|name| natural(&name.to_string_lossy()));
+    let matching = |pattern: &str| -> Vec<PathBuf> {
+        names.iter().filter(|n| glob(pattern, &n.to_string_lossy())).map(|n| folder.join(n)).collect()
+    };
+    let (found, sought) = match pattern {
+        Some(pattern) => (matching(pattern), pattern.to_owned()),
+        None => {
+            let keys = matching("key_*.exr");
+            let found = if keys.is_empty() { matching("*.exr") } else { keys };
+            (found, "key_*.exr or *.exr".to_owned())
+        }
+    };
+    ensure!(
+        found.len() >= 2,
+        "{} holds {} frames that match {sought}, expected at least 2",
+        folder.display(),
+        found.len()
+    );
+    Ok(found)
+}
+
+/// Sort key under which `f10` follows `f9`: text and numbers in turn.
+fn natural(name: &str) -> Vec<(String, u128)> {
+    let mut parts = vec![(String::new(), 0_u128)];
+    let mut in_number = false;
+    for c in name.chars() {
+        if let Some(digit) = c.to_digit(10) {
+            let number = &mut parts.last_mut().expect("never empty").1;
+            *number = number.saturating_mul(10).saturating_add(u128::from(digit));
+            in_number = true;
+        } else {
+            if in_number {
+                parts.push((String::new(), 0));
+                in_number = false;
+            }
+            parts.last_mut().expect("never empty").0.push(c);
+        }
+    }
+    parts
+}
+
+/// Whether `name` matches `pattern`, in which `*` stands for any text and `?` for one character.
+fn glob(pattern: &str, name: &str) -> bool {
+    let mut characters = pattern.chars();
+    match characters.next() {
+        None => name.is_empty(),
+        Some('*') => {
+            let rest = characters.as_str();
+            glob(rest, name) || name.chars().next().is_some_and(|c| glob(pattern, &name[c.len_utf8()..]))
+        }
+        Some(wanted) => name.chars().next().is_some_and(|c| {
+            (wanted == '?' || wanted == c) && glob(characters.as_str(), &name[c.len_utf8()..])
+        }),
+    }
+}
+
+fn sequence_rate(folder: &Path) -> Result<Option<f64>> {
+    let path = folder.join("sequence.json");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let sequence: SequenceFile = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+    Ok(sequence.key_rate_hz)
+}
+
+fn agree(first_path: &Path, first: &FrameHeader, path: &Path, header: &FrameHeader) -> Result<()> {
+    ensure!(
+        (header.width_px, header.height_px) == (first.width_px, first.height_px),
+        "{}: {}x{} px, expected {}x{} px like {}",
+        path.display(),
+        header.width_px,
+        header.height_px,
+        first.width_px,
+        first.height_px,
+        first_path.display()
+    );
+    if header.has_motion != first.has_motion {
+        let (with, without) = if header.has_motion { (path, first_path) } else { (first_path, path) };
+        bail!("{} has no motion but {} has; expected all or none", without.display(), with.display());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frame_times_are_exact_for_whole_rates() {
+        assert_eq!([0, 1, 2, 3].map(|k| frame_time_ns(k, 30.0)), [0, 33_333_333, 66_666_667, 100_000_000]);
+        assert_eq!(frame_time_ns(3_000_000_000, 30.0), 100_000_000_000_000_000);
+        assert_eq!(frame_time_ns(1, 29.97), 33_366_700);
+    }
+
+    #[test]
+    fn frame_nine_comes_before_frame_ten() {
+        let mut names = ["f10.exr", "f9.exr", "f009b.exr", "f0001.exr"];
+        names.sort_by_key(|name| natural(name));
+        assert_eq!(names, ["f0001.exr", "f9.exr", "f009b.exr", "f10.exr"]);
+    }
+
+    #[test]
+    fn patterns_match_whole_names() {
+        assert!(glob("key_*.exr", "key_0001.exr"));
+        assert!(!glob("key_*.exr", "key_0001.exr.bak"));
+        assert!(glob("?.exr", "a.exr") && !glob("?.exr", "ab.exr"));
+        assert!(glob("*", "") && !glob("?", ""));
+    }
+}

@@ -1,0 +1,29 @@
+//! The command `esaac` as a library: one module per subcommand, and the parts that they share.
+//!
+//! `main` parses [`arguments::Arguments`], runs one command and turns its [`outcome::Outcome`] into
+//! text on standard output and an exit code. Everything that a person watches goes to standard
+//! error; standard output holds the report alone, so that a program may read it with `--json`.
+
+pub mod accuracy;
+pub mod arguments;
+pub mod canvas;
+pub mod colour;
+pub mod demo;
+pub mod device_choice;
+pub mod devices;
+pub mod doctor;
+pub mod event_file;
+pub mod exr_frame;
+pub mod frame_folder;
+pub mod kernel_source;
+pub mod motion_convention;
+pub mod outcome;
+pub mod output_file;
+pub mod overview;
+pub mod progress;
+pub mod report;
+pub mod run_record;
+pub mod sensor_flags;
+pub mod sensors;
+pub mod simulate;
+pub mod table;

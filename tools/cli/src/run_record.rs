@@ -1,0 +1,136 @@
+//! What a run leaves behind, collected interval by interval.
+
+use crate::event_file::EventColumns;
+use anyhow::Result;
+use esaac_engine::{Diagnostics, Tick};
+use esaac_model::Packet;
+use std::collections::BTreeMap;
+
+/// Everything that the report says about one camera.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CameraRecord {
+    /// Its events.
+    pub events: EventColumns,
+    /// ON events.
+    pub on: u64,
+    /// OFF events.
+    pub off: u64,
+    /// Events left out because of a cap.
+    pub dropped: u64,
+    /// Sums of the diagnostics by name.
+    pub diagnostics: BTreeMap<String, u64>,
+}
+
+/// All intervals of a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RunRecord {
+    /// By camera.
+    pub cameras: Vec<CameraRecord>,
+    /// GPU nanoseconds of every interval by stage.
+    pub stages: Vec<(String, Vec<u64>)>,
+    /// Nanoseconds from submission to packet of every interval.
+    pub submit_to_packet_ns: Vec<u64>,
+}
+
+impl RunRecord {
+    /// An empty record.
+    #[must_use]
+    pub fn new(cameras: usize) -> Self {
+        RunRecord { cameras: vec![CameraRecord::default(); cameras], ..RunRecord::default() }
+    }
+
+    /// Adds an interval.
+    pub fn add_tick(&mut self, tick: &Tick<'_>) -> Result<()> {
+        self.add_packets(tick.packets);
+        self.add_timing(tick.stage_ns, tick.submit_to_packet_ns);
+        for (camera, counted) in tick.diagnostics.iter().enumerate() {
+            self.add_diagnostics(camera, &counters(counted)?);
+        }
+        Ok(())
+    }
+
+    /// Adds an interval's packets, one for each camera.
+    pub fn add_packets(&mut self, packets: &[Packet]) {
+        for (camera, packet) in self.cameras.iter_mut().zip(packets) {
+            let (on, off) = packet.on_off();
+            camera.on += on;
+            camera.off += off;
+            camera.dropped += packet.dropped;
+            camera.events.extend(packet);
+        }
+    }
+
+    /// Adds an interval's timings.
+    pub fn add_timing(&mut self, stage_ns: &[(&str, u64)], submit_to_packet_ns: u64) {
+        for &(stage, ns) in stage_ns {
+            match self.stages.iter_mut().find(|(name, _)| name == stage) {
+                Some((_, all)) => all.push(ns),
+                None => self.stages.push((stage.to_owned(), vec![ns])),
+            }
+        }
+        self.submit_to_packet_ns.push(submit_to_packet_ns);
+    }
+
+    /// Adds a camera's diagnostics of an interval.
+    pub fn add_diagnostics(&mut self, camera: usize, counters: &BTreeMap<String, u64>) {
+        let sums = &mut self.cameras[camera].diagnostics;
+        for (name, count) in counters {
+            *sums.entry(name.clone()).or_default() += count;
+        }
+    }
+
+    /// Events dropped by all cameras.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.cameras.iter().map(|c| c.dropped).sum()
+    }
+}
+
+/// The engine's counters by their names.
+fn counters(diagnostics: &Diagnostics) -> Result<BTreeMap<String, u64>> {
+    Ok(serde_json::from_value(serde_json::to_value(diagnostics)?)?)
+}
+
+/// The `quantile` (0 to 1) of `values` by nearest rank; 0 for none.
+#[must_use]
+pub fn quantile(values: &[u64], quantile: f64) -> u64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable();
+    let rank = (quantile * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_values_of_the_run() {
+        let values: Vec<u64> = (1..=100).rev().collect();
+        assert_eq!((quantile(&values, 0.5), quantile(&values, 0.99)), (50, 99));
+        assert_eq!((quantile(&[7], 0.5), quantile(&[7], 0.99), quantile(&[], 0.5)), (7, 7, 0));
+    }
+
+    #[test]
+    fn intervals_add_up() {
+        let packet = Packet {
+            x: vec![0; 3],
+            y: vec![0; 3],
+            t_offset_ns: vec![1, 2, 3],
+            polarity: vec![1, 0, 1],
+            dropped: 2,
+            ..Packet::default()
+        };
+        let mut record = RunRecord::new(1);
+        for _ in 0..2 {
+            record.add_packets(std::slice::from_ref(&packet));
+            record.add_timing(&[("warp", 5)], 9);
+            let counted = Diagnostics { invalid_pixels: 4, ..Diagnostics::default() };
+            record.add_diagnostics(0, &counters(&counted).unwrap());
+        }
+        let camera = &record.cameras[0];
+        assert_eq!((camera.on, camera.off, record.dropped(), camera.events.len()), (4, 2, 4, 6));
+        assert_eq!(record.stages, [("warp".to_owned(), vec![5, 5])]);
+        assert_eq!((camera.diagnostics["invalid_pixels"], camera.diagnostics["regrown"]), (8, 0));
+    }
+}

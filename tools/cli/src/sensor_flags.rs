@@ -1,0 +1,210 @@
+//! Sensor parameters as command-line flags, generated from the model's list.
+
+use anyhow::{Context, Result, bail};
+use clap::builder::PossibleValue;
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
+use esaac_model::presets::preset;
+use esaac_model::{PARAMETERS, PRESETS, Profile, SensorModel, Synthesis};
+use std::path::Path;
+
+/// The flags `--sensor`, `--profile` and one for each parameter, as given.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SensorFlags {
+    /// Preset name or TOML file.
+    pub sensor: Option<String>,
+    /// Profile laid over it.
+    pub profile: Option<ProfileName>,
+    /// Explicit parameters in the model's order.
+    pub explicit: Vec<(&'static str, String)>,
+}
+
+/// [`Profile`] as a flag's value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProfileName(pub Profile);
+
+/// A sensor, and what its author said by name rather than by default.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResolvedSensor {
+    /// The sensor; not yet validated, since its size may still follow the frames.
+    pub sensor: SensorModel,
+    /// Who fixed width and height, if someone did.
+    pub size_from: Option<String>,
+    /// Whether a synthesis that needs motion vectors was asked for by name.
+    pub motion_by_name: bool,
+}
+
+impl SensorFlags {
+    /// Lays preset or file, profile and explicit flags over each other, in this order. Without
+    /// `--sensor`, `default` is the base and fixes nothing.
+    pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
+        let mut resolved = match &self.sensor {
+            None => ResolvedSensor { sensor: default, size_from: None, motion_by_name: false },
+            Some(given) => named_sensor(given)?,
+        };
+        if let Some(ProfileName(profile)) = self.profile {
+            profile.apply(&mut resolved.sensor);
+            resolved.motion_by_name |= profile == Profile::Paper;
+        }
+        for (parameter, value) in &self.explicit {
+            resolved.sensor.set(parameter, value)?;
+            match *parameter {
+                "width" | "height" => resolved.size_from = Some("--width and --height".to_owned()),
+                "synthesis" => resolved.motion_by_name = true,
+                _ => {}
+            }
+        }
+        resolved.motion_by_name &= needs_motion(resolved.sensor.synthesis);
+        Ok(resolved)
+    }
+}
+
+/// Whether a synthesis reads motion vectors.
+#[must_use]
+pub fn needs_motion(synthesis: Synthesis) -> bool {
+    matches!(synthesis, Synthesis::Motion | Synthesis::Paper)
+}
+
+fn named_sensor(given: &str) -> Result<ResolvedSensor> {
+    if let Some(sensor) = preset(given) {
+        let size_from = Some(format!("--sensor {given}"));
+        return Ok(ResolvedSensor { sensor, size_from, motion_by_name: false });
+    }
+    let path = Path::new(given);
+    if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
+        let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
+        bail!("unknown sensor `{given}`, expected one of {} or a TOML file", names.join(", "));
+    }
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read sensor file {given}"))?;
+    let sensor = SensorModel::from_toml(&text).with_context(|| format!("sensor file {given}"))?;
+    let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
+    let sized = keys.contains_key("width") || keys.contains_key("height");
+    Ok(ResolvedSensor {
+        sensor,
+        size_from: sized.then(|| format!("sensor file {given}")),
+        motion_by_name: keys.contains_key("synthesis"),
+    })
+}
+
+fn flag(parameter: &str) -> String {
+    parameter.replace('_', "-")
+}
+
+impl Args for SensorFlags {
+    fn augment_args(command: Command) -> Command {
+        let profile = Arg::new("profile")
+            .long("profile")
+            .value_name("PROFILE")
+            .value_parser(clap::builder::EnumValueParser::<ProfileName>::new())
+            .help("Effects laid over the sensor");
+        let sensor =
+            Arg::new("sensor").long("sensor").value_name("NAME|FILE.toml").help("Preset or sensor file");
+        let parameters = PARAMETERS.iter().map(|parameter| {
+            Arg::new(parameter.name)
+                .long(flag(parameter.name))
+                .value_name(if parameter.unit.is_empty() { "VALUE" } else { parameter.unit })
+                .allow_negative_numbers(true)
+                .help(parameter.about.trim_end_matches('.'))
+        });
+        let mut command = command;
+        for arg in [sensor, profile].into_iter().chain(parameters) {
+            command = command.arg(arg.help_heading("Sensor"));
+        }
+        command
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for SensorFlags {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let explicit = PARAMETERS
+            .iter()
+            .filter_map(|p| matches.get_one::<String>(p.name).map(|value| (p.name, value.clone())))
+            .collect();
+        Ok(SensorFlags {
+            sensor: matches.get_one::<String>("sensor").cloned(),
+            profile: matches.get_one::<ProfileName>("profile").copied(),
+            explicit,
+        })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl ValueEnum for ProfileName {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[ProfileName(Profile::Clean), ProfileName(Profile::Noisy), ProfileName(Profile::Paper)]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(match self.0 {
+            Profile::Clean => PossibleValue::new("clean").help("no noise, no refractory period, no latency"),
+            Profile::Noisy => PossibleValue::new("noisy").help("every effect on"),
+            Profile::Paper => PossibleValue::new("paper").help("the paper's event model"),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(arguments: &[&str]) -> SensorFlags {
+        let command = SensorFlags::augment_args(Command::new("test").no_binary_name(true));
+        SensorFlags::from_arg_matches(&command.get_matches_from(arguments)).unwrap()
+    }
+
+    #[test]
+    fn flags_override_the_profile_and_the_profile_the_preset() {
+        let flags = parse(&["--sensor", "davis240", "--profile", "noisy", "--latency-ns", "7"]);
+        let resolved = flags.resolve(SensorModel::default()).unwrap();
+        assert_eq!((resolved.sensor.width, resolved.sensor.height), (240, 180));
+        assert_eq!((resolved.sensor.latency_ns, resolved.sensor.refractory_ns), (7, 500_000));
+        assert_eq!(resolved.size_from.as_deref(), Some("--sensor davis240"));
+        assert!(!resolved.motion_by_name);
+    }
+
+    #[test]
+    fn every_parameter_has_a_flag() {
+        let command = SensorFlags::augment_args(Command::new("test"));
+        for parameter in PARAMETERS {
+            let long = flag(parameter.name);
+            assert!(command.get_arguments().any(|a| a.get_long() == Some(&long)), "{long}");
+        }
+        command.debug_assert();
+    }
+
+    #[test]
+    fn motion_counts_as_asked_for_only_by_name() {
+        let asked =
+            |arguments: &[&str]| parse(arguments).resolve(SensorModel::default()).unwrap().motion_by_name;
+        assert!(!asked(&[]));
+        assert!(asked(&["--synthesis", "motion"]));
+        assert!(asked(&["--profile", "paper"]));
+        assert!(!asked(&["--profile", "paper", "--synthesis", "linear"]));
+    }
+
+    #[test]
+    fn a_file_names_its_faults() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.toml");
+        let resolve = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            parse(&["--sensor", path.to_str().unwrap()]).resolve(SensorModel::default())
+        };
+        let resolved = resolve("contrast_on = 0.3\nsynthesis = \"motion\"\n").unwrap();
+        assert_eq!((resolved.sensor.contrast_on, resolved.size_from), (0.3, None));
+        assert!(resolved.motion_by_name);
+        assert!(resolve("width = 64\nheight = 48\n").unwrap().size_from.unwrap().contains("s.toml"));
+        let error = format!("{:#}", resolve("contrast_one = 0.3\n").unwrap_err());
+        assert!(error.contains("s.toml") && error.contains("contrast_one"), "{error}");
+        let error =
+            format!("{:#}", parse(&["--sensor", "davis"]).resolve(SensorModel::default()).unwrap_err());
+        assert!(error.contains("davis346"), "{error}");
+    }
+}

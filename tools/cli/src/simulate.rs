@@ -1,0 +1,169 @@
+//! `esaac simulate`: a folder of OpenEXR frames to an event file.
+
+use crate::arguments::CommonArguments;
+use crate::event_file::write_npz;
+use crate::exr_frame::{ChannelNames, FrameLayout};
+use crate::frame_folder::{FolderOptions, FrameFolder};
+use crate::kernel_source::{KernelArguments, KernelSource};
+use crate::motion_convention::{MotionConvention, VerticalAxis};
+use crate::outcome::Outcome;
+use crate::report::{MemoryReport, Report};
+use crate::run_record::RunRecord;
+use crate::sensor_flags::{ResolvedSensor, SensorFlags, needs_motion};
+use crate::{device_choice, output_file, progress, report};
+use anyhow::{Context, Result, ensure};
+use esaac_engine::{CameraConfig, Device, FrameBytes, Rig};
+use esaac_model::{FrameError, SensorModel, Synthesis};
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// Arguments of `simulate`.
+#[derive(clap::Args, Clone, Debug)]
+pub struct SimulateArguments {
+    /// Folder of OpenEXR frames
+    pub input: PathBuf,
+    /// Event file to write
+    #[arg(long, value_name = "FILE.npz", default_value = "events.npz")]
+    pub out: PathBuf,
+    /// Key frames a second [default: sequence.json's key_rate_hz, else 30]
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    /// Names of the key frames, with * and ? [default: key_*.exr, else *.exr]
+    #[arg(long, value_name = "PATTERN")]
+    pub frames: Option<String>,
+    /// Channels of linear red, green and blue
+    #[arg(long, value_name = "R,G,B", default_value = "R,G,B")]
+    pub colour_channels: NameList<3>,
+    /// Channels of motion [default: motion.X,motion.Y]
+    #[arg(long, value_name = "X,Y")]
+    pub motion_channels: Option<NameList<2>>,
+    /// What a motion vector means
+    #[arg(long, value_enum, default_value = "previous")]
+    pub motion_convention: MotionConvention,
+    /// Where a motion vector's y points [default: as the convention has it]
+    #[arg(long, value_enum)]
+    pub motion_y: Option<VerticalAxis>,
+    /// Sensor parameters.
+    #[command(flatten)]
+    pub sensor: SensorFlags,
+    /// Kernels.
+    #[command(flatten)]
+    pub kernels: KernelArguments,
+}
+
+/// As many names as it says, with commas between them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NameList<const N: usize>(pub [String; N]);
+
+impl<const N: usize> FromStr for NameList<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names: Vec<String> = text.split(',').map(str::to_owned).collect();
+        let count = names.len();
+        let names =
+            names.try_into().map_err(|_| format!("{count} names, expected {N} with commas between"))?;
+        Ok(NameList(names))
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Outcome> {
+    let mut kernels = KernelSource::open(&arguments.kernels)?;
+    let resolved =
+        arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
+    output_file::check(&arguments.out)?;
+    let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
+    let sensor = fit(resolved, &folder)?;
+    sensor.validate()?;
+
+    let device = device_choice::open(common)?;
+    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels)?;
+    device_choice::check_validation(&device)?;
+
+    let camera = &record.cameras[0];
+    output_file::write(&arguments.out, |out| write_npz(out, &camera.events, &sensor.to_toml()))?;
+    let input = arguments.input.display().to_string();
+    let info = device_choice::report(device.info());
+    let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
+    report.simulated_ns = folder.time_ns(folder.paths.len() - 1);
+    report.set_memory(memory);
+    report.files = vec![arguments.out.display().to_string()];
+    report.outcome(common.json)
+}
+
+impl SimulateArguments {
+    fn folder_options(&self) -> FolderOptions {
+        let motion = self.motion_channels.clone();
+        FolderOptions {
+            pattern: self.frames.clone(),
+            rate_hz: self.rate,
+            names: ChannelNames {
+                colour: self.colour_channels.0.clone(),
+                motion: motion.map_or_else(|| ["motion.X", "motion.Y"].map(str::to_owned), |names| names.0),
+            },
+            motion_named: self.motion_channels.is_some(),
+            motion_factors: self.motion_convention.factors(self.motion_y),
+        }
+    }
+}
+
+/// The sensor for these frames: its size is theirs, and without motion vectors its synthesis is
+/// `linear`, unless someone asked otherwise.
+fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
+    let ResolvedSensor { mut sensor, size_from, motion_by_name } = resolved;
+    let FrameLayout { width_px, height_px, motion, .. } = folder.layout;
+    match size_from {
+        None => (sensor.width, sensor.height) = (width_px, height_px),
+        Some(origin) => ensure!(
+            (sensor.width, sensor.height) == (width_px, height_px),
+            "{origin} has {}x{} px but the frames in {} have {width_px}x{height_px} px; leave the size to the \
+             frames or render them in the sensor's",
+            sensor.width,
+            sensor.height,
+            folder.paths[0].parent().unwrap_or(&folder.paths[0]).display()
+        ),
+    }
+    if motion.is_none() && needs_motion(sensor.synthesis) {
+        let listed = folder.channels.join(", ");
+        let wanted = folder.layout.names.motion.join("` and `");
+        if motion_by_name {
+            let synthesis = if sensor.synthesis == Synthesis::Paper { "paper" } else { "motion" };
+            return Err(FrameError::MissingMotion { camera: 0, synthesis })
+                .with_context(|| format!("no channels `{wanted}`; the frames have: {listed}"));
+        }
+        eprintln!("warning: no channels `{wanted}` (the frames have: {listed}); using --synthesis linear");
+        sensor.synthesis = Synthesis::Linear;
+    }
+    Ok(sensor)
+}
+
+fn simulate(
+    device: &Arc<Device>,
+    folder: &FrameFolder,
+    sensor: &SensorModel,
+    kernels: &mut KernelSource,
+) -> Result<(RunRecord, Vec<MemoryReport>)> {
+    let layout = &folder.layout;
+    let camera = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: layout.hdr, motion: layout.motion };
+    let mut rig = Rig::with_options(device, &[camera], report::rig_options())?;
+    kernels.load(&mut rig)?;
+    let mut record = RunRecord::new(1);
+    let progress = progress::bar(folder.paths.len());
+    for (index, images) in folder.decode().into_iter().enumerate() {
+        let images = images?;
+        let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref() };
+        rig.upload(0, &frame)?;
+        kernels.refresh(&mut rig, &progress);
+        let tick = rig.step(&[folder.time_ns(index)])?;
+        if index > 0 {
+            record.add_tick(&tick)?;
+        }
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    let (expected, actual) = (folder.paths.len(), record.submit_to_packet_ns.len() + 1);
+    ensure!(actual == expected, "decoding stopped after {actual} frames of {expected}");
+    Ok((record, MemoryReport::of(&rig)))
+}

@@ -1,0 +1,159 @@
+//! Everything that can be wrong with what a user gives: exit code 1 (2 for usage) and an error that
+//! names expected and actual. None of these needs a device, since all is checked before one is opened.
+
+use crate::harness::{Frames, assert_error, finish, run};
+
+#[test]
+fn usage_errors_exit_with_2() {
+    for arguments in [
+        &["simulate"][..],
+        &["simulate", "x", "--contrast", "1"],
+        &["simulate", "x", "--motion-convention", "sideways"],
+        &["simulate", "x", "--motion-channels", "only.X"],
+        &["--device", "fastest", "devices"],
+        &["nonesuch"],
+        &[],
+    ] {
+        assert_eq!(run(arguments).0, 2, "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_missing_folder_and_a_file_in_its_place() {
+    let frames = Frames::new(2, true);
+    assert_error(&["simulate", "/nonesuch", "--out", "/tmp/e.npz"], &["no folder /nonesuch"]);
+    let file = frames.file_argument("key_0000.exr");
+    assert_error(&["simulate", &file, "--out", "/tmp/e.npz"], &["is a file", "expected a folder"]);
+}
+
+fn simulate_error(frames: &Frames, arguments: &[&str], parts: &[&str]) {
+    let out = frames.file_argument("events.npz");
+    let mut all = vec!["simulate", frames.argument(), "--out", &out];
+    all.extend(arguments);
+    assert_error(&all, parts);
+    assert!(!frames.file("events.npz").exists(), "{arguments:?}");
+}
+
+#[test]
+fn too_few_frames() {
+    simulate_error(&Frames::empty(), &[], &["0 frames", "key_*.exr or *.exr", "at least 2"]);
+    let frames = Frames::new(2, true);
+    simulate_error(&frames, &["--frames", "key_*1.exr"], &["1 frames", "key_*1.exr", "at least 2"]);
+}
+
+#[test]
+fn frames_of_different_sizes() {
+    let frames = Frames::new(2, true);
+    frames.write("key_0002.exr", 2, (36, 23), Some(-2.0));
+    simulate_error(&frames, &[], &["key_0002.exr", "36x23", "expected 37x23", "key_0000.exr"]);
+}
+
+#[test]
+fn a_sensor_of_another_size() {
+    let frames = Frames::new(2, true);
+    simulate_error(&frames, &["--sensor", "davis240"], &["--sensor davis240", "240x180", "37x23"]);
+    simulate_error(&frames, &["--width", "38"], &["--width", "38x", "37x23"]);
+}
+
+#[test]
+fn missing_channels_are_named_with_what_is_there() {
+    let frames = Frames::new(2, true);
+    let there = "B, G, R, depth.Z, motion.X, motion.Y";
+    simulate_error(&frames, &["--colour-channels", "R,G,Blue"], &["`Blue`", there]);
+    simulate_error(&frames, &["--motion-channels", "Vector.X,Vector.Y"], &["Vector.X", there]);
+    simulate_error(&frames, &["--motion-channels", "motion.X,motion.Z"], &["`motion.Z`", there]);
+}
+
+#[test]
+fn motion_asked_for_by_name_and_missing() {
+    let frames = Frames::new(2, false);
+    simulate_error(&frames, &["--synthesis", "motion"], &["`motion.X` and `motion.Y`", "B, G, R", "linear"]);
+    simulate_error(&frames, &["--profile", "paper"], &["`paper`", "linear"]);
+    std::fs::write(frames.file("s.toml"), "synthesis = \"motion\"\n").unwrap();
+    simulate_error(&frames, &["--sensor", &frames.file_argument("s.toml")], &["`motion`"]);
+}
+
+#[test]
+fn motion_in_some_frames_only() {
+    let frames = Frames::new(2, true);
+    frames.write("key_0002.exr", 2, (37, 23), None);
+    simulate_error(&frames, &[], &["key_0002.exr has no motion", "key_0000.exr has", "all or none"]);
+}
+
+#[test]
+fn unreadable_and_truncated_frames() {
+    let frames = Frames::new(3, true);
+    std::fs::write(frames.file("key_0001.exr"), b"not an image").unwrap();
+    simulate_error(&frames, &[], &["key_0001.exr (12 bytes)", "no OpenEXR file, or truncated"]);
+    let whole = std::fs::read(frames.file("key_0002.exr")).unwrap();
+    std::fs::write(frames.file("key_0001.exr"), &whole[..100]).unwrap();
+    simulate_error(&frames, &[], &["key_0001.exr (100 bytes)", "truncated"]);
+}
+
+#[test]
+fn sensor_parameters_out_of_range_or_unknown() {
+    let frames = Frames::new(2, true);
+    simulate_error(&frames, &["--contrast-on", "-0.2"], &["`contrast_on` is -0.2", "expected above 0"]);
+    simulate_error(&frames, &["--substeps", "65"], &["`substeps` is 65", "1 to 64"]);
+    simulate_error(&frames, &["--intensity", "red"], &["`intensity` cannot be `red`", "bayer_rggb"]);
+    simulate_error(&frames, &["--sensor", "davis"], &["unknown sensor `davis`", "davis346"]);
+    std::fs::write(frames.file("s.toml"), "contrast_one = 0.2\n").unwrap();
+    simulate_error(&frames, &["--sensor", &frames.file_argument("s.toml")], &["s.toml", "contrast_one"]);
+    simulate_error(&frames, &["--sensor", "/nonesuch.toml"], &["cannot read sensor file /nonesuch.toml"]);
+}
+
+#[test]
+fn rates_that_are_none() {
+    let frames = Frames::new(2, true);
+    simulate_error(&frames, &["--rate", "0"], &["rate is 0 Hz", "expected 1 to 1000000"]);
+    simulate_error(&frames, &["--rate", "NaN"], &["rate is NaN Hz"]);
+    std::fs::write(frames.file("sequence.json"), "{\"key_rate_hz\": \"fast\"}").unwrap();
+    simulate_error(&frames, &[], &["sequence.json", "expected f64"]);
+}
+
+#[test]
+fn an_output_that_cannot_be_written() {
+    let frames = Frames::new(2, true);
+    assert_error(
+        &["simulate", frames.argument(), "--out", "/nonesuch/e.npz"],
+        &["/nonesuch/e.npz", "no folder"],
+    );
+    assert_error(&["simulate", frames.argument(), "--out", "/"], &["folder, expected the name of a file"]);
+}
+
+#[test]
+fn no_driver() {
+    let frames = Frames::new(2, true);
+    let out = frames.file_argument("events.npz");
+    let without_driver = |arguments: &[&str]| {
+        let mut command = crate::harness::esaac(arguments);
+        command.env("VK_DRIVER_FILES", "/nonesuch.json").env("VK_ICD_FILENAMES", "/nonesuch.json");
+        finish(command.output().unwrap())
+    };
+    let (code, _, error) = without_driver(&["simulate", frames.argument(), "--out", &out]);
+    assert_eq!(code, 1, "{error}");
+    assert!(error.contains("no Vulkan driver") && error.contains("mesa-vulkan-drivers"), "{error}");
+    let (code, text, _) = without_driver(&["doctor"]);
+    assert_eq!(code, 1);
+    assert!(text.contains("MISSING") && text.contains("apt-get install mesa-vulkan-drivers"), "{text}");
+    let (code, text, _) = without_driver(&["devices"]);
+    assert_eq!(code, 1);
+    assert!(text.contains("esaac doctor"), "{text}");
+}
+
+#[test]
+fn no_loader() {
+    let frames = Frames::new(2, true);
+    std::fs::write(frames.file("libvulkan.so.1"), "no library").unwrap();
+    let out = frames.file_argument("events.npz");
+    let without_loader = |arguments: &[&str]| {
+        let mut command = crate::harness::esaac(arguments);
+        finish(command.env("LD_LIBRARY_PATH", frames.path()).output().unwrap())
+    };
+    let (code, _, error) = without_loader(&["simulate", frames.argument(), "--out", &out]);
+    assert_eq!(code, 1, "{error}");
+    assert!(error.contains("Vulkan loader") && error.contains("apt-get install libvulkan1"), "{error}");
+    let (code, text, _) = without_loader(&["doctor"]);
+    assert_eq!(code, 1);
+    assert!(text.contains("MISSING") && text.contains("apt-get install libvulkan1"), "{text}");
+}

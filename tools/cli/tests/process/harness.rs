@@ -1,0 +1,112 @@
+//! Runs `esaac` and makes folders of frames for it.
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
+};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// Width of the frames that [`Frames`] writes.
+pub const WIDTH: usize = 37;
+/// Height of them.
+pub const HEIGHT: usize = 23;
+
+/// `esaac` with these arguments, free of the caller's environment where that would change it.
+pub fn esaac(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_esaac"));
+    command.args(arguments).env_remove("ESAAC_DEVICE");
+    command
+}
+
+/// Runs it and returns exit code, standard output and standard error.
+pub fn run(arguments: &[&str]) -> (i32, String, String) {
+    finish(esaac(arguments).output().expect("the binary runs"))
+}
+
+/// Exit code, standard output and standard error.
+pub fn finish(output: Output) -> (i32, String, String) {
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("UTF-8");
+    (output.status.code().expect("not killed"), text(output.stdout), text(output.stderr))
+}
+
+/// Asserts exit code 1 and an error line that holds every part.
+pub fn assert_error(arguments: &[&str], parts: &[&str]) {
+    let (code, out, error) = run(arguments);
+    assert_eq!(code, 1, "{arguments:?}\n{out}{error}");
+    assert!(out.is_empty(), "{arguments:?} wrote {out}");
+    assert_eq!(error.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{error}");
+    for part in parts {
+        assert!(error.contains(part), "{arguments:?}: no `{part}` in: {error}");
+    }
+}
+
+/// A folder of frames of a bright bar that moves by two pixels a frame.
+pub struct Frames {
+    folder: TempDir,
+}
+
+impl Frames {
+    /// An empty folder.
+    pub fn empty() -> Self {
+        Frames { folder: tempfile::tempdir().expect("a temporary folder") }
+    }
+
+    /// `count` frames with colour, and motion and depth if wanted.
+    pub fn new(count: usize, motion: bool) -> Self {
+        Frames::with_motion_x(count, motion.then_some(-2.0))
+    }
+
+    /// `count` frames whose motion channels, if any, say this.
+    pub fn with_motion_x(count: usize, motion_x: Option<f32>) -> Self {
+        let frames = Frames::empty();
+        for index in 0..count {
+            frames.write(&format!("key_{index:04}.exr"), index, (WIDTH, HEIGHT), motion_x);
+        }
+        frames
+    }
+
+    /// One frame.
+    pub fn write(&self, name: &str, index: usize, size: (usize, usize), motion_x: Option<f32>) {
+        let (width, height) = size;
+        let pixels = width * height;
+        let bar = |i: usize| {
+            let distance = (i % width) as f32 - (6.0 + 2.0 * index as f32);
+            half::f16::from_f32(0.1 + (-0.1 * distance * distance).exp())
+        };
+        let colour: Vec<half::f16> = (0..pixels).map(bar).collect();
+        let mut list = vec![
+            AnyChannel::new("R", FlatSamples::F16(colour.clone())),
+            AnyChannel::new("G", FlatSamples::F16(colour.clone())),
+            AnyChannel::new("B", FlatSamples::F16(colour)),
+        ];
+        if let Some(motion_x) = motion_x {
+            list.push(AnyChannel::new("motion.X", FlatSamples::F32(vec![motion_x; pixels])));
+            list.push(AnyChannel::new("motion.Y", FlatSamples::F32(vec![0.0; pixels])));
+            list.push(AnyChannel::new("depth.Z", FlatSamples::F32(vec![5.0; pixels])));
+        }
+        let channels = AnyChannels::sort(list.into_iter().collect());
+        let layer = Layer::new(size, LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
+        Image::from_layer(layer).write().to_file(self.file(name)).expect("the frame is written");
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The folder as an argument.
+    pub fn argument(&self) -> &str {
+        self.path().to_str().expect("UTF-8")
+    }
+
+    /// A file in it.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path().join(name)
+    }
+
+    /// A file in it as an argument.
+    pub fn file_argument(&self, name: &str) -> String {
+        self.file(name).to_str().expect("UTF-8").to_owned()
+    }
+}

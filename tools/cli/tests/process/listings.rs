@@ -1,0 +1,41 @@
+//! `sensors`, `devices` and `doctor`.
+
+use crate::harness::{assert_error, run};
+
+#[test]
+fn sensors_prints_a_file_that_simulate_reads() {
+    let (code, text, _) = run(&["sensors", "genx320", "--toml"]);
+    assert_eq!(code, 0);
+    let sensor = esaac_model::SensorModel::from_toml(&text).unwrap();
+    assert_eq!((sensor.name.as_str(), sensor.width, sensor.height), ("genx320", 320, 320));
+}
+
+#[test]
+fn sensors_as_json_holds_presets_and_parameters() {
+    let (code, text, _) = run(&["sensors", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(code, 0);
+    assert_eq!(json["presets"].as_array().unwrap().len(), esaac_model::PRESETS.len());
+    assert_eq!(json["parameters"].as_array().unwrap().len(), esaac_model::PARAMETERS.len());
+    assert_eq!(json["presets"][3]["parameters"]["width"], 346);
+}
+
+#[test]
+fn an_unknown_sensor_is_an_error() {
+    assert_error(&["sensors", "davis"], &["unknown sensor `davis`", "davis240"]);
+}
+
+#[test]
+fn devices_and_doctor_find_what_this_machine_has() {
+    let (code, text, error) = run(&["devices", "--json"]);
+    assert_eq!(code, 0, "{text}{error}");
+    let devices: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let uuid = devices[0]["uuid"].as_str().unwrap();
+    assert_eq!(uuid.len(), 36, "{uuid}");
+    let (code, text, error) = run(&["doctor", "--device", uuid]);
+    assert_eq!(code, 0, "{text}{error}");
+    assert!(!text.contains("MISSING"), "{text}");
+    let (code, text, _) = run(&["doctor", "--device", "99"]);
+    assert_eq!(code, 1);
+    assert!(text.contains("99"), "{text}");
+}

@@ -1,0 +1,8 @@
+//! Tests at the boundary of the process: the binary is run as a user runs it.
+
+mod bad_input;
+mod demo;
+mod glsl;
+mod harness;
+mod listings;
+mod simulate;

@@ -1,0 +1,130 @@
+//! `esaac simulate` on small folders, up to the event file as Python reads it.
+
+use crate::harness::{Frames, HEIGHT, WIDTH, esaac, finish, run};
+use std::process::Command;
+
+/// For tests of what is around the engine: a kernel that the validation layer takes apart in seconds, where
+/// the default one takes it a minute.
+const QUICK: [&str; 2] = ["--synthesis", "none"];
+
+/// The same, with motion.
+const QUICK_MOTION: [&str; 2] = ["--taps", "bilinear"];
+
+fn simulate(frames: &Frames, arguments: &[&str]) -> (i32, serde_json::Value, String) {
+    let out = frames.file_argument("events.npz");
+    let mut all = vec!["simulate", frames.argument(), "--json", "--out", &out];
+    all.extend(arguments);
+    let (code, text, error) = run(&all);
+    let report = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}{error}"));
+    (code, report, error)
+}
+
+/// The first of the usual Pythons that has NumPy.
+fn numpy_python() -> String {
+    let given = std::env::var("ESAAC_PYTHON").ok();
+    given
+        .into_iter()
+        .chain(["python3".to_owned(), "/usr/bin/python3".to_owned()])
+        .find(|python| {
+            Command::new(python).args(["-c", "import numpy"]).output().is_ok_and(|o| o.status.success())
+        })
+        .expect("a Python with NumPy: apt-get install python3-numpy, or name one in ESAAC_PYTHON")
+}
+
+#[test]
+fn events_report_and_file_agree_and_numpy_reads_them() {
+    let frames = Frames::new(4, true);
+    let (code, report, error) = simulate(&frames, &["--contrast-on", "0.15"]);
+    assert_eq!(code, 0, "{error}");
+    let camera = &report["cameras"][0];
+    assert_eq!(camera["sensor"]["width"], WIDTH);
+    assert_eq!(camera["sensor"]["height"], HEIGHT);
+    assert_eq!(camera["sensor"]["synthesis"], "motion");
+    assert_eq!(report["intervals"], 3);
+    assert!(camera["on"].as_u64().unwrap() > 100 && camera["off"].as_u64().unwrap() > 100, "{camera}");
+    assert!(report["memory_bytes"].as_u64().unwrap() > 0);
+
+    let script = "
+import json, sys, numpy
+file = numpy.load(sys.argv[1])
+x, y, t, p = (file[name] for name in 'xytp')
+assert [a.dtype.str for a in (x, y, t, p)] == ['<u2', '<u2', '<i8', '|i1'], 'types'
+assert (numpy.diff(t) >= 0).all() and t.min() > 0 and t.max() <= 100_000_000, 'times'
+assert x.max() < 37 and y.max() < 23 and set(numpy.unique(p)) == {-1, 1}, 'ranges'
+print(json.dumps({'on': int((p == 1).sum()), 'off': int((p == -1).sum()), 'sensor': str(file['sensor'])}))
+";
+    let python = Command::new(numpy_python()).args(["-c", script]).arg(frames.file("events.npz")).output();
+    let (code, text, error) = finish(python.unwrap());
+    assert_eq!(code, 0, "{error}");
+    let read: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&read["on"], &read["off"]), (&camera["on"], &camera["off"]));
+    let sensor = esaac_model::SensorModel::from_toml(read["sensor"].as_str().unwrap()).unwrap();
+    assert_eq!((sensor.contrast_on, sensor.width), (0.15, WIDTH as u32));
+}
+
+#[test]
+fn without_motion_it_warns_and_uses_linear() {
+    let frames = Frames::new(3, false);
+    let (code, report, error) = simulate(&frames, &[]);
+    assert_eq!(code, 0, "{error}");
+    assert!(error.contains("warning: ") && error.contains("linear"), "{error}");
+    assert_eq!(report["cameras"][0]["sensor"]["synthesis"], "linear");
+}
+
+#[test]
+fn dropped_events_are_counted_and_exit_with_3() {
+    let frames = Frames::new(3, true);
+    let (code, report, error) =
+        simulate(&frames, &[&QUICK[..], &["--max-events-per-interval", "10"]].concat());
+    assert_eq!(code, 3, "{error}");
+    assert!(report["cameras"][0]["dropped"].as_u64().unwrap() > 0);
+    assert_eq!(report["cameras"][0]["events"], 20);
+}
+
+#[test]
+fn the_rate_comes_from_the_flag_else_the_folder_else_is_thirty() {
+    let frames = Frames::new(3, true);
+    let span = |arguments: &[&str]| {
+        simulate(&frames, &[&QUICK[..], arguments].concat()).1["simulated_ns"].as_i64().unwrap()
+    };
+    assert_eq!(span(&[]), 66_666_667);
+    std::fs::write(frames.file("sequence.json"), "{\"key_rate_hz\": 50}").unwrap();
+    assert_eq!(span(&[]), 40_000_000);
+    assert_eq!(span(&["--rate", "100"]), 20_000_000);
+}
+
+#[test]
+fn a_convention_is_undone_before_the_engine_sees_it() {
+    let events = |motion_x: f32, arguments: &[&str]| {
+        let frames = Frames::with_motion_x(4, Some(motion_x));
+        assert_eq!(simulate(&frames, &[&QUICK_MOTION[..], arguments].concat()).0, 0);
+        std::fs::read(frames.file("events.npz")).unwrap()
+    };
+    let plain = events(-2.0, &[]);
+    assert!(plain == events(2.0, &["--motion-convention", "negated"]));
+    assert!(plain == events(-2.0, &["--motion-convention", "blender"]), "y is 0 here, up or down");
+    assert!(plain != events(2.0, &[]), "the bar moves the other way");
+}
+
+#[test]
+fn a_frame_cut_short_leaves_no_event_file() {
+    let frames = Frames::new(3, true);
+    let whole = std::fs::read(frames.file("key_0002.exr")).unwrap();
+    std::fs::write(frames.file("key_0002.exr"), &whole[..whole.len() - 40]).unwrap();
+    let out = frames.file_argument("events.npz");
+    let (code, _, error) = run(&["simulate", frames.argument(), "--out", &out, "--synthesis", "none"]);
+    assert_eq!(code, 1);
+    assert!(error.contains("key_0002.exr") && error.contains("truncated"), "{error}");
+    assert!(!frames.file("events.npz").exists());
+}
+
+#[test]
+fn a_full_disk_is_named() {
+    let frames = Frames::new(3, true);
+    let output = esaac(&["simulate", frames.argument(), "--out", "/dev/full", "--synthesis", "none"])
+        .output()
+        .unwrap();
+    let (code, _, error) = finish(output);
+    assert_eq!(code, 1);
+    assert!(error.contains("/dev/full") && error.contains("No space left on device"), "{error}");
+}

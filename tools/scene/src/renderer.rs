@@ -1,0 +1,204 @@
+//! The scene on the GPU: one dispatch a frame writes colour, motion and depth into the engine's inputs.
+
+#![expect(unsafe_code, reason = "Vulkan's edge")]
+
+use crate::layout::{MAX_LAYERS, MAX_OBJECTS, ViewData, WRITES_DEPTH, WRITES_MOTION};
+use crate::scene::{Scene, seconds};
+use bytemuck::Zeroable;
+use esaac_engine::ash::vk;
+use esaac_engine::{Buffer, Device, EngineError, Kernel, MemoryLocation};
+use esaac_model::{DepthFormat, HdrFormat, MotionFormat};
+use std::sync::Arc;
+use thiserror::Error;
+
+/// SPIR-V of `glsl/render.comp`.
+pub const RENDER_SPIRV: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/render.spv"));
+
+/// Side of the shader's square workgroup, pixels.
+pub const WORKGROUP_PX: u32 = 8;
+
+/// Storage buffers that the shader binds: the view, colour, motion, depth.
+pub const BINDINGS: u32 = 4;
+
+/// Why a frame was not rendered.
+#[derive(Debug, Error)]
+pub enum RenderError {
+    /// The device refused.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// A format that the renderer does not write.
+    #[error("the scene renderer writes f16x4 or f32x4 colour, not {actual:?}")]
+    Format {
+        /// What was asked for.
+        actual: HdrFormat,
+    },
+    /// A scene that the shader has no room for.
+    #[error("the scene has {actual} {what}, the renderer takes at most {expected}")]
+    TooLarge {
+        /// Objects or layers.
+        what: &'static str,
+        /// Limit.
+        expected: usize,
+        /// How many there are.
+        actual: usize,
+    },
+    /// A buffer that a frame does not fit into.
+    #[error("the {image} buffer has {actual} bytes, a frame needs {expected}")]
+    Size {
+        /// Which image.
+        image: &'static str,
+        /// Bytes of a frame.
+        expected: u64,
+        /// Bytes of the buffer.
+        actual: u64,
+    },
+}
+
+/// Where a frame goes: rows tightly packed, as the engine's input buffers.
+#[derive(Clone, Copy)]
+pub struct Targets<'a> {
+    /// Colour.
+    pub hdr: &'a Buffer,
+    /// Motion, if wanted.
+    pub motion: Option<&'a Buffer>,
+    /// Depth, if wanted.
+    pub depth: Option<&'a Buffer>,
+}
+
+/// Renders one scene in one pair of formats.
+pub struct Renderer {
+    device: Arc<Device>,
+    scene: Scene,
+    hdr: HdrFormat,
+    motion: MotionFormat,
+    kernel: Kernel,
+    data: Box<ViewData>,
+    view: Buffer,
+}
+
+impl Renderer {
+    /// A renderer of `scene` at its size.
+    pub fn new(
+        device: &Arc<Device>,
+        scene: Scene,
+        hdr: HdrFormat,
+        motion: MotionFormat,
+    ) -> Result<Renderer, RenderError> {
+        if hdr == HdrFormat::Srgb8x4 {
+            return Err(RenderError::Format { actual: hdr });
+        }
+        check(&scene)?;
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(RENDER_SPIRV);
+        let kernel = Kernel::new(device, "render", &words, BINDINGS, 0, &[])?;
+        let view = device.allocate(
+            "scene view",
+            size_of::<ViewData>() as u64,
+            vk::BufferUsageFlags::STORAGE_BUFFER,
+            MemoryLocation::CpuToGpu,
+        )?;
+        let data = bytemuck::zeroed_box();
+        Ok(Renderer { device: Arc::clone(device), scene, hdr, motion, kernel, data, view })
+    }
+
+    /// Renders another scene from now on, of any size, with the same pipeline.
+    pub fn set_scene(&mut self, scene: Scene) -> Result<(), RenderError> {
+        check(&scene)?;
+        self.scene = scene;
+        Ok(())
+    }
+
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Renders the frame at `t_ns`, motion towards `previous_t_ns` (zero without), and waits. Later
+    /// submissions to the device's queue and the host see what was written.
+    pub fn render(
+        &mut self,
+        t_ns: i64,
+        previous_t_ns: Option<i64>,
+        targets: Targets<'_>,
+    ) -> Result<(), RenderError> {
+        let pixels = u64::from(self.scene.width_px) * u64::from(self.scene.height_px);
+        holds("colour", targets.hdr, pixels * self.hdr.texel_bytes() as u64)?;
+        let mut writes = 0;
+        if let Some(motion) = targets.motion {
+            holds("motion", motion, pixels * self.motion.texel_bytes() as u64)?;
+            writes |= WRITES_MOTION;
+        }
+        if let Some(depth) = targets.depth {
+            holds("depth", depth, pixels * DepthFormat::F32.texel_bytes() as u64)?;
+            writes |= WRITES_DEPTH;
+        }
+        let view = self.scene.view(seconds(t_ns));
+        let previous = previous_t_ns.map(|t_ns| self.scene.view(seconds(t_ns)));
+        *self.data = ViewData::zeroed();
+        self.data.fill(&view, previous.as_ref(), [self.hdr as u32, self.motion as u32, writes]);
+        self.view.write(0, &[*self.data]);
+        // A slot that is not written still needs a buffer.
+        let motion = targets.motion.unwrap_or(targets.hdr);
+        let depth = targets.depth.unwrap_or(targets.hdr);
+        self.kernel.bind(&[&self.view, targets.hdr, motion, depth]);
+        let groups =
+            [self.scene.width_px.div_ceil(WORKGROUP_PX), self.scene.height_px.div_ceil(WORKGROUP_PX), 1];
+        let (device, kernel) = (&self.device, &self.kernel);
+        device.run_once(|commands| {
+            record_barrier(device, commands, READS_AND_WRITES, vk::AccessFlags2::SHADER_STORAGE_WRITE);
+            kernel.record(commands, &[], groups);
+            record_barrier(
+                device,
+                commands,
+                vk::AccessFlags2::SHADER_STORAGE_WRITE,
+                READS_AND_WRITES | vk::AccessFlags2::HOST_READ,
+            );
+        })?;
+        Ok(())
+    }
+}
+
+const READS_AND_WRITES: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
+    vk::AccessFlags2::SHADER_STORAGE_READ.as_raw()
+        | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw()
+        | vk::AccessFlags2::TRANSFER_READ.as_raw()
+        | vk::AccessFlags2::TRANSFER_WRITE.as_raw(),
+);
+
+/// Orders accesses of shaders and copies in earlier commands before those of later ones.
+fn record_barrier(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    before: vk::AccessFlags2,
+    after: vk::AccessFlags2,
+) {
+    let stages = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER;
+    let host = if after.contains(vk::AccessFlags2::HOST_READ) {
+        vk::PipelineStageFlags2::HOST
+    } else {
+        vk::PipelineStageFlags2::empty()
+    };
+    let barriers = [vk::MemoryBarrier2::default()
+        .src_stage_mask(stages)
+        .src_access_mask(before)
+        .dst_stage_mask(stages | host)
+        .dst_access_mask(after)];
+    let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+    // SAFETY: `commands` is being recorded on this device; `barriers` outlives the call.
+    unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+}
+
+fn check(scene: &Scene) -> Result<(), RenderError> {
+    let layers = scene.objects.iter().map(|object| object.layers.len()).sum();
+    fits("objects", MAX_OBJECTS, scene.objects.len())?;
+    fits("texture layers", MAX_LAYERS, layers)
+}
+
+fn fits(what: &'static str, expected: usize, actual: usize) -> Result<(), RenderError> {
+    if actual <= expected { Ok(()) } else { Err(RenderError::TooLarge { what, expected, actual }) }
+}
+
+fn holds(image: &'static str, buffer: &Buffer, expected: u64) -> Result<(), RenderError> {
+    let actual = buffer.bytes();
+    if actual >= expected { Ok(()) } else { Err(RenderError::Size { image, expected, actual }) }
+}

@@ -1,0 +1,238 @@
+//! A scene: its objects, its light and its camera, at any time.
+
+use crate::camera::{CameraPath, CameraState};
+use crate::object::{Object, Shape};
+use crate::registry::SceneKind;
+use crate::texture::{Layer, Wave};
+use crate::view::{View, ViewLight, ViewObject, ViewShape, borders, horizon};
+use glam::{DMat3, DVec3};
+
+/// Light of a world scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lighting {
+    /// Unit vector towards the sun, world axes.
+    pub sun_direction: DVec3,
+    /// Sun.
+    pub sun_rgb: DVec3,
+    /// Ambient light from above.
+    pub sky_rgb: DVec3,
+    /// Ambient light from below.
+    pub ground_rgb: DVec3,
+    /// Glow around the sun.
+    pub halo_rgb: DVec3,
+    /// Its sharpness: `exp(-sharpness (1 - cos angle))`.
+    pub halo_sharpness: f64,
+    /// The sun's disc.
+    pub disc_rgb: DVec3,
+    /// Its sharpness.
+    pub disc_sharpness: f64,
+    /// Haze.
+    pub haze_rgb: DVec3,
+    /// Distance after which 1/e is left, metres.
+    pub haze_m: f64,
+    /// Strength of the lamp, at one metre.
+    pub lamp_rgb: DVec3,
+    /// Object that is the lamp.
+    pub lamp_object: usize,
+}
+
+/// A lamp that lights a card and blinks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// Centre of its spot, pixels from the image's centre (z unused).
+    pub centre_px: DVec3,
+    /// Size of the spot, pixels.
+    pub radius_px: f64,
+    /// Factor added to the card's radiance at the centre when lit.
+    pub rgb: DVec3,
+    /// Blinks per second.
+    pub rate_hz: f64,
+    /// Steepness of going on and off: larger is more abrupt.
+    pub steepness: f64,
+}
+
+/// An analytic scene of a certain image size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Which scene.
+    pub kind: SceneKind,
+    /// Image width, pixels.
+    pub width_px: u32,
+    /// Image height, pixels.
+    pub height_px: u32,
+    /// Focal length, pixels.
+    pub focal_px: f64,
+    /// The camera's path.
+    pub camera: CameraPath,
+    /// What there is.
+    pub objects: Vec<Object>,
+    /// Light of the world.
+    pub lighting: Lighting,
+    /// Lamp of a card.
+    pub lamp: Lamp,
+    /// Factor of all radiance.
+    pub exposure: f64,
+    /// The scene's clock stands at this time, seconds.
+    pub frozen_at_s: Option<f64>,
+}
+
+impl Lighting {
+    /// No light.
+    pub const NONE: Lighting = Lighting {
+        sun_direction: DVec3::Z,
+        sun_rgb: DVec3::ZERO,
+        sky_rgb: DVec3::ZERO,
+        ground_rgb: DVec3::ZERO,
+        halo_rgb: DVec3::ZERO,
+        halo_sharpness: 1.0,
+        disc_rgb: DVec3::ZERO,
+        disc_sharpness: 1.0,
+        haze_rgb: DVec3::ZERO,
+        haze_m: 1.0,
+        lamp_rgb: DVec3::ZERO,
+        lamp_object: 0,
+    };
+}
+
+impl Lamp {
+    /// No lamp.
+    pub const NONE: Lamp =
+        Lamp { centre_px: DVec3::ZERO, radius_px: 1.0, rgb: DVec3::ZERO, rate_hz: 0.0, steepness: 1.0 };
+
+    /// How far it is lit at `t_s` seconds, 0 to 1.
+    #[must_use]
+    pub fn level(&self, t_s: f64) -> f64 {
+        0.5 + 0.5 * (self.steepness * crate::texture::sin_turns(self.rate_hz * t_s)).tanh()
+    }
+}
+
+/// Seconds from nanoseconds.
+#[must_use]
+pub fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
+impl Scene {
+    /// Linear R, G, B at a pixel (centres at whole numbers, y down) and time in seconds.
+    #[must_use]
+    pub fn radiance(&self, x_px: f64, y_px: f64, t_s: f64) -> [f64; 3] {
+        self.view(t_s).radiance(x_px, y_px)
+    }
+
+    /// Position at `previous_t_s` less the position at `t_s` of the surface point that a pixel sees
+    /// at `t_s`, pixels, y down.
+    #[must_use]
+    pub fn motion(&self, x_px: f64, y_px: f64, t_s: f64, previous_t_s: f64) -> [f64; 2] {
+        let view = self.view(t_s);
+        view.motion(&view.sample(x_px, y_px), &self.view(previous_t_s))
+    }
+
+    /// Distance along the view axis, metres; infinite for hills and sky.
+    #[must_use]
+    pub fn depth_m(&self, x_px: f64, y_px: f64, t_s: f64) -> f64 {
+        self.view(t_s).sample(x_px, y_px).depth_m
+    }
+
+    /// The camera's pose and its derivatives at a time.
+    #[must_use]
+    pub fn camera_state(&self, t_s: f64) -> CameraState {
+        self.camera.state(t_s)
+    }
+
+    /// The scene in camera axes at a time; take it once for many pixels.
+    #[must_use]
+    pub fn view(&self, t_s: f64) -> View {
+        let t_s = self.frozen_at_s.unwrap_or(t_s);
+        let state = self.camera.state(t_s);
+        let to_camera = state.world_from_body.transpose();
+        let card = matches!(self.kind.family(), crate::registry::Family::Card);
+        let to_camera = if card { DMat3::IDENTITY } else { to_camera };
+        let camera_m = if card { DVec3::ZERO } else { state.position_m };
+        let mut objects: Vec<ViewObject> = self
+            .objects
+            .iter()
+            .enumerate()
+            .map(|(id, object)| view_object(id, object, t_s, to_camera, camera_m, self.focal_px))
+            .collect();
+        let lamp_m = objects.get(self.lighting.lamp_object).map_or(DVec3::ZERO, |lamp| lamp.origin);
+        let solids = objects
+            .iter()
+            .filter(|o| matches!(o.shape, ViewShape::Sphere { .. } | ViewShape::Panel { .. }))
+            .count();
+        crate::order::front_to_back(&mut objects[..solids]);
+        View {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            focal_px: self.focal_px,
+            objects,
+            solids,
+            light: ViewLight {
+                up: to_camera * DVec3::Z,
+                sun_direction: to_camera * self.lighting.sun_direction,
+                lamp_m,
+                lighting: self.lighting,
+                card_lamp: self.lamp,
+                card_lamp_level: self.lamp.level(t_s),
+                exposure: self.exposure,
+            },
+        }
+    }
+}
+
+fn view_object(
+    id: usize,
+    object: &Object,
+    t_s: f64,
+    to_camera: DMat3,
+    camera_m: DVec3,
+    focal_px: f64,
+) -> ViewObject {
+    let at_infinity = matches!(object.shape, Shape::Ridge { .. } | Shape::Sky);
+    let (position, turn) = object.motion.pose(t_s);
+    let rotation = to_camera * turn;
+    let origin = if at_infinity { DVec3::ZERO } else { to_camera * (position - camera_m) };
+    let shape = match object.shape {
+        Shape::Sphere { radius_m } => ViewShape::Sphere { radius_m },
+        Shape::Panel { half_m } => {
+            let toward = if rotation.z_axis.dot(origin) < 0.0 { 1.0 } else { -1.0 };
+            let normal = rotation.z_axis * toward;
+            let axes = [rotation.x_axis, rotation.y_axis];
+            ViewShape::Panel {
+                normal,
+                offset_m: normal.dot(origin),
+                axes,
+                half_m,
+                borders: borders(origin, axes, half_m, focal_px),
+            }
+        }
+        Shape::Ground => {
+            ViewShape::Ground { height_m: camera_m.z, horizon: horizon(to_camera * DVec3::Z, focal_px) }
+        }
+        Shape::Ridge { elevation, waves, amplitudes } => {
+            ViewShape::Ridge { elevation, waves: waves.map(|w| turned_wave(w, rotation, origin)), amplitudes }
+        }
+        Shape::Sky => ViewShape::Sky,
+        Shape::Card => ViewShape::Card,
+    };
+    ViewObject {
+        id,
+        shape,
+        origin,
+        rotation,
+        base_log: object.base_log,
+        gradient_log: object.gradient_log,
+        layers: object
+            .layers
+            .iter()
+            .map(|layer| Layer { waves: layer.waves.map(|w| turned_wave(w, rotation, origin)), ..*layer })
+            .collect(),
+        finish: object.finish,
+    }
+}
+
+/// A wave of an object's axes in camera axes, its phase brought to -0.5 to 0.5.
+fn turned_wave(wave: Wave, rotation: DMat3, origin: DVec3) -> Wave {
+    let frequency = rotation * wave.frequency;
+    let phase = wave.phase_turns - frequency.dot(origin);
+    Wave { frequency, phase_turns: phase - phase.round() }
+}
