@@ -15,8 +15,19 @@
 // The table of cameras: a uniform buffer, since every thread of a workgroup reads the same row.
 layout(set = 0, binding = SLOT_CAMERAS, std140) uniform Buffer_cameras { Camera cameras[MAX_CAMERAS]; };
 
-// Cameras of one dispatch are neighbours in the table; gl_WorkGroupID.y counts them.
-layout(push_constant) uniform Push { uint first_camera; } push;
+// Linear interpolation in two roundings, the same ones in every kernel: what `mix` is made of is left to drivers.
+float blend(float a, float b, float t) {
+    return fma(t, b - a, a);
+}
+
+vec2 blend(vec2 a, vec2 b, float t) {
+    return fma(vec2(t), b - a, a);
+}
+
+// Log intensity as pixels keep it.
+int to_q24(float log_intensity) {
+    return int(roundEven(log_intensity * LOG_SCALE));
+}
 
 const uint PHASE_FIRST = 1u;
 const uint PHASE_INTERVAL = 2u;

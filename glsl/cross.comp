@@ -1,21 +1,22 @@
 // cross: from planes and motion to staged events; the synthesis and the pixel model in one kernel, so
 // that sub-steps never leave the chip.
 //
-// One workgroup of 256 threads a strip of four 8x8 blocks side by side, a thread a pixel, which synthesises
-// each sub-step and walks it; what they find is kept in a list, and all threads stamp and stage the list
-// together. A row of a strip is 32 pixels, so that a subgroup reads neighbouring words. x over strips, y
-// over cameras. Reads `planes`, `motion`, `blocks`. Appends to `staged` and counts into `bins`; updates `state`
-// in place, but only if the strip's events fitted: a strip whose events did not fit leaves everything as
-// it was and runs again, once the buffer has grown, or without a list (CROWDED) if that was too short. The
-// order within `staged` is that of the atomics; `sort` makes the packet independent of it.
+// One workgroup a part of a strip of four 8x8 blocks side by side, CROSS_ROWS_PX rows of it, a thread a pixel,
+// which synthesises each sub-step and walks it; what they find is kept in a list, and all threads stamp and
+// stage the list together. A row of a strip is 32 pixels, so that a subgroup reads neighbouring words. x over
+// parts, y over cameras. Reads `planes`, `motion`, `blocks`. Appends to `staged` and counts into `bins`; updates
+// `state` in place, but only if the part's events fitted: one whose events did not fit leaves everything as it
+// was and runs again, once the buffer has grown, or without a list (CROWDED) if that was too short. The order
+// within `staged` is that of the atomics; `sort` makes the packet independent of it.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "random.glsl"
 #include "substeps.glsl"
 #include "bins.glsl"
+#include "strips.glsl"
 
-layout(local_size_x = 256) in;
+layout(local_size_x = STRIP_BLOCKS * BLOCK_PX * CROSS_ROWS_PX) in;
 layout(constant_id = 0) const uint INTENSITY = 0;
 layout(constant_id = 8) const uint SYNTHESIS = 0;
 layout(constant_id = 9) const uint TAPS = 0;
@@ -23,9 +24,7 @@ layout(constant_id = 9) const uint TAPS = 0;
 layout(constant_id = 10) const bool DUMP_SAMPLES = false;
 // Whether events are counted in one walk and staged in a second, for strips that have more than a list.
 layout(constant_id = 11) const bool CROWDED = false;
-// Whether the device hides what it waits for behind other work and skips branches that no thread takes: then
-// two sub-steps are under way at a time, and reads away from the image's edges have a path of their own.
-layout(constant_id = 12) const bool LATENCY_BOUND = true;
+layout(constant_id = 12) const bool BY_ADDRESS = true;
 
 BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(readonly, SLOT_PLANES, float, planes);
@@ -37,10 +36,7 @@ BUFFER(writeonly, SLOT_STAGED, uvec2, staged);
 BUFFER(writeonly, SLOT_APS, uint16_t, aps);
 BUFFER(writeonly, SLOT_SAMPLES, int, samples_out);
 
-const uint LIST_EVENTS = 2048;
-
-// A strip's pixels in a row.
-const uint STRIP_PX = STRIP_BLOCKS * BLOCK_PX;
+const uint LIST_EVENTS = 8u * gl_WorkGroupSize.x;
 
 // Time after the interval's start; pixel in the strip, polarity << 8, ordinal in the interval << 9.
 shared uvec2 list[LIST_EVENTS];
@@ -48,7 +44,7 @@ shared uint list_count;
 shared uint list_base;
 shared uint around_motion[STRIP_BLOCKS];
 shared uint own_change[STRIP_BLOCKS];
-shared uint events_before[STRIP_PX * BLOCK_PX];
+shared uint events_before[gl_WorkGroupSize.x];
 
 #include "synthesize.glsl"
 #include "pixel_log_state.glsl"
@@ -59,12 +55,6 @@ bool staging;
 void emit(uint at_ns, bool on, uint ordinal);
 
 #include "pixel_log.glsl"
-
-// First pixel of this workgroup's strip.
-uvec2 strip_corner(uint blocks_x) {
-    const uint strips_x = (blocks_x + STRIP_BLOCKS - 1u) / STRIP_BLOCKS;
-    return uvec2((gl_WorkGroupID.x % strips_x) * STRIP_PX, (gl_WorkGroupID.x / strips_x) * BLOCK_PX);
-}
 
 // Stamps an event of the list and puts it among the staged ones.
 void stage(Camera cam, uvec2 corner, uint position, uvec2 entry) {
@@ -97,69 +87,70 @@ void emit(uint at_ns, bool on, uint ordinal) {
     if (CROWDED) {
         if (staging) {
             const uint index = push.first_camera + gl_WorkGroupID.y;
-            stage(cameras[index], strip_corner(cameras[index].blocks_x), list_base + position, entry);
+            stage(cameras[index], strip_corner(cameras[index].blocks_x, CROSS_ROWS_PX), list_base + position, entry);
         }
     } else if (position < LIST_EVENTS) {
         list[position] = entry;
     }
 }
 
-// Log intensity at the end of sub-step i, Q7.24; from the last one on, the current frame's.
-int synthesize_q24(
-    Camera cam, Frames frames, uvec2 at, Path start, Path end, bool warps, uint i, Substeps cut,
-    float light_previous, float light_current, float log_current
-) {
-    float log_intensity = log_current;
-    if (i < cut.n) {
-        const float alpha = float(i) * cut.inverse;
-        if (SYNTHESIS == SYNTHESIS_LINEAR || !warps) {
-            log_intensity = synthesize_linear(light_previous, light_current, alpha);
-        } else if (SYNTHESIS == SYNTHESIS_MOTION) {
-            log_intensity = synthesize_motion(cam, frames, ivec2(at), start, end, alpha);
-        } else {
-            log_intensity = synthesize_paper(cam, frames, ivec2(at), alpha);
-        }
-        log_intensity = max(log_intensity, cam.log_dark);
+// What a pixel's sub-steps are worked out from.
+struct Source {
+    uvec2 at;
+    Frames frames;
+    // Log intensity in both frames.
+    float log_previous;
+    float log_current;
+    // Whether the pixel has motion to warp by, and where that leads.
+    bool warps;
+    Course course;
+    bool leaves;
+};
+
+// Log intensity at a fraction of the interval.
+float synthesize(Camera cam, Source s, float alpha) {
+    if (SYNTHESIS == SYNTHESIS_LINEAR || !s.warps) {
+        return max(synthesize_linear(exp(s.log_previous), exp(s.log_current), alpha), cam.log_dark);
+    } else if (SYNTHESIS == SYNTHESIS_MOTION) {
+        return max(synthesize_motion(cam, s.frames, vec2(s.at), s.course, s.leaves, alpha), cam.log_dark);
     }
-    const int q24 = int(round(log_intensity * LOG_SCALE));
-    if (DUMP_SAMPLES && i <= cut.n) {
-        samples_out[cam.samples_base + i * cam.pixels + at.y * cam.width + at.x] = q24;
-    }
-    return q24;
+    return max(synthesize_paper(cam, s.frames, ivec2(s.at), alpha), cam.log_dark);
 }
 
 // Synthesises and walks a pixel's interval; returns its exposure.
 float cross_interval(
-    Camera cam, Frames frames, uvec2 at, Path start, Path end, bool warps, bool active_pixel, uint n,
-    float log_previous, float log_current, inout PixelState p
+    Camera cam, Source s, bool active_pixel, uint n, inout PixelState p
 ) {
-    const uint pixel = at.y * cam.width + at.x;
-    const int first_q24 = int(round(log_previous * LOG_SCALE));
+    const uint pixel = s.at.y * cam.width + s.at.x;
+    const int first_q24 = to_q24(s.log_previous);
     if (!active_pixel) {
         silence(p, first_q24);
     }
-    const Substeps cut = cut_interval(cam.interval_ns, n);
-    const float light_previous = exp(log_previous);
-    const float light_current = exp(log_current);
-    Walk w = begin_walk(cam, pixel, first_q24, substep_end_ns(cut, 1u), p);
+    // Sub-step i ends at floor(i T / n): whole nanoseconds, and what is over of them. Counting both on is cheaper
+    // than any conversion.
+    const uint whole_ns = cam.interval_ns / n;
+    const uint rest_ns = cam.interval_ns - whole_ns * n;
+    const float inverse = 1.0 / float(n);
+    uint end_ns = 0u;
+    uint over = 0u;
+    float done = 0.0;
+    Walk w = begin_walk(cam, pixel, first_q24, whole_ns, p);
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
-    if (LATENCY_BOUND) {
-        for (uint i = 1u; i <= n; i += 2u) {
-            const int q24 = synthesize_q24(cam, frames, at, start, end, warps, i, cut, light_previous, light_current, log_current);
-            const int next_q24 =
-                synthesize_q24(cam, frames, at, start, end, warps, i + 1u, cut, light_previous, light_current, log_current);
-            walk_substep(cam, pixel, substep_end_ns(cut, i), q24, p, w);
-            if (i < n) {
-                walk_substep(cam, pixel, substep_end_ns(cut, i + 1u), next_q24, p, w);
-            }
+    for (uint i = 1u; i <= n; ++i) {
+        end_ns += whole_ns;
+        over += rest_ns;
+        if (over >= n) {
+            over -= n;
+            end_ns += 1u;
         }
-    } else {
-        for (uint i = 1u; i <= n; ++i) {
-            const int q24 = synthesize_q24(cam, frames, at, start, end, warps, i, cut, light_previous, light_current, log_current);
-            walk_substep(cam, pixel, substep_end_ns(cut, i), q24, p, w);
+        done += 1.0;
+        const int level_q24 = to_q24(i == n ? s.log_current : synthesize(cam, s, done * inverse));
+        if (DUMP_SAMPLES) {
+            samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
         }
+        walk_substep(cam, pixel, end_ns, level_q24, p, w);
     }
     end_walk(cam, w, p);
     return w.exposed;
@@ -167,7 +158,7 @@ float cross_interval(
 
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    const uvec2 corner = strip_corner(cameras[index].blocks_x);
+    const uvec2 corner = strip_corner(cameras[index].blocks_x, CROSS_ROWS_PX);
     if (cameras[index].phase != PHASE_INTERVAL || corner.y >= cameras[index].height) {
         return;
     }
@@ -182,11 +173,13 @@ void main() {
     const uvec2 block_at = uvec2(min(corner.x / BLOCK_PX + in_strip, cam.blocks_x - 1u), corner.y / BLOCK_PX);
     const uint own_block = cam.block_base + cam.parity * cam.blocks + block_at.y * cam.blocks_x + block_at.x;
     const bool block_first = lane < STRIP_PX && lane % BLOCK_PX == 0u && at.x < cam.width;
+    // Where a strip is cut, its first part counts for all of it.
+    const uint part = (corner.y % BLOCK_PX) / CROSS_ROWS_PX;
 
-    // A strip that was done before the buffer had to grow is not done again; its first block tells.
+    // What was done before the buffer had to grow is not done again; a bit in the strip's first block tells.
     const uint first_block =
         cam.block_base + cam.parity * cam.blocks + block_at.y * cam.blocks_x + corner.x / BLOCK_PX;
-    if (blocks[first_block].z != 0u) {
+    if ((blocks[first_block].z & (1u << part)) != 0u) {
         return;
     }
     if (lane < STRIP_BLOCKS) {
@@ -198,9 +191,10 @@ void main() {
     }
     barrier();
     // Nine blocks around each of four, in both frames.
-    if (lane < 18u * STRIP_BLOCKS && (SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER)) {
-        const uint which_block = lane / 18u;
-        const uint neighbour = lane % 18u;
+    const uint facts = SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER ? 18u * STRIP_BLOCKS : 0u;
+    for (uint fact = lane; fact < facts; fact += gl_WorkGroupSize.x) {
+        const uint which_block = fact / 18u;
+        const uint neighbour = fact % 18u;
         const ivec2 near = ivec2(corner / BLOCK_PX) + ivec2(which_block, 0)
             + ivec2(int(neighbour % 3u) - 1, int((neighbour / 3u) % 3u) - 1);
         const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
@@ -220,8 +214,10 @@ void main() {
         anything |= around_motion[b] | own_change[b];
     }
     if (anything == 0u && !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES && cam.no_skip == 0u) {
-        if (block_first) {
-            blocks[own_block].z = 1u;
+        if (lane == 0u) {
+            atomicOr(blocks[first_block].z, 1u << part);
+        }
+        if (block_first && part == 0u) {
             atomicAdd(counters[counter].skipped_blocks, 1u);
         }
         return;
@@ -232,28 +228,28 @@ void main() {
 
     PixelState before;
     bool active_pixel = false;
-    Frames frames;
-    float log_previous = 0.0;
-    float log_current = 0.0;
-    bool warps = false;
-    Path start = Path(vec2(0.0), vec2(0.0));
-    Path end = start;
+    Source s;
+    s.at = at;
     if (inside) {
         before = load_pixel(cam, pixel);
         active_pixel = before.reference != UNARMED && before.reference != ARMING;
         if (EFFECT_DELAY) {
             events_before[lane] = before.events;
         }
-        frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
+        s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
         const uint word = frame_word(cam, has_lattice(), ivec2(at));
-        log_previous = planes[frames.previous + word];
-        log_current = planes[frames.current + word];
+        s.log_previous = planes[s.frames.previous + word];
+        s.log_current = planes[s.frames.current + word];
+        s.warps = false;
+        s.leaves = false;
         if (n > 1u && (SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER)) {
-            warps = has_vector(cam, motion_base(cam, true), ivec2(at));
+            s.warps = has_vector(cam, motion_base(cam, true), ivec2(at));
         }
-        if (SYNTHESIS == SYNTHESIS_MOTION && warps) {
-            start = path_at_start(cam, ivec2(at));
-            end = path_at_end(cam, ivec2(at));
+        if (SYNTHESIS == SYNTHESIS_MOTION && s.warps) {
+            const Path start = path_at_start(cam, ivec2(at));
+            const Path end = path_at_end(cam, ivec2(at));
+            s.course = course_between(start, end);
+            s.leaves = leaves_image(cam, vec2(at), start, end);
         }
     }
 
@@ -261,7 +257,7 @@ void main() {
     float exposed = 0.0;
     staging = false;
     if (inside) {
-        exposed = cross_interval(cam, frames, at, start, end, warps, active_pixel, n, log_previous, log_current, p);
+        exposed = cross_interval(cam, s, active_pixel, n, p);
     }
     barrier();
     const uint found = list_count;
@@ -287,7 +283,7 @@ void main() {
         staging = true;
         if (inside) {
             p = before;
-            cross_interval(cam, frames, at, start, end, warps, active_pixel, n, log_previous, log_current, p);
+            cross_interval(cam, s, active_pixel, n, p);
         }
     } else {
         for (uint e = lane; e < found; e += gl_WorkGroupSize.x) {
@@ -298,7 +294,7 @@ void main() {
         if (active_pixel) {
             store_pixel(cam, pixel, p);
         } else if (before.reference == ARMING) {
-            arm_pixel(cam, pixel, int(round(log_current * LOG_SCALE)));
+            arm_pixel(cam, pixel, to_q24(s.log_current));
         } else {
             atomicAdd(counters[counter].unarmed_pixels, 1u);
         }
@@ -307,8 +303,10 @@ void main() {
             aps[cam.aps_base + pixel] = uint16_t(clamp(round(mean * cam.aps_scale), 0.0, cam.aps_max));
         }
     }
-    if (block_first) {
-        blocks[own_block].z = 1u;
+    if (lane == 0u) {
+        atomicOr(blocks[first_block].z, 1u << part);
+    }
+    if (block_first && part == 0u) {
         atomicAdd(counters[counter].substeps, n);
     }
 }

@@ -3,9 +3,10 @@
 // alone, and it is from between pixels that sub-steps are read.
 //
 // One workgroup of 320 threads a strip of four 8x8 blocks side by side: a thread a pixel of the strip and of
-// the next column and row, then a thread a pixel and its three half sites; x over strips, y over cameras, z over colour components. Pass 0 writes the half sites of the
-// current frame from the previous frame's lattice, pass 1 those of the previous frame from the current
-// one's. Reads and writes `planes`: the frame that is read is never the one that is written. Runs after
+// the next column and row, then a thread a pixel and its three half sites; x over strips, y over cameras,
+// z over colour components. Pass 0 writes the half sites of the current frame from the previous frame's
+// lattice, pass 1 those of the previous frame from the current one's; pass 1 runs only for cameras whose
+// sensor has two transfers. Reads and writes `planes`: the frame that is read is never the one that is written. Runs after
 // `ingest`; `cross` reads both lattices.
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -14,32 +15,24 @@
 layout(local_size_x = 320) in;
 layout(constant_id = 0) const uint INTENSITY = 0;
 layout(constant_id = 1) const uint PASS = 0;
-
-// As in `cross`.
-layout(constant_id = 2) const bool LATENCY_BOUND = true;
+layout(constant_id = 2) const bool BY_ADDRESS = true;
 
 BUFFER(, SLOT_PLANES, float, planes);
 BUFFER(readonly, SLOT_MOTION, vec2, motion);
 BUFFER(readonly, SLOT_BLOCKS, uvec4, blocks);
 
+#include "strips.glsl"
 #include "trajectory.glsl"
 #include "lattice.glsl"
+#include "margin.glsl"
 
-// Pixels of a strip, and of what its half sites lie between: the strip and the next column and row.
-const uint STRIP_PX = STRIP_BLOCKS * BLOCK_PX;
+// Pixels that a strip's half sites lie between: the strip and the next column and row.
 const uint SITES_X = STRIP_PX + 1;
 const uint SITES = SITES_X * (BLOCK_PX + 1);
 
 // Displacement to the other frame, residual there, trust.
 shared vec4 sites[SITES];
 shared uint moves;
-
-float other_at(Camera cam, uint other, vec2 position) {
-    if (LATENCY_BOUND && lattice_is_interior(cam, position)) {
-        return lattice_interior(cam, other, position);
-    }
-    return lattice_cubic(cam, other, position);
-}
 
 float trust_at(Camera cam, ivec2 at, vec2 shift) {
     const uint base = motion_base(cam, true);
@@ -63,8 +56,7 @@ void main() {
     const uint phase = cameras[index].phase;
     // A first frame has only itself.
     const bool alone = phase == PHASE_FIRST;
-    const uint strips_x = (cameras[index].blocks_x + STRIP_BLOCKS - 1u) / STRIP_BLOCKS;
-    const ivec2 corner = ivec2((gl_WorkGroupID.x % strips_x) * STRIP_PX, (gl_WorkGroupID.x / strips_x) * BLOCK_PX);
+    const ivec2 corner = ivec2(strip_corner(cameras[index].blocks_x, BLOCK_PX));
     if (corner.y >= int(cameras[index].height) || !(phase == PHASE_INTERVAL || (alone && PASS == 0u))) {
         return;
     }
@@ -72,8 +64,8 @@ void main() {
     const uint lane = gl_LocalInvocationID.x;
     const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
     const uint channel = gl_WorkGroupID.z;
-    const uint current = cam.plane_base + (cam.parity * channels + channel) * frame_words(cam, true);
-    const uint previous = cam.plane_base + ((1u - cam.parity) * channels + channel) * frame_words(cam, true);
+    const uint current = cam.plane_base + (cam.parity * channels + channel) * cam.frame_words;
+    const uint previous = cam.plane_base + ((1u - cam.parity) * channels + channel) * cam.frame_words;
     const uint own = PASS == 0u ? current : previous;
     const uint other = PASS == 0u ? previous : current;
     const ivec2 last = ivec2(cam.width, cam.height) - 1;
@@ -99,8 +91,9 @@ void main() {
         // Nothing moved and nothing changed: what was known of the last frame holds for this one.
         if (PASS == 0u && inside) {
             [[unroll]] for (uint half_phase = 1u; half_phase < 4u; ++half_phase) {
-                const uint entry = word + (half_phase & 1u) + (half_phase >> 1) * (2u * cam.width);
-                planes[own + entry] = planes[other + entry];
+                const uvec2 half_step = uvec2(half_phase & 1u, half_phase >> 1);
+                const float value = planes[other + word + half_step.x + half_step.y * cam.lattice_stride];
+                store_entry(cam, own, 2u * uvec2(at) + half_step, value);
             }
         }
         return;
@@ -112,7 +105,7 @@ void main() {
         const vec2 shift = PASS == 0u ? motion_at(cam, motion_base(cam, true), at_site)
                                       : -motion_from_previous(cam, at_site);
         const float residual = planes[own + frame_word(cam, true, at_site)]
-            - other_at(cam, other, vec2(at_site) + shift);
+            - lattice_cubic(cam, other, vec2(at_site) + shift);
         sites[site] = vec4(shift, residual, trust_at(cam, at_site, shift));
     }
     barrier();
@@ -124,7 +117,7 @@ void main() {
         const ivec2 half_step = ivec2(half_phase & 1, half_phase >> 1);
         const uint right = site + uint(half_step.x);
         const uint below = uint(half_step.y) * SITES_X;
-        const uint entry = own + word + uint(half_step.x) + uint(half_step.y) * (2u * cam.width);
+        const uint entry = own + word + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride;
         const vec4 around =
             alone ? vec4(0.0) : 0.25 * (sites[site] + sites[right] + sites[site + below] + sites[right + below]);
         float value = 0.0;
@@ -132,9 +125,9 @@ void main() {
             value = PASS == 0u ? frame_cubic(cam, own, at, half_step) : planes[entry];
         }
         if (around.w > 0.0) {
-            const float seen = other_at(cam, other, vec2(at) + 0.5 * vec2(half_step) + around.xy) + around.z;
-            value = mix(value, seen, around.w);
+            const float seen = lattice_cubic(cam, other, vec2(at) + 0.5 * vec2(half_step) + around.xy) + around.z;
+            value = blend(value, seen, around.w);
         }
-        planes[entry] = value;
+        store_entry(cam, own, uvec2(2 * at + half_step), value);
     }
 }

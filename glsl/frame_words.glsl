@@ -1,10 +1,9 @@
-// Where a frame's words lie: as rows of pixels, or as the even entries of a lattice of half pixels.
+// Where a frame's words lie. Frames that are warped by cubic taps are lattices of half pixels: entry (X, Y) lies
+// at pixel position (X/2, Y/2), so that entries with even X and Y are the frame itself. Around a lattice lies a
+// margin of copies of its outermost entries, one before and two after, so that no tap needs clamping. Other
+// frames are rows of pixels.
 
-// Words of a frame of one colour component, and the word of a pixel in it.
-uint frame_words(Camera cam, bool lattice) {
-    return lattice ? 4u * cam.pixels : cam.pixels;
-}
-
+// Word of a pixel.
 uint frame_word(Camera cam, bool lattice, ivec2 at) {
-    return lattice ? uint(2 * at.y) * (2u * cam.width) + uint(2 * at.x) : uint(at.y) * cam.width + uint(at.x);
+    return lattice ? uint(2 * at.y + 1) * cam.lattice_stride + uint(2 * at.x + 1) : uint(at.y) * cam.width + uint(at.x);
 }

@@ -10,6 +10,7 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #include "common.glsl"
 #include "random.glsl"
+#include "strips.glsl"
 
 layout(local_size_x = 256) in;
 layout(constant_id = 0) const uint INTENSITY = 0;
@@ -31,6 +32,7 @@ layout(buffer_reference, std430) readonly buffer Floats4 { vec4 v[]; };
 
 #include "pixel_log_state.glsl"
 #include "frame_words.glsl"
+#include "margin.glsl"
 
 // As in trajectory.glsl.
 const uint INVALID_BIT = 0x80000000u;
@@ -72,18 +74,25 @@ bool bad(float value) {
     return not_finite(value) || value < 0.0;
 }
 
+// A pixel's log intensity, into a frame.
+void store_level(Camera cam, uint base, uvec2 at, float level) {
+    if (LATTICE) {
+        store_entry(cam, base, 2u * at, level);
+    } else {
+        planes[base + frame_word(cam, false, ivec2(at))] = level;
+    }
+}
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    const uint strips_x = (cameras[index].blocks_x + STRIP_BLOCKS - 1u) / STRIP_BLOCKS;
-    const uint row_px = STRIP_BLOCKS * BLOCK_PX;
-    const uvec2 corner = uvec2((gl_WorkGroupID.x % strips_x) * row_px, (gl_WorkGroupID.x / strips_x) * BLOCK_PX);
+    const uvec2 corner = strip_corner(cameras[index].blocks_x, BLOCK_PX);
     if (cameras[index].phase == 0u || corner.y >= cameras[index].height) {
         return;
     }
     const Camera cam = cameras[index];
     const uint lane = gl_LocalInvocationID.x;
-    const uvec2 at = corner + uvec2(lane % row_px, lane / row_px);
-    const uint in_strip = (lane % row_px) / BLOCK_PX;
+    const uvec2 at = corner + uvec2(lane % STRIP_PX, lane / STRIP_PX);
+    const uint in_strip = (lane % STRIP_PX) / BLOCK_PX;
     if (lane < STRIP_BLOCKS) {
         block_motion[lane] = 0u;
         block_change[lane] = 0u;
@@ -95,9 +104,9 @@ void main() {
     if (at.x < cam.width && at.y < cam.height) {
         const uint pixel = at.y * cam.width + at.x;
         const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
-        const uint stride = frame_words(cam, LATTICE);
+        const uint stride = cam.frame_words;
         const uint word = frame_word(cam, LATTICE, ivec2(at));
-        const uint current = cam.plane_base + cam.parity * channels * stride + word;
+        const uint current = cam.plane_base + cam.parity * channels * stride;
         const uint previous = cam.plane_base + (1u - cam.parity) * channels * stride + word;
 
         const vec3 colour = read_colour(cam, pixel);
@@ -118,7 +127,7 @@ void main() {
         if (invalid) {
             atomicAdd(block_invalid[in_strip], 1u);
             for (uint c = 0u; c < channels; ++c) {
-                planes[current + c * stride] = first ? cam.log_dark : planes[previous + c * stride];
+                store_level(cam, current + c * stride, at, first ? cam.log_dark : planes[previous + c * stride]);
             }
             if (first) {
                 store_state(cam, pixel, STATE_REFERENCE, uint(UNARMED));
@@ -135,13 +144,13 @@ void main() {
                     }
                     changed = changed || floatBitsToUint(before) != floatBitsToUint(log_intensity[c]);
                 }
-                planes[current + c * stride] = log_intensity[c];
+                store_level(cam, current + c * stride, at, log_intensity[c]);
             }
             if (changed) {
                 atomicMax(block_change[in_strip], floatBitsToUint(max(change, 1e-12)));
             }
             if (first) {
-                arm_pixel(cam, pixel, int(round(log_intensity[own] * LOG_SCALE)));
+                arm_pixel(cam, pixel, to_q24(log_intensity[own]));
             } else if (reference == UNARMED) {
                 // It starts when the interval that ends with this frame is over.
                 store_state(cam, pixel, STATE_REFERENCE, uint(ARMING));

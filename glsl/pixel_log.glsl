@@ -88,7 +88,7 @@ uint time_in_substep(uint start, uint end, float num, float den) {
 
 // Log intensity (with leak) at time t of the sub-step.
 int level_at(int from, int to, uint start, uint end, uint t) {
-    return from + int(round(float(to - from) * (float(t - start) / float(end - start))));
+    return from + int(roundEven(float(to - from) * (float(t - start) / float(end - start))));
 }
 
 // floor(leak * (t - epoch)) in Q24 at t = base + since_start, modulo 2^32; `base` is leak * (start -
@@ -109,8 +109,10 @@ struct Walk {
     uvec2 leak_base;
     uint held_until;
     uint ordinal;
-    // Shot noise: hazard since the interval's start, and how long the draws after the present ones last.
+    // Shot noise: hazard since the interval's start, also rounded, and how long the draws after the present ones
+    // last.
     float hazard;
+    uint hazard_q27;
     float from_share;
     uint after_off;
     uint after_on;
@@ -134,6 +136,7 @@ Walk begin_walk(Camera cam, uint pixel, int level, uint first_end, inout PixelSt
     w.held_until = 0u;
     w.ordinal = 0u;
     w.hazard = 0.0;
+    w.hazard_q27 = 0u;
     w.from_share = EFFECT_SHOT ? shot_share(cam, level) : 0.0;
     w.after_off = 0u;
     w.after_on = 0u;
@@ -216,12 +219,13 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         w.fall = leak_fall_q24(p.leak, w.leak_base, end) - int(w.leak_base.y);
         to_level += w.fall;
     }
-    const uint from_hazard = uint(round(w.hazard));
+    const uint from_hazard = w.hazard_q27;
     uint to_hazard = from_hazard;
     if (EFFECT_SHOT) {
         const float to_share = shot_share(cam, to_raw);
         w.hazard += cam.hazard_q27_per_ns * float(end - start) * 0.5 * (w.from_share + to_share);
-        to_hazard = uint(round(w.hazard));
+        to_hazard = uint(roundEven(w.hazard));
+        w.hazard_q27 = to_hazard;
         w.from_share = to_share;
     }
     if (EFFECT_APS) {
@@ -230,7 +234,7 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         const uint last = min(end, cam.aps_end_ns);
         if (first < last) {
             const float mid = (0.5 * (float(first - start) + float(last - start))) / float(end - start);
-            w.exposed += mix(w.from_intensity, to_intensity, mid) * float(last - first);
+            w.exposed += blend(w.from_intensity, to_intensity, mid) * float(last - first);
         }
         w.from_intensity = to_intensity;
     }
@@ -241,7 +245,7 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
             const uint until = min(w.held_until, end);
             if (EFFECT_SHOT) {
                 const uint until_hazard = from_hazard
-                    + uint(round(float(to_hazard - from_hazard) * (float(until - start) / float(end - start))));
+                    + uint(roundEven(float(to_hazard - from_hazard) * (float(until - start) / float(end - start))));
                 while (min(p.shot_off, p.shot_on) <= until_hazard) {
                     // Drawn, and not sent.
                     pass_shot(cam, pixel, p, w);
@@ -303,8 +307,7 @@ void end_walk(Camera cam, Walk w, inout PixelState p) {
         p.reference -= w.fall;
     }
     if (EFFECT_SHOT) {
-        const uint passed = uint(round(w.hazard));
-        p.shot_off -= passed;
-        p.shot_on -= passed;
+        p.shot_off -= w.hazard_q27;
+        p.shot_on -= w.hazard_q27;
     }
 }

@@ -1,5 +1,5 @@
 // scatter: staged events to their bins, in any order within a bin, after an exclusive prefix sum over the
-// bins; and the size of the packet.
+// bins; and the sizes of the packet and of its largest bin.
 //
 // 256 threads a workgroup; x workgroups stride over a camera's staged events, y over cameras. Each
 // workgroup sums the bins for itself: they are few, and a dispatch of its own for them would cost more.
@@ -23,14 +23,16 @@ BUFFER(writeonly, SLOT_BINNED, uvec2, binned);
 BUFFER(writeonly, SLOT_REPORT, Counters, report);
 
 shared uint subgroup_totals[64];
+shared uint subgroup_largest[64];
 shared uint run_starts[256];
 
-// Sum of the bins of this thread's run; runs are neighbours in order.
-uint run_sum(Camera cam, uint run) {
+// Sum (x) and largest (y) of the bins of this thread's run; runs are neighbours in order.
+uvec2 run_sum(Camera cam, uint run) {
     const uint first = cam.bin_base + gl_LocalInvocationID.x * run;
-    uint sum = 0u;
+    uvec2 sum = uvec2(0u);
     for (uint r = 0u; r < run; ++r) {
-        sum += bins[first + r];
+        const uint count = bins[first + r];
+        sum = uvec2(sum.x + count, max(sum.y, count));
     }
     return sum;
 }
@@ -48,18 +50,22 @@ void main() {
 
     // bin_count is a multiple of 256, the late bin beside.
     const uint run = cam.bin_count / 256u;
-    const uint sum = run_sum(cam, run);
-    const uint inclusive = subgroupInclusiveAdd(sum);
+    const uvec2 sum = run_sum(cam, run);
+    const uint inclusive = subgroupInclusiveAdd(sum.x);
+    const uint subgroup_max = subgroupMax(sum.y);
     if (gl_SubgroupInvocationID == gl_SubgroupSize - 1u) {
         subgroup_totals[gl_SubgroupID] = inclusive;
+        subgroup_largest[gl_SubgroupID] = subgroup_max;
     }
     barrier();
-    uint start = inclusive - sum;
+    uint start = inclusive - sum.x;
     uint packet = 0u;
+    uint largest_bin = 0u;
     for (uint s = 0u; s < gl_NumSubgroups; ++s) {
         const uint total = subgroup_totals[s];
         start += s < gl_SubgroupID ? total : 0u;
         packet += total;
+        largest_bin = max(largest_bin, subgroup_largest[s]);
     }
     run_starts[lane] = start;
     const uint late = bins[cam.bin_base + cam.bin_count];
@@ -69,12 +75,14 @@ void main() {
         Counters result = counted;
         result.packet = packet;
         result.late = late;
+        result.largest_bin = largest_bin;
         report[cam.slot] = result;
         if (fitted) {
             counters[counter].packet = packet;
             counters[counter].late = late;
+            counters[counter].largest_bin = largest_bin;
             counters[2u * cam.slot + 1u - cam.parity] =
-                Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+                Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
         }
     }
     if (!fitted || cam.phase != PHASE_INTERVAL) {

@@ -17,61 +17,74 @@ bool has_lattice() {
 
 Frames frames_of(Camera cam, uint channel) {
     const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
-    const uint words = frame_words(cam, has_lattice());
     return Frames(
-        cam.plane_base + ((1u - cam.parity) * channels + channel) * words,
-        cam.plane_base + (cam.parity * channels + channel) * words);
+        cam.plane_base + ((1u - cam.parity) * channels + channel) * cam.frame_words,
+        cam.plane_base + (cam.parity * channels + channel) * cam.frame_words);
 }
 
 float read_warped(Camera cam, uint base, vec2 position) {
     return TAPS == TAPS_CUBIC ? lattice_cubic(cam, base, position) : frame_bilinear(cam, base, position);
 }
 
-// Where the surface seen at pixel `at` is in the current frame (xy) and in the previous one (zw): on the
-// path that goes from the one seen here at the interval's start to the one seen here at its end.
-vec4 sources_at(ivec2 at, Path start, Path end, float alpha) {
-    const vec2 m = mix(start.m, end.m, alpha);
-    const vec2 c = mix(start.c, end.c, alpha);
-    const float t = alpha - 1.0;
-    const vec2 in_current = vec2(at) - t * ((c - m) + t * c);
-    return vec4(in_current, in_current + m);
+// Where the surfaces seen at a pixel come from, as polynomials of alpha: on the path that goes from the one
+// seen here at the interval's start to the one seen here at its end, m(alpha) = m + alpha dm and c alike,
+//     in the current frame   at + (alpha - 1) (m + alpha (turn - alpha dc)),  turn = dm - c,
+//     in the previous frame  that + m + alpha dm,
+// which is position(t) = q + t ((c - m) + t c) solved for q, t = alpha - 1.
+struct Course {
+    vec2 m;
+    vec2 dm;
+    vec2 turn;
+    vec2 dc;
+};
+
+Course course_between(Path start, Path end) {
+    const vec2 dm = end.m - start.m;
+    return Course(start.m, dm, dm - start.c, end.c - start.c);
 }
 
-// Both frames along the path, blended in the logarithm by time and by how far inside the image each is
-// read.
-float synthesize_motion(Camera cam, Frames frames, ivec2 at, Path start, Path end, float alpha) {
-    const vec4 sources = sources_at(at, start, end, alpha);
-    // Away from the edges, which is nearly everywhere, no tap and no say need looking after.
-    if (LATENCY_BOUND && TAPS == TAPS_CUBIC && lattice_is_interior(cam, sources.xy)
-        && lattice_is_interior(cam, sources.zw)) {
-        return mix(
-            lattice_interior(cam, frames.previous, sources.zw),
-            lattice_interior(cam, frames.current, sources.xy), alpha);
+// Whether the course may lead out of the image. It goes as far as its motion and, since |alpha (alpha - 1)| is a
+// quarter at the most, a quarter of its curvature.
+bool leaves_image(Camera cam, vec2 at, Path start, Path end) {
+    const vec2 reach = max(abs(start.m), abs(end.m)) + 0.25 * max(abs(start.c), abs(end.c));
+    const vec2 room = min(at, vec2(cam.width - 1u, cam.height - 1u) - at) - reach;
+    return min(room.x, room.y) < 0.0;
+}
+
+// Position in the current frame (xy) and in the previous one (zw).
+vec4 sources_at(vec2 at, Course course, float alpha) {
+    const vec2 t = vec2(alpha);
+    const vec2 in_current = fma(t - 1.0, fma(t, fma(-t, course.dc, course.turn), course.m), at);
+    return vec4(in_current, in_current + fma(t, course.dm, course.m));
+}
+
+// Both frames along the path, blended in the logarithm by time and, on a course that leaves the image, by how
+// far inside it each is read.
+float synthesize_motion(Camera cam, Frames frames, vec2 at, Course course, bool leaves, float alpha) {
+    const vec4 sources = sources_at(at, course, alpha);
+    float say_current = alpha;
+    if (leaves) {
+        const float current = alpha * max(1.0 - outside_px(cam, sources.xy) * (1.0 / EDGE_PX), EDGE_WEIGHT);
+        const float previous = (1.0 - alpha) * max(1.0 - outside_px(cam, sources.zw) * (1.0 / EDGE_PX), EDGE_WEIGHT);
+        say_current = current / (previous + current);
     }
-    const float say_current = alpha * max(1.0 - outside_px(cam, sources.xy) / EDGE_PX, EDGE_WEIGHT);
-    const float say_previous = (1.0 - alpha) * max(1.0 - outside_px(cam, sources.zw) / EDGE_PX, EDGE_WEIGHT);
-    const float seen_current = read_warped(cam, frames.current, sources.xy);
-    const float seen_previous = read_warped(cam, frames.previous, sources.zw);
-    return (say_previous * seen_previous + say_current * seen_current) / (say_previous + say_current);
+    return blend(
+        read_warped(cam, frames.previous, sources.zw), read_warped(cam, frames.current, sources.xy), say_current);
 }
 
 // Blend of the frames in linear intensity; `light_*` are their exp(L).
 float synthesize_linear(float light_previous, float light_current, float alpha) {
-    return log(mix(light_previous, light_current, alpha));
+    return log(blend(light_previous, light_current, alpha));
 }
 
 // The paper's equation as printed, I_k(x - alpha v) with v the displacement from k-1 to k: bilinear in
 // linear intensity, edges clamped.
 float synthesize_paper(Camera cam, Frames frames, ivec2 at, float alpha) {
-    const vec2 position = vec2(at) + alpha * motion_at(cam, motion_base(cam, true), at);
-    const ivec2 last = ivec2(cam.width, cam.height) - 1;
-    const vec2 inside = clamp(position, vec2(0.0), vec2(last));
-    const ivec2 low = ivec2(floor(inside));
-    const ivec2 high = min(low + 1, last);
-    const vec2 f = inside - vec2(low);
-    const uint top = frames.current + uint(low.y) * cam.width;
-    const uint bottom = frames.current + uint(high.y) * cam.width;
-    return log(mix(
-        mix(exp(planes[top + low.x]), exp(planes[top + high.x]), f.x),
-        mix(exp(planes[bottom + low.x]), exp(planes[bottom + high.x]), f.x), f.y));
+    const vec2 position = fma(vec2(alpha), motion_at(cam, motion_base(cam, true), at), vec2(at));
+    const Cell cell = cell_at(cam, position);
+    const uint top = frames.current + uint(cell.low.y) * cam.width;
+    const uint bottom = frames.current + uint(cell.high.y) * cam.width;
+    return log(blend(
+        blend(exp(planes[top + cell.low.x]), exp(planes[top + cell.high.x]), cell.f.x),
+        blend(exp(planes[bottom + cell.low.x]), exp(planes[bottom + cell.high.x]), cell.f.x), cell.f.y));
 }

@@ -1,6 +1,8 @@
 // Where a surface is at an instant of the interval, from the motion of this frame (k-1 to k) and of
 // the frame before. Twin of the oracle's `trajectory`. Needs `motion`.
 
+#include "cell.glsl"
+
 // A pixel without a usable vector holds zero motion with this sign bit in x.
 const uint INVALID_BIT = 0x80000000u;
 
@@ -18,14 +20,12 @@ bool has_vector(Camera cam, uint base, ivec2 at) {
 
 // Bilinear, position clamped to the image.
 vec2 motion_bilinear(Camera cam, uint base, vec2 position) {
-    const ivec2 last = ivec2(cam.width, cam.height) - 1;
-    const vec2 inside = clamp(position, vec2(0.0), vec2(last));
-    const ivec2 low = ivec2(floor(inside));
-    const ivec2 high = min(low + 1, last);
-    const vec2 f = inside - vec2(low);
-    const vec2 top = mix(motion_at(cam, base, low), motion_at(cam, base, ivec2(high.x, low.y)), f.x);
-    const vec2 bottom = mix(motion_at(cam, base, ivec2(low.x, high.y)), motion_at(cam, base, high), f.x);
-    return mix(top, bottom, f.y);
+    const Cell cell = cell_at(cam, position);
+    const vec2 top =
+        blend(motion_at(cam, base, cell.low), motion_at(cam, base, ivec2(cell.high.x, cell.low.y)), cell.f.x);
+    const vec2 bottom =
+        blend(motion_at(cam, base, ivec2(cell.low.x, cell.high.y)), motion_at(cam, base, cell.high), cell.f.x);
+    return blend(top, bottom, cell.f.y);
 }
 
 // Motion over the interval of the surface that was at pixel `at` in the previous frame: the point q of

@@ -69,6 +69,7 @@ set_up_packages() {
     has_library libvulkan.so.1 || missing+=(libvulkan1)
     has_vulkan_driver || missing+=(mesa-vulkan-drivers)
     if [ "${1:-}" = tests ]; then
+        [ -e /usr/include/vulkan/vulkan.h ] || missing+=(libvulkan-dev)
         command -v spirv-val >/dev/null || missing+=(spirv-tools)
         has_validation_layer || missing+=(vulkan-validationlayers)
         numpy_python >/dev/null || missing+=(python3 python3-numpy)

@@ -27,6 +27,9 @@ struct Arguments {
     /// Only rows whose name contains this
     #[arg(long, default_value = "")]
     only: String,
+    /// Print what the driver tells about each row's kernels instead of times
+    #[arg(long)]
+    statistics: bool,
     /// Device index
     #[arg(long)]
     device: Option<usize>,
@@ -39,6 +42,8 @@ struct Arguments {
 const WARM_UP: usize = 8;
 
 const FRAME_NS: i64 = 33_333_333;
+
+const FORMATS: (HdrFormat, MotionFormat) = (HdrFormat::F16x4, MotionFormat::F32x2);
 
 struct Case {
     name: String,
@@ -86,13 +91,22 @@ fn cases() -> Vec<Case> {
     let davis = preset("davis346").expect("a preset");
     let bilinear = |s: &SensorModel| SensorModel { taps: Taps::Bilinear, ..s.clone() };
     add("davis346 clean".into(), davis.clone(), 1, SceneKind::Flight);
+    let two = |s: &SensorModel| SensorModel { transfers: 2, ..s.clone() };
+    add("davis346 clean two transfers".into(), two(&davis), 1, SceneKind::Flight);
     add("davis346 clean bilinear".into(), bilinear(&davis), 1, SceneKind::Flight);
     add("davis346 noisy bilinear".into(), bilinear(&noisy("davis346")), 1, SceneKind::Flight);
     let base = noisy("genx320");
     let clean = preset("genx320").expect("a preset");
+    // Beside the rows of one, `genx320 x32 gray` and `genx320 x32 bayer`.
+    for (mode, intensity) in [("gray", Intensity::Gray), ("bayer", Intensity::BayerRggb)] {
+        let model = SensorModel { substeps: 32, intensity, ..two(&base) };
+        add(format!("genx320 two transfers {mode}"), model, 1, SceneKind::Flight);
+    }
     let fixed = |s: &SensorModel| SensorModel { substep_policy: SubstepPolicy::Fixed, ..s.clone() };
     add("genx320 fixed x32 noisy".into(), fixed(&base), 1, SceneKind::Flight);
     add("genx320 fixed x32 clean".into(), fixed(&clean), 1, SceneKind::Flight);
+    let quiet = SensorModel { contrast_on: 4.0, contrast_off: 4.0, ..fixed(&clean) };
+    add("genx320 fixed x32 quiet".into(), quiet, 1, SceneKind::Flight);
     add("genx320 clean".into(), clean.clone(), 1, SceneKind::Flight);
     let one = |change: &dyn Fn(&mut SensorModel)| {
         let mut sensor = clean.clone();
@@ -159,6 +173,24 @@ fn measure(device: &Arc<Device>, heater: &Heater, case: &Case, intervals: usize)
     Ok(Row { stages_us: staged.stages_us, ..row })
 }
 
+fn configs(case: &Case) -> Vec<CameraConfig> {
+    let (hdr, motion) = FORMATS;
+    (0..case.cameras as u32)
+        .map(|camera| CameraConfig { sensor: case.sensor.clone(), camera, hdr, motion: Some(motion) })
+        .collect()
+}
+
+fn print_statistics(device: &Arc<Device>, case: &Case) -> Result<()> {
+    let mut rig = Rig::new(device, &configs(case))?;
+    rig.step(&vec![0; case.cameras])?;
+    println!("{}", case.name);
+    for (stage, told) in rig.kernel_statistics()? {
+        let told: Vec<String> = told.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        println!("  {stage:<8} {}", told.join(", "));
+    }
+    Ok(())
+}
+
 fn measure_once(
     device: &Arc<Device>,
     heater: &Heater,
@@ -167,11 +199,9 @@ fn measure_once(
     stage_times: bool,
 ) -> Result<Row> {
     let (width, height) = (case.sensor.width, case.sensor.height);
-    let (hdr, motion) = (HdrFormat::F16x4, MotionFormat::F32x2);
-    let configs: Vec<CameraConfig> = (0..case.cameras as u32)
-        .map(|camera| CameraConfig { sensor: case.sensor.clone(), camera, hdr, motion: Some(motion) })
-        .collect();
-    let mut rig = Rig::with_options(device, &configs, RigOptions { stage_times, ..RigOptions::default() })?;
+    let (hdr, motion) = FORMATS;
+    let mut rig =
+        Rig::with_options(device, &configs(case), RigOptions { stage_times, ..RigOptions::default() })?;
     let mut renderer = Renderer::new(device, case.scene.scene(width, height), hdr, motion)?;
     let mut gpu = Vec::new();
     let mut wall = Vec::new();
@@ -205,7 +235,7 @@ fn measure_once(
     let count = intervals as f64;
     let blocks = f64::from(width.div_ceil(8) * height.div_ceil(8)) * case.cameras as f64;
     let bytes = |on_host: bool| {
-        rig.memory().iter().filter(|m| m.on_host == on_host).map(|m| m.bytes as f64).sum::<f64>() / 1e6
+        rig.memory().iter().filter(|m| m.on_host == on_host).map(|m| m.bytes).sum::<u64>() as f64 / 1e6
     };
     let (first, second) = gpu.split_at(intervals / 2);
     Ok(Row {
@@ -239,6 +269,9 @@ fn main() -> Result<()> {
             device.info().driver,
             arguments.intervals
         );
+    }
+    if arguments.statistics {
+        return cases.iter().try_for_each(|case| print_statistics(&device, case));
     }
     for case in &cases {
         let row = measure(&device, &heater, case, arguments.intervals)?;

@@ -3,7 +3,10 @@
 
 pub mod agreement;
 pub mod corpus;
+pub mod cuda;
 pub mod device;
 pub mod frames;
+pub mod interop;
+pub mod peer;
 pub mod run;
 pub mod sequence;

@@ -2,7 +2,8 @@
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, MemoryLocation, Rig, RigOptions, Validation,
+    Around, CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, InputBuffers,
+    MemoryLocation, Rig, RigOptions, Validation,
 };
 use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorError, SensorModel, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -47,6 +48,28 @@ fn images_of_the_wrong_size() {
     let missing = assert_names(upload(&mut rig, &hdr, None), &["motion", "432"]);
     assert!(matches!(missing, EngineError::Frame(FrameError::Size { image: "motion", actual: 0, .. })));
     upload(&mut rig, &hdr, Some(&motion)).unwrap();
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn buffers_of_others_that_are_too_small() {
+    let sensor = sensor();
+    let frames = frames(&sensor, 1);
+    let mut config = camera(&sensor, 0, &frames);
+    config.motion = Some(MotionFormat::F16x2);
+    let mut rig = Rig::new(&DEVICE, &[config]).unwrap();
+    let buffer = |bytes| {
+        DEVICE.allocate("given", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly).unwrap()
+    };
+    let (whole, short) = (buffer(12 * 9 * 16), buffer(160));
+    let mut step = |hdr, motion| {
+        let inputs = Some(InputBuffers { hdr, motion });
+        rig.step_frames(&[Some(FrameInput { t_ns: 0, inputs })], &Around::default()).map(|_| ())
+    };
+    assert_names(step(&short, Some(&whole)), &["camera 0", "hdr", "160 bytes", "1728"]);
+    assert_names(step(&whole, Some(&short)), &["camera 0", "motion", "160 bytes", "432"]);
+    assert_names(step(&whole, None), &["camera 0", "motion", "0 bytes", "432"]);
     drop(rig);
     assert_silent();
 }

@@ -105,9 +105,9 @@ fn every_scene_in_the_default_mode() {
 #[test]
 fn motion_cubic() {
     let modes = [(Intensity::BayerRggb, 32), (Intensity::Gray, 8)];
-    check_share(
-        modes.map(|(intensity, substeps)| check(&SensorModel { intensity, substeps, ..clean() }, &FEW)),
-    );
+    check_share(modes.into_iter().flat_map(|(intensity, substeps)| {
+        [1, 2].map(|transfers| check(&SensorModel { intensity, substeps, transfers, ..clean() }, &FEW))
+    }));
 }
 
 #[test]

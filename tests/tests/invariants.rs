@@ -370,6 +370,30 @@ fn cameras_of_one_rig_are_as_if_alone() {
 }
 
 #[test]
+fn one_rig_may_have_cameras_of_one_and_of_two_transfers() {
+    let size = (37, 29);
+    let frames = scene(SceneKind::Flight, size, &times(0, 5), HdrFormat::F32x4, MotionFormat::F32x2);
+    let cameras: Vec<_> =
+        [(Intensity::Gray, 2), (Intensity::BayerRggb, 1), (Intensity::Gray, 1), (Intensity::BayerRggb, 2)]
+            .map(|(intensity, transfers)| {
+                let sensor =
+                    SensorModel { synthesis: Synthesis::Motion, intensity, transfers, ..sensor(size) };
+                (sensor, frames.clone())
+            })
+            .into();
+    let together = engine_of_many(&cameras, RigOptions::default());
+    for ((sensor, frames), together) in cameras.iter().zip(&together) {
+        let alone = &engine(sensor, frames);
+        assert!(alone == together, "{:?}, {} transfers", sensor.intensity, sensor.transfers);
+        assert!(alone.iter().any(|step| !step.packet.is_empty()));
+    }
+    for [one, two] in [[2, 0], [1, 3]] {
+        assert!(events(&together[one]) != events(&together[two]), "a second transfer changes something");
+    }
+    assert_silent();
+}
+
+#[test]
 fn skipped_blocks_would_have_sent_nothing() {
     let size = (61, 50);
     let frames = scene(SceneKind::Lamp, size, &times(0, 6), HdrFormat::F32x4, MotionFormat::F32x2);

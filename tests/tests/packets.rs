@@ -1,11 +1,11 @@
 //! The packet contract: order, completeness, one and the same stream whatever happens underneath.
 
-use esaac_engine::RigOptions;
+use esaac_engine::{Around, FrameInput, InputBuffers, MemoryLocation, RigOptions};
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
-use esaac_tests::device::assert_silent;
-use esaac_tests::frames::{FRAME_NS, Sequence, scene, times};
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{FRAME_NS, Sequence, gray, intensity_of, scene, times};
 use esaac_tests::run::{Step, engine_of_many, engine_with, events, oracle, oracle_events, rig, step};
 
 const SIZE: (u32, u32) = (61, 43);
@@ -218,6 +218,110 @@ fn the_cap_keeps_the_earliest_and_counts_the_rest() {
     assert_silent();
 }
 
+/// A sensor to be shown flashes, with enough pixels for bins that are too large for one workgroup.
+fn wide() -> SensorModel {
+    SensorModel {
+        width: 160,
+        height: 120,
+        synthesis: Synthesis::Linear,
+        contrast_on: 0.2,
+        contrast_off: 0.2,
+        // Coarser than what f32 and f64 may be apart.
+        timestamp_quantum_ns: 1000,
+        ..sensor()
+    }
+}
+
+/// The whole image changes at once, and again in each interval, then rests: every pixel crosses at the
+/// same few instants. No level lies on a threshold of 0.1 or 0.2.
+fn flashes(sensor: &SensorModel) -> Sequence {
+    const LEVELS_LOG: [f64; 5] = [-1.0, 0.27, -0.87, 0.51, 0.51];
+    gray(sensor, &times(0, LEVELS_LOG.len()), |frame, _| intensity_of(sensor, LEVELS_LOG[frame]))
+}
+
+/// Packets are the oracle's in every field; the cameras have no noise.
+#[track_caller]
+fn check_against_oracle(cameras: &[(SensorModel, Sequence)], runs: &[Vec<Step>]) {
+    for ((sensor, sequence), steps) in cameras.iter().zip(runs) {
+        check_contract(sensor, sequence, steps);
+        for (index, (step, interval)) in steps.iter().zip(oracle(sensor, 0, sequence)).enumerate() {
+            let (got, expected) = (step.packet.len(), interval.packet.len());
+            assert_eq!(got, expected, "packet {index} of {sensor:?}");
+            assert!(step.packet == interval.packet, "packet {index} of {sensor:?}");
+        }
+    }
+}
+
+#[test]
+fn a_flash_sorts_like_any_other_packet() {
+    let free = wide();
+    let at_sample = |timestamp_quantum_ns| SensorModel {
+        timestamps: Timestamps::AtSample,
+        substeps: 3,
+        substep_policy: SubstepPolicy::Fixed,
+        contrast_on: 0.1,
+        contrast_off: 0.1,
+        timestamp_quantum_ns,
+        ..wide()
+    };
+    let sensors = [
+        // Several times more events in a pixel than a strip has room for.
+        SensorModel { contrast_on: 0.1, contrast_off: 0.1, ..free.clone() },
+        // Several events of a pixel and polarity at one time: equal keys.
+        at_sample(1),
+        at_sample(10_000_000),
+        SensorModel { max_events_per_interval: 100_001, ..free.clone() },
+        SensorModel { width: 127, height: 61, ..free.clone() },
+        SensorModel { width: 240, height: 180, ..free },
+    ];
+    let cameras = sensors.map(|sensor| (sensor.clone(), flashes(&sensor)));
+    let runs = engine_of_many(&cameras, RigOptions::default());
+    check_against_oracle(&cameras, &runs);
+    for (steps, (sensor, _)) in runs.iter().zip(&cameras) {
+        assert!(steps[1].packet.len() + steps[1].packet.dropped as usize >= 6 * sensor.pixels());
+    }
+    let equal = |packet: &Packet| {
+        let keys: Vec<Event> = packet.iter().collect();
+        keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
+    };
+    assert!(equal(&runs[1][1].packet) > cameras[1].0.pixels());
+    assert_silent();
+}
+
+#[test]
+fn what_is_late_of_a_flash_comes_in_the_packets_after() {
+    let cameras = [3_000_000, 20_000_000, 40_000_000].map(|latency_ns| {
+        let sensor = SensorModel { latency_ns, ..wide() };
+        (sensor.clone(), flashes(&sensor))
+    });
+    let runs = engine_of_many(&cameras, RigOptions::default());
+    check_against_oracle(&cameras, &runs);
+    let pixels = u64::from(wide().width * wide().height);
+    let both = |step: &Step| step.packet.len() as u64 >= pixels && step.diagnostics.late_events >= pixels;
+    assert!(runs.iter().all(|steps| steps.iter().any(both)), "no packet is heavy with more to come");
+    assert_silent();
+}
+
+#[test]
+fn a_flash_beside_a_calm_camera_while_both_grow() {
+    // The calm camera has fewer frames: it rests in the last ticks.
+    let calm = (sensor(), lamp(4));
+    let delayed = SensorModel { latency_ns: 20_000_000, ..wide() };
+    let cameras = [(wide(), flashes(&wide())), (delayed.clone(), flashes(&delayed)), calm];
+    let options = RigOptions { initial_events: 64, ..RigOptions::default() };
+    let together = engine_of_many(&cameras, options);
+    assert!(
+        together.iter().flat_map(|steps| steps.iter().map(|s| s.diagnostics.regrown).max()).all(|n| n > 0)
+    );
+    check_against_oracle(&cameras[..2], &together[..2]);
+    let alone = engine_of_many(&cameras[2..], RigOptions::default());
+    assert_eq!(alone[0].len(), together[2].len());
+    for (index, (a, b)) in alone[0].iter().zip(&together[2]).enumerate() {
+        assert!(a.packet == b.packet, "packet {index}");
+    }
+    assert_silent();
+}
+
 #[test]
 fn the_first_frame_gives_an_empty_packet() {
     let frames = busy(2);
@@ -227,6 +331,33 @@ fn the_first_frame_gives_an_empty_packet() {
     assert_eq!(first.packet.watermark_ns, frames.frames[0].t_ns);
     let second = step(&mut rig, &frames, 1);
     assert_eq!((second.packet.base_ns, second.packet.sequence), (frames.frames[0].t_ns, 1));
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn frames_may_lie_elsewhere_each_time() {
+    let frames = busy(4);
+    let expected = engine_with(&sensor(), &frames, RigOptions::default());
+    let mut rig = rig(&sensor(), &frames, RigOptions::default());
+    // All stay alive, so that each has an address of its own.
+    let mut buffers = Vec::new();
+    for (index, (frame, expected)) in frames.frames.iter().zip(&expected).enumerate() {
+        let buffer = |image: &str, bytes: &[u8]| {
+            let mut buffer = DEVICE
+                .allocate(image, bytes.len() as u64, Default::default(), MemoryLocation::CpuToGpu)
+                .expect("a buffer");
+            buffer.write(0, bytes);
+            buffer
+        };
+        let motion = frame.motion.as_deref().expect("the scene has motion");
+        let (hdr, motion) = (buffer("hdr", &frame.hdr), buffer("motion", motion));
+        let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion) };
+        let input = FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) };
+        let tick = rig.step_frames(&[Some(input)], &Around::default()).expect("a frame in time");
+        assert_eq!(tick.packets[0], expected.packet, "frame {index}");
+        buffers.extend([hdr, motion]);
+    }
     drop(rig);
     assert_silent();
 }

@@ -1,16 +1,16 @@
 //! Each stage of the engine against the oracle's of the same name: ingest, plan, synthesis, APS.
 
-use esaac_engine::RigOptions;
+use esaac_engine::{FrameBytes, Rig, RigOptions};
 use esaac_model::intensity::weights;
 use esaac_model::{
     HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, q24_to_log,
 };
-use esaac_oracle::Interval;
+use esaac_oracle::{Interval, Oracle, Samples};
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::LEVEL_TOLERANCE_LOG;
-use esaac_tests::device::assert_silent;
+use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, scene, times};
-use esaac_tests::run::{Step, engine_of_many, oracle};
+use esaac_tests::run::{Step, camera, engine_of_many, oracle};
 
 /// An APS pixel rounds to the nearest count; f32 may fall on the other side of a half.
 const APS_TOLERANCE_COUNTS: u16 = 1;
@@ -33,15 +33,21 @@ fn sensor(
 
 /// Level error of the worst pixel and sub-step, where both have as many sub-steps.
 fn worst_level(sensor: &SensorModel, intervals: &[Interval], steps: &[Step]) -> f64 {
-    let mut worst = 0.0_f64;
-    for (interval, step) in intervals.iter().zip(steps).skip(1) {
+    let of_interval = |(interval, step): (&Interval, &Step)| {
         let samples = interval.samples.as_ref().expect("runs keep samples");
         let substeps_q24 = step.substeps_q24.as_ref().expect("the rig keeps them");
-        for pixel in 0..sensor.pixels() {
-            for (sample, levels) in samples.at(pixel).iter().zip(&substeps_q24[1..]) {
-                let expected = (sample + sensor.log_offset).ln();
-                worst = worst.max((q24_to_log(levels[pixel]) - expected).abs());
-            }
+        worst_level_of(sensor, samples, substeps_q24)
+    };
+    intervals.iter().zip(steps).skip(1).map(of_interval).fold(0.0, f64::max)
+}
+
+/// The same of one interval.
+fn worst_level_of(sensor: &SensorModel, samples: &Samples, substeps_q24: &[Vec<i32>]) -> f64 {
+    let mut worst = 0.0_f64;
+    for pixel in 0..sensor.pixels() {
+        for (sample, levels) in samples.at(pixel).iter().zip(&substeps_q24[1..]) {
+            let expected = (sample + sensor.log_offset).ln();
+            worst = worst.max((q24_to_log(levels[pixel]) - expected).abs());
         }
     }
     worst
@@ -56,22 +62,25 @@ fn check_plan(what: &str, intervals: &[Interval], steps: &[Step]) {
 
 #[test]
 fn synthesis_and_plan() {
-    const MODES: [(Synthesis, Taps, Intensity); 6] = [
-        (Synthesis::Motion, Taps::Cubic, Intensity::Luminance),
-        (Synthesis::Motion, Taps::Cubic, Intensity::BayerRggb),
-        (Synthesis::Motion, Taps::Bilinear, Intensity::Gray),
-        (Synthesis::Linear, Taps::Cubic, Intensity::BayerRggb),
-        (Synthesis::Paper, Taps::Cubic, Intensity::Luminance),
-        (Synthesis::None, Taps::Cubic, Intensity::Luminance),
+    const MODES: [(Synthesis, Taps, u32, Intensity); 8] = [
+        (Synthesis::Motion, Taps::Cubic, 1, Intensity::Luminance),
+        (Synthesis::Motion, Taps::Cubic, 1, Intensity::BayerRggb),
+        (Synthesis::Motion, Taps::Cubic, 2, Intensity::Luminance),
+        (Synthesis::Motion, Taps::Cubic, 2, Intensity::BayerRggb),
+        (Synthesis::Motion, Taps::Bilinear, 2, Intensity::Gray),
+        (Synthesis::Linear, Taps::Cubic, 1, Intensity::BayerRggb),
+        (Synthesis::Paper, Taps::Cubic, 1, Intensity::Luminance),
+        (Synthesis::None, Taps::Cubic, 1, Intensity::Luminance),
     ];
     const SCENES: [(SceneKind, (u32, u32)); 3] =
         [(SceneKind::Flight, (45, 37)), (SceneKind::Hdr, (33, 26)), (SceneKind::Lamp, (7, 31))];
     let mut cameras = Vec::new();
-    for (synthesis, taps, intensity) in MODES {
+    for (synthesis, taps, transfers, intensity) in MODES {
         for (kind, size) in SCENES {
             let frames = scene(kind, size, &times(5_000_000_003, 4), HdrFormat::F32x4, MotionFormat::F32x2);
             for substep_policy in [SubstepPolicy::Adaptive, SubstepPolicy::Fixed] {
-                let sensor = SensorModel { substep_policy, ..sensor(size, synthesis, taps, intensity) };
+                let sensor =
+                    SensorModel { substep_policy, transfers, ..sensor(size, synthesis, taps, intensity) };
                 cameras.push((sensor, frames.clone()));
             }
         }
@@ -83,9 +92,10 @@ fn synthesis_and_plan() {
         let intervals = oracle(sensor, number as u32, sequence);
         let level = worst_level(sensor, &intervals, steps);
         let what = format!(
-            "{:?} {:?} {:?} {:?} {}x{}",
+            "{:?} {:?} {} {:?} {:?} {}x{}",
             sensor.synthesis,
             sensor.taps,
+            sensor.transfers,
             sensor.intensity,
             sensor.substep_policy,
             sensor.width,
@@ -103,6 +113,46 @@ fn synthesis_and_plan() {
         "levels off by up to {worst:.2e}, or plans differ:\n{}",
         failures.join("\n")
     );
+    assert_silent();
+}
+
+#[test]
+fn transfers_may_change_between_ticks() {
+    // Of the second camera; the first stays at one.
+    const TRANSFERS: [u32; 7] = [1, 1, 2, 2, 1, 2, 1];
+    let size = (45, 37);
+    let frames =
+        scene(SceneKind::Flight, size, &times(0, TRANSFERS.len()), HdrFormat::F32x4, MotionFormat::F32x2);
+    let mut worst = 0.0_f64;
+    for intensity in [Intensity::Luminance, Intensity::BayerRggb] {
+        // As many sub-steps everywhere: beyond a block's last, what a rig keeps is nobody's.
+        let base = SensorModel {
+            substep_policy: SubstepPolicy::Fixed,
+            ..sensor(size, Synthesis::Motion, Taps::Cubic, intensity)
+        };
+        let configs = [0, 1].map(|number| camera(&base, number, &frames));
+        let mut rig = Rig::with_options(&DEVICE, &configs, keep()).expect("a rig of two cameras");
+        let mut oracle = Oracle::new(base.clone(), 1).expect("a valid sensor");
+        oracle.keep_samples(true);
+        for (index, (&transfers, frame)) in TRANSFERS.iter().zip(&frames.frames).enumerate() {
+            let sensor = SensorModel { transfers, ..base.clone() };
+            rig.set_sensor(1, sensor.clone()).expect("of the same size");
+            oracle.set_sensor(sensor).expect("of the same size");
+            for number in 0..2 {
+                let bytes = FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() };
+                rig.upload(number, &bytes).expect("a frame that fits");
+            }
+            rig.step(&[frame.t_ns; 2]).expect("a frame in time");
+            let interval = oracle.step(&frames.oracle_frame(index)).expect("a frame in time");
+            let Some(samples) = interval.samples else { continue };
+            let [one, changed] = [0, 1].map(|number| rig.substeps_q24(number).expect("the rig keeps them"));
+            worst = worst.max(worst_level_of(&base, &samples, &changed));
+            // What the second transfer did is gone with its interval.
+            let taken = ..=base.substeps as usize;
+            assert_eq!(one[taken] != changed[taken], transfers == 2, "{intensity:?}, frame {index}");
+        }
+    }
+    assert!(worst <= LEVEL_TOLERANCE_LOG, "levels off by up to {worst:.2e}");
     assert_silent();
 }
 

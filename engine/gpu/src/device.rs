@@ -3,15 +3,24 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::error::{Call, EngineError};
+use crate::kernel::Commands;
 use crate::memory::Buffer;
-use ash::{ext, vk};
+use crate::timeline::Timeline;
+use ash::{ext, khr, vk};
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::ffi::{CStr, c_char, c_void};
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+/// Extensions for memory and semaphores that other processes share, each enabled where it is present.
+const SHARING: [&CStr; 3] =
+    [khr::external_memory_fd::NAME, khr::external_semaphore_fd::NAME, ext::external_memory_host::NAME];
+
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+/// The capability that [`crate::Kernel::statistics`] needs.
+const STATISTICS: &str = "pipelineExecutableInfo";
 
 /// Which device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,6 +111,12 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
+    /// Whether it has the capability of this name.
+    #[must_use]
+    pub fn has(&self, name: &str) -> bool {
+        self.capabilities.iter().any(|c| c.name == name && c.present)
+    }
+
     fn missing(&self) -> String {
         let names: Vec<_> =
             self.capabilities.iter().filter(|c| c.required && !c.present).map(|c| c.name).collect();
@@ -227,8 +242,12 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
     let mut f11 = vk::PhysicalDeviceVulkan11Features::default();
     let mut f12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut f13 = vk::PhysicalDeviceVulkan13Features::default();
-    let mut features =
-        vk::PhysicalDeviceFeatures2::default().push_next(&mut f11).push_next(&mut f12).push_next(&mut f13);
+    let mut executable = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default()
+        .push_next(&mut f11)
+        .push_next(&mut f12)
+        .push_next(&mut f13)
+        .push_next(&mut executable);
     // SAFETY: `physical` comes from this instance; every chained struct outlives the calls.
     let (memory, families, extensions) = unsafe {
         instance.get_physical_device_properties2(physical, &mut properties);
@@ -272,6 +291,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         likes("VK_EXT_external_memory_host", has(ext::external_memory_host::NAME)),
         likes("VK_EXT_calibrated_timestamps", has(ext::calibrated_timestamps::NAME)),
         likes("VK_EXT_memory_budget", has(ext::memory_budget::NAME)),
+        likes(STATISTICS, executable.pipeline_executable_info == vk::TRUE),
     ];
     let text = |raw: &[c_char]| {
         let bytes: Vec<u8> = raw.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
@@ -321,12 +341,14 @@ pub fn list_devices() -> Result<Vec<DeviceInfo>, EngineError> {
 /// An open device with one compute queue.
 pub struct Device {
     raw: ash::Device,
+    physical: vk::PhysicalDevice,
     allocator: ManuallyDrop<Mutex<Allocator>>,
     queue: Mutex<vk::Queue>,
     queue_family: u32,
     timestamp_period_ns: f64,
     timestamp_mask: u64,
     unified_memory: bool,
+    statistics: Option<khr::pipeline_executable_properties::Device>,
     info: DeviceInfo,
     instance: Instance,
 }
@@ -356,17 +378,35 @@ impl Device {
         let mut f12 = vk::PhysicalDeviceVulkan12Features::default()
             .shader_int8(true)
             .storage_buffer8_bit_access(true)
-            .buffer_device_address(true);
+            .buffer_device_address(true)
+            .timeline_semaphore(info.has("timelineSemaphore"));
         let mut f13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true);
         let base = vk::PhysicalDeviceFeatures::default().shader_int64(true).shader_int16(true);
-        let create = vk::DeviceCreateInfo::default()
+        let mut extensions: Vec<*const c_char> = SHARING
+            .iter()
+            .filter(|name| name.to_str().is_ok_and(|name| info.has(name)))
+            .map(|name| name.as_ptr())
+            .collect();
+        let tells_statistics = info.has(STATISTICS);
+        if tells_statistics {
+            extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
+        }
+        let mut statistics = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default()
+            .pipeline_executable_info(true);
+        let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
             .enabled_features(&base)
+            .enabled_extension_names(&extensions)
             .push_next(&mut f11)
             .push_next(&mut f12)
             .push_next(&mut f13);
+        if tells_statistics {
+            create = create.push_next(&mut statistics);
+        }
         // SAFETY: every feature asked for was found present by `describe`; pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.call("vkCreateDevice")?;
+        let statistics =
+            tells_statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: one queue of this family was created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let allocator = Allocator::new(&AllocatorCreateDesc {
@@ -392,6 +432,7 @@ impl Device {
         let types = &memory.memory_types[..memory.memory_type_count as usize];
         let own_and_cached = vk::MemoryPropertyFlags::DEVICE_LOCAL | vk::MemoryPropertyFlags::HOST_CACHED;
         Ok(Arc::new(Device {
+            physical,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             raw,
             queue: Mutex::new(queue),
@@ -399,9 +440,20 @@ impl Device {
             timestamp_period_ns: f64::from(properties.limits.timestamp_period),
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
             unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
+            statistics,
             info,
             instance,
         }))
+    }
+
+    /// Whether the validation layer watches.
+    pub(crate) fn is_validated(&self) -> bool {
+        self.instance.debug.is_some()
+    }
+
+    /// What asks for a pipeline's registers and sizes, where the driver tells them.
+    pub(crate) fn statistics(&self) -> Option<&khr::pipeline_executable_properties::Device> {
+        self.statistics.as_ref()
     }
 
     /// What it is.
@@ -414,6 +466,18 @@ impl Device {
     #[must_use]
     pub fn raw(&self) -> &ash::Device {
         &self.raw
+    }
+
+    /// What the device was made from.
+    #[must_use]
+    pub fn physical(&self) -> vk::PhysicalDevice {
+        self.physical
+    }
+
+    /// Vulkan instance, for questions about the physical device and for extensions.
+    #[must_use]
+    pub fn instance(&self) -> &ash::Instance {
+        &self.instance.raw
     }
 
     /// Family of the queue.
@@ -458,23 +522,69 @@ impl Device {
         Buffer::new(self, name, bytes, usage | always, location)
     }
 
-    pub(crate) fn submit(&self, commands: vk::CommandBuffer, fence: vk::Fence) -> Result<(), EngineError> {
-        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
-        let submit = [vk::SubmitInfo2::default().command_buffer_infos(&commands)];
+    pub(crate) fn submit(
+        &self,
+        commands: vk::CommandBuffer,
+        around: &Around<'_>,
+        fence: vk::Fence,
+    ) -> Result<(), EngineError> {
+        let commands: Vec<_> = around
+            .before
+            .iter()
+            .map(|c| c.raw())
+            .chain([commands])
+            .chain(around.after.iter().map(|c| c.raw()))
+            .collect();
+        let split = |at: &[(&Timeline, u64)]| -> (Vec<vk::Semaphore>, Vec<u64>) {
+            at.iter().map(|(timeline, value)| (timeline.raw(), *value)).unzip()
+        };
+        let ((waits, wait_values), (signals, signal_values)) = (split(around.waits), split(around.signals));
+        let stages = vec![vk::PipelineStageFlags::ALL_COMMANDS; waits.len()];
+        let mut values = vk::TimelineSemaphoreSubmitInfo::default()
+            .wait_semaphore_values(&wait_values)
+            .signal_semaphore_values(&signal_values);
+        // Not vkQueueSubmit2: Debian's validation layer (1.3.239) loses the values of its signals.
+        let mut submit = vk::SubmitInfo::default()
+            .command_buffers(&commands)
+            .wait_semaphores(&waits)
+            .wait_dst_stage_mask(&stages)
+            .signal_semaphores(&signals);
+        if !(waits.is_empty() && signals.is_empty()) {
+            submit = submit.push_next(&mut values);
+        }
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the queue is held exclusively; the command buffer is recorded and not pending, the
-        // fence unsignalled.
-        unsafe { self.raw.queue_submit2(*queue, &submit, fence) }.call("vkQueueSubmit2")
+        // SAFETY: the queue is held exclusively; the command buffers are recorded and not pending, the
+        // fence unsignalled, the semaphores alive until the fence is (the caller waits for it).
+        unsafe { self.raw.queue_submit(*queue, &[submit], fence) }.call("vkQueueSubmit")
     }
 
     /// Records with `record`, submits and waits: for set-up and producers, not for the hot path.
     pub fn run_once(self: &Arc<Self>, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
-        let commands = crate::kernel::Commands::new(self)?;
-        let fence = crate::timing::Fence::new(self)?;
+        let commands = Commands::new(self)?;
         commands.record(record)?;
-        self.submit(commands.raw(), fence.raw())?;
+        self.run_around(&commands, &Around::default())
+    }
+
+    /// Submits commands with what goes around them, and waits.
+    pub fn run_around(self: &Arc<Self>, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
+        let fence = crate::timing::Fence::new(self)?;
+        self.submit(commands.raw(), around, fence.raw())?;
         fence.wait()
     }
+}
+
+/// What goes around a submission: commands before and after, and values of timelines that it waits for
+/// and signals. Commands are not pending anywhere else.
+#[derive(Clone, Copy, Default)]
+pub struct Around<'a> {
+    /// Run first.
+    pub before: &'a [&'a Commands],
+    /// Run last.
+    pub after: &'a [&'a Commands],
+    /// Reached before anything runs.
+    pub waits: &'a [(&'a Timeline, u64)],
+    /// Reached once all has run.
+    pub signals: &'a [(&'a Timeline, u64)],
 }
 
 impl Drop for Device {

@@ -2,20 +2,24 @@
 //! what Rust uses. The build script checks those that it embeds, a kernel folder those that it compiles.
 
 use esaac_kernels::Reflection;
-use esaac_model::layout::{BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GpuStruct, STRIP_BLOCKS};
+use esaac_model::layout::{
+    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, RUN_EVENTS, STRIP_BLOCKS,
+};
 use esaac_model::substeps::BLOCK_PX;
 
 /// Kernels by stage name.
-pub const STAGES: &[&str] = &["ingest", "enhance", "carry", "cross", "scatter", "sort", "readback"];
+pub const STAGES: &[&str] = &["ingest", "enhance", "carry", "cross", "scatter", "sort", "merge"];
 
 /// Threads of a stage's workgroup: what the number of workgroups in a dispatch is worked out for.
 fn threads(stage: &str) -> u32 {
     match stage {
         // A pixel of a strip each.
-        "ingest" | "cross" => STRIP_BLOCKS * BLOCK_PX * BLOCK_PX,
+        "ingest" => STRIP_BLOCKS * BLOCK_PX * BLOCK_PX,
+        "cross" => STRIP_BLOCKS * BLOCK_PX * CROSS_ROWS_PX,
         // Those and the next column and row, in whole subgroups.
         "enhance" => ((STRIP_BLOCKS * BLOCK_PX + 1) * (BLOCK_PX + 1)).next_multiple_of(64),
-        "sort" => 64,
+        // An event of a run each.
+        "merge" => RUN_EVENTS,
         _ => 256,
     }
 }
@@ -29,16 +33,15 @@ pub fn check(stage: &str, words: &[u32]) -> Result<(), String> {
             .get(binding.slot as usize)
             .ok_or_else(|| format!("binding {} is in no list", binding.slot))?;
         let stride = binding.stride.unwrap_or(0);
-        // `readback` copies whatever it is by lines of sixteen bytes.
-        let by_lines = stage == "readback" && stride == 16 && 16 % expected.stride == 0;
-        if stride != expected.stride && !by_lines {
+        if stride != expected.stride {
             return Err(format!("`{}` has stride {stride}, expected {}", expected.name, expected.stride));
         }
     }
     let table = reflection.uniform_strides.get(&(CAMERAS as u32)).copied();
     same("stride of `cameras`", table, Some(size_of::<Camera>() as u32))?;
     same("workgroup", reflection.workgroup, [threads(stage), 1, 1])?;
-    same("push constants", reflection.push_bytes, 4)?;
+    same("push constants", reflection.push_bytes, size_of::<Push>() as u32)?;
+    check_struct::<Push>(&reflection)?;
     check_struct::<Camera>(&reflection)?;
     if reflection.bindings.iter().any(|b| b.slot as usize == COUNTERS) {
         check_struct::<Counters>(&reflection)?;

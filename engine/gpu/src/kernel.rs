@@ -26,7 +26,7 @@ pub mod stages {
         CROSS = "cross";
         SCATTER = "scatter";
         SORT = "sort";
-        READBACK = "readback";
+        MERGE = "merge";
     }
 }
 
@@ -119,6 +119,9 @@ impl Drop for BindingSet {
     }
 }
 
+/// What a driver tells about compiled code: names and values.
+pub type KernelStatistics = Vec<(String, f64)>;
+
 /// A compute pipeline with its bindings.
 pub struct Kernel {
     device: Arc<Device>,
@@ -182,7 +185,12 @@ impl Kernel {
             .module(module)
             .name(c"main")
             .specialization_info(&constants);
-        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+        let flags = if device.statistics().is_some() {
+            vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR
+        } else {
+            vk::PipelineCreateFlags::empty()
+        };
+        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout).flags(flags)];
         // SAFETY: layout and module are alive; the specialisation data outlives the call.
         let created =
             unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &info, None) };
@@ -195,6 +203,34 @@ impl Kernel {
     /// Binds buffers to the kernel's slots; see [`BindingSet::bind`].
     pub fn bind(&self, buffers: &[&Buffer]) {
         self.bindings.bind(buffers.iter().copied());
+    }
+
+    /// What the driver tells about the compiled code (registers, shared memory, sizes); nothing where it
+    /// does not tell.
+    pub fn statistics(&self) -> Result<KernelStatistics, EngineError> {
+        let Some(pipelines) = self.device.statistics() else {
+            return Ok(Vec::new());
+        };
+        let info = vk::PipelineExecutableInfoKHR::default().pipeline(self.pipeline).executable_index(0);
+        // SAFETY: the pipeline is alive, was made with CAPTURE_STATISTICS, and compute has one executable.
+        let told = unsafe { pipelines.get_pipeline_executable_statistics(&info) }
+            .call("vkGetPipelineExecutableStatisticsKHR")?;
+        Ok(told
+            .iter()
+            .map(|s| {
+                let name = s.name_as_c_str().unwrap_or_default().to_string_lossy().into_owned();
+                // SAFETY: `format` tells which member the driver has written.
+                let value = unsafe {
+                    match s.format {
+                        vk::PipelineExecutableStatisticFormatKHR::BOOL32 => f64::from(s.value.b32),
+                        vk::PipelineExecutableStatisticFormatKHR::INT64 => s.value.i64 as f64,
+                        vk::PipelineExecutableStatisticFormatKHR::UINT64 => s.value.u64 as f64,
+                        _ => s.value.f64,
+                    }
+                };
+                (name, value)
+            })
+            .collect())
     }
 
     /// Records a dispatch.
@@ -231,14 +267,15 @@ impl Drop for Kernel {
 }
 
 /// A command buffer with a pool of its own.
-pub(crate) struct Commands {
+pub struct Commands {
     device: Arc<Device>,
     pool: vk::CommandPool,
     raw: vk::CommandBuffer,
 }
 
 impl Commands {
-    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
+    /// None recorded yet.
+    pub fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
         let info = vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family());
         // SAFETY: the device is alive.
         let pool = unsafe { device.raw().create_command_pool(&info, None) }.call("vkCreateCommandPool")?;
@@ -250,12 +287,14 @@ impl Commands {
         Ok(this)
     }
 
-    pub(crate) fn raw(&self) -> vk::CommandBuffer {
+    /// Vulkan handle.
+    #[must_use]
+    pub fn raw(&self) -> vk::CommandBuffer {
         self.raw
     }
 
     /// Records anew what `record` says; the buffer is not pending.
-    pub(crate) fn record(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
+    pub fn record(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
         let device = self.device.raw();
         // SAFETY: the pool's only buffer is not pending: its owner has waited.
         unsafe { device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }

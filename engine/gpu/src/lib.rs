@@ -12,14 +12,18 @@ mod kernel;
 mod kernel_folder;
 mod memory;
 mod rig;
+mod timeline;
 mod timing;
 
 pub use ash;
-pub use device::{Capability, Device, DeviceChoice, DeviceInfo, Validation, list_devices};
+pub use device::{Around, Capability, Device, DeviceChoice, DeviceInfo, Validation, list_devices};
 pub use error::EngineError;
 pub use gpu_allocator::MemoryLocation;
-pub use kernel::{BindingSet, Kernel, stages};
+pub use kernel::{BindingSet, Commands, Kernel, KernelStatistics, stages};
 #[cfg(feature = "shaderc")]
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
-pub use rig::{ApsFrame, CameraConfig, Diagnostics, FrameBytes, InputBuffers, Rig, RigOptions, Tick};
+pub use rig::{
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, Tick,
+};
+pub use timeline::Timeline;

@@ -23,11 +23,19 @@ pub struct MemoryUse {
     pub on_host: bool,
 }
 
+/// Who the memory of a buffer comes from.
+enum Memory {
+    None,
+    Managed(Allocation),
+    /// Made by other means, the buffer's alone.
+    Adopted(vk::DeviceMemory),
+}
+
 /// A storage buffer with its memory.
 pub struct Buffer {
     device: Arc<Device>,
     raw: vk::Buffer,
-    allocation: Option<Allocation>,
+    memory: Memory,
     name: String,
     bytes: u64,
     address: u64,
@@ -57,7 +65,7 @@ impl Buffer {
         let mut buffer = Buffer {
             device: Arc::clone(device),
             raw,
-            allocation: None,
+            memory: Memory::None,
             name: name.to_owned(),
             bytes,
             address: 0,
@@ -78,7 +86,7 @@ impl Buffer {
         // SAFETY: the memory was allocated for these requirements and is bound once.
         unsafe { device.raw().bind_buffer_memory(raw, allocation.memory(), allocation.offset()) }
             .call("vkBindBufferMemory")?;
-        buffer.allocation = Some(allocation);
+        buffer.memory = Memory::Managed(allocation);
         // SAFETY: the buffer is bound and was created with the device-address usage.
         buffer.address = unsafe {
             device.raw().get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
@@ -86,10 +94,45 @@ impl Buffer {
         Ok(buffer)
     }
 
+    /// Takes over a buffer whose memory was made by other means: exported, imported.
+    ///
+    /// # Safety
+    /// `raw` and `memory` were made by `device`, are bound to each other and owned by nobody else; the
+    /// buffer has at least `bytes` and was made for storage and device addresses.
+    #[must_use]
+    pub unsafe fn adopt(
+        device: &Arc<Device>,
+        name: &str,
+        raw: vk::Buffer,
+        memory: vk::DeviceMemory,
+        bytes: u64,
+    ) -> Self {
+        let info = vk::BufferDeviceAddressInfo::default().buffer(raw);
+        Buffer {
+            device: Arc::clone(device),
+            raw,
+            memory: Memory::Adopted(memory),
+            name: name.to_owned(),
+            bytes,
+            // SAFETY: the buffer is bound and was made for addresses, as the caller guarantees.
+            address: unsafe { device.raw().get_buffer_device_address(&info) },
+            location: MemoryLocation::GpuOnly,
+        }
+    }
+
     /// Vulkan handle.
     #[must_use]
     pub fn raw(&self) -> vk::Buffer {
         self.raw
+    }
+
+    /// Its memory, if that was made by other means (see [`Buffer::adopt`]).
+    #[must_use]
+    pub fn adopted_memory(&self) -> Option<vk::DeviceMemory> {
+        match self.memory {
+            Memory::Adopted(memory) => Some(memory),
+            Memory::None | Memory::Managed(_) => None,
+        }
     }
 
     /// Device address of the first byte.
@@ -113,7 +156,7 @@ impl Buffer {
     /// Whether the host can read and write it through [`Buffer::mapped`].
     #[must_use]
     pub fn is_mapped(&self) -> bool {
-        self.allocation.as_ref().is_some_and(|a| a.mapped_ptr().is_some())
+        self.mapped().is_some()
     }
 
     /// Whether its memory is the host's rather than the device's own.
@@ -125,14 +168,16 @@ impl Buffer {
     /// The bytes, if the host can see them; the caller sees to it that the device is not at them.
     #[must_use]
     pub fn mapped(&self) -> Option<&[u8]> {
-        self.allocation.as_ref()?.mapped_slice().map(|s| &s[..self.bytes as usize])
+        let Memory::Managed(allocation) = &self.memory else { return None };
+        allocation.mapped_slice().map(|s| &s[..self.bytes as usize])
     }
 
     /// The bytes, writable.
     #[must_use]
     pub fn mapped_mut(&mut self) -> Option<&mut [u8]> {
         let bytes = self.bytes as usize;
-        self.allocation.as_mut()?.mapped_slice_mut().map(|s| &mut s[..bytes])
+        let Memory::Managed(allocation) = &mut self.memory else { return None };
+        allocation.mapped_slice_mut().map(|s| &mut s[..bytes])
     }
 
     /// Elements `first..first + count` as `T`; panics if they are not mapped or outside.
@@ -154,10 +199,15 @@ impl Drop for Buffer {
     fn drop(&mut self) {
         // SAFETY: whoever owns a buffer waits for the device before dropping it; the handle is ours.
         unsafe { self.device.raw().destroy_buffer(self.raw, None) };
-        if let Some(allocation) = self.allocation.take()
-            && let Err(error) = self.device.allocator().free(allocation)
-        {
-            eprintln!("esaac: freeing `{}`: {error}", self.name);
+        match std::mem::replace(&mut self.memory, Memory::None) {
+            Memory::None => {}
+            Memory::Managed(allocation) => {
+                if let Err(error) = self.device.allocator().free(allocation) {
+                    eprintln!("esaac: freeing `{}`: {error}", self.name);
+                }
+            }
+            // SAFETY: the memory is this buffer's alone, and the buffer is gone.
+            Memory::Adopted(memory) => unsafe { self.device.raw().free_memory(memory, None) },
         }
     }
 }

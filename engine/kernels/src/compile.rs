@@ -1,5 +1,6 @@
 //! Runs `glslc`, the shaderc project's command-line compiler.
 
+use crate::precise::precise;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use thiserror::Error;
@@ -33,6 +34,14 @@ pub enum CompileError {
         /// Bytes written.
         bytes: usize,
     },
+    /// The output is SPIR-V that cannot be read.
+    #[error("{path}: the compiler's SPIR-V cannot be read: {message}")]
+    Unreadable {
+        /// File.
+        path: PathBuf,
+        /// The reader's words.
+        message: String,
+    },
 }
 
 /// Whether the optimiser runs. It strips names; a kernel that is read back keeps them.
@@ -44,7 +53,7 @@ pub enum Optimise {
     No,
 }
 
-/// Compiles a compute kernel; `defines` are `NAME=VALUE` pairs.
+/// Compiles a compute kernel, its arithmetic as it is written; `defines` are `NAME=VALUE` pairs.
 pub fn compile(
     source: &Path,
     include_dirs: &[PathBuf],
@@ -72,5 +81,6 @@ pub fn compile(
     if bytes < 20 || !bytes.is_multiple_of(4) {
         return Err(CompileError::Output { path: source.to_owned(), bytes });
     }
-    Ok(crate::words(&output.stdout))
+    precise(&crate::words(&output.stdout))
+        .map_err(|message| CompileError::Unreadable { path: source.to_owned(), message })
 }

@@ -4,6 +4,7 @@
 mod compile;
 #[cfg(feature = "shaderc")]
 mod linked;
+mod precise;
 mod reflect;
 
 pub use compile::{CompileError, Optimise, TARGET_ENV, compile};

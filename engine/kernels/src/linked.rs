@@ -1,5 +1,6 @@
 //! The shaderc project's compiler linked into the program: no process, and sources from memory.
 
+use crate::precise::precise;
 use crate::{CompileError, Optimise};
 use shaderc::{
     CompileOptions, Compiler, EnvVersion, OptimizationLevel, ResolvedInclude, ShaderKind, TargetEnv,
@@ -50,7 +51,7 @@ pub fn compile_linked(
             shaderc::Error::CompilationError(_, message) => refused(message.trim_end().to_owned()),
             other => refused(other.to_string()),
         })?;
-    Ok(artifact.as_binary().to_vec())
+    precise(artifact.as_binary()).map_err(|message| CompileError::Unreadable { path: name.into(), message })
 }
 
 #[cfg(test)]

@@ -34,6 +34,8 @@ gpu_struct! {
         hdr_address: u64,
         /// Device address of the motion image.
         motion_address: u64,
+        /// Device address of `planes`.
+        planes_address: u64,
         /// Start of the interval.
         start_ns: i64,
         /// Time that leak counts from.
@@ -128,20 +130,16 @@ gpu_struct! {
         aps_scale: f32,
         /// Largest APS value.
         aps_max: f32,
-        /// Events in the packet at the most.
-        max_events: u32,
         /// The camera's place in `counters`, whatever its place in `cameras`.
         slot: u32,
         /// First element in `samples`.
         samples_base: u32,
         /// `ln(log_offset)`: what a pixel sees in the dark.
         log_dark: f32,
-        /// Fill the struct to a multiple of sixteen bytes.
-        padding0: u32,
-        /// As the field before.
-        padding1: u32,
-        /// First element of this camera in `host`.
-        host_base: u32,
+        /// Words that `planes` keeps of a frame of one colour component.
+        frame_words: u32,
+        /// Words from one row of a lattice to the next, 0 where frames have none.
+        lattice_stride: u32,
     }
 }
 
@@ -168,11 +166,41 @@ gpu_struct! {
         substeps: u32,
         /// Strips of blocks that had more events than their list holds; `cross` takes them again without one.
         crowded_strips: u32,
+        /// Events in the largest bin of the packet.
+        largest_bin: u32,
     }
 }
 
+gpu_struct! {
+    /// What a dispatch is told.
+    Push {
+        /// Cameras of one dispatch are neighbours in the table: the first of them; `gl_WorkGroupID.y`
+        /// counts them.
+        first_camera: u32,
+        /// Which pass of `merge` it is; nothing to the other kernels.
+        level: u32,
+    }
+}
+
+/// Events that a workgroup ranks in shared memory.
+pub const RUN_EVENTS: u32 = 256;
+
+/// Events in a bin at the most for `sort`, which gives a bin to one workgroup; `merge` sorts packets that
+/// have a larger one.
+pub const SORTABLE_EVENTS: u32 = 4096;
+
+/// Bins next to each other that one workgroup of `sort` takes, and events of theirs that it has room for in
+/// shared memory: several of its lines on the bus, and what it usually finds.
+pub const GROUP_BINS: u32 = 8;
+/// See [`GROUP_BINS`].
+pub const GROUP_EVENTS: u32 = 512;
+
 /// Blocks side by side that one workgroup takes: 32 pixels in a row, a subgroup's width.
 pub const STRIP_BLOCKS: u32 = 4;
+
+/// Rows of a strip that one workgroup of `cross` takes: small workgroups end at their own time, and leave
+/// their place on the device to others.
+pub const CROSS_ROWS_PX: u32 = 4;
 
 /// Cameras that the table holds: 64 KiB, which every device grants a uniform buffer.
 pub const MAX_CAMERAS: usize = 256;
@@ -218,7 +246,6 @@ bindings! {
     APS = 15, "aps", "uint16_t", 2;
     REPORT = 16, "report", "Counters", size_of::<Counters>() as u32;
     SAMPLES = 17, "samples", "int", 4;
-    HOST = 18, "host", "uvec4", 16;
 }
 
 /// Words of state a pixel has, each a plane of `pixels` words: the log-intensity pixel's. Another
@@ -270,12 +297,18 @@ fn glsl_type(rust: &str) -> &'static str {
     }
 }
 
-fn glsl_struct<T: GpuStruct>(out: &mut String) {
-    out.push_str(&format!("struct {} {{\n", T::NAME));
+fn glsl_members<T: GpuStruct>(out: &mut String) {
+    out.push_str(&format!("{} {{\n", T::NAME));
     for (field, rust, _) in T::FIELDS {
         out.push_str(&format!("    {} {field};\n", glsl_type(rust)));
     }
-    out.push_str("};\n");
+    out.push('}');
+}
+
+fn glsl_struct<T: GpuStruct>(out: &mut String) {
+    out.push_str("struct ");
+    glsl_members::<T>(out);
+    out.push_str(";\n");
 }
 
 /// The declarations that every kernel includes: structs, slots, constants.
@@ -284,6 +317,9 @@ pub fn glsl() -> String {
     let mut out = String::from("// Generated from the model crate's layout module.\n");
     glsl_struct::<Camera>(&mut out);
     glsl_struct::<Counters>(&mut out);
+    out.push_str("layout(push_constant) uniform ");
+    glsl_members::<Push>(&mut out);
+    out.push_str(" push;\n");
     for binding in BINDINGS {
         let upper = binding.name.to_uppercase();
         out.push_str(&format!(
@@ -317,6 +353,11 @@ pub fn glsl() -> String {
         ("SUBSTEP_MOTION_PX", format!("{:.9}", crate::substeps::SUBSTEP_MOTION_PX)),
         ("SUBSTEP_TIME_ERROR_NS", format!("{:.1}", crate::substeps::SUBSTEP_TIME_ERROR_NS)),
         ("STRIP_BLOCKS", format!("{STRIP_BLOCKS}u")),
+        ("CROSS_ROWS_PX", format!("{CROSS_ROWS_PX}u")),
+        ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
+        ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
+        ("GROUP_BINS", format!("{GROUP_BINS}u")),
+        ("GROUP_EVENTS", format!("{GROUP_EVENTS}u")),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
         ("CUBIC_FRAME", format!("{:.6}", crate::synthesis::CUBIC_FRAME)),
         ("CUBIC_LATTICE", format!("{:.6}", crate::synthesis::CUBIC_LATTICE)),
@@ -384,7 +425,7 @@ mod tests {
     #[test]
     fn generated_glsl_names_every_field() {
         let text = glsl();
-        for (field, ..) in Camera::FIELDS.iter().chain(Counters::FIELDS) {
+        for (field, ..) in Camera::FIELDS.iter().chain(Counters::FIELDS).chain(Push::FIELDS) {
             assert!(text.contains(&format!(" {field};")), "{field}");
         }
     }

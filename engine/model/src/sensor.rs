@@ -4,6 +4,7 @@
 use crate::MAX_LATENCY_NS;
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
+use crate::synthesis::MAX_TRANSFERS;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -151,6 +152,7 @@ sensor_model! {
     log_offset: f64 = crate::presets::LOG_OFFSET_HDR, "scene", "Dark level: L = ln(S + log_offset).";
     synthesis: Synthesis = Synthesis::Motion, "", "Frame-gap synthesis: motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
+    transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
     timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";
@@ -261,6 +263,7 @@ impl SensorModel {
         )?;
         check("exposure_gain", self.exposure_gain, "1e-6 to 1e6", within(self.exposure_gain, 1e-6, 1e6))?;
         check("log_offset", self.log_offset, "1e-6 to 1e3", within(self.log_offset, 1e-6, 1e3))?;
+        check("transfers", self.transfers, "1 or 2", (1..=MAX_TRANSFERS).contains(&self.transfers))?;
         check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
         check(
             "aps_exposure_ns",
@@ -311,6 +314,8 @@ mod tests {
         for (sensor, parameter) in [
             (SensorModel { contrast_on: 0.0, ..base.clone() }, "contrast_on"),
             (SensorModel { contrast_off: f64::NAN, ..base.clone() }, "contrast_off"),
+            (SensorModel { transfers: 0, ..base.clone() }, "transfers"),
+            (SensorModel { transfers: 3, ..base.clone() }, "transfers"),
             (SensorModel { substeps: 0, ..base.clone() }, "substeps"),
             (SensorModel { substeps: 65, ..base.clone() }, "substeps"),
             (SensorModel { width: 0, ..base.clone() }, "width"),

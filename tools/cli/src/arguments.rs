@@ -2,7 +2,9 @@
 
 use crate::demo::DemoArguments;
 use crate::device_choice::DeviceArgument;
+use crate::render::RenderArguments;
 use crate::sensors::SensorsArguments;
+use crate::serve::ServeArguments;
 use crate::simulate::SimulateArguments;
 use clap::builder::FalseyValueParser;
 use clap::{Parser, Subcommand};
@@ -42,6 +44,10 @@ pub enum Command {
     Demo(Box<DemoArguments>),
     /// Turn a folder of OpenEXR frames into events
     Simulate(Box<SimulateArguments>),
+    /// Run the engine as a service that renderers in other processes feed
+    Serve(ServeArguments),
+    /// Render a built-in scene into the memory of a running service
+    Render(RenderArguments),
     /// List the sensor presets with every parameter
     Sensors(SensorsArguments),
     /// List the Vulkan devices and whether each is enough

@@ -4,25 +4,30 @@ use crate::arguments::CommonArguments;
 use crate::event_file::write_npz;
 use crate::frame_folder::frame_time_ns;
 use crate::kernel_source::{KernelArguments, KernelSource};
+use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
 use crate::overview::{self, Caption, Instant};
+use crate::render_process::RenderProcess;
 use crate::report::{MemoryReport, Report};
+use crate::rig_file::{DEFAULT_SLOTS, RigPlan};
 use crate::run_record::RunRecord;
 use crate::sensor_flags::SensorFlags;
 use crate::{accuracy, colour, device_choice, output_file, progress, report};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use esaac_engine::ash::vk;
 use esaac_engine::{ApsFrame, Buffer, CameraConfig, Device, InputBuffers, MemoryLocation, Rig, Tick};
+use esaac_interop::{ServerOptions, Service};
 use esaac_model::presets::preset;
 use esaac_model::{DepthFormat, HdrFormat, Intensity, MotionFormat, SensorModel};
 use esaac_scene::renderer::{Renderer, Targets};
 use esaac_scene::{Scene, SceneKind, render_cpu};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Rate of the rendered frames.
-const RATE_HZ: f64 = 30.0;
+pub const RATE_HZ: f64 = 30.0;
 
 /// Rows of the overview.
 const INSTANTS: usize = 4;
@@ -43,6 +48,9 @@ pub struct DemoArguments {
     /// Folder for overview.png, events.npz and report.json
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
+    /// Render in this process instead of in another
+    #[arg(long)]
+    pub in_process: bool,
     /// Sensor parameters.
     #[command(flatten)]
     pub sensor: SensorFlags,
@@ -51,7 +59,8 @@ pub struct DemoArguments {
     pub kernels: KernelArguments,
 }
 
-fn scene_parser() -> impl TypedValueParser<Value = SceneKind> {
+/// Scenes by name, with what each shows.
+pub fn scene_parser() -> impl TypedValueParser<Value = SceneKind> {
     PossibleValuesParser::new(SceneKind::ALL.map(|kind| PossibleValue::new(kind.name()).help(kind.about())))
         .try_map(|name| name.parse::<SceneKind>())
 }
@@ -69,7 +78,11 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     let device = device_choice::open(common)?;
 
     let run = Run::new(arguments, &sensors);
-    let simulated = run.simulate(&device, &mut kernels)?;
+    let simulated = if arguments.in_process {
+        run.in_process(&device, &mut kernels)?
+    } else {
+        run.over_the_link(&device, &mut kernels, arguments, common)?
+    };
     device_choice::check_validation(&device)?;
 
     let record = &simulated.record;
@@ -79,6 +92,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     let span_ns = (run.times_ns[0], run.times_ns[run.times_ns.len() - 1]);
     report.simulated_ns = span_ns.1 - span_ns.0;
     report.set_memory(simulated.memory);
+    report.link = simulated.link;
     for (camera, sensor) in sensors.iter().enumerate() {
         let events = &record.cameras[camera].events;
         report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
@@ -129,6 +143,7 @@ struct Run<'a> {
 
 struct Simulated {
     record: RunRecord,
+    link: LinkReport,
     memory: Vec<MemoryReport>,
     instants: Vec<Instant>,
 }
@@ -146,42 +161,76 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn simulate(&self, device: &Arc<Device>, kernels: &mut KernelSource) -> Result<Simulated> {
-        let configs: Vec<CameraConfig> = (0..)
-            .zip(self.sensors)
-            .map(|(camera, sensor)| CameraConfig {
-                sensor: sensor.clone(),
-                camera,
-                hdr: HDR,
-                motion: Some(MOTION),
-            })
-            .collect();
-        let mut rig = Rig::with_options(device, &configs, report::rig_options())?;
+    fn plan(&self) -> RigPlan {
+        let mut plan = RigPlan::default();
+        for (camera, sensor) in (0..).zip(self.sensors) {
+            let config = CameraConfig { sensor: sensor.clone(), camera, hdr: HDR, motion: Some(MOTION) };
+            plan.push(config, DEFAULT_SLOTS, false);
+        }
+        plan
+    }
+
+    /// Renders into the rig's own buffers.
+    fn in_process(&self, device: &Arc<Device>, kernels: &mut KernelSource) -> Result<Simulated> {
+        let mut rig = Rig::with_options(device, &self.plan().cameras, report::rig_options())?;
         kernels.load(&mut rig)?;
         let mut renderer = Renderer::new(device, self.scene.clone(), HDR, MOTION)?;
-        let mut picture = Picture::new(device, &self.scene)?;
-        let mut record = RunRecord::new(configs.len());
-        let mut instants = Vec::new();
+        let mut collected = Collected::new(self, device)?;
         let progress = progress::bar(self.times_ns.len());
         for (index, &t_ns) in self.times_ns.iter().enumerate() {
             let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
-            for camera in 0..configs.len() {
+            for camera in 0..rig.len() {
                 let InputBuffers { hdr, motion, .. } = rig.inputs(camera)?;
                 renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None })?;
             }
             kernels.refresh(&mut rig, &progress);
-            let tick = rig.step(&[t_ns; 2])?;
-            if index > 0 {
-                record.add_tick(&tick)?;
-            }
-            if self.shown.contains(&index) {
-                picture.render(&mut renderer, t_ns)?;
-                instants.push(self.instant(t_ns, &picture, &tick));
+            collected.add(self, index, &rig.step(&[t_ns; 2])?)?;
+            progress.inc(1);
+        }
+        progress.finish_and_clear();
+        let frames = (self.times_ns.len() * rig.len()) as u64;
+        Ok(collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig)))
+    }
+
+    /// Has another process render into shared memory, as `esaac serve` and `esaac render` do.
+    fn over_the_link(
+        &self,
+        device: &Arc<Device>,
+        kernels: &mut KernelSource,
+        arguments: &DemoArguments,
+        common: &CommonArguments,
+    ) -> Result<Simulated> {
+        let plan = self.plan();
+        let mut rig = Rig::with_options(device, &plan.cameras, report::rig_options())?;
+        kernels.load(&mut rig)?;
+        let folder = tempfile::tempdir().context("no folder for the socket")?;
+        let socket = folder.path().join("engine.sock");
+        // Both cameras' frames are of the same instants.
+        let options = ServerOptions { gather: PATIENCE, ..ServerOptions::default() };
+        let mut service = Service::open(rig, &socket, &plan.terms, options)
+            .context("two processes cannot share this device's memory; --in-process needs none")?;
+        let mut renderer = RenderProcess::start(&socket, arguments, device, common)?;
+        let mut collected = Collected::new(self, device)?;
+        let progress = progress::bar(self.times_ns.len());
+        for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            kernels.refresh(service.rig_mut(), &progress);
+            loop {
+                if let Some(tick) = service.tick(LOOK)? {
+                    ensure!(
+                        tick.t_ns == [Some(t_ns); 2],
+                        "frame {index} came at {:?} ns, expected {t_ns} for both cameras",
+                        tick.t_ns
+                    );
+                    collected.add(self, index, &tick.tick)?;
+                    break;
+                }
+                renderer.check_alive(&service.server().notices())?;
             }
             progress.inc(1);
         }
         progress.finish_and_clear();
-        Ok(Simulated { record, memory: MemoryReport::of(&rig), instants })
+        renderer.finish()?;
+        Ok(collected.finish(LinkReport::of(service.server()), MemoryReport::of(service.rig())))
     }
 
     fn instant(&self, t_ns: i64, picture: &Picture, tick: &Tick<'_>) -> Instant {
@@ -195,6 +244,47 @@ impl<'a> Run<'a> {
             bayer: tick.packets[bayer].clone(),
             depth_m: picture.depth.read(0, picture.pixels).to_vec(),
         }
+    }
+}
+
+/// How long the link waits between looks whether the renderer lives.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// How long one camera's frame waits for the other's.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What a run gathers tick by tick.
+struct Collected {
+    renderer: Renderer,
+    picture: Picture,
+    record: RunRecord,
+    instants: Vec<Instant>,
+}
+
+impl Collected {
+    fn new(run: &Run<'_>, device: &Arc<Device>) -> Result<Self> {
+        Ok(Collected {
+            renderer: Renderer::new(device, run.scene.clone(), HDR, MOTION)?,
+            picture: Picture::new(device, &run.scene)?,
+            record: RunRecord::new(run.sensors.len()),
+            instants: Vec::new(),
+        })
+    }
+
+    fn add(&mut self, run: &Run<'_>, index: usize, tick: &Tick<'_>) -> Result<()> {
+        if index > 0 {
+            self.record.add_tick(tick)?;
+        }
+        if run.shown.contains(&index) {
+            let t_ns = run.times_ns[index];
+            self.picture.render(&mut self.renderer, t_ns)?;
+            self.instants.push(run.instant(t_ns, &self.picture, tick));
+        }
+        Ok(())
+    }
+
+    fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Simulated {
+        Simulated { record: self.record, link, memory, instants: self.instants }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The report of a run: a struct that serialises for programs and prints for people.
 
+use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
 use crate::run_record::{RunRecord, quantile};
 use crate::table;
@@ -16,6 +17,8 @@ pub struct Report {
     pub input: String,
     /// Device.
     pub device: DeviceReport,
+    /// How frames came to the engine.
+    pub link: LinkReport,
     /// Intervals simulated.
     pub intervals: usize,
     /// Simulated time, nanoseconds.
@@ -172,12 +175,13 @@ impl Report {
     pub fn to_text(&self) -> String {
         let device = &self.device;
         let mut text = format!(
-            "input     {}\ndevice    {} ({}), {}, Vulkan {}\nspan      {} intervals, {:.3} s simulated\n",
+            "input     {}\ndevice    {} ({}), {}, Vulkan {}\nlink      {}\nspan      {} intervals, {:.3} s simulated\n",
             self.input,
             device.name,
             device.kind,
             device.driver,
             device.vulkan,
+            self.link.to_text(),
             self.intervals,
             self.simulated_ns as f64 * 1e-9
         );

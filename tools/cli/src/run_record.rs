@@ -21,6 +21,15 @@ pub struct CameraRecord {
     pub diagnostics: BTreeMap<String, u64>,
 }
 
+impl CameraRecord {
+    fn count(&mut self, packet: &Packet) {
+        let (on, off) = packet.on_off();
+        self.on += on;
+        self.off += off;
+        self.dropped += packet.dropped;
+    }
+}
+
 /// All intervals of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RunRecord {
@@ -49,13 +58,21 @@ impl RunRecord {
         Ok(())
     }
 
+    /// Adds one camera's share of a tick, with its events or their number alone.
+    pub fn add_camera(&mut self, camera: usize, tick: &Tick<'_>, keep_events: bool) -> Result<()> {
+        let (packet, record) = (&tick.packets[camera], &mut self.cameras[camera]);
+        record.count(packet);
+        if keep_events {
+            record.events.extend(packet);
+        }
+        self.add_diagnostics(camera, &counters(&tick.diagnostics[camera])?);
+        Ok(())
+    }
+
     /// Adds an interval's packets, one for each camera.
     pub fn add_packets(&mut self, packets: &[Packet]) {
         for (camera, packet) in self.cameras.iter_mut().zip(packets) {
-            let (on, off) = packet.on_off();
-            camera.on += on;
-            camera.off += off;
-            camera.dropped += packet.dropped;
+            camera.count(packet);
             camera.events.extend(packet);
         }
     }

@@ -5,6 +5,7 @@ use crate::event_file::write_npz;
 use crate::exr_frame::{ChannelNames, FrameLayout};
 use crate::frame_folder::{FolderOptions, FrameFolder};
 use crate::kernel_source::{KernelArguments, KernelSource};
+use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
 use crate::outcome::Outcome;
 use crate::report::{MemoryReport, Report};
@@ -89,6 +90,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
     report.simulated_ns = folder.time_ns(folder.paths.len() - 1);
     report.set_memory(memory);
+    // Decoded on the host, and written from there into the engine's buffers.
+    report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
     report.files = vec![arguments.out.display().to_string()];
     report.outcome(common.json)
 }

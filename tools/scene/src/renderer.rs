@@ -6,7 +6,7 @@ use crate::layout::{MAX_LAYERS, MAX_OBJECTS, ViewData, WRITES_DEPTH, WRITES_MOTI
 use crate::scene::{Scene, seconds};
 use bytemuck::Zeroable;
 use esaac_engine::ash::vk;
-use esaac_engine::{Buffer, Device, EngineError, Kernel, MemoryLocation};
+use esaac_engine::{Around, Buffer, Commands, Device, EngineError, Kernel, MemoryLocation};
 use esaac_model::{DepthFormat, HdrFormat, MotionFormat};
 use std::sync::Arc;
 use thiserror::Error;
@@ -72,6 +72,7 @@ pub struct Renderer {
     hdr: HdrFormat,
     motion: MotionFormat,
     kernel: Kernel,
+    commands: Commands,
     data: Box<ViewData>,
     view: Buffer,
 }
@@ -97,7 +98,8 @@ impl Renderer {
             MemoryLocation::CpuToGpu,
         )?;
         let data = bytemuck::zeroed_box();
-        Ok(Renderer { device: Arc::clone(device), scene, hdr, motion, kernel, data, view })
+        let commands = Commands::new(device)?;
+        Ok(Renderer { device: Arc::clone(device), scene, hdr, motion, kernel, commands, data, view })
     }
 
     /// Renders another scene from now on, of any size, with the same pipeline.
@@ -120,6 +122,18 @@ impl Renderer {
         t_ns: i64,
         previous_t_ns: Option<i64>,
         targets: Targets<'_>,
+    ) -> Result<(), RenderError> {
+        self.render_around(t_ns, previous_t_ns, targets, &Around::default())
+    }
+
+    /// As [`Renderer::render`], with commands and timelines around the submission: for targets that
+    /// another process reads.
+    pub fn render_around(
+        &mut self,
+        t_ns: i64,
+        previous_t_ns: Option<i64>,
+        targets: Targets<'_>,
+        around: &Around<'_>,
     ) -> Result<(), RenderError> {
         let pixels = u64::from(self.scene.width_px) * u64::from(self.scene.height_px);
         holds("colour", targets.hdr, pixels * self.hdr.texel_bytes() as u64)?;
@@ -144,7 +158,7 @@ impl Renderer {
         let groups =
             [self.scene.width_px.div_ceil(WORKGROUP_PX), self.scene.height_px.div_ceil(WORKGROUP_PX), 1];
         let (device, kernel) = (&self.device, &self.kernel);
-        device.run_once(|commands| {
+        self.commands.record(|commands| {
             record_barrier(device, commands, READS_AND_WRITES, vk::AccessFlags2::SHADER_STORAGE_WRITE);
             kernel.record(commands, &[], groups);
             record_barrier(
@@ -154,7 +168,7 @@ impl Renderer {
                 READS_AND_WRITES | vk::AccessFlags2::HOST_READ,
             );
         })?;
-        Ok(())
+        Ok(device.run_around(&self.commands, around)?)
     }
 }
 

@@ -2,7 +2,7 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use super::parameters::{channels, phases};
+use super::parameters::{channels, frame_words};
 use super::{CameraConfig, CameraState, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
@@ -18,8 +18,8 @@ use std::sync::Arc;
 pub(super) struct Place {
     pub slot: u32,
     pub pixels: u32,
-    /// Planes of `pixels` elements that a frame has.
-    pub planes: u32,
+    /// Words of `planes` that a frame takes, all colour components.
+    pub plane_words: u32,
     pub blocks_x: u32,
     pub blocks: u32,
     /// Strips of four blocks.
@@ -33,33 +33,16 @@ pub(super) struct Place {
     pub bin_base: u32,
     pub event_base: u32,
     pub aps_base: u32,
-    pub host_base: u32,
     has_motion: bool,
 }
 
 impl Place {
-    /// Bytes of the camera's packet and APS frame in `host`: t, x, y, polarity, pixels.
-    fn host_bytes(&self) -> [u64; 5] {
-        let events = u64::from(self.event_capacity);
-        [4 * events, 2 * events, 2 * events, events, 2 * u64::from(self.pixels.next_multiple_of(8))]
-    }
-
-    /// First byte of each plane in `host`.
-    pub fn host_planes(&self) -> [usize; 5] {
-        let mut next = u64::from(self.host_base) * 16;
-        self.host_bytes().map(|bytes| {
-            let first = next;
-            next += bytes;
-            first as usize
-        })
-    }
-
     /// Elements of each buffer that this camera takes, in the order of the slots; `None` for what is
     /// shared.
     fn elements(&self) -> [Option<u64>; BINDINGS.len()] {
         let mut elements = [None; BINDINGS.len()];
         let pixels = u64::from(self.pixels);
-        elements[layout::PLANES] = Some(2 * u64::from(self.planes) * pixels);
+        elements[layout::PLANES] = Some(2 * u64::from(self.plane_words));
         elements[layout::MOTION] = Some(if self.has_motion { 2 * pixels } else { 0 });
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
@@ -77,15 +60,19 @@ impl Place {
             elements[slot] = Some(u64::from(self.event_capacity));
         }
         elements[layout::APS] = Some(pixels.next_multiple_of(8));
-        elements[layout::HOST] = Some(self.host_bytes().iter().sum::<u64>() / 16);
         elements
     }
 }
 
+/// Bins of a camera at the most: a thread of `scatter` adds up one in 256 of them, and up to as many again
+/// for each of its events.
+const MOST_BINS: u32 = 16_384;
+
+/// Pixels a bin: of what usually comes, a few dozen events, so that ranking them is cheap.
+const BIN_PX: u32 = 64;
+
 /// Places for cameras that start.
-pub(super) fn place(device: &Device, configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
-    // Small bins fill a GPU; on a processor each costs a workgroup.
-    let bin_px = if device.info().kind == "software" { 256 } else { 64 };
+pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
     let mut places: Vec<Place> = configs
         .iter()
         .enumerate()
@@ -98,11 +85,11 @@ pub(super) fn place(device: &Device, configs: &[CameraConfig], options: RigOptio
             Place {
                 slot: slot as u32,
                 pixels,
-                planes: channels(sensor.intensity) * phases(sensor),
+                plane_words: channels(sensor.intensity) * frame_words(sensor),
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 strips: blocks_x.div_ceil(STRIP_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
-                bin_count: (pixels / bin_px).next_power_of_two().clamp(256, 65_536),
+                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(256, MOST_BINS),
                 event_capacity: round_events(events),
                 has_motion: config.motion.is_some(),
                 ..Place::default()
@@ -135,7 +122,6 @@ fn lay_out(places: &mut [Place]) {
         place.bin_base = take(layout::BINS);
         place.event_base = take(layout::STAGED);
         place.aps_base = take(layout::APS);
-        place.host_base = take(layout::HOST);
     }
 }
 
@@ -162,7 +148,6 @@ impl Arena {
                         (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
                     }
                     layout::SAMPLES => 0,
-                    layout::HOST if device.unified_memory() => 0,
                     slot => total(places, slot),
                 };
                 allocate(device, slot, elements)
@@ -270,12 +255,12 @@ impl Arena {
         camera: usize,
     ) -> Result<bool, EngineError> {
         let sensor = &cameras[camera].config.sensor;
-        let planes = channels(sensor.intensity) * phases(sensor);
-        if planes <= cameras[camera].place.planes {
+        let plane_words = channels(sensor.intensity) * frame_words(sensor);
+        if plane_words <= cameras[camera].place.plane_words {
             return Ok(false);
         }
         let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
-        places[camera].planes = planes;
+        places[camera].plane_words = plane_words;
         self.move_to(device, cameras, places)?;
         Ok(true)
     }
@@ -293,13 +278,12 @@ impl Arena {
         let mut fresh = Vec::new();
         for slot in 0..BINDINGS.len() {
             let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
-            let unused = slot == layout::HOST && device.unified_memory();
-            if !(same || unused) {
+            if !same {
                 fresh.push((slot, allocate(device, slot, total(&places, slot))?));
             }
         }
         device.run_once(|commands| {
-            for (slot, buffer) in fresh.iter().filter(|(slot, _)| *slot != layout::HOST) {
+            for (slot, buffer) in &fresh {
                 let stride = u64::from(BINDINGS[*slot].stride);
                 let (mut from, mut to) = (0, 0);
                 let mut regions = Vec::new();
@@ -373,15 +357,14 @@ fn allocate(device: &Arc<Device>, slot: usize, elements: u64) -> Result<Buffer, 
     let binding = &BINDINGS[slot];
     let (location, usage) = match slot {
         layout::CAMERAS => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
-        layout::REPORT | layout::SAMPLES | layout::HOST => {
-            (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty())
-        }
-        // Where the device's memory is the host's, this is the packets' only copy.
-        layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P | layout::APS
-            if device.unified_memory() =>
-        {
-            (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty())
-        }
+        // Kernels write what the host reads straight into its memory.
+        layout::EVENT_T
+        | layout::EVENT_X
+        | layout::EVENT_Y
+        | layout::EVENT_P
+        | layout::APS
+        | layout::REPORT
+        | layout::SAMPLES => (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty()),
         _ => (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty()),
     };
     device.allocate(binding.name, elements * u64::from(binding.stride), usage, location)

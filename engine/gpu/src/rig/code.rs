@@ -2,9 +2,10 @@
 
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel};
+use esaac_model::layout::Push;
 use std::sync::Arc;
 
-const PUSH_BYTES: u32 = 4;
+const PUSH_BYTES: u32 = size_of::<Push>() as u32;
 
 /// The embedded kernels, or those that took their place.
 #[derive(Clone, Default)]
@@ -27,8 +28,8 @@ impl Code {
         if let Some(words) = self.replaced.get(name) {
             return Kernel::with_bindings(bindings, name, words, PUSH_BYTES, constants);
         }
-        let words: Vec<u32> =
-            spirv.chunks_exact(4).map(|c| u32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+        let words =
+            ash::util::read_spv(&mut std::io::Cursor::new(spirv)).expect("embedded kernels are whole words");
         Kernel::with_bindings(bindings, name, &words, PUSH_BYTES, constants)
     }
 }

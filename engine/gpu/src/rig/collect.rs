@@ -1,8 +1,9 @@
 //! From what the device counted and wrote to packets.
 
 use super::Rig;
+use crate::device::Around;
 use crate::error::EngineError;
-use esaac_model::layout::{self, Counters};
+use esaac_model::layout::{self, Counters, SORTABLE_EVENTS};
 use esaac_model::substeps::quantise_ns;
 
 /// What was counted for a camera in a tick.
@@ -53,6 +54,7 @@ impl Rig {
         self.diagnostics.fill(Diagnostics::default());
         loop {
             let mut wanted = vec![0_u32; self.cameras.len()];
+            let mut done = Vec::new();
             for camera in 0..self.cameras.len() {
                 if !pending[camera] {
                     continue;
@@ -60,8 +62,7 @@ impl Rig {
                 let counters = self.counters(camera);
                 let fitted = counters.staged_fit == u32::MAX;
                 if fitted && counters.crowded_strips == 0 {
-                    self.take(camera, t_ns[camera].expect("pending cameras have a time"), &counters);
-                    self.diagnostics[camera].regrown = regrown[camera];
+                    done.push((camera, counters));
                     pending[camera] = false;
                 } else {
                     // What is staged stays; `cross` goes on with the blocks that are not done.
@@ -81,6 +82,11 @@ impl Rig {
                     )?;
                 }
             }
+            self.merge_heavy(t_ns, &done)?;
+            for (camera, counters) in done {
+                self.take(camera, t_ns[camera].expect("pending cameras have a time"), &counters);
+                self.diagnostics[camera].regrown = regrown[camera];
+            }
             if !pending.contains(&true) {
                 break;
             }
@@ -92,11 +98,8 @@ impl Rig {
             let rest: Vec<Option<i64>> =
                 t_ns.iter().zip(&pending).map(|(&t, &waits)| t.filter(|_| waits)).collect();
             self.prepare(&rest)?;
-            self.submit(&self.again)?;
-            let again_ns = self.timer.span_ns(super::record::STAMPS)?;
-            if let Some(last) = self.stage_ns.last_mut() {
-                last.1 += again_ns;
-            }
+            self.submit(&self.again, &Around::default())?;
+            self.count_again()?;
         }
         for (camera, &t) in self.cameras.iter_mut().zip(t_ns) {
             if let Some(t) = t {
@@ -109,6 +112,26 @@ impl Rig {
                 camera.frames += 1;
                 camera.changed = false;
             }
+        }
+        Ok(())
+    }
+
+    /// Sorts those packets of cameras that are `done` of which `sort` left some bins.
+    fn merge_heavy(&mut self, t_ns: &[Option<i64>], done: &[(usize, Counters)]) -> Result<(), EngineError> {
+        let mut times_ns = vec![None; t_ns.len()];
+        let mut most_events = 0;
+        for (camera, counters) in done.iter().filter(|(_, c)| c.largest_bin > SORTABLE_EVENTS) {
+            times_ns[*camera] = t_ns[*camera];
+            most_events = most_events.max(counters.packet);
+        }
+        if most_events == 0 { Ok(()) } else { self.merge(&times_ns, most_events) }
+    }
+
+    /// Adds the time of a submission that followed the tick's own.
+    pub(super) fn count_again(&mut self) -> Result<(), EngineError> {
+        let again_ns = self.timer.span_ns(super::record::STAMPS)?;
+        if let Some(last) = self.stage_ns.last_mut() {
+            last.1 += again_ns;
         }
         Ok(())
     }
@@ -148,29 +171,15 @@ impl Rig {
         packet.dropped = u64::from(found) - events as u64;
         diagnostics.dropped_events = packet.dropped;
         let base = place.event_base as usize;
-        let unified = self.device.unified_memory();
-        let [t, x, y, p, pixels] = place.host_planes();
-        if unified {
-            packet.t_offset_ns.extend_from_slice(buffers[layout::EVENT_T].read(base, events));
-            packet.x.extend_from_slice(buffers[layout::EVENT_X].read(base, events));
-            packet.y.extend_from_slice(buffers[layout::EVENT_Y].read(base, events));
-            packet.polarity.extend_from_slice(buffers[layout::EVENT_P].read(base, events));
-        } else {
-            let host = &buffers[layout::HOST];
-            packet.t_offset_ns.extend_from_slice(host.read(t / 4, events));
-            packet.x.extend_from_slice(host.read(x / 2, events));
-            packet.y.extend_from_slice(host.read(y / 2, events));
-            packet.polarity.extend_from_slice(host.read(p, events));
-        }
+        packet.t_offset_ns.extend_from_slice(buffers[layout::EVENT_T].read(base, events));
+        packet.x.extend_from_slice(buffers[layout::EVENT_X].read(base, events));
+        packet.y.extend_from_slice(buffers[layout::EVENT_Y].read(base, events));
+        packet.polarity.extend_from_slice(buffers[layout::EVENT_P].read(base, events));
         let interval_ns = t_ns - c.last_ns.unwrap_or(t_ns);
         // The exposure is cut at the interval's end; there may be nothing left of it.
         if sensor.aps_exposure_ns > 0 && i64::from(sensor.aps_start_ns) < interval_ns {
             let count = place.pixels as usize;
-            let values: &[u16] = if unified {
-                buffers[layout::APS].read(place.aps_base as usize, count)
-            } else {
-                buffers[layout::HOST].read(pixels / 2, count)
-            };
+            let values: &[u16] = buffers[layout::APS].read(place.aps_base as usize, count);
             let start_ns = c.last_ns.unwrap_or(t_ns);
             let end_ns = start_ns + i64::from(sensor.aps_start_ns) + i64::from(sensor.aps_exposure_ns);
             self.aps[camera] = Some(ApsFrame {

@@ -7,15 +7,16 @@
 mod arena;
 mod code;
 mod collect;
+mod merge;
 mod parameters;
 mod record;
 #[cfg(feature = "shaderc")]
 mod reload;
 mod snapshot;
 
-use crate::device::Device;
+use crate::device::{Around, Device};
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Commands, Kernel};
+use crate::kernel::{BindingSet, Commands, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
 use crate::timing::{Fence, StageTimer};
 use arena::Arena;
@@ -27,7 +28,7 @@ use esaac_model::{
 };
 use gpu_allocator::MemoryLocation;
 use parameters::Permutation;
-use std::collections::HashMap;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -77,6 +78,15 @@ pub struct InputBuffers<'a> {
     pub motion: Option<&'a Buffer>,
 }
 
+/// A camera's frame for [`Rig::step_frames`].
+#[derive(Clone, Copy)]
+pub struct FrameInput<'a> {
+    /// Its time.
+    pub t_ns: i64,
+    /// Where it lies; `None` for the camera's own input buffers.
+    pub inputs: Option<InputBuffers<'a>>,
+}
+
 /// What one tick gave.
 #[derive(Clone, Copy, Debug)]
 pub struct Tick<'a> {
@@ -87,7 +97,7 @@ pub struct Tick<'a> {
     /// What was counted, a camera.
     pub diagnostics: &'a [Diagnostics],
     /// GPU time of each stage with [`RigOptions::stage_times`], and `again` for what ran again because
-    /// events did not fit; else of the whole `tick`.
+    /// events did not fit and for `merge`; else of the whole `tick`.
     pub stage_ns: &'a [(&'static str, u64)],
     /// From the call of submit to the packets in host memory.
     pub submit_to_packet_ns: u64,
@@ -107,6 +117,8 @@ struct CameraState {
     place: arena::Place,
     hdr: Buffer,
     motion: Option<Buffer>,
+    /// Device addresses of the images that the tick under way reads: colour, motion.
+    inputs: [u64; 2],
     last_ns: Option<i64>,
     last_interval_ns: u32,
     epoch_ns: i64,
@@ -127,12 +139,13 @@ pub struct Rig {
     bindings: Arc<BindingSet>,
     code: code::Code,
     kernels: record::Kernels,
-    crossings: HashMap<Permutation, Kernel>,
-    ingests: HashMap<[u32; 4], record::Ingest>,
+    specialised: record::Specialised,
     commands: Commands,
     again: Commands,
+    merging: Commands,
     recorded: Option<Vec<Permutation>>,
     recorded_again: bool,
+    addresses_known_to_the_layer: BTreeSet<u64>,
     timer: StageTimer,
     fence: Fence,
     parameters: Vec<Camera>,
@@ -160,7 +173,7 @@ impl Rig {
         if configs.len() > layout::MAX_CAMERAS {
             return Err(EngineError::TooManyCameras { expected: layout::MAX_CAMERAS, actual: configs.len() });
         }
-        let places = arena::place(device, configs, options);
+        let places = arena::place(configs, options);
         let arena = Arena::new(device, &places, options)?;
         let mut cameras = Vec::with_capacity(configs.len());
         for (number, (config, place)) in configs.iter().zip(places).enumerate() {
@@ -177,6 +190,7 @@ impl Rig {
                 motion: config.motion.map(|m| input("motion", m.texel_bytes())).transpose()?,
                 config: config.clone(),
                 place,
+                inputs: [0; 2],
                 last_ns: None,
                 last_interval_ns: 0,
                 epoch_ns: 0,
@@ -195,12 +209,13 @@ impl Rig {
         let mut rig = Rig {
             kernels: record::Kernels::new(&code::Code::default(), &bindings)?,
             code: code::Code::default(),
-            crossings: HashMap::new(),
-            ingests: HashMap::new(),
+            specialised: record::Specialised::default(),
             commands: Commands::new(device)?,
             again: Commands::new(device)?,
+            merging: Commands::new(device)?,
             recorded: None,
             recorded_again: false,
+            addresses_known_to_the_layer: BTreeSet::new(),
             timer: StageTimer::new(device, record::STAMPS + 2)?,
             fence: Fence::new(device)?,
             parameters: vec![Camera::default(); count],
@@ -230,6 +245,12 @@ impl Rig {
             rig.upload_static_draws(camera)?;
         }
         Ok(rig)
+    }
+
+    /// The device that it runs on.
+    #[must_use]
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
     }
 
     /// Cameras.
@@ -275,7 +296,7 @@ impl Rig {
         };
         // Planes hold ln(S + log_offset) of what the camera saw: other units, another start.
         let planes = |s: &SensorModel| {
-            (s.intensity, s.log_offset.to_bits(), s.exposure_gain.to_bits(), parameters::phases(s))
+            (s.intensity, s.log_offset.to_bits(), s.exposure_gain.to_bits(), parameters::needs_lattice(s))
         };
         let (draws_change, planes_change) = (statics(new) != statics(&old), planes(new) != planes(&old));
         if planes_change {
@@ -319,17 +340,32 @@ impl Rig {
 
     /// As [`Rig::step`], for the cameras that have a new frame.
     pub fn step_some(&mut self, t_ns: &[Option<i64>]) -> Result<Tick<'_>, EngineError> {
-        if t_ns.len() != self.cameras.len() {
-            return Err(FrameError::Count { expected: self.cameras.len(), actual: t_ns.len() }.into());
+        let frames: Vec<_> =
+            t_ns.iter().map(|t_ns| t_ns.map(|t_ns| FrameInput { t_ns, inputs: None })).collect();
+        self.step_frames(&frames, &Around::default())
+    }
+
+    /// As [`Rig::step_some`], with frames read where they lie, and commands and timelines around the
+    /// submission that reads them. The buffers are read before this returns, and not after.
+    pub fn step_frames(
+        &mut self,
+        frames: &[Option<FrameInput<'_>>],
+        around: &Around<'_>,
+    ) -> Result<Tick<'_>, EngineError> {
+        if frames.len() != self.cameras.len() {
+            return Err(FrameError::Count { expected: self.cameras.len(), actual: frames.len() }.into());
         }
-        for (number, (camera, t)) in self.cameras.iter().zip(t_ns).enumerate() {
-            if let Some(t) = *t {
-                frame::check_time(number as u32, camera.last_ns, t)?;
+        for (number, (camera, frame)) in self.cameras.iter_mut().zip(frames).enumerate() {
+            if let Some(frame) = frame {
+                frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
+                camera.inputs = camera.addresses(number, frame.inputs)?;
             }
         }
+        let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
+        let t_ns = &t_ns[..];
         self.prepare(t_ns)?;
         let started = Instant::now();
-        self.submit(&self.commands)?;
+        self.submit(&self.commands, around)?;
         let stamped = if self.options.stage_times { record::STAGES.len() } else { 1 };
         self.timer.read(&mut self.stage_ns[..stamped])?;
         if let Some(("again", ns)) = self.stage_ns.last_mut() {
@@ -374,6 +410,12 @@ impl Rig {
             }
         }
         uses
+    }
+
+    /// What the driver tells about each compiled kernel of the last tick's sensors, by stage; see
+    /// [`crate::Kernel::statistics`].
+    pub fn kernel_statistics(&self) -> Result<Vec<(&'static str, KernelStatistics)>, EngineError> {
+        self.kernels_by_stage().map(|(stage, kernel)| Ok((stage, kernel.statistics()?))).collect()
     }
 
     /// Log intensity (Q7.24) at the end of each sub-step of the last interval, `[sub-step][pixel]`, as
@@ -421,9 +463,31 @@ impl Rig {
         self.arena.upload(&self.device, layout::STATE, first as u64 * 4, bytemuck::cast_slice(&words))
     }
 
-    fn submit(&self, commands: &Commands) -> Result<(), EngineError> {
-        self.device.submit(commands.raw(), self.fence.raw())?;
+    fn submit(&self, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
+        self.device.submit(commands.raw(), around, self.fence.raw())?;
         self.fence.wait()
+    }
+}
+
+impl CameraState {
+    /// Where the kernels find a frame: its buffers hold whole images.
+    fn addresses(&self, number: usize, inputs: Option<InputBuffers<'_>>) -> Result<[u64; 2], EngineError> {
+        let inputs = inputs.unwrap_or(InputBuffers { hdr: &self.hdr, motion: self.motion.as_ref() });
+        let sensor = &self.config.sensor;
+        let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {
+            let actual = buffer.map_or(0, Buffer::bytes) as usize;
+            let needed = sensor.pixels() * texel_bytes;
+            let size = (sensor.width, sensor.height);
+            // A buffer may be longer than its image.
+            frame::check_size(number as u32, image, size, texel_bytes, actual.min(needed))?;
+            Ok::<u64, EngineError>(buffer.map_or(0, Buffer::address))
+        };
+        let hdr = holds("hdr", Some(inputs.hdr), self.config.hdr.texel_bytes())?;
+        let motion = match self.config.motion {
+            Some(format) => holds("motion", inputs.motion, format.texel_bytes())?,
+            None => 0,
+        };
+        Ok([hdr, motion])
     }
 }
 

@@ -1,7 +1,8 @@
 //! From a sensor and a frame's time to what the kernels read.
 
+use super::arena::Arena;
 use super::{CameraState, RigOptions};
-use esaac_model::layout::Camera;
+use esaac_model::layout::{self, Camera};
 use esaac_model::random::HAZARD_FRACTION_BITS;
 use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
 use esaac_model::{
@@ -9,11 +10,11 @@ use esaac_model::{
 };
 
 /// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
-/// and the formats of its images.
-pub(super) type Permutation = [u32; 15];
+/// the formats of its images, and the passes of `enhance`.
+pub(super) type Permutation = [u32; 16];
 
 /// Which code a camera needs: an effect that is off is not there.
-pub(super) fn permutation(camera: &CameraState, options: RigOptions, branches: bool) -> Permutation {
+pub(super) fn permutation(camera: &CameraState, options: RigOptions, by_address: bool) -> Permutation {
     let sensor = &camera.config.sensor;
     [
         sensor.intensity as u32,
@@ -29,14 +30,25 @@ pub(super) fn permutation(camera: &CameraState, options: RigOptions, branches: b
         sensor.taps as u32,
         u32::from(options.keep_substeps),
         0,
-        u32::from(branches),
+        u32::from(by_address),
         camera.config.hdr as u32,
         camera.config.motion.map_or(0, |m| m as u32),
+        // Without lattices there is nothing to transfer.
+        if needs_lattice(sensor) { sensor.transfers } else { 0 },
     ]
 }
 
-/// Index of a permutation's flag for crowded strips, set where `cross` goes on after it has stopped.
-pub(super) const PERMUTATION_CROWDED: usize = 11;
+/// Index of the flag for crowded strips, which only [`cross_constants`] sets.
+const PERMUTATION_CROWDED: usize = 11;
+
+/// Indices of a permutation's other parts that the host asks about.
+const PERMUTATION_INTENSITY: usize = 0;
+const PERMUTATION_SYNTHESIS: usize = 8;
+const PERMUTATION_TAPS: usize = 9;
+const PERMUTATION_BY_ADDRESS: usize = 12;
+const PERMUTATION_HDR: usize = 13;
+const PERMUTATION_MOTION: usize = 14;
+const PERMUTATION_TRANSFERS: usize = 15;
 
 /// Index of a permutation's delay flag.
 pub(super) const PERMUTATION_DELAY: usize = 5;
@@ -78,7 +90,7 @@ fn bins(sensor: &SensorModel, span_ns: u32, bin_count: u32, pixels: u32) -> Bins
 }
 
 /// One camera's row for a tick.
-pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, samples_pixels: u32) -> Camera {
+pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena) -> Camera {
     let (sensor, place) = (&camera.config.sensor, &camera.place);
     let start_ns = camera.last_ns.or(t_ns).unwrap_or(0);
     let interval_ns = t_ns.map_or(0, |t| (t - start_ns) as u32);
@@ -87,6 +99,8 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, samples_pixels
         (Some(_), None) => 1,
         (Some(_), Some(_)) => 2,
     };
+    let planes_address = arena.buffers[layout::PLANES].address();
+    let samples_pixels = arena.samples_pixels as u32;
     let base_ns = quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns));
     let base_to_start_ns = (start_ns - base_ns) as u32;
     let bins = bins(sensor, base_to_start_ns + interval_ns, place.bin_count, place.pixels);
@@ -94,8 +108,9 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, samples_pixels
     let aps_end_ns = sensor.aps_start_ns.saturating_add(sensor.aps_exposure_ns).min(interval_ns);
     let aps_max = ((1_u32 << sensor.aps_bits) - 1) as f32;
     Camera {
-        hdr_address: camera.hdr.address(),
-        motion_address: camera.motion.as_ref().map_or(0, crate::memory::Buffer::address),
+        hdr_address: camera.inputs[0],
+        motion_address: camera.inputs[1],
+        planes_address,
         start_ns,
         epoch_ns: camera.epoch_ns,
         phase,
@@ -143,13 +158,11 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, samples_pixels
         aps_end_ns: if sensor.aps_exposure_ns == 0 { 0 } else { aps_end_ns },
         aps_scale: (sensor.aps_gain / sensor.white_level) as f32 * aps_max,
         aps_max,
-        max_events: sensor.max_events_per_interval,
         slot: place.slot,
         samples_base: place.slot * (MAX_SUBSTEPS + 1) * samples_pixels,
         log_dark: sensor.log_offset.ln() as f32,
-        padding0: 0,
-        padding1: 0,
-        host_base: place.host_base,
+        frame_words: frame_words(sensor),
+        lattice_stride: if needs_lattice(sensor) { lattice_stride(sensor) } else { 0 },
     }
 }
 
@@ -158,27 +171,68 @@ pub(super) fn channels(intensity: Intensity) -> u32 {
     if intensity == Intensity::BayerRggb { 3 } else { 1 }
 }
 
-/// Planes kept of each: four with the half-pixel lattice that cubic warps read, else the frame alone.
-pub(super) fn phases(sensor: &SensorModel) -> u32 {
-    if uses_lattice(sensor.synthesis as u32, sensor.taps as u32) { 4 } else { 1 }
+/// Words kept of each: the half-pixel lattice that cubic warps read, with a margin for taps beyond the image (an
+/// entry before and two after each row and column), or the frame alone.
+pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
+    if needs_lattice(sensor) {
+        lattice_stride(sensor) * (2 * sensor.height + 3)
+    } else {
+        sensor.width * sensor.height
+    }
 }
 
 /// Whether warps read a lattice.
-pub(super) fn uses_lattice(synthesis: u32, taps: u32) -> bool {
+pub(super) fn needs_lattice(sensor: &SensorModel) -> bool {
+    uses_lattice(sensor.synthesis as u32, sensor.taps as u32)
+}
+
+/// A row of the lattice, a word more than its entries, so that rows begin on pairs.
+fn lattice_stride(sensor: &SensorModel) -> u32 {
+    2 * sensor.width + 4
+}
+
+fn uses_lattice(synthesis: u32, taps: u32) -> bool {
     synthesis == Synthesis::Motion as u32 && taps == Taps::Cubic as u32
 }
 
-/// As [`uses_lattice`], of a permutation.
+/// As [`needs_lattice`], of a permutation.
 pub(super) fn lattice_of(permutation: &Permutation) -> bool {
-    uses_lattice(permutation[8], permutation[9])
+    uses_lattice(permutation[PERMUTATION_SYNTHESIS], permutation[PERMUTATION_TAPS])
+}
+
+/// Passes of `enhance` that a permutation has.
+pub(super) fn passes_of(permutation: &Permutation) -> u32 {
+    permutation[PERMUTATION_TRANSFERS]
 }
 
 /// As [`channels`], of a permutation.
 pub(super) fn channels_of(permutation: &Permutation) -> u32 {
-    if permutation[0] == Intensity::BayerRggb as u32 { 3 } else { 1 }
+    if permutation[PERMUTATION_INTENSITY] == Intensity::BayerRggb as u32 { 3 } else { 1 }
 }
 
+pub(super) type IngestConstants = [u32; 4];
+pub(super) type EnhanceConstants = [u32; 3];
+/// What a permutation begins with.
+pub(super) type CrossConstants = [u32; 13];
+
 /// Specialisation constants of `ingest`, by id.
-pub(super) fn ingest_constants(permutation: &Permutation) -> [u32; 4] {
-    [permutation[0], u32::from(lattice_of(permutation)), permutation[13], permutation[14]]
+pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
+    [
+        permutation[PERMUTATION_INTENSITY],
+        u32::from(lattice_of(permutation)),
+        permutation[PERMUTATION_HDR],
+        permutation[PERMUTATION_MOTION],
+    ]
+}
+
+/// Specialisation constants of a pass of `enhance`, by id.
+pub(super) fn enhance_constants(permutation: &Permutation, pass: u32) -> EnhanceConstants {
+    [permutation[PERMUTATION_INTENSITY], pass, permutation[PERMUTATION_BY_ADDRESS]]
+}
+
+/// Specialisation constants of `cross`, by id. `crowded`: it goes on after it has stopped.
+pub(super) fn cross_constants(permutation: &Permutation, crowded: bool) -> CrossConstants {
+    let mut constants: CrossConstants = std::array::from_fn(|id| permutation[id]);
+    constants[PERMUTATION_CROWDED] = u32::from(crowded);
+    constants
 }

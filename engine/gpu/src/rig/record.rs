@@ -3,26 +3,40 @@
 use super::Rig;
 use super::code::Code;
 use super::parameters::{
-    PERMUTATION_CROWDED, PERMUTATION_DELAY, Permutation, camera_row, channels_of, ingest_constants,
-    lattice_of, permutation,
+    CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
+    channels_of, cross_constants, enhance_constants, ingest_constants, passes_of, permutation,
 };
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Commands, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
-use esaac_model::layout;
-use esaac_model::synthesis::TRANSFERS;
+use bytemuck::bytes_of;
+use esaac_model::layout::{self, Push};
+use esaac_model::substeps::BLOCK_PX;
+use esaac_model::synthesis::MAX_TRANSFERS;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-/// Stages of a tick, in order; each ends with a time stamp.
-pub(super) const STAGES: &[&str] = &["ingest", "enhance", "cross", "scatter", "sort", "readback"];
+/// Stages of a tick, in order; each ends with a time stamp. (`carry` runs beside the first, `merge` only
+/// when the host asks for it.)
+pub(super) const STAGES: &[&str] = &["ingest", "enhance", "cross", "scatter", "sort"];
 
-/// Workgroups a camera for kernels that stride over events: enough to fill a GPU, few for a processor.
-fn striding_groups(rig: &Rig) -> u32 {
-    if rig.device.info().kind == "software" { 4 } else { 128 }
+/// Events a thread at the most, on the software driver: it ends every loop of a thread that has made 65 535
+/// iterations in all of its loops, and says nothing. An event is up to 64 iterations over bins.
+const SOFTWARE_EVENTS_PER_THREAD: u32 = 64;
+
+/// The same on a GPU, of as many events as there is room for: what comes is usually less than one.
+const GPU_EVENTS_PER_THREAD: u32 = 2;
+
+/// Workgroups a camera for kernels that stride over events: few for a processor, which pays for each.
+pub(super) fn striding_groups(rig: &Rig) -> u32 {
+    let events = rig.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
+    let software = rig.device.info().kind == "software";
+    let per_thread = if software { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD };
+    events.div_ceil(256 * per_thread).clamp(4, 65_535)
 }
 
-/// Stamps of a whole tick; the two after them are those of what runs again.
+/// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
 pub(super) const STAMPS: u32 = STAGES.len() as u32 + 1;
 
 /// Kernels that are the same for every sensor.
@@ -30,7 +44,7 @@ pub(super) struct Kernels {
     carry: Kernel,
     scatter: Kernel,
     sort: Kernel,
-    readback: Kernel,
+    pub merge: Kernel,
 }
 
 impl Kernels {
@@ -39,16 +53,49 @@ impl Kernels {
             carry: code.kernel(bindings, stages::CARRY, &[])?,
             scatter: code.kernel(bindings, stages::SCATTER, &[])?,
             sort: code.kernel(bindings, stages::SORT, &[])?,
-            readback: code.kernel(bindings, stages::READBACK, &[])?,
+            merge: code.kernel(bindings, stages::MERGE, &[])?,
         })
     }
 }
 
-/// Kernels that prepare a frame.
-pub(super) struct Ingest {
-    ingest: Kernel,
-    /// One kernel a pass, where warps read a lattice.
-    enhance: Option<[Kernel; 2]>,
+/// Kernels that differ from sensor to sensor, by their specialisation constants: what sensors have in
+/// common is compiled once.
+#[derive(Default)]
+pub(super) struct Specialised {
+    ingests: HashMap<IngestConstants, Kernel>,
+    enhances: HashMap<EnhanceConstants, Kernel>,
+    crossings: HashMap<CrossConstants, Kernel>,
+}
+
+impl Specialised {
+    /// Compiles what a permutation needs and is not there yet.
+    fn need(
+        &mut self,
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        permutation: &Permutation,
+        crowded: bool,
+    ) -> Result<(), EngineError> {
+        let ingest = ingest_constants(permutation);
+        need(&mut self.ingests, ingest, |key| code.kernel(bindings, stages::INGEST, key))?;
+        for pass in 0..passes_of(permutation) {
+            let enhance = enhance_constants(permutation, pass);
+            need(&mut self.enhances, enhance, |key| code.kernel(bindings, stages::ENHANCE, key))?;
+        }
+        let cross = cross_constants(permutation, crowded);
+        need(&mut self.crossings, cross, |key| code.kernel(bindings, stages::CROSS, key))
+    }
+}
+
+fn need<const N: usize>(
+    kernels: &mut HashMap<[u32; N], Kernel>,
+    constants: [u32; N],
+    compile: impl FnOnce(&[u32]) -> Result<Kernel, EngineError>,
+) -> Result<(), EngineError> {
+    if let Entry::Vacant(missing) = kernels.entry(constants) {
+        missing.insert(compile(&constants)?);
+    }
+    Ok(())
 }
 
 /// Cameras that share a permutation: neighbours in the table.
@@ -63,53 +110,50 @@ impl Rig {
     /// Fills the table for a tick, and records the commands if they are not those of the last tick.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let permutations = self.permutations();
-        if self.recorded.as_ref() != Some(&permutations) {
+        let reads_anew = self.reads_what_the_layer_does_not_know();
+        if self.recorded.as_ref() != Some(&permutations) || reads_anew {
             self.record(&permutations)?;
         }
         let order = order(&permutations);
         for (row, &camera) in self.parameters.iter_mut().zip(&order) {
-            *row = camera_row(&self.cameras[camera], t_ns[camera], self.arena.samples_pixels as u32);
+            *row = camera_row(&self.cameras[camera], t_ns[camera], &self.arena);
         }
         self.arena.buffers[layout::CAMERAS].write(0, &self.parameters);
         Ok(())
     }
 
+    /// Whether an input buffer is a new one, if the validation layer watches: it takes down which addresses
+    /// are good when commands are recorded, not when they are submitted.
+    fn reads_what_the_layer_does_not_know(&mut self) -> bool {
+        let known = &mut self.addresses_known_to_the_layer;
+        self.device.is_validated()
+            && self.cameras.iter().flat_map(|c| c.inputs).filter(|&address| known.insert(address)).count() > 0
+    }
+
     /// Which code each camera needs.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
-        // The software driver runs both sides of a branch.
-        let branches = self.device.info().kind != "software";
-        self.cameras.iter().map(|c| permutation(c, self.options, branches)).collect()
+        let by_address = self.device.info().kind != "software";
+        self.cameras.iter().map(|c| permutation(c, self.options, by_address)).collect()
+    }
+
+    /// Every kernel that the rig has compiled.
+    pub(super) fn kernels_by_stage(&self) -> impl Iterator<Item = (&'static str, &Kernel)> {
+        let (k, s) = (&self.kernels, &self.specialised);
+        let ingests = s.ingests.values().map(|ingest| ("ingest", ingest));
+        let enhances = s.enhances.values().map(|enhance| ("enhance", enhance));
+        let crossings = s.crossings.values().map(|crossing| ("cross", crossing));
+        let events = [("carry", &k.carry), ("scatter", &k.scatter), ("sort", &k.sort), ("merge", &k.merge)];
+        ingests.chain(enhances).chain(crossings).chain(events)
     }
 
     pub(super) fn record(&mut self, permutations: &[Permutation]) -> Result<(), EngineError> {
         for p in permutations {
-            self.need_crossing(p)?;
-            let key = ingest_constants(p);
-            if !self.ingests.contains_key(&key) {
-                let ingest = self.code.kernel(&self.bindings, stages::INGEST, &key)?;
-                let enhance = if lattice_of(p) {
-                    Some([
-                        self.code.kernel(&self.bindings, stages::ENHANCE, &[p[0], 0, p[12]])?,
-                        self.code.kernel(&self.bindings, stages::ENHANCE, &[p[0], 1, p[12]])?,
-                    ])
-                } else {
-                    None
-                };
-                self.ingests.insert(key, Ingest { ingest, enhance });
-            }
+            self.specialised.need(&self.code, &self.bindings, p, false)?;
         }
         let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &self.commands, &groups, &self.crossings, &self.ingests, true)?;
+        record_tick(self, &self.commands, &groups, true)?;
         self.recorded = Some(permutations.to_vec());
         self.recorded_again = false;
-        Ok(())
-    }
-
-    fn need_crossing(&mut self, permutation: &Permutation) -> Result<(), EngineError> {
-        if !self.crossings.contains_key(permutation) {
-            let crossing = self.code.kernel(&self.bindings, stages::CROSS, permutation)?;
-            self.crossings.insert(*permutation, crossing);
-        }
         Ok(())
     }
 
@@ -119,12 +163,10 @@ impl Rig {
             return Ok(());
         };
         for p in &permutations {
-            let mut crowded = *p;
-            crowded[PERMUTATION_CROWDED] = 1;
-            self.need_crossing(&crowded)?;
+            self.specialised.need(&self.code, &self.bindings, p, true)?;
         }
         let groups = self.groups(&permutations, &order(&permutations));
-        record_tick(self, &self.again, &groups, &self.crossings, &self.ingests, false)?;
+        record_tick(self, &self.again, &groups, false)?;
         self.recorded_again = true;
         Ok(())
     }
@@ -167,18 +209,12 @@ pub(super) fn order(permutations: &[Permutation]) -> Vec<usize> {
 }
 
 /// A whole tick, or (`whole` false) the part that runs again once events have room.
-fn record_tick(
-    rig: &Rig,
-    target: &Commands,
-    groups: &[Group],
-    crossings: &HashMap<Permutation, Kernel>,
-    ingests: &HashMap<[u32; 4], Ingest>,
-    whole: bool,
-) -> Result<(), EngineError> {
-    let device = &rig.device;
+fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> Result<(), EngineError> {
+    let (device, specialised) = (&rig.device, &rig.specialised);
     let cameras = rig.cameras.len() as u32;
     let bins = rig.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
-    let all = 0_u32.to_ne_bytes();
+    let first = |first_camera: u32| Push { first_camera, ..Push::default() };
+    let all = first(0);
     target.record(|commands: vk::CommandBuffer| {
         let first_stamp = if whole { 0 } else { STAMPS };
         let stamp = std::cell::Cell::new(first_stamp);
@@ -195,48 +231,42 @@ fn record_tick(
         write_stamp();
         if whole {
             for group in groups {
-                let push = group.first.to_ne_bytes();
-                let ingest = &ingests[&ingest_constants(&group.permutation)].ingest;
-                ingest.record(commands, &push, [group.strips, group.count, 1]);
+                let push = first(group.first);
+                let ingest = &specialised.ingests[&ingest_constants(&group.permutation)];
+                ingest.record(commands, bytes_of(&push), [group.strips, group.count, 1]);
                 if group.permutation[PERMUTATION_DELAY] != 0 {
-                    rig.kernels.carry.record(commands, &push, [striding_groups(rig), group.count, 1]);
+                    let extent = [striding_groups(rig), group.count, 1];
+                    rig.kernels.carry.record(commands, bytes_of(&push), extent);
                 }
             }
             record_barrier(device, commands);
         }
         stage_done();
-        let lattices: Vec<_> = groups
-            .iter()
-            .filter(|_| whole)
-            .filter_map(|g| Some((g, ingests[&ingest_constants(&g.permutation)].enhance.as_ref()?)))
-            .collect();
-        for pass in (0..2).cycle().take(TRANSFERS as usize) {
-            for (group, enhance) in &lattices {
+        for pass in 0..MAX_TRANSFERS {
+            let mut passes = false;
+            for group in groups.iter().filter(|g| whole && pass < passes_of(&g.permutation)) {
+                let enhance = &specialised.enhances[&enhance_constants(&group.permutation, pass)];
                 let extent = [group.strips, group.count, channels_of(&group.permutation)];
-                enhance[pass].record(commands, &group.first.to_ne_bytes(), extent);
+                enhance.record(commands, bytes_of(&first(group.first)), extent);
+                passes = true;
             }
-            if !lattices.is_empty() {
+            if passes {
                 record_barrier(device, commands);
             }
         }
         stage_done();
         for group in groups {
-            let push = group.first.to_ne_bytes();
-            let mut permutation = group.permutation;
-            permutation[PERMUTATION_CROWDED] = u32::from(!whole);
-            crossings[&permutation].record(commands, &push, [group.strips, group.count, 1]);
+            let cross = &specialised.crossings[&cross_constants(&group.permutation, !whole)];
+            let parts = group.strips * (BLOCK_PX / layout::CROSS_ROWS_PX);
+            cross.record(commands, bytes_of(&first(group.first)), [parts, group.count, 1]);
         }
         record_barrier(device, commands);
         stage_done();
-        rig.kernels.scatter.record(commands, &all, [striding_groups(rig), cameras, 1]);
+        rig.kernels.scatter.record(commands, bytes_of(&all), [striding_groups(rig), cameras, 1]);
         record_barrier(device, commands);
         stage_done();
-        rig.kernels.sort.record(commands, &all, [bins, cameras, 1]);
-        stage_done();
-        if !device.unified_memory() {
-            record_barrier(device, commands);
-            rig.kernels.readback.record(commands, &all, [striding_groups(rig), cameras, 1]);
-        }
+        let bin_groups = bins.div_ceil(layout::GROUP_BINS);
+        rig.kernels.sort.record(commands, bytes_of(&all), [bin_groups, cameras, 1]);
         record_host_barrier(device, commands);
         write_stamp();
     })

@@ -30,15 +30,14 @@ impl Rig {
         let old = (
             std::mem::replace(&mut self.code, code),
             std::mem::replace(&mut self.kernels, kernels),
-            std::mem::take(&mut self.crossings),
-            std::mem::take(&mut self.ingests),
+            std::mem::take(&mut self.specialised),
         );
         let permutations = self.permutations();
         // What was recorded names pipelines that are on their way out.
         self.recorded = None;
         self.recorded_again = false;
         self.record(&permutations).inspect_err(|_| {
-            (self.code, self.kernels, self.crossings, self.ingests) = old;
+            (self.code, self.kernels, self.specialised) = old;
         })
     }
 }

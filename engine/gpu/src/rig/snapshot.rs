@@ -32,7 +32,7 @@ struct CameraHeader {
     late_events: u32,
 }
 
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 impl Rig {
     /// Everything that the next tick depends on.

@@ -6,7 +6,7 @@ use super::paths::{Path, is_valid, outside_px, paths};
 use super::taps::bilinear;
 use super::transfer::{Route, Way, transfer};
 use crate::ingest::Image;
-use esaac_model::synthesis::{CUBIC_LATTICE, EDGE_PX, EDGE_WEIGHT, TRANSFERS};
+use esaac_model::synthesis::{CUBIC_LATTICE, EDGE_PX, EDGE_WEIGHT};
 use esaac_model::{SensorModel, Taps};
 
 /// Two frames made ready to be read along paths.
@@ -48,7 +48,8 @@ impl Motion {
             Taps::Bilinear => Planes::Bilinear(planes.collect()),
             Taps::Cubic => {
                 let mut history = history.into_iter().flatten();
-                let routes = [Way::ToStart, Way::ToEnd].map(|way| Route::new(size, motion, &paths, way));
+                let ways = [Way::ToStart, Way::ToEnd].into_iter().take(sensor.transfers as usize);
+                let routes: Vec<_> = ways.map(|way| Route::new(size, motion, &paths, way)).collect();
                 Planes::Cubic(planes.map(|logs| lattices(size, &routes, &logs, history.next())).collect())
             }
         };
@@ -92,9 +93,10 @@ impl Motion {
     }
 }
 
+/// Lattices of the start and the end; a transfer a route, to the end first.
 fn lattices(
     size: (usize, usize),
-    [to_start, to_end]: &[Route; 2],
+    routes: &[Route],
     [start_log, end_log]: &[Vec<f64>; 2],
     history: Option<Lattice>,
 ) -> [Lattice; 2] {
@@ -102,11 +104,11 @@ fn lattices(
     let end_alone = Lattice::of_frame(size, end_log);
     let mut start = start_alone.clone();
     let mut end = end_alone.clone();
-    for turn in 0..TRANSFERS {
+    for (turn, route) in routes.iter().enumerate() {
         if turn % 2 == 0 {
-            end = transfer(size, end_log, &end_alone, &start, to_start);
+            end = transfer(size, end_log, &end_alone, &start, route);
         } else {
-            start = transfer(size, start_log, &start_alone, &end, to_end);
+            start = transfer(size, start_log, &start_alone, &end, route);
         }
     }
     [start, end]

@@ -4,5 +4,6 @@ mod bad_input;
 mod demo;
 mod glsl;
 mod harness;
+mod link;
 mod listings;
 mod simulate;

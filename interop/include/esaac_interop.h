@@ -1,0 +1,121 @@
+/* Messages between a producer of frames and the engine, protocol version 1.
+ *
+ * One message is one packet of a Unix socket of type SOCK_SEQPACKET, in the machine's byte order, with
+ * descriptors beside it (SCM_RIGHTS). README.md says who sends what when; producer.c in examples/ does it. */
+#ifndef ESAAC_INTEROP_H
+#define ESAAC_INTEROP_H
+
+#include <stdint.h>
+
+#define ESAAC_MAGIC 0x50495345u /* "ESIP" */
+#define ESAAC_VERSION 1u
+#define ESAAC_MAX_SLOTS 16u
+#define ESAAC_NO_MOTION 0xffffffffu
+
+enum esaac_kind {
+    ESAAC_HELLO = 1,    /* producer */
+    ESAAC_RING = 2,     /* engine, with descriptors */
+    ESAAC_BROUGHT = 3,  /* producer, with descriptors */
+    ESAAC_ACCEPTED = 4, /* engine; a header alone */
+    ESAAC_FRAME = 5,    /* producer */
+    ESAAC_RELEASED = 6, /* engine */
+    ESAAC_BYE = 7,      /* producer; a header alone */
+    ESAAC_ERROR = 8     /* either */
+};
+
+enum esaac_memory { ESAAC_MEMORY_EXPORTED = 1, ESAAC_MEMORY_HOST = 2, ESAAC_MEMORY_BROUGHT = 4 };
+enum esaac_timeline { ESAAC_TIMELINE_CARRIED = 1, ESAAC_TIMELINE_EXPORTED = 2 };
+enum esaac_backpressure { ESAAC_LOSSLESS = 0, ESAAC_LATEST = 1 };
+enum esaac_outcome { ESAAC_STEPPED = 0, ESAAC_DROPPED = 1 };
+enum esaac_hdr_format { ESAAC_HDR_F16X4 = 0, ESAAC_HDR_F32X4 = 1, ESAAC_HDR_SRGB8X4 = 2 };
+enum esaac_motion_format { ESAAC_MOTION_F16X2 = 0, ESAAC_MOTION_F32X2 = 1, ESAAC_MOTION_F32X4 = 2 };
+
+struct esaac_header {
+    uint32_t magic;   /* ESAAC_MAGIC */
+    uint16_t version; /* ESAAC_VERSION */
+    uint16_t kind;    /* enum esaac_kind */
+    uint32_t bytes;   /* of the whole message */
+    uint32_t fds;     /* descriptors beside it */
+};
+
+struct esaac_image_memory {
+    uint64_t bytes;            /* of each buffer */
+    uint64_t allocation_bytes; /* of its memory, or of its file */
+    uint32_t memory_type;      /* Vulkan memory type; BROUGHT may leave it open: 0xffffffff */
+    uint32_t reserved;
+};
+
+struct esaac_hello {
+    struct esaac_header header;
+    uint8_t device_uuid[16]; /* VkPhysicalDeviceIDProperties */
+    uint8_t driver_uuid[16]; /* zeroes for a device without a Vulkan driver, as CUDA's */
+    uint32_t camera;
+    uint32_t width_px; /* 0 for as the rig has it */
+    uint32_t height_px;
+    uint32_t memories;  /* bits that it can use */
+    uint32_t timelines; /* bits that it can use */
+    uint32_t reserved;
+};
+
+struct esaac_ring {
+    struct esaac_header header;
+    uint8_t device_uuid[16];
+    uint8_t driver_uuid[16];
+    uint32_t camera;
+    uint32_t cameras; /* of the rig */
+    uint32_t width_px;
+    uint32_t height_px;
+    uint32_t hdr_format;
+    uint32_t motion_format; /* or ESAAC_NO_MOTION */
+    uint32_t memory;        /* one bit */
+    uint32_t timeline;      /* one bit */
+    uint32_t slots;
+    uint32_t backpressure;
+    uint32_t buffer_usage; /* VkBufferUsageFlags of every buffer of the ring, on both sides */
+    uint32_t reserved;
+    struct esaac_image_memory hdr;
+    struct esaac_image_memory motion;
+};
+
+struct esaac_brought {
+    struct esaac_header header;
+    struct esaac_image_memory hdr;
+    struct esaac_image_memory motion;
+};
+
+struct esaac_frame {
+    struct esaac_header header;
+    uint32_t slot;
+    uint32_t device_copies; /* between what rendered the frame and the slot */
+    uint32_t host_copies;
+    uint32_t reserved;
+    uint64_t value; /* of the slot's timeline: 2k + 1 for its k-th frame, k from 0 */
+    int64_t t_ns;
+};
+
+struct esaac_released {
+    struct esaac_header header;
+    uint32_t slot;
+    uint32_t outcome;
+    uint64_t value; /* 2k + 2 */
+};
+
+struct esaac_error {
+    struct esaac_header header;
+    uint32_t code;
+    uint32_t text_bytes;
+    uint8_t text[256]; /* UTF-8 */
+};
+
+#ifndef __cplusplus
+_Static_assert(sizeof(struct esaac_header) == 16, "header");
+_Static_assert(sizeof(struct esaac_image_memory) == 24, "image memory");
+_Static_assert(sizeof(struct esaac_hello) == 72, "HELLO");
+_Static_assert(sizeof(struct esaac_ring) == 144, "RING");
+_Static_assert(sizeof(struct esaac_brought) == 64, "BROUGHT");
+_Static_assert(sizeof(struct esaac_frame) == 48, "FRAME");
+_Static_assert(sizeof(struct esaac_released) == 32, "RELEASED");
+_Static_assert(sizeof(struct esaac_error) == 280, "ERROR");
+#endif
+
+#endif

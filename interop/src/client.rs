@@ -1,0 +1,274 @@
+//! A producer's side of the protocol, whatever its device is: greeting, slots, frames, goodbye.
+
+use crate::error::InteropError;
+use crate::ring::Images;
+use crate::socket::{Received, Socket};
+use crate::wire::{
+    self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Message, Refusal, RingOffer, WireError,
+};
+use esaac_model::{HdrFormat, MotionFormat};
+use rustix::fd::{AsFd, OwnedFd};
+use std::collections::VecDeque;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// What a frame cost before it was in its slot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Copies {
+    /// On the device.
+    pub device: u32,
+    /// By way of the host.
+    pub host: u32,
+}
+
+/// Descriptors of an offer.
+pub(crate) struct Descriptors {
+    /// Images of each slot in turn; none if the producer brings them.
+    pub memory: Vec<OwnedFd>,
+    /// One a slot, if timelines are exported.
+    pub timelines: Vec<OwnedFd>,
+}
+
+/// A connection that has its offer.
+pub(crate) struct Client {
+    socket: Socket,
+    offer: RingOffer,
+    images: Images,
+    timeout: Duration,
+    free: VecDeque<u32>,
+    values: Vec<u64>,
+    stepped: u64,
+    dropped: u64,
+}
+
+impl Client {
+    /// Connects and greets; what the engine offers is checked against what was said.
+    pub(crate) fn greet(
+        path: &Path,
+        hello: Hello,
+        timeout: Duration,
+    ) -> Result<(Self, Descriptors), InteropError> {
+        let socket = Socket::connect(path)?;
+        tell(&socket, &Message::Hello(hello))?;
+        let received = socket.receive_within(timeout, "the engine's answer")?;
+        let offer = match received.message()? {
+            Message::Ring(offer) => offer,
+            other => return Err(unexpected(&other)),
+        };
+        let client = Client {
+            socket,
+            offer,
+            images: images(&offer)?,
+            timeout,
+            free: (0..offer.slots.min(wire::MAX_SLOTS)).collect(),
+            values: vec![0; offer.slots.min(wire::MAX_SLOTS) as usize],
+            stepped: 0,
+            dropped: 0,
+        };
+        match client.descriptors(&hello, received.fds) {
+            Ok(descriptors) => Ok((client, descriptors)),
+            Err(error) => Err(client.give_up(error)),
+        }
+    }
+
+    fn descriptors(&self, hello: &Hello, mut fds: Vec<OwnedFd>) -> Result<Descriptors, InteropError> {
+        let offer = &self.offer;
+        let bad = |text: String| InteropError::Refused { code: ErrorCode::Protocol, text };
+        if offer.slots == 0 || offer.slots > wire::MAX_SLOTS {
+            return Err(bad(format!("{} slots, expected 1 to {}", offer.slots, wire::MAX_SLOTS)));
+        }
+        if hello.memories & offer.memory == 0 || hello.timelines & offer.timeline == 0 {
+            return Err(bad(format!(
+                "memory {:#x} and timeline {:#x} are offered, expected of {:#x} and {:#x}",
+                offer.memory, offer.timeline, hello.memories, hello.timelines
+            )));
+        }
+        let slots = offer.slots as usize;
+        let memory = if self.brings() { 0 } else { slots * self.images.count() };
+        let expected = memory + if self.shares_timelines() { slots } else { 0 };
+        if fds.len() != expected {
+            return Err(WireError::Descriptors { kind: "RING", expected, actual: fds.len() }.into());
+        }
+        let timelines = fds.split_off(memory);
+        Ok(Descriptors { memory: fds, timelines })
+    }
+
+    /// Tells the engine why this side closes; the error again.
+    pub(crate) fn give_up(&self, error: InteropError) -> InteropError {
+        // The engine's log shall say why; if it is gone there is no one to tell.
+        let _ = self.socket.send(&Message::Refusal(Refusal::new(error.code(), &error.to_string())), &[]);
+        error
+    }
+
+    pub(crate) fn images(&self) -> &Images {
+        &self.images
+    }
+
+    pub(crate) fn offer(&self) -> &RingOffer {
+        &self.offer
+    }
+
+    pub(crate) fn timeout(&self) -> Duration {
+        self.timeout
+    }
+
+    /// Whether the producer's memory is to be used.
+    pub(crate) fn brings(&self) -> bool {
+        self.offer.memory == wire::MEMORY_BROUGHT
+    }
+
+    pub(crate) fn shares_timelines(&self) -> bool {
+        self.offer.timeline == wire::TIMELINE_EXPORTED
+    }
+
+    pub(crate) fn stepped_and_dropped(&self) -> (u64, u64) {
+        (self.stepped, self.dropped)
+    }
+
+    /// Hands this side's memory to the engine.
+    pub(crate) fn bring(&self, [hdr, motion]: [ImageMemory; 2], fds: &[OwnedFd]) -> Result<(), InteropError> {
+        let borrowed: Vec<_> = fds.iter().map(AsFd::as_fd).collect();
+        let brought = Message::Brought(Brought { hdr, motion, ..Brought::default() });
+        self.socket.send(&brought, &borrowed).map_err(|error| reason(&self.socket, error))?;
+        match self.socket.receive_within(self.timeout, "the engine's acceptance")?.message()? {
+            Message::Accepted(_) => Ok(()),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// A slot to write; waits for the engine to give one back. `heard` is told of each that it gives.
+    pub(crate) fn slot(
+        &mut self,
+        mut heard: impl FnMut(u32, u64) -> Result<(), InteropError>,
+    ) -> Result<u32, InteropError> {
+        let deadline = Instant::now() + self.timeout;
+        while let Some(received) = self.socket.receive()? {
+            self.take(&received, &mut heard)?;
+        }
+        loop {
+            if let Some(slot) = self.free.pop_front() {
+                return Ok(slot);
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            let limit = self.timeout;
+            let received = self.socket.receive_within(left, "a free slot").map_err(|error| match error {
+                // The whole wait rather than what was left of it.
+                InteropError::Timeout { what, .. } => InteropError::Timeout { what, limit },
+                error => error,
+            })?;
+            self.take(&received, &mut heard)?;
+        }
+    }
+
+    /// Value of a slot's timeline while the producer has it.
+    pub(crate) fn value(&self, slot: u32) -> u64 {
+        self.values[slot as usize]
+    }
+
+    /// Tells the engine of the frame in a slot.
+    pub(crate) fn publish(&mut self, slot: u32, t_ns: i64, copies: Copies) -> Result<(), InteropError> {
+        let value = self.values[slot as usize] + 1;
+        let notice = FrameNotice {
+            slot,
+            device_copies: copies.device,
+            host_copies: copies.host,
+            value,
+            t_ns,
+            ..FrameNotice::default()
+        };
+        tell(&self.socket, &Message::Frame(notice))?;
+        self.values[slot as usize] = value;
+        Ok(())
+    }
+
+    /// Says that there are no more frames and waits until the engine has taken all; how many it has
+    /// stepped and dropped.
+    pub(crate) fn finish(
+        &mut self,
+        mut heard: impl FnMut(u32, u64) -> Result<(), InteropError>,
+    ) -> Result<(u64, u64), InteropError> {
+        tell(&self.socket, &Message::Bye(Header::default()))?;
+        while self.values.iter().any(|value| value % 2 == 1) {
+            let received = self.socket.receive_within(self.timeout, "the engine's last slot")?;
+            self.take(&received, &mut heard)?;
+        }
+        Ok(self.stepped_and_dropped())
+    }
+
+    fn take(
+        &mut self,
+        received: &Received,
+        heard: &mut impl FnMut(u32, u64) -> Result<(), InteropError>,
+    ) -> Result<(), InteropError> {
+        let released = match received.message()? {
+            Message::Released(released) => released,
+            other => return Err(unexpected(&other)),
+        };
+        let slot = released.slot;
+        let Some(value) = self.values.get_mut(slot as usize) else {
+            return Err(InteropError::Refused {
+                code: ErrorCode::Protocol,
+                text: format!("the engine releases slot {slot} of {}", self.offer.slots),
+            });
+        };
+        if *value % 2 == 0 || released.value != *value + 1 {
+            return Err(InteropError::Value { slot, expected: *value + 1, actual: released.value });
+        }
+        *value = released.value;
+        heard(slot, released.value)?;
+        if released.outcome == wire::DROPPED {
+            self.dropped += 1
+        } else {
+            self.stepped += 1
+        }
+        self.free.push_back(slot);
+        Ok(())
+    }
+}
+
+/// Sends; an engine that has closed the connection may have said why.
+fn tell(socket: &Socket, message: &Message) -> Result<(), InteropError> {
+    socket.send(message, &[]).map_err(|error| reason(socket, error))
+}
+
+fn reason(socket: &Socket, error: InteropError) -> InteropError {
+    if matches!(error, InteropError::PeerGone) {
+        while let Ok(Some(received)) = socket.receive() {
+            if let Ok(message @ Message::Refusal(_)) = received.message() {
+                return unexpected(&message);
+            }
+        }
+    }
+    error
+}
+
+fn unexpected(message: &Message) -> InteropError {
+    match message {
+        Message::Refusal(refusal) => {
+            InteropError::Refused { code: ErrorCode::from_number(refusal.code), text: refusal.words() }
+        }
+        other => InteropError::Refused {
+            code: ErrorCode::Protocol,
+            text: format!("{} came from the engine out of turn", other.name()),
+        },
+    }
+}
+
+fn images(offer: &RingOffer) -> Result<Images, InteropError> {
+    let unknown = |what: &str, number: u32| InteropError::Refused {
+        code: ErrorCode::Protocol,
+        text: format!("{what} format {number} is unknown"),
+    };
+    let hdr = [HdrFormat::F16x4, HdrFormat::F32x4, HdrFormat::Srgb8x4]
+        .into_iter()
+        .find(|format| *format as u32 == offer.hdr_format)
+        .ok_or_else(|| unknown("colour", offer.hdr_format))?;
+    let motion = if offer.motion_format == wire::NO_MOTION {
+        None
+    } else {
+        let all = [MotionFormat::F16x2, MotionFormat::F32x2, MotionFormat::F32x4];
+        let found = all.into_iter().find(|format| *format as u32 == offer.motion_format);
+        Some(found.ok_or_else(|| unknown("motion", offer.motion_format))?)
+    };
+    Ok(Images { width_px: offer.width_px, height_px: offer.height_px, hdr, motion })
+}

@@ -1,0 +1,151 @@
+//! A producer on a Vulkan device: connects a camera, renders into slots, tells of frames.
+
+use crate::client::{Client, Copies, Descriptors};
+use crate::error::InteropError;
+use crate::ring::{Images, Ring, Slot, Source, import_timelines, make_timelines};
+use crate::support::Support;
+use crate::wire::{self, Hello, RingOffer};
+use esaac_engine::{Around, Device};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How a producer connects.
+#[derive(Clone, Copy, Debug)]
+pub struct ProducerOptions {
+    /// Camera to feed.
+    pub camera: u32,
+    /// Size that it renders; `None` for the rig's.
+    pub size_px: Option<(u32, u32)>,
+    /// Memories that it may use, as bits; the device's abilities are a further limit.
+    pub memories: u32,
+    /// Timelines that it may use, as bits.
+    pub timelines: u32,
+    /// How long it waits for the engine's answers.
+    pub timeout: Duration,
+}
+
+impl Default for ProducerOptions {
+    fn default() -> Self {
+        ProducerOptions {
+            camera: 0,
+            size_px: None,
+            // Memory of its own is for those who say that they render there.
+            memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST,
+            timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
+            timeout: Duration::from_secs(10),
+        }
+    }
+}
+
+/// A connected camera.
+pub struct Producer {
+    client: Client,
+    ring: Ring,
+}
+
+impl Producer {
+    /// Connects to the engine at `path`.
+    pub fn connect(
+        device: &Arc<Device>,
+        path: &Path,
+        options: &ProducerOptions,
+    ) -> Result<Self, InteropError> {
+        let support = Support::of(device);
+        let (width_px, height_px) = options.size_px.unwrap_or((0, 0));
+        let hello = Hello {
+            device_uuid: device.info().uuid,
+            driver_uuid: device.info().driver_uuid,
+            camera: options.camera,
+            width_px,
+            height_px,
+            memories: options.memories & support.producer_memories(),
+            timelines: options.timelines & support.timelines(),
+            ..Hello::default()
+        };
+        let (client, descriptors) = Client::greet(path, hello, options.timeout)?;
+        match ring(device, &client, descriptors) {
+            Ok(ring) => Ok(Producer { client, ring }),
+            Err(error) => Err(client.give_up(error)),
+        }
+    }
+
+    /// What the camera's images are.
+    #[must_use]
+    pub fn images(&self) -> &Images {
+        self.client.images()
+    }
+
+    /// What the engine has offered.
+    #[must_use]
+    pub fn offer(&self) -> &RingOffer {
+        self.client.offer()
+    }
+
+    /// Frames that the engine has stepped, and those that it has dropped for newer ones.
+    #[must_use]
+    pub fn stepped_and_dropped(&self) -> (u64, u64) {
+        self.client.stepped_and_dropped()
+    }
+
+    /// A slot to write; waits for the engine to give one back.
+    pub fn slot(&mut self) -> Result<u32, InteropError> {
+        let ring = &self.ring;
+        self.client.slot(|slot, value| ring.slot(slot).timeline().heard(value))
+    }
+
+    /// Calls `render` with what must go around the submission that writes the slot: it takes the buffers
+    /// over, waits until the engine has read them, and signals that they are written.
+    pub fn write<E>(
+        &self,
+        slot: u32,
+        render: impl FnOnce(&Slot, &Around<'_>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let place = self.ring.slot(slot);
+        let (timeline, value) = (place.timeline().timeline(), self.client.value(slot));
+        let given_back = [(timeline, value)];
+        let around = Around {
+            before: &[place.acquire()],
+            after: &[place.release()],
+            // A slot that was never written need not come back.
+            waits: if value == 0 { &[] } else { &given_back },
+            signals: &[(timeline, value + 1)],
+        };
+        render(place, &around)
+    }
+
+    /// Tells the engine of the frame in a slot whose writing has been submitted.
+    pub fn publish(&mut self, slot: u32, t_ns: i64, copies: Copies) -> Result<(), InteropError> {
+        let value = self.client.value(slot) + 1;
+        self.ring.slot(slot).timeline().settle(value, self.client.timeout())?;
+        self.client.publish(slot, t_ns, copies)
+    }
+
+    /// Says that there are no more frames and waits until the engine has taken all; how many it has
+    /// stepped and dropped.
+    pub fn finish(mut self) -> Result<(u64, u64), InteropError> {
+        let ring = &self.ring;
+        self.client.finish(|slot, value| ring.slot(slot).timeline().heard(value))
+    }
+}
+
+/// The ring of an offer.
+fn ring(device: &Arc<Device>, client: &Client, descriptors: Descriptors) -> Result<Ring, InteropError> {
+    let (offer, images) = (client.offer(), client.images());
+    let timelines = if client.shares_timelines() {
+        import_timelines(device, descriptors.timelines)?
+    } else {
+        make_timelines(device, offer.slots, false)?
+    };
+    let source = if client.brings() {
+        Source::Own(wire::MEMORY_EXPORTED)
+    } else {
+        let (kind, fds) = (offer.memory, descriptors.memory);
+        Source::Peer { kind, fds, hdr: offer.hdr, motion: offer.motion }
+    };
+    let ring = Ring::new(device, offer.camera, images, source, timelines)?;
+    if client.brings() {
+        client.bring(ring.described(), &ring.export_memory(device)?)?;
+    }
+    Ok(ring)
+}

@@ -1,0 +1,298 @@
+//! The engine's side of the socket: a thread that answers producers, and what it hands to the one that
+//! steps the rig.
+//!
+//! What both touch is behind one lock that is never held over a wait or an allocation of the device.
+
+mod hub;
+mod links;
+
+use crate::error::InteropError;
+use crate::ring::{Images, Ring, Slot};
+use crate::session::{Agreement, Terms};
+use crate::socket::Listener;
+use crate::support::Support;
+use crate::wire::{self, FrameNotice};
+use esaac_engine::Device;
+use hub::Hub;
+use links::{Shared, State};
+use rustix::event::{EventfdFlags, eventfd};
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The thread that steps looks by itself for so long before it sleeps: being woken costs it more.
+const SPIN: Duration = Duration::from_micros(500);
+
+/// Between two looks at a device's work once it sleeps.
+const NAP: Duration = Duration::from_micros(50);
+
+/// One camera of the rig as producers see it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CameraTerms {
+    /// Its images.
+    pub images: Images,
+    /// Slots of its ring.
+    pub slots: u32,
+    /// Whether older frames are dropped for the newest; else the producer waits.
+    pub latest: bool,
+}
+
+/// How a server behaves.
+#[derive(Clone, Copy, Debug)]
+pub struct ServerOptions {
+    /// A connection that has not come to its first frame by then is closed.
+    pub handshake_timeout: Duration,
+    /// A frame that was told of and is not there by then ends its connection.
+    pub frame_timeout: Duration,
+    /// Once a frame is there, how long the other connected cameras are waited for to go in one tick.
+    pub gather: Duration,
+    /// Memories that may be used, as bits; the device's abilities are a further limit.
+    pub memories: u32,
+    /// Timelines that may be used, as bits.
+    pub timelines: u32,
+}
+
+impl Default for ServerOptions {
+    fn default() -> Self {
+        ServerOptions {
+            handshake_timeout: Duration::from_secs(5),
+            frame_timeout: Duration::from_secs(5),
+            gather: Duration::from_millis(1),
+            memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT,
+            timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
+        }
+    }
+}
+
+/// What was counted for a camera since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkCounts {
+    /// Producers that were given a ring.
+    pub connections: u64,
+    /// Producers that said goodbye, and whose frames are all done.
+    pub finished: u64,
+    /// Producers that went without a word or broke the rules.
+    pub lost: u64,
+    /// Frames that were told of.
+    pub frames: u64,
+    /// Frames that were stepped.
+    pub stepped: u64,
+    /// Frames dropped for newer ones.
+    pub dropped: u64,
+    /// Frames that went with their producer.
+    pub abandoned: u64,
+    /// Copies on the device of the frames that were stepped, by their producers' word.
+    pub device_copies: u64,
+    /// Copies by way of the host.
+    pub host_copies: u64,
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// It was stepped.
+    Stepped,
+    /// It was not.
+    Dropped,
+}
+
+/// A frame that is there; it goes back with [`Server::release`].
+pub struct Ready {
+    /// Camera.
+    pub camera: usize,
+    /// Time of the frame.
+    pub t_ns: i64,
+    /// Whether it is the first of its producer.
+    pub first: bool,
+    link: u64,
+    ring: Arc<Ring>,
+    notice: FrameNotice,
+}
+
+impl Ready {
+    /// Where it lies.
+    #[must_use]
+    pub fn slot(&self) -> &Slot {
+        self.ring.slot(self.notice.slot)
+    }
+
+    /// Value of its timeline that says that it is written; the next says that it is read.
+    #[must_use]
+    pub fn value(&self) -> u64 {
+        self.notice.value
+    }
+
+    /// Copies on the device and by way of the host that the producer made of it.
+    #[must_use]
+    pub fn copies(&self) -> (u32, u32) {
+        (self.notice.device_copies, self.notice.host_copies)
+    }
+}
+
+/// Listens for producers.
+pub struct Server {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    /// On a processor the producer needs the time.
+    spins: bool,
+}
+
+impl Server {
+    /// Makes the socket and answers from now on.
+    pub fn open(
+        device: &Arc<Device>,
+        path: &Path,
+        cameras: &[CameraTerms],
+        options: ServerOptions,
+    ) -> Result<Self, InteropError> {
+        let support = Support::of(device);
+        let memories = options.memories & support.engine_memories();
+        if memories == 0 {
+            return Err(InteropError::Unsupported {
+                device: device.info().name.clone(),
+                reason:
+                    "it has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host; update its \
+                         driver or choose another device"
+                        .to_owned(),
+            });
+        }
+        let terms: Vec<Terms> = (0..)
+            .zip(cameras)
+            .map(|(camera, c)| Terms {
+                camera,
+                images: c.images,
+                slots: c.slots.clamp(1, wire::MAX_SLOTS),
+                backpressure: if c.latest { wire::LATEST } else { wire::LOSSLESS },
+                device_uuid: device.info().uuid,
+                driver_uuid: device.info().driver_uuid,
+                memories,
+                timelines: options.timelines & support.timelines(),
+            })
+            .collect();
+        let listener = Listener::bind(path)?;
+        let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
+            .map_err(InteropError::system("eventfd"))?;
+        let shared = Arc::new(Shared {
+            device: Arc::clone(device),
+            latest: cameras.iter().map(|c| c.latest).collect(),
+            options,
+            state: Mutex::new(State {
+                links: Vec::new(),
+                agreed: vec![None; terms.len()],
+                counts: vec![LinkCounts::default(); terms.len()],
+                notices: VecDeque::new(),
+                stopped: false,
+                failed: None,
+            }),
+            terms,
+            changed: Condvar::new(),
+            wake,
+        });
+        let hub = Hub::new(&shared, listener);
+        let thread = std::thread::Builder::new()
+            .name("esaac-link".to_owned())
+            .spawn(move || hub.run())
+            .map_err(|error| InteropError::Socket { path: path.to_owned(), reason: error.to_string() })?;
+        Ok(Server { spins: device.info().kind != "software", shared, thread: Some(thread) })
+    }
+
+    /// Frames that are there, one a camera at most; none if none comes within `limit`.
+    pub fn wait(&self, limit: Duration) -> Result<Vec<Ready>, InteropError> {
+        let started = Instant::now();
+        let mut first_seen: Option<Instant> = None;
+        let mut state = self.shared.lock();
+        loop {
+            if let Some(error) = state.failed.take() {
+                return Err(error);
+            }
+            let ids: Vec<u64> = state.links.iter().map(|link| link.id).collect();
+            for id in ids {
+                self.shared.hear(&mut state, id);
+            }
+            self.shared.sweep(&mut state);
+            let now = Instant::now();
+            let left = if state.links.iter().any(|link| link.front().is_some()) {
+                let since = *first_seen.get_or_insert(now);
+                let all = state.links.iter().all(|link| link.front().is_some() || link.ending);
+                let left = (since + self.shared.options.gather).saturating_duration_since(now);
+                if all || left.is_zero() {
+                    return Ok(self.shared.take(&mut state));
+                }
+                left
+            } else {
+                first_seen = None;
+                let left = (started + limit).saturating_duration_since(now);
+                if left.is_zero() {
+                    return Ok(Vec::new());
+                }
+                left
+            };
+            // A semaphore that the producer's device signals wakes nobody.
+            let under_way = state.links.iter().any(|link| !link.pending.is_empty() && link.front().is_none());
+            if self.spins && now - started < SPIN {
+                drop(state);
+                std::hint::spin_loop();
+                state = self.shared.lock();
+            } else {
+                let nap = if under_way { left.min(NAP) } else { left };
+                state =
+                    self.shared.changed.wait_timeout(state, nap).unwrap_or_else(PoisonError::into_inner).0;
+            }
+        }
+    }
+
+    /// Gives a frame's slot back to its producer. The device is done with it.
+    pub fn release(&self, ready: &Ready, outcome: Outcome) -> Result<(), InteropError> {
+        let mut state = self.shared.lock();
+        let counts = &mut state.counts[ready.camera];
+        if outcome == Outcome::Stepped {
+            counts.stepped += 1;
+            counts.device_copies += u64::from(ready.notice.device_copies);
+            counts.host_copies += u64::from(ready.notice.host_copies);
+        } else {
+            counts.dropped += 1;
+        }
+        let Some(index) = state.links.iter().position(|link| link.id == ready.link) else { return Ok(()) };
+        let told = state.links[index].give_back(ready.notice.slot, outcome);
+        self.shared.settle(&mut state, index, told);
+        Ok(())
+    }
+
+    /// What was counted, a camera.
+    #[must_use]
+    pub fn counts(&self) -> Vec<LinkCounts> {
+        self.shared.lock().counts.clone()
+    }
+
+    /// Memory and timelines that each camera's producer uses, or the last one used.
+    #[must_use]
+    pub fn agreements(&self) -> Vec<Option<Agreement>> {
+        self.shared.lock().agreed.clone()
+    }
+
+    /// Producers connected now.
+    #[must_use]
+    pub fn connected(&self) -> usize {
+        self.shared.lock().links.len()
+    }
+
+    /// What has happened since this was asked last, in words.
+    #[must_use]
+    pub fn notices(&self) -> Vec<String> {
+        self.shared.lock().notices.drain(..).collect()
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.shared.lock().stopped = true;
+        self.shared.wake();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            eprintln!("esaac: the thread that answers producers has panicked");
+        }
+    }
+}

@@ -1,0 +1,464 @@
+//! Messages on the socket: plain structs in the machine's byte order, one a packet, descriptors beside
+//! them. `include/esaac_interop.h` declares the same for C; `README.md` says who sends what when.
+//!
+//! Nothing that arrives is trusted: [`Message::parse`] gives a message whose kind, size, version and
+//! number of descriptors are as they must be, and [`crate::session`] judges what it says.
+
+use bytemuck::{Pod, Zeroable};
+use thiserror::Error;
+
+/// First word of every message: "ESIP" in memory.
+pub const MAGIC: u32 = u32::from_le_bytes(*b"ESIP");
+/// Version of this protocol.
+pub const VERSION: u16 = 1;
+/// No message is longer.
+pub const MAX_BYTES: usize = 280;
+/// No message has more descriptors.
+pub const MAX_FDS: usize = 3 * MAX_SLOTS as usize;
+/// No ring has more slots.
+pub const MAX_SLOTS: u32 = 16;
+/// No motion images.
+pub const NO_MOTION: u32 = u32::MAX;
+
+/// A producer that has no Vulkan driver, but a device.
+pub const NO_DRIVER: [u8; 16] = [0; 16];
+/// A memory type that the peer leaves to the importer.
+pub const ANY_MEMORY_TYPE: u32 = u32::MAX;
+
+/// The engine exports the ring's memory by `OPAQUE_FD`.
+pub const MEMORY_EXPORTED: u32 = 1;
+/// The ring lies in anonymous files that both sides map.
+pub const MEMORY_HOST: u32 = 2;
+/// The producer exports the ring's memory by `OPAQUE_FD`.
+pub const MEMORY_BROUGHT: u32 = 4;
+
+/// Timeline values travel over the socket.
+pub const TIMELINE_CARRIED: u32 = 1;
+/// Timeline semaphores travel by `OPAQUE_FD`.
+pub const TIMELINE_EXPORTED: u32 = 2;
+
+/// The producer waits for a free slot; every frame counts.
+pub const LOSSLESS: u32 = 0;
+/// The newest frame counts; older ones are dropped.
+pub const LATEST: u32 = 1;
+
+/// A frame that was stepped.
+pub const STEPPED: u32 = 0;
+/// A frame that a newer one has replaced.
+pub const DROPPED: u32 = 1;
+
+/// Beginning of every message.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Header {
+    /// [`MAGIC`].
+    pub magic: u32,
+    /// [`VERSION`].
+    pub version: u16,
+    /// Which message.
+    pub kind: u16,
+    /// Bytes of the whole message.
+    pub bytes: u32,
+    /// Descriptors beside it.
+    pub fds: u32,
+}
+
+/// Memory of each of a ring's images of one kind.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct ImageMemory {
+    /// Size of the buffer.
+    pub bytes: u64,
+    /// Size of its memory: of the allocation, or of the file.
+    pub allocation_bytes: u64,
+    /// Vulkan memory type.
+    pub memory_type: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// Producer: I am this, and can do that.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Hello {
+    /// Header.
+    pub header: Header,
+    /// `VkPhysicalDeviceIDProperties::deviceUUID`.
+    pub device_uuid: [u8; 16],
+    /// `VkPhysicalDeviceIDProperties::driverUUID`.
+    pub driver_uuid: [u8; 16],
+    /// Camera to feed.
+    pub camera: u32,
+    /// Columns that it renders, 0 for as the rig has it.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Memories that it can use, as bits.
+    pub memories: u32,
+    /// Timelines that it can use, as bits.
+    pub timelines: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// Engine: this is your ring. Descriptors: memory of each slot's images (unless the producer brings
+/// them), then a timeline of each slot if those are exported.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct RingOffer {
+    /// Header.
+    pub header: Header,
+    /// The engine's device.
+    pub device_uuid: [u8; 16],
+    /// Its driver.
+    pub driver_uuid: [u8; 16],
+    /// Camera.
+    pub camera: u32,
+    /// Cameras of the rig.
+    pub cameras: u32,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// `HdrFormat`.
+    pub hdr_format: u32,
+    /// `MotionFormat`, or [`NO_MOTION`].
+    pub motion_format: u32,
+    /// One of the memory bits.
+    pub memory: u32,
+    /// One of the timeline bits.
+    pub timeline: u32,
+    /// Slots.
+    pub slots: u32,
+    /// [`LOSSLESS`] or [`LATEST`].
+    pub backpressure: u32,
+    /// `VkBufferUsageFlags` of every buffer of the ring, on both sides.
+    pub buffer_usage: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Colour.
+    pub hdr: ImageMemory,
+    /// Motion; zero without.
+    pub motion: ImageMemory,
+}
+
+/// Producer: here is the memory that I bring. Descriptors: each slot's images.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Brought {
+    /// Header.
+    pub header: Header,
+    /// Colour.
+    pub hdr: ImageMemory,
+    /// Motion; zero without.
+    pub motion: ImageMemory,
+}
+
+/// Producer: this slot holds, or will hold at this value, a frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct FrameNotice {
+    /// Header.
+    pub header: Header,
+    /// Slot.
+    pub slot: u32,
+    /// Copies on the device between what rendered the frame and the slot.
+    pub device_copies: u32,
+    /// Copies by way of the host.
+    pub host_copies: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Value of the slot's timeline when the frame is there: 2k + 1 for its k-th.
+    pub value: u64,
+    /// Time of the frame, nanoseconds.
+    pub t_ns: i64,
+}
+
+/// Engine: this slot is yours again.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Released {
+    /// Header.
+    pub header: Header,
+    /// Slot.
+    pub slot: u32,
+    /// [`STEPPED`] or [`DROPPED`].
+    pub outcome: u32,
+    /// Value of the slot's timeline: 2k + 2 after its k-th frame.
+    pub value: u64,
+}
+
+/// Either: I close the connection, because of this.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct Refusal {
+    /// Header.
+    pub header: Header,
+    /// [`ErrorCode`].
+    pub code: u32,
+    /// Bytes of text.
+    pub text_bytes: u32,
+    /// UTF-8.
+    pub text: [u8; 256],
+}
+
+/// Why a connection is closed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ErrorCode {
+    /// Anything else.
+    Internal = 0,
+    /// A message that is none, or not now.
+    Protocol = 1,
+    /// Another version of the protocol.
+    Version = 2,
+    /// No camera of this number, or of another size.
+    Camera = 3,
+    /// The camera has a producer.
+    Taken = 4,
+    /// Another device or driver, and no memory that both can use.
+    Device = 5,
+    /// No memory or timeline that both can use.
+    Unsupported = 6,
+    /// Memory that is not what it must be.
+    Memory = 7,
+    /// A timeline value out of turn.
+    Value = 8,
+    /// A frame's time.
+    Time = 9,
+    /// Something that did not come.
+    Timeout = 10,
+    /// Another user's process.
+    User = 11,
+    /// More connections than the engine takes.
+    Busy = 12,
+}
+
+impl ErrorCode {
+    const ALL: [ErrorCode; 13] = [
+        ErrorCode::Internal,
+        ErrorCode::Protocol,
+        ErrorCode::Version,
+        ErrorCode::Camera,
+        ErrorCode::Taken,
+        ErrorCode::Device,
+        ErrorCode::Unsupported,
+        ErrorCode::Memory,
+        ErrorCode::Value,
+        ErrorCode::Time,
+        ErrorCode::Timeout,
+        ErrorCode::User,
+        ErrorCode::Busy,
+    ];
+
+    /// The code of this number; unknown ones are internal.
+    #[must_use]
+    pub fn from_number(number: u32) -> Self {
+        Self::ALL.into_iter().find(|code| *code as u32 == number).unwrap_or(ErrorCode::Internal)
+    }
+}
+
+/// Bytes that are no message.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum WireError {
+    /// Shorter than a header, or than its kind is.
+    #[error("{kind} of {actual} bytes, expected {expected}")]
+    Size {
+        /// Which message.
+        kind: &'static str,
+        /// Its size.
+        expected: usize,
+        /// What came.
+        actual: usize,
+    },
+    /// Not of this protocol.
+    #[error("first word {actual:#010x}, expected {MAGIC:#010x}")]
+    Magic {
+        /// What came.
+        actual: u32,
+    },
+    /// Of another version of it.
+    #[error("protocol version {actual}, expected {VERSION}")]
+    Version {
+        /// What came.
+        actual: u16,
+    },
+    /// No message of this number.
+    #[error("message kind {actual}, expected 1 to 8")]
+    Kind {
+        /// What came.
+        actual: u16,
+    },
+    /// Descriptors that are too few or too many.
+    #[error("{kind} with {actual} descriptors, expected {expected}")]
+    Descriptors {
+        /// Which message.
+        kind: &'static str,
+        /// How many it must have.
+        expected: usize,
+        /// How many came.
+        actual: usize,
+    },
+}
+
+impl WireError {
+    /// What the peer is told.
+    #[must_use]
+    pub fn code(&self) -> ErrorCode {
+        match self {
+            WireError::Version { .. } => ErrorCode::Version,
+            _ => ErrorCode::Protocol,
+        }
+    }
+}
+
+macro_rules! messages {
+    ($($(#[$doc:meta])* $variant:ident($body:ty) = $number:literal, $name:literal;)*) => {
+        /// A message of the right shape.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Message {
+            $($(#[$doc])* $variant($body),)*
+        }
+
+        impl Message {
+            /// Name of the message.
+            #[must_use]
+            pub fn name(&self) -> &'static str {
+                match self { $(Message::$variant(_) => $name,)* }
+            }
+
+            /// The message with its header, for the socket.
+            #[must_use]
+            pub fn to_bytes(&self, fds: usize) -> Vec<u8> {
+                match *self {
+                    $(Message::$variant(mut body) => {
+                        let bytes = size_of::<$body>() as u32;
+                        let header =
+                            Header { magic: MAGIC, version: VERSION, kind: $number, bytes, fds: fds as u32 };
+                        bytemuck::bytes_of_mut(&mut body)[..size_of::<Header>()]
+                            .copy_from_slice(bytemuck::bytes_of(&header));
+                        bytemuck::bytes_of(&body).to_vec()
+                    })*
+                }
+            }
+
+            /// The message in `bytes`, with which so many descriptors came.
+            pub fn parse(bytes: &[u8], fds: usize) -> Result<Message, WireError> {
+                let actual = bytes.len();
+                let expected = size_of::<Header>();
+                let head = bytes.get(..expected).ok_or(WireError::Size { kind: "header", expected, actual })?;
+                let header: Header = bytemuck::pod_read_unaligned(head);
+                if header.magic != MAGIC {
+                    return Err(WireError::Magic { actual: header.magic });
+                }
+                if header.version != VERSION {
+                    return Err(WireError::Version { actual: header.version });
+                }
+                let (message, kind) = match header.kind {
+                    $($number => {
+                        let expected = size_of::<$body>();
+                        if actual != expected || header.bytes as usize != expected {
+                            let actual = if actual == expected { header.bytes as usize } else { actual };
+                            return Err(WireError::Size { kind: $name, expected, actual });
+                        }
+                        (Message::$variant(bytemuck::pod_read_unaligned(bytes)), $name)
+                    })*
+                    actual => return Err(WireError::Kind { actual }),
+                };
+                if header.fds as usize != fds {
+                    return Err(WireError::Descriptors { kind, expected: header.fds as usize, actual: fds });
+                }
+                Ok(message)
+            }
+        }
+    };
+}
+
+messages! {
+    /// The producer's first.
+    Hello(Hello) = 1, "HELLO";
+    /// The engine's answer.
+    Ring(RingOffer) = 2, "RING";
+    /// The producer's memory.
+    Brought(Brought) = 3, "BROUGHT";
+    /// The engine has imported it.
+    Accepted(Header) = 4, "ACCEPTED";
+    /// A frame.
+    Frame(FrameNotice) = 5, "FRAME";
+    /// A slot is free.
+    Released(Released) = 6, "RELEASED";
+    /// The producer has no more frames.
+    Bye(Header) = 7, "BYE";
+    /// The end, by fault.
+    Refusal(Refusal) = 8, "ERROR";
+}
+
+impl Refusal {
+    /// With as much of the text as there is room for.
+    #[must_use]
+    pub fn new(code: ErrorCode, text: &str) -> Self {
+        let mut refusal =
+            Refusal { header: Header::default(), code: code as u32, text_bytes: 0, text: [0; 256] };
+        let mut end = text.len().min(refusal.text.len());
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        refusal.text[..end].copy_from_slice(&text.as_bytes()[..end]);
+        refusal.text_bytes = end as u32;
+        refusal
+    }
+
+    /// The words, whatever a peer has put there.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let end = (self.text_bytes as usize).min(self.text.len());
+        String::from_utf8_lossy(&self.text[..end]).into_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_message_reads_back_and_none_is_too_long() {
+        let frame = FrameNotice { slot: 2, value: 9, t_ns: -5, ..FrameNotice::default() };
+        let messages = [
+            Message::Hello(Hello { camera: 3, ..Hello::default() }),
+            Message::Ring(RingOffer { slots: 4, ..RingOffer::default() }),
+            Message::Brought(Brought::default()),
+            Message::Accepted(Header::default()),
+            Message::Frame(frame),
+            Message::Released(Released { value: 10, ..Released::default() }),
+            Message::Bye(Header::default()),
+            Message::Refusal(Refusal::new(ErrorCode::Taken, "taken")),
+        ];
+        for message in messages {
+            let bytes = message.to_bytes(3);
+            assert!(bytes.len() <= MAX_BYTES, "{} has {} bytes", message.name(), bytes.len());
+            let parsed = Message::parse(&bytes, 3).unwrap();
+            assert_eq!(parsed.to_bytes(3), bytes);
+            assert!(matches!(Message::parse(&bytes, 2), Err(WireError::Descriptors { .. })));
+            for end in 0..bytes.len() {
+                assert!(matches!(Message::parse(&bytes[..end], 3), Err(WireError::Size { .. })), "{end}");
+            }
+            let long = [&bytes[..], &[0]].concat();
+            assert!(matches!(Message::parse(&long, 3), Err(WireError::Size { .. })));
+        }
+        let mut other = Message::Bye(Header::default()).to_bytes(0);
+        other[4] = 2;
+        assert_eq!(Message::parse(&other, 0), Err(WireError::Version { actual: 2 }));
+        other[0] = 0;
+        assert!(matches!(Message::parse(&other, 0), Err(WireError::Magic { .. })));
+    }
+
+    #[test]
+    fn words_of_a_refusal_are_cut_between_characters() {
+        let refusal = Refusal::new(ErrorCode::Time, &"\u{e9}".repeat(200));
+        assert_eq!(refusal.words(), "\u{e9}".repeat(128));
+        let lying = Refusal { text_bytes: u32::MAX, ..refusal };
+        assert_eq!(lying.words().len(), 256);
+        assert_eq!(ErrorCode::from_number(9), ErrorCode::Time);
+        assert_eq!(ErrorCode::from_number(4_000_000_000), ErrorCode::Internal);
+    }
+}

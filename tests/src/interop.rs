@@ -1,0 +1,191 @@
+//! Both ends of the link in one process: a producer that uploads frames into slots, an engine that checks
+//! what arrives by a checksum of its own device.
+
+#![expect(unsafe_code, reason = "copies between buffers are recorded by hand")]
+
+use crate::device::DEVICE;
+use crate::frames::{Frame, Sequence};
+use crate::run::camera;
+use esaac_engine::ash::vk;
+use esaac_engine::{
+    Buffer, CameraConfig, Commands, Device, DeviceChoice, Kernel, MemoryLocation, Rig, Validation,
+};
+use esaac_interop::{
+    CameraTerms, Copies, Images, InteropError, Producer, ProducerOptions, Server, ServerOptions, Service,
+};
+use esaac_model::SensorModel;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// The device once more, as another process would open it.
+#[must_use]
+pub fn other_device() -> Arc<Device> {
+    Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), Validation::from_env()).expect("the device again")
+}
+
+/// Fails if the validation layer has spoken about a device.
+#[track_caller]
+pub fn assert_device_silent(device: &Device) {
+    let messages = device.validation_messages();
+    assert!(messages.is_empty(), "the validation layer says:\n{}", messages.join("\n"));
+}
+
+/// Waits until something is so, ten seconds at most.
+#[track_caller]
+pub fn until(what: &str, is_so: impl Fn() -> bool) {
+    let started = Instant::now();
+    while !is_so() {
+        assert!(started.elapsed() < Duration::from_secs(10), "{what}: not in ten seconds");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+/// A socket's place in a folder of its own.
+pub struct Place {
+    folder: TempDir,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Place { folder: tempfile::tempdir().expect("a temporary folder") }
+    }
+}
+
+impl Place {
+    /// Path of the socket.
+    #[must_use]
+    pub fn path(&self) -> PathBuf {
+        self.folder.path().join("engine.sock")
+    }
+}
+
+/// What a camera's images are.
+#[must_use]
+pub fn images(config: &CameraConfig) -> Images {
+    Images {
+        width_px: config.sensor.width,
+        height_px: config.sensor.height,
+        hdr: config.hdr,
+        motion: config.motion,
+    }
+}
+
+/// Terms of three slots in which the producer waits.
+#[must_use]
+pub fn lossless(config: &CameraConfig) -> CameraTerms {
+    CameraTerms { images: images(config), slots: 3, latest: false }
+}
+
+/// A service of cameras, each with its number.
+#[must_use]
+pub fn service(
+    path: &Path,
+    cameras: &[(SensorModel, &Sequence)],
+    latest: bool,
+    options: ServerOptions,
+) -> Service {
+    let configs: Vec<CameraConfig> =
+        (0..).zip(cameras).map(|(number, (sensor, sequence))| camera(sensor, number, sequence)).collect();
+    let rig = Rig::new(&DEVICE, &configs).expect("a rig");
+    let terms: Vec<CameraTerms> =
+        configs.iter().map(|config| CameraTerms { latest, ..lossless(config) }).collect();
+    Service::open(rig, path, &terms, options).expect("a service")
+}
+
+/// A server without a rig, for what happens before frames.
+pub fn server(path: &Path, config: &CameraConfig, options: ServerOptions) -> Result<Server, InteropError> {
+    Server::open(&DEVICE, path, &[lossless(config)], options)
+}
+
+/// A producer that uploads frames.
+pub struct Uploader {
+    device: Arc<Device>,
+    /// The link.
+    pub producer: Producer,
+    staging: [Buffer; 2],
+    commands: Commands,
+}
+
+impl Uploader {
+    /// Connects a camera.
+    pub fn connect(
+        device: &Arc<Device>,
+        path: &Path,
+        options: &ProducerOptions,
+    ) -> Result<Self, InteropError> {
+        let producer = Producer::connect(device, path, options)?;
+        let staging = [producer.images().hdr_bytes(), producer.images().motion_bytes()].map(|bytes| {
+            device
+                .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
+                .expect("a frame's bytes")
+        });
+        Ok(Uploader { device: Arc::clone(device), producer, staging, commands: Commands::new(device)? })
+    }
+
+    /// Writes a frame into a free slot and tells of it at time `t_ns`.
+    pub fn send(&mut self, frame: &Frame, t_ns: i64) -> Result<(), InteropError> {
+        let slot = self.producer.slot()?;
+        self.staging[0].write(0, &frame.hdr);
+        if let Some(motion) = &frame.motion {
+            self.staging[1].write(0, motion);
+        }
+        let (device, staging, commands) = (&self.device, &self.staging, &self.commands);
+        self.producer.write(slot, |place, around| {
+            let inputs = place.inputs();
+            let targets = [Some(inputs.hdr), inputs.motion.filter(|_| frame.motion.is_some())];
+            commands.record(|commands| {
+                for (source, target) in staging.iter().zip(targets) {
+                    let Some(target) = target else { continue };
+                    let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: target.bytes() }];
+                    // SAFETY: `commands` is being recorded; both buffers live until it has run.
+                    unsafe { device.raw().cmd_copy_buffer(commands, source.raw(), target.raw(), &region) };
+                }
+            })?;
+            device.run_around(commands, around)
+        })?;
+        self.producer.publish(slot, t_ns, Copies { device: 1, host: 1 })
+    }
+}
+
+/// Sums of buffers, made on the device under test.
+pub struct Checksum {
+    kernel: Kernel,
+    sums: Buffer,
+}
+
+impl Default for Checksum {
+    fn default() -> Self {
+        let words = esaac_kernels::words(include_bytes!(concat!(env!("OUT_DIR"), "/checksum.spv")));
+        let kernel = Kernel::new(&DEVICE, "checksum", &words, 2, 4, &[]).expect("a kernel that builds");
+        let sums = DEVICE
+            .allocate("sums", 8, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)
+            .expect("eight bytes");
+        Checksum { kernel, sums }
+    }
+}
+
+impl Checksum {
+    /// The first `bytes` of a buffer.
+    pub fn of(&mut self, buffer: &Buffer, bytes: usize) -> [u32; 2] {
+        let words = (bytes / 4) as u32;
+        self.sums.write(0, &[0_u32; 2]);
+        self.kernel.bind(&[buffer, &self.sums]);
+        DEVICE
+            .run_once(|commands| {
+                self.kernel.record(commands, &words.to_le_bytes(), [words.div_ceil(64), 1, 1]);
+                let barrier = [vk::MemoryBarrier2::default()
+                    .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+                    .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)
+                    .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+                    .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+                let info = vk::DependencyInfo::default().memory_barriers(&barrier);
+                // SAFETY: `commands` is being recorded on this device.
+                unsafe { DEVICE.raw().cmd_pipeline_barrier2(commands, &info) };
+            })
+            .expect("a sum");
+        let sums = self.sums.read::<u32>(0, 2);
+        [sums[0], sums[1]]
+    }
+}

@@ -1,0 +1,104 @@
+//! A peer that says what a test makes it say: packets by hand, well formed or not.
+
+use crate::device::DEVICE;
+use esaac_interop::wire::{
+    Hello, MAX_BYTES, MAX_FDS, MEMORY_BROUGHT, MEMORY_EXPORTED, Message, Refusal, TIMELINE_CARRIED,
+};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::{BorrowedFd, OwnedFd};
+use rustix::net::{
+    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
+    SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect, recvmsg, sendmsg,
+    socket_with,
+};
+use std::io::{IoSlice, IoSliceMut};
+use std::mem::MaybeUninit;
+use std::path::Path;
+
+/// A connection without manners.
+pub struct Peer {
+    fd: OwnedFd,
+}
+
+/// A greeting as a producer on the device under test sends it.
+#[must_use]
+pub fn greeting() -> Hello {
+    Hello {
+        device_uuid: DEVICE.info().uuid,
+        driver_uuid: DEVICE.info().driver_uuid,
+        memories: MEMORY_EXPORTED,
+        timelines: TIMELINE_CARRIED,
+        ..Hello::default()
+    }
+}
+
+/// The same of a producer that brings its memory.
+#[must_use]
+pub fn bringing() -> Hello {
+    Hello { memories: MEMORY_BROUGHT, ..greeting() }
+}
+
+impl Peer {
+    /// Connects.
+    #[must_use]
+    pub fn connect(path: &Path) -> Self {
+        let fd = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None).unwrap();
+        connect(&fd, &SocketAddrUnix::new(path).unwrap()).expect("the engine listens");
+        Peer { fd }
+    }
+
+    /// Sends bytes as they are.
+    pub fn send_bytes(&self, bytes: &[u8], fds: &[BorrowedFd<'_>]) {
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(2 * MAX_FDS))];
+        let mut control = SendAncillaryBuffer::new(&mut space);
+        assert!(fds.is_empty() || control.push(SendAncillaryMessage::ScmRights(fds)));
+        // An engine that has closed the connection already has answered already.
+        let _ = sendmsg(&self.fd, &[IoSlice::new(bytes)], &mut control, SendFlags::NOSIGNAL);
+    }
+
+    /// Sends a message.
+    pub fn send(&self, message: Message, fds: &[BorrowedFd<'_>]) {
+        self.send_bytes(&message.to_bytes(fds.len()), fds);
+    }
+
+    /// The next message and its descriptors; `None` once the connection is closed. The engine answers
+    /// within ten seconds.
+    #[must_use]
+    pub fn receive(&self) -> Option<(Message, Vec<OwnedFd>)> {
+        let limit = Timespec { tv_sec: 10, tv_nsec: 0 };
+        let ready = poll(&mut [PollFd::new(&self.fd, PollFlags::IN)], Some(&limit)).unwrap();
+        assert_eq!(ready, 1, "no answer in ten seconds");
+        let mut bytes = [0; MAX_BYTES];
+        let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_FDS))];
+        let mut control = RecvAncillaryBuffer::new(&mut space);
+        let mut next =
+            || recvmsg(&self.fd, &mut [IoSliceMut::new(&mut bytes)], &mut control, RecvFlags::CMSG_CLOEXEC);
+        // An engine that closes without having read all is told of first, its last words come after.
+        let count = match next().or_else(|_| next()) {
+            Ok(received) if received.bytes > 0 => received.bytes,
+            _ => return None,
+        };
+        let fds: Vec<OwnedFd> = control
+            .drain()
+            .filter_map(|message| match message {
+                RecvAncillaryMessage::ScmRights(fds) => Some(fds),
+                _ => None,
+            })
+            .flatten()
+            .collect();
+        Some((Message::parse(&bytes[..count], fds.len()).expect("the engine speaks well"), fds))
+    }
+
+    /// The engine's last words: it refuses, and closes the connection.
+    #[must_use]
+    pub fn refusal(&self) -> Refusal {
+        let mut last = None;
+        while let Some((message, _)) = self.receive() {
+            last = Some(message);
+        }
+        match last {
+            Some(Message::Refusal(refusal)) => refusal,
+            other => panic!("expected a refusal, the last message is {other:?}"),
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! How frames came to the engine, for the report.
+
+use esaac_interop::session::Agreement;
+use esaac_interop::{LinkCounts, Server, wire};
+use serde::Serialize;
+
+/// The way of a run's frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LinkReport {
+    /// Processes: 1, or 2 with the renderer in another.
+    pub processes: u32,
+    /// Where shared memory came from; none in one process.
+    pub memory: Option<String>,
+    /// How the processes keep order; none in one process.
+    pub timeline: Option<String>,
+    /// Frames stepped, all cameras.
+    pub frames: u64,
+    /// Frames dropped for newer ones.
+    pub dropped_frames: u64,
+    /// Copies by way of the host a frame, between what rendered it and what the engine reads.
+    pub host_copies: f64,
+    /// Copies on the device a frame.
+    pub device_copies: f64,
+}
+
+impl LinkReport {
+    /// Frames that were rendered in this process into the engine's own buffers: nothing was copied.
+    #[must_use]
+    pub fn in_process(frames: u64) -> Self {
+        LinkReport { processes: 1, frames, ..LinkReport::default() }
+    }
+
+    /// Frames that came by a server.
+    #[must_use]
+    pub fn of(server: &Server) -> Self {
+        LinkReport::counted(&server.counts(), &server.agreements())
+    }
+
+    fn counted(counts: &[LinkCounts], agreements: &[Option<Agreement>]) -> Self {
+        let sum = |of: fn(&LinkCounts) -> u64| counts.iter().map(of).sum::<u64>();
+        let frames = sum(|c| c.stepped);
+        let per_frame = |copies: u64| if frames == 0 { 0.0 } else { copies as f64 / frames as f64 };
+        let names = |name: fn(&Agreement) -> &'static str| {
+            let mut names: Vec<&str> = agreements.iter().flatten().map(name).collect();
+            names.sort_unstable();
+            names.dedup();
+            (!names.is_empty()).then(|| names.join(", "))
+        };
+        LinkReport {
+            processes: 2,
+            memory: names(|agreement| memory_name(agreement.memory)),
+            timeline: names(|agreement| timeline_name(agreement.timeline)),
+            frames,
+            dropped_frames: sum(|c| c.dropped),
+            host_copies: per_frame(sum(|c| c.host_copies)),
+            device_copies: per_frame(sum(|c| c.device_copies)),
+        }
+    }
+
+    /// One line for people.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let way = match (&self.memory, &self.timeline) {
+            (Some(memory), Some(timeline)) => format!("2 processes, memory {memory}, timelines {timeline}"),
+            _ => "1 process".to_owned(),
+        };
+        format!(
+            "{way}; {} frames, {} dropped; a frame cost {} host copies and {} device copies",
+            self.frames, self.dropped_frames, self.host_copies, self.device_copies
+        )
+    }
+}
+
+/// Name of a memory bit.
+#[must_use]
+pub fn memory_name(memory: u32) -> &'static str {
+    match memory {
+        wire::MEMORY_EXPORTED => "exported by the engine",
+        wire::MEMORY_HOST => "of the host",
+        wire::MEMORY_BROUGHT => "brought by the producer",
+        _ => "unknown",
+    }
+}
+
+/// Name of a timeline bit.
+#[must_use]
+pub fn timeline_name(timeline: u32) -> &'static str {
+    match timeline {
+        wire::TIMELINE_EXPORTED => "exported",
+        wire::TIMELINE_CARRIED => "carried over the socket",
+        _ => "unknown",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn copies_are_a_frame() {
+        let counts = LinkCounts { stepped: 4, device_copies: 6, host_copies: 0, ..LinkCounts::default() };
+        let agreement = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
+        let report = LinkReport::counted(&[counts, LinkCounts::default()], &[Some(agreement), None]);
+        assert_eq!((report.device_copies, report.host_copies, report.frames), (1.5, 0.0, 4));
+        assert_eq!(report.memory.as_deref(), Some("of the host"));
+        assert!(report.to_text().contains("0 host copies and 1.5 device copies"), "{}", report.to_text());
+        assert!(LinkReport::in_process(3).to_text().starts_with("1 process; 3 frames"));
+    }
+}

@@ -1,0 +1,104 @@
+//! `esaac serve`: the engine as a service that producers in other processes feed.
+
+use crate::arguments::CommonArguments;
+use crate::event_file::write_npz;
+use crate::link_report::LinkReport;
+use crate::outcome::Outcome;
+use crate::report::{MemoryReport, Report};
+use crate::rig_file::RigPlan;
+use crate::run_record::RunRecord;
+use crate::{device_choice, output_file, report};
+use anyhow::{Context, Result};
+use esaac_engine::Rig;
+use esaac_interop::{LinkCounts, ServerOptions, Service};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Arguments of `serve`.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ServeArguments {
+    /// Unix socket to make, in a folder of your own
+    #[arg(long, value_name = "PATH")]
+    pub socket: PathBuf,
+    /// Rig file: cameras, formats, rings
+    #[arg(long, value_name = "RIG.toml")]
+    pub rig: PathBuf,
+    /// Folder for camera_N.npz, written at the end; events are held in memory until then
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// End once every camera has had a producer and all have gone; else on SIGINT or SIGTERM
+    #[arg(long)]
+    pub once: bool,
+}
+
+/// How often it looks whether to end.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Runs the command.
+pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outcome> {
+    let plan = RigPlan::read(&arguments.rig)?;
+    let files = output_files(arguments, plan.cameras.len())?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
+    }
+    let device = device_choice::open(common)?;
+    let rig = Rig::with_options(&device, &plan.cameras, report::rig_options())?;
+    let mut service = Service::open(rig, &arguments.socket, &plan.terms, ServerOptions::default())?;
+    eprintln!("{} cameras at {}", plan.cameras.len(), arguments.socket.display());
+
+    let mut record = RunRecord::new(plan.cameras.len());
+    let (mut first_ns, mut last_ns) = (None, 0);
+    while !(stop.load(Ordering::Relaxed) || arguments.once && is_over(&service)) {
+        if let Some(tick) = service.tick(LOOK)? {
+            for (camera, t_ns) in tick.t_ns.iter().enumerate() {
+                if let (Some(t_ns), false) = (t_ns, tick.first[camera]) {
+                    record.add_camera(camera, &tick.tick, arguments.out.is_some())?;
+                    last_ns = last_ns.max(*t_ns);
+                } else if let Some(t_ns) = t_ns {
+                    first_ns = Some(first_ns.map_or(*t_ns, |first: i64| first.min(*t_ns)));
+                }
+            }
+            record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
+        }
+        for notice in service.server().notices() {
+            eprintln!("{notice}");
+        }
+    }
+    for notice in service.server().notices() {
+        eprintln!("{notice}");
+    }
+    let link = LinkReport::of(service.server());
+    let memory = MemoryReport::of(service.rig());
+    drop(service);
+    device_choice::check_validation(&device)?;
+
+    let sensors = plan.sensors();
+    for ((file, camera), sensor) in files.iter().zip(&record.cameras).zip(&sensors) {
+        output_file::write(file, |out| write_npz(out, &camera.events, &sensor.to_toml()))?;
+    }
+    let info = device_choice::report(device.info());
+    let mut report = Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &record);
+    report.simulated_ns = first_ns.map_or(0, |first| (last_ns - first).max(0));
+    report.set_memory(memory);
+    report.link = link;
+    report.files = files.iter().map(|file| file.display().to_string()).collect();
+    report.outcome(common.json)
+}
+
+/// Whether every camera has had a producer, and none is there any more.
+fn is_over(service: &Service) -> bool {
+    let had = |counts: &LinkCounts| counts.connections > 0;
+    service.counts().iter().all(had) && service.server().connected() == 0
+}
+
+fn output_files(arguments: &ServeArguments, cameras: usize) -> Result<Vec<PathBuf>> {
+    let Some(out) = &arguments.out else { return Ok(Vec::new()) };
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    let files: Vec<PathBuf> = (0..cameras).map(|camera| out.join(format!("camera_{camera}.npz"))).collect();
+    files.iter().try_for_each(|file| output_file::check(file))?;
+    Ok(files)
+}

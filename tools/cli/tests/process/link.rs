@@ -1,0 +1,185 @@
+//! Renderer and engine as two processes, to their natural end and to a violent one.
+
+use crate::harness::{assert_error, esaac, finish, run};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Kernels that the validation layer takes apart quickly.
+const RIG: &str = r#"
+[[camera]]
+sensor = "dvs128"
+motion = "f32x2"
+[camera.parameters]
+synthesis = "linear"
+[[camera]]
+sensor = "dvs128"
+hdr = "f32x4"
+[camera.parameters]
+synthesis = "linear"
+"#;
+
+/// A service and its folder.
+struct Engine {
+    folder: TempDir,
+    child: Child,
+}
+
+impl Engine {
+    fn start(arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("rig.toml"), RIG).unwrap();
+        let (socket, rig) = (folder.path().join("e.sock"), folder.path().join("rig.toml"));
+        let child = esaac(&["serve", "--json", "--socket", text(&socket), "--rig", text(&rig)])
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        wait_for("the socket", || socket.exists());
+        Engine { folder, child }
+    }
+
+    fn socket(&self) -> PathBuf {
+        self.folder.path().join("e.sock")
+    }
+
+    fn renderer(&self, arguments: &[&str]) -> Child {
+        esaac(&["render", "--socket", text(&self.socket()), "--scene", "edge"])
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+
+    /// Its report once it has ended.
+    fn end(self) -> (serde_json::Value, String) {
+        let (code, out, error) = finish(self.child.wait_with_output().unwrap());
+        assert_eq!(code, 0, "{error}");
+        (serde_json::from_str(&out).unwrap_or_else(|e| panic!("{e}: {out}{error}")), error)
+    }
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+#[track_caller]
+fn wait_for(what: &str, is_so: impl Fn() -> bool) {
+    let started = Instant::now();
+    while !is_so() {
+        assert!(started.elapsed() < Duration::from_secs(60), "{what} does not come");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn signal(child: &Child, signal: &str) {
+    let id = child.id().to_string();
+    let status = std::process::Command::new("kill").args([signal, &id]).status().unwrap();
+    assert!(status.success());
+}
+
+#[test]
+fn two_processes_give_the_events_of_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let demo = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let small = ["--width", "48", "--height", "40", "--frames", "6", "--synthesis", "linear"];
+        let arguments = [&["demo", "--json", "--out", text(&out)][..], &small, more].concat();
+        let (code, report, error) = run(&arguments);
+        assert_eq!(code, 0, "{error}");
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        (std::fs::read(out.join("events.npz")).unwrap(), report)
+    };
+    let (two, report) = demo("two", &[]);
+    assert_eq!((&report["link"]["processes"], &report["link"]["frames"]), (&2.into(), &12.into()));
+    assert_eq!(
+        (&report["link"]["host_copies"], &report["link"]["device_copies"]),
+        (&0.0.into(), &0.0.into())
+    );
+    assert!(report["link"]["memory"].is_string() && report["link"]["timeline"].is_string());
+    let (one, report) = demo("one", &["--in-process"]);
+    assert_eq!(
+        (&report["link"]["processes"], &report["link"]["memory"]),
+        (&1.into(), &serde_json::Value::Null)
+    );
+    assert!(one.len() > 1000 && one == two, "events differ: {} and {} bytes", one.len(), two.len());
+}
+
+#[test]
+fn a_service_ends_by_itself_once_all_is_done() {
+    let out = tempfile::tempdir().unwrap();
+    let engine = Engine::start(&["--once", "--out", text(out.path())]);
+    let (code, said, error) = finish(engine.renderer(&["--frames", "5"]).wait_with_output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    assert!(said.contains("camera 1  5 frames stepped, 0 dropped"), "{said}");
+    let (report, _) = engine.end();
+    assert_eq!(report["link"]["frames"], 10);
+    for camera in [0, 1] {
+        assert!(out.path().join(format!("camera_{camera}.npz")).metadata().unwrap().len() > 1000);
+        assert!(report["cameras"][camera]["events"].as_u64().unwrap() > 100, "{report}");
+    }
+}
+
+#[test]
+fn a_killed_renderer_leaves_the_engine_and_other_cameras_as_they_were() {
+    let engine = Engine::start(&[]);
+    let mut dies = engine.renderer(&["--camera", "0", "--frames", "1000000"]);
+    let mut lives = engine.renderer(&["--camera", "1", "--frames", "1000000"]);
+    std::thread::sleep(Duration::from_millis(1500));
+    signal(&dies, "-KILL");
+    dies.wait().unwrap();
+    // Its camera is free again, whatever it was in the middle of.
+    let started = Instant::now();
+    loop {
+        let again = engine.renderer(&["--camera", "0", "--frames", "4"]);
+        let (code, said, error) = finish(again.wait_with_output().unwrap());
+        if code == 0 {
+            assert!(said.contains("camera 0  4 frames stepped"), "{said}");
+            break;
+        }
+        assert!(error.contains("has a producer already"), "{error}");
+        assert!(started.elapsed() < Duration::from_secs(30), "camera 0 is not freed");
+    }
+    assert!(lives.try_wait().unwrap().is_none(), "camera 1 goes on");
+    signal(&engine.child, "-TERM");
+    let (report, error) = engine.end();
+    assert!(error.contains("camera 0: the peer closed the connection"), "{error}");
+    assert!(report["link"]["frames"].as_u64().unwrap() > 8, "{report}");
+    // And with the engine gone the other renderer says so.
+    let (code, _, error) = finish(lives.wait_with_output().unwrap());
+    assert_eq!(code, 1);
+    assert!(error.contains("the peer closed the connection"), "{error}");
+}
+
+#[test]
+fn a_killed_engine_ends_the_renderer_with_an_error() {
+    let mut engine = Engine::start(&[]);
+    let renderer = engine.renderer(&["--frames", "1000000"]);
+    std::thread::sleep(Duration::from_millis(1000));
+    signal(&engine.child, "-KILL");
+    engine.child.wait().unwrap();
+    let started = Instant::now();
+    let (code, _, error) = finish(renderer.wait_with_output().unwrap());
+    assert_eq!(code, 1);
+    assert!(error.contains("the peer closed the connection"), "{error}");
+    // Under the validation layer it may still be busy with its kernel.
+    assert!(started.elapsed() < Duration::from_secs(100), "{:?}", started.elapsed());
+    assert!(engine.socket().exists(), "a killed engine leaves its socket");
+}
+
+#[test]
+fn mistakes_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("e.sock");
+    assert_error(&["render", "--socket", text(&socket)], &["e.sock", "start `esaac serve` first"]);
+    let rig = folder.path().join("rig.toml");
+    let serve = ["serve", "--socket", text(&socket), "--rig", text(&rig)];
+    assert_error(&serve, &["cannot read rig file", "rig.toml"]);
+    std::fs::write(&rig, "[[camera]]\nsensor = \"davis\"\n").unwrap();
+    assert_error(&serve, &["camera 0", "davis346"]);
+    std::fs::write(&rig, RIG).unwrap();
+    assert_error(&["serve", "--socket", "/tmp/e.sock", "--rig", text(&rig)], &["others may write", "700"]);
+}
