@@ -126,8 +126,8 @@ float cross_interval(
     if (!active_pixel) {
         silence(p, first_q24);
     }
-    // Sub-step i ends at floor(i T / n): whole nanoseconds, and what is over of them. Counting both on is cheaper
-    // than any conversion.
+    // Sub-step i ends at floor(i T / n): whole nanoseconds, and what is over of them. Both are counted on, exact in
+    // 32 bits.
     const uint whole_ns = cam.interval_ns / n;
     const uint rest_ns = cam.interval_ns - whole_ns * n;
     const float inverse = 1.0 / float(n);

@@ -4,7 +4,7 @@
 #![expect(unsafe_code, reason = "copies between buffers are recorded by hand")]
 
 use crate::device::DEVICE;
-use crate::frames::{Frame, Sequence};
+use crate::frames::{Frame, Sequence, scene, times};
 use crate::run::camera;
 use esaac_engine::ash::vk;
 use esaac_engine::{
@@ -13,7 +13,8 @@ use esaac_engine::{
 use esaac_interop::{
     CameraTerms, Copies, Images, InteropError, Producer, ProducerOptions, Server, ServerOptions, Service,
 };
-use esaac_model::SensorModel;
+use esaac_model::{HdrFormat, MotionFormat, SensorModel};
+use esaac_scene::SceneKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -59,6 +60,16 @@ impl Place {
     pub fn path(&self) -> PathBuf {
         self.folder.path().join("engine.sock")
     }
+}
+
+/// Images that producers send again and again.
+pub const IMAGES: usize = 12;
+
+/// Those images, for a sensor: of a flight, with motion.
+#[must_use]
+pub fn flight(sensor: &SensorModel) -> Sequence {
+    let size = (sensor.width, sensor.height);
+    scene(SceneKind::Flight, size, &times(0, IMAGES), HdrFormat::F16x4, MotionFormat::F32x4)
 }
 
 /// What a camera's images are.

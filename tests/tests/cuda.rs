@@ -10,17 +10,15 @@ use esaac_interop::cuda::{CudaDevice, CudaOptions, CudaProducer, Strided, cuda_d
 use esaac_interop::wire::{ErrorCode, TIMELINE_CARRIED, TIMELINE_EXPORTED};
 use esaac_interop::{Copies, InteropError, ServerOptions, Support};
 use esaac_model::presets::preset;
-use esaac_model::{HdrFormat, MotionFormat, Profile, SensorModel, Taps};
-use esaac_scene::SceneKind;
+use esaac_model::{Profile, SensorModel, Taps};
 use esaac_tests::cuda::{CudaImage, finish, use_device};
 use esaac_tests::device::{DEVICE, assert_silent};
-use esaac_tests::frames::{FRAME_NS, Sequence, scene, times};
-use esaac_tests::interop::{Checksum, Place, service};
+use esaac_tests::frames::FRAME_NS;
+use esaac_tests::interop::{Checksum, IMAGES, Place, flight, service};
 use esaac_tests::run::camera;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-const IMAGES: usize = 12;
 const MINUTE: Duration = Duration::from_secs(60);
 
 fn frames() -> usize {
@@ -38,11 +36,6 @@ fn sensor() -> SensorModel {
         shot_noise_rate_hz: 5.0,
         ..SensorModel::default()
     }
-}
-
-fn flight(sensor: &SensorModel) -> Sequence {
-    let size = (sensor.width, sensor.height);
-    scene(SceneKind::Flight, size, &times(0, IMAGES), HdrFormat::F16x4, MotionFormat::F32x4)
 }
 
 /// The CUDA device that is the device under test. Otherwise the producer says why there is none for it,

@@ -6,19 +6,18 @@ use esaac_interop::wire::{
     MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, TIMELINE_CARRIED, TIMELINE_EXPORTED,
 };
 use esaac_interop::{Outcome, ProducerOptions, Server, ServerOptions, Support};
-use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis, Taps};
-use esaac_scene::SceneKind;
+use esaac_model::{SensorModel, Synthesis, Taps};
 use esaac_tests::device::{DEVICE, assert_silent};
-use esaac_tests::frames::{FRAME_NS, Sequence, scene, times};
+use esaac_tests::frames::{FRAME_NS, Sequence};
 use esaac_tests::interop::{
-    Checksum, Place, Uploader, assert_device_silent, lossless, other_device, server, service, until,
+    Checksum, IMAGES, Place, Uploader, assert_device_silent, flight, lossless, other_device, server, service,
+    until,
 };
 use esaac_tests::run::{camera, engine_of_many, step};
 use std::time::Duration;
 
 /// Frames of a run; the images repeat.
 const FRAMES: usize = 200;
-const IMAGES: usize = 12;
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -35,11 +34,6 @@ fn sensor() -> SensorModel {
         leak_rate_hz: 0.1,
         ..SensorModel::default()
     }
-}
-
-fn flight(sensor: &SensorModel) -> Sequence {
-    let size = (sensor.width, sensor.height);
-    scene(SceneKind::Flight, size, &times(0, IMAGES), HdrFormat::F16x4, MotionFormat::F32x4)
 }
 
 fn t_ns(index: usize) -> i64 {

@@ -2,15 +2,12 @@
 //! `merge` for their cameras. It is recorded each time, since the number of passes follows from the packets.
 
 use super::Rig;
-use super::record::STAMPS;
+use super::record::{MOST_GROUPS, STAMPS};
 use crate::device::Around;
 use crate::error::EngineError;
 use crate::kernel::{record_barrier, record_host_barrier};
 use bytemuck::bytes_of;
 use esaac_model::layout::{Push, RUN_EVENTS};
-
-/// Workgroups of a dispatch at the most, on any device.
-const MOST_GROUPS: u32 = 65_535;
 
 /// Passes over a packet: one that ranks runs, and those that merge them two by two until one is left.
 fn levels(packet_events: u32) -> u32 {

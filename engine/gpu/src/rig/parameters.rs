@@ -43,8 +43,6 @@ const PERMUTATION_CROWDED: usize = 11;
 
 /// Indices of a permutation's other parts that the host asks about.
 const PERMUTATION_INTENSITY: usize = 0;
-const PERMUTATION_SYNTHESIS: usize = 8;
-const PERMUTATION_TAPS: usize = 9;
 const PERMUTATION_BY_ADDRESS: usize = 12;
 const PERMUTATION_HDR: usize = 13;
 const PERMUTATION_MOTION: usize = 14;
@@ -183,7 +181,7 @@ pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
 
 /// Whether warps read a lattice.
 pub(super) fn needs_lattice(sensor: &SensorModel) -> bool {
-    uses_lattice(sensor.synthesis as u32, sensor.taps as u32)
+    sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
 }
 
 /// A row of the lattice, a word more than its entries, so that rows begin on pairs.
@@ -191,16 +189,7 @@ fn lattice_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
 
-fn uses_lattice(synthesis: u32, taps: u32) -> bool {
-    synthesis == Synthesis::Motion as u32 && taps == Taps::Cubic as u32
-}
-
-/// As [`needs_lattice`], of a permutation.
-pub(super) fn lattice_of(permutation: &Permutation) -> bool {
-    uses_lattice(permutation[PERMUTATION_SYNTHESIS], permutation[PERMUTATION_TAPS])
-}
-
-/// Passes of `enhance` that a permutation has.
+/// Passes of `enhance` that a permutation has; none without a lattice.
 pub(super) fn passes_of(permutation: &Permutation) -> u32 {
     permutation[PERMUTATION_TRANSFERS]
 }
@@ -219,7 +208,7 @@ pub(super) type CrossConstants = [u32; 13];
 pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
     [
         permutation[PERMUTATION_INTENSITY],
-        u32::from(lattice_of(permutation)),
+        u32::from(passes_of(permutation) > 0),
         permutation[PERMUTATION_HDR],
         permutation[PERMUTATION_MOTION],
     ]

@@ -21,6 +21,9 @@ use std::sync::Arc;
 /// when the host asks for it.)
 pub(super) const STAGES: &[&str] = &["ingest", "enhance", "cross", "scatter", "sort"];
 
+/// Workgroups of a dispatch at the most, on any device.
+pub(super) const MOST_GROUPS: u32 = 65_535;
+
 /// Events a thread at the most, on the software driver: it ends every loop of a thread that has made 65 535
 /// iterations in all of its loops, and says nothing. An event is up to 64 iterations over bins.
 const SOFTWARE_EVENTS_PER_THREAD: u32 = 64;
@@ -29,11 +32,11 @@ const SOFTWARE_EVENTS_PER_THREAD: u32 = 64;
 const GPU_EVENTS_PER_THREAD: u32 = 2;
 
 /// Workgroups a camera for kernels that stride over events: few for a processor, which pays for each.
-pub(super) fn striding_groups(rig: &Rig) -> u32 {
+fn striding_groups(rig: &Rig) -> u32 {
     let events = rig.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
     let software = rig.device.info().kind == "software";
     let per_thread = if software { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD };
-    events.div_ceil(256 * per_thread).clamp(4, 65_535)
+    events.div_ceil(256 * per_thread).clamp(4, MOST_GROUPS)
 }
 
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
