@@ -283,7 +283,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         ),
         needs("320 invocations a workgroup", core.limits.max_compute_work_group_invocations >= 320),
         needs("32 KiB of shared memory", core.limits.max_compute_shared_memory_size >= 32 * 1024),
-        needs("18 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 18),
+        needs("17 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 17),
         likes("timelineSemaphore", f12.timeline_semaphore == vk::TRUE),
         likes("timestamps", core.limits.timestamp_compute_and_graphics == vk::TRUE),
         likes("VK_KHR_external_memory_fd", has(ash::khr::external_memory_fd::NAME)),

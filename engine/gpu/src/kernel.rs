@@ -24,7 +24,6 @@ pub mod stages {
         ENHANCE = "enhance";
         CARRY = "carry";
         CROSS = "cross";
-        SCATTER = "scatter";
         SORT = "sort";
         MERGE = "merge";
     }

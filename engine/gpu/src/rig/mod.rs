@@ -122,6 +122,8 @@ struct CameraState {
     last_ns: Option<i64>,
     last_interval_ns: u32,
     epoch_ns: i64,
+    /// Sub-steps of a strip beyond which `cross` takes it first: of the last tick, somewhat more than the mean.
+    many_substeps: u32,
     parity: u32,
     frames: u64,
     sequence: u64,
@@ -194,6 +196,7 @@ impl Rig {
                 last_ns: None,
                 last_interval_ns: 0,
                 epoch_ns: 0,
+                many_substeps: 0,
                 parity: 0,
                 frames: 0,
                 sequence: 0,
