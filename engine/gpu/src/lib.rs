@@ -4,7 +4,9 @@
 //! kernels do is in `glsl/`; what they mean is in the model crate's documentation.
 
 mod device;
+mod devices;
 mod error;
+mod instance;
 #[cfg(feature = "shaderc")]
 mod interface;
 mod kernel;
@@ -16,9 +18,11 @@ mod timeline;
 mod timing;
 
 pub use ash;
-pub use device::{Around, Capability, Device, DeviceChoice, DeviceInfo, Validation, list_devices};
+pub use device::{Around, Device};
+pub use devices::{Capability, DeviceChoice, DeviceInfo, list_devices};
 pub use error::EngineError;
 pub use gpu_allocator::MemoryLocation;
+pub use instance::Validation;
 pub use kernel::{BindingSet, Commands, Kernel, KernelStatistics, stages};
 #[cfg(feature = "shaderc")]
 pub use kernel_folder::KernelFolder;
