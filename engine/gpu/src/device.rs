@@ -2,10 +2,10 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
+use crate::commands::{Around, Errand};
 use crate::devices::{DeviceChoice, DeviceInfo, STATISTICS, choose, devices};
 use crate::error::{Call, EngineError};
 use crate::instance::{Instance, Validation};
-use crate::kernel::Commands;
 use crate::memory::Buffer;
 use crate::timeline::Timeline;
 use ash::{ext, khr, vk};
@@ -25,6 +25,7 @@ pub struct Device {
     physical: vk::PhysicalDevice,
     allocator: ManuallyDrop<Mutex<Allocator>>,
     queue: Mutex<vk::Queue>,
+    errands: Mutex<Vec<Errand>>,
     queue_family: u32,
     timestamp_period_ns: f64,
     timestamp_mask: u64,
@@ -117,6 +118,7 @@ impl Device {
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             raw,
             queue: Mutex::new(queue),
+            errands: Mutex::default(),
             queue_family,
             timestamp_period_ns: f64::from(properties.limits.timestamp_period),
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
@@ -189,6 +191,11 @@ impl Device {
         self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What is kept for work that is waited for at once.
+    pub(crate) fn errands(&self) -> MutexGuard<'_, Vec<Errand>> {
+        self.errands.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// A named buffer; storage and transfer usage are always included.
     pub fn allocate(
         self: &Arc<Self>,
@@ -238,38 +245,13 @@ impl Device {
         // fence unsignalled, the semaphores alive until the fence is (the caller waits for it).
         unsafe { self.raw.queue_submit(*queue, &[submit], fence) }.call("vkQueueSubmit")
     }
-
-    /// Records with `record`, submits and waits: for set-up and producers, not for the hot path.
-    pub fn run_once(self: &Arc<Self>, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
-        let commands = Commands::new(self)?;
-        commands.record(record)?;
-        self.run_around(&commands, &Around::default())
-    }
-
-    /// Submits commands with what goes around them, and waits.
-    pub fn run_around(self: &Arc<Self>, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
-        let fence = crate::timing::Fence::new(self)?;
-        self.submit(commands.raw(), around, fence.raw())?;
-        fence.wait()
-    }
-}
-
-/// What goes around a submission: commands before and after, and values of timelines that it waits for
-/// and signals. Commands are not pending anywhere else.
-#[derive(Clone, Copy, Default)]
-pub struct Around<'a> {
-    /// Run first.
-    pub before: &'a [&'a Commands],
-    /// Run last.
-    pub after: &'a [&'a Commands],
-    /// Reached before anything runs.
-    pub waits: &'a [(&'a Timeline, u64)],
-    /// Reached once all has run.
-    pub signals: &'a [(&'a Timeline, u64)],
 }
 
 impl Drop for Device {
     fn drop(&mut self) {
+        for errand in self.errands().drain(..).collect::<Vec<_>>() {
+            errand.destroy(&self.raw);
+        }
         // SAFETY: buffers, kernels and rigs hold an Arc, so they are gone; the allocator goes before
         // the device that its blocks belong to, and is not used again.
         unsafe {
