@@ -72,6 +72,20 @@ pub fn flight(sensor: &SensorModel) -> Sequence {
     scene(SceneKind::Flight, size, &times(0, IMAGES), HdrFormat::F16x4, MotionFormat::F32x4)
 }
 
+/// Images of a flight there and back, which can be sent round and round without a jump.
+#[must_use]
+pub fn there_and_back(sensor: &SensorModel, count: usize) -> Sequence {
+    let there = times(0, count / 2 + 1);
+    let back = there[1..there.len() - 1].iter().rev();
+    // The last of the round comes before its first, whose motion leads back to it.
+    let mut round = vec![there[1]];
+    round.extend(there.iter().chain(back));
+    let size = (sensor.width, sensor.height);
+    let mut sequence = scene(SceneKind::Flight, size, &round, HdrFormat::F16x4, MotionFormat::F32x4);
+    sequence.frames.remove(0);
+    sequence
+}
+
 /// What a camera's images are.
 #[must_use]
 pub fn images(config: &CameraConfig) -> Images {

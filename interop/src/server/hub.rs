@@ -1,7 +1,7 @@
 //! The thread that answers producers: new connections, greetings, rings, and messages that come while the
 //! rig steps.
 
-use super::links::{Link, Shared, turn_away};
+use super::links::{Link, Shared, hush, ring, turn_away};
 use crate::error::InteropError;
 use crate::ring::{Ring, Source, export_timelines, make_timelines};
 use crate::session::{Action, Agreement, Session, Terms, agree, hello};
@@ -13,6 +13,9 @@ use rustix::fd::{AsFd, OwnedFd};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// Between two looks at whether the thread that steps still listens to the producers itself.
+const TAKE_OVER: Duration = Duration::from_millis(2);
 
 /// A connection that has no ring yet.
 struct Guest {
@@ -49,9 +52,8 @@ impl Hub {
                 Ok(true) => {}
                 Ok(false) => break,
                 Err(error) => {
-                    let mut state = self.shared.lock();
-                    state.failed = Some(error);
-                    self.shared.changed.notify_all();
+                    self.shared.lock().failed = Some(error);
+                    ring(&self.shared.news);
                     break;
                 }
             }
@@ -61,29 +63,32 @@ impl Hub {
 
     /// Waits for something to do and does it; whether to go on.
     fn turn(&mut self) -> Result<bool, InteropError> {
-        let (links, under_way): (Vec<(u64, Arc<Socket>)>, bool) = {
+        let (links, limit) = {
             let mut state = self.shared.lock();
             if state.stopped {
                 return Ok(false);
             }
-            self.shared.sweep(&mut state);
-            let live = state.links.iter().filter(|link| !link.ending);
-            let under_way = state.links.iter().any(|link| !link.pending.is_empty());
-            (live.map(|link| (link.id, Arc::clone(&link.socket))).collect(), under_way)
+            let limit = match (state.links.is_empty(), self.guests.is_empty()) {
+                (true, true) => Duration::from_secs(1),
+                (true, false) => Duration::from_millis(50),
+                // Soon enough to take over once the rig steps.
+                (false, _) => TAKE_OVER,
+            };
+            if state.listens {
+                (Vec::new(), limit)
+            } else {
+                self.shared.sweep(&mut state);
+                (state.live_sockets(), limit)
+            }
         };
         let fds: Vec<_> = [self.shared.wake.as_fd(), self.listener.as_fd()]
             .into_iter()
             .chain(self.guests.iter().map(|guest| guest.socket.as_fd()))
             .chain(links.iter().map(|(_, socket)| socket.as_fd()))
             .collect();
-        let limit = match (under_way, self.guests.is_empty()) {
-            (true, _) => Duration::from_millis(1),
-            (false, false) => Duration::from_millis(50),
-            (false, true) => Duration::from_secs(1),
-        };
         let readable = wait_readable(&fds, limit)?;
         if readable[0] {
-            let _ = rustix::io::read(&self.shared.wake, &mut [0_u8; 8]);
+            hush(&self.shared.wake);
         }
         let (guests, linked) = readable[2..].split_at(self.guests.len());
         for ((id, _), _) in links.iter().zip(linked).filter(|(_, readable)| **readable) {
@@ -93,6 +98,9 @@ impl Hub {
         self.hear_guests(&guests);
         if readable[1] {
             self.welcome()?;
+        }
+        if std::mem::take(&mut self.shared.lock().changed) {
+            ring(&self.shared.news);
         }
         Ok(true)
     }
@@ -261,6 +269,7 @@ impl Hub {
             ending: false,
             seen: false,
         });
+        state.changed = true;
         self.next_id += 1;
     }
 }

@@ -1,6 +1,7 @@
 //! Events of a rig fed over the link are those of the same frames in process, bit for bit, by every kind
 //! of memory and timeline that the device has; what arrives in a slot is what was sent.
 
+use crate::frames;
 use esaac_engine::{Around, FrameInput, Rig, RigOptions};
 use esaac_interop::wire::{
     MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, TIMELINE_CARRIED, TIMELINE_EXPORTED,
@@ -15,9 +16,6 @@ use esaac_tests::interop::{
 };
 use esaac_tests::run::{camera, engine_of_many, step};
 use std::time::Duration;
-
-/// Frames of a run; the images repeat.
-const FRAMES: usize = 200;
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -40,9 +38,9 @@ fn t_ns(index: usize) -> i64 {
     index as i64 * FRAME_NS
 }
 
-/// The images again and again, at growing times.
+/// The images again and again, at growing times: a run's frames.
 fn long(images: &Sequence) -> Sequence {
-    let frames = (0..FRAMES)
+    let frames = (0..frames(200))
         .map(|index| {
             let mut frame = images.frames[index % images.frames.len()].clone();
             frame.t_ns = t_ns(index);
@@ -68,6 +66,7 @@ fn the_driver_shares_memory_by_descriptors_and_by_host_pointers() {
 fn over_the_link(kinds: &[(u32, u32)]) {
     let (sensor, checked) = (sensor(), &mut Checksum::default());
     let sequence = long(&flight(&sensor));
+    let count = sequence.frames.len();
     let config = camera(&sensor, 0, &sequence);
     let mut alone = Rig::new(&DEVICE, std::slice::from_ref(&config)).unwrap();
     let mut fed = Rig::new(&DEVICE, &vec![config.clone(); kinds.len()]).unwrap();
@@ -97,7 +96,7 @@ fn over_the_link(kinds: &[(u32, u32)]) {
                 for frame in &sequence.frames {
                     uploader.send(frame, frame.t_ns).unwrap();
                 }
-                assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+                assert_eq!(uploader.producer.finish().unwrap(), (count as u64, 0));
                 assert_device_silent(&device);
             });
         }
@@ -138,10 +137,10 @@ fn over_the_link(kinds: &[(u32, u32)]) {
             }
         }
     });
-    assert!(events > 10 * FRAMES, "{events} events");
+    assert!(events > 10 * count, "{events} events");
     until("all goodbyes", || server.counts().iter().all(|counts| counts.finished == 1));
     for counts in server.counts() {
-        assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, FRAMES as u64, 0));
+        assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, count as u64, 0));
     }
     drop((server, fed, alone));
     assert_silent();
