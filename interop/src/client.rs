@@ -114,7 +114,7 @@ impl Client {
 
     /// Whether the producer's memory is to be used.
     pub(crate) fn brings(&self) -> bool {
-        self.offer.memory == wire::MEMORY_BROUGHT
+        matches!(self.offer.memory, wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES)
     }
 
     pub(crate) fn shares_timelines(&self) -> bool {

@@ -138,7 +138,7 @@ fn ring(device: &Arc<Device>, client: &Client, descriptors: Descriptors) -> Resu
         make_timelines(device, offer.slots, false)?
     };
     let source = if client.brings() {
-        Source::Own(wire::MEMORY_EXPORTED)
+        Source::Own(if offer.memory == wire::MEMORY_IMAGES { offer.memory } else { wire::MEMORY_EXPORTED })
     } else {
         let (kind, fds) = (offer.memory, descriptors.memory);
         Source::Peer { kind, fds, hdr: offer.hdr, motion: offer.motion }

@@ -3,7 +3,8 @@
 
 use super::links::{Link, Shared, hush, ring, turn_away};
 use crate::error::InteropError;
-use crate::ring::{Ring, Source, export_timelines, make_timelines};
+use crate::image::ImageKind;
+use crate::ring::{Images, Ring, Source, export_timelines, make_timelines};
 use crate::session::{Action, Agreement, Session, Terms, agree, hello};
 use crate::socket::{Listener, Received, Socket, wait_readable};
 use crate::support::BUFFER_USAGE;
@@ -190,8 +191,9 @@ impl Hub {
         let exported = agreement.timeline == wire::TIMELINE_EXPORTED;
         let timelines = make_timelines(&self.shared.device, terms.slots, exported)?;
         let timeline_fds = export_timelines(&timelines)?;
-        if agreement.memory == wire::MEMORY_BROUGHT {
-            self.offer(guest, &terms, agreement, [ImageMemory::default(); 2], &timeline_fds)?;
+        if agreement.brings() {
+            let images = agreement.memory == wire::MEMORY_IMAGES;
+            self.offer(guest, &terms, agreement, wanted(&terms.images, images), &timeline_fds)?;
             guest.bringing = Some(Bringing { camera, agreement, session, timelines });
             return Ok(true);
         }
@@ -247,7 +249,7 @@ impl Hub {
         let Bringing { camera, agreement, session, timelines } = bringing;
         let terms = &self.shared.terms[camera];
         let Brought { hdr, motion, .. } = *brought;
-        let source = Source::Peer { kind: wire::MEMORY_BROUGHT, fds, hdr, motion };
+        let source = Source::Peer { kind: agreement.memory, fds, hdr, motion };
         let ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
         guest.socket.send(&Message::Accepted(Header::default()), &[])?;
         self.link(guest, camera, agreement, session, ring);
@@ -272,4 +274,14 @@ impl Hub {
         state.changed = true;
         self.next_id += 1;
     }
+}
+
+/// What a guest must know of the memory that it is to bring: of images what they are used for.
+fn wanted(images: &Images, as_images: bool) -> [ImageMemory; 2] {
+    let of = |kind: ImageKind| ImageMemory {
+        bytes: kind.bytes,
+        image_usage: if as_images { kind.usage().as_raw() } else { 0 },
+        ..ImageMemory::default()
+    };
+    [of(images.hdr_kind()), images.motion_kind().map_or(ImageMemory::default(), of)]
 }

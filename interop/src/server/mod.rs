@@ -62,7 +62,7 @@ impl Default for ServerOptions {
             frame_timeout: Duration::from_secs(5),
             gather: Duration::from_millis(1),
             spin: Duration::from_micros(500),
-            memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT,
+            memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES,
             timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
         }
     }
@@ -85,7 +85,8 @@ pub struct LinkCounts {
     pub dropped: u64,
     /// Frames that went with their producer.
     pub abandoned: u64,
-    /// Copies on the device of the frames that were stepped, by their producers' word.
+    /// Copies on the device of the frames that were stepped: by their producers' word, and the engine's own
+    /// of images.
     pub device_copies: u64,
     /// Copies by way of the host.
     pub host_copies: u64,
@@ -167,7 +168,11 @@ impl Server {
                 backpressure: if c.latest { wire::LATEST } else { wire::LOSSLESS },
                 device_uuid: device.info().uuid,
                 driver_uuid: device.info().driver_uuid,
-                memories,
+                memories: if c.images.are_importable(device) {
+                    memories | options.memories & wire::MEMORY_IMAGES
+                } else {
+                    memories
+                },
                 timelines: options.timelines & support.timelines(),
             })
             .collect();
@@ -211,7 +216,7 @@ impl Server {
         let counts = &mut state.counts[ready.camera];
         if outcome == Outcome::Stepped {
             counts.stepped += 1;
-            counts.device_copies += u64::from(ready.notice.device_copies);
+            counts.device_copies += u64::from(ready.notice.device_copies) + ready.ring.copies();
             counts.host_copies += u64::from(ready.notice.host_copies);
         } else {
             counts.dropped += 1;

@@ -221,7 +221,7 @@ fn brings(hdr: ImageMemory, make: impl FnOnce() -> Vec<OwnedFd>) -> impl FnOnce(
 }
 
 const HDR: ImageMemory =
-    ImageMemory { bytes: 12 * 9 * 8, allocation_bytes: 4096, memory_type: 0, reserved: 0 };
+    ImageMemory { bytes: 12 * 9 * 8, allocation_bytes: 4096, memory_type: 0, image_usage: 0 };
 
 fn memory_files(bytes: u64, flags: MemfdFlags) -> Vec<OwnedFd> {
     let file = || {

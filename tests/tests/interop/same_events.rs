@@ -4,7 +4,7 @@
 use crate::frames;
 use esaac_engine::{Around, FrameInput, Rig, RigOptions};
 use esaac_interop::wire::{
-    MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, TIMELINE_CARRIED, TIMELINE_EXPORTED,
+    MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED, TIMELINE_EXPORTED,
 };
 use esaac_interop::{Outcome, ProducerOptions, Server, ServerOptions, Support};
 use esaac_model::{SensorModel, Synthesis, Taps};
@@ -139,8 +139,12 @@ fn over_the_link(kinds: &[(u32, u32)]) {
     });
     assert!(events > 10 * count, "{events} events");
     until("all goodbyes", || server.counts().iter().all(|counts| counts.finished == 1));
-    for counts in server.counts() {
-        assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, count as u64, 0));
+    for (counts, (memory, _)) in server.counts().iter().zip(kinds) {
+        let frames = count as u64;
+        assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, frames, 0));
+        // The uploader's own copy, and the engine's of two images.
+        let copies = if *memory == MEMORY_IMAGES { 3 } else { 1 };
+        assert_eq!((counts.device_copies, counts.host_copies), (copies * frames, frames));
     }
     drop((server, fed, alone));
     assert_silent();
@@ -148,10 +152,12 @@ fn over_the_link(kinds: &[(u32, u32)]) {
 
 #[test]
 fn every_memory_and_every_timeline_gives_the_events_of_one_process() {
-    let mut kinds: Vec<(u32, u32)> =
-        [MEMORY_EXPORTED, MEMORY_BROUGHT, MEMORY_HOST].map(|memory| (memory, TIMELINE_CARRIED)).to_vec();
+    let mut kinds: Vec<(u32, u32)> = [MEMORY_EXPORTED, MEMORY_BROUGHT, MEMORY_IMAGES, MEMORY_HOST]
+        .map(|memory| (memory, TIMELINE_CARRIED))
+        .to_vec();
     if Support::of(&DEVICE).share_timeline {
-        kinds.extend([(MEMORY_EXPORTED, TIMELINE_EXPORTED), (MEMORY_BROUGHT, TIMELINE_EXPORTED)]);
+        let shared = [MEMORY_EXPORTED, MEMORY_BROUGHT, MEMORY_IMAGES];
+        kinds.extend(shared.map(|memory| (memory, TIMELINE_EXPORTED)));
     }
     over_the_link(&kinds);
 }
