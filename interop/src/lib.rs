@@ -27,7 +27,7 @@ mod support;
 mod timeline;
 pub mod wire;
 
-pub use client::Copies;
+pub use client::{Client, Copies};
 pub use error::InteropError;
 pub use producer::{Producer, ProducerOptions};
 pub use ring::{Images, Ring, Slot};

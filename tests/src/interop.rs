@@ -141,11 +141,12 @@ impl Uploader {
         options: &ProducerOptions,
     ) -> Result<Self, InteropError> {
         let producer = Producer::connect(device, path, options)?;
-        let staging = [producer.images().hdr_bytes(), producer.images().motion_bytes()].map(|bytes| {
-            device
-                .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
-                .expect("a frame's bytes")
-        });
+        let staging = [producer.client().images().hdr_bytes(), producer.client().images().motion_bytes()]
+            .map(|bytes| {
+                device
+                    .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
+                    .expect("a frame's bytes")
+            });
         Ok(Uploader { device: Arc::clone(device), producer, staging, commands: Commands::new(device)? })
     }
 
@@ -157,7 +158,7 @@ impl Uploader {
             self.staging[1].write(0, motion);
         }
         let (device, staging, commands) = (&self.device, &self.staging, &self.commands);
-        let images = self.producer.images();
+        let images = self.producer.client().images();
         self.producer.write(slot, |place, around| {
             commands.record(|commands| match place.images() {
                 None => {

@@ -57,7 +57,7 @@ fn run(device: CudaDevice, way: Way, timeline: u32) {
                 ..CudaOptions::default()
             };
             let mut producer = CudaProducer::connect(&path, &options).unwrap();
-            assert_eq!(producer.offer().timeline, timeline);
+            assert_eq!(producer.client().offer().timeline, timeline);
             let rows = sensor.height as usize;
             let uploaded: Vec<[CudaImage; 2]> = images
                 .frames

@@ -32,7 +32,7 @@ fn producer(path: &std::path::Path, timeline: u32, wait: &mpsc::Receiver<()>, te
     let device = other_device();
     let options = ProducerOptions { timelines: timeline, timeout: MINUTES, ..ProducerOptions::default() };
     let mut producer = esaac_interop::Producer::connect(&device, path, &options).unwrap();
-    let images = *producer.images();
+    let images = *producer.client().images();
     let scene = SceneKind::Flight.scene(images.width_px, images.height_px);
     let mut renderer = Renderer::new(&device, scene, images.hdr, images.motion.unwrap()).unwrap();
     let mut t_ns = 0;

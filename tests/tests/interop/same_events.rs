@@ -91,7 +91,7 @@ fn over_the_link(kinds: &[(u32, u32)]) {
                     ..ProducerOptions::default()
                 };
                 let mut uploader = Uploader::connect(&device, &path, &options).unwrap();
-                let offer = *uploader.producer.offer();
+                let offer = *uploader.producer.client().offer();
                 assert_eq!((offer.memory, offer.timeline), (memory, timeline));
                 for frame in &sequence.frames {
                     uploader.send(frame, frame.t_ns).unwrap();
