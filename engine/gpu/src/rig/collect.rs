@@ -1,7 +1,7 @@
 //! From what the device counted and wrote to packets.
 
 use super::Rig;
-use crate::device::Around;
+use crate::commands::Around;
 use crate::error::EngineError;
 use esaac_model::layout::{self, Counters, SORTABLE_EVENTS};
 use esaac_model::substeps::quantise_ns;

@@ -14,9 +14,10 @@ mod record;
 mod reload;
 mod snapshot;
 
-use crate::device::{Around, Device};
+use crate::commands::{Around, Commands};
+use crate::device::Device;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Commands, KernelStatistics};
+use crate::kernel::{BindingSet, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
 use crate::timing::{Fence, StageTimer};
 use arena::Arena;

@@ -6,8 +6,9 @@ use super::parameters::{
     CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
     channels_of, cross_constants, enhance_constants, ingest_constants, permutation,
 };
+use crate::commands::Commands;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Commands, Kernel, record_barrier, record_host_barrier, stages};
+use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
 use bytemuck::bytes_of;
 use esaac_model::layout::{self, Push};
