@@ -81,7 +81,7 @@ void main() {
     const Camera cam = cameras[index];
     const Counters counted = counters[2u * cam.slot + cam.parity];
     if (counted.staged_fit != 0xffffffffu || counted.crowded_strips != 0u
-        || counted.largest_bin <= SORTABLE_EVENTS) {
+        || counted.heavy == 0u) {
         return;
     }
     const uint lane = gl_LocalInvocationID.x;

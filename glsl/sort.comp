@@ -5,9 +5,9 @@
 // bins for itself, to know where its own begin: they are few, and a dispatch of its own for that would cost more.
 // Events are ranked within their bins in shared memory, a group at once if it fits, else bin after bin, and leave as
 // whole lines of the bus, which takes nothing smaller cheaply. Where a bin had no room for all of its events, the
-// workgroup looks for them among the spilled ones. If any bin of the packet has more than SORTABLE_EVENTS, all
-// events only go to `gathered`, bin after bin, and `merge` sorts the packet. Late events go there too, behind the
-// packet, where the next tick's `carry` finds them.
+// workgroup looks for them among the spilled ones. If any bin of the packet has more than SORTABLE_EVENTS, or there are
+// more spilled ones than SEARCHED_EVENTS, all events only go to `gathered`, bin after bin, and `merge` sorts the packet.
+// Late events go there too, behind the packet, where the next tick's `carry` finds them.
 // The first workgroup writes the camera's `report` for the host, and makes the other set of counters ready for the
 // next tick; all clear the other set of bins.
 #version 460
@@ -46,6 +46,10 @@ struct Sums {
     uint largest_bin;
 };
 
+bool is_heavy(Sums all, uint spills) {
+    return all.largest_bin > SORTABLE_EVENTS || spills > SEARCHED_EVENTS;
+}
+
 // By the whole workgroup.
 Sums sum_bins(Camera cam, uint first_bin) {
     const uint own = bins_of(cam, cam.parity);
@@ -71,13 +75,14 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint late, bo
     counted.packet = sums_of_bins.packet;
     counted.late = late;
     counted.largest_bin = sums_of_bins.largest_bin;
+    counted.heavy = uint(is_heavy(sums_of_bins, counted.spilled));
     report[cam.slot] = counted;
     if (fitted) {
         counters[counter].packet = counted.packet;
         counters[counter].late = counted.late;
-        counters[counter].largest_bin = counted.largest_bin;
+        counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.parity] =
-            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }
 
@@ -213,7 +218,7 @@ void main() {
     if (events == 0u) {
         return;
     }
-    if (all.largest_bin > SORTABLE_EVENTS) {
+    if (is_heavy(all, counted.spilled)) {
         gather_bins(cam, first_bin, counted.spilled, position);
     } else if (events <= SORTABLE_EVENTS) {
         sort_bins(cam, first_bin, 0u, GROUP_BINS, counted.spilled, position);

@@ -1,6 +1,6 @@
 //! The packet contract: order, completeness, one and the same stream whatever happens underneath.
 
-use esaac_engine::{Around, FrameInput, InputBuffers, MemoryLocation, RigOptions};
+use esaac_engine::{Around, FrameInput, InputBuffers, MemoryLocation, Rig, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
@@ -154,6 +154,33 @@ fn runs_are_bit_identical() {
         assert!(packets(&first) == packets(&again), "two runs differ");
     }
     assert!(events(&first[0]).len() > 50_000);
+    assert_silent();
+}
+
+/// Bytes that a rig's bins have room for.
+fn room_bytes(rig: &Rig) -> u64 {
+    rig.memory().iter().filter(|used| used.purpose == "rooms").map(|used| used.bytes).sum()
+}
+
+#[test]
+fn bins_without_room_give_the_same_packet_as_those_that_have_grown() {
+    let sensor = SensorModel { contrast_on: 0.008, contrast_off: 0.008, contrast_mismatch: 0.002, ..loud() };
+    let frames = busy(5);
+    let mut grown = rig(&sensor, &frames, RigOptions::default());
+    let at_first = room_bytes(&grown);
+    for index in 0..4 {
+        step(&mut grown, &frames, index);
+    }
+    assert!(room_bytes(&grown) > at_first, "{at_first} bytes had room for all");
+    let saved = grown.save().expect("a state");
+    let expected = step(&mut grown, &frames, 4).packet;
+    let mut fresh = rig(&sensor, &frames, RigOptions::default());
+    assert_eq!(room_bytes(&fresh), at_first);
+    fresh.restore(&saved).expect("a state of such a rig");
+    let spilled = step(&mut fresh, &frames, 4);
+    assert!(spilled.packet == expected, "{} events, expected {}", spilled.packet.len(), expected.len());
+    assert!(room_bytes(&fresh) > at_first, "a bin had room for all");
+    drop((grown, fresh));
     assert_silent();
 }
 

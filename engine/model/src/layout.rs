@@ -154,9 +154,9 @@ gpu_struct! {
 gpu_struct! {
     /// What a camera's kernels count in one tick; two sets, used in turn.
     Counters {
-        /// Events found, staged or not.
+        /// Events found, put into bins or not.
         staged: u32,
-        /// Staged events before the first block that did not fit, `u32::MAX` if all fitted.
+        /// Events before those of the first part of a strip that did not fit, `u32::MAX` if all fitted.
         staged_fit: u32,
         /// Events in the packet.
         packet: u32,
@@ -182,6 +182,8 @@ gpu_struct! {
         quick_strips: u32,
         /// Events that found no room in their bin, and late ones.
         spilled: u32,
+        /// Whether `sort` has left the packet to `merge`.
+        heavy: u32,
     }
 }
 
@@ -204,6 +206,10 @@ pub const GROUP_BINS: u32 = 8;
 
 /// Events that a workgroup of `sort` has room for in shared memory; `merge` sorts packets that have a larger bin.
 pub const SORTABLE_EVENTS: u32 = 1024;
+
+/// Spilled events at the most that a workgroup of `sort` looks through for those of its bins; `merge` sorts packets
+/// that have more.
+pub const SEARCHED_EVENTS: u32 = 1 << 18;
 
 /// Blocks side by side that one workgroup takes: 32 pixels in a row, a subgroup's width.
 pub const STRIP_BLOCKS: u32 = 4;
@@ -366,6 +372,7 @@ pub fn glsl() -> String {
         ("CROSS_ROWS_PX", format!("{CROSS_ROWS_PX}u")),
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
+        ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),
         ("GROUP_BINS", format!("{GROUP_BINS}u")),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
         ("CUBIC_FRAME", format!("{:.6}", crate::synthesis::CUBIC_FRAME)),

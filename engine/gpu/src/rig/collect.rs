@@ -3,7 +3,7 @@
 use super::Rig;
 use crate::commands::Around;
 use crate::error::EngineError;
-use esaac_model::layout::{self, Counters, SORTABLE_EVENTS};
+use esaac_model::layout::{self, Counters};
 use esaac_model::substeps::quantise_ns;
 
 /// What was counted for a camera in a tick.
@@ -132,7 +132,7 @@ impl Rig {
     fn merge_heavy(&mut self, t_ns: &[Option<i64>], done: &[(usize, Counters)]) -> Result<(), EngineError> {
         let mut times_ns = vec![None; t_ns.len()];
         let mut most_events = 0;
-        for (camera, counters) in done.iter().filter(|(_, c)| c.largest_bin > SORTABLE_EVENTS) {
+        for (camera, counters) in done.iter().filter(|(_, c)| c.heavy != 0) {
             times_ns[*camera] = t_ns[*camera];
             most_events = most_events.max(counters.packet);
         }

@@ -24,8 +24,8 @@ pub(super) const STAGES: &[&str] = &["ingest", "enhance", "cross", "sort"];
 /// Workgroups of a dispatch at the most, on any device.
 pub(super) const MOST_GROUPS: u32 = 65_535;
 
-/// Events a thread at the most, on the software driver: it ends every loop of a thread that has made 65 535
-/// iterations in all of its loops, and says nothing. An event is up to 64 iterations over bins.
+/// Events a thread at the most, on the software driver, where a workgroup costs more than an event. (It ends every
+/// loop of a thread that has made 65 535 iterations in all of its loops, and says nothing.)
 const SOFTWARE_EVENTS_PER_THREAD: u32 = 64;
 
 /// The same on a GPU, of as many events as there is room for: what comes is usually less than one.
