@@ -17,6 +17,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const SHARING: [&CStr; 3] =
     [khr::external_memory_fd::NAME, khr::external_semaphore_fd::NAME, ext::external_memory_host::NAME];
 
+/// The capability that [`Device::calibrate`] needs.
+const CALIBRATED: &str = "VK_EXT_calibrated_timestamps";
+
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// The capability that [`crate::Kernel::statistics`] needs.
@@ -289,7 +292,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         likes("VK_KHR_external_memory_fd", has(ash::khr::external_memory_fd::NAME)),
         likes("VK_KHR_external_semaphore_fd", has(ash::khr::external_semaphore_fd::NAME)),
         likes("VK_EXT_external_memory_host", has(ext::external_memory_host::NAME)),
-        likes("VK_EXT_calibrated_timestamps", has(ext::calibrated_timestamps::NAME)),
+        likes(CALIBRATED, has(ext::calibrated_timestamps::NAME)),
         likes("VK_EXT_memory_budget", has(ext::memory_budget::NAME)),
         likes(STATISTICS, executable.pipeline_executable_info == vk::TRUE),
     ];
@@ -349,6 +352,7 @@ pub struct Device {
     timestamp_mask: u64,
     unified_memory: bool,
     statistics: Option<khr::pipeline_executable_properties::Device>,
+    calibrated: Option<ext::calibrated_timestamps::Device>,
     info: DeviceInfo,
     instance: Instance,
 }
@@ -391,6 +395,9 @@ impl Device {
         if tells_statistics {
             extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
         }
+        if info.has(CALIBRATED) {
+            extensions.push(ext::calibrated_timestamps::NAME.as_ptr());
+        }
         let mut statistics = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default()
             .pipeline_executable_info(true);
         let mut create = vk::DeviceCreateInfo::default()
@@ -407,6 +414,7 @@ impl Device {
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.call("vkCreateDevice")?;
         let statistics =
             tells_statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
+        let calibrated = crate::calibration::functions(&instance.raw, &raw, info.has(CALIBRATED));
         // SAFETY: one queue of this family was created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let allocator = Allocator::new(&AllocatorCreateDesc {
@@ -441,6 +449,7 @@ impl Device {
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
             unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
             statistics,
+            calibrated,
             info,
             instance,
         }))
@@ -454,6 +463,11 @@ impl Device {
     /// What asks for a pipeline's registers and sizes, where the driver tells them.
     pub(crate) fn statistics(&self) -> Option<&khr::pipeline_executable_properties::Device> {
         self.statistics.as_ref()
+    }
+
+    /// What reads both clocks, where the device can.
+    pub(crate) fn calibrated(&self) -> Option<&ext::calibrated_timestamps::Device> {
+        self.calibrated.as_ref()
     }
 
     /// What it is.
@@ -496,6 +510,12 @@ impl Device {
     #[must_use]
     pub fn timestamp_span_ns(&self, from: u64, to: u64) -> u64 {
         ((to.wrapping_sub(from) & self.timestamp_mask) as f64 * self.timestamp_period_ns).round() as u64
+    }
+
+    /// A raw time stamp in nanoseconds since the device's clock began.
+    #[cfg(feature = "tracy")]
+    pub(crate) fn timestamp_ns(&self, stamp: u64) -> i64 {
+        ((stamp & self.timestamp_mask) as f64 * self.timestamp_period_ns) as i64
     }
 
     /// What the validation layer has said so far; empty when it is off.
@@ -563,6 +583,19 @@ impl Device {
         let commands = Commands::new(self)?;
         commands.record(record)?;
         self.run_around(&commands, &Around::default())
+    }
+
+    /// As [`Device::run_once`], with GPU time stamps around it: nanoseconds from the first command's start
+    /// to the end of the last. For measurements of the device itself.
+    pub fn time_once(self: &Arc<Self>, record: impl FnOnce(vk::CommandBuffer)) -> Result<u64, EngineError> {
+        let timer = crate::timing::StageTimer::new(self, 2)?;
+        self.run_once(|commands| {
+            timer.record_reset(commands, 0..2);
+            timer.record(commands, 0);
+            record(commands);
+            timer.record(commands, 1);
+        })?;
+        timer.span_ns(0)
     }
 
     /// Submits commands with what goes around them, and waits.

@@ -3,6 +3,10 @@
 //! A [`Rig`] holds cameras of different sensors and steps all of them with one submission. What the
 //! kernels do is in `glsl/`; what they mean is in the model crate's documentation.
 
+#[macro_use]
+#[doc(hidden)]
+pub mod profile;
+mod calibration;
 mod device;
 mod error;
 #[cfg(feature = "shaderc")]
@@ -16,6 +20,7 @@ mod timeline;
 mod timing;
 
 pub use ash;
+pub use calibration::Calibration;
 pub use device::{Around, Capability, Device, DeviceChoice, DeviceInfo, Validation, list_devices};
 pub use error::EngineError;
 pub use gpu_allocator::MemoryLocation;
@@ -24,6 +29,7 @@ pub use kernel::{BindingSet, Commands, Kernel, KernelStatistics, stages};
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use rig::{
-    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, Tick,
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, StageSpan,
+    Tick,
 };
 pub use timeline::Timeline;

@@ -9,6 +9,7 @@ use crate::socket::{Listener, Received, Socket, wait_readable};
 use crate::support::BUFFER_USAGE;
 use crate::timeline::SharedTimeline;
 use crate::wire::{self, Brought, ErrorCode, Header, ImageMemory, Message, RingOffer};
+use esaac_engine::zone;
 use rustix::fd::{AsFd, OwnedFd};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -82,6 +83,7 @@ impl Hub {
             (false, true) => Duration::from_secs(1),
         };
         let readable = wait_readable(&fds, limit)?;
+        let _zone = zone!("answer producers");
         if readable[0] {
             let _ = rustix::io::read(&self.shared.wake, &mut [0_u8; 8]);
         }
