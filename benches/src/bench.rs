@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use clap::Parser;
-use esaac_benches::{Laboratory, Options, Part, laboratory, run, write};
+use esaac_benches::{Laboratory, Options, Part, Report, laboratory, run, write};
 use esaac_engine::{CameraConfig, Device, DeviceChoice, Rig, Validation};
 use esaac_model::presets::preset;
 use esaac_model::{HdrFormat, MotionFormat, PRESETS, Profile};
@@ -55,11 +55,11 @@ fn main() -> Result<()> {
         tumble: shared.join(defaults.tumble),
         recording: shared.join(defaults.recording),
     };
-    let report = run(&Laboratory::new(device, options)?)?;
+    let laboratory = Laboratory::new(device, options)?;
+    let keep = |report: &Report| arguments.out.as_ref().map_or(Ok(()), |out| write(report, out).map(|_| ()));
+    let report = run(&laboratory, keep)?;
     if let Some(out) = &arguments.out {
-        for file in write(&report, out)? {
-            println!("{}", file.display());
-        }
+        println!("{}", out.join("bench.md").display());
     } else if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {

@@ -222,27 +222,16 @@ impl Laboratory {
     }
 }
 
-/// Runs the parts that are asked for.
-pub fn run(laboratory: &Laboratory) -> Result<Report> {
+/// Runs the parts that are asked for. `after` is given the report after each, so that what is measured is
+/// kept whatever becomes of the rest.
+pub fn run(laboratory: &Laboratory, mut after: impl FnMut(&Report) -> Result<()>) -> Result<Report> {
     let asked = &laboratory.options.parts;
     let parts: Vec<Part> = match asked.is_empty() {
         true => Part::value_variants().to_vec(),
         false => asked.clone(),
     };
     let info = laboratory.device.info();
-    let mut figures = serde_json::Map::new();
-    let mut documents = Vec::new();
-    for part in parts {
-        laboratory.clock.borrow_mut().watch()?;
-        let outcome = parts::run(laboratory, part).with_context(|| format!("part `{}`", part.name()))?;
-        figures.insert(part.name(), outcome.figures);
-        documents.push((part, outcome.document));
-    }
-    laboratory.progress.finish_and_clear();
-    laboratory.clock.borrow_mut().watch()?;
-    let messages = laboratory.device.validation_messages();
-    ensure!(messages.is_empty(), "the validation layer objects:\n{}", messages.join("\n"));
-    Ok(Report {
+    let mut report = Report {
         device: info.name.clone(),
         kind: info.kind.to_owned(),
         driver: info.driver.clone(),
@@ -250,9 +239,21 @@ pub fn run(laboratory: &Laboratory) -> Result<Report> {
         tracy: cfg!(feature = "tracy"),
         rates: laboratory.rates,
         clock: laboratory.clock().report(),
-        parts: figures,
-        documents,
-    })
+        parts: serde_json::Map::new(),
+        documents: Vec::new(),
+    };
+    for part in parts {
+        let outcome = parts::run(laboratory, part).with_context(|| format!("part `{}`", part.name()))?;
+        report.parts.insert(part.name(), outcome.figures);
+        report.documents.push((part, outcome.document));
+        laboratory.clock.borrow_mut().watch()?;
+        report.clock = laboratory.clock().report();
+        after(&report)?;
+    }
+    laboratory.progress.finish_and_clear();
+    let messages = laboratory.device.validation_messages();
+    ensure!(messages.is_empty(), "the validation layer objects:\n{}", messages.join("\n"));
+    Ok(report)
 }
 
 /// Writes `bench.json`, `bench.md` and the plots into a folder and gives their paths.

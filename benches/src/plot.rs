@@ -5,7 +5,10 @@ use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 
 /// Width and height of a plot.
-const SIZE_PX: (u32, u32) = (860, 520);
+const SIZE_PX: (u32, u32) = (980, 520);
+
+/// Room for the legend at its right.
+const LEGEND_PX: u32 = 220;
 
 /// Colours that those who see few colours can tell apart (Okabe and Ito).
 const COLOURS: [RGBColor; 8] = [
@@ -86,7 +89,12 @@ pub fn draw(axes: Axes<'_>, series: &[Series]) -> Result<String> {
     let root = SVGBackend::with_string(&mut svg, SIZE_PX).into_drawing_area();
     root.fill(&WHITE).map_err(failed)?;
     let mut builder = ChartBuilder::on(&root);
-    builder.caption(axes.title, ("sans-serif", 20)).margin(12).x_label_area_size(44).y_label_area_size(64);
+    builder
+        .caption(axes.title, ("sans-serif", 20))
+        .margin(12)
+        .margin_right(LEGEND_PX)
+        .x_label_area_size(44)
+        .y_label_area_size(64);
     let area = &mut builder;
     match axes.logarithmic {
         (false, false) => paint(area, x.0..x.1, y.0..y.1, axes, &series)?,
@@ -94,6 +102,7 @@ pub fn draw(axes: Axes<'_>, series: &[Series]) -> Result<String> {
         (false, true) => paint(area, x.0..x.1, (y.0..y.1).log_scale(), axes, &series)?,
         (true, true) => paint(area, (x.0..x.1).log_scale(), (y.0..y.1).log_scale(), axes, &series)?,
     }
+    legend(&root, &series)?;
     root.present().map_err(failed)?;
     drop(builder);
     drop(root);
@@ -125,7 +134,7 @@ where
     Y::CoordDescType: ValueFormatter<f64>,
 {
     let mut chart = area.build_cartesian_2d(x, y).map_err(failed)?;
-    let label = |v: &f64| crate::document::short(*v).trim_end_matches(".00").to_owned();
+    let label = |v: &f64| tick(*v);
     chart
         .configure_mesh()
         .light_line_style(WHITE)
@@ -143,21 +152,34 @@ where
                 .draw_series(LineSeries::new(s.points.iter().copied(), colour.stroke_width(2)))
                 .map_err(failed)?;
         }
-        let size = if s.marks { 4 } else { 0 };
-        chart
-            .draw_series(s.points.iter().map(|&p| Circle::new(p, size, colour.filled())))
-            .map_err(failed)?
-            .label(&s.name)
-            .legend(move |(x, y)| Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled()));
+        if s.marks {
+            let mark = |&p: &(f64, f64)| Circle::new(p, 4, colour.filled());
+            chart.draw_series(s.points.iter().map(mark)).map_err(failed)?;
+        }
     }
-    chart
-        .configure_series_labels()
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .label_font(("sans-serif", 13))
-        .position(SeriesLabelPosition::UpperRight)
-        .draw()
-        .map_err(failed)
+    Ok(())
+}
+
+/// Names of the series beside the chart, where they hide nothing.
+fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, series: &[Series]) -> Result<()> {
+    let x = (SIZE_PX.0 - LEGEND_PX) as i32 + 12;
+    for (index, s) in series.iter().enumerate() {
+        let (y, colour) = (60 + 22 * index as i32, COLOURS[index % COLOURS.len()]);
+        let height = if s.line && !s.marks { 1 } else { 5 };
+        root.draw(&Rectangle::new([(x, y - height), (x + 12, y + height)], colour.filled()))
+            .map_err(failed)?;
+        root.draw(&Text::new(s.name.clone(), (x + 18, y - 6), ("sans-serif", 13))).map_err(failed)?;
+    }
+    Ok(())
+}
+
+/// A figure at an axis: whole numbers as such.
+fn tick(value: f64) -> String {
+    if value.fract() == 0.0 && value.abs() < 1e7 {
+        format!("{value:.0}")
+    } else {
+        crate::document::short(value)
+    }
 }
 
 #[cfg(test)]

@@ -116,21 +116,21 @@ impl Pattern {
                 })
                 .collect()
         };
-        let moving = row(self.motion_px * index as f64);
-        let still = row(0.0);
-        let rows = self.moving_rows();
-        (0..self.size.1).flat_map(|y| if y < rows { &moving } else { &still }).copied().collect()
+        let rows = self.moving_rows() as usize;
+        let mut image = row(self.motion_px * index as f64).repeat(rows);
+        image.extend(row(0.0).repeat(self.size.1 as usize - rows));
+        image
     }
 
     fn motion(&self) -> Vec<u8> {
-        let rows = self.moving_rows();
-        let vector = |y: u32| if y < rows { -self.motion_px as f32 } else { 0.0 };
-        (0..self.size.1)
-            .flat_map(|y| {
-                let texel: Vec<u8> = [vector(y), 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-                texel.repeat(self.size.0 as usize)
-            })
-            .collect()
+        let (columns, rows) = (self.size.0 as usize, self.moving_rows() as usize);
+        let vectors = |x: f32, rows: usize| {
+            let texel: Vec<u8> = [x, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+            texel.repeat(columns * rows)
+        };
+        let mut image = vectors(-self.motion_px as f32, rows);
+        image.extend(vectors(0.0, self.size.1 as usize - rows));
+        image
     }
 }
 

@@ -158,7 +158,7 @@ fn measure(
     base: &SensorModel,
     amount: Amount,
     feed: impl Fn(HdrFormat) -> Result<Feed>,
-    judge: impl Fn(Vec<Event>) -> Comparison,
+    judge: impl Fn(Vec<Event>) -> Comparison + Sync,
 ) -> Result<Vec<Point>> {
     let stand = |hdr: HdrFormat| {
         let formats: (HdrFormat, MotionFormat) = (hdr, FORMATS.1);
@@ -174,9 +174,9 @@ fn measure(
         let stand = if choice.wide { &mut wide } else { &mut narrow };
         stand.set_sensor(&choice.sensor)?;
         let run = stand.run(amount)?;
-        Ok((judge(run.events), run.timing, choice))
+        Ok((run.events, run.timing, choice))
     })?;
-    let mut points: Vec<Point> = measured.into_iter().map(point).collect();
+    let mut points = judged(measured, judge);
     let costs: Vec<_> = points.iter().map(|p| (p.gpu_us, p.victor_purpura)).collect();
     for (point, on) in points.iter_mut().zip(frontier(&costs, TIME_BAND, ERROR_BAND)) {
         point.on_frontier = on;
@@ -184,7 +184,30 @@ fn measure(
     Ok(points)
 }
 
-fn point((got, timing, choice): (Comparison, Timing, Choice)) -> Point {
+/// Holds each choice's events against the truth, on as many threads as there are.
+fn judged(
+    measured: Vec<(Vec<Event>, Timing, Choice)>,
+    judge: impl Fn(Vec<Event>) -> Comparison + Sync,
+) -> Vec<Point> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let queue = std::sync::Mutex::new(measured.into_iter().enumerate());
+    let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
+    let work = || {
+        let mut done = Vec::new();
+        while let Some((index, (events, timing, choice))) = next() {
+            done.push((index, point(judge(events), timing, choice)));
+        }
+        done
+    };
+    let mut points: Vec<(usize, Point)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|w| w.join().expect("comparing is plain arithmetic")).collect()
+    });
+    points.sort_by_key(|(index, _)| *index);
+    points.into_iter().map(|(_, point)| point).collect()
+}
+
+fn point(got: Comparison, timing: Timing, choice: Choice) -> Point {
     Point {
         choice: choice.name,
         family: choice.family,
@@ -207,16 +230,19 @@ fn analytic(laboratory: &Laboratory, kind: SceneKind) -> Result<SceneFigures> {
     let (width, height) = if software { (120, 90) } else { (320, 320) };
     let base = SensorModel { width, height, ..SensorModel::default() };
     let (pixels, intervals) = if quick { (300, 4) } else { (1200, 6) };
-    let amount = Amount {
-        keep: intervals,
-        frames: laboratory.amount().frames.max(intervals + 1),
-        ..laboratory.amount()
-    };
+    let amount = amount(laboratory, intervals);
     let span_ns = (0, intervals as i64 * FRAME_NS);
     let truth = Truth::of_scene(&kind.scene(width, height), &base, pixels, span_ns);
     let feed = |hdr| laboratory.feed(kind, (width, height), hdr, FRAME_NS);
     let points = measure(laboratory, kind.name(), &base, amount, feed, |events| truth.compare(events))?;
     Ok(figures(kind.name(), (width, height), (truth.pixels(), truth.events()), points))
+}
+
+/// There are hundreds of points: half of what a row elsewhere gets.
+fn amount(laboratory: &Laboratory, intervals: usize) -> Amount {
+    let amount = laboratory.amount();
+    let timed = (amount.frames - amount.warm_up).div_ceil(2);
+    Amount { frames: (amount.warm_up + timed).max(intervals + 1), keep: intervals, ..amount }
 }
 
 fn path_traced(laboratory: &Laboratory) -> Result<SceneFigures> {
@@ -228,7 +254,7 @@ fn path_traced(laboratory: &Laboratory) -> Result<SceneFigures> {
     let most = match (laboratory.is_software(), laboratory.options().quick) {
         (true, true) => 1,
         (true, false) => 2,
-        (false, _) => 20,
+        (false, _) => 8,
     };
     let passes = timed.frames.div_ceil(tumble::INTERVALS).min(most);
     let frames = tumble::INTERVALS + 1;

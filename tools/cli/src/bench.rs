@@ -42,8 +42,11 @@ pub fn run(arguments: &BenchArguments, common: &CommonArguments) -> Result<Outco
         recording: arguments.recording.clone(),
     };
     let laboratory = Laboratory::new(device_choice::open(common)?, options)?;
-    let report = esaac_benches::run(&laboratory)?;
-    let files = esaac_benches::write(&report, out)?;
+    let mut files = Vec::new();
+    let report = esaac_benches::run(&laboratory, |report| {
+        files = esaac_benches::write(report, out)?;
+        Ok(())
+    })?;
     if common.json {
         return Ok(Outcome::complete(serde_json::to_string_pretty(&report)? + "\n"));
     }
