@@ -106,7 +106,7 @@ mod tests {
         for bytes in [compulsory_bytes, moved_bytes] {
             let of = |sensor| bytes(sensor, hdr, motion, 1e5);
             assert!(of(&bayer) > of(&cubic) && of(&cubic) >= of(&bilinear));
-            assert_eq!(bytes(&cubic, hdr, motion, 0.0) < of(&cubic), true);
+            assert!(bytes(&cubic, hdr, motion, 0.0) < of(&cubic));
         }
         assert!(moved_bytes(&cubic, hdr, motion, 1e5) > compulsory_bytes(&cubic, hdr, motion, 1e5));
         let rates = Rates { bytes_per_s: 1e12, operations_per_s: 1e13 };

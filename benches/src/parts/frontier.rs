@@ -1,5 +1,6 @@
 //! Speed against error: every choice is a point.
 
+use super::choices::{Choice, choices};
 use crate::document::{Document, short};
 use crate::floor::FORMATS;
 use crate::frontier::frontier;
@@ -12,19 +13,10 @@ use crate::{cells, tumble};
 use anyhow::Result;
 use esaac_engine::RigOptions;
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps};
+use esaac_model::{HdrFormat, MotionFormat, SensorModel};
 use esaac_oracle::metrics::{Comparison, compare};
 use esaac_scene::SceneKind;
 use serde::Serialize;
-
-/// A choice of how to fill the gap between frames.
-struct Choice {
-    name: String,
-    family: &'static str,
-    sensor: SensorModel,
-    wide: bool,
-    is_default: bool,
-}
 
 #[derive(Serialize)]
 struct Point {
@@ -61,6 +53,9 @@ const ERROR_BAND: f64 = 0.005;
 
 /// Times below this share are equal; part `stability` measures it.
 const TIME_BAND: f64 = 0.03;
+
+/// Quartiles further apart than this, as a share of the median, are of a device that was not ours alone.
+const TRUSTED_SPREAD: f64 = 0.3;
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     let mut document = Document::new("Speed against error");
@@ -100,56 +95,6 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         ));
     }
     Ok(Outcome { figures: serde_json::to_value(all)?, document })
-}
-
-/// Every choice, at one sensor.
-fn choices(base: &SensorModel, quick: bool) -> Vec<Choice> {
-    let mut choices = Vec::new();
-    let counts: &[u32] = if quick { &[2, 8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
-    let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
-    let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
-        let is_default = !wide && sensor == *base;
-        choices.push(Choice { name, family, sensor, wide, is_default });
-    };
-    let with = |synthesis, taps, transfers, substeps, substep_policy| SensorModel {
-        synthesis,
-        taps,
-        transfers,
-        substeps,
-        substep_policy,
-        ..base.clone()
-    };
-    let (fixed, adaptive) = (SubstepPolicy::Fixed, SubstepPolicy::Adaptive);
-    add("none".into(), "none", with(Synthesis::None, Taps::Cubic, 1, 1, fixed), false);
-    for (family, synthesis, taps, transfers) in [
-        ("linear", Synthesis::Linear, Taps::Cubic, 1),
-        ("paper", Synthesis::Paper, Taps::Bilinear, 1),
-        ("motion bilinear", Synthesis::Motion, Taps::Bilinear, 1),
-        ("motion cubic, 1 transfer", Synthesis::Motion, Taps::Cubic, 1),
-        ("motion cubic, 2 transfers", Synthesis::Motion, Taps::Cubic, 2),
-    ] {
-        for &n in counts {
-            let name = format!("{family}, fixed {n}");
-            add(name, family, with(synthesis, taps, transfers, n, fixed), false);
-        }
-        for &n in most {
-            let name = format!("{family}, adaptive {n}");
-            add(name, family, with(synthesis, taps, transfers, n, adaptive), false);
-        }
-    }
-    let at_sample = |sensor: SensorModel| SensorModel { timestamps: Timestamps::AtSample, ..sensor };
-    for (name, sensor) in [
-        ("paper, fixed 32, at sample", with(Synthesis::Paper, Taps::Bilinear, 1, 32, fixed)),
-        ("motion cubic, fixed 32, at sample", with(Synthesis::Motion, Taps::Cubic, 1, 32, fixed)),
-        ("motion cubic, adaptive 32, at sample", with(Synthesis::Motion, Taps::Cubic, 1, 32, adaptive)),
-    ] {
-        add(name.into(), "times at samples", at_sample(sensor), false);
-    }
-    for (policy_name, policy) in [("fixed", fixed), ("adaptive", adaptive)] {
-        let name = format!("motion cubic, {policy_name} 32, f32 input");
-        add(name, "f32 input", with(Synthesis::Motion, Taps::Cubic, 1, 32, policy), true);
-    }
-    choices
 }
 
 fn measure(
@@ -325,6 +270,14 @@ fn show(document: &mut Document, figures: &SceneFigures) -> Result<()> {
         (true, _) => "The default lies on the frontier.".to_owned(),
         (false, better) => format!("**The default does not lie on the frontier.** Better: {better}."),
     });
+    let worst = points.iter().map(|p| p.gpu_spread).fold(0.0, f64::max);
+    if worst > TRUSTED_SPREAD {
+        document.say(&format!(
+            "**The times are not to be relied on:** their quartiles lie up to {:.0}% apart, so other work was on the \
+             device. What is said of the frontier is said of these times.",
+            100.0 * worst
+        ));
+    }
     let head = cells![
         "choice",
         "GPU us",

@@ -1,5 +1,6 @@
 //! The parts, one file each.
 
+mod choices;
 mod convergence;
 mod effects;
 mod frontier;

@@ -119,7 +119,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
     // The same events whatever the speed: the wavelength grows with the motion.
     let moved = |motion_px: f64| {
         let wavelength_px = 12.0 * motion_px.max(1.0);
-        let contrast = rise_log * (motion_px / pattern.motion_px).min(1.0).max(0.1);
+        let contrast = rise_log * (motion_px / pattern.motion_px).clamp(0.1, 1.0);
         let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..base.clone() };
         on_pattern(motion_px, sensor, Pattern { motion_px, wavelength_px, ..pattern })
     };

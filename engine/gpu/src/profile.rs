@@ -39,7 +39,7 @@ mod off {
 
     /// No zones of the device.
     #[derive(Default)]
-    pub struct GpuZones;
+    pub struct GpuZones(());
 
     impl GpuZones {
         pub(crate) fn show(
