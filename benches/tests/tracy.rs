@@ -20,15 +20,18 @@ fn a_profiler_is_welcomed_and_gets_stages_messages_and_the_devices_name() {
     let mut rig = Rig::with_options(&DEVICE, &[config], options).unwrap();
     let peer = Peer::connect().unwrap();
     assert!(peer.program.starts_with("tracy"), "the test's binary is `tracy-...`, not {}", peer.program);
+    let mut stages = Vec::new();
     for index in 0..5_u32 {
         let texel = [1.0 + (index % 2) as f32; 4];
         let hdr: Vec<u8> = (0..32 * 16).flat_map(|_| texel).flat_map(f32::to_le_bytes).collect();
         rig.upload(0, &FrameBytes { hdr: &hdr, motion: None }).unwrap();
-        rig.step(&[i64::from(index) * 1_000_000]).unwrap();
+        let tick = rig.step(&[i64::from(index) * 1_000_000]).unwrap();
+        stages = tick.stage_ns.iter().map(|(stage, _)| *stage).filter(|stage| *stage != "again").collect();
     }
     let came = peer.read().unwrap();
     let holds = |text: &str| came.windows(text.len()).any(|bytes| bytes == text.as_bytes());
-    for stage in ["ingest", "enhance", "cross", "scatter", "sort"] {
+    assert!(stages.len() > 2, "{stages:?}");
+    for stage in stages {
         assert!(holds(stage), "no GPU zone `{stage}` in {} bytes", came.len());
     }
     assert!(holds("events dropped"), "no message of dropped events in {} bytes", came.len());

@@ -18,21 +18,23 @@ fn frame(index: usize) -> Vec<u8> {
 
 #[test]
 fn stages_ran_within_the_tick_that_the_host_saw_and_one_after_the_other() {
-    for (stage_times, stages) in [(true, 5), (false, 1)] {
+    for stage_times in [true, false] {
         let mut rig = rig(stage_times);
         for index in 0..4 {
             rig.upload(0, &FrameBytes { hdr: &frame(index), motion: None }).unwrap();
             let before = Instant::now();
-            rig.step(&[index as i64 * 1_000_000]).unwrap();
+            let told = rig.step(&[index as i64 * 1_000_000]).unwrap().stage_ns.to_vec();
             let after = Instant::now();
             let (spans, deviation) = rig
                 .stage_host_times()
                 .unwrap()
                 .expect("drivers of today have VK_EXT_calibrated_timestamps; this one does not");
-            assert_eq!(spans.len(), stages);
+            // What ran again is no stage of the tick.
+            let named = told.iter().map(|(stage, _)| *stage).filter(|stage| *stage != "again");
+            assert!(spans.iter().map(|span| span.stage).eq(named), "{spans:?}");
             assert!(deviation < Duration::from_millis(5), "{deviation:?}");
             assert!(spans[0].start + deviation >= before, "{spans:?} before {before:?}");
-            assert!(spans[stages - 1].end <= after + deviation, "{spans:?} after {after:?}");
+            assert!(spans[spans.len() - 1].end <= after + deviation, "{spans:?} after {after:?}");
             let in_order = |s: &esaac_engine::StageSpan| s.start <= s.end;
             assert!(spans.iter().all(in_order), "{spans:?}");
             assert!(spans.windows(2).all(|pair| pair[0].end == pair[1].start), "{spans:?}");

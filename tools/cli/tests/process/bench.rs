@@ -13,22 +13,27 @@ fn recording() -> String {
 fn bench_writes_figures_tables_and_plots() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let arguments = ["bench", "--quick", "--part", "scale", "--part", "memory", "--json", "--out", out];
+    let arguments = ["bench", "--quick", "--part", "time", "--only", "dvs128", "--json", "--out", out];
     let (code, text, error) = run(&arguments);
     assert_eq!(code, 0, "{error}");
     let printed: serde_json::Value = serde_json::from_str(&text).unwrap();
     let file = std::fs::read_to_string(folder.path().join("bench.json")).unwrap();
     assert_eq!(serde_json::from_str::<serde_json::Value>(&file).unwrap(), printed);
-    let rows = printed["parts"]["memory"]["rows"].as_array().unwrap();
-    assert!(rows.len() >= 30 && rows[0]["device_mb"].as_f64().unwrap() > 1.0, "{}", rows[0]);
-    for sweep in printed["parts"]["scale"].as_array().unwrap() {
-        assert!(sweep["points"].as_array().unwrap().len() > 2, "{sweep}");
+    let rows = printed["parts"]["time"].as_array().unwrap();
+    assert_eq!(rows.len(), 6);
+    for row in rows {
+        assert_eq!(row["sensor"], "dvs128", "{row}");
+        let [median, floor] =
+            [&row["gpu_us"]["median"], &row["floor_us"]].map(|figure| figure.as_f64().unwrap());
+        assert!(median > floor && floor > 0.0, "{row}");
+        assert!(row["events"].as_f64().unwrap() > 100.0, "{row}");
     }
+    assert_eq!(printed["clock"]["reference_us"].as_array().unwrap().len(), 2);
     let markdown = std::fs::read_to_string(folder.path().join("bench.md")).unwrap();
-    assert!(markdown.contains("## Memory per resolution") && markdown.contains("| genx320 |"), "{markdown}");
-    assert!(markdown.contains("(scale_pixels.svg)"), "{markdown}");
-    let svg = std::fs::read_to_string(folder.path().join("scale_pixels.svg")).unwrap();
-    assert!(svg.starts_with("<svg") && svg.contains("Time against pixels"));
+    assert!(markdown.contains("## Time per interval") && markdown.contains("| dvs128 |"), "{markdown}");
+    assert!(markdown.contains("(time.svg)"), "{markdown}");
+    let svg = std::fs::read_to_string(folder.path().join("time.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("x32 bayer"));
 }
 
 #[test]
