@@ -3,7 +3,7 @@
 //!
 //! A [`Laboratory`] holds the device and what is asked for; each [`Part`] measures one thing and gives an
 //! [`Outcome`]: plain structs for `bench.json`, a document in Markdown, plots in SVG. [`run`] runs parts,
-//! [`write`] writes what they gave. [`calibrate`] fits a sensor to a recording.
+//! [`write()`] writes what they gave. [`calibrate`] fits a sensor to a recording.
 
 pub mod calibrate;
 pub mod clock;
