@@ -59,6 +59,6 @@ fn wrong_input_is_named() {
     let frames = Frames::new(1, false);
     let frame = frames.file_argument("key_0000.exr");
     assert_error(&["calibrate", &frame], &["key_0000.exr", "not an AEDAT 4 file"]);
-    assert_error(&["calibrate", &frame, "--log-offset", "-1"], &[]);
+    assert_error(&["calibrate", &frame, "--log-offset", "2"], &["--log-offset is 2", "1e-6 to 1"]);
     assert_error(&["bench", "--out", "/dev/null/bench"], &["/dev/null/bench"]);
 }
