@@ -39,6 +39,10 @@ cargo clippy --workspace --all-targets --locked -- -D warnings
 say "cargo test"
 ESAAC_VALIDATION=1 cargo test --workspace --locked --no-fail-fast
 
+say "cargo test, feature tracy"
+cargo clippy -p esaac-benches --features tracy --all-targets --locked -- -D warnings
+ESAAC_VALIDATION=1 cargo test -p esaac-benches --features tracy --test tracy --locked
+
 say "spirv-val"
 validate_kernels
 

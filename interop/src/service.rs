@@ -2,7 +2,7 @@
 
 use crate::error::InteropError;
 use crate::server::{CameraTerms, LinkCounts, Outcome, Ready, Server, ServerOptions};
-use esaac_engine::{Around, FrameInput, Rig, Tick};
+use esaac_engine::{Around, FrameInput, Rig, Tick, zone};
 use esaac_model::MAX_INTERVAL_NS;
 use std::time::Duration;
 
@@ -83,13 +83,33 @@ impl Service {
         limit: Duration,
         look: impl FnMut(&Ready),
     ) -> Result<Option<ServiceTick<'_>>, InteropError> {
-        let ready = self.server.wait(limit)?;
+        let ready = {
+            let _zone = zone!("wait for frames");
+            self.server.wait(limit)?
+        };
         if ready.is_empty() {
             return Ok(None);
         }
         ready.iter().for_each(look);
-        let mut first = vec![false; self.rig.len()];
+        let first = self.ingest(&ready)?;
+        let mut frames = vec![None; self.rig.len()];
         for frame in &ready {
+            frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(frame.slot().inputs()) });
+        }
+        let t_ns = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
+        let tick = step(&mut self.rig, &ready, &frames)?;
+        let _zone = zone!("release");
+        for frame in &ready {
+            self.server.release(frame, Outcome::Stepped)?;
+        }
+        Ok(Some(ServiceTick { tick, t_ns, first }))
+    }
+
+    /// Takes note of frames that are there: which are a camera's first, or its first after a break.
+    fn ingest(&mut self, ready: &[Ready]) -> Result<Vec<bool>, InteropError> {
+        let _zone = zone!("ingest");
+        let mut first = vec![false; self.rig.len()];
+        for frame in ready {
             let last_ns = &mut self.last_ns[frame.camera];
             let gap = |last: i64| frame.t_ns.saturating_sub(last) > MAX_INTERVAL_NS;
             if last_ns.is_some_and(|last| frame.first || gap(last)) {
@@ -100,16 +120,7 @@ impl Service {
             first[frame.camera] = last_ns.is_none();
             *last_ns = Some(frame.t_ns);
         }
-        let mut frames = vec![None; self.rig.len()];
-        for frame in &ready {
-            frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(frame.slot().inputs()) });
-        }
-        let t_ns = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
-        let tick = step(&mut self.rig, &ready, &frames)?;
-        for frame in &ready {
-            self.server.release(frame, Outcome::Stepped)?;
-        }
-        Ok(Some(ServiceTick { tick, t_ns, first }))
+        Ok(first)
     }
 }
 

@@ -1,9 +1,12 @@
 //! The corpus: hard cases as data, which the oracle and the engine both run.
 
 use crate::frames::{Frame, Sequence};
+use crate::run::{Step, engine_of_many_on, events, oracle, oracle_events};
+use esaac_engine::{Device, RigOptions};
+use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, Polarity, SensorModel};
 use serde::Deserialize;
-use std::path::Path;
+use std::sync::Arc;
 
 /// One file of cases.
 #[derive(Debug, Deserialize)]
@@ -94,23 +97,58 @@ fn once() -> usize {
     1
 }
 
+/// The files of `tests/corpus`: they travel with the programs that run them.
+pub const FILES: [(&str, &str); 4] = [
+    ("invalid.toml", include_str!("../corpus/invalid.toml")),
+    ("light.toml", include_str!("../corpus/light.toml")),
+    ("noise.toml", include_str!("../corpus/noise.toml")),
+    ("time.toml", include_str!("../corpus/time.toml")),
+];
+
 /// Every case of `tests/corpus`.
 #[must_use]
 pub fn cases() -> Vec<Case> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
-    let mut paths: Vec<_> = std::fs::read_dir(&folder)
-        .unwrap_or_else(|e| panic!("{}: {e}", folder.display()))
-        .map(|entry| entry.expect("a folder that can be read").path())
-        .collect();
-    paths.sort();
-    paths
-        .iter()
-        .flat_map(|path| {
-            let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-            let file: File = toml::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-            file.case
-        })
-        .collect()
+    let read = |(name, text): (&str, &str)| -> Vec<Case> {
+        let file: File = toml::from_str(text).unwrap_or_else(|e| panic!("{name}: {e}"));
+        file.case
+    };
+    FILES.into_iter().flat_map(read).collect()
+}
+
+/// What a run gives, whoever ran it.
+pub struct Outcome {
+    /// Events of all pixels in time order.
+    pub events: Vec<Event>,
+    /// Pixels that were invalid in each frame.
+    pub invalid_pixels: Vec<u64>,
+    /// Pixels that had no valid level yet after each frame.
+    pub unarmed_pixels: Vec<u64>,
+}
+
+/// Each case through the oracle.
+#[must_use]
+pub fn by_oracle(cases: &[Case]) -> Vec<Outcome> {
+    let run = |case: &Case| {
+        let intervals = oracle(&case.sensor(), 0, &case.sequence());
+        Outcome {
+            events: oracle_events(&intervals),
+            invalid_pixels: intervals.iter().map(|i| i.diagnostics.invalid_pixels).collect(),
+            unarmed_pixels: intervals.iter().map(|i| i.diagnostics.unarmed_pixels).collect(),
+        }
+    };
+    cases.iter().map(run).collect()
+}
+
+/// Each case through the engine: all are cameras of one rig, each with times of its own.
+#[must_use]
+pub fn by_engine(device: &Arc<Device>, cases: &[Case]) -> Vec<Outcome> {
+    let cameras: Vec<_> = cases.iter().map(|case| (case.sensor(), case.sequence())).collect();
+    let outcome = |steps: &Vec<Step>| Outcome {
+        events: events(steps),
+        invalid_pixels: steps.iter().map(|s| s.diagnostics.invalid_pixels).collect(),
+        unarmed_pixels: steps.iter().map(|s| s.diagnostics.unarmed_pixels).collect(),
+    };
+    engine_of_many_on(device, &cameras, RigOptions::default()).iter().map(outcome).collect()
 }
 
 impl Case {
@@ -161,34 +199,70 @@ impl Case {
         }
     }
 
-    /// Holds events of one pixel, `(time, polarity)` in time order, against the expectation.
-    pub fn check(&self, who: &str, expected: &Expectation, events: &[(i64, Polarity)]) {
-        let which = expected.pixel.map_or("all pixels".to_owned(), |pixel| format!("pixel {pixel}"));
-        let name = format!("{} by the {who}, {which}", self.name);
-        let signs: String = events.iter().map(|e| if e.1 == Polarity::On { '+' } else { '-' }).collect();
-        if let Some(polarities) = &expected.polarities {
-            assert_eq!(&signs, polarities, "{name} ({}): {events:?}", self.about);
+    /// Holds all that a run gave against what the case expects; the error says where they differ.
+    pub fn judge(&self, outcome: &Outcome) -> Result<(), String> {
+        for expected in &self.expect {
+            let of_pixel: Vec<(i64, Polarity)> = outcome
+                .events
+                .iter()
+                .filter(|e| expected.pixel.is_none_or(|pixel| usize::from(e.x) == pixel))
+                .map(|e| (e.t_ns, e.polarity))
+                .collect();
+            expected.judge(&of_pixel)?;
         }
-        for (sign, range) in [('+', expected.on), ('-', expected.off)] {
-            let count = signs.matches(sign).count();
-            let Some([least, greatest]) = range else { continue };
-            assert!(
-                (least..=greatest).contains(&count),
-                "{name} ({}): {count} of {sign}, expected {least} to {greatest}",
-                self.about
-            );
-        }
-        if let Some(times_ns) = &expected.times_ns {
-            let actual: Vec<i64> = events.iter().map(|e| e.0).collect();
-            assert_eq!(actual.len(), times_ns.len(), "{name} ({}): {actual:?}", self.about);
-            for (actual_ns, expected_ns) in actual.iter().zip(times_ns) {
-                assert!(
-                    (actual_ns - expected_ns).abs() <= expected.tolerance_ns,
-                    "{name} ({}): {actual_ns} ns, expected {expected_ns} within {}",
-                    self.about,
-                    expected.tolerance_ns
-                );
+        for (what, actual, expected) in [
+            ("invalid", &outcome.invalid_pixels, &self.invalid_pixels),
+            ("unarmed", &outcome.unarmed_pixels, &self.unarmed_pixels),
+        ] {
+            if let Some(expected) = expected.as_ref().filter(|expected| *expected != actual) {
+                return Err(format!("{what} pixels {actual:?}, expected {expected:?}"));
             }
         }
+        Ok(())
+    }
+}
+
+impl Expectation {
+    /// Holds events of one pixel, `(time, polarity)` in time order, against the expectation.
+    pub fn judge(&self, events: &[(i64, Polarity)]) -> Result<(), String> {
+        let which = self.pixel.map_or("all pixels".to_owned(), |pixel| format!("pixel {pixel}"));
+        let signs: String = events.iter().map(|e| if e.1 == Polarity::On { '+' } else { '-' }).collect();
+        if let Some(polarities) = self.polarities.as_ref().filter(|polarities| **polarities != signs) {
+            return Err(format!("{which}: `{signs}`, expected `{polarities}`: {events:?}"));
+        }
+        for (sign, range) in [('+', self.on), ('-', self.off)] {
+            let count = signs.matches(sign).count();
+            let Some([least, greatest]) = range else { continue };
+            if !(least..=greatest).contains(&count) {
+                return Err(format!("{which}: {count} of {sign}, expected {least} to {greatest}"));
+            }
+        }
+        let Some(times_ns) = &self.times_ns else { return Ok(()) };
+        let actual: Vec<i64> = events.iter().map(|e| e.0).collect();
+        let near = |(a, b): (&i64, &i64)| (a - b).abs() <= self.tolerance_ns;
+        if actual.len() == times_ns.len() && actual.iter().zip(times_ns).all(near) {
+            return Ok(());
+        }
+        Err(format!("{which}: times {actual:?} ns, expected {times_ns:?} within {}", self.tolerance_ns))
+    }
+
+    /// The expectation in words, for reports.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let mut words = vec![self.pixel.map_or("all".to_owned(), |pixel| format!("px {pixel}"))];
+        if let Some(polarities) = &self.polarities {
+            words.push(if polarities.is_empty() { "none".to_owned() } else { format!("`{polarities}`") });
+        }
+        for (name, range) in [("ON", self.on), ("OFF", self.off)] {
+            match range {
+                Some([least, greatest]) if least == greatest => words.push(format!("{least} {name}")),
+                Some([least, greatest]) => words.push(format!("{least} to {greatest} {name}")),
+                None => {}
+            }
+        }
+        if self.times_ns.is_some() {
+            words.push(format!("times within {} ns", self.tolerance_ns));
+        }
+        words.join(" ")
     }
 }

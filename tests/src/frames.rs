@@ -108,3 +108,9 @@ pub fn gray(sensor: &SensorModel, times_ns: &[i64], intensity: impl Fn(usize, us
 pub fn intensity_of(sensor: &SensorModel, log: f64) -> f32 {
     (log.exp() - sensor.log_offset) as f32
 }
+
+/// A number as the bytes of an f16.
+#[must_use]
+pub fn half_bytes(value: f64) -> [u8; 2] {
+    half::f16::from_f64(value).to_le_bytes()
+}

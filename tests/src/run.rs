@@ -2,10 +2,11 @@
 
 use crate::device::{DEVICE, assert_silent};
 use crate::frames::Sequence;
-use esaac_engine::{ApsFrame, CameraConfig, Diagnostics, FrameBytes, Rig, RigOptions};
+use esaac_engine::{ApsFrame, CameraConfig, Device, Diagnostics, FrameBytes, Rig, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::{Packet, SensorModel};
 use esaac_oracle::{Interval, Oracle};
+use std::sync::Arc;
 
 /// One camera's share of a tick.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,12 +66,24 @@ pub fn engine(sensor: &SensorModel, sequence: &Sequence) -> Vec<Step> {
 }
 
 /// Several cameras in one rig, each at its own times and until its frames are over; `[camera][frame]`.
-/// They are numbered from 0, and so is their noise.
+/// They are numbered from 0, and so is their noise. Watched by the validation layer until the rig is gone.
 #[must_use]
 pub fn engine_of_many(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Step>> {
+    let got = engine_of_many_on(&DEVICE, cameras, options);
+    assert_silent();
+    got
+}
+
+/// As [`engine_of_many`], on a device of the caller's.
+#[must_use]
+pub fn engine_of_many_on(
+    device: &Arc<Device>,
+    cameras: &[(SensorModel, Sequence)],
+    options: RigOptions,
+) -> Vec<Vec<Step>> {
     let configs: Vec<CameraConfig> =
         (0..).zip(cameras).map(|(number, (sensor, sequence))| camera(sensor, number, sequence)).collect();
-    let mut rig = Rig::with_options(&DEVICE, &configs, options).expect("a rig of several cameras");
+    let mut rig = Rig::with_options(device, &configs, options).expect("a rig of several cameras");
     let mut got = vec![Vec::new(); cameras.len()];
     let longest = cameras.iter().map(|(_, sequence)| sequence.frames.len()).max().unwrap_or(0);
     for index in 0..longest {
@@ -97,8 +110,6 @@ pub fn engine_of_many(cameras: &[(SensorModel, Sequence)], options: RigOptions) 
             got[number].push(Step { substeps_q24: rig.substeps_q24(number), ..step });
         }
     }
-    drop(rig);
-    assert_silent();
     got
 }
 

@@ -27,13 +27,25 @@ pub fn folder() -> PathBuf {
 /// Channels of an EXR file, in the order asked for.
 #[must_use]
 pub fn read<const N: usize>(path: &Path, names: [&str; N]) -> [Vec<f32>; N] {
-    let image = read_first_flat_layer_from_file(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    assert_eq!(image.layer_data.size, Vec2(SIZE.0 as usize, SIZE.1 as usize), "{}", path.display());
-    names.map(|name| {
-        let channel = image.layer_data.channel_data.list.iter().find(|c| c.name.to_string() == name);
-        let channel = channel.unwrap_or_else(|| panic!("{} has no channel {name}", path.display()));
-        channel.sample_data.values_as_f32().collect()
-    })
+    try_read(path, names).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// As [`read`], with a message where it cannot be read.
+pub fn try_read<const N: usize>(path: &Path, names: [&str; N]) -> Result<[Vec<f32>; N], String> {
+    let said = |what: String| format!("{}: {what}", path.display());
+    let image = read_first_flat_layer_from_file(path).map_err(|e| said(e.to_string()))?;
+    let size = image.layer_data.size;
+    if size != Vec2(SIZE.0 as usize, SIZE.1 as usize) {
+        return Err(said(format!("{}x{} px, expected {}x{} px", size.0, size.1, SIZE.0, SIZE.1)));
+    }
+    let mut channels = [const { Vec::new() }; N];
+    for (channel, name) in channels.iter_mut().zip(names) {
+        let list = &image.layer_data.channel_data.list;
+        let found = list.iter().find(|c| c.name.to_string() == name);
+        let found = found.ok_or_else(|| said(format!("no channel {name}")))?;
+        *channel = found.sample_data.values_as_f32().collect();
+    }
+    Ok(channels)
 }
 
 /// Key frame `k` at 30 Hz.

@@ -131,6 +131,19 @@ impl Device {
         })
     }
 
+    /// As [`Device::run_once`], with GPU time stamps around it: nanoseconds from the first command's start
+    /// to the end of the last. For measurements of the device itself.
+    pub fn time_once(self: &Arc<Self>, record: impl FnOnce(vk::CommandBuffer)) -> Result<u64, EngineError> {
+        let timer = timing::StageTimer::new(self, 2)?;
+        self.run_once(|commands| {
+            timer.record_reset(commands, 0..2);
+            timer.record(commands, 0);
+            record(commands);
+            timer.record(commands, 1);
+        })?;
+        timer.span_ns(0)
+    }
+
     /// Submits commands with what goes around them, and waits.
     pub fn run_around(&self, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
         self.errand(|errand| self.submit(commands.raw(), around, errand.fence))

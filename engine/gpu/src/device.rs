@@ -3,7 +3,7 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::commands::{Around, Errand};
-use crate::devices::{DeviceChoice, DeviceInfo, STATISTICS, choose, devices};
+use crate::devices::{CALIBRATED, DeviceChoice, DeviceInfo, STATISTICS, choose, devices};
 use crate::error::{Call, EngineError};
 use crate::instance::{Instance, Validation};
 use crate::memory::Buffer;
@@ -31,6 +31,7 @@ pub struct Device {
     timestamp_mask: u64,
     unified_memory: bool,
     statistics: Option<khr::pipeline_executable_properties::Device>,
+    calibrated: Option<ext::calibrated_timestamps::Device>,
     info: DeviceInfo,
     instance: Instance,
 }
@@ -73,6 +74,9 @@ impl Device {
         if tells_statistics {
             extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
         }
+        if info.has(CALIBRATED) {
+            extensions.push(ext::calibrated_timestamps::NAME.as_ptr());
+        }
         let mut statistics = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default()
             .pipeline_executable_info(true);
         let mut create = vk::DeviceCreateInfo::default()
@@ -89,6 +93,7 @@ impl Device {
         let raw = unsafe { instance.raw().create_device(physical, &create, None) }.call("vkCreateDevice")?;
         let statistics =
             tells_statistics.then(|| khr::pipeline_executable_properties::Device::new(instance.raw(), &raw));
+        let calibrated = crate::calibration::functions(instance.raw(), &raw, info.has(CALIBRATED));
         // SAFETY: one queue of this family was created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let allocator = Allocator::new(&AllocatorCreateDesc {
@@ -124,6 +129,7 @@ impl Device {
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
             unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
             statistics,
+            calibrated,
             info,
             instance,
         }))
@@ -137,6 +143,11 @@ impl Device {
     /// What asks for a pipeline's registers and sizes, where the driver tells them.
     pub(crate) fn statistics(&self) -> Option<&khr::pipeline_executable_properties::Device> {
         self.statistics.as_ref()
+    }
+
+    /// What reads both clocks, where the device can.
+    pub(crate) fn calibrated(&self) -> Option<&ext::calibrated_timestamps::Device> {
+        self.calibrated.as_ref()
     }
 
     /// What it is.
@@ -179,6 +190,12 @@ impl Device {
     #[must_use]
     pub fn timestamp_span_ns(&self, from: u64, to: u64) -> u64 {
         ((to.wrapping_sub(from) & self.timestamp_mask) as f64 * self.timestamp_period_ns).round() as u64
+    }
+
+    /// A raw time stamp in nanoseconds since the device's clock began.
+    #[cfg(feature = "tracy")]
+    pub(crate) fn timestamp_ns(&self, stamp: u64) -> i64 {
+        ((stamp & self.timestamp_mask) as f64 * self.timestamp_period_ns) as i64
     }
 
     /// What the validation layer has said so far; empty when it is off.

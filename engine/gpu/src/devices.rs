@@ -10,6 +10,9 @@ use std::ffi::{CStr, c_char};
 /// The capability that [`crate::Kernel::statistics`] needs.
 pub(crate) const STATISTICS: &str = "pipelineExecutableInfo";
 
+/// The capability that [`crate::Device::calibrate`] needs.
+pub(crate) const CALIBRATED: &str = "VK_EXT_calibrated_timestamps";
+
 /// Which device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
@@ -150,7 +153,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         likes("VK_KHR_external_memory_fd", has(ash::khr::external_memory_fd::NAME)),
         likes("VK_KHR_external_semaphore_fd", has(ash::khr::external_semaphore_fd::NAME)),
         likes("VK_EXT_external_memory_host", has(ext::external_memory_host::NAME)),
-        likes("VK_EXT_calibrated_timestamps", has(ext::calibrated_timestamps::NAME)),
+        likes(CALIBRATED, has(ext::calibrated_timestamps::NAME)),
         likes("VK_EXT_memory_budget", has(ext::memory_budget::NAME)),
         likes(STATISTICS, executable.pipeline_executable_info == vk::TRUE),
     ];

@@ -3,6 +3,10 @@
 //! A [`Rig`] holds cameras of different sensors and steps all of them with one submission. What the
 //! kernels do is in `glsl/`; what they mean is in the model crate's documentation.
 
+#[macro_use]
+#[doc(hidden)]
+pub mod profile;
+mod calibration;
 mod commands;
 mod device;
 mod devices;
@@ -19,6 +23,7 @@ mod timeline;
 mod timing;
 
 pub use ash;
+pub use calibration::Calibration;
 pub use commands::{Around, Commands};
 pub use device::Device;
 pub use devices::{Capability, DeviceChoice, DeviceInfo, list_devices};
@@ -30,6 +35,7 @@ pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use rig::{
-    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, Tick,
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, StageSpan,
+    Tick,
 };
 pub use timeline::Timeline;

@@ -113,7 +113,8 @@ impl StageTimer {
         Ok(self.device.timestamp_span_ns(raw[0], raw[1]))
     }
 
-    fn read_raw(&self, first: u32, raw: &mut [u64]) -> Result<(), EngineError> {
+    /// Raw stamps from `first` on; the work is done.
+    pub(crate) fn read_raw(&self, first: u32, raw: &mut [u64]) -> Result<(), EngineError> {
         // SAFETY: callers ask for stamps of the pool that finished work has written.
         unsafe {
             self.device.raw().get_query_pool_results(

@@ -10,6 +10,7 @@ use crate::socket::{Listener, Received, Socket, wait_readable};
 use crate::support::BUFFER_USAGE;
 use crate::timeline::SharedTimeline;
 use crate::wire::{self, Brought, ErrorCode, Header, ImageMemory, Message, RingOffer};
+use esaac_engine::zone;
 use rustix::fd::{AsFd, OwnedFd};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -88,6 +89,7 @@ impl Hub {
             .chain(links.iter().map(|(_, socket)| socket.as_fd()))
             .collect();
         let readable = wait_readable(&fds, limit)?;
+        let _zone = zone!("answer producers");
         if readable[0] {
             hush(&self.shared.wake);
         }

@@ -1,5 +1,7 @@
 //! The command line.
 
+use crate::bench::BenchArguments;
+use crate::calibrate::CalibrateArguments;
 use crate::demo::DemoArguments;
 use crate::device_choice::DeviceArgument;
 use crate::render::RenderArguments;
@@ -48,6 +50,10 @@ pub enum Command {
     Serve(ServeArguments),
     /// Render a built-in scene into the memory of a running service
     Render(RenderArguments),
+    /// Measure speed, accuracy and memory of the engine on this machine
+    Bench(BenchArguments),
+    /// Fit a sensor to a recording of a real one
+    Calibrate(CalibrateArguments),
     /// List the sensor presets with every parameter
     Sensors(SensorsArguments),
     /// List the Vulkan devices and whether each is enough

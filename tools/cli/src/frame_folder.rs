@@ -2,6 +2,7 @@
 
 use crate::exr_frame::{ChannelNames, FrameHeader, FrameImages, FrameLayout, read_frame, read_header};
 use anyhow::{Context, Result, bail, ensure};
+use esaac_engine::zone;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -89,7 +90,10 @@ impl FrameFolder {
         let (paths, layout) = (self.paths.clone(), self.layout.clone());
         std::thread::spawn(move || {
             for path in paths {
-                let frame = read_frame(&path, &layout);
+                let frame = {
+                    let _zone = zone!("decode");
+                    read_frame(&path, &layout)
+                };
                 let failed = frame.is_err();
                 if sender.send(frame).is_err() || failed {
                     break;

@@ -6,6 +6,8 @@
 
 pub mod accuracy;
 pub mod arguments;
+pub mod bench;
+pub mod calibrate;
 pub mod canvas;
 pub mod colour;
 pub mod demo;

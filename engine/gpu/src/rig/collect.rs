@@ -48,6 +48,7 @@ pub struct ApsFrame {
 impl Rig {
     /// Waits are over: makes room and goes on where events did not fit, then takes the packets.
     pub(super) fn collect(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
+        let _zone = zone!("publish");
         let mut pending: Vec<bool> = t_ns.iter().map(Option::is_some).collect();
         let mut regrown = vec![0_u64; self.cameras.len()];
         let mut largest_bins = vec![0_u32; self.cameras.len()];

@@ -19,6 +19,7 @@ use crate::device::Device;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
+use crate::profile::{self, GpuZones};
 use crate::timing::{Fence, StageTimer};
 use arena::Arena;
 use ash::vk;
@@ -31,7 +32,7 @@ use gpu_allocator::MemoryLocation;
 use parameters::Permutation;
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 pub use collect::{ApsFrame, Diagnostics};
 
@@ -104,6 +105,17 @@ pub struct Tick<'a> {
     pub submit_to_packet_ns: u64,
 }
 
+/// When a stage ran on the device, by the host's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StageSpan {
+    /// Stage, or `tick` for the whole.
+    pub stage: &'static str,
+    /// Start.
+    pub start: Instant,
+    /// End.
+    pub end: Instant,
+}
+
 impl Tick<'_> {
     /// GPU time of all stages.
     #[must_use]
@@ -156,6 +168,7 @@ pub struct Rig {
     aps: Vec<Option<ApsFrame>>,
     diagnostics: Vec<Diagnostics>,
     stage_ns: Vec<(&'static str, u64)>,
+    gpu_zones: GpuZones,
 }
 
 impl Rig {
@@ -238,6 +251,7 @@ impl Rig {
             } else {
                 vec![("tick", 0)]
             },
+            gpu_zones: GpuZones::default(),
             device: Arc::clone(device),
             options,
             cameras,
@@ -320,6 +334,7 @@ impl Rig {
 
     /// Writes a frame from host memory into a camera's input buffers.
     pub fn upload(&mut self, camera: usize, frame: &FrameBytes<'_>) -> Result<(), EngineError> {
+        let _zone = zone!("ingest");
         self.camera(camera)?;
         let c = &mut self.cameras[camera];
         let (sensor, number) = (&c.config.sensor, camera as u32);
@@ -370,13 +385,15 @@ impl Rig {
         self.prepare(t_ns)?;
         let started = Instant::now();
         self.submit(&self.commands, around)?;
-        let stamped = if self.options.stage_times { record::STAGES.len() } else { 1 };
+        let stamped = self.stamped();
         self.timer.read(&mut self.stage_ns[..stamped])?;
+        self.gpu_zones.show(&self.device, &self.timer, &self.stage_ns[..stamped])?;
         if let Some(("again", ns)) = self.stage_ns.last_mut() {
             *ns = 0;
         }
         self.collect(t_ns)?;
         let submit_to_packet_ns = started.elapsed().as_nanos() as u64;
+        profile::tick(&self.packets, submit_to_packet_ns, || self.memory());
         Ok(Tick {
             packets: &self.packets,
             aps: &self.aps,
@@ -384,6 +401,25 @@ impl Rig {
             stage_ns: &self.stage_ns,
             submit_to_packet_ns,
         })
+    }
+
+    /// Spans with a time stamp at each end.
+    fn stamped(&self) -> usize {
+        if self.options.stage_times { record::STAGES.len() } else { 1 }
+    }
+
+    /// When each stage of the last tick ran on the device, by the host's clock, and how far that may be off;
+    /// `None` where the device does not tell both clocks at once. Only before the next tick.
+    pub fn stage_host_times(&self) -> Result<Option<(Vec<StageSpan>, Duration)>, EngineError> {
+        let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
+        let stamped = self.stamped();
+        let mut raw = [0_u64; 16];
+        self.timer.read_raw(0, &mut raw[..stamped + 1])?;
+        let at = |stamp| self.device.host_time(&calibration, stamp);
+        let spans = self.stage_ns[..stamped].iter().zip(raw.windows(2)).filter_map(|(&(stage, _), pair)| {
+            Some(StageSpan { stage, start: at(pair[0])?, end: at(pair[1])? })
+        });
+        Ok(Some((spans.collect(), calibration.deviation)))
     }
 
     /// Forgets what a camera saw: its next frame is its first. Noise goes on where it was.
@@ -468,7 +504,11 @@ impl Rig {
     }
 
     fn submit(&self, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
-        self.device.submit(commands.raw(), around, self.fence.raw())?;
+        {
+            let _zone = zone!("submit");
+            self.device.submit(commands.raw(), around, self.fence.raw())?;
+        }
+        let _zone = zone!("wait");
         self.fence.wait()
     }
 }

@@ -109,6 +109,7 @@ struct Group {
 impl Rig {
     /// Fills the table for a tick, and records the commands if they are not those of the last tick.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
+        let _zone = zone!("record");
         let permutations = self.permutations();
         let reads_anew = self.reads_what_the_layer_does_not_know();
         if self.recorded.as_ref() != Some(&permutations) || reads_anew {

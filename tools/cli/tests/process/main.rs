@@ -1,6 +1,7 @@
 //! Tests at the boundary of the process: the binary is run as a user runs it.
 
 mod bad_input;
+mod bench;
 mod demo;
 mod glsl;
 mod harness;

@@ -1,0 +1,116 @@
+//! What an interval must cost at least: bytes over the memory's bandwidth, operations over the arithmetic
+//! rate, both as measured on the device at hand.
+
+use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, Synthesis, Taps};
+use serde::Serialize;
+
+/// Bytes of an event in a packet: u32 time, two u16, u8.
+pub const EVENT_BYTES: f64 = 9.0;
+
+/// Bytes of an event on its way: eight, written to its bin and read from there.
+const STAGED_BYTES: f64 = 2.0 * 8.0;
+
+/// What a device can do at most, measured in this run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Rates {
+    /// Bytes read and written a second.
+    pub bytes_per_s: f64,
+    /// f32 multiplications and additions a second.
+    pub operations_per_s: f64,
+}
+
+/// Formats of the images that every measurement uses unless it says otherwise.
+pub const FORMATS: (HdrFormat, MotionFormat) = (HdrFormat::F16x4, MotionFormat::F32x2);
+
+fn channels(sensor: &SensorModel) -> f64 {
+    if sensor.intensity == Intensity::BayerRggb { 3.0 } else { 1.0 }
+}
+
+fn has_lattice(sensor: &SensorModel) -> bool {
+    sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
+}
+
+/// Bytes that any implementation has to move for an interval of one camera: both images in, the previous
+/// frame's planes and vectors, the reference of each pixel read and written, the packet out.
+#[must_use]
+pub fn compulsory_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, events: f64) -> f64 {
+    let motion_bytes = if needs_motion(sensor) { 2.0 * motion.texel_bytes() as f64 } else { 0.0 };
+    let pixel = hdr.texel_bytes() as f64 + motion_bytes + 4.0 * channels(sensor) + 2.0 * 4.0;
+    sensor.pixels() as f64 * pixel + EVENT_BYTES * events
+}
+
+/// Bytes that this engine's stages read and write for an interval of one camera, each buffer counted once for
+/// every stage that goes through it: a count, not a measurement.
+#[must_use]
+pub fn moved_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, events: f64) -> f64 {
+    let pixels = sensor.pixels() as f64;
+    let frame = 4.0 * channels(sensor) * pixels;
+    let planes = if has_lattice(sensor) {
+        let entries = f64::from(2 * sensor.width + 4) * f64::from(2 * sensor.height + 3);
+        let lattice = 4.0 * channels(sensor) * entries;
+        // Each transfer reads one lattice and writes the other, `cross` reads both.
+        2.0 * lattice * f64::from(sensor.transfers) + 2.0 * lattice
+    } else {
+        3.0 * frame
+    };
+    let vectors = if needs_motion(sensor) { motion.texel_bytes() as f64 + 3.0 * 8.0 } else { 0.0 };
+    let words = 2.0
+        + if sensor.contrast_mismatch > 0.0 { 2.0 } else { 0.0 }
+        + if sensor.refractory_ns > 0 { 4.0 } else { 0.0 }
+        + if sensor.leak_rate_hz > 0.0 { 1.0 } else { 0.0 }
+        + if sensor.shot_noise_rate_hz > 0.0 { 8.0 } else { 0.0 }
+        + if sensor.latency_jitter_ns > 0 { 2.0 } else { 0.0 };
+    let pixel = hdr.texel_bytes() as f64 + vectors + 4.0 * words;
+    pixels * pixel + planes + (STAGED_BYTES + EVENT_BYTES) * events
+}
+
+/// Operations of one sample, that is of one sub-step of one pixel, counted by hand on the model's equations:
+/// addresses, taps, weights, exponential or logarithm, crossing test.
+#[must_use]
+pub fn operations_per_sample(sensor: &SensorModel) -> f64 {
+    let one_plane = match (sensor.synthesis, sensor.taps) {
+        (Synthesis::None, _) => 10.0,
+        (Synthesis::Linear, _) => 30.0,
+        (Synthesis::Paper, _) => 50.0,
+        (Synthesis::Motion, Taps::Bilinear) => 100.0,
+        // With 44 loads.
+        (Synthesis::Motion, Taps::Cubic) => 250.0,
+    };
+    // A mosaic's pixel reads the one plane of its own colour.
+    one_plane
+}
+
+/// Least time of an interval of all cameras, microseconds: `samples` sub-steps of pixels in all.
+#[must_use]
+pub fn floor_us(rates: Rates, bytes: f64, samples: f64, operations_per_sample: f64) -> f64 {
+    let memory_s = bytes / rates.bytes_per_s;
+    let arithmetic_s = samples * operations_per_sample / rates.operations_per_s;
+    memory_s.max(arithmetic_s) * 1e6
+}
+
+fn needs_motion(sensor: &SensorModel) -> bool {
+    matches!(sensor.synthesis, Synthesis::Motion | Synthesis::Paper)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::presets::preset;
+
+    #[test]
+    fn more_work_has_a_higher_floor() {
+        let (hdr, motion) = FORMATS;
+        let cubic = preset("genx320").expect("a preset");
+        let bilinear = SensorModel { taps: Taps::Bilinear, ..cubic.clone() };
+        let bayer = SensorModel { intensity: Intensity::BayerRggb, ..cubic.clone() };
+        for bytes in [compulsory_bytes, moved_bytes] {
+            let of = |sensor| bytes(sensor, hdr, motion, 1e5);
+            assert!(of(&bayer) > of(&cubic) && of(&cubic) >= of(&bilinear));
+            assert!(bytes(&cubic, hdr, motion, 0.0) < of(&cubic));
+        }
+        assert!(moved_bytes(&cubic, hdr, motion, 1e5) > compulsory_bytes(&cubic, hdr, motion, 1e5));
+        let rates = Rates { bytes_per_s: 1e12, operations_per_s: 1e13 };
+        assert_eq!(floor_us(rates, 1e6, 0.0, 250.0), 1.0);
+        assert_eq!(floor_us(rates, 1e6, 1e6, 250.0), 25.0);
+    }
+}

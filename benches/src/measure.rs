@@ -1,0 +1,188 @@
+//! A stand: one rig, one feed, and what its ticks cost.
+
+use crate::floor::{self, Rates};
+use crate::laboratory::Laboratory;
+use crate::scenes::Feed;
+use crate::statistics::Spread;
+use anyhow::{Result, ensure};
+use esaac_engine::{CameraConfig, KernelStatistics, Rig, RigOptions};
+use esaac_model::packet::Event;
+use esaac_model::{HdrFormat, MotionFormat, SensorModel};
+use serde::Serialize;
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Amount {
+    /// Frames of a pass, at most as many as the feed has; the first ends no interval.
+    pub frames: usize,
+    /// Intervals at the start of the first pass that are not timed: pipelines compile, buffers grow.
+    pub warm_up: usize,
+    /// Passes; each starts anew.
+    pub passes: usize,
+    /// Events are kept of the first pass's intervals up to this one.
+    pub keep: usize,
+}
+
+/// What a tick costs.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Timing {
+    /// GPU time of a tick, microseconds.
+    pub gpu_us: Spread,
+    /// Medians of the first and of the second half of the ticks, microseconds.
+    pub gpu_halves_us: [f64; 2],
+    /// From submit to packet by the host's clock, microseconds.
+    pub packet_us: Spread,
+    /// Ticks timed.
+    pub ticks: usize,
+    /// Events a tick, all cameras.
+    pub events: f64,
+    /// Events a pixel and interval.
+    pub events_per_pixel: f64,
+    /// Sub-steps a block of 8x8.
+    pub substeps_per_block: f64,
+    /// Bytes that the stages go through, megabytes: a count.
+    pub moved_mb: f64,
+    /// The least that the device could need, microseconds.
+    pub floor_us: f64,
+}
+
+/// A run: its cost, and the events of camera 0 that were kept.
+pub struct Run {
+    /// Cost.
+    pub timing: Timing,
+    /// Events.
+    pub events: Vec<Event>,
+    /// Medians of the stages, microseconds, if they were stamped.
+    pub stages_us: Vec<(&'static str, f64)>,
+}
+
+/// A rig of equal cameras and what feeds it.
+pub struct Stand<'l> {
+    laboratory: &'l Laboratory,
+    rig: Rig,
+    feed: Feed,
+    formats: (HdrFormat, MotionFormat),
+    rates: Rates,
+}
+
+impl<'l> Stand<'l> {
+    /// Cameras of one sensor.
+    pub fn new(
+        laboratory: &'l Laboratory,
+        sensor: &SensorModel,
+        cameras: usize,
+        formats: (HdrFormat, MotionFormat),
+        feed: Feed,
+        options: RigOptions,
+    ) -> Result<Self> {
+        let config =
+            |camera| CameraConfig { sensor: sensor.clone(), camera, hdr: formats.0, motion: Some(formats.1) };
+        let configs: Vec<CameraConfig> = (0..cameras as u32).map(config).collect();
+        let rig = Rig::with_options(laboratory.device(), &configs, options)?;
+        Ok(Stand { rates: laboratory.rates()?, laboratory, rig, feed, formats })
+    }
+
+    /// Another sensor of the same size; compiled kernels are kept.
+    pub fn set_sensor(&mut self, sensor: &SensorModel) -> Result<()> {
+        for camera in 0..self.rig.len() {
+            self.rig.set_sensor(camera, sensor.clone())?;
+        }
+        Ok(())
+    }
+
+    /// Other frames of the same size.
+    pub fn set_feed(&mut self, feed: Feed) {
+        self.feed = feed;
+    }
+
+    /// The rig.
+    #[must_use]
+    pub fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// What the driver tells about the kernels of the last run.
+    pub fn kernel_statistics(&self) -> Result<Vec<(&'static str, KernelStatistics)>> {
+        Ok(self.rig.kernel_statistics()?)
+    }
+
+    /// Runs and measures.
+    pub fn run(&mut self, amount: Amount) -> Result<Run> {
+        let frames = self.feed.frames().map_or(amount.frames, |there| there.min(amount.frames));
+        let mut seen = Seen::default();
+        let mut events = Vec::new();
+        for pass in 0..amount.passes {
+            for camera in 0..self.rig.len() {
+                self.rig.reset(camera)?;
+            }
+            for frame in 0..frames {
+                let t_ns = self.feed.put(&mut self.rig, frame)?;
+                self.laboratory.clock().heat()?;
+                let tick = self.rig.step(&vec![t_ns; self.rig.len()])?;
+                if pass == 0 && frame <= amount.keep {
+                    events.extend(tick.packets[0].iter());
+                }
+                if frame > 0 && (pass > 0 || frame > amount.warm_up) {
+                    seen.add(&tick);
+                }
+            }
+        }
+        ensure!(seen.gpu_us.len() > 1, "{frames} frames leave {} ticks to time", seen.gpu_us.len());
+        let stages_us = seen.stages_us();
+        Ok(Run { timing: self.timing(&seen)?, events, stages_us })
+    }
+
+    fn timing(&self, seen: &Seen) -> Result<Timing> {
+        let ticks = seen.gpu_us.len();
+        let (first, second) = seen.gpu_us.split_at(ticks / 2);
+        let sensor = self.rig.sensor(0)?;
+        let cameras = self.rig.len() as f64;
+        let (events, substeps) = (seen.events / ticks as f64, seen.substeps / ticks as f64);
+        let block_px = f64::from(esaac_model::substeps::BLOCK_PX);
+        let blocks =
+            (f64::from(sensor.width) / block_px).ceil() * (f64::from(sensor.height) / block_px).ceil();
+        let (hdr, motion) = self.formats;
+        let compulsory = cameras * floor::compulsory_bytes(sensor, hdr, motion, events / cameras);
+        let samples = substeps * block_px * block_px;
+        let operations = floor::operations_per_sample(sensor);
+        Ok(Timing {
+            gpu_us: Spread::of(&seen.gpu_us),
+            gpu_halves_us: [crate::statistics::median(first), crate::statistics::median(second)],
+            packet_us: Spread::of(&seen.packet_us),
+            ticks,
+            events,
+            events_per_pixel: events / cameras / sensor.pixels() as f64,
+            substeps_per_block: substeps / cameras / blocks,
+            moved_mb: cameras * floor::moved_bytes(sensor, hdr, motion, events / cameras) / 1e6,
+            floor_us: floor::floor_us(self.rates, compulsory, samples, operations),
+        })
+    }
+}
+
+/// What ticks showed.
+#[derive(Default)]
+struct Seen {
+    gpu_us: Vec<f64>,
+    packet_us: Vec<f64>,
+    stages: Vec<(&'static str, Vec<f64>)>,
+    events: f64,
+    substeps: f64,
+}
+
+impl Seen {
+    fn add(&mut self, tick: &esaac_engine::Tick<'_>) {
+        self.stages.resize_with(tick.stage_ns.len(), || ("", Vec::new()));
+        for (stage, &(name, ns)) in self.stages.iter_mut().zip(tick.stage_ns) {
+            stage.0 = name;
+            stage.1.push(ns as f64 / 1e3);
+        }
+        self.gpu_us.push(tick.gpu_ns() as f64 / 1e3);
+        self.packet_us.push(tick.submit_to_packet_ns as f64 / 1e3);
+        self.events += tick.packets.iter().map(|p| p.len() as f64).sum::<f64>();
+        self.substeps += tick.diagnostics.iter().map(|d| d.substeps as f64).sum::<f64>();
+    }
+
+    fn stages_us(&self) -> Vec<(&'static str, f64)> {
+        self.stages.iter().map(|(name, us)| (*name, crate::statistics::median(us))).collect()
+    }
+}

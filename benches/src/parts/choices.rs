@@ -1,0 +1,63 @@
+//! What the engine lets one choose between two frames.
+
+use esaac_model::{SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps};
+
+/// A choice of how to fill the gap between frames.
+pub(super) struct Choice {
+    pub name: String,
+    pub family: &'static str,
+    pub sensor: SensorModel,
+    /// Whether its frames are f32.
+    pub wide: bool,
+    pub is_default: bool,
+}
+
+/// Every choice, at one sensor.
+pub(super) fn choices(base: &SensorModel, quick: bool) -> Vec<Choice> {
+    let mut choices = Vec::new();
+    let counts: &[u32] = if quick { &[2, 8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
+    let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
+    let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
+        let is_default = !wide && sensor == *base;
+        choices.push(Choice { name, family, sensor, wide, is_default });
+    };
+    let with = |synthesis, taps, transfers, substeps, substep_policy| SensorModel {
+        synthesis,
+        taps,
+        transfers,
+        substeps,
+        substep_policy,
+        ..base.clone()
+    };
+    let (fixed, adaptive) = (SubstepPolicy::Fixed, SubstepPolicy::Adaptive);
+    add("none".into(), "none", with(Synthesis::None, Taps::Cubic, 1, 1, fixed), false);
+    for (family, synthesis, taps, transfers) in [
+        ("linear", Synthesis::Linear, Taps::Cubic, 1),
+        ("paper", Synthesis::Paper, Taps::Bilinear, 1),
+        ("motion bilinear", Synthesis::Motion, Taps::Bilinear, 1),
+        ("motion cubic, 1 transfer", Synthesis::Motion, Taps::Cubic, 1),
+        ("motion cubic, 2 transfers", Synthesis::Motion, Taps::Cubic, 2),
+    ] {
+        for &n in counts {
+            let name = format!("{family}, fixed {n}");
+            add(name, family, with(synthesis, taps, transfers, n, fixed), false);
+        }
+        for &n in most {
+            let name = format!("{family}, adaptive {n}");
+            add(name, family, with(synthesis, taps, transfers, n, adaptive), false);
+        }
+    }
+    let at_sample = |sensor: SensorModel| SensorModel { timestamps: Timestamps::AtSample, ..sensor };
+    for (name, sensor) in [
+        ("paper, fixed 32, at sample", with(Synthesis::Paper, Taps::Bilinear, 1, 32, fixed)),
+        ("motion cubic, fixed 32, at sample", with(Synthesis::Motion, Taps::Cubic, 1, 32, fixed)),
+        ("motion cubic, adaptive 32, at sample", with(Synthesis::Motion, Taps::Cubic, 1, 32, adaptive)),
+    ] {
+        add(name.into(), "times at samples", at_sample(sensor), false);
+    }
+    for (policy_name, policy) in [("fixed", fixed), ("adaptive", adaptive)] {
+        let name = format!("motion cubic, {policy_name} 32, f32 input");
+        add(name, "f32 input", with(Synthesis::Motion, Taps::Cubic, 1, 32, policy), true);
+    }
+    choices
+}

@@ -1,0 +1,310 @@
+//! Speed against error: every choice is a point.
+
+use super::choices::{Choice, choices};
+use crate::document::{Document, short};
+use crate::floor::FORMATS;
+use crate::frontier::frontier;
+use crate::laboratory::{Laboratory, Outcome};
+use crate::measure::{Amount, Stand, Timing};
+use crate::plot::{Axes, Series, draw};
+use crate::scenes::{FRAME_NS, Feed};
+use crate::truth::Truth;
+use crate::{cells, tumble};
+use anyhow::Result;
+use esaac_engine::RigOptions;
+use esaac_model::packet::Event;
+use esaac_model::{HdrFormat, MotionFormat, SensorModel};
+use esaac_oracle::metrics::{Comparison, compare};
+use esaac_scene::SceneKind;
+use serde::Serialize;
+
+#[derive(Serialize)]
+struct Point {
+    choice: String,
+    family: &'static str,
+    gpu_us: f64,
+    gpu_spread: f64,
+    moved_mb: f64,
+    substeps_per_block: f64,
+    events_per_truth: f64,
+    f1: f64,
+    victor_purpura: f64,
+    time_p99_us: f64,
+    exact_sequences: f64,
+    on_frontier: bool,
+    is_default: bool,
+}
+
+#[derive(Serialize)]
+struct SceneFigures {
+    scene: String,
+    width_px: u32,
+    height_px: u32,
+    pixels_compared: usize,
+    true_events: usize,
+    default_on_frontier: bool,
+    /// Cheapest choice that is as good as the default, if the default is not on the frontier.
+    better_than_default: Vec<String>,
+    points: Vec<Point>,
+}
+
+/// Distances below this are equal: half of what another sampling seed of the renderer moves them by.
+const ERROR_BAND: f64 = 0.005;
+
+/// Times below this share are equal; part `stability` measures it.
+const TIME_BAND: f64 = 0.03;
+
+/// Quartiles further apart than this, as a share of the median, are of a device that was not ours alone.
+const TRUSTED_SPREAD: f64 = 0.3;
+
+pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
+    let mut document = Document::new("Speed against error");
+    document.say(
+        "Each point is a choice. x: median GPU time of an interval; the table adds bytes moved (counted). y: \
+         Victor-Purpura distance per true event, 1 ms of shift costing as much as an event; the table adds the \
+         99th percentile of the time error of events that match within 1 ms. Sensor without noise. A choice \
+         is on the frontier if no other is faster and as good, or better and as fast, by more than the noise.",
+    );
+    let mut all = Vec::new();
+    let scenes: &[SceneKind] = if laboratory.options().quick {
+        &[SceneKind::Sinusoid, SceneKind::Flight]
+    } else {
+        &[
+            SceneKind::Edge,
+            SceneKind::Sinusoid,
+            SceneKind::Lamp,
+            SceneKind::Flight,
+            SceneKind::Hdr,
+            SceneKind::Dark,
+        ]
+    };
+    for &scene in scenes {
+        let figures = analytic(laboratory, scene)?;
+        show(&mut document, &figures)?;
+        all.push(figures);
+    }
+    let folder = &laboratory.options().tumble;
+    if folder.is_dir() {
+        let figures = path_traced(laboratory)?;
+        show(&mut document, &figures)?;
+        all.push(figures);
+    } else {
+        document.say(&format!(
+            "**Sequence `tumble` is left out:** there is no folder {}; `--tumble DIR` names it.",
+            folder.display()
+        ));
+    }
+    Ok(Outcome { figures: serde_json::to_value(all)?, document })
+}
+
+fn measure(
+    laboratory: &Laboratory,
+    what: &str,
+    base: &SensorModel,
+    amount: Amount,
+    feed: impl Fn(HdrFormat) -> Result<Feed>,
+    judge: impl Fn(Vec<Event>) -> Comparison + Sync,
+) -> Result<Vec<Point>> {
+    let stand = |hdr: HdrFormat| {
+        let formats: (HdrFormat, MotionFormat) = (hdr, FORMATS.1);
+        Stand::new(laboratory, base, 1, formats, feed(hdr)?, RigOptions::default())
+    };
+    let mut narrow = stand(HdrFormat::F16x4)?;
+    let mut wide = stand(HdrFormat::F32x4)?;
+    let choices: Vec<Choice> = choices(base, laboratory.options().quick)
+        .into_iter()
+        .filter(|choice| laboratory.wants(&choice.name) || choice.is_default)
+        .collect();
+    let measured = laboratory.rows(what, choices, |choice| {
+        let stand = if choice.wide { &mut wide } else { &mut narrow };
+        stand.set_sensor(&choice.sensor)?;
+        let run = stand.run(amount)?;
+        Ok((run.events, run.timing, choice))
+    })?;
+    let mut points = judged(measured, judge);
+    let costs: Vec<_> = points.iter().map(|p| (p.gpu_us, p.victor_purpura)).collect();
+    for (point, on) in points.iter_mut().zip(frontier(&costs, TIME_BAND, ERROR_BAND)) {
+        point.on_frontier = on;
+    }
+    Ok(points)
+}
+
+/// Holds each choice's events against the truth, on as many threads as there are.
+fn judged(
+    measured: Vec<(Vec<Event>, Timing, Choice)>,
+    judge: impl Fn(Vec<Event>) -> Comparison + Sync,
+) -> Vec<Point> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let queue = std::sync::Mutex::new(measured.into_iter().enumerate());
+    let next = || queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
+    let work = || {
+        let mut done = Vec::new();
+        while let Some((index, (events, timing, choice))) = next() {
+            done.push((index, point(judge(events), timing, choice)));
+        }
+        done
+    };
+    let mut points: Vec<(usize, Point)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        workers.into_iter().flat_map(|w| w.join().expect("comparing is plain arithmetic")).collect()
+    });
+    points.sort_by_key(|(index, _)| *index);
+    points.into_iter().map(|(_, point)| point).collect()
+}
+
+fn point(got: Comparison, timing: Timing, choice: Choice) -> Point {
+    Point {
+        choice: choice.name,
+        family: choice.family,
+        gpu_us: timing.gpu_us.median,
+        gpu_spread: timing.gpu_us.relative(),
+        moved_mb: timing.moved_mb,
+        substeps_per_block: timing.substeps_per_block,
+        events_per_truth: got.count_ratio,
+        f1: got.f1,
+        victor_purpura: got.victor_purpura,
+        time_p99_us: got.matched.p99_us,
+        exact_sequences: got.same_sequence,
+        on_frontier: false,
+        is_default: choice.is_default,
+    }
+}
+
+fn analytic(laboratory: &Laboratory, kind: SceneKind) -> Result<SceneFigures> {
+    let (quick, software) = (laboratory.options().quick, laboratory.is_software());
+    let (width, height) = if software { (120, 90) } else { (320, 320) };
+    let base = SensorModel { width, height, ..SensorModel::default() };
+    let (pixels, intervals) = if quick { (300, 4) } else { (1200, 6) };
+    let amount = amount(laboratory, intervals);
+    let span_ns = (0, intervals as i64 * FRAME_NS);
+    let truth = Truth::of_scene(&kind.scene(width, height), &base, pixels, span_ns);
+    let feed = |hdr| laboratory.feed(kind, (width, height), hdr, FRAME_NS);
+    let points = measure(laboratory, kind.name(), &base, amount, feed, |events| truth.compare(events))?;
+    Ok(figures(kind.name(), (width, height), (truth.pixels(), truth.events()), points))
+}
+
+/// There are hundreds of points: half of what a row elsewhere gets.
+fn amount(laboratory: &Laboratory, intervals: usize) -> Amount {
+    let amount = laboratory.amount();
+    let timed = (amount.frames - amount.warm_up).div_ceil(2);
+    Amount { frames: (amount.warm_up + timed).max(intervals + 1), keep: intervals, ..amount }
+}
+
+fn path_traced(laboratory: &Laboratory) -> Result<SceneFigures> {
+    let folder = &laboratory.options().tumble;
+    let truth = tumble::truth(folder)?;
+    let base = tumble::sensor();
+    let size = (base.width, base.height);
+    let timed = laboratory.amount();
+    let most = match (laboratory.is_software(), laboratory.options().quick) {
+        (true, true) => 1,
+        (true, false) => 2,
+        (false, _) => 8,
+    };
+    let passes = timed.frames.div_ceil(tumble::INTERVALS).min(most);
+    let frames = tumble::INTERVALS + 1;
+    let amount = Amount { frames, warm_up: 1, passes, keep: tumble::INTERVALS };
+    let feed = |hdr| Ok(Feed::Stored(tumble::frames(folder, hdr == HdrFormat::F32x4)?));
+    let judge = |events: Vec<Event>| compare(size, truth.iter().copied(), events);
+    let points = measure(laboratory, "tumble", &base, amount, feed, judge)?;
+    Ok(figures("tumble", size, (base.pixels(), truth.len()), points))
+}
+
+fn figures(
+    scene: &str,
+    (width_px, height_px): (u32, u32),
+    (pixels_compared, true_events): (usize, usize),
+    points: Vec<Point>,
+) -> SceneFigures {
+    let default = points.iter().find(|p| p.is_default);
+    let default_on_frontier = default.is_some_and(|p| p.on_frontier);
+    let better_than_default = default
+        .filter(|p| !p.on_frontier)
+        .map(|d| {
+            let pairs: Vec<_> = points.iter().map(|p| (p.gpu_us, p.victor_purpura)).collect();
+            let index = points.iter().position(|p| p.is_default).unwrap_or(0);
+            let beats = |i: &usize| {
+                let alone = frontier(&[pairs[*i], pairs[index]], TIME_BAND, ERROR_BAND);
+                points[*i].choice != d.choice && !alone[1]
+            };
+            (0..points.len()).filter(beats).map(|i| points[i].choice.clone()).collect()
+        })
+        .unwrap_or_default();
+    let scene = scene.to_owned();
+    SceneFigures {
+        scene,
+        width_px,
+        height_px,
+        pixels_compared,
+        true_events,
+        default_on_frontier,
+        better_than_default,
+        points,
+    }
+}
+
+fn show(document: &mut Document, figures: &SceneFigures) -> Result<()> {
+    let SceneFigures { scene, points, .. } = figures;
+    document.heading(&format!("`{scene}`, {}x{}", figures.width_px, figures.height_px));
+    let mut series: Vec<Series> = Vec::new();
+    for p in points {
+        let at = (p.gpu_us, p.victor_purpura);
+        match series.iter_mut().find(|s| s.name == p.family) {
+            Some(series) => series.points.push(at),
+            None => series.push(Series::scatter(p.family, vec![at])),
+        }
+    }
+    let mut on: Vec<(f64, f64)> =
+        points.iter().filter(|p| p.on_frontier).map(|p| (p.gpu_us, p.victor_purpura)).collect();
+    on.sort_by(|a, b| a.0.total_cmp(&b.0));
+    series.push(Series::path("frontier", on));
+    let title = format!("{scene}: speed against error");
+    let axes = Axes {
+        title: &title,
+        x: "GPU time per interval, us",
+        y: "Victor-Purpura per true event",
+        logarithmic: (true, true),
+    };
+    document.plot(&format!("frontier_{scene}"), &title, draw(axes, &series)?);
+    document.say(&match (figures.default_on_frontier, figures.better_than_default.join("; ")) {
+        (true, _) => "The default lies on the frontier.".to_owned(),
+        (false, better) => format!("**The default does not lie on the frontier.** Better: {better}."),
+    });
+    let worst = points.iter().map(|p| p.gpu_spread).fold(0.0, f64::max);
+    if worst > TRUSTED_SPREAD {
+        document.say(&format!(
+            "**The times are not to be relied on:** their quartiles lie up to {:.0}% apart, so other work was on the \
+             device. What is said of the frontier is said of these times.",
+            100.0 * worst
+        ));
+    }
+    let head = cells![
+        "choice",
+        "GPU us",
+        "+-",
+        "MB moved",
+        "sub-steps",
+        "events / truth",
+        "F1",
+        "VP",
+        "p99 us",
+        "frontier"
+    ];
+    let row = |p: &Point| {
+        let name = if p.is_default { format!("**{} (default)**", p.choice) } else { p.choice.clone() };
+        cells![
+            name,
+            short(p.gpu_us),
+            format!("{:.0}%", 100.0 * p.gpu_spread),
+            short(p.moved_mb),
+            short(p.substeps_per_block),
+            short(p.events_per_truth),
+            short(p.f1),
+            short(p.victor_purpura),
+            short(p.time_p99_us),
+            if p.on_frontier { "yes" } else { "" }
+        ]
+    };
+    document.table(&std::iter::once(head).chain(points.iter().map(row)).collect::<Vec<_>>());
+    Ok(())
+}

@@ -1,0 +1,191 @@
+//! Time must follow the work: cameras, pixels, sub-steps, events, motion, share of the image that moves.
+
+use super::{clean, noisy};
+use crate::cells;
+use crate::document::{Document, short};
+use crate::floor::FORMATS;
+use crate::laboratory::{Laboratory, Outcome};
+use crate::measure::{Amount, Stand, Timing};
+use crate::plot::{Axes, Series, draw};
+use crate::scenes::{Feed, Pattern};
+use crate::statistics::order;
+use anyhow::Result;
+use esaac_engine::RigOptions;
+use esaac_model::{SensorModel, SubstepPolicy};
+use esaac_scene::SceneKind;
+use serde::Serialize;
+
+/// One thing that grows while the rest stays.
+#[derive(Serialize)]
+struct Sweep {
+    name: &'static str,
+    unit: &'static str,
+    points: Vec<Point>,
+    /// Exponent of the time over the last half of the points: 1 is proportional.
+    exponent: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Point {
+    value: f64,
+    #[serde(flatten)]
+    timing: Timing,
+}
+
+struct Case {
+    value: f64,
+    sensor: SensorModel,
+    cameras: usize,
+    feed: Kind,
+}
+
+enum Kind {
+    Scene(SceneKind),
+    Pattern(Pattern),
+}
+
+pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
+    let mut document = Document::new("Scale");
+    document.say(
+        "One thing grows, the rest stays. `cameras` and `pixels`: profile `noisy`, scene `flight`. The others: \
+         clean sensor, a log-sinusoid that moves to the right, thresholds and wavelength set so that events or \
+         motion alone grow. The exponent is that of time over the last half of the points (1: proportional, 0: \
+         does not matter).",
+    );
+    let mut sweeps = Vec::new();
+    for (name, unit, cases) in cases(laboratory) {
+        let points = laboratory
+            .rows(name, cases, |case| Ok(Point { value: case.value, timing: measure(laboratory, &case)? }))?;
+        let tail: Vec<_> =
+            points[points.len() / 2..].iter().map(|p| (p.value, p.timing.gpu_us.median)).collect();
+        sweeps.push(Sweep { name, unit, exponent: order(&tail).map(|o| -o), points });
+    }
+    for sweep in &sweeps {
+        show(&mut document, sweep)?;
+    }
+    Ok(Outcome { figures: serde_json::to_value(&sweeps)?, document })
+}
+
+/// Size of the patterns.
+fn pattern_size(laboratory: &Laboratory) -> (u32, u32) {
+    if laboratory.is_software() { (160, 120) } else { (640, 480) }
+}
+
+fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)> {
+    let software = laboratory.is_software();
+    let quick = laboratory.options().quick;
+    let flight = |value: f64, sensor: SensorModel, cameras| Case {
+        value,
+        sensor,
+        cameras,
+        feed: Kind::Scene(SceneKind::Flight),
+    };
+    let cameras: &[usize] = match (software, quick) {
+        (true, _) => &[1, 2, 4],
+        (false, true) => &[1, 4, 16, 64],
+        (false, false) => &[1, 2, 4, 8, 16, 32, 64, 128, 256],
+    };
+    let camera = noisy(if software { "dvs128" } else { "davis346" });
+    let cameras = cameras.iter().map(|&n| flight(n as f64, camera.clone(), n)).collect();
+    let sizes: &[(u32, u32)] = match (software, quick) {
+        (true, true) => &[(80, 60), (160, 120), (320, 240)],
+        (true, false) => &[(80, 60), (160, 120), (320, 240), (640, 480)],
+        (false, _) => &[(160, 120), (320, 240), (640, 480), (1280, 720), (1920, 1080), (3840, 2160)],
+    };
+    let sized = |&(width, height): &(u32, u32)| {
+        let sensor = SensorModel { width, height, ..noisy("vga") };
+        flight(f64::from(width) * f64::from(height), sensor, 1)
+    };
+    let size = pattern_size(laboratory);
+    let base = SensorModel { width: size.0, height: size.1, ..clean("vga") };
+    let pattern = Pattern { size, motion_px: 4.0, moving: 1.0, wavelength_px: 48.0 };
+    let on_pattern = |value: f64, sensor: SensorModel, pattern: Pattern| Case {
+        value,
+        sensor,
+        cameras: 1,
+        feed: Kind::Pattern(pattern),
+    };
+    let fixed = |substeps: u32| {
+        let sensor = SensorModel { substeps, substep_policy: SubstepPolicy::Fixed, ..base.clone() };
+        on_pattern(f64::from(substeps), sensor, pattern)
+    };
+    // The log intensity of a pixel goes up and down by 2 a wavelength: 4 a wave's way, so many thresholds.
+    let rise_log = 4.0 * 1.0 * pattern.motion_px / pattern.wavelength_px;
+    let eventful = |wanted: f64| {
+        let contrast = if wanted == 0.0 { 5.0 } else { rise_log / wanted };
+        let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..base.clone() };
+        on_pattern(wanted, sensor, pattern)
+    };
+    // The same events whatever the speed: the wavelength grows with the motion.
+    let moved = |motion_px: f64| {
+        let wavelength_px = 12.0 * motion_px.max(1.0);
+        let contrast = rise_log * (motion_px / pattern.motion_px).clamp(0.1, 1.0);
+        let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..base.clone() };
+        on_pattern(motion_px, sensor, Pattern { motion_px, wavelength_px, ..pattern })
+    };
+    let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
+    vec![
+        ("cameras", "cameras", cameras),
+        ("pixels", "pixels", sizes.iter().map(sized).collect()),
+        ("sub-steps", "N, fixed", [1, 2, 4, 8, 16, 32, 64].map(fixed).into_iter().collect()),
+        ("events", "events wanted a pixel", [0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(eventful).into()),
+        ("motion", "px a frame", [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0].map(moved).into()),
+        ("moving share", "% of rows", [0.0, 0.1, 0.25, 0.5, 0.75, 1.0].map(share).into()),
+    ]
+}
+
+fn measure(laboratory: &Laboratory, case: &Case) -> Result<Timing> {
+    let size = (case.sensor.width, case.sensor.height);
+    let feed = match &case.feed {
+        Kind::Scene(kind) => laboratory.scene(*kind, size)?,
+        Kind::Pattern(pattern) => Feed::Pattern(*pattern),
+    };
+    let mut stand = Stand::new(laboratory, &case.sensor, case.cameras, FORMATS, feed, RigOptions::default())?;
+    let amount = laboratory.amount();
+    // Rendering for hundreds of cameras takes longer than what is measured.
+    let timed = if case.cameras > 16 { 10 } else { amount.frames - 1 - amount.warm_up };
+    let amount = Amount { frames: 1 + amount.warm_up + timed, ..amount };
+    Ok(stand.run(amount)?.timing)
+}
+
+fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
+    document.heading(sweep.name);
+    let curve = |of: &dyn Fn(&Timing) -> f64| sweep.points.iter().map(|p| (p.value, of(&p.timing))).collect();
+    let logarithmic = matches!(sweep.name, "cameras" | "pixels" | "sub-steps");
+    let title = format!("Time against {}", sweep.name);
+    let axes =
+        Axes { title: &title, x: sweep.unit, y: "GPU time, us", logarithmic: (logarithmic, logarithmic) };
+    let series = [
+        Series::curve("GPU time", curve(&|t| t.gpu_us.median)),
+        Series::curve("floor", curve(&|t| t.floor_us)),
+    ];
+    let file = format!("scale_{}", sweep.name.replace([' ', '-'], "_"));
+    document.plot(&file, &title, draw(axes, &series)?);
+    let head = cells![
+        sweep.unit,
+        "GPU us",
+        "floor us",
+        "events a px",
+        "sub-steps a block",
+        "ns an event",
+        "packet p50 us"
+    ];
+    let row = |p: &Point| {
+        let t = &p.timing;
+        let an_event = 1e3 * t.gpu_us.median / t.events;
+        cells![
+            short(p.value),
+            short(t.gpu_us.median),
+            short(t.floor_us),
+            short(t.events_per_pixel),
+            short(t.substeps_per_block),
+            short(an_event),
+            short(t.packet_us.median)
+        ]
+    };
+    document.table(&std::iter::once(head).chain(sweep.points.iter().map(row)).collect::<Vec<_>>());
+    if let Some(exponent) = sweep.exponent {
+        document.say(&format!("Exponent over the last half: {exponent:.2}."));
+    }
+    Ok(())
+}

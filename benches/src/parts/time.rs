@@ -1,0 +1,192 @@
+//! Time per interval.
+
+use super::{MODES, noisy};
+use crate::cells;
+use crate::document::{Document, short};
+use crate::floor::FORMATS;
+use crate::laboratory::{Laboratory, Outcome};
+use crate::measure::{Amount, Run, Stand, Timing};
+use crate::paper::{FACTORS, SENSORS, TIME_MS};
+use crate::plot::{Axes, Series, draw};
+use anyhow::Result;
+use esaac_engine::RigOptions;
+use esaac_model::SensorModel;
+use esaac_scene::SceneKind;
+use serde::Serialize;
+
+#[derive(Serialize)]
+struct Row {
+    sensor: String,
+    mode: &'static str,
+    substeps: u32,
+    cameras: usize,
+    pixels: usize,
+    #[serde(flatten)]
+    timing: Timing,
+    stages_us: Vec<(&'static str, f64)>,
+}
+
+pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
+    let mut cases = Vec::new();
+    for sensor in SENSORS {
+        for substeps in FACTORS {
+            for (mode, intensity) in MODES {
+                cases.push((SensorModel { substeps, intensity, ..noisy(sensor) }, mode, 1));
+            }
+        }
+    }
+    if !(laboratory.is_software() && laboratory.options().quick) {
+        cases.push((noisy("vga"), "luminance", 1));
+        cases.push((noisy("hd"), "luminance", 1));
+    }
+    if !laboratory.is_software() {
+        cases.push((noisy("vga"), "luminance", 8));
+        cases.push((noisy("vga"), "luminance", 64));
+        cases.push((noisy("davis346"), "luminance", 8));
+    }
+    let name = |(s, mode, cameras): &(SensorModel, &str, usize)| {
+        format!("{cameras} x {} x{} {mode}", s.name, s.substeps)
+    };
+    cases.retain(|case| laboratory.wants(&name(case)));
+    // Rows of one size share a pair of rigs: a software driver takes seconds to compile for each.
+    let mut stands: Option<Stands<'_>> = None;
+    let rows = laboratory.rows("time", cases, |(sensor, mode, cameras)| {
+        let fits = |s: &Stands<'_>| s.size == (sensor.width, sensor.height) && s.cameras == cameras;
+        let stands = match &mut stands {
+            Some(stands) if fits(stands) => stands,
+            other => other.insert(Stands::new(laboratory, &sensor, cameras)?),
+        };
+        stands.measure(laboratory, &sensor, mode)
+    })?;
+    let document = show(&rows)?;
+    Ok(Outcome { figures: serde_json::to_value(&rows)?, document })
+}
+
+/// A rig without stamps between stages and one with: stamps cost time of their own.
+struct Stands<'l> {
+    size: (u32, u32),
+    cameras: usize,
+    plain: Stand<'l>,
+    /// None on a processor, where stamps cost nothing that one could see.
+    stamped: Option<Stand<'l>>,
+}
+
+impl<'l> Stands<'l> {
+    fn new(laboratory: &'l Laboratory, sensor: &SensorModel, cameras: usize) -> Result<Self> {
+        let size = (sensor.width, sensor.height);
+        let stand = |stage_times| {
+            let feed = laboratory.scene(SceneKind::Flight, size)?;
+            let options = RigOptions { stage_times, ..RigOptions::default() };
+            Stand::new(laboratory, sensor, cameras, FORMATS, feed, options)
+        };
+        if laboratory.is_software() {
+            return Ok(Stands { size, cameras, plain: stand(true)?, stamped: None });
+        }
+        Ok(Stands { size, cameras, plain: stand(false)?, stamped: Some(stand(true)?) })
+    }
+
+    fn measure(&mut self, laboratory: &Laboratory, sensor: &SensorModel, mode: &'static str) -> Result<Row> {
+        let amount = laboratory.amount();
+        self.plain.set_sensor(sensor)?;
+        let Run { timing, mut stages_us, .. } = self.plain.run(amount)?;
+        if let Some(stamped) = &mut self.stamped {
+            let timed = (amount.frames - 1 - amount.warm_up).div_ceil(3);
+            stamped.set_sensor(sensor)?;
+            stages_us = stamped.run(Amount { frames: 1 + amount.warm_up + timed, ..amount })?.stages_us;
+        }
+        Ok(Row {
+            sensor: sensor.name.clone(),
+            mode,
+            substeps: sensor.substeps,
+            cameras: self.cameras,
+            pixels: sensor.pixels(),
+            timing,
+            stages_us,
+        })
+    }
+}
+
+fn show(rows: &[Row]) -> Result<Document> {
+    let mut document = Document::new("Time per interval");
+    let [gray, bayer] = TIME_MS;
+    document.say(&format!(
+        "Microseconds of GPU time per interval, the whole tick with the packet's way to host memory; profile \
+         `noisy`, scene `flight`, motion with cubic taps and one transfer. The paper's figure (RTX 4060) runs \
+         from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
+        gray[0], gray[1], bayer[0], bayer[1]
+    ));
+    let mut head = cells!["sensor"];
+    for substeps in FACTORS {
+        head.extend(MODES.map(|(mode, _)| format!("x{substeps} {mode}")));
+    }
+    let mut table = vec![head];
+    for sensor in SENSORS {
+        let of_sensor: Vec<&Row> = rows.iter().filter(|r| r.sensor == sensor && r.cameras == 1).collect();
+        if of_sensor.len() == FACTORS.len() * MODES.len() {
+            let figures = of_sensor.iter().map(|r| short(r.timing.gpu_us.median));
+            table.push(std::iter::once(sensor.to_owned()).chain(figures).collect());
+        }
+    }
+    if table.len() > 1 {
+        document.table(&table);
+        document.plot("time", "Time per interval", plot(rows)?);
+    }
+    document.say(
+        "Floor: the greater of compulsory bytes over measured memory bandwidth and counted operations over \
+         measured arithmetic rate, for the sub-steps and events that there were.",
+    );
+    let mut table = vec![cells![
+        "row",
+        "GPU us",
+        "quartiles",
+        "floor us",
+        "ratio",
+        "packet p50 us",
+        "p99",
+        "events a px",
+        "sub-steps",
+        "Mev/s",
+        "stages, us"
+    ]];
+    for row in rows {
+        let t = &row.timing;
+        let stages: Vec<String> =
+            row.stages_us.iter().map(|(name, us)| format!("{name} {}", short(*us))).collect();
+        table.push(cells![
+            format!("{} x {} x{} {}", row.cameras, row.sensor, row.substeps, row.mode),
+            short(t.gpu_us.median),
+            format!("{}-{}", short(t.gpu_us.lower_quartile), short(t.gpu_us.upper_quartile)),
+            short(t.floor_us),
+            short(t.gpu_us.median / t.floor_us),
+            short(t.packet_us.median),
+            short(t.packet_us.p99),
+            short(t.events_per_pixel),
+            short(t.substeps_per_block),
+            short(t.events / t.gpu_us.median),
+            stages.join(", ")
+        ]);
+    }
+    document.table(&table);
+    Ok(document)
+}
+
+fn plot(rows: &[Row]) -> Result<String> {
+    let mut series = Vec::new();
+    for (mode, _) in MODES {
+        for substeps in FACTORS {
+            let points: Vec<(f64, f64)> = rows
+                .iter()
+                .filter(|r| r.mode == mode && r.substeps == substeps)
+                .map(|r| (r.pixels as f64, r.timing.gpu_us.median))
+                .collect();
+            series.push(Series::curve(&format!("x{substeps} {mode}"), points));
+        }
+    }
+    let floor = rows.iter().filter(|r| r.mode == "gray" && r.substeps == 32);
+    series.push(Series::curve(
+        "floor, x32 gray",
+        floor.map(|r| (r.pixels as f64, r.timing.floor_us)).collect(),
+    ));
+    let axes = Axes { title: "Time per interval", x: "pixels", y: "GPU time, us", logarithmic: (true, true) };
+    draw(axes, &series)
+}

@@ -1,0 +1,161 @@
+//! Where frames come from: scenes rendered on the device, stored frames, and patterns whose motion, change
+//! and moving share are set one by one.
+
+use anyhow::Result;
+use esaac_engine::{FrameBytes, Rig};
+use esaac_scene::{Renderer, Scene, Targets};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// An interval at 30 Hz.
+pub const FRAME_NS: i64 = 33_333_333;
+
+/// Frames of every camera of a rig.
+pub enum Feed {
+    /// A scene, rendered for each camera, at these nanoseconds from frame to frame.
+    Scene(Rc<RefCell<Renderer>>, Box<Scene>, i64),
+    /// The same stored frames for every camera: their times, colours and vectors.
+    Stored(Vec<StoredFrame>),
+    /// A pattern, uploaded.
+    Pattern(Pattern),
+}
+
+/// A frame in memory.
+#[derive(Clone, Debug)]
+pub struct StoredFrame {
+    /// Time.
+    pub t_ns: i64,
+    /// Colour.
+    pub hdr: Vec<u8>,
+    /// Motion.
+    pub motion: Option<Vec<u8>>,
+}
+
+impl Feed {
+    /// Frames that there are, if they end.
+    #[must_use]
+    pub fn frames(&self) -> Option<usize> {
+        match self {
+            Feed::Stored(frames) => Some(frames.len()),
+            Feed::Scene(..) | Feed::Pattern(_) => None,
+        }
+    }
+
+    /// Writes frame `index` into the inputs of every camera of a rig and gives its time.
+    pub fn put(&mut self, rig: &mut Rig, index: usize) -> Result<i64> {
+        match self {
+            Feed::Scene(renderer, scene, step_ns) => {
+                let mut renderer = renderer.borrow_mut();
+                if renderer.scene() != &**scene {
+                    renderer.set_scene((**scene).clone())?;
+                }
+                let t_ns = index as i64 * *step_ns;
+                let previous_ns = (index > 0).then(|| t_ns - *step_ns);
+                for camera in 0..rig.len() {
+                    let inputs = rig.inputs(camera)?;
+                    let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None };
+                    renderer.render(t_ns, previous_ns, targets)?;
+                }
+                Ok(t_ns)
+            }
+            Feed::Stored(frames) => {
+                let frame = &frames[index];
+                upload(rig, &frame.hdr, frame.motion.as_deref())?;
+                Ok(frame.t_ns)
+            }
+            Feed::Pattern(pattern) => {
+                let hdr = pattern.hdr(index);
+                let motion = pattern.motion();
+                upload(rig, &hdr, Some(&motion))?;
+                Ok(index as i64 * FRAME_NS)
+            }
+        }
+    }
+}
+
+fn upload(rig: &mut Rig, hdr: &[u8], motion: Option<&[u8]>) -> Result<()> {
+    for camera in 0..rig.len() {
+        rig.upload(camera, &FrameBytes { hdr, motion })?;
+    }
+    Ok(())
+}
+
+/// A log-sinusoid that moves to the right in the upper part of the image and stands still in the rest.
+/// f16x4 colour and f32x2 motion.
+#[derive(Clone, Copy, Debug)]
+pub struct Pattern {
+    /// Columns and rows.
+    pub size: (u32, u32),
+    /// Motion from frame to frame.
+    pub motion_px: f64,
+    /// Share of rows that move, in whole blocks.
+    pub moving: f64,
+    /// Wavelength.
+    pub wavelength_px: f64,
+}
+
+/// Rows of a block.
+const BLOCK_ROWS: u32 = esaac_model::substeps::BLOCK_PX;
+
+/// Log amplitude of the pattern.
+const AMPLITUDE_LOG: f64 = 1.0;
+
+impl Pattern {
+    fn moving_rows(&self) -> u32 {
+        let blocks = self.size.1.div_ceil(BLOCK_ROWS);
+        ((f64::from(blocks) * self.moving).round() as u32 * BLOCK_ROWS).min(self.size.1)
+    }
+
+    fn hdr(&self, index: usize) -> Vec<u8> {
+        let row = |shift_px: f64| -> Vec<u8> {
+            (0..self.size.0)
+                .flat_map(|x| {
+                    let turns = (f64::from(x) - shift_px) / self.wavelength_px;
+                    let value = (AMPLITUDE_LOG * (std::f64::consts::TAU * turns).sin()).exp();
+                    encode(value)
+                })
+                .collect()
+        };
+        let rows = self.moving_rows() as usize;
+        let mut image = row(self.motion_px * index as f64).repeat(rows);
+        image.extend(row(0.0).repeat(self.size.1 as usize - rows));
+        image
+    }
+
+    fn motion(&self) -> Vec<u8> {
+        let (columns, rows) = (self.size.0 as usize, self.moving_rows() as usize);
+        let vectors = |x: f32, rows: usize| {
+            let texel: Vec<u8> = [x, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+            texel.repeat(columns * rows)
+        };
+        let mut image = vectors(-self.motion_px as f32, rows);
+        image.extend(vectors(0.0, self.size.1 as usize - rows));
+        image
+    }
+}
+
+/// A gray texel of four f16.
+fn encode(value: f64) -> [u8; 8] {
+    let half = esaac_tests::frames::half_bytes(value);
+    let mut texel = [0; 8];
+    texel.chunks_exact_mut(2).for_each(|bytes| bytes.copy_from_slice(&half));
+    texel
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::{HdrFormat, MotionFormat};
+
+    #[test]
+    fn a_pattern_moves_as_its_vectors_say_and_only_where_it_moves() {
+        let pattern = Pattern { size: (32, 16), motion_px: 2.0, moving: 0.5, wavelength_px: 16.0 };
+        let [first, second] = [0, 1].map(|index| pattern.hdr(index));
+        let at = |frame: &[u8], x: usize, y: usize| HdrFormat::F16x4.decode(frame, y * 32 + x)[0];
+        assert_eq!(at(&second, 10, 3), at(&first, 8, 3));
+        assert_eq!(at(&second, 10, 12), at(&first, 10, 12));
+        let motion = pattern.motion();
+        assert_eq!(MotionFormat::F32x2.decode(&motion, 3 * 32), [-2.0, 0.0]);
+        assert_eq!(MotionFormat::F32x2.decode(&motion, 12 * 32), [0.0, 0.0]);
+    }
+}

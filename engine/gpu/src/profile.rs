@@ -1,0 +1,142 @@
+//! Zones, plots, messages and frame marks for the Tracy profiler. Without the feature `tracy` nothing of it is
+//! in the program; with it, nothing is sent until a profiler connects from this machine.
+
+/// A zone of the calling thread: from here to the end of the scope of what it gives.
+#[cfg(feature = "tracy")]
+#[macro_export]
+#[doc(hidden)]
+macro_rules! zone {
+    ($name:literal) => {
+        $crate::profile::tracy_client::span!($name)
+    };
+}
+
+/// A zone of the calling thread: from here to the end of the scope of what it gives.
+#[cfg(not(feature = "tracy"))]
+#[macro_export]
+#[doc(hidden)]
+macro_rules! zone {
+    ($name:literal) => {
+        $crate::profile::NoZone
+    };
+}
+
+#[cfg(not(feature = "tracy"))]
+pub use off::*;
+#[cfg(feature = "tracy")]
+pub use on::*;
+
+#[cfg(not(feature = "tracy"))]
+mod off {
+    use crate::device::Device;
+    use crate::error::EngineError;
+    use crate::memory::MemoryUse;
+    use crate::timing::StageTimer;
+    use esaac_model::Packet;
+
+    /// No zone.
+    pub struct NoZone;
+
+    /// No zones of the device.
+    #[derive(Default)]
+    pub struct GpuZones(());
+
+    impl GpuZones {
+        pub(crate) fn show(
+            &mut self,
+            _: &Device,
+            _: &StageTimer,
+            _: &[(&'static str, u64)],
+        ) -> Result<(), EngineError> {
+            Ok(())
+        }
+    }
+
+    pub(crate) fn tick(_: &[Packet], _: u64, _: impl FnOnce() -> Vec<MemoryUse>) {}
+}
+
+#[cfg(feature = "tracy")]
+mod on {
+    use crate::device::Device;
+    use crate::error::EngineError;
+    use crate::memory::MemoryUse;
+    use crate::timing::StageTimer;
+    use esaac_model::Packet;
+    use std::time::{Duration, Instant};
+    pub use tracy_client;
+    use tracy_client::{Client, GpuContext, GpuContextType, plot};
+
+    /// The two clocks drift apart by less than a microsecond in this time.
+    const CALIBRATED_FOR: Duration = Duration::from_millis(100);
+
+    /// The device's stages as zones on a clock that is the host's.
+    #[derive(Default)]
+    pub struct GpuZones {
+        context: Option<GpuContext>,
+        calibrated: Option<Instant>,
+    }
+
+    impl GpuZones {
+        /// Shows the stages of a tick that is done.
+        pub(crate) fn show(
+            &mut self,
+            device: &Device,
+            timer: &StageTimer,
+            stages: &[(&'static str, u64)],
+        ) -> Result<(), EngineError> {
+            if !Client::is_connected() {
+                return Ok(());
+            }
+            let Some(context) = self.context(device)? else { return Ok(()) };
+            let mut raw = [0_u64; 16];
+            timer.read_raw(0, &mut raw[..stages.len() + 1])?;
+            for (&(stage, _), pair) in stages.iter().zip(raw.windows(2)) {
+                // None while 32767 zones wait for their times, which none of these do.
+                if let Ok(mut span) = context.span_alloc(stage, stage, "glsl", 0) {
+                    span.end_zone();
+                    span.upload_timestamp_start(device.timestamp_ns(pair[0]));
+                    span.upload_timestamp_end(device.timestamp_ns(pair[1]));
+                }
+            }
+            Ok(())
+        }
+
+        /// The device's context, its clock set by the host's; `None` where the device does not tell both.
+        fn context(&mut self, device: &Device) -> Result<Option<GpuContext>, EngineError> {
+            if self.context.is_some() && self.calibrated.is_some_and(|at| at.elapsed() < CALIBRATED_FOR) {
+                return Ok(self.context.clone());
+            }
+            let Some(calibration) = device.calibrate()? else { return Ok(None) };
+            let since_ns = calibration.host.elapsed().as_nanos() as i64;
+            let now_ns = device.timestamp_ns(calibration.stamp) + since_ns;
+            match &self.context {
+                Some(context) => context.sync_gpu_time(now_ns),
+                None => {
+                    let name = Some(device.info().name.as_str());
+                    self.context =
+                        Client::start().new_gpu_context(name, GpuContextType::Vulkan, now_ns, 1.0).ok();
+                }
+            }
+            self.calibrated = Some(Instant::now());
+            Ok(self.context.clone())
+        }
+    }
+
+    /// Ends a tick: a frame mark, plots, and a message if events were dropped.
+    pub(crate) fn tick(packets: &[Packet], latency_ns: u64, memory: impl FnOnce() -> Vec<MemoryUse>) {
+        let client = Client::start();
+        client.frame_mark();
+        if !Client::is_connected() {
+            return;
+        }
+        let dropped: u64 = packets.iter().map(|p| p.dropped).sum();
+        plot!("events", packets.iter().map(Packet::len).sum::<usize>() as f64);
+        plot!("dropped events", dropped as f64);
+        plot!("submit to packet, us", latency_ns as f64 * 1e-3);
+        let bytes: u64 = memory().iter().filter(|m| !m.on_host).map(|m| m.bytes).sum();
+        plot!("device memory, bytes", bytes as f64);
+        if dropped > 0 {
+            client.message(&format!("{dropped} events dropped"), 0);
+        }
+    }
+}
