@@ -14,6 +14,7 @@ pub mod definition;
 pub mod encode;
 pub mod events;
 pub mod histogram;
+pub mod host;
 pub mod message;
 pub mod names;
 pub mod payload;

@@ -50,6 +50,8 @@ pub struct CameraPlan {
     pub depth: bool,
     /// Whether an IMU goes with it.
     pub imu: bool,
+    /// Division of its packets.
+    pub split: Split,
 }
 
 /// What happens to a tick while those before it still wait to be sent.
@@ -71,8 +73,6 @@ pub struct RigOptions {
     pub node: String,
     /// Event messages.
     pub events: EventFormat,
-    /// Division of packets.
-    pub split: Split,
     /// What gives way.
     pub policy: Policy,
     /// Ticks that may wait.
@@ -89,7 +89,6 @@ impl Default for RigOptions {
             namespace: "/esaac".to_owned(),
             node: "esaac".to_owned(),
             events: EventFormat::default(),
-            split: Split::default(),
             policy: Policy::default(),
             queue_ticks: 8,
             sim_time: true,
@@ -253,7 +252,9 @@ mod tests {
 
     fn camera(name: &str) -> CameraPlan {
         let sensor = SensorModel { aps_exposure_ns: 1, ..SensorModel::default() };
-        CameraPlan { name: name.to_owned(), sensor, intrinsics: None, image: true, depth: true, imu: true }
+        let split = Split::default();
+        let name = name.to_owned();
+        CameraPlan { name, sensor, intrinsics: None, image: true, depth: true, imu: true, split }
     }
 
     #[test]

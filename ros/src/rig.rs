@@ -93,23 +93,30 @@ struct StampClock {
     wall_offset_ns: Option<i64>,
     last_stamp_ns: Option<i64>,
     log_offset_ns: i64,
+    restarted: bool,
     resets: u64,
 }
 
 impl StampClock {
-    /// Stamp of a tick at `t_ns`.
-    fn tick(&mut self, t_ns: i64, sim_time: bool) -> i64 {
+    /// Stamp of a tick at `t_ns`, and whether time goes on with it. Of two cameras one may be behind the
+    /// other; time itself goes back only where someone said so.
+    fn tick(&mut self, t_ns: i64, sim_time: bool) -> (i64, bool) {
         if !sim_time && self.wall_offset_ns.is_none() {
             let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
             self.wall_offset_ns = Some(now.as_nanos() as i64 - t_ns);
         }
         let stamp_ns = self.stamp(t_ns);
-        if let Some(last_ns) = self.last_stamp_ns.filter(|&last_ns| stamp_ns < last_ns) {
+        let last_ns = self.last_stamp_ns.unwrap_or(i64::MIN);
+        let restarted = std::mem::take(&mut self.restarted);
+        if stamp_ns < last_ns && restarted {
             self.log_offset_ns += last_ns - stamp_ns;
             self.resets += 1;
         }
-        self.last_stamp_ns = Some(stamp_ns);
-        stamp_ns
+        let goes_on = stamp_ns > last_ns || restarted;
+        if goes_on {
+            self.last_stamp_ns = Some(stamp_ns);
+        }
+        (stamp_ns, goes_on)
     }
 
     fn stamp(&self, t_ns: i64) -> i64 {
@@ -184,10 +191,10 @@ impl RigPublisher {
     /// Begins the messages of the tick at `t_ns`. Nothing is sent before [`TickMessages::send`].
     pub fn tick(&mut self, t_ns: i64) -> TickMessages<'_> {
         let first = self.clock.last_stamp_ns.is_none();
-        let stamp_ns = self.clock.tick(t_ns, self.options.sim_time);
+        let (stamp_ns, goes_on) = self.clock.tick(t_ns, self.options.sim_time);
         self.statistics.set_resets(self.clock.resets);
         let mut tick = TickMessages { publisher: self, stamp_ns, messages: Vec::new() };
-        if let Some(clock) = tick.publisher.plan.clock {
+        if let Some(clock) = tick.publisher.plan.clock.filter(|_| goes_on) {
             tick.add(clock, stamp_ns, |out| encode::clock(out, stamp_ns));
         }
         if first {
@@ -198,6 +205,12 @@ impl RigPublisher {
         }
         tick.sensors();
         tick
+    }
+
+    /// The simulation was reset: its time may go back with the next tick. Stamps and `/clock` go back with
+    /// it; a recording's own times go on.
+    pub fn restart(&mut self) {
+        self.clock.restarted = true;
     }
 
     /// What has happened that people should know.
@@ -290,7 +303,7 @@ impl TickMessages<'_> {
     pub fn events(&mut self, camera: usize, packet: &PacketView<'_>) -> &mut Self {
         let plan = Arc::clone(&self.publisher.plan);
         let Some(topics) = plan.cameras.get(camera) else { return self };
-        let (format, split) = (self.publisher.options.events, self.publisher.options.split);
+        let (format, split) = (self.publisher.options.events, self.publisher.cameras[camera].plan.split);
         let offset_ns = self.publisher.clock.wall_offset_ns.unwrap_or(0);
         let shifted = PacketView {
             base_ns: packet.base_ns + offset_ns,
@@ -400,5 +413,29 @@ impl TickMessages<'_> {
     pub fn send(self) {
         let batch = Batch { stamp_ns: self.stamp_ns, encoded: Instant::now(), messages: self.messages };
         self.publisher.enqueue(batch);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_goes_back_only_where_the_simulation_was_reset() {
+        let mut clock = StampClock::default();
+        assert_eq!([clock.tick(10, true), clock.tick(20, true)], [(10, true), (20, true)]);
+        assert_eq!(clock.tick(15, true), (15, false), "a camera that is behind");
+        clock.restarted = true;
+        assert_eq!((clock.tick(3, true), clock.resets), ((3, true), 1));
+        assert_eq!((clock.log(3), clock.log(5)), (20, 22));
+        assert_eq!((clock.tick(2, true), clock.resets), ((2, false), 1));
+    }
+
+    #[test]
+    fn wall_time_starts_now_and_goes_on_with_the_simulation() {
+        let mut clock = StampClock::default();
+        let (first_ns, _) = clock.tick(5, false);
+        assert!(first_ns > 1_600_000_000_000_000_000);
+        assert_eq!(clock.tick(1_005, false).0, first_ns + 1_000);
     }
 }

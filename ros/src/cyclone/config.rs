@@ -68,13 +68,14 @@ impl NetworkOptions {
         }
         // The largest datagram: a packet of events is sent in a few calls instead of hundreds.
         general += "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>";
-        let discovery = match self.localhost_only {
-            true => {
-                "<ParticipantIndex>auto</ParticipantIndex><Peers><Peer address=\"localhost\"/></Peers>\
-                 <MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>"
-            }
-            false => "<MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>",
-        };
+        // A greeting that is lost comes again soon: a demo may be over after the usual 30 s.
+        let mut discovery = "<SPDPInterval>2s</SPDPInterval>\
+                             <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+            .to_owned();
+        if self.localhost_only {
+            discovery += "<ParticipantIndex>auto</ParticipantIndex>\
+                          <Peers><Peer address=\"localhost\"/></Peers>";
+        }
         // A writer holds what its history asks for and never stops for one slow reader.
         let internal = "<Watermarks><WhcHigh>512MB</WhcHigh><WhcHighInit>512MB</WhcHighInit>\
                         <WhcAdaptive>false</WhcAdaptive></Watermarks>";

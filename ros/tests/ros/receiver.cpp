@@ -1,5 +1,6 @@
 // A subscriber on Fast DDS, which shares no code with the publisher's Cyclone DDS. It takes every message as
-// bytes and says, a line each: topic, bytes, FNV-1a of the bytes, time of arrival (wall clock, nanoseconds).
+// bytes and says, a line each: topic, bytes, FNV-1a of the bytes, time of arrival (wall clock, nanoseconds), and
+// the first two numbers, which are a stamp in a message that begins with a header.
 //
 // receiver DOMAIN RECEIVE_BUFFER_BYTES HISTORY WORK_US TOPIC=TYPE=reliable|best_effort[,transient_local] ...
 //
@@ -75,8 +76,15 @@ struct Listener : DataReaderListener {
                 std::this_thread::sleep_for(std::chrono::microseconds(work_us));
             }
             std::lock_guard<std::mutex> lock(output);
-            std::printf("%d %zu %016llx %lld\n", number, bytes.size(), (unsigned long long)hash,
-                        (long long)std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
+            int32_t seconds = 0;
+            uint32_t nanoseconds = 0;
+            if (bytes.size() >= 12) {
+                std::memcpy(&seconds, &bytes[4], 4);
+                std::memcpy(&nanoseconds, &bytes[8], 4);
+            }
+            std::printf("%d %zu %016llx %lld %d %u\n", number, bytes.size(), (unsigned long long)hash,
+                        (long long)std::chrono::duration_cast<std::chrono::nanoseconds>(now).count(), seconds,
+                        nanoseconds);
         }
     }
     void on_subscription_matched(DataReader *, const SubscriptionMatchedStatus &status) override {

@@ -2,9 +2,7 @@
 
 use crate::world;
 use esaac_model::Packet;
-use esaac_ros::{
-    BagReader, CameraPlan, EventFormat, Payload, RigOptions, RigPublisher, Sinks, Split,
-};
+use esaac_ros::{BagReader, CameraPlan, EventFormat, Payload, RigOptions, RigPublisher, Sinks, Split};
 use std::path::Path;
 
 const TICKS: i64 = 4;
@@ -110,7 +108,10 @@ fn contents(answer: &serde_json::Value, format: EventFormat, sent: &[Packet]) {
             assert_eq!((&last["t_ns"], &last["x"]), (&event.t_ns.into(), &event.x.into()));
         }
         EventFormat::Mono => {
-            assert_eq!((&events["encoding"], events["events"].as_array().unwrap().len()), (&"mono".into(), 4000));
+            assert_eq!(
+                (&events["encoding"], events["events"].as_array().unwrap().len()),
+                (&"mono".into(), 4000)
+            );
         }
         EventFormat::Evt3 => assert_eq!(events["encoding"], "evt3"),
     }
@@ -121,7 +122,10 @@ fn contents(answer: &serde_json::Value, format: EventFormat, sent: &[Packet]) {
     let depth = first("/esaac/left/depth/image_raw");
     assert_eq!(depth["encoding"], "32FC1");
     let nan_then_one: Vec<u8> = [f32::NAN, 1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-    assert_eq!(depth["data"].as_array().unwrap()[..8], serde_json::json!(nan_then_one).as_array().unwrap()[..]);
+    assert_eq!(
+        depth["data"].as_array().unwrap()[..8],
+        serde_json::json!(nan_then_one).as_array().unwrap()[..]
+    );
     assert_eq!(first("/esaac/left/camera_info")["k"][0], 300.0);
     let imu = answer["/esaac/left/imu"]["last"].clone();
     assert_eq!(imu["angular_velocity"]["z"], 3.0);
@@ -162,9 +166,9 @@ fn mono_packets_are_read_bit_for_bit() {
 fn a_packet_in_slices_of_a_960th_second_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
-    let cameras = vec![world::camera("left", 32, 24)];
     let split = Split { slice_ns: 1_041_667, max_bytes: 0 };
-    let options = RigOptions { split, policy: esaac_ros::Policy::Lossless, ..RigOptions::default() };
+    let cameras = vec![CameraPlan { split, ..world::camera("left", 32, 24) }];
+    let options = RigOptions { policy: esaac_ros::Policy::Lossless, ..RigOptions::default() };
     let rig = world::rig(&cameras, &options, Sinks { transport: None, bag: Some(world::bag(&path)) });
     let sent = run(rig, &cameras);
     let answer = world::check_bag(&path);

@@ -6,12 +6,13 @@ use esaac_ros::{
     ApsImage, BagWriter, CameraPlan, CycloneTransport, Imu, Intrinsics, NetworkOptions, Payload, RigOptions,
     RigPublisher, Sinks,
 };
+use std::cell::Cell;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, channel};
-use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// How long anything may take that should take less than a second.
@@ -38,7 +39,8 @@ pub fn transport(domain: u32) -> CycloneTransport {
 pub fn camera(name: &str, width: u32, height: u32) -> CameraPlan {
     let sensor = SensorModel { width, height, aps_exposure_ns: 1, aps_bits: 8, ..SensorModel::default() };
     let intrinsics = Some(Intrinsics { focal_px: [300.0, 301.0], centre_px: [172.5, 129.5] });
-    CameraPlan { name: name.to_owned(), sensor, intrinsics, image: true, depth: true, imu: true }
+    let (name, split) = (name.to_owned(), esaac_ros::Split::default());
+    CameraPlan { name, sensor, intrinsics, image: true, depth: true, imu: true, split }
 }
 
 /// Publishes `cameras` to `sinks`.
@@ -88,7 +90,8 @@ pub fn publish(rig: &mut RigPublisher, cameras: &[CameraPlan], packets: &[Packet
     for (number, (plan, packet)) in cameras.iter().zip(packets).enumerate() {
         let pixels = plan.sensor.pixels();
         let levels: Vec<u16> = (0..pixels).map(|i| (i as u16).wrapping_mul(31) & 0xff).collect();
-        let depth: Vec<f32> = (0..pixels).map(|i| if i % 7 == 0 { f32::INFINITY } else { i as f32 }).collect();
+        let depth: Vec<f32> =
+            (0..pixels).map(|i| if i % 7 == 0 { f32::INFINITY } else { i as f32 }).collect();
         let samples: Vec<Imu> = (1..=imu_samples)
             .map(|i| Imu {
                 t_ns: start_ns + (end_ns - start_ns) * i / imu_samples,
@@ -107,7 +110,9 @@ pub fn publish(rig: &mut RigPublisher, cameras: &[CameraPlan], packets: &[Packet
 
 /// FNV-1a, as the receiver computes it.
 pub fn hash(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
+    bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
 }
 
 /// Hash of a message as it is on the wire: with its padding.
@@ -121,6 +126,7 @@ pub struct Peer {
     child: Child,
     input: Option<ChildStdin>,
     lines: Receiver<String>,
+    matched: Cell<usize>,
 }
 
 impl Peer {
@@ -136,7 +142,7 @@ impl Peer {
             BufReader::new(output).lines().map_while(Result::ok).for_each(|line| drop(tell.send(line)));
         });
         let name = command.get_program().to_string_lossy().into_owned();
-        Peer { name, child, input, lines }
+        Peer { name, child, input, lines, matched: Cell::new(0) }
     }
 
     /// Process id.
@@ -147,17 +153,21 @@ impl Peer {
     /// Waits for a line that starts so.
     pub fn wait_for(&self, start: &str) -> String {
         loop {
-            let line = self.lines.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("no line `{start}` from {}", self.name));
+            let line = self.lines.recv_timeout(PATIENCE);
+            let line = line.unwrap_or_else(|_| panic!("no line `{start}` from {}", self.name));
+            if line.starts_with("matched") {
+                self.matched.set(self.matched.get() + 1);
+            }
             if line.starts_with(start) {
                 return line;
             }
         }
     }
 
-    /// Waits until publishers of so many topics are found.
+    /// Waits until publishers of so many topics have been found, now or earlier.
     pub fn wait_until_matched(&self, topics: usize) {
-        for found in 0..topics {
-            eprintln!("{} has found {found} of {topics}: {}", self.name, self.wait_for("matched"));
+        while self.matched.get() < topics {
+            self.wait_for("matched");
         }
     }
 
@@ -169,8 +179,7 @@ impl Peer {
     /// Ends its input and returns the rest of what it said.
     pub fn finish(mut self) -> Vec<String> {
         drop(self.input.take());
-        let lines: Vec<String> =
-            std::iter::from_fn(|| self.lines.recv_timeout(PATIENCE).ok()).collect();
+        let lines: Vec<String> = std::iter::from_fn(|| self.lines.recv_timeout(PATIENCE).ok()).collect();
         let status = self.child.wait().expect("it ends");
         assert!(status.success(), "{status}: {lines:?}");
         lines
@@ -227,18 +236,21 @@ pub struct Taken {
     pub bytes: usize,
     pub hash: u64,
     pub at_ns: i64,
+    /// Seconds and nanoseconds of a header's stamp, where the message begins with one.
+    pub stamp_ns: i64,
 }
 
 /// What the Fast DDS subscriber said.
 pub fn taken(lines: &[String]) -> Vec<Taken> {
     let parse = |line: &String| {
         let words: Vec<&str> = line.split(' ').collect();
-        let [topic, bytes, hash, at_ns] = words[..] else { return None };
+        let [topic, bytes, hash, at_ns, seconds, nanoseconds] = words[..] else { return None };
         Some(Taken {
             topic: topic.parse().ok()?,
             bytes: bytes.parse().ok()?,
             hash: u64::from_str_radix(hash, 16).ok()?,
             at_ns: at_ns.parse().ok()?,
+            stamp_ns: seconds.parse::<i64>().ok()? * 1_000_000_000 + nanoseconds.parse::<i64>().ok()?,
         })
     };
     lines.iter().filter_map(parse).collect()
@@ -261,8 +273,8 @@ fn fastdds_receiver() -> &'static Path {
 
 /// Python with cyclonedds and rosbags.
 fn python(arguments: &[&str]) -> Command {
-    let fallback = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/ros-python/bin/python");
-    let python = std::env::var_os("ESAAC_ROS_PYTHON").map_or(fallback, PathBuf::from);
+    let fallback = || Path::new(env!("CARGO_TARGET_TMPDIR")).join("../ros-python/bin/python");
+    let python = std::env::var_os("ESAAC_ROS_PYTHON").map_or_else(fallback, PathBuf::from);
     assert!(python.exists(), "{} is not there; tools/test.sh makes it", python.display());
     let mut command = Command::new(python);
     command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros/subscriber.py")).args(arguments);

@@ -3,6 +3,7 @@
 use crate::demo::DemoArguments;
 use crate::device_choice::DeviceArgument;
 use crate::render::RenderArguments;
+use crate::replay::ReplayArguments;
 use crate::sensors::SensorsArguments;
 use crate::serve::ServeArguments;
 use crate::simulate::SimulateArguments;
@@ -45,9 +46,11 @@ pub enum Command {
     /// Turn a folder of OpenEXR frames into events
     Simulate(Box<SimulateArguments>),
     /// Run the engine as a service that renderers in other processes feed
-    Serve(ServeArguments),
+    Serve(Box<ServeArguments>),
     /// Render a built-in scene into the memory of a running service
     Render(RenderArguments),
+    /// Publish a recording again, with its timing
+    Replay(ReplayArguments),
     /// List the sensor presets with every parameter
     Sensors(SensorsArguments),
     /// List the Vulkan devices and whether each is enough

@@ -3,7 +3,7 @@
 use clap::Parser;
 use esaac_cli::arguments::{Arguments, Command};
 use esaac_cli::outcome::Outcome;
-use esaac_cli::{demo, devices, doctor, render, sensors, serve, simulate};
+use esaac_cli::{demo, devices, doctor, render, replay, sensors, serve, simulate};
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
@@ -25,6 +25,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Simulate(simulate) => simulate::run(simulate, common),
         Command::Serve(serve) => serve::run(serve, common),
         Command::Render(render) => render::run(render, common),
+        Command::Replay(replay) => replay::run(replay, common.json),
         Command::Sensors(sensors) => sensors::run(sensors, common.json),
         Command::Devices => devices::run(common.json),
         Command::Doctor => doctor::run(common),
