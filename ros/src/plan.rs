@@ -4,8 +4,9 @@ use crate::encode::Intrinsics;
 use crate::events::{EventFormat, Split};
 use crate::message::MessageType;
 use crate::names::{self, NameError};
-use crate::qos::{Qos, QosChange};
+use crate::qos::{Durability, Qos, QosChange};
 use esaac_model::SensorModel;
+use std::time::Duration;
 use thiserror::Error;
 
 /// A topic as transports and bags see it.
@@ -21,6 +22,8 @@ pub struct Topic {
     pub schema: String,
     /// Quality of service offered.
     pub qos: Qos,
+    /// How long a message may wait for subscribers that have not fetched the earlier ones; 0 never waits.
+    pub patience: Duration,
 }
 
 impl Topic {
@@ -31,6 +34,7 @@ impl Topic {
             type_hash: Some(message.type_hash()),
             schema: message.schema(),
             qos,
+            patience: Duration::ZERO,
         }
     }
 }
@@ -60,7 +64,8 @@ pub enum Policy {
     /// The oldest tick that waits is dropped and counted.
     #[default]
     Latest,
-    /// The next tick waits until there is room. What the device works on goes on.
+    /// The next tick waits until there is room, and topics keep more for slow subscribers. What the device
+    /// works on goes on.
     Lossless,
 }
 
@@ -199,6 +204,11 @@ const IMU_SAMPLES: u32 = 200;
 /// Event packets of a second at 960 a second; drivers of cameras keep as many.
 const PACKETS: u32 = 1000;
 
+/// A lossless rig keeps so many times more for a subscriber that is slow,
+const LOSSLESS_DEPTH: u32 = 100;
+/// and waits so long for one that has not fetched half a gigabyte. One that is dead is forgotten by then.
+const PATIENCE: Duration = Duration::from_secs(12);
+
 struct Layout<'a> {
     options: &'a RigOptions,
     topics: Vec<Topic>,
@@ -207,9 +217,14 @@ struct Layout<'a> {
 
 impl Layout<'_> {
     fn add(&mut self, namespace: &str, relative: &'static str, message: MessageType, qos: Qos) -> usize {
+        let lossless = self.options.policy == Policy::Lossless;
+        let depth = if lossless { qos.depth.saturating_mul(LOSSLESS_DEPTH) } else { qos.depth };
+        let qos = if qos.durability == Durability::Volatile { Qos { depth, ..qos } } else { qos };
         let changes = self.options.qos.iter().filter(|(name, _)| name == "all" || name == relative);
         let qos = changes.fold(qos, |qos, (_, change)| change.apply(qos));
-        self.topics.push(Topic::new(names::join(namespace, relative), message, qos));
+        let patience = if lossless { PATIENCE } else { Duration::ZERO };
+        let topic = Topic::new(names::join(namespace, relative), message, qos);
+        self.topics.push(Topic { patience, ..topic });
         self.relative.push(relative);
         self.topics.len() - 1
     }

@@ -7,6 +7,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
+/// Time between looks for notices.
+const NOTICES: Duration = Duration::from_secs(1);
+
 /// Why a recording cannot be published.
 #[derive(Debug, Error)]
 pub enum ReplayError {
@@ -65,6 +68,7 @@ pub fn replay(
         return Err(ReplayError::Rate(options.rate));
     }
     let mut replayed = Replayed::default();
+    let mut told = Instant::now();
     let mut start: Option<(Instant, u64)> = None;
     while let Some(message) = bag.next_message()? {
         for topic in &bag.topics()[replayed.topics.len()..] {
@@ -95,7 +99,10 @@ pub fn replay(
             }
             Err(_) => replayed.failed += 1,
         }
-        transport.notices().into_iter().for_each(&mut watch);
+        if told.elapsed() >= NOTICES {
+            told = Instant::now();
+            transport.notices().into_iter().for_each(&mut watch);
+        }
     }
     transport.drain(Duration::from_secs(2));
     (replayed.truncated, replayed.foreign) = (bag.is_truncated(), bag.foreign());

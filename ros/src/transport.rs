@@ -42,7 +42,7 @@ pub trait Transport: Send {
     /// Announces a topic. Topics are numbered from 0 in this order.
     fn advertise(&mut self, topic: &Topic) -> Result<(), TransportError>;
 
-    /// Sends a message on topic number `topic`. Never waits for subscribers.
+    /// Sends a message on topic number `topic`; waits no longer than the topic's patience.
     fn publish(&mut self, topic: usize, message: &Arc<Payload>) -> Result<(), TransportError>;
 
     /// Subscribers of topic number `topic` now.

@@ -79,7 +79,6 @@ fn primitive(name: &str) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::message::MessageType;
 
     #[test]

@@ -41,7 +41,7 @@ pub(crate) struct Worker {
 /// Time between diagnostics.
 const DIAGNOSTICS: Duration = Duration::from_secs(1);
 
-/// How long subscribers may take to fetch the last messages.
+/// How long subscribers may take to fetch the last messages, where topics have no patience of their own.
 const DRAIN: Duration = Duration::from_secs(2);
 
 /// Starts it. It ends when nobody can queue any more.
@@ -74,7 +74,8 @@ impl Worker {
         }
         self.tell(last, &mut recording);
         if let Some(transport) = &mut self.transport {
-            transport.drain(DRAIN);
+            let patience = self.plan.topics.iter().map(|topic| topic.patience).max();
+            transport.drain(patience.unwrap_or_default().max(DRAIN));
         }
         match self.bag.take() {
             Some(bag) => recording.and(bag.finish()),

@@ -6,11 +6,12 @@ use crate::plan::Topic;
 use crate::qos::Qos;
 use crate::type_hash::type_hash;
 use mcap::records::{Channel, Record, SchemaHeader};
-use mcap::sans_io::{LinearReadEvent, LinearReader};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use std::time::Duration;
 
 /// A message as it was recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +23,9 @@ pub struct RecordedMessage {
     /// CDR bytes.
     pub bytes: Vec<u8>,
 }
+
+/// A record or chunk longer than this is taken for damage.
+const MOST_BYTES: usize = 1 << 30;
 
 struct Schema {
     name: String,
@@ -49,7 +53,9 @@ impl BagReader {
         Ok(BagReader {
             path: name,
             file,
-            reader: LinearReader::new(),
+            reader: LinearReader::new_with_options(
+                LinearReaderOptions::default().with_record_length_limit(MOST_BYTES),
+            ),
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             topics: Vec::new(),
@@ -149,6 +155,7 @@ impl BagReader {
             type_hash: hash,
             schema: schema.text.clone(),
             qos: qos.map_or(default, |yaml| default.with_rosbag_yaml(yaml)),
+            patience: Duration::ZERO,
         });
     }
 }

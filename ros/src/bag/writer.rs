@@ -13,6 +13,9 @@ use std::time::{Duration, Instant};
 /// Bytes after which a chunk is closed.
 const CHUNK_BYTES: u64 = 1 << 20;
 
+/// Room for the definitions at the file's start and for a chunk's index.
+const BUFFER_BYTES: usize = 256 << 10;
+
 /// Age at which a chunk is closed and handed to the system: what is older survives a killed process.
 const CHUNK_AGE: Duration = Duration::from_secs(1);
 
@@ -36,7 +39,7 @@ impl BagWriter {
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true)
-            .create(BufWriter::new(file))
+            .create(BufWriter::with_capacity(BUFFER_BYTES, file))
             .map_err(|error| BagError::of(&name, error))?;
         Ok(BagWriter { path: name, writer, channels: Vec::new(), flushed: Instant::now() })
     }

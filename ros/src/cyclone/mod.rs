@@ -66,7 +66,7 @@ impl CycloneTransport {
                 cyclors::DDS_RETCODE_PRECONDITION_NOT_MET => {
                     format!("domain {} is open in this process already", options.domain)
                 }
-                code => format!("domain {}: {}", options.domain, log::explain(code)),
+                code => format!("domain {}: {}", options.domain, log::explain(options.domain, code)),
             })
         })?;
         let qos = QosHandle::new();
@@ -74,11 +74,12 @@ impl CycloneTransport {
         // SAFETY: the quality lives until the call is over, which copies it.
         let participant =
             unsafe { cyclors::dds_create_participant(options.domain, qos.as_ptr(), std::ptr::null()) };
-        let participant = Entity::new(participant)
-            .map_err(|code| unavailable(format!("domain {}: {}", options.domain, log::explain(code))))?;
+        let participant = Entity::new(participant).map_err(|code| {
+            unavailable(format!("domain {}: {}", options.domain, log::explain(options.domain, code)))
+        })?;
         let participant_guid = participant.guid();
-        let graph =
-            create_writer(&participant, graph::TOPIC, graph::TYPE, Some(&graph::hash()), Qos::latched())?;
+        let qos = (Qos::latched(), Duration::ZERO);
+        let graph = create_writer(&participant, graph::TOPIC, graph::TYPE, Some(&graph::hash()), qos)?;
         let mut transport = CycloneTransport {
             writers: Vec::new(),
             graph,
@@ -110,13 +111,13 @@ fn create_writer(
     dds_topic: &str,
     dds_type: &str,
     type_hash: Option<&str>,
-    qos: Qos,
+    (qos, patience): (Qos, Duration),
 ) -> Result<Writer, TransportError> {
-    let fail = |code| TransportError::Topic { topic: dds_topic.to_owned(), reason: log::explain(code) };
+    let fail = |code| TransportError::Topic { topic: dds_topic.to_owned(), reason: text_of(code) };
     let invalid = |_| fail(cyclors::DDS_RETCODE_BAD_PARAMETER);
     let (name, kind) = (CString::new(dds_topic).map_err(invalid)?, CString::new(dds_type).map_err(invalid)?);
     let handle = QosHandle::new();
-    handle.set(qos);
+    handle.set(qos, patience);
     if let Some(hash) = type_hash {
         handle.set_user_data(&format!("typehash={hash};"));
     }
@@ -168,8 +169,8 @@ impl Transport for CycloneTransport {
             fail(format!("`{}` is no message type, expected pkg/msg/Name", topic.type_name))
         })?;
         let dds_topic = names::dds_topic(&topic.name);
-        let writer =
-            create_writer(&self.participant, &dds_topic, &kind, topic.type_hash.as_deref(), topic.qos)?;
+        let (hash, qos) = (topic.type_hash.as_deref(), (topic.qos, topic.patience));
+        let writer = create_writer(&self.participant, &dds_topic, &kind, hash, qos)?;
         self.writers.push(Writer { topic: topic.name.clone(), ..writer });
         self.graph_is_stale = true;
         Ok(())
@@ -199,7 +200,7 @@ impl Transport for CycloneTransport {
         if self.graph_is_stale {
             self.tell_graph();
         }
-        let mut notices = log::take();
+        let mut notices = log::take(self.options.domain);
         for writer in &mut self.writers {
             let (count, policy) = writer.entity.incompatible();
             if count > std::mem::replace(&mut writer.incompatible, count) {
@@ -223,7 +224,7 @@ impl Transport for CycloneTransport {
 
 impl QosHandle {
     /// A topic's quality of service in Cyclone's terms.
-    fn set(&self, qos: Qos) {
+    fn set(&self, qos: Qos, patience: Duration) {
         let reliability = match qos.reliability {
             Reliability::Reliable => cyclors::dds_reliability_kind_DDS_RELIABILITY_RELIABLE,
             Reliability::BestEffort => cyclors::dds_reliability_kind_DDS_RELIABILITY_BEST_EFFORT,
@@ -238,8 +239,7 @@ impl QosHandle {
         let q = self.as_ptr();
         // SAFETY: the handle is alive; the list of representations is copied.
         unsafe {
-            // A publisher never waits for its subscribers.
-            cyclors::dds_qset_reliability(q, reliability, 0);
+            cyclors::dds_qset_reliability(q, reliability, patience.as_nanos() as i64);
             cyclors::dds_qset_durability(q, durability);
             cyclors::dds_qset_history(q, keep_last, depth);
             cyclors::dds_qset_durability_service(q, 0, keep_last, depth, -1, -1, -1);

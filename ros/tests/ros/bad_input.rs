@@ -43,6 +43,7 @@ fn a_topic_of_no_type_or_of_no_name_is_refused() {
         type_hash: None,
         schema: String::new(),
         qos: Qos::sensor_data(1),
+        patience: std::time::Duration::ZERO,
     };
     let error = transport.advertise(&topic("/a", "Image")).unwrap_err().to_string();
     assert!(error.contains("`Image` is no message type, expected pkg/msg/Name"), "{error}");

@@ -54,8 +54,7 @@ fn a_subscriber_that_stalls_holds_back_neither_publisher_nor_others() {
     signal("-STOP", stalled.id());
     packets(&mut rig, &cameras, 5..65);
     signal("-CONT", stalled.id());
-    let summary = rig.finish().0;
-    assert_eq!((summary.lost(), summary.topics.len()), (0, 13));
+    assert_eq!(rig.finish().0.lost(), 0);
     let events = |lines: &[String]| world::taken(lines).len();
     assert_eq!(events(&healthy.finish()), 65, "the healthy one has all");
     // The publisher kept what the stalled one had not fetched, and sent it when it went on.
@@ -72,7 +71,7 @@ fn a_subscriber_that_comes_late_gets_what_is_latched_and_all_from_then_on() {
     // What is latched comes when subscriber and publisher have found each other.
     std::thread::sleep(Duration::from_millis(500));
     packets(&mut rig, &cameras, 10..20);
-    rig.finish();
+    assert_eq!(rig.finish().0.lost(), 0);
     let taken = world::taken(&late.finish());
     let count = |end: &str| {
         let number = topics.iter().position(|(name, _, _)| name.ends_with(end)).unwrap();
@@ -101,7 +100,7 @@ fn a_receive_buffer_that_is_too_small_loses_packets_which_are_counted() {
     let domain = world::domain();
     let (cameras, mut rig, topics) = rig(domain, &["/events"]);
     let topics: Topics = topics.into_iter().map(|(name, kind, _)| (name, kind, "best_effort")).collect();
-    let small = Subscriber { receive_buffer: 8 << 10, ..Subscriber::on(domain) }.start(&topics);
+    let small = Subscriber { receive_buffer: 64 << 10, ..Subscriber::on(domain) }.start(&topics);
     small.wait_until_matched(1);
     let before = host::datagrams_lost().expect("/proc/net/snmp");
     packets(&mut rig, &cameras, 0..5);
@@ -111,7 +110,7 @@ fn a_receive_buffer_that_is_too_small_loses_packets_which_are_counted() {
     packets(&mut rig, &cameras, 25..30);
     assert_eq!(rig.finish().0.lost(), 0, "nothing is lost on this side");
     let taken = world::taken(&small.finish()).len();
-    assert!(taken < 30, "{taken} of 30 packets came through a buffer of 8 KiB");
+    assert!(taken < 30, "{taken} of 30 packets came through a buffer of 64 KiB");
     let lost = host::datagrams_lost().expect("/proc/net/snmp") - before;
     assert!(lost > 0, "the system counts what `esaac doctor` shows");
 }

@@ -60,7 +60,10 @@ struct Raw : TopicDataType {
 
 struct Listener : DataReaderListener {
     int number = 0;
+    std::mutex taking;
     void on_data_available(DataReader *reader) override {
+        // Several threads may call this at once, and would change the order between taking and telling.
+        std::lock_guard<std::mutex> one(taking);
         Bytes bytes;
         SampleInfo info;
         while (reader->take_next_sample(&bytes, &info) == ReturnCode_t::RETCODE_OK) {

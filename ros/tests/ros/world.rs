@@ -171,11 +171,6 @@ impl Peer {
         }
     }
 
-    /// Lines that are there.
-    pub fn lines(&self) -> Vec<String> {
-        self.lines.try_iter().collect()
-    }
-
     /// Ends its input and returns the rest of what it said.
     pub fn finish(mut self) -> Vec<String> {
         drop(self.input.take());

@@ -6,4 +6,5 @@ mod glsl;
 mod harness;
 mod link;
 mod listings;
+mod ros;
 mod simulate;
