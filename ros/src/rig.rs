@@ -152,6 +152,7 @@ impl RigPublisher {
             statistics: Arc::clone(&statistics),
             tell,
             queue: oldest.clone(),
+            ticks_ahead: (options.policy == Policy::Lossless).then_some(options.queue_ticks),
         })
         .map_err(PublishError::Thread)?;
         // As many free buffers as a full queue of ticks leaves behind, within reason.

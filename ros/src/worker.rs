@@ -36,6 +36,9 @@ pub(crate) struct Worker {
     pub statistics: Arc<Statistics>,
     pub tell: Sender<String>,
     pub queue: Receiver<Batch>,
+    /// A lossless rig waits after so many ticks until subscribers have them, so that one that is slow
+    /// slows it down instead of being left behind.
+    pub ticks_ahead: Option<usize>,
 }
 
 /// Time between diagnostics.
@@ -54,6 +57,7 @@ impl Worker {
         let mut recording = Ok(());
         let mut told = Instant::now();
         let mut last: Option<(i64, u64)> = None;
+        let mut ahead = 0;
         loop {
             match self.queue.recv_timeout(DIAGNOSTICS.saturating_sub(told.elapsed())) {
                 Ok(batch) => {
@@ -63,6 +67,11 @@ impl Worker {
                         self.send(outgoing, &mut recording);
                     }
                     self.statistics.count_tick(batch.encoded.elapsed());
+                    ahead += 1;
+                    if self.ticks_ahead.is_some_and(|most| ahead >= most) {
+                        ahead = 0;
+                        self.drain();
+                    }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -73,13 +82,18 @@ impl Worker {
             }
         }
         self.tell(last, &mut recording);
-        if let Some(transport) = &mut self.transport {
-            let patience = self.plan.topics.iter().map(|topic| topic.patience).max();
-            transport.drain(patience.unwrap_or_default().max(DRAIN));
-        }
+        self.drain();
         match self.bag.take() {
             Some(bag) => recording.and(bag.finish()),
             None => recording,
+        }
+    }
+
+    /// Waits until subscribers have all, or have been given the time for it.
+    fn drain(&mut self) {
+        let patience = self.plan.topics.iter().map(|topic| topic.patience).max();
+        if let Some(transport) = &mut self.transport {
+            transport.drain(patience.unwrap_or_default().max(DRAIN));
         }
     }
 

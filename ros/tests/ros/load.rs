@@ -11,8 +11,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 const INTERVAL_NS: i64 = 33_333_333;
 const CAMERAS: usize = 8;
-/// Events of a packet: a million a second and camera is a lively scene.
-const EVENTS: u32 = 30_000;
+/// Events of a packet: 600 000 a second and camera.
+const EVENTS: u32 = 20_000;
 const IMU_SAMPLES: i64 = 34;
 
 /// Processor time of this process's other threads, and of this one.
@@ -54,7 +54,7 @@ fn eight_cameras_and_one_at_960_packets_a_second_lose_nothing() {
         .into_iter()
         .filter(|(name, _, _)| name.starts_with("/esaac/") && !name.ends_with("/sensor"))
         .collect();
-    let subscriber = Subscriber::on(domain).start(&topics);
+    let subscriber = Subscriber { hashes: false, ..Subscriber::on(domain) }.start(&topics);
     subscriber.wait_until_matched(topics.len());
 
     let mut packets: Vec<Packet> =

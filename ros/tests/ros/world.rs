@@ -199,19 +199,20 @@ pub struct Subscriber {
     pub domain: u32,
     pub receive_buffer: usize,
     pub history: usize,
-    pub work_us: u64,
+    /// Whether it looks at every byte.
+    pub hashes: bool,
 }
 
 impl Subscriber {
     /// With the recommended receive buffer.
     pub fn on(domain: u32) -> Self {
-        Subscriber { domain, receive_buffer: 4 << 20, history: 5000, work_us: 0 }
+        Subscriber { domain, receive_buffer: 4 << 20, history: 5000, hashes: true }
     }
 
     /// Starts it: (topic, type, quality) each.
     pub fn start(&self, topics: &[(String, String, &str)]) -> Peer {
         let mut command = Command::new(fastdds_receiver());
-        for number in [self.domain as usize, self.receive_buffer, self.history, self.work_us as usize] {
+        for number in [self.domain as usize, self.receive_buffer, self.history, self.hashes.into()] {
             command.arg(number.to_string());
         }
         for (topic, kind, qos) in topics {
