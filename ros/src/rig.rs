@@ -242,16 +242,20 @@ impl RigPublisher {
         }
     }
 
-    fn enqueue(&mut self, mut batch: Batch) {
-        while self.options.policy == Policy::Lossless {
-            batch = match self.queue.send_timeout(batch, LOOK) {
-                Ok(()) | Err(SendTimeoutError::Disconnected(_)) => return,
-                Err(SendTimeoutError::Timeout(back)) => back,
-            };
-            // A thread that is no more will never make room.
+    /// Waits for room, as long as there is someone to make it.
+    fn enqueue_waiting(&mut self, mut batch: Batch) {
+        while let Err(SendTimeoutError::Timeout(back)) = self.queue.send_timeout(batch, LOOK) {
+            batch = back;
             if self.worker.as_ref().is_none_or(JoinHandle::is_finished) {
                 return;
             }
+        }
+    }
+
+    fn enqueue(&mut self, mut batch: Batch) {
+        if self.options.policy == Policy::Lossless {
+            self.enqueue_waiting(batch);
+            return;
         }
         loop {
             match self.queue.try_send(batch) {
