@@ -61,11 +61,34 @@ numpy_python() {
     return 1
 }
 
+# libclang, which writes the Rust side of Cyclone DDS's interface.
+has_libclang() {
+    [ -n "${LIBCLANG_PATH:-}" ] || has_library libclang- ||
+        compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null
+}
+
+# Subscribers for the tests that share no code with the publisher: PyPI's cyclonedds and rosbags, in an
+# environment of their own below the build's folder.
+set_up_ros_python() {
+    local folder="${CARGO_TARGET_DIR:-target}/ros-python"
+    if ! "$folder/bin/python" -c 'import cyclonedds, numpy, rosbags' >/dev/null 2>&1; then
+        python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || apt_install python3-venv
+        say "pip install cyclonedds rosbags"
+        python3 -m venv --clear "$folder"
+        "$folder/bin/pip" install --quiet --disable-pip-version-check \
+            'cyclonedds>=0.10.5,<12' 'rosbags>=0.10.4,<0.12' numpy
+    fi
+    ESAAC_ROS_PYTHON="$(cd "$folder" && pwd)/bin/python"
+    export ESAAC_ROS_PYTHON
+}
+
 # set_up_packages [tests]: what building and running need; with `tests`, what the tests need too.
 set_up_packages() {
     local missing=()
     command -v cc >/dev/null || missing+=(build-essential)
     command -v glslc >/dev/null || missing+=(glslc)
+    command -v cmake >/dev/null || missing+=(cmake)
+    has_libclang || missing+=(libclang-dev)
     has_library libvulkan.so.1 || missing+=(libvulkan1)
     has_vulkan_driver || missing+=(mesa-vulkan-drivers)
     if [ "${1:-}" = tests ]; then
@@ -73,6 +96,7 @@ set_up_packages() {
         command -v spirv-val >/dev/null || missing+=(spirv-tools)
         has_validation_layer || missing+=(vulkan-validationlayers)
         numpy_python >/dev/null || missing+=(python3 python3-numpy)
+        [ -e /usr/include/fastdds/dds/core/Entity.hpp ] || missing+=(libfastrtps-dev)
     fi
     if [ ${#missing[@]} -gt 0 ]; then
         apt_install "${missing[@]}"

@@ -24,6 +24,7 @@ set_up_packages tests
 set_up_rust tests
 ESAAC_PYTHON=$(numpy_python) || fail "no Python with NumPy, though python3-numpy is installed"
 export ESAAC_PYTHON
+set_up_ros_python
 
 say "shell scripts"
 for script in tools/*.sh .ci/run; do

@@ -83,7 +83,7 @@ pub mod substeps;
 pub mod synthesis;
 
 pub use frame::{DepthFormat, FrameError, HdrFormat, MotionFormat};
-pub use packet::{Packet, Polarity};
+pub use packet::{Packet, PacketView, Polarity};
 pub use presets::{PRESETS, Preset, Profile};
 pub use sensor::{
     Intensity, PARAMETERS, Parameter, SensorError, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps,

@@ -49,6 +49,55 @@ pub struct Packet {
     pub dropped: u64,
 }
 
+/// A packet whose events lie somewhere else, or a part of one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PacketView<'a> {
+    /// Sensor width, pixels.
+    pub width_px: u32,
+    /// Sensor height, pixels.
+    pub height_px: u32,
+    /// Time that `t_offset_ns` counts from.
+    pub base_ns: i64,
+    /// No later packet or part holds an event at or before this time.
+    pub watermark_ns: i64,
+    /// Column of each event.
+    pub x: &'a [u16],
+    /// Row of each event.
+    pub y: &'a [u16],
+    /// Nanoseconds since `base_ns`.
+    pub t_offset_ns: &'a [u32],
+    /// 0 OFF, 1 ON.
+    pub polarity: &'a [u8],
+    /// Events left out because of the sensor's `max_events_per_interval`.
+    pub dropped: u64,
+}
+
+impl PacketView<'_> {
+    /// Number of events.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.t_offset_ns.len()
+    }
+
+    /// Whether it holds no events.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.t_offset_ns.is_empty()
+    }
+
+    /// The events of `range`, with this packet's times; panics beyond the end, as a slice does.
+    #[must_use]
+    pub fn part(&self, range: std::ops::Range<usize>) -> Self {
+        PacketView {
+            x: &self.x[range.clone()],
+            y: &self.y[range.clone()],
+            t_offset_ns: &self.t_offset_ns[range.clone()],
+            polarity: &self.polarity[range],
+            ..*self
+        }
+    }
+}
+
 /// One event, for those who want them one by one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Event {
@@ -73,6 +122,22 @@ impl Packet {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.t_offset_ns.is_empty()
+    }
+
+    /// Its events where they lie.
+    #[must_use]
+    pub fn view(&self) -> PacketView<'_> {
+        PacketView {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            base_ns: self.base_ns,
+            watermark_ns: self.watermark_ns,
+            x: &self.x,
+            y: &self.y,
+            t_offset_ns: &self.t_offset_ns,
+            polarity: &self.polarity,
+            dropped: self.dropped,
+        }
     }
 
     /// ON events and OFF events.

@@ -5,6 +5,7 @@ use crate::calibrate::CalibrateArguments;
 use crate::demo::DemoArguments;
 use crate::device_choice::DeviceArgument;
 use crate::render::RenderArguments;
+use crate::replay::ReplayArguments;
 use crate::sensors::SensorsArguments;
 use crate::serve::ServeArguments;
 use crate::simulate::SimulateArguments;
@@ -47,13 +48,15 @@ pub enum Command {
     /// Turn a folder of OpenEXR frames into events
     Simulate(Box<SimulateArguments>),
     /// Run the engine as a service that renderers in other processes feed
-    Serve(ServeArguments),
+    Serve(Box<ServeArguments>),
     /// Render a built-in scene into the memory of a running service
     Render(RenderArguments),
     /// Measure speed, accuracy and memory of the engine on this machine
     Bench(BenchArguments),
     /// Fit a sensor to a recording of a real one
     Calibrate(CalibrateArguments),
+    /// Publish a recording again, with its timing
+    Replay(ReplayArguments),
     /// List the sensor presets with every parameter
     Sensors(SensorsArguments),
     /// List the Vulkan devices and whether each is enough

@@ -7,9 +7,11 @@ use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
 use crate::overview::{self, Caption, Instant};
+use crate::pace::Pace;
 use crate::render_process::RenderProcess;
 use crate::report::{MemoryReport, Report};
 use crate::rig_file::{DEFAULT_SLOTS, RigPlan};
+use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::sensor_flags::SensorFlags;
 use crate::{accuracy, colour, device_choice, output_file, progress, report};
@@ -20,6 +22,7 @@ use esaac_engine::{ApsFrame, Buffer, CameraConfig, Device, InputBuffers, MemoryL
 use esaac_interop::{ServerOptions, Service};
 use esaac_model::presets::preset;
 use esaac_model::{DepthFormat, HdrFormat, Intensity, MotionFormat, SensorModel};
+use esaac_ros::{CameraPlan, Summary};
 use esaac_scene::renderer::{Renderer, Targets};
 use esaac_scene::{Scene, SceneKind, render_cpu};
 use std::path::PathBuf;
@@ -51,6 +54,12 @@ pub struct DemoArguments {
     /// Render in this process instead of in another
     #[arg(long)]
     pub in_process: bool,
+    /// Wait for the wall clock, so that one can watch
+    #[arg(long)]
+    pub real_time: bool,
+    /// ROS 2.
+    #[command(flatten)]
+    pub ros: RosArguments,
     /// Sensor parameters.
     #[command(flatten)]
     pub sensor: SensorFlags,
@@ -75,13 +84,14 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
         output_file::check(path)?;
     }
     let sensors = sensors(arguments)?;
-    let device = device_choice::open(common)?;
-
     let run = Run::new(arguments, &sensors);
+    // Before all that takes time, so that subscribers have found the topics when the first packet comes.
+    let ros = RosOutput::open(&arguments.ros, RosMode::Auto, run.ros_cameras())?;
+    let device = device_choice::open(common)?;
     let simulated = if arguments.in_process {
-        run.in_process(&device, &mut kernels)?
+        run.in_process(&device, &mut kernels, arguments, ros)?
     } else {
-        run.over_the_link(&device, &mut kernels, arguments, common)?
+        run.over_the_link(&device, &mut kernels, arguments, common, ros)?
     };
     device_choice::check_validation(&device)?;
 
@@ -93,11 +103,17 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.simulated_ns = span_ns.1 - span_ns.0;
     report.set_memory(simulated.memory);
     report.link = simulated.link;
+    report.ros = simulated.ros;
     for (camera, sensor) in sensors.iter().enumerate() {
         let events = &record.cameras[camera].events;
         report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
     }
-    report.files = [&picture, &events, &json].map(|path| path.display().to_string()).to_vec();
+    let recording = arguments.ros.record.as_ref();
+    report.files = [&picture, &events, &json]
+        .into_iter()
+        .chain(recording)
+        .map(|path| path.display().to_string())
+        .collect();
 
     let size = (sensors[0].width as usize, sensors[0].height as usize);
     let overview = overview::draw(&caption(&report, arguments.scene), size, &simulated.instants);
@@ -114,6 +130,10 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
     let given = |name: &str| arguments.sensor.explicit.iter().any(|(parameter, _)| *parameter == name);
     if sensor.aps_exposure_ns == 0 && !given("aps_exposure_ns") {
         sensor.aps_exposure_ns = 10_000_000;
+        if !given("aps_start_ns") {
+            // It ends with the frame, so that both have one stamp.
+            sensor.aps_start_ns = (1e9 / RATE_HZ).ceil() as u32 - sensor.aps_exposure_ns;
+        }
     }
     if !given("aps_gain") {
         let frame = render_cpu(&arguments.scene.scene(sensor.width, sensor.height), 0, None, HDR, MOTION);
@@ -144,6 +164,7 @@ struct Run<'a> {
 struct Simulated {
     record: RunRecord,
     link: LinkReport,
+    ros: Option<Summary>,
     memory: Vec<MemoryReport>,
     instants: Vec<Instant>,
 }
@@ -170,14 +191,38 @@ impl<'a> Run<'a> {
         plan
     }
 
+    /// What is published of each camera: all that the scene knows.
+    fn ros_cameras(&self) -> Vec<CameraPlan> {
+        let (scene, sensors) = (&self.scene, self.sensors);
+        let plan = |sensor: &SensorModel| {
+            let name = if sensor.intensity == Intensity::BayerRggb { "bayer" } else { "gray" };
+            CameraPlan {
+                intrinsics: Some(ros::centred(scene.focal_px, scene.width_px, scene.height_px)),
+                image: true,
+                depth: true,
+                imu: true,
+                ..ros::camera(name.to_owned(), sensor)
+            }
+        };
+        sensors.iter().map(plan).collect()
+    }
+
     /// Renders into the rig's own buffers.
-    fn in_process(&self, device: &Arc<Device>, kernels: &mut KernelSource) -> Result<Simulated> {
+    fn in_process(
+        &self,
+        device: &Arc<Device>,
+        kernels: &mut KernelSource,
+        arguments: &DemoArguments,
+        ros: RosOutput,
+    ) -> Result<Simulated> {
         let mut rig = Rig::with_options(device, &self.plan().cameras, report::rig_options())?;
         kernels.load(&mut rig)?;
         let mut renderer = Renderer::new(device, self.scene.clone(), HDR, MOTION)?;
-        let mut collected = Collected::new(self, device)?;
+        let mut collected = Collected::new(self, device, ros)?;
+        let mut pace = Pace::new(arguments.real_time);
         let progress = progress::bar(self.times_ns.len());
         for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            pace.wait(t_ns);
             let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
             for camera in 0..rig.len() {
                 let InputBuffers { hdr, motion, .. } = rig.inputs(camera)?;
@@ -189,7 +234,7 @@ impl<'a> Run<'a> {
         }
         progress.finish_and_clear();
         let frames = (self.times_ns.len() * rig.len()) as u64;
-        Ok(collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig)))
+        collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig))
     }
 
     /// Has another process render into shared memory, as `esaac serve` and `esaac render` do.
@@ -199,6 +244,7 @@ impl<'a> Run<'a> {
         kernels: &mut KernelSource,
         arguments: &DemoArguments,
         common: &CommonArguments,
+        ros: RosOutput,
     ) -> Result<Simulated> {
         let plan = self.plan();
         let mut rig = Rig::with_options(device, &plan.cameras, report::rig_options())?;
@@ -210,9 +256,11 @@ impl<'a> Run<'a> {
         let mut service = Service::open(rig, &socket, &plan.terms, options)
             .context("two processes cannot share this device's memory; --in-process needs none")?;
         let mut renderer = RenderProcess::start(&socket, arguments, device, common)?;
-        let mut collected = Collected::new(self, device)?;
+        let mut collected = Collected::new(self, device, ros)?;
+        let mut pace = Pace::new(arguments.real_time);
         let progress = progress::bar(self.times_ns.len());
         for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            pace.wait(t_ns);
             kernels.refresh(service.rig_mut(), &progress);
             loop {
                 if let Some(tick) = service.tick(LOOK)? {
@@ -230,7 +278,7 @@ impl<'a> Run<'a> {
         }
         progress.finish_and_clear();
         renderer.finish()?;
-        Ok(collected.finish(LinkReport::of(service.server()), MemoryReport::of(service.rig())))
+        collected.finish(LinkReport::of(service.server()), MemoryReport::of(service.rig()))
     }
 
     fn instant(&self, t_ns: i64, picture: &Picture, tick: &Tick<'_>) -> Instant {
@@ -258,15 +306,19 @@ struct Collected {
     renderer: Renderer,
     picture: Picture,
     record: RunRecord,
+    ros: RosOutput,
+    exposure: Option<f32>,
     instants: Vec<Instant>,
 }
 
 impl Collected {
-    fn new(run: &Run<'_>, device: &Arc<Device>) -> Result<Self> {
+    fn new(run: &Run<'_>, device: &Arc<Device>, ros: RosOutput) -> Result<Self> {
         Ok(Collected {
             renderer: Renderer::new(device, run.scene.clone(), HDR, MOTION)?,
             picture: Picture::new(device, &run.scene)?,
             record: RunRecord::new(run.sensors.len()),
+            ros,
+            exposure: None,
             instants: Vec::new(),
         })
     }
@@ -275,16 +327,48 @@ impl Collected {
         if index > 0 {
             self.record.add_tick(tick)?;
         }
-        if run.shown.contains(&index) {
-            let t_ns = run.times_ns[index];
+        let t_ns = run.times_ns[index];
+        if run.shown.contains(&index) || self.ros.is_open() {
             self.picture.render(&mut self.renderer, t_ns)?;
+        }
+        self.publish(run, index, tick);
+        if run.shown.contains(&index) {
             self.instants.push(run.instant(t_ns, &self.picture, tick));
         }
         Ok(())
     }
 
-    fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Simulated {
-        Simulated { record: self.record, link, memory, instants: self.instants }
+    /// Everything of a frame, to ROS 2; the first frame has no packet yet.
+    fn publish(&mut self, run: &Run<'_>, index: usize, tick: &Tick<'_>) {
+        if !self.ros.is_open() {
+            return;
+        }
+        let Picture { pixels, hdr, depth } = &self.picture;
+        let hdr = hdr.read(0, pixels * HDR.texel_bytes());
+        let exposure =
+            *self.exposure.get_or_insert_with(|| colour::exposure(colours(hdr).map(colour::luminance)));
+        let rgb: Vec<u8> = colours(hdr).flat_map(|c| colour::tone_map(c, exposure)).collect();
+        let t_ns = run.times_ns[index];
+        let imu = |t_ns: i64| {
+            let sample = run.scene.camera_state(esaac_scene::scene::seconds(t_ns)).imu();
+            [sample.angular_rate_rad_s.to_array(), sample.specific_force_m_s2.to_array()]
+        };
+        let samples = index.checked_sub(1).map(|i| ros::imu_samples(run.times_ns[i], t_ns, imu));
+        self.ros.tick(t_ns, |out| {
+            for (camera, sensor) in run.sensors.iter().enumerate() {
+                if let Some(samples) = &samples {
+                    ros::add_camera(out, camera, sensor, &tick.packets[camera], tick.aps[camera].as_ref());
+                    out.imu(camera, samples);
+                }
+                out.rgb(camera, |pixels| pixels.extend_from_slice(&rgb));
+                out.depth(camera, depth.read(0, *pixels));
+            }
+        });
+    }
+
+    fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Result<Simulated> {
+        let ros = self.ros.finish()?;
+        Ok(Simulated { record: self.record, link, ros, memory, instants: self.instants })
     }
 }
 

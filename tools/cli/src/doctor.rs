@@ -2,11 +2,13 @@
 
 use crate::arguments::CommonArguments;
 use crate::outcome::{Ending, Outcome};
+use crate::ros::NetworkArguments;
 use crate::{device_choice, table};
 use anyhow::Result;
 use esaac_engine::{DeviceInfo, EngineError, list_devices};
 use esaac_interop::cuda::{CudaDevice, cuda_devices};
 use esaac_interop::{InteropError, Support};
+use esaac_ros::{Transport, host};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -39,7 +41,7 @@ pub fn run(common: &CommonArguments) -> Result<Outcome> {
     if checks.iter().all(|c| c.state == State::Good) {
         checks.extend(opened(common));
     }
-    checks.extend([memory(), write_access(), glslc(), validation_layer()]);
+    checks.extend([memory(), write_access(), ros_network(), receive_buffer(), glslc(), validation_layer()]);
     let missing = checks.iter().any(|c| c.state == State::Missing);
     let text = if common.json { serde_json::to_string_pretty(&checks)? + "\n" } else { text(&checks) };
     Ok(Outcome { text, ending: if missing { Ending::Wanting } else { Ending::Complete } })
@@ -180,6 +182,46 @@ fn write_access() -> Check {
     }
 }
 
+/// Whether topics can be published.
+fn ros_network() -> Check {
+    const NAME: &str = "ROS 2 network";
+    let network = NetworkArguments { ros_domain: None, ros_interface: None, ros_node: "doctor".to_owned() };
+    match network.open() {
+        Ok(transport) => good(NAME, transport.name()),
+        Err(error) => optional(NAME, error.to_string(), "sudo ip link set lo up   (or see CYCLONEDDS_URI)"),
+    }
+}
+
+/// Subscribers on this machine lose parts of large messages where the system allows small buffers only.
+fn receive_buffer() -> Check {
+    const NAME: &str = "ROS 2 receive buffer";
+    receive_buffer_check(NAME, host::receive_buffer_limit_bytes(), host::datagrams_lost().unwrap_or(0))
+}
+
+fn receive_buffer_check(name: &'static str, limit_bytes: Option<u64>, lost: u64) -> Check {
+    let losses = match lost {
+        0 => String::new(),
+        lost => format!("; {lost} datagrams lost in full receive buffers since the system started"),
+    };
+    match limit_bytes {
+        Some(bytes) if bytes >= host::ADVISED_RECEIVE_BUFFER_BYTES => {
+            good(name, format!("up to {} KiB{losses}", bytes >> 10))
+        }
+        limit => optional(
+            name,
+            match limit {
+                Some(bytes) => format!(
+                    "up to {} KiB, {} advised for images and large packets{losses}",
+                    bytes >> 10,
+                    host::ADVISED_RECEIVE_BUFFER_BYTES >> 10
+                ),
+                None => "its limit cannot be read".to_owned(),
+            },
+            "sudo sysctl -w net.core.rmem_max=4194304   (and let subscribers ask for it, see README)",
+        ),
+    }
+}
+
 fn glslc() -> Check {
     const NAME: &str = "glslc (to build)";
     let run = Command::new("glslc").arg("--version").stdin(Stdio::null()).output();
@@ -255,6 +297,15 @@ mod tests {
         assert!(unlike.found.contains("1 devices") && unlike.mend.unwrap().contains("--device N"));
         let same = cuda(Ok(vec![other, CudaDevice { ordinal: 1, uuid: engine.uuid }]), engine);
         assert_eq!(same.state, State::Good);
+    }
+
+    #[test]
+    fn small_receive_buffers_and_losses_are_explained() {
+        let stock = receive_buffer_check("b", Some(212_992), 17);
+        assert_eq!(stock.state, State::Optional);
+        assert!(stock.found.contains("208 KiB, 4096 advised") && stock.found.contains("17 datagrams lost"));
+        assert!(stock.mend.unwrap().contains("net.core.rmem_max=4194304"));
+        assert_eq!(receive_buffer_check("b", Some(4 << 20), 0).found, "up to 4096 KiB");
     }
 
     #[test]

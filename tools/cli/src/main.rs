@@ -3,7 +3,7 @@
 use clap::Parser;
 use esaac_cli::arguments::{Arguments, Command};
 use esaac_cli::outcome::Outcome;
-use esaac_cli::{bench, calibrate, demo, devices, doctor, render, sensors, serve, simulate};
+use esaac_cli::{bench, calibrate, demo, devices, doctor, render, replay, sensors, serve, simulate};
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
@@ -27,6 +27,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Render(render) => render::run(render, common),
         Command::Bench(bench) => bench::run(bench, common),
         Command::Calibrate(calibrate) => calibrate::run(calibrate, common),
+        Command::Replay(replay) => replay::run(replay, common.json),
         Command::Sensors(sensors) => sensors::run(sensors, common.json),
         Command::Devices => devices::run(common.json),
         Command::Doctor => doctor::run(common),

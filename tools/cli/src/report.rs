@@ -7,6 +7,7 @@ use crate::table;
 use anyhow::Result;
 use esaac_engine::{MemoryUse, Rig, RigOptions};
 use esaac_model::SensorModel;
+use esaac_ros::Summary;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -19,6 +20,8 @@ pub struct Report {
     pub device: DeviceReport,
     /// How frames came to the engine.
     pub link: LinkReport,
+    /// What became of ROS 2 messages, if any were published or recorded.
+    pub ros: Option<Summary>,
     /// Intervals simulated.
     pub intervals: usize,
     /// Simulated time, nanoseconds.
@@ -185,6 +188,9 @@ impl Report {
             self.intervals,
             self.simulated_ns as f64 * 1e-9
         );
+        if let Some(ros) = &self.ros {
+            text.push_str(&format!("ROS 2     {}\n", ros.to_text()));
+        }
         for (index, camera) in self.cameras.iter().enumerate() {
             text.push_str(&camera.to_text(index));
         }

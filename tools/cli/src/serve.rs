@@ -6,11 +6,13 @@ use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
 use crate::report::{MemoryReport, Report};
 use crate::rig_file::RigPlan;
+use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::{device_choice, output_file, report};
 use anyhow::{Context, Result};
 use esaac_engine::Rig;
-use esaac_interop::{LinkCounts, ServerOptions, Service};
+use esaac_interop::{LinkCounts, ServerOptions, Service, ServiceTick};
+use esaac_model::SensorModel;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -36,6 +38,9 @@ pub struct ServeArguments {
     /// End once every camera has had a producer and all have gone; else on SIGINT or SIGTERM
     #[arg(long)]
     pub once: bool,
+    /// ROS 2.
+    #[command(flatten)]
+    pub ros: RosArguments,
 }
 
 /// How often it looks whether to end.
@@ -49,6 +54,9 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
     }
+    let sensors = plan.sensors();
+    let cameras = sensors.iter().enumerate().map(|(n, sensor)| ros::camera(format!("camera_{n}"), sensor));
+    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, cameras.collect())?;
     let device = device_choice::open(common)?;
     let rig = Rig::with_options(&device, &plan.cameras, report::rig_options())?;
     let options =
@@ -68,6 +76,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
                     first_ns = Some(first_ns.map_or(*t_ns, |first: i64| first.min(*t_ns)));
                 }
             }
+            publish(&mut ros, &sensors, &tick);
             record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
         }
         for notice in service.server().notices() {
@@ -82,7 +91,6 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     drop(service);
     device_choice::check_validation(&device)?;
 
-    let sensors = plan.sensors();
     for ((file, camera), sensor) in files.iter().zip(&record.cameras).zip(&sensors) {
         output_file::write(file, |out| write_npz(out, &camera.events, &sensor.to_toml()))?;
     }
@@ -91,8 +99,28 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     report.simulated_ns = first_ns.map_or(0, |first| (last_ns - first).max(0));
     report.set_memory(memory);
     report.link = link;
+    report.ros = ros.finish()?;
     report.files = files.iter().map(|file| file.display().to_string()).collect();
     report.outcome(common.json)
+}
+
+/// Packets and APS frames of the cameras that had a frame, those of one time together.
+fn publish(ros: &mut RosOutput, sensors: &[SensorModel], tick: &ServiceTick<'_>) {
+    let cameras = || (0..sensors.len()).filter(|&camera| tick.t_ns[camera].is_some());
+    if cameras().any(|camera| tick.first[camera]) {
+        ros.restart();
+    }
+    let mut times_ns: Vec<i64> = tick.t_ns.iter().flatten().copied().collect();
+    times_ns.sort_unstable();
+    times_ns.dedup();
+    for t_ns in times_ns {
+        ros.tick(t_ns, |out| {
+            for camera in cameras().filter(|&c| tick.t_ns[c] == Some(t_ns) && !tick.first[c]) {
+                let (packet, aps) = (&tick.tick.packets[camera], tick.tick.aps[camera].as_ref());
+                ros::add_camera(out, camera, &sensors[camera], packet, aps);
+            }
+        });
+    }
 }
 
 /// Whether every camera has had a producer, and none is there any more.

@@ -8,13 +8,16 @@ use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
 use crate::outcome::Outcome;
+use crate::pace::Pace;
 use crate::report::{MemoryReport, Report};
+use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags, needs_motion};
-use crate::{device_choice, output_file, progress, report};
+use crate::{colour, device_choice, output_file, progress, report};
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, Device, FrameBytes, Rig};
 use esaac_model::{FrameError, SensorModel, Synthesis};
+use esaac_ros::CameraPlan;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -45,6 +48,12 @@ pub struct SimulateArguments {
     /// Where a motion vector's y points [default: as the convention has it]
     #[arg(long, value_enum)]
     pub motion_y: Option<VerticalAxis>,
+    /// Wait for the wall clock, so that one can watch
+    #[arg(long)]
+    pub real_time: bool,
+    /// ROS 2.
+    #[command(flatten)]
+    pub ros: RosArguments,
     /// Sensor parameters.
     #[command(flatten)]
     pub sensor: SensorFlags,
@@ -79,8 +88,11 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let sensor = fit(resolved, &folder)?;
     sensor.validate()?;
 
+    let camera = CameraPlan { image: true, ..ros::camera("camera_0".to_owned(), &sensor) };
+    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
-    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels)?;
+    let pace = Pace::new(arguments.real_time);
+    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels, &mut ros, pace)?;
     device_choice::check_validation(&device)?;
 
     let camera = &record.cameras[0];
@@ -92,7 +104,10 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.set_memory(memory);
     // Decoded on the host, and written from there into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
-    report.files = vec![arguments.out.display().to_string()];
+    report.ros = ros.finish()?;
+    let recording = arguments.ros.record.as_ref();
+    report.files =
+        [&arguments.out].into_iter().chain(recording).map(|path| path.display().to_string()).collect();
     report.outcome(common.json)
 }
 
@@ -147,22 +162,35 @@ fn simulate(
     folder: &FrameFolder,
     sensor: &SensorModel,
     kernels: &mut KernelSource,
+    ros: &mut RosOutput,
+    mut pace: Pace,
 ) -> Result<(RunRecord, Vec<MemoryReport>)> {
     let layout = &folder.layout;
     let camera = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: layout.hdr, motion: layout.motion };
     let mut rig = Rig::with_options(device, &[camera], report::rig_options())?;
     kernels.load(&mut rig)?;
     let mut record = RunRecord::new(1);
+    let mut exposure = None;
     let progress = progress::bar(folder.paths.len());
     for (index, images) in folder.decode().into_iter().enumerate() {
         let images = images?;
         let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref() };
         rig.upload(0, &frame)?;
         kernels.refresh(&mut rig, &progress);
+        pace.wait(folder.time_ns(index));
         let tick = rig.step(&[folder.time_ns(index)])?;
         if index > 0 {
             record.add_tick(&tick)?;
         }
+        ros.tick(folder.time_ns(index), |out| {
+            let colours = || (0..sensor.pixels()).map(|i| layout.hdr.decode(frame.hdr, i).map(|v| v as f32));
+            let exposure =
+                *exposure.get_or_insert_with(|| colour::exposure(colours().map(colour::luminance)));
+            if index > 0 {
+                ros::add_camera(out, 0, sensor, &tick.packets[0], tick.aps[0].as_ref());
+            }
+            out.rgb(0, |pixels| pixels.extend(colours().flat_map(|c| colour::tone_map(c, exposure))));
+        });
         progress.inc(1);
     }
     progress.finish_and_clear();

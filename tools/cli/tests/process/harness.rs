@@ -15,7 +15,8 @@ pub const HEIGHT: usize = 23;
 /// `esaac` with these arguments, free of the caller's environment where that would change it.
 pub fn esaac(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_esaac"));
-    command.args(arguments).env_remove("ESAAC_DEVICE");
+    // What is published by the way stays on this machine.
+    command.args(arguments).env_remove("ESAAC_DEVICE").env("ROS_LOCALHOST_ONLY", "1");
     command
 }
 

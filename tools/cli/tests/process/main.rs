@@ -7,4 +7,5 @@ mod glsl;
 mod harness;
 mod link;
 mod listings;
+mod ros;
 mod simulate;

@@ -1,0 +1,87 @@
+//! Writes a recording.
+
+use super::{BagError, CDR, HASH_KEY, QOS_KEY, ROS2MSG};
+use crate::plan::Topic;
+use mcap::records::MessageHeader;
+use mcap::{WriteOptions, Writer};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Bytes after which a chunk is closed.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// Room for the definitions at the file's start and for a chunk's index.
+const BUFFER_BYTES: usize = 256 << 10;
+
+/// Age at which a chunk is closed and handed to the system: what is older survives a killed process.
+const CHUNK_AGE: Duration = Duration::from_secs(1);
+
+/// A recording that is being written. Chunks are gathered in memory and written as a whole, so the file is
+/// readable up to its last chunk at any time.
+pub struct BagWriter {
+    path: String,
+    writer: Writer<BufWriter<File>>,
+    channels: Vec<(u16, u32)>,
+    flushed: Instant,
+}
+
+impl BagWriter {
+    /// Makes the file; what was there before is lost.
+    pub fn create(path: &Path) -> Result<Self, BagError> {
+        let name = path.display().to_string();
+        let file = File::create(path).map_err(|source| BagError::File { path: name.clone(), source })?;
+        let writer = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("esaac ", env!("CARGO_PKG_VERSION")))
+            .compression(None)
+            .chunk_size(Some(CHUNK_BYTES))
+            .disable_seeking(true)
+            .create(BufWriter::with_capacity(BUFFER_BYTES, file))
+            .map_err(|error| BagError::of(&name, error))?;
+        Ok(BagWriter { path: name, writer, channels: Vec::new(), flushed: Instant::now() })
+    }
+
+    /// Adds a topic; they are numbered from 0 in this order.
+    pub fn add_topic(&mut self, topic: &Topic) -> Result<(), BagError> {
+        let fail = |error| BagError::of(&self.path, error);
+        let schema =
+            self.writer.add_schema(&topic.type_name, ROS2MSG, topic.schema.as_bytes()).map_err(fail)?;
+        let mut metadata = BTreeMap::from([(QOS_KEY.to_owned(), topic.qos.to_rosbag_yaml())]);
+        if let Some(hash) = &topic.type_hash {
+            metadata.insert(HASH_KEY.to_owned(), hash.clone());
+        }
+        let channel = self.writer.add_channel(schema, &topic.name, CDR, &metadata).map_err(fail)?;
+        self.channels.push((channel, 0));
+        Ok(())
+    }
+
+    /// Adds a message on topic number `topic`. After an error the file is what it was at the last chunk.
+    pub fn write(&mut self, topic: usize, log_ns: u64, message: &[u8]) -> Result<(), BagError> {
+        let fail = |error| BagError::of(&self.path, error);
+        let (channel_id, sequence) = &mut self.channels[topic];
+        let header = MessageHeader {
+            channel_id: *channel_id,
+            sequence: *sequence,
+            log_time: log_ns,
+            publish_time: log_ns,
+        };
+        *sequence = sequence.wrapping_add(1);
+        self.writer.write_to_known_channel(&header, message).map_err(fail)?;
+        if self.flushed.elapsed() >= CHUNK_AGE {
+            self.flushed = Instant::now();
+            self.writer.flush().map_err(fail)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the last chunk, the index and the summary.
+    pub fn finish(mut self) -> Result<(), BagError> {
+        self.writer.finish().map_err(|error| BagError::of(&self.path, error))?;
+        // The file's own buffer may hold bytes yet.
+        let flushed = self.writer.into_inner().flush();
+        flushed.map_err(|source| BagError::File { path: self.path, source })
+    }
+}

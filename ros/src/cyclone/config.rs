@@ -1,0 +1,126 @@
+//! Where on the network to publish: the choices that ROS 2 reads from the environment, and Cyclone's
+//! configuration that follows from them.
+
+use crate::transport::TransportError;
+use std::fmt::Write as _;
+
+/// Largest domain id for which ports are left.
+pub const MAX_DOMAIN: u32 = 232;
+
+/// The network to publish on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NetworkOptions {
+    /// Domain, 0 to [`MAX_DOMAIN`].
+    pub domain: u32,
+    /// Network interface by its name; Cyclone's choice if none.
+    pub interface: Option<String>,
+    /// This machine only.
+    pub localhost_only: bool,
+    /// Name of the node.
+    pub node: String,
+    /// ROS 2 distribution of the subscribers: `humble` and older have another layout of the graph.
+    pub distribution: String,
+}
+
+impl NetworkOptions {
+    /// What the environment says, as for every ROS 2 program: `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`,
+    /// `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_DISTRO`. `get` reads a variable.
+    pub fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Self, TransportError> {
+        let set = |name: &str| get(name).filter(|value| !value.is_empty());
+        let domain = match set("ROS_DOMAIN_ID") {
+            None => 0,
+            Some(text) => text.trim().parse().map_err(|_| {
+                let expected = format!("expected a number from 0 to {MAX_DOMAIN}");
+                TransportError::Unavailable(format!("ROS_DOMAIN_ID is `{text}`, {expected}"))
+            })?,
+        };
+        let range = set("ROS_AUTOMATIC_DISCOVERY_RANGE");
+        if range.as_deref() == Some("OFF") {
+            let reason = "ROS_AUTOMATIC_DISCOVERY_RANGE is OFF, so nobody could find the topics";
+            return Err(TransportError::Unavailable(reason.to_owned()));
+        }
+        Ok(NetworkOptions {
+            domain,
+            interface: None,
+            localhost_only: set("ROS_LOCALHOST_ONLY").as_deref() == Some("1")
+                || range.as_deref() == Some("LOCALHOST"),
+            node: "esaac".to_owned(),
+            distribution: set("ROS_DISTRO").unwrap_or_else(|| "jazzy".to_owned()),
+        })
+    }
+
+    /// Bytes of an identity in the ROS graph.
+    pub(super) fn gid_bytes(&self) -> usize {
+        let old = ["foxy", "galactic", "humble"];
+        if old.contains(&self.distribution.as_str()) { 24 } else { 16 }
+    }
+
+    /// Cyclone's configuration; `user` is the user's own (`CYCLONEDDS_URI`), which comes last and wins.
+    pub(super) fn xml(&self, user: Option<&str>) -> String {
+        let mut general = String::new();
+        let interface = self.interface.as_deref().or(self.localhost_only.then_some("lo"));
+        if let Some(name) = interface {
+            let name = escape(name);
+            let _ = write!(general, "<Interfaces><NetworkInterface name=\"{name}\"/></Interfaces>");
+        }
+        if self.localhost_only {
+            general += "<AllowMulticast>false</AllowMulticast>";
+        }
+        // The largest datagram: a packet of events is sent in a few calls instead of hundreds.
+        general += "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>";
+        // A greeting that is lost comes again soon: a demo may be over after the usual 30 s.
+        let mut discovery = "<SPDPInterval>2s</SPDPInterval>\
+                             <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+            .to_owned();
+        if self.localhost_only {
+            discovery += "<ParticipantIndex>auto</ParticipantIndex>\
+                          <Peers><Peer address=\"localhost\"/></Peers>";
+        }
+        // A writer holds what its history asks for and never stops for one slow reader.
+        let internal = "<Watermarks><WhcHigh>512MB</WhcHigh><WhcHighInit>512MB</WhcHighInit>\
+                        <WhcAdaptive>false</WhcAdaptive></Watermarks>";
+        let mut xml = format!(
+            "<CycloneDDS><Domain Id=\"any\"><General>{general}</General><Discovery>{discovery}</Discovery>\
+             <Internal>{internal}</Internal></Domain></CycloneDDS>"
+        );
+        if let Some(user) = user.filter(|user| !user.is_empty()) {
+            xml.push(',');
+            xml += user;
+        }
+        xml
+    }
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn from(variables: &'static [(&str, &str)]) -> Result<NetworkOptions, TransportError> {
+        NetworkOptions::from_environment(|name| {
+            variables.iter().find(|(known, _)| *known == name).map(|(_, value)| (*value).to_owned())
+        })
+    }
+
+    #[test]
+    fn the_environment_is_read_as_ros_reads_it() {
+        let options = from(&[("ROS_DOMAIN_ID", "42"), ("ROS_DISTRO", "humble")]).unwrap();
+        assert_eq!((options.domain, options.localhost_only, options.gid_bytes()), (42, false, 24));
+        assert!(from(&[("ROS_LOCALHOST_ONLY", "1")]).unwrap().localhost_only);
+        let local = from(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")]).unwrap();
+        assert!(local.localhost_only && local.xml(None).contains("name=\"lo\""));
+        assert_eq!(from(&[("ROS_DOMAIN_ID", "")]).unwrap().domain, 0);
+        assert!(from(&[("ROS_DOMAIN_ID", "x")]).unwrap_err().to_string().contains("`x`"));
+        assert!(from(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]).unwrap_err().to_string().contains("OFF"));
+    }
+
+    #[test]
+    fn the_users_configuration_comes_last() {
+        let options = NetworkOptions { interface: Some("a\"b".to_owned()), ..from(&[]).unwrap() };
+        let xml = options.xml(Some("file:///mine.xml"));
+        assert!(xml.ends_with("</CycloneDDS>,file:///mine.xml") && xml.contains("a&quot;b"), "{xml}");
+    }
+}

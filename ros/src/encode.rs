@@ -1,0 +1,204 @@
+//! Messages of ROS, encoded straight into the buffer that is sent and recorded.
+//!
+//! Axes and units follow REP 103, frames REP 105, images REP 118, IMUs REP 145.
+
+use crate::cdr::CdrWriter;
+use crate::definition::{self, Base};
+use crate::message::{MessageType, texts};
+use esaac_model::SensorModel;
+
+/// `std_msgs/Header`.
+#[derive(Clone, Copy, Debug)]
+pub struct Header<'a> {
+    /// Time, nanoseconds.
+    pub stamp_ns: i64,
+    /// Frame.
+    pub frame_id: &'a str,
+}
+
+/// Writes a `builtin_interfaces/Time`: seconds round down, nanoseconds are never negative.
+pub(crate) fn time(cdr: &mut CdrWriter<'_>, t_ns: i64) {
+    const SECOND_NS: i64 = 1_000_000_000;
+    let seconds = t_ns.div_euclid(SECOND_NS);
+    let seconds = i32::try_from(seconds).unwrap_or(if seconds < 0 { i32::MIN } else { i32::MAX });
+    cdr.i32(seconds).u32(t_ns.rem_euclid(SECOND_NS) as u32);
+}
+
+impl Header<'_> {
+    pub(crate) fn write(&self, cdr: &mut CdrWriter<'_>) {
+        time(cdr, self.stamp_ns);
+        cdr.string(self.frame_id);
+    }
+}
+
+/// Pixels of an image and what ROS calls them.
+#[derive(Clone, Copy, Debug)]
+pub struct Image<'a> {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Name of the encoding: `rgb8`, `mono8`, `32FC1` ...
+    pub encoding: &'a str,
+    /// Bytes of a pixel.
+    pub pixel_bytes: u32,
+}
+
+/// `sensor_msgs/Image`; `pixels` appends rows without gaps.
+pub fn image(out: &mut Vec<u8>, header: Header<'_>, image: Image<'_>, pixels: impl FnOnce(&mut Vec<u8>)) {
+    let step = image.width_px * image.pixel_bytes;
+    let mut cdr = CdrWriter::new(out);
+    header.write(&mut cdr);
+    cdr.u32(image.height_px).u32(image.width_px).string(image.encoding).u8(0).u32(step);
+    cdr.reserve(step as usize * image.height_px as usize + 8).bytes_with(pixels);
+}
+
+/// A pinhole camera without distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Focal length, pixels.
+    pub focal_px: [f64; 2],
+    /// Principal point, pixels; the centre of the first pixel is (0, 0).
+    pub centre_px: [f64; 2],
+}
+
+/// `sensor_msgs/CameraInfo`. Without intrinsics K and P are zero, which by convention says that the
+/// camera is not calibrated.
+pub fn camera_info(
+    out: &mut Vec<u8>,
+    header: Header<'_>,
+    size_px: (u32, u32),
+    intrinsics: Option<Intrinsics>,
+) {
+    let (k, r, p) = match intrinsics {
+        None => ([0.0; 9], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], [0.0; 12]),
+        Some(Intrinsics { focal_px: [fx, fy], centre_px: [cx, cy] }) => (
+            [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        ),
+    };
+    let mut cdr = CdrWriter::new(out);
+    header.write(&mut cdr);
+    cdr.u32(size_px.1).u32(size_px.0).string("plumb_bob").sequence(&[0.0_f64; 5]);
+    // No binning and the whole image.
+    cdr.f64s(&k).f64s(&r).f64s(&p).u32(0).u32(0).u32(0).u32(0).u32(0).u32(0).bool(false);
+}
+
+/// What an IMU measures in the body frame: x forward, y left, z up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Imu {
+    /// Time, nanoseconds.
+    pub t_ns: i64,
+    /// Angular rate, rad/s.
+    pub angular_rate_rad_s: [f64; 3],
+    /// Specific force, m/s^2: 9.81 upwards at rest.
+    pub specific_force_m_s2: [f64; 3],
+}
+
+/// `sensor_msgs/Imu` without an orientation, whose covariance says so (REP 145). The samples are exact:
+/// zero covariance, which means unknown.
+pub fn imu(out: &mut Vec<u8>, frame_id: &str, sample: &Imu) {
+    let mut cdr = CdrWriter::new(out);
+    Header { stamp_ns: sample.t_ns, frame_id }.write(&mut cdr);
+    let mut absent = [0.0; 9];
+    absent[0] = -1.0;
+    cdr.f64s(&[0.0, 0.0, 0.0, 1.0]).f64s(&absent);
+    cdr.f64s(&sample.angular_rate_rad_s).f64s(&[0.0; 9]);
+    cdr.f64s(&sample.specific_force_m_s2).f64s(&[0.0; 9]);
+}
+
+/// `rosgraph_msgs/Clock`.
+pub fn clock(out: &mut Vec<u8>, t_ns: i64) {
+    time(&mut CdrWriter::new(out), t_ns);
+}
+
+/// `tf2_msgs/TFMessage` with the turn from each body frame (x forward, y left, z up) to the camera's optical
+/// frame in it (z forward, x right, y down), as REP 103 has them. Both have one origin.
+pub fn optical_frames(out: &mut Vec<u8>, stamp_ns: i64, frames: &[(&str, &str)]) {
+    let mut cdr = CdrWriter::new(out);
+    cdr.u32(frames.len() as u32);
+    for (body, optical) in frames {
+        Header { stamp_ns, frame_id: body }.write(&mut cdr);
+        cdr.string(optical).f64s(&[0.0; 3]).f64s(&[-0.5, 0.5, -0.5, 0.5]);
+    }
+}
+
+/// `esaac_msgs/SensorModel`: the parameters that its definition lists, by their names.
+pub fn sensor_model(out: &mut Vec<u8>, header: Header<'_>, sensor: &SensorModel) {
+    let name = MessageType::SensorModel.name();
+    let fields = definition::parse(name, &texts()[name]).expect("the built-in definitions are whole");
+    let values = serde_json::to_value(sensor).expect("a sensor is plain data");
+    let mut cdr = CdrWriter::new(out);
+    header.write(&mut cdr);
+    for field in &fields[1..] {
+        let value = &values[&field.name];
+        match (&field.base, value) {
+            (Base::String(_), serde_json::Value::String(text)) => drop(cdr.string(text)),
+            (Base::Primitive("float64"), value) if value.is_f64() => {
+                cdr.f64(value.as_f64().unwrap_or_default());
+            }
+            (Base::Primitive("uint32"), value) if value.is_u64() => {
+                cdr.u32(value.as_u64().unwrap_or_default() as u32);
+            }
+            (Base::Primitive("uint64"), value) if value.is_u64() => {
+                cdr.u64(value.as_u64().unwrap_or_default());
+            }
+            (base, value) => unreachable!("SensorModel.msg: `{}` is {base:?}, not {value}", field.name),
+        }
+    }
+}
+
+/// One `diagnostic_msgs/DiagnosticStatus`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// Whether there is something to see to.
+    pub warn: bool,
+    /// What it is about.
+    pub name: String,
+    /// One line for people.
+    pub message: String,
+    /// Figures.
+    pub values: Vec<(&'static str, String)>,
+}
+
+/// `diagnostic_msgs/DiagnosticArray`.
+pub fn diagnostics(out: &mut Vec<u8>, stamp_ns: i64, hardware_id: &str, statuses: &[Status]) {
+    let mut cdr = CdrWriter::new(out);
+    Header { stamp_ns, frame_id: "" }.write(&mut cdr);
+    cdr.u32(statuses.len() as u32);
+    for status in statuses {
+        cdr.u8(status.warn.into()).string(&status.name).string(&status.message).string(hardware_id);
+        cdr.u32(status.values.len() as u32);
+        for (key, value) in &status.values {
+            cdr.string(key).string(value);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::PARAMETERS;
+
+    #[test]
+    fn the_message_has_every_parameter_of_a_sensor_in_order() {
+        let name = MessageType::SensorModel.name();
+        let fields = definition::parse(name, &texts()[name]).unwrap();
+        let fields: Vec<&str> = fields[1..].iter().map(|field| field.name.as_str()).collect();
+        let parameters: Vec<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
+        assert_eq!(fields, parameters);
+        let mut out = Vec::new();
+        sensor_model(&mut out, Header { stamp_ns: 0, frame_id: "f" }, &SensorModel::default());
+        assert!(out.len() > 100);
+    }
+
+    #[test]
+    fn times_before_zero_round_down() {
+        let mut out = Vec::new();
+        clock(&mut out, -1);
+        assert_eq!(out[4..], [255, 255, 255, 255, 0xff, 0xc9, 0x9a, 0x3b]);
+        clock(&mut out, i64::MAX);
+        assert_eq!(out[4..8], i32::MAX.to_le_bytes());
+    }
+}

@@ -1,0 +1,283 @@
+//! Event packets in the formats that are published, and their division into smaller ones.
+
+use crate::cdr::CdrWriter;
+use crate::encode::Header;
+use crate::message::MessageType;
+use esaac_model::PacketView;
+use std::ops::Range;
+use std::str::FromStr;
+
+/// How events are published.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EventFormat {
+    /// `esaac_msgs/PackedEventPacket`: arrays, nanoseconds, 9 bytes an event.
+    #[default]
+    Packed,
+    /// `esaac_msgs/EventPacket`: one by one, nanoseconds, 16 bytes an event.
+    Plain,
+    /// `event_camera_msgs/EventPacket`, encoding `evt3`: microseconds, 2 to 6 bytes an event.
+    Evt3,
+    /// `event_camera_msgs/EventPacket`, encoding `mono`: nanoseconds, 8 bytes an event.
+    Mono,
+}
+
+/// Largest sensor whose coordinates `evt3` has room for, pixels a side.
+const EVT3_SIDE_PX: u32 = 2048;
+
+impl EventFormat {
+    /// Names, as flags have them.
+    pub const NAMES: [(&'static str, EventFormat); 4] = [
+        ("packed", EventFormat::Packed),
+        ("plain", EventFormat::Plain),
+        ("evt3", EventFormat::Evt3),
+        ("mono", EventFormat::Mono),
+    ];
+
+    /// Its type.
+    #[must_use]
+    pub fn message(self) -> MessageType {
+        match self {
+            EventFormat::Packed => MessageType::PackedEventPacket,
+            EventFormat::Plain => MessageType::EventPacket,
+            EventFormat::Evt3 | EventFormat::Mono => MessageType::EventCameraPacket,
+        }
+    }
+
+    /// Largest number of rows or columns of a sensor.
+    #[must_use]
+    pub fn side_limit_px(self) -> u32 {
+        if self == EventFormat::Evt3 { EVT3_SIDE_PX } else { u32::from(u16::MAX) / 2 + 1 }
+    }
+
+    /// Bytes that an event takes at the most.
+    fn event_bytes(self) -> usize {
+        match self {
+            EventFormat::Packed => 9,
+            EventFormat::Plain => 16,
+            // Time high, time low, row, column.
+            EventFormat::Evt3 | EventFormat::Mono => 8,
+        }
+    }
+}
+
+impl FromStr for EventFormat {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = EventFormat::NAMES.iter().find(|(known, _)| *known == name);
+        found.map(|&(_, format)| format).ok_or_else(|| {
+            let names = EventFormat::NAMES.map(|(name, _)| name).join(", ");
+            format!("unknown event message `{name}`, expected one of {names}")
+        })
+    }
+}
+
+/// How a packet is divided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Split {
+    /// One message for each so many nanoseconds from the packet's base on, with events or without; 0 for
+    /// one message.
+    pub slice_ns: u32,
+    /// Most bytes of a message's events; 0 for any number. Never less than one event.
+    pub max_bytes: u32,
+}
+
+impl Split {
+    /// The parts of a packet in order of time: the whole of it, in one message or several.
+    pub fn parts<'a>(self, packet: &PacketView<'a>, format: EventFormat) -> Vec<PacketView<'a>> {
+        let mut parts = Vec::new();
+        let most = match self.max_bytes {
+            0 => usize::MAX,
+            bytes => (bytes as usize / format.event_bytes()).max(1),
+        };
+        for (range, end_ns) in self.slices(packet) {
+            let mut start = range.start;
+            loop {
+                let end = range.end.min(start.saturating_add(most));
+                let mut part = packet.part(start..end);
+                part.dropped = 0;
+                // More events of the same instant may follow in the next part.
+                part.watermark_ns = match end < range.end {
+                    true => packet.base_ns + i64::from(packet.t_offset_ns[end]) - 1,
+                    false => end_ns,
+                };
+                parts.push(part);
+                start = end;
+                if start >= range.end {
+                    break;
+                }
+            }
+        }
+        if let Some(last) = parts.last_mut() {
+            last.dropped = packet.dropped;
+        }
+        parts
+    }
+
+    /// Events of each slice of time, and until when it goes.
+    fn slices(self, packet: &PacketView<'_>) -> Vec<(Range<usize>, i64)> {
+        let slice_ns = i64::from(self.slice_ns);
+        let span_ns = packet.watermark_ns - packet.base_ns;
+        if slice_ns == 0 || span_ns <= slice_ns {
+            return vec![(0..packet.len(), packet.watermark_ns)];
+        }
+        // Slices of equal length, so that the last one ends with the packet.
+        let count = (span_ns as f64 / slice_ns as f64).round().max(1.0) as i64;
+        let mut start = 0;
+        (1..=count)
+            .map(|k| {
+                let offset_ns = span_ns * k / count;
+                let end = match k == count {
+                    true => packet.len(),
+                    false => packet.t_offset_ns.partition_point(|&t| i64::from(t) <= offset_ns),
+                };
+                (std::mem::replace(&mut start, end)..end, packet.base_ns + offset_ns)
+            })
+            .collect()
+    }
+}
+
+/// What a packet says beside its events.
+#[derive(Clone, Copy, Debug)]
+pub struct PacketHead<'a> {
+    /// Stamp and frame.
+    pub header: Header<'a>,
+    /// Messages on this topic before this one.
+    pub sequence: u64,
+    /// Name of the sensor.
+    pub sensor_name: &'a str,
+}
+
+/// Encodes a packet or a part of one.
+pub fn encode(out: &mut Vec<u8>, format: EventFormat, head: &PacketHead<'_>, packet: &PacketView<'_>) {
+    let mut cdr = CdrWriter::new(out);
+    head.header.write(&mut cdr);
+    cdr.u32(packet.height_px).u32(packet.width_px).u64(head.sequence);
+    cdr.reserve(packet.len() * format.event_bytes() + 128);
+    match format {
+        EventFormat::Packed => {
+            cdr.i64(packet.base_ns).i64(packet.watermark_ns).string(head.sensor_name).u64(packet.dropped);
+            cdr.sequence(packet.x).sequence(packet.y).sequence(packet.t_offset_ns).sequence(packet.polarity);
+        }
+        EventFormat::Plain => {
+            cdr.i64(packet.base_ns).i64(packet.watermark_ns).string(head.sensor_name).u64(packet.dropped);
+            cdr.u32(packet.len() as u32);
+            for i in 0..packet.len() {
+                cdr.i64(packet.base_ns + i64::from(packet.t_offset_ns[i]));
+                cdr.u16(packet.x[i]).u16(packet.y[i]).u8(packet.polarity[i]);
+            }
+        }
+        EventFormat::Mono => {
+            // Times count from the base, which is never before 0 in a simulation.
+            cdr.u64(packet.base_ns as u64).string("mono").bool(false);
+            cdr.bytes_with(|out| mono(out, packet));
+        }
+        EventFormat::Evt3 => {
+            // The encoding has times of its own.
+            cdr.u64(0).string("evt3").bool(false).bytes_with(|out| evt3(out, packet));
+        }
+    }
+}
+
+/// Bits 0 to 31 nanoseconds since the base, 32 to 47 column, 48 to 62 row, 63 polarity.
+fn mono(out: &mut Vec<u8>, packet: &PacketView<'_>) {
+    for i in 0..packet.len() {
+        let place = u64::from(packet.x[i]) << 32 | u64::from(packet.y[i]) << 48;
+        let word = u64::from(packet.t_offset_ns[i]) | place | u64::from(packet.polarity[i]) << 63;
+        out.extend_from_slice(&word.to_le_bytes());
+    }
+}
+
+/// Words of 16 bits with their kind in the upper four: row 0, column with polarity 2, time low 6 and high
+/// 8, which together are 24 bits of microseconds. What has not changed is not said again, but every
+/// packet begins with the time and says a row before its first column.
+fn evt3(out: &mut Vec<u8>, packet: &PacketView<'_>) {
+    const ROW: u16 = 0x0;
+    const COLUMN: u16 = 0x2;
+    const LOW: u16 = 0x6;
+    const HIGH: u16 = 0x8;
+    let mut word = |kind: u16, value: u16| out.extend_from_slice(&(kind << 12 | value).to_le_bytes());
+    let (mut high, mut low, mut row) = (None, None, None);
+    let halves = |t_ns: i64| {
+        let t_us = t_ns.div_euclid(1000);
+        [t_us >> 12, t_us].map(|bits| (bits & 0xfff) as u16)
+    };
+    if packet.is_empty() {
+        // Readers count the turns of the 24 bits, and must not miss one where nothing happens.
+        let [now_high, now_low] = halves(packet.watermark_ns);
+        word(HIGH, now_high);
+        word(LOW, now_low);
+    }
+    for i in 0..packet.len() {
+        let [now_high, now_low] = halves(packet.base_ns + i64::from(packet.t_offset_ns[i]));
+        if high.replace(now_high) != Some(now_high) {
+            word(HIGH, now_high);
+            low = None;
+        }
+        if low.replace(now_low) != Some(now_low) {
+            word(LOW, now_low);
+        }
+        let y = packet.y[i];
+        if row.replace(y) != Some(y) {
+            word(ROW, y & 0x7ff);
+        }
+        word(COLUMN, packet.x[i] & 0x7ff | u16::from(packet.polarity[i]) << 11);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::packet::Event;
+    use esaac_model::{Packet, Polarity};
+
+    fn packet(times_ns: &[i64], watermark_ns: i64) -> Packet {
+        let mut packet = Packet { width_px: 8, height_px: 8, watermark_ns, ..Packet::default() };
+        for (i, &t_ns) in times_ns.iter().enumerate() {
+            packet.push(Event { t_ns, x: i as u16 % 8, y: 3, polarity: Polarity::On });
+        }
+        packet
+    }
+
+    fn ends(split: Split, packet: &Packet) -> Vec<(usize, i64)> {
+        split.parts(&packet.view(), EventFormat::Packed).iter().map(|p| (p.len(), p.watermark_ns)).collect()
+    }
+
+    #[test]
+    fn slices_of_time_cover_the_packet_with_events_or_without() {
+        let packet = Packet { dropped: 4, ..packet(&[1, 25, 26, 100], 100) };
+        let split = Split { slice_ns: 25, ..Split::default() };
+        assert_eq!(ends(split, &packet), [(2, 25), (1, 50), (0, 75), (1, 100)]);
+        let parts = split.parts(&packet.view(), EventFormat::Packed);
+        assert_eq!(parts.iter().map(|p| p.dropped).collect::<Vec<_>>(), [0, 0, 0, 4]);
+        assert_eq!(ends(Split::default(), &packet), [(4, 100)]);
+        // A thirtieth of a second by 1/960 s: 32 slices, of which the last ends with the interval.
+        let second = ends(Split { slice_ns: 1_041_667, ..split }, &self::packet(&[], 33_333_333));
+        assert_eq!((second.len(), second[31].1), (32, 33_333_333));
+    }
+
+    #[test]
+    fn parts_of_few_bytes_say_up_to_when_they_are_complete() {
+        let packet = packet(&[5, 5, 5, 9], 20);
+        let split = Split { max_bytes: 18, ..Split::default() };
+        assert_eq!(ends(split, &packet), [(2, 4), (2, 20)]);
+        assert_eq!(ends(Split { max_bytes: 1, ..split }, &packet).len(), 4);
+        assert_eq!(ends(split, &self::packet(&[], 20)), [(0, 20)]);
+    }
+
+    #[test]
+    fn evt3_says_what_changes_and_mono_all_in_a_word() {
+        let mut packet = packet(&[4_096_000, 4_096_500, 4_097_000], 5_000_000);
+        packet.base_ns = 0;
+        let mut out = Vec::new();
+        evt3(&mut out, &packet.view());
+        let words: Vec<u16> = out.chunks(2).map(|w| u16::from_le_bytes([w[0], w[1]])).collect();
+        assert_eq!(words, [0x8001, 0x6000, 0x0003, 0x2800, 0x2801, 0x6001, 0x2802]);
+        out.clear();
+        mono(&mut out, &packet.view().part(1..2));
+        assert_eq!(out, (4_096_500_u64 | 1 << 32 | 3 << 48 | 1 << 63).to_le_bytes());
+        out.clear();
+        evt3(&mut out, &packet.view().part(0..0));
+        assert_eq!(out.len(), 4, "the time goes on without events");
+    }
+}

@@ -1,0 +1,113 @@
+//! Publishes a recording again, with its timing.
+
+use crate::bag::{BagError, BagReader};
+use crate::payload::Payload;
+use crate::transport::{Transport, TransportError};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use thiserror::Error;
+
+/// Time between looks for notices.
+const NOTICES: Duration = Duration::from_secs(1);
+
+/// Why a recording cannot be published.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// The recording.
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    /// The network.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// A pace that is none.
+    #[error("rate {0}, expected a number above 0")]
+    Rate(f64),
+}
+
+/// How a recording is published.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReplayOptions {
+    /// Pace: 2 is twice as fast.
+    pub rate: f64,
+    /// How long subscribers may take to find the topics before the first message.
+    pub delay: Duration,
+}
+
+impl Default for ReplayOptions {
+    fn default() -> Self {
+        ReplayOptions { rate: 1.0, delay: Duration::from_millis(500) }
+    }
+}
+
+/// What was published.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Replayed {
+    /// Topics with their types and messages.
+    pub topics: Vec<(String, String, u64)>,
+    /// Messages sent.
+    pub sent: u64,
+    /// Messages that the transport refused.
+    pub failed: u64,
+    /// Time from the first message to the last as recorded, nanoseconds.
+    pub recorded_ns: u64,
+    /// The recording has no end: its writer was stopped.
+    pub truncated: bool,
+    /// Messages that are none of ROS 2, which were left out.
+    pub foreign: Vec<String>,
+}
+
+/// Publishes `bag` until its end or until `stop` says so; `watch` sees every notice.
+pub fn replay(
+    mut bag: BagReader,
+    transport: &mut dyn Transport,
+    options: ReplayOptions,
+    mut stop: impl FnMut() -> bool,
+    mut watch: impl FnMut(String),
+) -> Result<Replayed, ReplayError> {
+    if !(options.rate.is_finite() && options.rate > 0.0) {
+        return Err(ReplayError::Rate(options.rate));
+    }
+    let mut replayed = Replayed::default();
+    let mut told = Instant::now();
+    let mut start: Option<(Instant, u64)> = None;
+    while let Some(message) = bag.next_message()? {
+        for topic in &bag.topics()[replayed.topics.len()..] {
+            transport.advertise(topic)?;
+            replayed.topics.push((topic.name.clone(), topic.type_name.clone(), 0));
+        }
+        let (began, first_ns) = *start.get_or_insert_with(|| {
+            std::thread::sleep(options.delay);
+            (Instant::now(), message.log_ns)
+        });
+        let since_ns = message.log_ns.saturating_sub(first_ns);
+        replayed.recorded_ns = replayed.recorded_ns.max(since_ns);
+        let due = began + Duration::from_nanos(since_ns).div_f64(options.rate);
+        while let wait @ 1.. = due.saturating_duration_since(Instant::now()).as_nanos() {
+            if stop() {
+                break;
+            }
+            std::thread::sleep(Duration::from_nanos(wait.min(50_000_000) as u64));
+        }
+        if stop() {
+            break;
+        }
+        let topic = message.topic;
+        match transport.publish(topic, &Arc::new(Payload::new(message.bytes))) {
+            Ok(()) => {
+                replayed.sent += 1;
+                replayed.topics[topic].2 += 1;
+            }
+            Err(_) => replayed.failed += 1,
+        }
+        if told.elapsed() >= NOTICES {
+            told = Instant::now();
+            transport.notices().into_iter().for_each(&mut watch);
+        }
+    }
+    transport.drain(Duration::from_secs(2));
+    (replayed.truncated, replayed.foreign) = (bag.is_truncated(), bag.foreign());
+    if replayed.topics.is_empty() && !replayed.foreign.is_empty() {
+        return Err(bag.without_messages().into());
+    }
+    Ok(replayed)
+}

@@ -1,0 +1,249 @@
+//! What the publisher counts: nothing is lost without being counted here and told to subscribers.
+
+use crate::encode::Status;
+use crate::histogram::Histogram;
+use crate::plan::Plan;
+use crate::transport::Transport;
+use crate::worker::Batch;
+use serde::Serialize;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+#[derive(Debug, Default)]
+struct Counts {
+    sent: AtomicU64,
+    bytes: AtomicU64,
+    failed: AtomicU64,
+    dropped: AtomicU64,
+    recorded: AtomicU64,
+    subscribers: AtomicU64,
+}
+
+/// Counters that the rig's thread and the publisher's share.
+#[derive(Debug)]
+pub(crate) struct Statistics {
+    transport: Option<String>,
+    copies: Copies,
+    topics: Vec<Counts>,
+    dropped_ticks: AtomicU64,
+    resets: AtomicU64,
+    publish_ns: Mutex<Histogram>,
+    tick_ns: Mutex<Histogram>,
+}
+
+/// Copies of a message's bytes after the engine's packet, beyond the system's own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Copies {
+    /// Into the buffer that is sent: the encoding itself.
+    pub encode: u32,
+    /// From there to the system's socket.
+    pub wire: u32,
+    /// From there into the recording's chunk.
+    pub bag: u32,
+}
+
+/// What became of a topic's messages.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct TopicSummary {
+    /// Name.
+    pub topic: String,
+    /// Messages sent.
+    pub sent: u64,
+    /// Bytes of them.
+    pub bytes: u64,
+    /// Messages that the transport refused.
+    pub failed: u64,
+    /// Messages dropped before they were sent, because the queue was full.
+    pub dropped: u64,
+    /// Messages recorded.
+    pub recorded: u64,
+    /// Subscribers when last looked.
+    pub subscribers: u64,
+}
+
+/// What became of all messages.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Summary {
+    /// Transport, if there is one.
+    pub transport: Option<String>,
+    /// By topic.
+    pub topics: Vec<TopicSummary>,
+    /// Ticks dropped because the queue was full.
+    pub dropped_ticks: u64,
+    /// How often time went back.
+    pub time_resets: u64,
+    /// Copies of a message.
+    pub copies: Copies,
+    /// Median of the call that publishes a message, nanoseconds.
+    pub publish_p50_ns: u64,
+    /// 99th percentile of it.
+    pub publish_p99_ns: u64,
+    /// Median from the last byte encoded to the tick sent and recorded, nanoseconds.
+    pub tick_p50_ns: u64,
+    /// 99th percentile of it.
+    pub tick_p99_ns: u64,
+}
+
+impl Summary {
+    /// Sum over the topics.
+    fn sum(&self, of: fn(&TopicSummary) -> u64) -> u64 {
+        self.topics.iter().map(of).sum()
+    }
+
+    /// Messages sent.
+    #[must_use]
+    pub fn sent(&self) -> u64 {
+        self.sum(|topic| topic.sent)
+    }
+
+    /// Messages recorded.
+    #[must_use]
+    pub fn recorded(&self) -> u64 {
+        self.sum(|topic| topic.recorded)
+    }
+
+    /// Messages that nobody got, dropped or refused.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.sum(|topic| topic.dropped + topic.failed)
+    }
+
+    /// One line for people.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let Copies { encode, wire, bag } = self.copies;
+        let way = self.transport.as_deref().unwrap_or("not sent");
+        format!(
+            "{way}; {} messages sent, {} recorded, {} dropped in {} ticks; copies of a message after the \
+             packet: {encode} to encode, {wire} to send, {bag} to record; publish call {:.0} us (p50), {:.0} us \
+             (p99)",
+            self.sent(),
+            self.recorded(),
+            self.lost(),
+            self.dropped_ticks,
+            self.publish_p50_ns as f64 * 1e-3,
+            self.publish_p99_ns as f64 * 1e-3,
+        )
+    }
+}
+
+fn lock(histogram: &Mutex<Histogram>) -> MutexGuard<'_, Histogram> {
+    histogram.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn ns(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+impl Statistics {
+    pub fn new(plan: &Plan, transport: Option<&dyn Transport>, records: bool) -> Self {
+        let wire = transport.map_or(0, Transport::copies);
+        Statistics {
+            transport: transport.map(Transport::name),
+            copies: Copies { encode: 1, wire, bag: records.into() },
+            topics: plan.topics.iter().map(|_| Counts::default()).collect(),
+            dropped_ticks: AtomicU64::default(),
+            resets: AtomicU64::default(),
+            publish_ns: Mutex::default(),
+            tick_ns: Mutex::default(),
+        }
+    }
+
+    pub fn count_sent(&self, topic: usize, bytes: usize, took: Duration, sent: bool) {
+        let counts = &self.topics[topic];
+        if sent {
+            counts.sent.fetch_add(1, Relaxed);
+            counts.bytes.fetch_add(bytes as u64, Relaxed);
+        } else {
+            counts.failed.fetch_add(1, Relaxed);
+        }
+        lock(&self.publish_ns).add(ns(took));
+    }
+
+    pub fn count_recorded(&self, topic: usize) {
+        self.topics[topic].recorded.fetch_add(1, Relaxed);
+    }
+
+    pub fn count_dropped(&self, batch: &Batch) {
+        self.dropped_ticks.fetch_add(1, Relaxed);
+        for outgoing in &batch.messages {
+            self.topics[outgoing.topic].dropped.fetch_add(1, Relaxed);
+        }
+    }
+
+    pub fn count_tick(&self, since_encoded: Duration) {
+        lock(&self.tick_ns).add(ns(since_encoded));
+    }
+
+    pub fn set_subscribers(&self, topic: usize, subscribers: usize) {
+        self.topics[topic].subscribers.store(subscribers as u64, Relaxed);
+    }
+
+    pub fn set_resets(&self, resets: u64) {
+        self.resets.store(resets, Relaxed);
+    }
+
+    pub fn summary(&self, plan: &Plan) -> Summary {
+        let topics = plan.topics.iter().zip(&self.topics).map(|(topic, counts)| TopicSummary {
+            topic: topic.name.clone(),
+            sent: counts.sent.load(Relaxed),
+            bytes: counts.bytes.load(Relaxed),
+            failed: counts.failed.load(Relaxed),
+            dropped: counts.dropped.load(Relaxed),
+            recorded: counts.recorded.load(Relaxed),
+            subscribers: counts.subscribers.load(Relaxed),
+        });
+        let (publish, tick) = (lock(&self.publish_ns).clone(), lock(&self.tick_ns).clone());
+        Summary {
+            transport: self.transport.clone(),
+            topics: topics.collect(),
+            dropped_ticks: self.dropped_ticks.load(Relaxed),
+            time_resets: self.resets.load(Relaxed),
+            copies: self.copies,
+            publish_p50_ns: publish.quantile(0.5),
+            publish_p99_ns: publish.quantile(0.99),
+            tick_p50_ns: tick.quantile(0.5),
+            tick_p99_ns: tick.quantile(0.99),
+        }
+    }
+
+    /// The same for `/diagnostics`: the publisher as a whole, and each topic that lost something.
+    pub fn statuses(&self, plan: &Plan, node: &str) -> Vec<Status> {
+        let summary = self.summary(plan);
+        let lost = summary.lost();
+        let figures = |t: &TopicSummary| {
+            vec![
+                ("sent", t.sent.to_string()),
+                ("dropped", t.dropped.to_string()),
+                ("failed", t.failed.to_string()),
+                ("subscribers", t.subscribers.to_string()),
+            ]
+        };
+        let mut statuses = vec![Status {
+            warn: lost > 0,
+            name: format!("{node}: publisher"),
+            message: match lost {
+                0 => "nothing lost".to_owned(),
+                lost => format!("{lost} messages lost in {} ticks", summary.dropped_ticks),
+            },
+            values: vec![
+                ("sent", summary.sent().to_string()),
+                ("recorded", summary.recorded().to_string()),
+                ("lost", lost.to_string()),
+                ("dropped_ticks", summary.dropped_ticks.to_string()),
+                ("time_resets", summary.time_resets.to_string()),
+                ("publish_p50_ns", summary.publish_p50_ns.to_string()),
+                ("publish_p99_ns", summary.publish_p99_ns.to_string()),
+            ],
+        }];
+        let losing = summary.topics.iter().filter(|t| t.dropped + t.failed > 0);
+        statuses.extend(losing.map(|topic| Status {
+            warn: true,
+            name: format!("{node}: {}", topic.topic),
+            message: format!("{} messages lost", topic.dropped + topic.failed),
+            values: figures(topic),
+        }));
+        statuses
+    }
+}

@@ -1,0 +1,135 @@
+//! Recordings: what is left when the writer is stopped, and playing them again.
+
+use crate::world::{self, Subscriber};
+use esaac_model::Packet;
+use esaac_ros::replay::{ReplayOptions, replay};
+use esaac_ros::{BagReader, CameraPlan, Policy, RigOptions, RigPublisher, Sinks, Transport};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const INTERVAL_NS: i64 = 33_333_333;
+
+fn lossless() -> RigOptions {
+    RigOptions { policy: Policy::Lossless, ..RigOptions::default() }
+}
+
+fn ticks(rig: &mut RigPublisher, cameras: &[CameraPlan], range: std::ops::Range<i64>) {
+    for tick in range {
+        let packets: Vec<Packet> = cameras
+            .iter()
+            .map(|plan| world::packet(plan, tick * INTERVAL_NS, (tick + 1) * INTERVAL_NS, 300, tick as u32))
+            .collect();
+        world::publish(rig, cameras, &packets, 2);
+    }
+}
+
+/// Topic, time and bytes of every message, and whether the file is cut short.
+fn read(path: &Path) -> (Vec<(usize, u64, Vec<u8>)>, bool) {
+    let mut bag = BagReader::open(path).unwrap();
+    let mut all = Vec::new();
+    while let Some(message) = bag.next_message().unwrap() {
+        all.push((message.topic, message.log_ns, message.bytes));
+    }
+    (all, bag.is_truncated())
+}
+
+#[test]
+fn what_a_killed_writer_leaves_reads_up_to_the_last_chunk() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, left) = (folder.path().join("run.mcap"), folder.path().join("left.mcap"));
+    let cameras = vec![world::camera("left", 346, 260)];
+    let sinks = Sinks { transport: None, bag: Some(world::bag(&path)) };
+    let mut rig = world::rig(&cameras, &lossless(), sinks);
+    ticks(&mut rig, &cameras, 0..20);
+    // The bytes that the system has while the writer is at work are those that a kill leaves.
+    let until = Instant::now() + world::PATIENCE;
+    while rig.summary().recorded() < 150 && Instant::now() < until {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::fs::copy(&path, &left).unwrap();
+    let recorded = rig.summary().recorded() as usize;
+    rig.finish().2.unwrap();
+
+    let (whole, cut) = read(&path);
+    assert!(!cut && whole.len() > recorded / 2);
+    let (part, cut) = read(&left);
+    assert!(cut, "a file without an end");
+    // A chunk of 1 MiB holds some two ticks of ten messages.
+    assert!(part.len() + 40 >= recorded.min(150), "{} of {recorded} messages", part.len());
+    assert_eq!(part[..], whole[..part.len()]);
+}
+
+#[test]
+fn a_recording_is_sent_again_byte_by_byte_with_its_timing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let cameras = vec![world::camera("left", 32, 24)];
+    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let topics = world::topics(&rig);
+    ticks(&mut rig, &cameras, 0..30);
+    rig.finish().2.unwrap();
+    let (messages, _) = read(&path);
+
+    let domain = world::domain();
+    let mut transport = world::transport(domain);
+    let subscriber = Subscriber::on(domain).start(&topics);
+    let options = ReplayOptions { rate: 2.0, delay: Duration::from_secs(5) };
+    let bag = BagReader::open(&path).unwrap();
+    let began = Instant::now();
+    let replayed = replay(bag, &mut transport, options, || false, |_| ()).unwrap();
+    let took = began.elapsed() - options.delay;
+    assert_eq!((replayed.sent, replayed.failed, replayed.truncated), (messages.len() as u64, 0, false));
+    // The first IMU sample is half an interval before the first tick; the file is 29 and a half long.
+    let recorded = Duration::from_nanos(replayed.recorded_ns);
+    assert!(recorded > Duration::from_millis(960) && recorded < Duration::from_millis(1000), "{recorded:?}");
+    assert!(took >= recorded / 2, "{took:?}, expected half of {recorded:?}");
+    std::thread::sleep(Duration::from_millis(500));
+
+    let taken = world::taken(&subscriber.finish());
+    for (number, (name, _, _)) in topics.iter().enumerate() {
+        let expected: Vec<u64> = messages
+            .iter()
+            .filter(|(topic, _, _)| *topic == number)
+            .map(|(_, _, bytes)| world::wire_hash(&esaac_ros::Payload::new(bytes.clone())))
+            .collect();
+        let actual: Vec<u64> = taken.iter().filter(|t| t.topic == number).map(|t| t.hash).collect();
+        assert_eq!(actual, expected, "{name}");
+    }
+    assert!(transport.subscribers(0) <= 1);
+}
+
+#[test]
+fn a_disk_that_is_full_at_the_start_is_an_error_at_the_start() {
+    // A device that has no room, ever. One that fills up later is the command line's test.
+    let sinks = Sinks { transport: None, bag: Some(world::bag(Path::new("/dev/full"))) };
+    let started = RigPublisher::start(vec![world::camera("left", 32, 24)], lossless(), sinks);
+    let error = started.err().expect("the definitions do not fit").to_string();
+    assert!(error.contains("/dev/full") && error.contains("No space left"), "{error}");
+}
+
+#[test]
+fn a_simulation_that_is_reset_goes_back_in_its_stamps_and_on_in_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let cameras = vec![world::camera("left", 32, 24)];
+    let sinks = Sinks { transport: None, bag: Some(world::bag(&path)) };
+    let mut rig = world::rig(&cameras, &lossless(), sinks);
+    ticks(&mut rig, &cameras, 0..3);
+    rig.restart();
+    ticks(&mut rig, &cameras, 0..2);
+    let (summary, _, recorded) = rig.finish();
+    recorded.unwrap();
+    assert_eq!(summary.time_resets, 1);
+    let answer = world::check_bag(&path);
+    assert_eq!(answer["/clock"]["recorded"], 5);
+    assert_eq!(answer["/clock"]["last"]["clock"]["nanosec"], 2 * INTERVAL_NS);
+    assert_eq!(answer["/esaac/left/events"]["last"]["sequence"], 4, "messages go on being numbered");
+    let (messages, _) = read(&path);
+    let clock = BagReader::open(&path).map(|mut bag| {
+        bag.next_message().unwrap();
+        bag.topics().iter().position(|topic| topic.name == "/clock").unwrap()
+    });
+    let clock = clock.unwrap();
+    let times: Vec<u64> = messages.iter().filter(|(t, _, _)| *t == clock).map(|(_, at, _)| *at).collect();
+    assert!(times.is_sorted(), "{times:?}");
+}

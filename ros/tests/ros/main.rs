@@ -1,0 +1,9 @@
+//! Publishing as subscribers see it. The subscribers are Fast DDS and PyPI's cyclonedds and rosbags, which
+//! share no code with this crate; all traffic is on this machine's loopback.
+
+mod bad_input;
+mod bags;
+mod faults;
+mod load;
+mod receivers;
+mod world;

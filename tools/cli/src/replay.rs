@@ -1,0 +1,70 @@
+//! `esaac replay`: publishes a recording again.
+
+use crate::outcome::Outcome;
+use crate::ros::NetworkArguments;
+use crate::table;
+use anyhow::{Context, Result};
+use esaac_ros::BagReader;
+use esaac_ros::replay::{ReplayOptions, replay};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Arguments of `replay`.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ReplayArguments {
+    /// Recording, by `--record` or by rosbag2
+    #[arg(value_name = "FILE.mcap")]
+    pub file: PathBuf,
+    /// Pace; 2 is twice as fast
+    #[arg(long, default_value_t = 1.0)]
+    pub rate: f64,
+    /// Seconds that subscribers have to find the topics before the first message
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds)]
+    pub delay: f64,
+    /// Network.
+    #[command(flatten)]
+    pub network: NetworkArguments,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds @ 0.0..=3600.0) => Ok(seconds),
+        _ => Err("expected 0 to 3600 seconds".to_owned()),
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
+    let bag = BagReader::open(&arguments.file)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
+    }
+    let mut transport = arguments.network.open()?;
+    let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
+    let stopped = || stop.load(Ordering::Relaxed);
+    let replayed = replay(bag, &mut transport, options, stopped, |notice| eprintln!("{notice}"))?;
+    if replayed.truncated {
+        eprintln!("warning: {} has no end; all up to its last chunk was sent", arguments.file.display());
+    }
+    for foreign in &replayed.foreign {
+        eprintln!("warning: left out, no message of ROS 2: {foreign}");
+    }
+    if json {
+        return Ok(Outcome::complete(serde_json::to_string_pretty(&replayed)? + "\n"));
+    }
+    let mut rows: Vec<Vec<String>> = replayed
+        .topics
+        .iter()
+        .map(|(topic, kind, count)| vec![topic.clone(), kind.clone(), count.to_string()])
+        .collect();
+    rows.push(vec![
+        format!("{:.3} s", replayed.recorded_ns as f64 * 1e-9),
+        format!("{} not sent", replayed.failed),
+        replayed.sent.to_string(),
+    ]);
+    Ok(Outcome::complete(table::render(&rows)))
+}

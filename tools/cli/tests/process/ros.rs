@@ -1,0 +1,159 @@
+//! ROS 2 from the command line: publishing, recording, replaying, and what becomes of a recording when
+//! something goes wrong. All traffic stays on loopback.
+
+use crate::harness::{assert_error, esaac, finish};
+use esaac_ros::BagReader;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A small scene that is done quickly.
+const SMALL: &[&str] = &["--in-process", "--scene", "edge", "--width", "64", "--height", "48"];
+
+/// `esaac` on loopback, in a domain of its own.
+fn local(domain: u32, arguments: &[&str]) -> Command {
+    let mut command = esaac(arguments);
+    command.env("ROS_LOCALHOST_ONLY", "1").env("ROS_DOMAIN_ID", (90 + domain).to_string());
+    command.env_remove("CYCLONEDDS_URI");
+    command
+}
+
+fn demo(domain: u32, folder: &Path, more: &[&str]) -> Command {
+    let mut command = local(domain, &["demo", "--out", folder.to_str().expect("UTF-8")]);
+    command.args(SMALL).args(more);
+    command
+}
+
+/// Messages of a recording by topic, and whether it has no end.
+fn recorded(path: &Path) -> (Vec<(String, usize)>, bool) {
+    let mut bag = BagReader::open(path).expect("a recording");
+    let mut counts: Vec<usize> = Vec::new();
+    while let Some(message) = bag.next_message().expect("readable") {
+        counts.resize(bag.topics().len(), 0);
+        counts[message.topic] += 1;
+    }
+    let names = bag.topics().iter().map(|topic| topic.name.clone());
+    (names.zip(counts).collect(), bag.is_truncated())
+}
+
+#[test]
+fn the_demo_publishes_says_how_to_look_and_records_what_replay_sends_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    let name = file.to_str().unwrap();
+    let more = ["--frames", "4", "--record", name, "--json"];
+    let (code, out, error) = finish(demo(0, folder.path(), &more).output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    for line in ["ros2 topic echo /esaac/gray/events", "rviz2 -d ", "ros2 bag record -s mcap"] {
+        assert!(error.contains(line), "{error}");
+    }
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let ros = &report["ros"];
+    assert_eq!((&ros["copies"]["encode"], &ros["copies"]["wire"]), (&1.into(), &0.into()));
+    assert_eq!(ros["dropped_ticks"], 0);
+    assert!(report["files"].as_array().unwrap().iter().any(|file| file == name), "{report}");
+    let (topics, truncated) = recorded(&file);
+    let count = |name: &str| topics.iter().find(|(topic, _)| topic == name).unwrap().1;
+    assert!(!truncated);
+    assert_eq!((count("/clock"), count("/esaac/gray/events"), count("/esaac/bayer/image_raw")), (4, 3, 4));
+    // 34 samples an interval.
+    assert_eq!((count("/esaac/gray/imu"), count("/esaac/bayer/aps/image_raw")), (3 * 34, 3));
+
+    let replay = ["replay", name, "--json", "--delay", "0", "--rate", "10"];
+    let (code, out, error) = finish(local(0, &replay).output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    let replayed: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let sum: usize = topics.iter().map(|(_, count)| count).sum();
+    assert_eq!((&replayed["sent"], &replayed["truncated"]), (&sum.into(), &false.into()));
+}
+
+#[test]
+fn a_demo_without_a_network_goes_on_with_a_warning_and_one_that_was_asked_for_it_does_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let configuration = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='nonesuch0'/>\
+         </Interfaces></General></Domain></CycloneDDS>";
+    let without = |more: &[&str]| {
+        let mut command = demo(1, folder.path(), more);
+        command.env("CYCLONEDDS_URI", configuration).env_remove("ROS_LOCALHOST_ONLY");
+        finish(command.output().unwrap())
+    };
+    let (code, _, error) = without(&["--frames", "2"]);
+    assert_eq!(code, 0, "{error}");
+    assert!(error.contains("warning: not publishing to ROS 2") && error.contains("nonesuch0"), "{error}");
+    assert!(!error.contains("ros2 topic echo"), "{error}");
+    let (code, _, error) = without(&["--frames", "2", "--ros", "on"]);
+    assert_eq!(code, 1);
+    assert!(error.contains("nonesuch0") && error.contains("--ros off"), "{error}");
+}
+
+#[test]
+fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    // A limit on files stands for a disk: 2 MiB, and without the signal that would end the process.
+    let mut limited = Command::new("bash");
+    limited.args(["-c", "trap '' XFSZ; ulimit -f 2048; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_esaac")]);
+    limited.args(["demo", "--frames", "60", "--out"]).arg(folder.path()).arg("--record").arg(&file);
+    limited.args(SMALL).args(["--ros", "off"]).env_remove("ESAAC_DEVICE");
+    let (code, _, error) = finish(limited.output().unwrap());
+    assert_eq!(code, 1, "{error}");
+    assert!(error.contains("recording stopped") && error.contains("File too large"), "{error}");
+    let (topics, truncated) = recorded(&file);
+    assert!(truncated && topics.iter().map(|(_, count)| count).sum::<usize>() > 100, "{topics:?}");
+}
+
+#[test]
+fn a_recording_whose_writer_was_killed_replays_up_to_its_last_chunk() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    let name = file.to_str().unwrap();
+    let more = ["--frames", "100000", "--ros", "off", "--record", name];
+    let mut child =
+        demo(2, folder.path(), &more).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let until = Instant::now() + Duration::from_secs(120);
+    while std::fs::metadata(&file).map_or(0, |file| file.len()) < 3 << 20 {
+        assert!(Instant::now() < until && child.try_wait().unwrap().is_none(), "nothing was recorded");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let replay = ["replay", name, "--json", "--delay", "0", "--rate", "1000"];
+    let (code, out, error) = finish(local(2, &replay).output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    assert!(error.contains("has no end"), "{error}");
+    let replayed: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(replayed["truncated"], true);
+    assert!(replayed["sent"].as_u64() > Some(100), "{replayed}");
+}
+
+#[test]
+fn simulate_records_events_aps_frames_and_images() {
+    let (frames, folder) = (crate::harness::Frames::new(4, true), tempfile::tempdir().unwrap());
+    let (file, events) = (folder.path().join("run.mcap"), folder.path().join("events.npz"));
+    let mut command =
+        esaac(&["simulate", frames.argument(), "--aps-exposure-ns", "1000000", "--ros-events", "evt3"]);
+    command.arg("--out").arg(&events).arg("--record").arg(&file);
+    let (code, _, error) = finish(command.output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    let (topics, truncated) = recorded(&file);
+    assert!(!truncated);
+    for (topic, expected) in [("events", 3), ("aps/image_raw", 3), ("image_raw", 4), ("sensor", 1)] {
+        let name = format!("/esaac/camera_0/{topic}");
+        assert_eq!(topics.iter().find(|(topic, _)| *topic == name).unwrap().1, expected, "{topic}");
+    }
+}
+
+#[test]
+fn bad_ros_arguments_name_what_was_expected() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let fails = |more: &[&str], parts: &[&str]| {
+        let arguments: Vec<&str> = [&["demo", "--out", out][..], SMALL, more].concat();
+        assert_error(&arguments, parts);
+    };
+    fails(&["--ros-namespace", "esaac"], &["namespace `esaac`", "slash"]);
+    fails(&["--ros-qos", "event=reliable"], &["`event`", "events"]);
+    fails(&["--ros", "on", "--ros-domain", "233"], &["233", "0 to 232"]);
+    fails(&["--ros", "off", "--record", "none/such/run.mcap"], &["none/such/run.mcap"]);
+    assert_error(&["replay", "missing.mcap"], &["missing.mcap"]);
+}
