@@ -24,6 +24,7 @@ pub use kernel::{BindingSet, Commands, Kernel, KernelStatistics, stages};
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use rig::{
-    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, Tick,
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Representation, Rig,
+    RigOptions, Share, Tick,
 };
 pub use timeline::Timeline;

@@ -21,6 +21,7 @@ pub mod motion_convention;
 pub mod outcome;
 pub mod output_file;
 pub mod overview;
+pub mod program;
 pub mod progress;
 pub mod render;
 pub mod render_process;

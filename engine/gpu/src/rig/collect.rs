@@ -50,6 +50,7 @@ impl Rig {
         for packet in &mut self.packets {
             packet.clear();
         }
+        self.events.fill(0);
         self.aps.fill(None);
         self.diagnostics.fill(Diagnostics::default());
         loop {
@@ -170,7 +171,9 @@ impl Rig {
         let events = found.min(cap) as usize;
         packet.dropped = u64::from(found) - events as u64;
         diagnostics.dropped_events = packet.dropped;
+        self.events[camera] = events as u32;
         let base = place.event_base as usize;
+        let events = if self.options.packets_on_device { 0 } else { events };
         packet.t_offset_ns.extend_from_slice(buffers[layout::EVENT_T].read(base, events));
         packet.x.extend_from_slice(buffers[layout::EVENT_X].read(base, events));
         packet.y.extend_from_slice(buffers[layout::EVENT_Y].read(base, events));

@@ -6,6 +6,7 @@ use super::parameters::{
     CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
     channels_of, cross_constants, enhance_constants, ingest_constants, passes_of, permutation,
 };
+use crate::device::Device;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Commands, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
@@ -34,9 +35,12 @@ const GPU_EVENTS_PER_THREAD: u32 = 2;
 /// Workgroups a camera for kernels that stride over events: few for a processor, which pays for each.
 fn striding_groups(rig: &Rig) -> u32 {
     let events = rig.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
-    let software = rig.device.info().kind == "software";
-    let per_thread = if software { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD };
-    events.div_ceil(256 * per_thread).clamp(4, MOST_GROUPS)
+    events.div_ceil(256 * events_per_thread(&rig.device)).clamp(4, MOST_GROUPS)
+}
+
+/// Events that a thread strides over at the most.
+pub(super) fn events_per_thread(device: &Device) -> u32 {
+    if device.info().kind == "software" { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD }
 }
 
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
@@ -48,6 +52,9 @@ pub(super) struct Kernels {
     scatter: Kernel,
     sort: Kernel,
     pub merge: Kernel,
+    pub gather: Kernel,
+    pub event_frame: Kernel,
+    pub voxel_grid: Kernel,
 }
 
 impl Kernels {
@@ -57,6 +64,9 @@ impl Kernels {
             scatter: code.kernel(bindings, stages::SCATTER, &[])?,
             sort: code.kernel(bindings, stages::SORT, &[])?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
+            gather: code.kernel(bindings, stages::GATHER, &[])?,
+            event_frame: code.kernel(bindings, stages::EVENT_FRAME, &[])?,
+            voxel_grid: code.kernel(bindings, stages::VOXEL_GRID, &[])?,
         })
     }
 }
@@ -146,7 +156,8 @@ impl Rig {
         let enhances = s.enhances.values().map(|enhance| ("enhance", enhance));
         let crossings = s.crossings.values().map(|crossing| ("cross", crossing));
         let events = [("carry", &k.carry), ("scatter", &k.scatter), ("sort", &k.sort), ("merge", &k.merge)];
-        ingests.chain(enhances).chain(crossings).chain(events)
+        let forms = [("gather", &k.gather), ("event_frame", &k.event_frame), ("voxel_grid", &k.voxel_grid)];
+        ingests.chain(enhances).chain(crossings).chain(events).chain(forms)
     }
 
     pub(super) fn record(&mut self, permutations: &[Permutation]) -> Result<(), EngineError> {
