@@ -1,7 +1,6 @@
 //! A rig's worth of cameras, and the buffers that CUDA copies their frames into. Rigs hold so many cameras and
 //! no more; who has more has several banks, which step at the same time.
 
-use crate::cuda::CudaSide;
 use crate::error::Fault;
 use crate::image::Place;
 use crate::pack::{Texel, Tiles};
@@ -84,7 +83,7 @@ impl Bank {
     pub fn bring(
         &mut self,
         frames: &Frames,
-        link: Option<&(CudaLinkRef<'_>, &CudaSide)>,
+        link: Option<&CudaLink>,
         copies: &mut Copies,
     ) -> Result<(), Fault> {
         let targets = if frames.tiled { 1 } else { self.cameras.len() };
@@ -92,7 +91,7 @@ impl Bank {
         if frames.tiled && on_device(frames, self.cameras.start) {
             let (hdr, motion, _) = frames.of(self.cameras.start).expect("tiles are for every camera");
             let (first, count) = (self.cameras.start, self.cameras.len());
-            let link = link.expect("frames on a device come with a link").0;
+            let link = link.expect("frames on a device come with a link");
             for (tiles, target) in [(Some(hdr), 0), (motion, 1)] {
                 let Some(tiles) = tiles else { continue };
                 copies.device += copy(link, tiles, first, count, &mut self.copied[0][target])?;
@@ -102,7 +101,7 @@ impl Bank {
         for (own, camera) in self.cameras.clone().enumerate() {
             let Some((hdr, motion, index)) = frames.of(camera) else { continue };
             if matches!(hdr.place(), Place::Cuda { .. }) {
-                let link = link.expect("frames on a device come with a link").0;
+                let link = link.expect("frames on a device come with a link");
                 for (tiles, target) in [(Some(hdr), 0), (motion, 1)] {
                     let Some(tiles) = tiles else { continue };
                     copies.device += copy(link, tiles, index, 1, &mut self.copied[own][target])?;
@@ -132,13 +131,13 @@ impl Bank {
     }
 
     /// Steps the cameras that have a time with what was brought.
-    pub fn step(&mut self, frames: &Frames, t_ns: &[Option<i64>], around: &Around<'_>) -> Result<(), Fault> {
+    pub fn step(&mut self, frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
         let Bank { rig, cameras, copied, .. } = self;
         let own = &t_ns[cameras.clone()];
         if frames.tiled && on_device(frames, cameras.start) {
             let times: Vec<i64> = own.iter().flatten().copied().collect();
             let inputs = inputs(&copied[0]).expect("tiles were copied");
-            rig.step_tiles(&times, inputs, around)?;
+            rig.step_tiles(&times, inputs, &Around::default())?;
             return Ok(());
         }
         let inputs: Vec<Option<FrameInput<'_>>> = cameras
@@ -149,13 +148,10 @@ impl Bank {
                 own[index].map(|t_ns| FrameInput { t_ns, inputs })
             })
             .collect();
-        rig.step_frames(&inputs, around)?;
+        rig.step_frames(&inputs, &Around::default())?;
         Ok(())
     }
 }
-
-/// A link that is held for the step.
-pub type CudaLinkRef<'a> = &'a CudaLink;
 
 fn on_device(frames: &Frames, camera: usize) -> bool {
     frames.of(camera).is_some_and(|(hdr, ..)| matches!(hdr.place(), Place::Cuda { .. }))
@@ -169,7 +165,7 @@ fn inputs(copied: &Copied) -> Option<InputBuffers<'_>> {
 
 /// Has images of `count` cameras copied into a buffer for them, which is made the first time.
 fn copy(
-    link: CudaLinkRef<'_>,
+    link: &CudaLink,
     tiles: &Tiles,
     first: usize,
     count: usize,

@@ -200,8 +200,8 @@ impl Engine {
 
     /// Counts of the last step a camera, and what all share.
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<(Vec<Bound<'py, PyDict>>, Bound<'py, PyDict>)> {
-        let (diagnostics, gpu_ns, copies) =
-            self.call(py, |state| Ok((state.diagnostics(), state.gpu_ns(), state.copies)))?;
+        let (diagnostics, [gpu_ns, submit_to_packet_ns, step_ns], copies) =
+            self.call(py, |state| Ok((state.diagnostics(), state.times_ns(), state.copies)))?;
         let Copies { host, device } = copies;
         let cameras = diagnostics
             .iter()
@@ -216,6 +216,8 @@ impl Engine {
             .collect::<PyResult<_>>()?;
         let shared = PyDict::new(py);
         shared.set_item("gpu_ns", gpu_ns)?;
+        shared.set_item("submit_to_packet_ns", submit_to_packet_ns)?;
+        shared.set_item("step_ns", step_ns)?;
         shared.set_item("host_copies", host)?;
         shared.set_item("device_copies", device)?;
         Ok((cameras, shared))

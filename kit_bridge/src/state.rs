@@ -4,9 +4,10 @@ use crate::bank::{Bank, Copies, Format, Frames};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
 use crate::image::Place;
-use esaac_engine::{ApsFrame, Around, Device, Diagnostics, MemoryUse, Representation, Share};
+use esaac_engine::{ApsFrame, Device, Diagnostics, MemoryUse, Representation, Share};
 use esaac_model::{Packet, SensorModel, frame};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Everything that a step needs.
 pub struct State {
@@ -18,6 +19,8 @@ pub struct State {
     packets_on_cuda: bool,
     /// Copies so far.
     pub copies: Copies,
+    /// Time that the last step took here: copies, the device, the packets.
+    step_ns: u64,
     device: Arc<Device>,
 }
 
@@ -57,6 +60,7 @@ impl State {
             sensors,
             packets_on_cuda,
             copies: Copies::default(),
+            step_ns: 0,
             device: Arc::clone(device),
         }
     }
@@ -68,6 +72,7 @@ impl State {
         t_ns: &[Option<i64>],
         side: Option<&Arc<CudaSide>>,
     ) -> Result<Events, Fault> {
+        let started = Instant::now();
         for (camera, (last_ns, t_ns)) in self.last_ns.iter().zip(t_ns).enumerate() {
             if let Some(t_ns) = t_ns {
                 frame::check_time(camera as u32, *last_ns, *t_ns)?;
@@ -79,22 +84,23 @@ impl State {
             .any(|c| frames.of(c).is_some_and(|(hdr, ..)| matches!(hdr.place(), Place::Cuda { .. })));
         if on_device {
             let side = side.expect("frames on a device come with its side");
-            let mut link = side.link();
+            let link = side.link();
             for bank in &mut self.banks {
-                bank.bring(frames, Some(&(&link, side)), &mut self.copies)?;
+                bank.bring(frames, Some(&link), &mut self.copies)?;
             }
-            let waits = [link.copied()?];
-            step_all(&mut self.banks, frames, t_ns, &Around { waits: &waits, ..Around::default() })?;
+            link.finish()?;
         } else {
             for bank in &mut self.banks {
                 bank.bring(frames, None, &mut self.copies)?;
             }
-            step_all(&mut self.banks, frames, t_ns, &Around::default())?;
         }
+        step_all(&mut self.banks, frames, t_ns)?;
         for (last_ns, t_ns) in self.last_ns.iter_mut().zip(t_ns) {
             *last_ns = t_ns.or(*last_ns);
         }
-        self.events(side)
+        let events = self.events(side);
+        self.step_ns = started.elapsed().as_nanos() as u64;
+        events
     }
 
     fn events(&mut self, side: Option<&Arc<CudaSide>>) -> Result<Events, Fault> {
@@ -245,9 +251,12 @@ impl State {
         self.banks.iter().flat_map(|bank| bank.rig.aps()).cloned().collect()
     }
 
-    /// GPU time of the last step; the longest where several banks ran at once.
-    pub fn gpu_ns(&self) -> u64 {
-        self.banks.iter().map(|bank| bank.rig.gpu_ns()).max().unwrap_or(0)
+    /// GPU time of the last step, the longest where several banks ran at once; the time from submit to packet,
+    /// likewise; and that of the whole step.
+    pub fn times_ns(&self) -> [u64; 3] {
+        let longest = |of: fn(&Bank) -> u64| self.banks.iter().map(of).max().unwrap_or(0);
+        let rigs = [longest(|bank| bank.rig.gpu_ns()), longest(|bank| bank.rig.submit_to_packet_ns())];
+        [rigs[0], rigs[1], self.step_ns]
     }
 
     /// Memory, by camera and purpose.
@@ -300,18 +309,13 @@ fn describe((hdr, motion): Format) -> String {
 }
 
 /// Steps all banks, each on a thread of its own: they wait for the device most of the time.
-fn step_all(
-    banks: &mut [Bank],
-    frames: &Frames,
-    t_ns: &[Option<i64>],
-    around: &Around<'_>,
-) -> Result<(), Fault> {
+fn step_all(banks: &mut [Bank], frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
     if let [bank] = banks {
-        return bank.step(frames, t_ns, around);
+        return bank.step(frames, t_ns);
     }
     std::thread::scope(|scope| {
         let threads: Vec<_> =
-            banks.iter_mut().map(|bank| scope.spawn(move || bank.step(frames, t_ns, around))).collect();
+            banks.iter_mut().map(|bank| scope.spawn(move || bank.step(frames, t_ns))).collect();
         threads.into_iter().try_for_each(|thread| thread.join().expect("a bank's thread does not panic"))
     })
 }

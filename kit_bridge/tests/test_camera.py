@@ -47,7 +47,7 @@ def test_channels_and_strides_make_no_difference_on_the_host(dtype):
         "four of motion": lambda hdr, motion: (hdr, np.concatenate([motion, motion * 9], axis=2)[..., :3]),
     }
     for what, change in changes.items():
-        actual = run(camera(), change=lambda hdr, motion: change(hdr.astype(dtype), motion))
+        actual = run(camera(), change=lambda hdr, motion, change=change: change(hdr.astype(dtype), motion))
         assert len(actual[0]) == len(expected[0]), what
         assert_same(actual, expected)
 
@@ -76,7 +76,10 @@ def test_warp_arrays_are_read_where_they_lie():
     expected = run(camera())
     actual = run(
         camera(),
-        change=lambda hdr, motion: (wp.array(hdr, device="cpu"), wp.array(motion, dtype=wp.vec2, device="cpu")),
+        change=lambda hdr, motion: (
+            wp.array(hdr, device="cpu"),
+            wp.array(motion, dtype=wp.vec2, device="cpu"),
+        ),
     )
     assert_same(actual, expected)
 
@@ -93,15 +96,15 @@ def test_event_frames_and_voxel_grids_count_the_last_packet():
     cam = camera()
     with pytest.raises(esaac.ArgumentError, match="no frame"):
         cam.event_frame()
-    cam.step(*bars(40, 24, 0), t_ns=0)
-    packet = cam.step(*bars(40, 24, 1), t_ns=FRAME_NS)
+    for index in range(3):
+        packet = cam.step(*bars(40, 24, index), t_ns=FRAME_NS * index)
     frame = cam.event_frame()
     expected = np.zeros((2, 24, 40), np.int32)
     np.add.at(expected, (packet.p, packet.y, packet.x), 1)
     np.testing.assert_array_equal(frame, expected)
     grid = cam.voxel_grid(bins=5)
     assert grid.shape == (5, 24, 40) and grid.dtype == np.float32
-    place = packet.t_ns / FRAME_NS * 4
+    place = (packet.t_ns - FRAME_NS) / FRAME_NS * 4
     sign = packet.p.astype(float) * 2 - 1
     expected = np.zeros((5, 24, 40))
     for b in range(5):
@@ -156,7 +159,12 @@ def test_aps_statistics_and_memory_are_reported():
 
 def test_sensor_models_are_values():
     sensor = esaac.SensorModel("davis346", contrast_on=0.25, intensity="bayer_rggb", substeps=np.int32(16))
-    assert (sensor.width, sensor.contrast_on, sensor.intensity, sensor.substeps) == (346, 0.25, "bayer_rggb", 16)
+    assert (sensor.width, sensor.contrast_on, sensor.intensity, sensor.substeps) == (
+        346,
+        0.25,
+        "bayer_rggb",
+        16,
+    )
     assert esaac.SensorModel.from_toml(sensor.to_toml()) == sensor == pickle.loads(pickle.dumps(sensor))
     assert sensor.replace(seed=7) != sensor and sensor.replace(seed=7).seed == 7
     assert repr(sensor).startswith('SensorModel("davis346"') and "contrast_on=0.25" in repr(sensor)

@@ -13,7 +13,9 @@ import esaac
 
 
 def command(*arguments):
-    return subprocess.run([sys.executable, "-m", "esaac", *map(str, arguments)], capture_output=True, text=True)
+    return subprocess.run(
+        [sys.executable, "-m", "esaac", *map(str, arguments)], capture_output=True, text=True
+    )
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,9 @@ from conftest import FRAME_NS, assert_same, bars, join, run
 
 import esaac
 
-SENSOR = esaac.SensorModel("dvs128", width=24, height=16, contrast_on=0.15, contrast_off=0.15, profile="noisy")
+SENSOR = esaac.SensorModel(
+    "dvs128", width=24, height=16, contrast_on=0.15, contrast_off=0.15, profile="noisy"
+)
 
 
 def tiles(count, index, height=16, width=24):

@@ -17,7 +17,7 @@ under way. A camera made before fork() raises `ForkError` in the child.
 
 from collections.abc import Iterable, Sequence
 from types import TracebackType
-from typing import Any, Literal, Protocol, TypedDict, Union, overload
+from typing import Any, Literal, TypedDict, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,14 +99,19 @@ class SensorModel:
     seed: int
 
     def __init__(
-        self, sensor: Union["SensorModel", str, None] = None, /, *, profile: Profile | None = None, **parameters: Any
+        self,
+        sensor: Union[SensorModel, str, None] = None,
+        /,
+        *,
+        profile: Profile | None = None,
+        **parameters: Any,
     ) -> None:
         """A preset by name (`"davis346"` by default) or a sensor; then a profile, then parameters over it."""
     @staticmethod
-    def from_toml(text: str) -> "SensorModel": ...
+    def from_toml(text: str) -> SensorModel: ...
     def to_toml(self) -> str: ...
     def to_dict(self) -> dict[str, Any]: ...
-    def replace(self, *, profile: Profile | None = None, **parameters: Any) -> "SensorModel":
+    def replace(self, *, profile: Profile | None = None, **parameters: Any) -> SensorModel:
         """The same with some parameters changed."""
     @staticmethod
     def presets() -> list[tuple[str, int, int, str]]:
@@ -115,7 +120,7 @@ class SensorModel:
     def parameters() -> list[tuple[str, str, str]]:
         """Name, unit, description of each."""
 
-class Tensor(Protocol):
+class Tensor:
     """An array on a CUDA device, contiguous, for `torch.from_dlpack`, `cupy.asarray`, `jax.dlpack.from_dlpack`.
 
     It is written when the call that gave it returns: no stream has to wait. Its memory is the tensor's own for
@@ -142,7 +147,7 @@ class Tensor(Protocol):
     ) -> Any: ...
     def __dlpack_device__(self) -> tuple[int, int]: ...
     def __len__(self) -> int: ...
-    def __getitem__(self, key: int | slice) -> "Tensor": ...
+    def __getitem__(self, key: int | slice) -> Tensor: ...
     def numpy(self) -> NDArray[Any]:
         """A copy on the host."""
 
@@ -170,7 +175,7 @@ class Packet:
     width: int
     height: int
     def __len__(self) -> int: ...
-    def __getitem__(self, camera: int) -> "Packet": ...
+    def __getitem__(self, camera: int) -> Packet: ...
 
 class ApsFrame:
     t_ns: int
@@ -208,7 +213,13 @@ class EventCamera(_Cameras):
         **parameters: Any,
     ) -> None: ...
     def step(
-        self, hdr: Array, motion: Array | None = None, *, t_ns: int, depth: Array | None = None, stream: int | None = None
+        self,
+        hdr: Array,
+        motion: Array | None = None,
+        *,
+        t_ns: int,
+        depth: Array | None = None,
+        stream: int | None = None,
     ) -> Packet:
         """The events between the last frame and this one; none for the first."""
     sensor: SensorModel
@@ -229,7 +240,11 @@ class Rig(_Cameras):
     """Cameras of different sensors that step together."""
 
     def __init__(
-        self, sensors: Iterable[SensorModel | str], *, device: int | str | None = None, packets: Packets = "host"
+        self,
+        sensors: Iterable[SensorModel | str],
+        *,
+        device: int | str | None = None,
+        packets: Packets = "host",
     ) -> None: ...
     def __len__(self) -> int: ...
     def step(

@@ -173,9 +173,7 @@ class Rig(_Cameras):
 class TiledEventCamera(_Cameras):
     """Many cameras alike, one for each environment. See `__init__.pyi`."""
 
-    def __init__(
-        self, sensor=None, num_envs=1, *, profile=None, device=None, packets="host", **parameters
-    ):
+    def __init__(self, sensor=None, num_envs=1, *, profile=None, device=None, packets="host", **parameters):
         if not 1 <= num_envs <= 65536:
             raise ArgumentError(f"num_envs is {num_envs}, expected 1 to 65536")
         sensor = SensorModel(sensor, profile=profile, **parameters)

@@ -31,7 +31,7 @@ class EventWriter:
         # What is missing is better learnt before the simulation than after.
         {".h5": _h5py, ".hdf5": _h5py, ".aedat4": _faery, ".raw": _faery}.get(self.path.suffix, bool)()
         self.sensor = sensor
-        self._parts = []
+        self._parts, self._events = [], 0
         self._closed = False
 
     def write(self, packet):
@@ -43,9 +43,10 @@ class EventWriter:
         if len(packet):
             part = [_host(array) for array in (packet.x, packet.y, packet.t_ns, packet.p)]
             self._parts.append(part)
+            self._events += len(packet)
 
     def __len__(self):
-        return sum(len(part[0]) for part in self._parts)
+        return self._events
 
     def close(self):
         """Writes the file."""

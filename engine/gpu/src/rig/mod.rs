@@ -163,6 +163,7 @@ pub struct Rig {
     aps: Vec<Option<ApsFrame>>,
     diagnostics: Vec<Diagnostics>,
     stage_ns: Vec<(&'static str, u64)>,
+    submit_to_packet_ns: u64,
 }
 
 impl Rig {
@@ -247,6 +248,7 @@ impl Rig {
             } else {
                 vec![("tick", 0)]
             },
+            submit_to_packet_ns: 0,
             device: Arc::clone(device),
             options,
             cameras,
@@ -401,19 +403,27 @@ impl Rig {
         self.stage_ns.iter().map(|(_, ns)| ns).sum()
     }
 
+    /// From the call of submit to the packets in the last tick.
+    #[must_use]
+    pub fn submit_to_packet_ns(&self) -> u64 {
+        self.submit_to_packet_ns
+    }
+
     /// Whether a camera's next frame is its first.
     pub fn is_at_start(&self, camera: usize) -> Result<bool, EngineError> {
         Ok(self.camera(camera)?.last_ns.is_none())
     }
 
-    /// Takes the last tick's packets, without a copy.
+    /// Takes the events of the last tick's packets, without a copy; their headers stay.
     pub fn take_packets(&mut self) -> Vec<Packet> {
-        let fresh: Vec<Packet> = self
-            .packets
-            .iter()
-            .map(|p| Packet { width_px: p.width_px, height_px: p.height_px, ..Packet::default() })
-            .collect();
-        std::mem::replace(&mut self.packets, fresh)
+        let take = |packet: &mut Packet| Packet {
+            x: std::mem::take(&mut packet.x),
+            y: std::mem::take(&mut packet.y),
+            t_offset_ns: std::mem::take(&mut packet.t_offset_ns),
+            polarity: std::mem::take(&mut packet.polarity),
+            ..*packet
+        };
+        self.packets.iter_mut().map(take).collect()
     }
 
     /// As [`Rig::step_some`], with frames read where they lie, and commands and timelines around the
@@ -447,14 +457,14 @@ impl Rig {
             *ns = 0;
         }
         self.collect(t_ns)?;
-        let submit_to_packet_ns = started.elapsed().as_nanos() as u64;
+        self.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
         Ok(Tick {
             packets: &self.packets,
             events: &self.events,
             aps: &self.aps,
             diagnostics: &self.diagnostics,
             stage_ns: &self.stage_ns,
-            submit_to_packet_ns,
+            submit_to_packet_ns: self.submit_to_packet_ns,
         })
     }
 

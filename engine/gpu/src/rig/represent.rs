@@ -89,13 +89,14 @@ impl Rig {
         let slices = self.slices(what, share.before);
         let most_events = slices.iter().map(|slice| slice.events).max().unwrap_or(0);
         let most_pixels = slices.iter().map(|slice| slice.pixels).max().unwrap_or(0);
-        let bytes = std::mem::size_of_val(&slices[..]) as u64;
-        if self.slices.as_ref().is_none_or(|buffer| buffer.bytes() < bytes) {
+        let bytes: &[u8] = bytemuck::cast_slice(&slices);
+        if self.slices.is_none() {
+            // In the device's own memory: every thread reads a row of it.
             let usage = vk::BufferUsageFlags::empty();
-            self.slices = Some(self.device.allocate("slices", bytes, usage, MemoryLocation::CpuToGpu)?);
+            let table = self.device.allocate("slices", bytes.len() as u64, usage, MemoryLocation::GpuOnly)?;
+            self.slices = Some(table);
         }
-        let table = self.slices.as_mut().expect("made above");
-        table.write(0, &slices);
+        let table = self.slices.as_ref().expect("made above");
         let bins = if let Representation::VoxelGrid { bins } = what { bins } else { 0 };
         let push = Push {
             slices: table.address(),
@@ -109,15 +110,17 @@ impl Rig {
         let groups = |items: u32| items.div_ceil(256 * per_thread).clamp(1, MOST_GROUPS);
         let kernels = &self.kernels;
         self.representing.record(|commands| {
-            if what != Representation::Gathered {
-                let (first, size) = (share.before * 4, elements * 4);
-                // SAFETY: `commands` is being recorded; the target is alive, and as long as was checked.
-                #[expect(unsafe_code, reason = "Vulkan's edge")]
-                unsafe {
+            // SAFETY: `commands` is being recorded; both buffers are alive and as long as this (256 rows of 40
+            // bytes at the most are far below what an update may carry).
+            #[expect(unsafe_code, reason = "Vulkan's edge")]
+            unsafe {
+                self.device.raw().cmd_update_buffer(commands, table.raw(), 0, bytes);
+                if what != Representation::Gathered {
+                    let (first, size) = (share.before * 4, elements * 4);
                     self.device.raw().cmd_fill_buffer(commands, target.raw(), first, size, 0);
                 }
-                record_barrier_from_transfer(&self.device, commands);
             }
+            record_barrier_from_transfer(&self.device, commands);
             let dispatch = |kernel: &Kernel, level: u32, items: u32| {
                 kernel.record(commands, bytes_of(&Push { level, ..push }), [groups(items), cameras, 1]);
             };

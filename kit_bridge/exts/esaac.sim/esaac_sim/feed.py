@@ -10,6 +10,13 @@ from .frames import FrameUnusable, frame_of
 LONGEST_GAP_NS = 1_000_000_000
 RATE_WINDOW = 60
 
+FORMS = {
+    "event_frame": lambda camera: camera.event_frame(),
+    "voxel_grid": lambda camera: camera.voxel_grid(),
+    "aps": lambda camera: camera.aps,
+}
+"""What `esaac:outputs` may ask for beside the events."""
+
 
 class Feed:
     """Steps an event camera with a writer's data, and keeps count."""
@@ -21,6 +28,7 @@ class Feed:
         self.frames = self.events = self.duplicates = self.gaps = self.unusable = self.faults = 0
         self.message = "waiting for the first frame"
         self.packet = None
+        self.forms = {}
         self.latency_ms = 0.0
         self._last_ns = None
         self._recent = collections.deque(maxlen=RATE_WINDOW)
@@ -56,6 +64,7 @@ class Feed:
         self.frames += 1
         self.events += len(packet)
         self.packet = packet
+        self.forms = {name: form(self.camera) for name, form in FORMS.items() if name in self.spec.outputs}
         self.message = "running"
         self._recent.append((started, len(packet)))
         for sink in self.sinks:

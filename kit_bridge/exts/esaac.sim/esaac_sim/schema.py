@@ -6,8 +6,9 @@ too, so that a stage needs no plug-in to carry them.
 
 import dataclasses
 
-import esaac
 from pxr import Usd, UsdGeom
+
+import esaac
 
 API = "EsaacEventCameraAPI"
 PREFIX = "esaac:"
