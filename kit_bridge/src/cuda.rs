@@ -4,6 +4,7 @@ use crate::error::Fault;
 use crate::process::OwnProcess;
 use esaac_engine::Device;
 use esaac_interop::cuda::{CudaBuffer, CudaLink};
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Blocks that wait to be used again; more are freed.
@@ -12,7 +13,7 @@ const SPARE_BLOCKS: usize = 8;
 /// One device for CUDA and the engine.
 pub struct CudaSide {
     /// Blocks that nobody reads, but that pending work may.
-    spare: Mutex<Vec<CudaBuffer>>,
+    spare: Mutex<VecDeque<CudaBuffer>>,
     link: Mutex<CudaLink>,
     /// CUDA's number of the device.
     pub ordinal: i32,
@@ -49,7 +50,7 @@ impl CudaSide {
             };
             let best =
                 (0..spare.len()).filter(|&i| fits(&spare[i])).min_by_key(|&i| spare[i].buffer().bytes());
-            best.map(|index| spare.swap_remove(index))
+            best.and_then(|index| spare.remove(index))
         };
         let buffer = match used {
             Some(buffer) => {
@@ -84,14 +85,15 @@ impl Drop for Block {
             && let Some(buffer) = memory.take()
         {
             let mut spare = side.spare.lock().unwrap_or_else(PoisonError::into_inner);
-            if spare.len() < SPARE_BLOCKS {
-                spare.push(buffer);
-            } else {
-                drop(spare);
-                // Memory is not freed under work that reads it.
-                if let Err(error) = side.link().settle() {
-                    eprintln!("esaac: {error}");
-                }
+            spare.push_back(buffer);
+            // What has waited longest is of a size that nobody asks for any more.
+            let left_over = if spare.len() > SPARE_BLOCKS { spare.pop_front() } else { None };
+            drop(spare);
+            // Memory is not freed under work that reads it.
+            if left_over.is_some()
+                && let Err(error) = side.link().settle()
+            {
+                eprintln!("esaac: {error}");
             }
         }
     }

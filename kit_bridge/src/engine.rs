@@ -18,6 +18,7 @@ use esaac_model::SensorModel;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
+use std::rc::Rc;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Cameras in one process.
@@ -348,9 +349,11 @@ impl Engine {
         stream: Option<u64>,
     ) -> PyResult<(Tiles, Option<Tiles>)> {
         let inner = self.inner.get()?;
+        let torch = Rc::default();
         let streams = || {
             let side = py.detach(|| inner.side())?;
-            Ok(Streams { ours: side.stream, callers: stream.map(|s| s.max(image::LEGACY_DEFAULT_STREAM)) })
+            let callers = stream.map(|s| s.max(image::LEGACY_DEFAULT_STREAM));
+            Ok(Streams { ours: side.stream, callers, torch: Rc::clone(&torch) })
         };
         let tiles = |array: &Bound<'_, PyAny>, name: &'static str| -> PyResult<Tiles> {
             Ok(Tiles::of(Image::of(array, name, &streams)?, cameras, size_px)?)

@@ -10,6 +10,8 @@ use crate::error::Fault;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyList, PyTuple};
+use std::cell::Cell;
+use std::rc::Rc;
 
 /// Type of an array's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,27 +71,32 @@ enum Owner {
 }
 
 /// What a call knows of streams.
-#[derive(Clone, Copy)]
 pub struct Streams {
     /// Ours, which producers are asked to order their work before.
     pub ours: u64,
     /// The caller's word for where the arrays are written.
     pub callers: Option<u64>,
+    /// Torch's present stream, once it was asked for.
+    pub torch: Rc<Cell<Option<u64>>>,
 }
 
 /// The stream that torch puts work into now, for a tensor of torch's: to ask for it takes less time than to have
 /// torch order the stream that DLPack's protocol names.
-fn stream_of_torch(array: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+fn stream_of_torch(array: &Bound<'_, PyAny>, known: &Cell<Option<u64>>) -> PyResult<Option<u64>> {
     let kind = array.get_type();
     if kind.module()? != "torch" {
         return Ok(None);
+    }
+    if known.get().is_some() {
+        return Ok(known.get());
     }
     let cuda = array.py().import("torch")?.getattr("cuda")?;
     let stream: u64 = cuda
         .call_method1("current_stream", (array.getattr("device")?,))?
         .getattr("cuda_stream")?
         .extract()?;
-    Ok(Some(stream.max(LEGACY_DEFAULT_STREAM)))
+    known.set(Some(stream.max(LEGACY_DEFAULT_STREAM)));
+    Ok(known.get())
 }
 
 impl Image {
@@ -171,7 +178,7 @@ impl Image {
         let arguments = PyDict::new(py);
         let after = match streams.callers {
             Some(stream) => Some(stream),
-            None => stream_of_torch(array)?,
+            None => stream_of_torch(array, &streams.torch)?,
         };
         // Where the stream is known, the producer need not order anything.
         match after {

@@ -26,16 +26,16 @@ from esaac_sim import self_test, sinks
 from esaac_sim.bridge import SETTINGS, Bridge
 from esaac_sim.extension import Extension, Log
 from esaac_sim.frames import FrameUnusable, frame_of
-from esaac_sim.schema import API, SchemaError, cameras, spec_of
+from esaac_sim.schema import API, SchemaError, cameras, register, spec_of
 
 APP = omni.kit.app.get_app()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def schema():
-    """The schema as Kit registers it."""
-    plugins = Plug.Registry().RegisterPlugins(str(EXTENSION / "schema"))
-    assert [plugin.name for plugin in plugins] == ["esaacSim"]
+    """The schema as the extension registers it."""
+    register()
+    assert Plug.Registry().GetPluginWithName("esaacSim")
 
 
 @pytest.fixture

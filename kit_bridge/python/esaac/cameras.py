@@ -116,16 +116,32 @@ class EventCamera(_Cameras):
         return {**(cameras[0] if cameras else {}), **shared}
 
 
-class Rig(_Cameras):
+class _Several(_Cameras):
+    """What cameras that step together can do."""
+
+    def __init__(self, sensors, device, packets, tiled):
+        super().__init__(sensors, device, packets, tiled)
+        self._count = len(sensors)
+
+    def __len__(self):
+        return self._count
+
+    @property
+    def aps(self):
+        return self._all_aps()
+
+    @property
+    def statistics(self):
+        cameras, shared = self._engine.statistics()
+        return {"cameras": cameras, **shared}
+
+
+class Rig(_Several):
     """Cameras of different sensors that step together. See `__init__.pyi`."""
 
     def __init__(self, sensors, *, device=None, packets="host"):
         sensors = [SensorModel(sensor) for sensor in sensors]
         super().__init__(sensors, device, packets, tiled=False)
-        self._count = len(sensors)
-
-    def __len__(self):
-        return self._count
 
     def step(self, frames, t_ns, *, stream=None):
         given = []
@@ -160,17 +176,8 @@ class Rig(_Cameras):
     def voxel_grids(self, bins=5):
         return self._engine.form(bins)
 
-    @property
-    def aps(self):
-        return self._all_aps()
 
-    @property
-    def statistics(self):
-        cameras, shared = self._engine.statistics()
-        return {"cameras": cameras, **shared}
-
-
-class TiledEventCamera(_Cameras):
+class TiledEventCamera(_Several):
     """Many cameras alike, one for each environment. See `__init__.pyi`."""
 
     def __init__(self, sensor=None, num_envs=1, *, profile=None, device=None, packets="host", **parameters):
@@ -178,10 +185,6 @@ class TiledEventCamera(_Cameras):
             raise ArgumentError(f"num_envs is {num_envs}, expected 1 to 65536")
         sensor = SensorModel(sensor, profile=profile, **parameters)
         super().__init__([sensor] * num_envs, device, packets, tiled=True)
-        self._count = num_envs
-
-    def __len__(self):
-        return self._count
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
         del depth
@@ -209,12 +212,3 @@ class TiledEventCamera(_Cameras):
 
     def voxel_grids(self, bins=5):
         return self._engine.form(bins)[0]
-
-    @property
-    def aps(self):
-        return self._all_aps()
-
-    @property
-    def statistics(self):
-        cameras, shared = self._engine.statistics()
-        return {"cameras": cameras, **shared}

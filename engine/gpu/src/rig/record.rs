@@ -52,9 +52,8 @@ pub(super) struct Kernels {
     scatter: Kernel,
     sort: Kernel,
     pub merge: Kernel,
-    pub gather: Kernel,
-    pub event_frame: Kernel,
-    pub voxel_grid: Kernel,
+    /// Those that make forms of packets, by stage; compiled when they are first asked for.
+    pub forms: HashMap<&'static str, Kernel>,
 }
 
 impl Kernels {
@@ -64,9 +63,7 @@ impl Kernels {
             scatter: code.kernel(bindings, stages::SCATTER, &[])?,
             sort: code.kernel(bindings, stages::SORT, &[])?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
-            gather: code.kernel(bindings, stages::GATHER, &[])?,
-            event_frame: code.kernel(bindings, stages::EVENT_FRAME, &[])?,
-            voxel_grid: code.kernel(bindings, stages::VOXEL_GRID, &[])?,
+            forms: HashMap::new(),
         })
     }
 }
@@ -156,7 +153,7 @@ impl Rig {
         let enhances = s.enhances.values().map(|enhance| ("enhance", enhance));
         let crossings = s.crossings.values().map(|crossing| ("cross", crossing));
         let events = [("carry", &k.carry), ("scatter", &k.scatter), ("sort", &k.sort), ("merge", &k.merge)];
-        let forms = [("gather", &k.gather), ("event_frame", &k.event_frame), ("voxel_grid", &k.voxel_grid)];
+        let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
         ingests.chain(enhances).chain(crossings).chain(events).chain(forms)
     }
 

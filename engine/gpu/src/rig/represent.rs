@@ -5,7 +5,7 @@ use super::Rig;
 use super::record::{MOST_GROUPS, events_per_thread};
 use crate::device::Around;
 use crate::error::EngineError;
-use crate::kernel::{Kernel, record_barrier_from_transfer, record_host_barrier};
+use crate::kernel::{record_barrier_from_transfer, record_host_barrier, stages};
 use crate::memory::Buffer;
 use ash::vk;
 use bytemuck::bytes_of;
@@ -43,6 +43,15 @@ impl Representation {
         match self {
             Representation::Gathered => 13,
             Representation::EventFrame | Representation::VoxelGrid { .. } => 4,
+        }
+    }
+
+    /// The kernel that makes it.
+    fn kernel(self) -> (&'static str, &'static [u8]) {
+        match self {
+            Representation::Gathered => stages::GATHER,
+            Representation::EventFrame => stages::EVENT_FRAME,
+            Representation::VoxelGrid { .. } => stages::VOXEL_GRID,
         }
     }
 
@@ -108,7 +117,12 @@ impl Rig {
         let per_thread = events_per_thread(&self.device);
         let cameras = self.cameras.len() as u32;
         let groups = |items: u32| items.div_ceil(256 * per_thread).clamp(1, MOST_GROUPS);
-        let kernels = &self.kernels;
+        let (stage, code) = what.kernel();
+        if !self.kernels.forms.contains_key(stage) {
+            let kernel = self.code.kernel(&self.bindings, (stage, code), &[])?;
+            self.kernels.forms.insert(stage, kernel);
+        }
+        let kernel = &self.kernels.forms[stage];
         self.representing.record(|commands| {
             // SAFETY: `commands` is being recorded; both buffers are alive and as long as this (256 rows of 40
             // bytes at the most are far below what an update may carry).
@@ -121,17 +135,13 @@ impl Rig {
                 }
             }
             record_barrier_from_transfer(&self.device, commands);
-            let dispatch = |kernel: &Kernel, level: u32, items: u32| {
+            let dispatch = |level: u32, items: u32| {
                 kernel.record(commands, bytes_of(&Push { level, ..push }), [groups(items), cameras, 1]);
             };
-            match what {
-                Representation::Gathered => dispatch(&kernels.gather, 0, most_events),
-                Representation::EventFrame => dispatch(&kernels.event_frame, 0, most_events),
-                Representation::VoxelGrid { bins } => {
-                    dispatch(&kernels.voxel_grid, 0, most_events);
-                    record_barrier_from_transfer(&self.device, commands);
-                    dispatch(&kernels.voxel_grid, 1, bins.saturating_mul(most_pixels));
-                }
+            dispatch(0, most_events);
+            if let Representation::VoxelGrid { bins } = what {
+                record_barrier_from_transfer(&self.device, commands);
+                dispatch(1, bins.saturating_mul(most_pixels));
             }
             record_host_barrier(&self.device, commands);
         })?;

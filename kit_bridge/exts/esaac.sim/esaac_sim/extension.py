@@ -12,6 +12,7 @@ import omni.usd
 from omni.kit.menu.utils import MenuItemDescription
 
 from .bridge import SETTINGS, Bridge
+from .schema import register
 from .window import Window
 
 MENU = "Window"
@@ -35,6 +36,7 @@ class Extension(omni.ext.IExt):
     """`esaac.sim`."""
 
     def on_startup(self, ext_id):
+        register()
         self.bridge = Bridge(carb.settings.get_settings(), Log())
         self.window = None
         self._task = None

@@ -5,8 +5,9 @@ too, so that a stage needs no plug-in to carry them.
 """
 
 import dataclasses
+import pathlib
 
-from pxr import Usd, UsdGeom
+from pxr import Plug, Usd, UsdGeom
 
 import esaac
 
@@ -44,6 +45,11 @@ class CameraSpec:
     publish: bool
     topic: str
     frame_id: str
+
+
+def register():
+    """Tells USD of the applied schema; once is enough, and more do no harm."""
+    Plug.Registry().RegisterPlugins(str(pathlib.Path(__file__).parents[1] / "schema"))
 
 
 def is_event_camera(prim):
