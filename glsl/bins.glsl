@@ -22,3 +22,8 @@ uint stamp_offset(Camera cam, uint since_start_ns) {
     const uint offset_ns = since_start_ns + cam.base_to_start_ns;
     return offset_ns - offset_ns % cam.timestamp_quantum_ns;
 }
+
+// First of the camera's bins of this tick: there are two sets, of which `sort` clears the other.
+uint bins_of(Camera cam, uint parity) {
+    return cam.bin_base + parity * (cam.bin_count + 1u);
+}

@@ -1,13 +1,13 @@
-// cross: from planes and motion to staged events; the synthesis and the pixel model in one kernel, so
+// cross: from planes and motion to events in bins; the synthesis and the pixel model in one kernel, so
 // that sub-steps never leave the chip.
 //
 // One workgroup a part of a strip of four 8x8 blocks side by side, CROSS_ROWS_PX rows of it, a thread a pixel,
 // which synthesises each sub-step and walks it; what they find is kept in a list, and all threads stamp and
 // stage the list together. A row of a strip is 32 pixels, so that a subgroup reads neighbouring words. x over
-// parts, y over cameras. Reads `planes`, `motion`, `blocks`. Appends to `staged` and counts into `bins`; updates
-// `state` in place, but only if the part's events fitted: one whose events did not fit leaves everything as it
-// was and runs again, once the buffer has grown, or without a list (CROWDED) if that was too short. The order
-// within `staged` is that of the atomics; `sort` makes the packet independent of it.
+// parts, in the order of `strip_order`, y over cameras. Reads `planes`, `motion`, `blocks`. Puts events into their
+// bins; updates `state` in place, but only if the part's events fitted: one whose events did not fit leaves
+// everything as it was and runs again, once the buffers have grown, or without a list (CROWDED) if that was too
+// short. The order within a bin is that of the atomics; `sort` makes the packet independent of it.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -31,10 +31,15 @@ BUFFER(readonly, SLOT_PLANES, float, planes);
 BUFFER(readonly, SLOT_MOTION, vec2, motion);
 BUFFER(, SLOT_STATE, uint, state);
 BUFFER(, SLOT_BLOCKS, uvec4, blocks);
+BUFFER(readonly, SLOT_STRIP_ORDER, uint, strip_order);
 BUFFER(, SLOT_BINS, uint, bins);
-BUFFER(writeonly, SLOT_STAGED, uvec2, staged);
+BUFFER(writeonly, SLOT_ROOMS, uvec2, rooms);
+BUFFER(writeonly, SLOT_SPILLED, uvec2, spilled);
 BUFFER(writeonly, SLOT_APS, uint16_t, aps);
 BUFFER(writeonly, SLOT_SAMPLES, int, samples_out);
+
+// Workgroups a strip.
+const uint STRIP_PARTS = uint(BLOCK_PX) / CROSS_ROWS_PX;
 
 const uint LIST_EVENTS = 8u * gl_WorkGroupSize.x;
 
@@ -46,8 +51,12 @@ shared uint around_motion[STRIP_BLOCKS];
 shared uint own_change[STRIP_BLOCKS];
 shared uint events_before[gl_WorkGroupSize.x];
 
+#include "put.glsl"
 #include "synthesize.glsl"
 #include "pixel_log_state.glsl"
+
+// First pixel of the workgroup.
+uvec2 corner;
 
 // In a crowded strip's second walk.
 bool staging;
@@ -56,8 +65,8 @@ void emit(uint at_ns, bool on, uint ordinal);
 
 #include "pixel_log.glsl"
 
-// Stamps an event of the list and puts it among the staged ones.
-void stage(Camera cam, uvec2 corner, uint position, uvec2 entry) {
+// Stamps an event of the list and puts it where it belongs.
+void stage(Camera cam, uvec2 entry) {
     const uint in_strip = entry.y & 255u;
     const uint pixel = (corner.y + in_strip / STRIP_PX) * cam.width + corner.x + in_strip % STRIP_PX;
     uint since_start_ns = entry.x;
@@ -77,8 +86,7 @@ void stage(Camera cam, uvec2 corner, uint position, uvec2 entry) {
         event.x = stamp_offset(cam, since_start_ns);
         bin = bin_of(cam, event.x, pixel);
     }
-    atomicAdd(bins[cam.bin_base + bin], 1u);
-    staged[cam.event_base + position] = event;
+    put(cam, bin, event);
 }
 
 void emit(uint at_ns, bool on, uint ordinal) {
@@ -86,8 +94,7 @@ void emit(uint at_ns, bool on, uint ordinal) {
     const uint position = atomicAdd(list_count, 1u);
     if (CROWDED) {
         if (staging) {
-            const uint index = push.first_camera + gl_WorkGroupID.y;
-            stage(cameras[index], strip_corner(cameras[index].blocks_x, CROSS_ROWS_PX), list_base + position, entry);
+            stage(cameras[push.first_camera + gl_WorkGroupID.y], entry);
         }
     } else if (position < LIST_EVENTS) {
         list[position] = entry;
@@ -158,11 +165,13 @@ float cross_interval(
 
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    const uvec2 corner = strip_corner(cameras[index].blocks_x, CROSS_ROWS_PX);
-    if (cameras[index].phase != PHASE_INTERVAL || corner.y >= cameras[index].height) {
+    const uint in_line = gl_WorkGroupID.x / STRIP_PARTS;
+    const uint part = gl_WorkGroupID.x % STRIP_PARTS;
+    if (cameras[index].phase != PHASE_INTERVAL || in_line >= strip_count(cameras[index])) {
         return;
     }
     const Camera cam = cameras[index];
+    corner = strip_corner(cam.blocks_x, strip_order[cam.strip_base + in_line]) + uvec2(0u, part * CROSS_ROWS_PX);
     const uint lane = gl_LocalInvocationID.x;
     const uint counter = 2u * cam.slot + cam.parity;
     const uvec2 at = corner + uvec2(lane % STRIP_PX, lane / STRIP_PX);
@@ -172,9 +181,8 @@ void main() {
     const uint in_strip = (lane % STRIP_PX) / BLOCK_PX;
     const uvec2 block_at = uvec2(min(corner.x / BLOCK_PX + in_strip, cam.blocks_x - 1u), corner.y / BLOCK_PX);
     const uint own_block = cam.block_base + cam.parity * cam.blocks + block_at.y * cam.blocks_x + block_at.x;
-    const bool block_first = lane < STRIP_PX && lane % BLOCK_PX == 0u && at.x < cam.width;
     // Where a strip is cut, its first part counts for all of it.
-    const uint part = (corner.y % BLOCK_PX) / CROSS_ROWS_PX;
+    const bool block_first = lane < STRIP_PX && lane % BLOCK_PX == 0u && at.x < cam.width;
 
     // What was done before the buffer had to grow is not done again; a bit in the strip's first block tells.
     const uint first_block =
@@ -287,7 +295,7 @@ void main() {
         }
     } else {
         for (uint e = lane; e < found; e += gl_WorkGroupSize.x) {
-            stage(cam, corner, list_base + e, list[e]);
+            stage(cam, list[e]);
         }
     }
     if (inside) {

@@ -1,29 +1,34 @@
-// ingest: a rendered frame becomes log-intensity planes, motion and per-block facts.
+// ingest: a rendered frame becomes log-intensity planes, motion and per-block facts. Frames that are warped by cubic
+// taps become lattices of half pixels, whose half sites take up what the previous frame saw there.
 //
-// One workgroup of 256 threads a strip of four 8x8 blocks side by side, a thread a pixel; x over strips, y
-// over cameras. Reads the images by device address. Writes `planes`, `motion` of this frame's parity and
-// `blocks`, all read by `enhance` and `cross` after a barrier; arms pixels in `state`, which nothing else
-// touches before `cross`.
+// One workgroup of 320 threads a strip of four 8x8 blocks side by side; x over strips, y over cameras, z over colour
+// components. For a lattice it first takes in the strip and the pixels around it that half sites draw on, so that no
+// workgroup waits for another. Reads the images by device address, and the previous frame in `planes`. Writes the
+// current frame there, `motion` of this frame's parity, `blocks` and `strip_order`, all read by `enhance` and `cross`
+// after a barrier; arms pixels in `state`, which nothing else touches before `cross`.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
 #include "common.glsl"
 #include "random.glsl"
+#include "substeps.glsl"
 #include "strips.glsl"
 
-layout(local_size_x = 256) in;
+layout(local_size_x = 320) in;
 layout(constant_id = 0) const uint INTENSITY = 0;
 // Whether frames have lattices.
 layout(constant_id = 1) const bool LATTICE = false;
 layout(constant_id = 2) const uint HDR_FORMAT = 0;
 layout(constant_id = 3) const uint MOTION_FORMAT = 0;
+layout(constant_id = 4) const bool BY_ADDRESS = true;
 
 BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(, SLOT_PLANES, float, planes);
-BUFFER(writeonly, SLOT_MOTION, vec2, motion);
+BUFFER(, SLOT_MOTION, vec2, motion);
 BUFFER(, SLOT_STATE, uint, state);
 BUFFER(writeonly, SLOT_BLOCKS, uvec4, blocks);
+BUFFER(writeonly, SLOT_STRIP_ORDER, uint, strip_order);
 
 layout(buffer_reference, std430) readonly buffer Words1 { uint v[]; };
 layout(buffer_reference, std430) readonly buffer Words2 { uvec2 v[]; };
@@ -31,11 +36,32 @@ layout(buffer_reference, std430) readonly buffer Floats2 { vec2 v[]; };
 layout(buffer_reference, std430) readonly buffer Floats4 { vec4 v[]; };
 
 #include "pixel_log_state.glsl"
-#include "frame_words.glsl"
+#include "trajectory.glsl"
+#include "lattice.glsl"
 #include "margin.glsl"
 
-// As in trajectory.glsl.
-const uint INVALID_BIT = 0x80000000u;
+// What a workgroup takes in: the strip, and for a lattice a column and row before and two after it.
+const uint BEFORE_PX = LATTICE ? 1u : 0u;
+const uint TAKEN_X = STRIP_PX + (LATTICE ? 3u : 0u);
+const uint TAKEN_Y = BLOCK_PX + (LATTICE ? 3u : 0u);
+
+// Beyond the image these are its outermost pixels.
+shared float taken_level[(STRIP_PX + 3u) * (BLOCK_PX + 3u)];
+shared vec2 taken_motion[(STRIP_PX + 3u) * (BLOCK_PX + 3u)];
+shared uint moves;
+
+ivec2 strip_at;
+
+uint taken_index(ivec2 at) {
+    const uvec2 in_taken = uvec2(at - strip_at + int(BEFORE_PX));
+    return in_taken.y * TAKEN_X + in_taken.x;
+}
+
+vec2 motion_near(Camera cam, ivec2 at) {
+    return taken_motion[taken_index(at)];
+}
+
+#include "transfer.glsl"
 
 shared uint block_motion[STRIP_BLOCKS];
 shared uint block_change[STRIP_BLOCKS];
@@ -74,115 +100,242 @@ bool bad(float value) {
     return not_finite(value) || value < 0.0;
 }
 
-// A pixel's log intensity, into a frame.
-void store_level(Camera cam, uint base, uvec2 at, float level) {
+// Log intensity of colour component `channel`.
+float log_intensity_of(Camera cam, vec3 colour, uint channel) {
+    float intensity = colour[channel];
+    if (INTENSITY == INTENSITY_GRAY) {
+        intensity = (colour.x + colour.y + colour.z) * (1.0 / 3.0);
+    } else if (INTENSITY == INTENSITY_LUMINANCE) {
+        intensity = dot(colour, REC709);
+    }
+    return log(intensity * cam.exposure_gain + cam.log_offset);
+}
+
+// First word of a frame of one colour component.
+uint frame_of(Camera cam, uint parity, uint channel) {
+    const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
+    return cam.plane_base + (parity * channels + channel) * cam.frame_words;
+}
+
+// Facts of a pixel with a valid colour for its block, and its state. `level` and `before` are those of the first
+// colour component, of this frame and of the one before.
+void note_pixel(Camera cam, ivec2 at, uint block, vec3 colour, float level, float before) {
+    const uint pixel = uint(at.y) * cam.width + uint(at.x);
+    const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
+    const uint own = INTENSITY == INTENSITY_BAYER_RGGB ? uint(at.x & 1) + uint(at.y & 1) : 0u;
+    if (cam.phase == PHASE_FIRST) {
+        arm_pixel(cam, pixel, to_q24(own == 0u ? level : log_intensity_of(cam, colour, own)));
+        return;
+    }
+    float change = abs(level - before);
+    bool changed = floatBitsToUint(before) != floatBitsToUint(level);
+    for (uint c = 1u; c < channels; ++c) {
+        const float other_before = planes[frame_of(cam, 1u - cam.parity, c) + frame_word(cam, LATTICE, at)];
+        const float other = log_intensity_of(cam, colour, c);
+        if (c == own) {
+            change = abs(other - other_before);
+        }
+        changed = changed || floatBitsToUint(other_before) != floatBitsToUint(other);
+    }
+    if (changed) {
+        atomicMax(block_change[block], floatBitsToUint(max(change, 1e-12)));
+    }
+    if (int(load_state(cam, pixel, STATE_REFERENCE)) == UNARMED) {
+        // It starts when the interval that ends with this frame is over.
+        store_state(cam, pixel, STATE_REFERENCE, uint(ARMING));
+        atomicMax(block_change[block], floatBitsToUint(1e-12));
+    }
+}
+
+// The same of one that has none.
+void note_invalid(Camera cam, ivec2 at, uint block) {
+    atomicAdd(block_invalid[block], 1u);
+    if (cam.phase == PHASE_FIRST) {
+        store_state(cam, uint(at.y) * cam.width + uint(at.x), STATE_REFERENCE, uint(UNARMED));
+        atomicAdd(counters[2u * cam.slot + cam.parity].unarmed_pixels, 1u);
+    }
+}
+
+// A pixel's motion, usable or marked.
+vec2 take_motion(Camera cam, uint pixel, out bool usable) {
+    vec2 m = read_motion(cam, pixel);
+    usable = !(not_finite(m.x) || not_finite(m.y));
+    if (!usable) {
+        m = uintBitsToFloat(uvec2(INVALID_BIT, 0u));
+    } else if (floatBitsToUint(m.x) == INVALID_BIT) {
+        m.x = 0.0;
+    }
+    return m;
+}
+
+// Takes in one pixel of the strip, or of those around it.
+void take(Camera cam, uint channel, uint taken) {
+    const ivec2 in_strip = ivec2(taken % TAKEN_X, taken / TAKEN_X) - int(BEFORE_PX);
+    const ivec2 at = strip_at + in_strip;
+    const ivec2 seen_at = clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1);
+    const uint pixel = uint(seen_at.y) * cam.width + uint(seen_at.x);
+    const bool own = at == seen_at && all(greaterThanEqual(in_strip, ivec2(0)))
+        && all(lessThan(in_strip, ivec2(STRIP_PX, BLOCK_PX)));
+    const uint block = uint(in_strip.x) / BLOCK_PX;
+    // What is not of one component is noted by the first one's workgroup.
+    const bool notes = own && channel == 0u;
+
+    const vec3 colour = read_colour(cam, pixel);
+    const bool invalid = bad(colour.x) || bad(colour.y) || bad(colour.z)
+        || not_finite((colour.x + colour.y + colour.z) * cam.exposure_gain);
+    const float before = cam.phase == PHASE_FIRST
+        ? cam.log_dark : planes[frame_of(cam, 1u - cam.parity, channel) + frame_word(cam, LATTICE, seen_at)];
+    const float level = invalid ? before : log_intensity_of(cam, colour, channel);
     if (LATTICE) {
-        store_entry(cam, base, 2u * at, level);
-    } else {
-        planes[base + frame_word(cam, false, ivec2(at))] = level;
+        taken_level[taken] = level;
+        if (floatBitsToUint(level) != floatBitsToUint(before)) {
+            moves = 1u;
+        }
+    }
+    if (own && LATTICE) {
+        store_entry(cam, frame_of(cam, cam.parity, channel), 2u * uvec2(at), level);
+    } else if (own) {
+        planes[frame_of(cam, cam.parity, channel) + frame_word(cam, false, at)] = level;
+    }
+    if (notes && invalid) {
+        note_invalid(cam, at, block);
+    } else if (notes) {
+        note_pixel(cam, at, block, colour, level, before);
+    }
+
+    if (cam.has_motion != 0u) {
+        bool usable;
+        const vec2 m = take_motion(cam, pixel, usable);
+        if (LATTICE) {
+            taken_motion[taken] = m;
+            if (floatBitsToUint(m.x) != 0u || m.y != 0.0) {
+                moves = 1u;
+            }
+        }
+        if (notes) {
+            motion[cam.motion_base + cam.parity * cam.pixels + pixel] = m;
+            if (usable) {
+                atomicMax(block_motion[block], floatBitsToUint(length(m)));
+            } else {
+                atomicAdd(block_invalid_motion[block], 1u);
+            }
+        }
+    }
+}
+
+// Writes what was noted of a block.
+void write_block(Camera cam, uint in_strip) {
+    const uint block = (uint(strip_at.y) / BLOCK_PX) * cam.blocks_x + uint(strip_at.x) / BLOCK_PX + in_strip;
+    blocks[cam.block_base + cam.parity * cam.blocks + block] =
+        uvec4(block_motion[in_strip], block_change[in_strip], 0u, block_invalid_motion[in_strip]);
+    const uint counter = 2u * cam.slot + cam.parity;
+    if (block_invalid[in_strip] != 0u) {
+        atomicAdd(counters[counter].invalid_pixels, block_invalid[in_strip]);
+    }
+    if (block_invalid_motion[in_strip] != 0u) {
+        atomicAdd(counters[counter].invalid_motion, block_invalid_motion[in_strip]);
+    }
+}
+
+// Puts the strip in line for `cross`: those with many sub-steps take long, and are taken first, so that none of them
+// starts when others are almost done.
+void line_up(Camera cam) {
+    uint most = 0u;
+    for (uint b = 0u; b < STRIP_BLOCKS; ++b) {
+        most = max(most, substep_count(cam, uintBitsToFloat(block_motion[b]), uintBitsToFloat(block_change[b])));
+    }
+    const uint counter = 2u * cam.slot + cam.parity;
+    const uint place = most > cam.many_substeps
+        ? atomicAdd(counters[counter].slow_strips, 1u)
+        : strip_count(cam) - 1u - atomicAdd(counters[counter].quick_strips, 1u);
+    strip_order[cam.strip_base + place] = gl_WorkGroupID.x;
+}
+
+// A half site (`half_step` 0 or 1 a coordinate) right and below pixel `at`, from the frame alone.
+float frame_cubic(Camera cam, ivec2 at, ivec2 half_step) {
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    // Beyond the last pixel there is only that pixel.
+    const vec2 f = vec2(at.x < last.x ? 0.5 * float(half_step.x) : 0.0, at.y < last.y ? 0.5 * float(half_step.y) : 0.0);
+    const uint first = taken_index(at - 1);
+    vec4 rows[4];
+    [[unroll]] for (uint j = 0u; j < 4u; ++j) {
+        const uint row = first + j * TAKEN_X;
+        rows[j] = vec4(taken_level[row], taken_level[row + 1u], taken_level[row + 2u], taken_level[row + 3u]);
+    }
+    return cubic(rows, keys(f.y, CUBIC_FRAME), keys(f.x, CUBIC_FRAME));
+}
+
+// The three half sites of a pixel of the strip.
+void write_half_sites(Camera cam, uint channel, uvec2 in_strip) {
+    const uint current = frame_of(cam, cam.parity, channel);
+    const uint previous = frame_of(cam, 1u - cam.parity, channel);
+    const ivec2 at = strip_at + ivec2(in_strip);
+    // A first frame has only itself.
+    const bool alone = cam.phase == PHASE_FIRST;
+    [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
+        const ivec2 half_step = ivec2(half_phase & 1, half_phase >> 1);
+        float value = 0.0;
+        if (moves == 0u) {
+            // Nothing moved and nothing changed: what was known of the last frame holds for this one.
+            const uint word = frame_word(cam, true, at);
+            value = planes[previous + word + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride];
+        } else {
+            const vec4 around = alone ? vec4(0.0) : around_half_site(in_strip, half_step);
+            if (around.w < 1.0) {
+                value = frame_cubic(cam, at, half_step);
+            }
+            if (around.w > 0.0) {
+                value = blend(value, seen_from(cam, previous, at, half_step, around), around.w);
+            }
+        }
+        store_entry(cam, current, uvec2(2 * at + half_step), value);
     }
 }
 
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    const uvec2 corner = strip_corner(cameras[index].blocks_x, BLOCK_PX);
+    const uvec2 corner = strip_corner(cameras[index].blocks_x, gl_WorkGroupID.x);
     if (cameras[index].phase == 0u || corner.y >= cameras[index].height) {
         return;
     }
     const Camera cam = cameras[index];
     const uint lane = gl_LocalInvocationID.x;
-    const uvec2 at = corner + uvec2(lane % STRIP_PX, lane / STRIP_PX);
-    const uint in_strip = (lane % STRIP_PX) / BLOCK_PX;
+    const uint channel = gl_WorkGroupID.z;
+    strip_at = ivec2(corner);
     if (lane < STRIP_BLOCKS) {
         block_motion[lane] = 0u;
         block_change[lane] = 0u;
         block_invalid[lane] = 0u;
         block_invalid_motion[lane] = 0u;
     }
-    barrier();
-
-    if (at.x < cam.width && at.y < cam.height) {
-        const uint pixel = at.y * cam.width + at.x;
-        const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
-        const uint stride = cam.frame_words;
-        const uint word = frame_word(cam, LATTICE, ivec2(at));
-        const uint current = cam.plane_base + cam.parity * channels * stride;
-        const uint previous = cam.plane_base + (1u - cam.parity) * channels * stride + word;
-
-        const vec3 colour = read_colour(cam, pixel);
-        const bool invalid = bad(colour.x) || bad(colour.y) || bad(colour.z)
-            || not_finite((colour.x + colour.y + colour.z) * cam.exposure_gain);
-        vec3 log_intensity;
-        if (INTENSITY == INTENSITY_GRAY) {
-            log_intensity = vec3(log((colour.x + colour.y + colour.z) * (1.0 / 3.0) * cam.exposure_gain + cam.log_offset));
-        } else if (INTENSITY == INTENSITY_LUMINANCE) {
-            log_intensity = vec3(log(dot(colour, REC709) * cam.exposure_gain + cam.log_offset));
-        } else {
-            log_intensity = log(colour * cam.exposure_gain + cam.log_offset);
-        }
-
-        const uint own = INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u;
-        const int reference = int(load_state(cam, pixel, STATE_REFERENCE));
-        const bool first = cam.phase == PHASE_FIRST;
-        if (invalid) {
-            atomicAdd(block_invalid[in_strip], 1u);
-            for (uint c = 0u; c < channels; ++c) {
-                store_level(cam, current + c * stride, at, first ? cam.log_dark : planes[previous + c * stride]);
-            }
-            if (first) {
-                store_state(cam, pixel, STATE_REFERENCE, uint(UNARMED));
-                atomicAdd(counters[2u * cam.slot + cam.parity].unarmed_pixels, 1u);
-            }
-        } else {
-            float change = 0.0;
-            bool changed = false;
-            for (uint c = 0u; c < channels; ++c) {
-                if (!first) {
-                    const float before = planes[previous + c * stride];
-                    if (c == own) {
-                        change = abs(log_intensity[c] - before);
-                    }
-                    changed = changed || floatBitsToUint(before) != floatBitsToUint(log_intensity[c]);
-                }
-                store_level(cam, current + c * stride, at, log_intensity[c]);
-            }
-            if (changed) {
-                atomicMax(block_change[in_strip], floatBitsToUint(max(change, 1e-12)));
-            }
-            if (first) {
-                arm_pixel(cam, pixel, to_q24(log_intensity[own]));
-            } else if (reference == UNARMED) {
-                // It starts when the interval that ends with this frame is over.
-                store_state(cam, pixel, STATE_REFERENCE, uint(ARMING));
-                atomicMax(block_change[in_strip], floatBitsToUint(1e-12));
-            }
-        }
-
-        if (cam.has_motion != 0u) {
-            vec2 m = read_motion(cam, pixel);
-            if (not_finite(m.x) || not_finite(m.y)) {
-                atomicAdd(block_invalid_motion[in_strip], 1u);
-                m = uintBitsToFloat(uvec2(INVALID_BIT, 0u));
-            } else {
-                if (floatBitsToUint(m.x) == INVALID_BIT) {
-                    m.x = 0.0;
-                }
-                atomicMax(block_motion[in_strip], floatBitsToUint(length(m)));
-            }
-            motion[cam.motion_base + cam.parity * cam.pixels + pixel] = m;
-        }
+    if (lane == 0u) {
+        moves = cam.phase == PHASE_FIRST ? 1u : 0u;
     }
     barrier();
-    if (lane < STRIP_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
-        const uint block = (corner.y / BLOCK_PX) * cam.blocks_x + corner.x / BLOCK_PX + lane;
-        blocks[cam.block_base + cam.parity * cam.blocks + block] =
-            uvec4(block_motion[lane], block_change[lane], 0u, block_invalid_motion[lane]);
-        const uint counter = 2u * cam.slot + cam.parity;
-        if (block_invalid[lane] != 0u) {
-            atomicAdd(counters[counter].invalid_pixels, block_invalid[lane]);
+    for (uint taken = lane; taken < TAKEN_X * TAKEN_Y; taken += gl_WorkGroupSize.x) {
+        take(cam, channel, taken);
+    }
+    barrier();
+    if (channel == 0u && lane < STRIP_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
+        write_block(cam, lane);
+    }
+    if (channel == 0u && lane == gl_WorkGroupSize.x - 1u) {
+        line_up(cam);
+    }
+    if (!LATTICE) {
+        return;
+    }
+    if (moves != 0u && cam.phase != PHASE_FIRST) {
+        if (lane < SITES) {
+            const ivec2 at = site_pixel(cam, strip_at, lane);
+            const uint site = taken_index(at);
+            const uint previous = frame_of(cam, 1u - cam.parity, channel);
+            note_site(cam, lane, at, taken_level[site], taken_motion[site], previous);
         }
-        if (block_invalid_motion[lane] != 0u) {
-            atomicAdd(counters[counter].invalid_motion, block_invalid_motion[lane]);
-        }
+        barrier();
+    }
+    const uvec2 in_strip = uvec2(lane % STRIP_PX, lane / STRIP_PX);
+    if (in_strip.y < BLOCK_PX && corner.x + in_strip.x < cam.width && corner.y + in_strip.y < cam.height) {
+        write_half_sites(cam, channel, in_strip);
     }
 }

@@ -55,21 +55,6 @@ float lattice_cubic(Camera cam, uint base, vec2 position) {
     return cubic(rows, keys(f.y, CUBIC_LATTICE), keys(f.x, CUBIC_LATTICE));
 }
 
-// A half site (`half_step` 0 or 1 a coordinate) right and below pixel `at`, from the frame alone.
-float frame_cubic(Camera cam, uint base, ivec2 at, ivec2 half_step) {
-    const ivec2 last = ivec2(cam.width, cam.height) - 1;
-    // Beyond the last pixel there is only that pixel.
-    const vec2 f = vec2(at.x < last.x ? 0.5 * float(half_step.x) : 0.0, at.y < last.y ? 0.5 * float(half_step.y) : 0.0);
-    const ivec4 columns = clamp(at.x + ivec4(-1, 0, 1, 2), 0, last.x);
-    vec4 rows[4];
-    [[unroll]] for (int j = 0; j < 4; ++j) {
-        const uint row = base + frame_word(cam, true, ivec2(0, clamp(at.y + j - 1, 0, last.y)));
-        rows[j] = vec4(planes[row + 2u * columns.x], planes[row + 2u * columns.y], planes[row + 2u * columns.z],
-            planes[row + 2u * columns.w]);
-    }
-    return cubic(rows, keys(f.y, CUBIC_FRAME), keys(f.x, CUBIC_FRAME));
-}
-
 // Bilinear on a frame without a lattice.
 float frame_bilinear(Camera cam, uint base, vec2 position) {
     const Cell cell = cell_at(cam, position);

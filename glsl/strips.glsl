@@ -3,8 +3,16 @@
 // A strip's pixels in a row.
 const uint STRIP_PX = STRIP_BLOCKS * BLOCK_PX;
 
-// First pixel of this workgroup, each of which takes `rows_px` rows of a strip.
-uvec2 strip_corner(uint blocks_x, uint rows_px) {
-    const uint strips_x = (blocks_x + STRIP_BLOCKS - 1u) / STRIP_BLOCKS;
-    return uvec2((gl_WorkGroupID.x % strips_x) * STRIP_PX, (gl_WorkGroupID.x / strips_x) * rows_px);
+uint strips_across(uint blocks_x) {
+    return (blocks_x + STRIP_BLOCKS - 1u) / STRIP_BLOCKS;
+}
+
+// First pixel of a strip.
+uvec2 strip_corner(uint blocks_x, uint strip) {
+    const uint across = strips_across(blocks_x);
+    return uvec2((strip % across) * STRIP_PX, (strip / across) * BLOCK_PX);
+}
+
+uint strip_count(Camera cam) {
+    return strips_across(cam.blocks_x) * (cam.blocks / cam.blocks_x);
 }

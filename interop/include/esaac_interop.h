@@ -23,7 +23,12 @@ enum esaac_kind {
     ESAAC_ERROR = 8     /* either */
 };
 
-enum esaac_memory { ESAAC_MEMORY_EXPORTED = 1, ESAAC_MEMORY_HOST = 2, ESAAC_MEMORY_BROUGHT = 4 };
+enum esaac_memory {
+    ESAAC_MEMORY_EXPORTED = 1,
+    ESAAC_MEMORY_HOST = 2,
+    ESAAC_MEMORY_BROUGHT = 4,
+    ESAAC_MEMORY_IMAGES = 8
+};
 enum esaac_timeline { ESAAC_TIMELINE_CARRIED = 1, ESAAC_TIMELINE_EXPORTED = 2 };
 enum esaac_backpressure { ESAAC_LOSSLESS = 0, ESAAC_LATEST = 1 };
 enum esaac_outcome { ESAAC_STEPPED = 0, ESAAC_DROPPED = 1 };
@@ -39,10 +44,10 @@ struct esaac_header {
 };
 
 struct esaac_image_memory {
-    uint64_t bytes;            /* of each buffer */
+    uint64_t bytes;            /* of each buffer; of an image's texels, as RING says */
     uint64_t allocation_bytes; /* of its memory, or of its file */
     uint32_t memory_type;      /* Vulkan memory type; BROUGHT may leave it open: 0xffffffff */
-    uint32_t reserved;
+    uint32_t image_usage;      /* VkImageUsageFlags of an image, on both sides; 0 of a buffer */
 };
 
 struct esaac_hello {

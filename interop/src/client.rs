@@ -29,8 +29,23 @@ pub(crate) struct Descriptors {
     pub timelines: Vec<OwnedFd>,
 }
 
-/// A connection that has its offer.
-pub(crate) struct Client {
+/// What a producer says of itself first.
+pub(crate) struct Greeting {
+    pub device_uuid: [u8; 16],
+    pub driver_uuid: [u8; 16],
+    pub camera: u32,
+    /// Size that it renders; `None` for the rig's.
+    pub size_px: Option<(u32, u32)>,
+    /// As bits.
+    pub memories: u32,
+    /// As bits.
+    pub timelines: u32,
+    /// How long it waits for the engine's answers.
+    pub timeout: Duration,
+}
+
+/// A connection that has its offer: what every kind of producer has of it.
+pub struct Client {
     socket: Socket,
     offer: RingOffer,
     images: Images,
@@ -43,11 +58,19 @@ pub(crate) struct Client {
 
 impl Client {
     /// Connects and greets; what the engine offers is checked against what was said.
-    pub(crate) fn greet(
-        path: &Path,
-        hello: Hello,
-        timeout: Duration,
-    ) -> Result<(Self, Descriptors), InteropError> {
+    pub(crate) fn greet(path: &Path, greeting: &Greeting) -> Result<(Self, Descriptors), InteropError> {
+        let (width_px, height_px) = greeting.size_px.unwrap_or((0, 0));
+        let timeout = greeting.timeout;
+        let hello = Hello {
+            device_uuid: greeting.device_uuid,
+            driver_uuid: greeting.driver_uuid,
+            camera: greeting.camera,
+            width_px,
+            height_px,
+            memories: greeting.memories,
+            timelines: greeting.timelines,
+            ..Hello::default()
+        };
         let socket = Socket::connect(path)?;
         tell(&socket, &Message::Hello(hello))?;
         let received = socket.receive_within(timeout, "the engine's answer")?;
@@ -100,11 +123,15 @@ impl Client {
         error
     }
 
-    pub(crate) fn images(&self) -> &Images {
+    /// What the camera's images are.
+    #[must_use]
+    pub fn images(&self) -> &Images {
         &self.images
     }
 
-    pub(crate) fn offer(&self) -> &RingOffer {
+    /// What the engine has offered.
+    #[must_use]
+    pub fn offer(&self) -> &RingOffer {
         &self.offer
     }
 
@@ -114,14 +141,16 @@ impl Client {
 
     /// Whether the producer's memory is to be used.
     pub(crate) fn brings(&self) -> bool {
-        self.offer.memory == wire::MEMORY_BROUGHT
+        matches!(self.offer.memory, wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES)
     }
 
     pub(crate) fn shares_timelines(&self) -> bool {
         self.offer.timeline == wire::TIMELINE_EXPORTED
     }
 
-    pub(crate) fn stepped_and_dropped(&self) -> (u64, u64) {
+    /// Frames that the engine has stepped, and those that it has dropped for newer ones.
+    #[must_use]
+    pub fn stepped_and_dropped(&self) -> (u64, u64) {
         (self.stepped, self.dropped)
     }
 

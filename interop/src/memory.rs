@@ -101,7 +101,8 @@ impl SharedBuffer {
             }
         })?;
         let buffer = raw.bind(name, memory, bytes)?;
-        let described = ImageMemory { bytes, allocation_bytes: requirements.size, memory_type, reserved: 0 };
+        let described =
+            ImageMemory { bytes, allocation_bytes: requirements.size, memory_type, image_usage: 0 };
         Ok(SharedBuffer { buffer, host: None, described })
     }
 
@@ -119,17 +120,7 @@ impl SharedBuffer {
                 reason: format!("`{}` is not made to be shared", self.buffer.name()),
             });
         };
-        let loader = khr::external_memory_fd::Device::new(device.instance(), device.raw());
-        let info = vk::MemoryGetFdInfoKHR::default()
-            .memory(memory)
-            .handle_type(vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD);
-        // SAFETY: the memory was allocated for export by this handle type.
-        let fd = unsafe { loader.get_memory_fd(&info) }
-            .map_err(|result| InteropError::vulkan("vkGetMemoryFdKHR", result))?;
-        // SAFETY: the call gave a new descriptor that is ours.
-        let fd = unsafe { OwnedFd::from_raw_fd(fd) };
-        seal(fd.as_fd());
-        Ok(fd)
+        export_memory(device, memory)
     }
 
     /// The peer's exported memory as a buffer here.
@@ -153,46 +144,13 @@ impl SharedBuffer {
             let actual = if told.bytes == bytes { told.allocation_bytes } else { told.bytes };
             return Err(InteropError::Size { name: name.to_owned(), expected, actual });
         }
-        let memory_type = match told.memory_type {
-            ANY_MEMORY_TYPE => device_local_type(device, requirements.memory_type_bits),
-            told if told < 32 && requirements.memory_type_bits & (1 << told) != 0 => told,
-            told => {
-                return Err(InteropError::Unsupported {
-                    device: device.info().name.clone(),
-                    reason: format!("memory type {told} does not fit `{name}`"),
-                });
-            }
-        };
-        check_file(name, fd.as_fd(), told.allocation_bytes)?;
-        let lent = Lent::new(fd)?;
-        let mut import = vk::ImportMemoryFdInfoKHR::default().handle_type(handle).fd(lent.number());
         let mut dedicated = vk::MemoryDedicatedAllocateInfo::default().buffer(raw.raw);
         let mut flags = vk::MemoryAllocateFlagsInfo::default().flags(vk::MemoryAllocateFlags::DEVICE_ADDRESS);
-        let mut info = vk::MemoryAllocateInfo::default()
-            .allocation_size(told.allocation_bytes)
-            .memory_type_index(memory_type)
-            .push_next(&mut import)
-            .push_next(&mut flags);
+        let mut info = vk::MemoryAllocateInfo::default().push_next(&mut flags);
         if dedicates {
             info = info.push_next(&mut dedicated);
         }
-        // SAFETY: the chain outlives the call; the descriptor is open. What it is of is the driver's to
-        // check; size and type were.
-        let memory =
-            unsafe { device.raw().allocate_memory(&info, None) }.map_err(|result| InteropError::Import {
-                name: name.to_owned(),
-                bytes: told.allocation_bytes,
-                call: "vkAllocateMemory",
-                result,
-                hint: match result {
-                    vk::Result::ERROR_INVALID_EXTERNAL_HANDLE => "the descriptor is no memory of this driver",
-                    vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
-                        "memory is short, or the size is not the one that was exported"
-                    }
-                    _ => "see the result",
-                },
-            })?;
-        lent.taken();
+        let memory = import_memory(device, name, fd, told, &requirements, info)?;
         let buffer = raw.bind(name, memory, bytes)?;
         Ok(SharedBuffer { buffer, host: None, described: *told })
     }
@@ -275,7 +233,7 @@ impl SharedBuffer {
             bytes,
             allocation_bytes: host.bytes(),
             memory_type: types.trailing_zeros(),
-            reserved: 0,
+            image_usage: 0,
         };
         Ok(SharedBuffer { buffer, host: Some(host), described })
     }
@@ -289,8 +247,69 @@ impl SharedBuffer {
     }
 }
 
+/// A file descriptor of memory that was made for export.
+pub(crate) fn export_memory(device: &Device, memory: vk::DeviceMemory) -> Result<OwnedFd, InteropError> {
+    let loader = khr::external_memory_fd::Device::new(device.instance(), device.raw());
+    let info = vk::MemoryGetFdInfoKHR::default()
+        .memory(memory)
+        .handle_type(vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD);
+    // SAFETY: the memory was allocated for export by this handle type.
+    let fd = unsafe { loader.get_memory_fd(&info) }
+        .map_err(|result| InteropError::vulkan("vkGetMemoryFdKHR", result))?;
+    // SAFETY: the call gave a new descriptor that is ours.
+    let fd = unsafe { OwnedFd::from_raw_fd(fd) };
+    seal(fd.as_fd());
+    Ok(fd)
+}
+
+/// The peer's memory, for a buffer or an image of these requirements; `info` says the rest.
+pub(crate) fn import_memory(
+    device: &Device,
+    name: &str,
+    fd: OwnedFd,
+    told: &ImageMemory,
+    requirements: &vk::MemoryRequirements,
+    info: vk::MemoryAllocateInfo<'_>,
+) -> Result<vk::DeviceMemory, InteropError> {
+    let memory_type = match told.memory_type {
+        ANY_MEMORY_TYPE => device_local_type(device, requirements.memory_type_bits),
+        told if told < 32 && requirements.memory_type_bits & (1 << told) != 0 => told,
+        told => {
+            return Err(InteropError::Unsupported {
+                device: device.info().name.clone(),
+                reason: format!("memory type {told} does not fit `{name}`"),
+            });
+        }
+    };
+    check_file(name, fd.as_fd(), told.allocation_bytes)?;
+    let lent = Lent::new(fd)?;
+    let mut import = vk::ImportMemoryFdInfoKHR::default()
+        .handle_type(vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD)
+        .fd(lent.number());
+    let info =
+        info.allocation_size(told.allocation_bytes).memory_type_index(memory_type).push_next(&mut import);
+    // SAFETY: the chain outlives the call; the descriptor is open. What it is of is the driver's to check;
+    // size and type were.
+    let memory =
+        unsafe { device.raw().allocate_memory(&info, None) }.map_err(|result| InteropError::Import {
+            name: name.to_owned(),
+            bytes: told.allocation_bytes,
+            call: "vkAllocateMemory",
+            result,
+            hint: match result {
+                vk::Result::ERROR_INVALID_EXTERNAL_HANDLE => "the descriptor is no memory of this driver",
+                vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
+                    "memory is short, or the size is not the one that was exported"
+                }
+                _ => "see the result",
+            },
+        })?;
+    lent.taken();
+    Ok(memory)
+}
+
 /// The device's own memory among `allowed`, or else the first.
-fn device_local_type(device: &Device, allowed: u32) -> u32 {
+pub(crate) fn device_local_type(device: &Device, allowed: u32) -> u32 {
     // SAFETY: the physical device is this instance's.
     let memory = unsafe { device.instance().get_physical_device_memory_properties(device.physical()) };
     let types = &memory.memory_types[..memory.memory_type_count as usize];

@@ -1,9 +1,11 @@
-//! Shared buffers belong to one side at a time: commands that take them from the other side and give
-//! them back.
+//! Shared memory belongs to one side at a time: commands that take it from the other side and give it
+//! back. What is taken as an image is copied to the buffer that the engine reads.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::error::InteropError;
+use crate::image::SharedImage;
+use crate::plane::Plane;
 use esaac_engine::ash::vk;
 use esaac_engine::{Buffer, Commands, Device};
 use std::sync::Arc;
@@ -19,7 +21,7 @@ const ACCESSES: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
         | vk::AccessFlags2::TRANSFER_WRITE.as_raw(),
 );
 
-/// Which way buffers change hands.
+/// Which way memory changes hands.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Way {
     /// From the other side to this device's queue.
@@ -28,35 +30,95 @@ pub(crate) enum Way {
     Release,
 }
 
-/// Recorded commands that hand `buffers` over; they may be submitted again and again.
-pub(crate) fn hand_over<'a>(
-    device: &Arc<Device>,
-    buffers: impl IntoIterator<Item = &'a Buffer>,
-    way: Way,
-) -> Result<Commands, InteropError> {
-    let barriers: Vec<_> = buffers
-        .into_iter()
-        .map(|buffer| {
-            let barrier = vk::BufferMemoryBarrier2::default().buffer(buffer.raw()).size(vk::WHOLE_SIZE);
-            match way {
-                Way::Acquire => barrier
-                    .src_queue_family_index(vk::QUEUE_FAMILY_EXTERNAL)
-                    .dst_queue_family_index(device.queue_family())
-                    .dst_stage_mask(STAGES)
-                    .dst_access_mask(ACCESSES),
-                Way::Release => barrier
-                    .src_queue_family_index(device.queue_family())
-                    .dst_queue_family_index(vk::QUEUE_FAMILY_EXTERNAL)
-                    .src_stage_mask(STAGES)
-                    .src_access_mask(ACCESSES),
-            }
-        })
-        .collect();
+impl Way {
+    /// Queue families from and to.
+    fn families(self, device: &Device) -> (u32, u32) {
+        match self {
+            Way::Acquire => (vk::QUEUE_FAMILY_EXTERNAL, device.queue_family()),
+            Way::Release => (device.queue_family(), vk::QUEUE_FAMILY_EXTERNAL),
+        }
+    }
+
+    fn of_buffer(self, device: &Device, buffer: &Buffer) -> vk::BufferMemoryBarrier2<'static> {
+        let (from, to) = self.families(device);
+        let barrier = vk::BufferMemoryBarrier2::default()
+            .buffer(buffer.raw())
+            .size(vk::WHOLE_SIZE)
+            .src_queue_family_index(from)
+            .dst_queue_family_index(to);
+        match self {
+            Way::Acquire => barrier.dst_stage_mask(STAGES).dst_access_mask(ACCESSES),
+            Way::Release => barrier.src_stage_mask(STAGES).src_access_mask(ACCESSES),
+        }
+    }
+
+    fn of_image(self, device: &Device, image: &SharedImage) -> vk::ImageMemoryBarrier2<'static> {
+        let (from, to) = self.families(device);
+        let barrier = image.barrier().src_queue_family_index(from).dst_queue_family_index(to);
+        let (stage, access) = (vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE);
+        match self {
+            Way::Acquire => barrier.src_stage_mask(stage).src_access_mask(access),
+            Way::Release => barrier.dst_stage_mask(stage).dst_access_mask(access),
+        }
+    }
+}
+
+/// Recorded commands that hand `planes` over; they may be submitted again and again.
+pub(crate) fn hand_over(device: &Arc<Device>, planes: &[&Plane], way: Way) -> Result<Commands, InteropError> {
+    let (mut buffers, mut images) = (Vec::new(), Vec::new());
+    for plane in planes {
+        match plane {
+            Plane::Buffer(buffer) => buffers.push(way.of_buffer(device, buffer.buffer())),
+            Plane::Image { image, .. } => images.push(way.of_image(device, image)),
+        }
+    }
     let commands = Commands::new(device)?;
     commands.record(|commands| {
-        let info = vk::DependencyInfo::default().buffer_memory_barriers(&barriers);
-        // SAFETY: `commands` is being recorded on this device; the buffers outlive it (both are a slot's).
+        let info =
+            vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
+        // SAFETY: `commands` is being recorded on this device; buffers and images outlive it (all are a
+        // slot's).
         unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+        if way == Way::Acquire {
+            for plane in planes {
+                if let Plane::Image { image, texels: Some(texels) } = plane {
+                    record_copy(device, commands, image, texels);
+                }
+            }
+        }
     })?;
     Ok(commands)
+}
+
+/// Copies an image to a buffer, rows tightly packed, for kernels that follow.
+fn record_copy(device: &Device, commands: vk::CommandBuffer, image: &SharedImage, texels: &Buffer) {
+    let kind = image.kind();
+    let region = [vk::BufferImageCopy::default()
+        .image_subresource(vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            layer_count: 1,
+            ..vk::ImageSubresourceLayers::default()
+        })
+        .image_extent(vk::Extent3D { width: kind.width_px, height: kind.height_px, depth: 1 })];
+    let copied = [vk::BufferMemoryBarrier2::default()
+        .buffer(texels.raw())
+        .size(vk::WHOLE_SIZE)
+        .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+        .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+        .src_stage_mask(vk::PipelineStageFlags2::TRANSFER)
+        .src_access_mask(vk::AccessFlags2::TRANSFER_WRITE)
+        .dst_stage_mask(STAGES)
+        .dst_access_mask(ACCESSES)];
+    let info = vk::DependencyInfo::default().buffer_memory_barriers(&copied);
+    // SAFETY: as above; the buffer has room for the image's texels.
+    unsafe {
+        device.raw().cmd_copy_image_to_buffer(
+            commands,
+            image.raw(),
+            vk::ImageLayout::GENERAL,
+            texels.raw(),
+            &region,
+        );
+        device.raw().cmd_pipeline_barrier2(commands, &info);
+    }
 }

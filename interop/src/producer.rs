@@ -1,10 +1,10 @@
 //! A producer on a Vulkan device: connects a camera, renders into slots, tells of frames.
 
-use crate::client::{Client, Copies, Descriptors};
+use crate::client::{Client, Copies, Descriptors, Greeting};
 use crate::error::InteropError;
-use crate::ring::{Images, Ring, Slot, Source, import_timelines, make_timelines};
+use crate::ring::{Ring, Slot, Source, import_timelines, make_timelines};
 use crate::support::Support;
-use crate::wire::{self, Hello, RingOffer};
+use crate::wire;
 use esaac_engine::{Around, Device};
 use std::path::Path;
 use std::sync::Arc;
@@ -52,40 +52,26 @@ impl Producer {
         options: &ProducerOptions,
     ) -> Result<Self, InteropError> {
         let support = Support::of(device);
-        let (width_px, height_px) = options.size_px.unwrap_or((0, 0));
-        let hello = Hello {
+        let greeting = Greeting {
             device_uuid: device.info().uuid,
             driver_uuid: device.info().driver_uuid,
             camera: options.camera,
-            width_px,
-            height_px,
+            size_px: options.size_px,
             memories: options.memories & support.producer_memories(),
             timelines: options.timelines & support.timelines(),
-            ..Hello::default()
+            timeout: options.timeout,
         };
-        let (client, descriptors) = Client::greet(path, hello, options.timeout)?;
+        let (client, descriptors) = Client::greet(path, &greeting)?;
         match ring(device, &client, descriptors) {
             Ok(ring) => Ok(Producer { client, ring }),
             Err(error) => Err(client.give_up(error)),
         }
     }
 
-    /// What the camera's images are.
+    /// What was agreed with the engine.
     #[must_use]
-    pub fn images(&self) -> &Images {
-        self.client.images()
-    }
-
-    /// What the engine has offered.
-    #[must_use]
-    pub fn offer(&self) -> &RingOffer {
-        self.client.offer()
-    }
-
-    /// Frames that the engine has stepped, and those that it has dropped for newer ones.
-    #[must_use]
-    pub fn stepped_and_dropped(&self) -> (u64, u64) {
-        self.client.stepped_and_dropped()
+    pub fn client(&self) -> &Client {
+        &self.client
     }
 
     /// A slot to write; waits for the engine to give one back.
@@ -138,7 +124,7 @@ fn ring(device: &Arc<Device>, client: &Client, descriptors: Descriptors) -> Resu
         make_timelines(device, offer.slots, false)?
     };
     let source = if client.brings() {
-        Source::Own(wire::MEMORY_EXPORTED)
+        Source::Own(if offer.memory == wire::MEMORY_IMAGES { offer.memory } else { wire::MEMORY_EXPORTED })
     } else {
         let (kind, fds) = (offer.memory, descriptors.memory);
         Source::Peer { kind, fds, hdr: offer.hdr, motion: offer.motion }

@@ -1,10 +1,13 @@
 //! The buffers that one camera's producer and the engine share, slot by slot.
 
 use crate::error::InteropError;
-use crate::memory::{SharedBuffer, buffer_bytes};
+use crate::image::{ImageKind, hdr_format, motion_format};
+use crate::memory::buffer_bytes;
 use crate::ownership::{Way, hand_over};
+use crate::plane::Plane;
 use crate::timeline::{CarriedTimeline, ExportedTimeline, SharedTimeline};
-use crate::wire::{self, ImageMemory};
+use crate::wire::ImageMemory;
+use esaac_engine::ash::vk;
 use esaac_engine::{Commands, Device, InputBuffers};
 use esaac_model::{HdrFormat, MotionFormat};
 use rustix::fd::OwnedFd;
@@ -42,6 +45,26 @@ impl Images {
         1 + usize::from(self.motion.is_some())
     }
 
+    /// Whether the engine can take them as images of optimal tiling on this device.
+    pub(crate) fn are_importable(&self, device: &Device) -> bool {
+        self.hdr_kind().is_importable(device)
+            && self.motion_kind().is_none_or(|motion| motion.is_importable(device))
+    }
+
+    /// The colour as an image of optimal tiling.
+    pub(crate) fn hdr_kind(&self) -> ImageKind {
+        self.kind(hdr_format(self.hdr), self.hdr_bytes())
+    }
+
+    /// The motion.
+    pub(crate) fn motion_kind(&self) -> Option<ImageKind> {
+        self.motion.map(|motion| self.kind(motion_format(motion), self.motion_bytes()))
+    }
+
+    fn kind(&self, format: vk::Format, bytes: u64) -> ImageKind {
+        ImageKind { format, width_px: self.width_px, height_px: self.height_px, bytes }
+    }
+
     fn bytes(&self, texel_bytes: usize) -> u64 {
         buffer_bytes(u64::from(self.width_px) * u64::from(self.height_px) * texel_bytes as u64)
     }
@@ -49,8 +72,8 @@ impl Images {
 
 /// One frame's place.
 pub struct Slot {
-    hdr: SharedBuffer,
-    motion: Option<SharedBuffer>,
+    hdr: Plane,
+    motion: Option<Plane>,
     timeline: Box<dyn SharedTimeline>,
     acquire: Commands,
     release: Commands,
@@ -63,7 +86,8 @@ pub struct Ring {
 
 /// Where a ring's memory comes from.
 pub(crate) enum Source {
-    /// Made here, by `wire::MEMORY_EXPORTED` or `wire::MEMORY_HOST`.
+    /// Made here: buffers by `wire::MEMORY_EXPORTED` or `wire::MEMORY_HOST`, images by
+    /// `wire::MEMORY_IMAGES`.
     Own(u32),
     /// The peer's descriptors, images of each slot in turn.
     Peer { kind: u32, fds: Vec<OwnedFd>, hdr: ImageMemory, motion: ImageMemory },
@@ -105,9 +129,21 @@ pub(crate) fn export_timelines(timelines: &[Box<dyn SharedTimeline>]) -> Result<
 
 impl Slot {
     /// Buffers of the frame.
+    ///
+    /// # Panics
+    /// On the side of a producer that brings images: those are [`Slot::images`].
     #[must_use]
     pub fn inputs(&self) -> InputBuffers<'_> {
-        InputBuffers { hdr: self.hdr.buffer(), motion: self.motion.as_ref().map(SharedBuffer::buffer) }
+        InputBuffers {
+            hdr: self.hdr.texels().expect("a slot of images has no buffers on the producer's side"),
+            motion: self.motion.as_ref().and_then(Plane::texels),
+        }
+    }
+
+    /// Images of the frame, colour and motion, if the producer brings images; their layout is `GENERAL`.
+    #[must_use]
+    pub fn images(&self) -> Option<(vk::Image, Option<vk::Image>)> {
+        Some((self.hdr.image()?, self.motion.as_ref().and_then(Plane::image)))
     }
 
     /// The slot's count.
@@ -146,26 +182,24 @@ impl Ring {
                 (kind, Some((hdr, motion)))
             }
         };
-        let mut buffer = |slot: u32, image: &str, bytes: u64, told: Option<ImageMemory>| {
+        let mut plane = |slot: u32, image: &str, shape: ImageKind, told: Option<ImageMemory>| {
             let name = format!("camera {camera} slot {slot} {image}");
             // The number of descriptors was checked with the message that they came with.
-            let fd = told.and_then(|_| memory_fds.next());
-            match (kind, fd, told) {
-                (wire::MEMORY_HOST, fd, told) => SharedBuffer::on_host(device, &name, bytes, fd.zip(told)),
-                (_, Some(fd), Some(told)) => SharedBuffer::import(device, &name, fd, &told, bytes),
-                _ => SharedBuffer::exportable(device, &name, bytes),
+            match told.zip(memory_fds.next()) {
+                Some((told, fd)) => Plane::peers(device, &name, kind, shape, fd, told),
+                None => Plane::own(device, &name, kind, shape),
             }
         };
         let mut all = Vec::new();
         for (slot, timeline) in (0..).zip(timelines) {
-            let hdr = buffer(slot, "hdr", images.hdr_bytes(), told.map(|told| told.0))?;
-            let motion = match images.motion {
-                Some(_) => Some(buffer(slot, "motion", images.motion_bytes(), told.map(|told| told.1))?),
+            let hdr = plane(slot, "hdr", images.hdr_kind(), told.map(|told| told.0))?;
+            let motion = match images.motion_kind() {
+                Some(shape) => Some(plane(slot, "motion", shape, told.map(|told| told.1))?),
                 None => None,
             };
-            let buffers = || [Some(&hdr), motion.as_ref()].into_iter().flatten().map(SharedBuffer::buffer);
-            let acquire = hand_over(device, buffers(), Way::Acquire)?;
-            let release = hand_over(device, buffers(), Way::Release)?;
+            let planes: Vec<&Plane> = [Some(&hdr), motion.as_ref()].into_iter().flatten().collect();
+            let acquire = hand_over(device, &planes, Way::Acquire)?;
+            let release = hand_over(device, &planes, Way::Release)?;
             all.push(Slot { hdr, motion, timeline, acquire, release });
         }
         Ok(Ring { slots: all })
@@ -189,16 +223,23 @@ impl Ring {
         self.slots.is_empty()
     }
 
+    /// Copies on the device that the engine makes of each frame.
+    pub(crate) fn copies(&self) -> u64 {
+        let slot = &self.slots[0];
+        let planes = [Some(&slot.hdr), slot.motion.as_ref()].into_iter().flatten();
+        planes.filter(|plane| matches!(plane, Plane::Image { texels: Some(_), .. })).count() as u64
+    }
+
     /// What the peer must know of the images' memory: colour, motion.
     pub(crate) fn described(&self) -> [ImageMemory; 2] {
         let first = &self.slots[0];
-        let motion = first.motion.as_ref().map_or(ImageMemory::default(), SharedBuffer::described);
+        let motion = first.motion.as_ref().map_or(ImageMemory::default(), Plane::described);
         [first.hdr.described(), motion]
     }
 
     /// Descriptors of all images' memory, slot by slot.
     pub(crate) fn export_memory(&self, device: &Device) -> Result<Vec<OwnedFd>, InteropError> {
-        let buffers = self.slots.iter().flat_map(|slot| [Some(&slot.hdr), slot.motion.as_ref()]);
-        buffers.flatten().map(|buffer| buffer.export(device)).collect()
+        let planes = self.slots.iter().flat_map(|slot| [Some(&slot.hdr), slot.motion.as_ref()]);
+        planes.flatten().map(|plane| plane.export(device)).collect()
     }
 }

@@ -40,6 +40,14 @@ pub struct Agreement {
     pub timeline: u32,
 }
 
+impl Agreement {
+    /// Whether the producer hands over memory.
+    #[must_use]
+    pub fn brings(&self) -> bool {
+        matches!(self.memory, wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES)
+    }
+}
+
 /// What a message asks of the engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
@@ -100,7 +108,7 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
     let same_device = hello.device_uuid == terms.device_uuid && same_driver;
     let both = hello.memories & terms.memories;
     // A producer that brings memory renders there; the engine's own serves it only by a copy.
-    let kinds = [wire::MEMORY_BROUGHT, wire::MEMORY_EXPORTED, wire::MEMORY_HOST];
+    let kinds = [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED, wire::MEMORY_HOST];
     let usable = |kind: &&u32| both & **kind != 0 && (same_device || **kind == wire::MEMORY_HOST);
     let Some(&memory) = kinds.iter().find(usable) else {
         return Err(if both == 0 {
@@ -150,11 +158,10 @@ impl Session {
     /// A connection that has agreed.
     #[must_use]
     pub fn new(terms: &Terms, agreement: Agreement) -> Self {
-        let brings = agreement.memory == wire::MEMORY_BROUGHT;
         Session {
             camera: terms.camera,
             images: terms.images,
-            state: if brings { State::Bringing } else { State::Streaming },
+            state: if agreement.brings() { State::Bringing } else { State::Streaming },
             values: vec![0; terms.slots as usize],
             last_ns: None,
         }

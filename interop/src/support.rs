@@ -2,7 +2,9 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use crate::wire::{MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, TIMELINE_CARRIED, TIMELINE_EXPORTED};
+use crate::wire::{
+    MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED, TIMELINE_EXPORTED,
+};
 use esaac_engine::Device;
 use esaac_engine::ash::vk;
 
@@ -83,7 +85,8 @@ impl Support {
         support
     }
 
-    /// Bits of the memories that this device can offer as the engine's.
+    /// Bits of the memories that this device can offer as the engine's; whether it takes images depends on
+    /// their formats.
     #[must_use]
     pub fn engine_memories(&self) -> u32 {
         bit(self.export_buffer, MEMORY_EXPORTED)
@@ -91,12 +94,13 @@ impl Support {
             | bit(self.import_buffer, MEMORY_BROUGHT)
     }
 
-    /// Bits of the memories that this device can take as a producer's.
+    /// Bits of the memories that this device can take as a producer's; of images the driver has the last
+    /// word once their formats are known.
     #[must_use]
     pub fn producer_memories(&self) -> u32 {
         bit(self.import_buffer, MEMORY_EXPORTED)
             | bit(self.host_alignment.is_some(), MEMORY_HOST)
-            | bit(self.export_buffer, MEMORY_BROUGHT)
+            | bit(self.export_buffer, MEMORY_BROUGHT | MEMORY_IMAGES)
     }
 
     /// Bits of the timelines that it can use on either side.

@@ -31,6 +31,8 @@ pub const MEMORY_EXPORTED: u32 = 1;
 pub const MEMORY_HOST: u32 = 2;
 /// The producer exports the ring's memory by `OPAQUE_FD`.
 pub const MEMORY_BROUGHT: u32 = 4;
+/// The producer exports images of optimal tiling by `OPAQUE_FD`; the engine copies each once.
+pub const MEMORY_IMAGES: u32 = 8;
 
 /// Timeline values travel over the socket.
 pub const TIMELINE_CARRIED: u32 = 1;
@@ -67,14 +69,14 @@ pub struct Header {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct ImageMemory {
-    /// Size of the buffer.
+    /// Size of the buffer, or of the image's texels tightly packed.
     pub bytes: u64,
     /// Size of its memory: of the allocation, or of the file.
     pub allocation_bytes: u64,
     /// Vulkan memory type.
     pub memory_type: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// `VkImageUsageFlags` of an image, on both sides; zero of a buffer.
+    pub image_usage: u32,
 }
 
 /// Producer: I am this, and can do that.

@@ -19,7 +19,7 @@ fn terms(slots: u32) -> Terms {
         backpressure: wire::LOSSLESS,
         device_uuid: [1; 16],
         driver_uuid: [2; 16],
-        memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT,
+        memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES,
         timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
     }
 }
@@ -93,11 +93,15 @@ proptest! {
     #[test]
     fn only_frames_that_keep_the_rules_get_through(
         slots in 1_u32..4,
-        brings in any::<bool>(),
+        memory in proptest::sample::select(vec![
+            wire::MEMORY_EXPORTED,
+            wire::MEMORY_BROUGHT,
+            wire::MEMORY_IMAGES,
+        ]),
         events in proptest::collection::vec(event(), 0..60),
     ) {
-        let memory = if brings { wire::MEMORY_BROUGHT } else { wire::MEMORY_EXPORTED };
         let agreement = Agreement { memory, timeline: wire::TIMELINE_CARRIED };
+        let brings = agreement.brings();
         let mut session = Session::new(&terms(slots), agreement);
         let mut values = vec![0_u64; slots as usize];
         let (mut has_memory, mut ended, mut last_ns) = (!brings, false, None);
@@ -191,7 +195,7 @@ proptest! {
                 prop_assert!(same || (memory == wire::MEMORY_HOST && timeline == wire::TIMELINE_CARRIED));
             }
             Err(error) => {
-                let usable = if same { 7 } else { wire::MEMORY_HOST };
+                let usable = if same { 15 } else { wire::MEMORY_HOST };
                 let orders = if same { 3 } else { wire::TIMELINE_CARRIED };
                 prop_assert!(memories & usable == 0 || timelines & orders == 0, "{}", error);
             }

@@ -4,6 +4,7 @@
 
 use cudarc::driver::sys::{self, CUresult};
 use esaac_interop::cuda::Strided;
+use rustix::fd::{IntoRawFd, OwnedFd};
 
 #[track_caller]
 fn check(result: CUresult) {
@@ -91,4 +92,66 @@ impl Drop for CudaImage {
 pub fn finish(stream: u64) {
     // SAFETY: the stream is a live producer's.
     check(unsafe { sys::cuStreamSynchronize(stream as sys::CUstream) });
+}
+
+/// A timeline of the engine's that a stream of CUDA signals.
+pub struct CudaSignal {
+    raw: sys::CUexternalSemaphore,
+    stream: sys::CUstream,
+}
+
+impl CudaSignal {
+    /// Imports what the engine exports.
+    #[must_use]
+    pub fn import(fd: OwnedFd) -> Self {
+        let description = sys::CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC {
+            type_:
+                sys::CUexternalSemaphoreHandleType::CU_EXTERNAL_SEMAPHORE_HANDLE_TYPE_TIMELINE_SEMAPHORE_FD,
+            // A driver that takes it owns it; if it does not, the test fails.
+            handle: sys::CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC_st__bindgen_ty_1 { fd: fd.into_raw_fd() },
+            flags: 0,
+            reserved: [0; 16],
+        };
+        let (mut raw, mut stream) = (std::ptr::null_mut(), std::ptr::null_mut());
+        let flags = sys::CUstream_flags::CU_STREAM_NON_BLOCKING as u32;
+        // SAFETY: a context is current; the description names an open descriptor and outlives the call.
+        unsafe {
+            check(sys::cuImportExternalSemaphore(&mut raw, &description));
+            check(sys::cuStreamCreate(&mut stream, flags));
+        }
+        CudaSignal { raw, stream }
+    }
+
+    /// Has the stream set `value`.
+    pub fn signal(&self, value: u64) {
+        // SAFETY: all zero is a valid value of this plain struct.
+        let mut parameters: sys::CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS = unsafe { std::mem::zeroed() };
+        parameters.params.fence.value = value;
+        // SAFETY: stream and semaphore are alive; one parameter for one semaphore.
+        check(unsafe { sys::cuSignalExternalSemaphoresAsync(&self.raw, &parameters, 1, self.stream) });
+    }
+
+    /// Has the stream write an image, and then set `value` if there is one.
+    pub fn write(&self, image: &CudaImage, value: Option<u64>) {
+        let words = image.stride_bytes * image.rows / 4;
+        // SAFETY: the stream is alive, the image as long as said, and it lives until the stream is done.
+        check(unsafe { sys::cuMemsetD32Async(image.pointer, 7, words, self.stream) });
+        value.inspect(|value| self.signal(*value));
+    }
+
+    /// Waits for the stream.
+    pub fn finish(&self) {
+        finish(self.stream as u64);
+    }
+}
+
+impl Drop for CudaSignal {
+    fn drop(&mut self) {
+        // SAFETY: the stream is waited for before both go.
+        unsafe {
+            check(sys::cuStreamSynchronize(self.stream));
+            check(sys::cuStreamDestroy_v2(self.stream));
+            check(sys::cuDestroyExternalSemaphore(self.raw));
+        }
+    }
 }

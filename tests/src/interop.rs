@@ -72,6 +72,20 @@ pub fn flight(sensor: &SensorModel) -> Sequence {
     scene(SceneKind::Flight, size, &times(0, IMAGES), HdrFormat::F16x4, MotionFormat::F32x4)
 }
 
+/// Images of a flight there and back, which can be sent round and round without a jump.
+#[must_use]
+pub fn there_and_back(sensor: &SensorModel, count: usize) -> Sequence {
+    let there = times(0, count / 2 + 1);
+    let back = there[1..there.len() - 1].iter().rev();
+    // The last of the round comes before its first, whose motion leads back to it.
+    let mut round = vec![there[1]];
+    round.extend(there.iter().chain(back));
+    let size = (sensor.width, sensor.height);
+    let mut sequence = scene(SceneKind::Flight, size, &round, HdrFormat::F16x4, MotionFormat::F32x4);
+    sequence.frames.remove(0);
+    sequence
+}
+
 /// What a camera's images are.
 #[must_use]
 pub fn images(config: &CameraConfig) -> Images {
@@ -127,11 +141,12 @@ impl Uploader {
         options: &ProducerOptions,
     ) -> Result<Self, InteropError> {
         let producer = Producer::connect(device, path, options)?;
-        let staging = [producer.images().hdr_bytes(), producer.images().motion_bytes()].map(|bytes| {
-            device
-                .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
-                .expect("a frame's bytes")
-        });
+        let staging = [producer.client().images().hdr_bytes(), producer.client().images().motion_bytes()]
+            .map(|bytes| {
+                device
+                    .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
+                    .expect("a frame's bytes")
+            });
         Ok(Uploader { device: Arc::clone(device), producer, staging, commands: Commands::new(device)? })
     }
 
@@ -143,21 +158,53 @@ impl Uploader {
             self.staging[1].write(0, motion);
         }
         let (device, staging, commands) = (&self.device, &self.staging, &self.commands);
+        let images = self.producer.client().images();
         self.producer.write(slot, |place, around| {
-            let inputs = place.inputs();
-            let targets = [Some(inputs.hdr), inputs.motion.filter(|_| frame.motion.is_some())];
-            commands.record(|commands| {
-                for (source, target) in staging.iter().zip(targets) {
-                    let Some(target) = target else { continue };
-                    let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: target.bytes() }];
-                    // SAFETY: `commands` is being recorded; both buffers live until it has run.
-                    unsafe { device.raw().cmd_copy_buffer(commands, source.raw(), target.raw(), &region) };
+            commands.record(|commands| match place.images() {
+                None => {
+                    let inputs = place.inputs();
+                    let targets = [Some(inputs.hdr), inputs.motion.filter(|_| frame.motion.is_some())];
+                    for (source, target) in staging.iter().zip(targets) {
+                        let Some(target) = target else { continue };
+                        let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: target.bytes() }];
+                        // SAFETY: `commands` is being recorded; both buffers live until it has run.
+                        unsafe {
+                            device.raw().cmd_copy_buffer(commands, source.raw(), target.raw(), &region);
+                        };
+                    }
+                }
+                Some((hdr, motion)) => {
+                    let targets = [Some(hdr), motion.filter(|_| frame.motion.is_some())];
+                    for (source, target) in staging.iter().zip(targets) {
+                        let Some(target) = target else { continue };
+                        render_to_image(device, commands, source, target, images);
+                    }
                 }
             })?;
             device.run_around(commands, around)
         })?;
         self.producer.publish(slot, t_ns, Copies { device: 1, host: 1 })
     }
+}
+
+/// Records a copy of rows that are tightly packed to an image, as a renderer would draw it.
+fn render_to_image(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    source: &Buffer,
+    target: vk::Image,
+    images: &Images,
+) {
+    let region = [vk::BufferImageCopy::default()
+        .image_subresource(vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            layer_count: 1,
+            ..vk::ImageSubresourceLayers::default()
+        })
+        .image_extent(vk::Extent3D { width: images.width_px, height: images.height_px, depth: 1 })];
+    let layout = vk::ImageLayout::GENERAL;
+    // SAFETY: `commands` is being recorded; both live until it has run, and the source holds the image.
+    unsafe { device.raw().cmd_copy_buffer_to_image(commands, source.raw(), target, layout, &region) };
 }
 
 /// Sums of buffers, made on the device under test.

@@ -9,27 +9,16 @@ use esaac_model::layout::{
 use esaac_model::substeps::BLOCK_PX;
 
 /// Kernels by stage name.
-pub const STAGES: &[&str] = &[
-    "ingest",
-    "enhance",
-    "carry",
-    "cross",
-    "scatter",
-    "sort",
-    "merge",
-    "gather",
-    "event_frame",
-    "voxel_grid",
-];
+pub const STAGES: &[&str] =
+    &["ingest", "enhance", "carry", "cross", "sort", "merge", "gather", "event_frame", "voxel_grid"];
 
 /// Threads of a stage's workgroup: what the number of workgroups in a dispatch is worked out for.
 fn threads(stage: &str) -> u32 {
     match stage {
         // A pixel of a strip each.
-        "ingest" => STRIP_BLOCKS * BLOCK_PX * BLOCK_PX,
         "cross" => STRIP_BLOCKS * BLOCK_PX * CROSS_ROWS_PX,
         // Those and the next column and row, in whole subgroups.
-        "enhance" => ((STRIP_BLOCKS * BLOCK_PX + 1) * (BLOCK_PX + 1)).next_multiple_of(64),
+        "ingest" | "enhance" => ((STRIP_BLOCKS * BLOCK_PX + 1) * (BLOCK_PX + 1)).next_multiple_of(64),
         // An event of a run each.
         "merge" => RUN_EVENTS,
         _ => 256,

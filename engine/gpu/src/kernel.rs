@@ -24,7 +24,6 @@ pub mod stages {
         ENHANCE = "enhance";
         CARRY = "carry";
         CROSS = "cross";
-        SCATTER = "scatter";
         SORT = "sort";
         MERGE = "merge";
         GATHER = "gather";
@@ -266,55 +265,6 @@ impl Drop for Kernel {
             self.device.raw().destroy_pipeline(self.pipeline, None);
             self.device.raw().destroy_pipeline_layout(self.layout, None);
         }
-    }
-}
-
-/// A command buffer with a pool of its own.
-pub struct Commands {
-    device: Arc<Device>,
-    pool: vk::CommandPool,
-    raw: vk::CommandBuffer,
-}
-
-impl Commands {
-    /// None recorded yet.
-    pub fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
-        let info = vk::CommandPoolCreateInfo::default().queue_family_index(device.queue_family());
-        // SAFETY: the device is alive.
-        let pool = unsafe { device.raw().create_command_pool(&info, None) }.call("vkCreateCommandPool")?;
-        let mut this = Commands { device: Arc::clone(device), pool, raw: vk::CommandBuffer::null() };
-        let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
-        // SAFETY: the pool was just made.
-        this.raw =
-            unsafe { device.raw().allocate_command_buffers(&info) }.call("vkAllocateCommandBuffers")?[0];
-        Ok(this)
-    }
-
-    /// Vulkan handle.
-    #[must_use]
-    pub fn raw(&self) -> vk::CommandBuffer {
-        self.raw
-    }
-
-    /// Records anew what `record` says; the buffer is not pending.
-    pub fn record(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
-        let device = self.device.raw();
-        // SAFETY: the pool's only buffer is not pending: its owner has waited.
-        unsafe { device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }
-            .call("vkResetCommandPool")?;
-        // SAFETY: as above.
-        unsafe { device.begin_command_buffer(self.raw, &vk::CommandBufferBeginInfo::default()) }
-            .call("vkBeginCommandBuffer")?;
-        record(self.raw);
-        // SAFETY: recording was begun above.
-        unsafe { device.end_command_buffer(self.raw) }.call("vkEndCommandBuffer")
-    }
-}
-
-impl Drop for Commands {
-    fn drop(&mut self) {
-        // SAFETY: its owner has waited for the buffer's last submission.
-        unsafe { self.device.raw().destroy_command_pool(self.pool, None) };
     }
 }
 

@@ -3,8 +3,11 @@
 //! A [`Rig`] holds cameras of different sensors and steps all of them with one submission. What the
 //! kernels do is in `glsl/`; what they mean is in the model crate's documentation.
 
+mod commands;
 mod device;
+mod devices;
 mod error;
+mod instance;
 #[cfg(feature = "shaderc")]
 mod interface;
 mod kernel;
@@ -16,10 +19,13 @@ mod timeline;
 mod timing;
 
 pub use ash;
-pub use device::{Around, Capability, Device, DeviceChoice, DeviceInfo, Validation, list_devices};
+pub use commands::{Around, Commands};
+pub use device::Device;
+pub use devices::{Capability, DeviceChoice, DeviceInfo, list_devices};
 pub use error::EngineError;
 pub use gpu_allocator::MemoryLocation;
-pub use kernel::{BindingSet, Commands, Kernel, KernelStatistics, stages};
+pub use instance::Validation;
+pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
 #[cfg(feature = "shaderc")]
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};

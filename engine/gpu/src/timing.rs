@@ -20,39 +20,47 @@ pub(crate) struct Fence {
     raw: vk::Fence,
 }
 
+/// A fence that is its maker's to destroy.
+pub(crate) fn new_fence(device: &Device) -> Result<vk::Fence, EngineError> {
+    // SAFETY: the device is alive.
+    unsafe { device.raw().create_fence(&vk::FenceCreateInfo::default(), None) }.call("vkCreateFence")
+}
+
+/// Waits for the submission that was given the fence, and makes it ready for the next one: spins a little
+/// on a real GPU, then sleeps.
+pub(crate) fn wait_for(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
+    let raw = device.raw();
+    if device.info().kind != "software" {
+        let started = Instant::now();
+        while started.elapsed() < SPIN {
+            // SAFETY: the fence is alive.
+            if unsafe { raw.get_fence_status(fence) }.call("vkGetFenceStatus")? {
+                break;
+            }
+            std::hint::spin_loop();
+        }
+    }
+    // SAFETY: the fence is alive.
+    match unsafe { raw.wait_for_fences(&[fence], true, TIMEOUT_S * 1_000_000_000) } {
+        Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(TIMEOUT_S)),
+        result => result.call("vkWaitForFences")?,
+    }
+    // SAFETY: its submission is done.
+    unsafe { raw.reset_fences(&[fence]) }.call("vkResetFences")
+}
+
 impl Fence {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
-        // SAFETY: the device is alive.
-        let raw = unsafe { device.raw().create_fence(&vk::FenceCreateInfo::default(), None) }
-            .call("vkCreateFence")?;
-        Ok(Fence { device: Arc::clone(device), raw })
+        Ok(Fence { raw: new_fence(device)?, device: Arc::clone(device) })
     }
 
     pub(crate) fn raw(&self) -> vk::Fence {
         self.raw
     }
 
-    /// Waits for the submission that was given the fence, and makes it ready for the next one: spins a
-    /// little on a real GPU, then sleeps.
+    /// See [`wait_for`].
     pub(crate) fn wait(&self) -> Result<(), EngineError> {
-        let device = self.device.raw();
-        if self.device.info().kind != "software" {
-            let started = Instant::now();
-            while started.elapsed() < SPIN {
-                // SAFETY: the fence is alive.
-                if unsafe { device.get_fence_status(self.raw) }.call("vkGetFenceStatus")? {
-                    break;
-                }
-                std::hint::spin_loop();
-            }
-        }
-        // SAFETY: the fence is alive.
-        match unsafe { device.wait_for_fences(&[self.raw], true, TIMEOUT_S * 1_000_000_000) } {
-            Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(TIMEOUT_S)),
-            result => result.call("vkWaitForFences")?,
-        }
-        // SAFETY: its submission is done.
-        unsafe { device.reset_fences(&[self.raw]) }.call("vkResetFences")
+        wait_for(&self.device, self.raw)
     }
 }
 

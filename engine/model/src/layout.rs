@@ -78,7 +78,7 @@ gpu_struct! {
         state_base: u32,
         /// First element in `blocks`.
         block_base: u32,
-        /// First element in `bins`, `bin_starts`.
+        /// First element in `bins`, of which there are two sets, used in turn.
         bin_base: u32,
         /// Bins of the packet; one more holds what is late.
         bin_count: u32,
@@ -140,6 +140,14 @@ gpu_struct! {
         frame_words: u32,
         /// Words from one row of a lattice to the next, 0 where frames have none.
         lattice_stride: u32,
+        /// First element in `strip_order`.
+        strip_base: u32,
+        /// Sub-steps of a strip beyond which it goes first.
+        many_substeps: u32,
+        /// First element in `rooms`.
+        rooms_base: u32,
+        /// Events that a bin has room for; others are spilled.
+        bin_room: u32,
     }
 }
 
@@ -168,6 +176,12 @@ gpu_struct! {
         crowded_strips: u32,
         /// Events in the largest bin of the packet.
         largest_bin: u32,
+        /// Strips with more than `many_substeps`, in line from the front.
+        slow_strips: u32,
+        /// The others, in line from the back.
+        quick_strips: u32,
+        /// Events that found no room in their bin, and late ones.
+        spilled: u32,
     }
 }
 
@@ -217,18 +231,14 @@ gpu_struct! {
 /// Fractional bits of a vote in `voxel_grid`, which sums integers so that their order does not matter.
 pub const VOTE_FRACTION_BITS: u32 = 14;
 
-/// Events that a workgroup ranks in shared memory.
+/// Events that a workgroup of `merge` ranks in shared memory.
 pub const RUN_EVENTS: u32 = 256;
 
-/// Events in a bin at the most for `sort`, which gives a bin to one workgroup; `merge` sorts packets that
-/// have a larger one.
-pub const SORTABLE_EVENTS: u32 = 4096;
-
-/// Bins next to each other that one workgroup of `sort` takes, and events of theirs that it has room for in
-/// shared memory: several of its lines on the bus, and what it usually finds.
+/// Bins next to each other that one workgroup of `sort` takes: several of its lines on the bus.
 pub const GROUP_BINS: u32 = 8;
-/// See [`GROUP_BINS`].
-pub const GROUP_EVENTS: u32 = 512;
+
+/// Events that a workgroup of `sort` has room for in shared memory; `merge` sorts packets that have a larger bin.
+pub const SORTABLE_EVENTS: u32 = 1024;
 
 /// Blocks side by side that one workgroup takes: 32 pixels in a row, a subgroup's width.
 pub const STRIP_BLOCKS: u32 = 4;
@@ -270,17 +280,17 @@ bindings! {
     STATE = 4, "state", "uint", 4;
     BLOCKS = 5, "blocks", "uvec4", 16;
     BINS = 6, "bins", "uint", 4;
-    BIN_CURSORS = 7, "bin_cursors", "uint", 4;
-    BIN_STARTS = 8, "bin_starts", "uint", 4;
-    STAGED = 9, "staged", "uvec2", 8;
-    BINNED = 10, "binned", "uvec2", 8;
-    EVENT_T = 11, "event_t", "uint", 4;
-    EVENT_X = 12, "event_x", "uint16_t", 2;
-    EVENT_Y = 13, "event_y", "uint16_t", 2;
-    EVENT_P = 14, "event_p", "uint8_t", 1;
-    APS = 15, "aps", "uint16_t", 2;
-    REPORT = 16, "report", "Counters", size_of::<Counters>() as u32;
-    SAMPLES = 17, "samples", "int", 4;
+    ROOMS = 7, "rooms", "uvec2", 8;
+    SPILLED = 8, "spilled", "uvec2", 8;
+    GATHERED = 9, "gathered", "uvec2", 8;
+    EVENT_T = 10, "event_t", "uint", 4;
+    EVENT_X = 11, "event_x", "uint16_t", 2;
+    EVENT_Y = 12, "event_y", "uint16_t", 2;
+    EVENT_P = 13, "event_p", "uint8_t", 1;
+    APS = 14, "aps", "uint16_t", 2;
+    REPORT = 15, "report", "Counters", size_of::<Counters>() as u32;
+    SAMPLES = 16, "samples", "int", 4;
+    STRIP_ORDER = 17, "strip_order", "uint", 4;
 }
 
 /// Words of state a pixel has, each a plane of `pixels` words: the log-intensity pixel's. Another
@@ -393,7 +403,6 @@ pub fn glsl() -> String {
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
         ("GROUP_BINS", format!("{GROUP_BINS}u")),
-        ("GROUP_EVENTS", format!("{GROUP_EVENTS}u")),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
         ("VOTE_FRACTION_BITS", VOTE_FRACTION_BITS.to_string()),
         ("CUBIC_FRAME", format!("{:.6}", crate::synthesis::CUBIC_FRAME)),

@@ -15,7 +15,7 @@ const TERMS: Terms = Terms {
     backpressure: wire::LOSSLESS,
     device_uuid: [1; 16],
     driver_uuid: [2; 16],
-    memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT,
+    memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES,
     timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
 };
 

@@ -124,7 +124,7 @@ impl CudaImage {
             bytes: buffer_bytes,
             allocation_bytes: bytes as u64,
             memory_type: ANY_MEMORY_TYPE,
-            reserved: 0,
+            image_usage: 0,
         };
         Ok((fd, memory))
     }

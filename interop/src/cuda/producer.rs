@@ -5,10 +5,10 @@
 use super::context::{Context, CudaDevice, check, cuda_devices};
 use super::image::CudaImage;
 use super::semaphore::CudaTimeline;
-use crate::client::{Client, Copies, Descriptors};
+use crate::client::{Client, Copies, Descriptors, Greeting};
 use crate::error::InteropError;
 use crate::ring::Images;
-use crate::wire::{self, ErrorCode, Hello, ImageMemory, NO_DRIVER, RingOffer};
+use crate::wire::{self, ErrorCode, ImageMemory, NO_DRIVER};
 use cudarc::driver::sys;
 use rustix::fd::OwnedFd;
 use std::path::Path;
@@ -109,18 +109,16 @@ impl CudaProducer {
     }
 
     fn connect_on(device: CudaDevice, path: &Path, options: &CudaOptions) -> Result<Self, InteropError> {
-        let (width_px, height_px) = options.size_px.unwrap_or((0, 0));
-        let hello = Hello {
+        let greeting = Greeting {
             device_uuid: device.uuid,
             driver_uuid: NO_DRIVER,
             camera: options.camera,
-            width_px,
-            height_px,
+            size_px: options.size_px,
             memories: if options.brings_memory { wire::MEMORY_BROUGHT } else { wire::MEMORY_EXPORTED },
             timelines: options.timelines,
-            ..Hello::default()
+            timeout: options.timeout,
         };
-        let (client, descriptors) = Client::greet(path, hello, options.timeout)?;
+        let (client, descriptors) = Client::greet(path, &greeting)?;
         let prepare = || {
             let context = Arc::new(Context::retain(device.ordinal)?);
             let stream = Stream::new(&context, options.stream)?;
@@ -133,16 +131,10 @@ impl CudaProducer {
         }
     }
 
-    /// What the camera's images are; what is written or copied must be the same.
+    /// What was agreed with the engine; what is written or copied must be as its images are.
     #[must_use]
-    pub fn images(&self) -> &Images {
-        self.client.images()
-    }
-
-    /// What the engine has offered.
-    #[must_use]
-    pub fn offer(&self) -> &RingOffer {
-        self.client.offer()
+    pub fn client(&self) -> &Client {
+        &self.client
     }
 
     /// Stream in which copies and signals are ordered, as a `CUstream`.
@@ -177,8 +169,8 @@ impl CudaProducer {
     ///
     /// # Safety
     /// The images are memory of this device that stays valid until the copies are done, in the formats of
-    /// [`CudaProducer::images`], with whole rows at their strides. (Strides shorter than a row and images
-    /// that end outside their allocation are refused, as far as CUDA knows the allocation.)
+    /// [`Client::images`], with whole rows at their strides. (Strides shorter than a row, images that
+    /// end outside their allocation and pointers that CUDA does not know are refused.)
     pub unsafe fn copy(
         &self,
         slot: u32,
@@ -359,6 +351,21 @@ pub(super) fn check_source(
     row_bytes: usize,
     rows: usize,
 ) -> Result<(), InteropError> {
+    let (mut base, mut size) = (0, 0);
+    // SAFETY: a context is current; both results outlive the call.
+    let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, source.pointer) };
+    check("cuMemGetAddressRange", known)?;
+    fits(name, source, row_bytes, rows, base + size as u64)
+}
+
+/// Whether rows at a stride end before `end`.
+fn fits(
+    name: &str,
+    source: Strided,
+    row_bytes: usize,
+    rows: usize,
+    end: sys::CUdeviceptr,
+) -> Result<(), InteropError> {
     if source.stride_bytes < row_bytes {
         return Err(InteropError::Size {
             name: format!("{name} row"),
@@ -366,21 +373,38 @@ pub(super) fn check_source(
             actual: source.stride_bytes as u64,
         });
     }
-    let needed = (rows.saturating_sub(1))
+    let expected = (rows.saturating_sub(1))
         .checked_mul(source.stride_bytes)
         .and_then(|bytes| bytes.checked_add(row_bytes))
         .unwrap_or(usize::MAX) as u64;
-    let (mut base, mut size) = (0, 0);
-    // SAFETY: a context is current; both results outlive the call.
-    let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, source.pointer) };
-    if known != sys::CUresult::CUDA_SUCCESS {
-        // Memory that CUDA keeps no record of: the caller's word counts.
-        return Ok(());
-    }
-    let actual = (base + size as u64).saturating_sub(source.pointer);
-    if needed <= actual {
+    let actual = end.saturating_sub(source.pointer);
+    if expected <= actual {
         Ok(())
     } else {
-        Err(InteropError::Size { name: name.to_owned(), expected: needed, actual })
+        Err(InteropError::Size { name: name.to_owned(), expected, actual })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_end_where_their_allocation_does() {
+        let at = |stride_bytes| Strided { pointer: 1000, stride_bytes };
+        // Four rows of 16 bytes, the last without its padding.
+        assert!(fits("hdr", at(16), 16, 4, 1064).is_ok());
+        assert!(fits("hdr", at(32), 16, 4, 1112).is_ok());
+        for (stride_bytes, end, words) in [
+            (16, 1063, "`hdr` has 63 bytes, expected 64"),
+            (32, 1111, "`hdr` has 111 bytes, expected 112"),
+            (15, 2000, "`hdr row` has 15 bytes, expected 16"),
+            (16, 900, "`hdr` has 0 bytes, expected 64"),
+            (usize::MAX, u64::MAX - 1000, "expected 18446744073709551615"),
+            (usize::MAX / 3, u64::MAX - 1000, "expected 18446744073709551615"),
+        ] {
+            let error = fits("hdr", at(stride_bytes), 16, 4, end).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
     }
 }

@@ -1,9 +1,10 @@
 //! The thread that answers producers: new connections, greetings, rings, and messages that come while the
 //! rig steps.
 
-use super::links::{Link, Shared, turn_away};
+use super::links::{Link, Shared, hush, ring, turn_away};
 use crate::error::InteropError;
-use crate::ring::{Ring, Source, export_timelines, make_timelines};
+use crate::image::ImageKind;
+use crate::ring::{Images, Ring, Source, export_timelines, make_timelines};
 use crate::session::{Action, Agreement, Session, Terms, agree, hello};
 use crate::socket::{Listener, Received, Socket, wait_readable};
 use crate::support::BUFFER_USAGE;
@@ -13,6 +14,9 @@ use rustix::fd::{AsFd, OwnedFd};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// Between two looks at whether the thread that steps still listens to the producers itself.
+const TAKE_OVER: Duration = Duration::from_millis(2);
 
 /// A connection that has no ring yet.
 struct Guest {
@@ -49,9 +53,8 @@ impl Hub {
                 Ok(true) => {}
                 Ok(false) => break,
                 Err(error) => {
-                    let mut state = self.shared.lock();
-                    state.failed = Some(error);
-                    self.shared.changed.notify_all();
+                    self.shared.lock().failed = Some(error);
+                    ring(&self.shared.news);
                     break;
                 }
             }
@@ -61,29 +64,32 @@ impl Hub {
 
     /// Waits for something to do and does it; whether to go on.
     fn turn(&mut self) -> Result<bool, InteropError> {
-        let (links, under_way): (Vec<(u64, Arc<Socket>)>, bool) = {
+        let (links, limit) = {
             let mut state = self.shared.lock();
             if state.stopped {
                 return Ok(false);
             }
-            self.shared.sweep(&mut state);
-            let live = state.links.iter().filter(|link| !link.ending);
-            let under_way = state.links.iter().any(|link| !link.pending.is_empty());
-            (live.map(|link| (link.id, Arc::clone(&link.socket))).collect(), under_way)
+            let limit = match (state.links.is_empty(), self.guests.is_empty()) {
+                (true, true) => Duration::from_secs(1),
+                (true, false) => Duration::from_millis(50),
+                // Soon enough to take over once the rig steps.
+                (false, _) => TAKE_OVER,
+            };
+            if state.listens {
+                (Vec::new(), limit)
+            } else {
+                self.shared.sweep(&mut state);
+                (state.live_sockets(), limit)
+            }
         };
         let fds: Vec<_> = [self.shared.wake.as_fd(), self.listener.as_fd()]
             .into_iter()
             .chain(self.guests.iter().map(|guest| guest.socket.as_fd()))
             .chain(links.iter().map(|(_, socket)| socket.as_fd()))
             .collect();
-        let limit = match (under_way, self.guests.is_empty()) {
-            (true, _) => Duration::from_millis(1),
-            (false, false) => Duration::from_millis(50),
-            (false, true) => Duration::from_secs(1),
-        };
         let readable = wait_readable(&fds, limit)?;
         if readable[0] {
-            let _ = rustix::io::read(&self.shared.wake, &mut [0_u8; 8]);
+            hush(&self.shared.wake);
         }
         let (guests, linked) = readable[2..].split_at(self.guests.len());
         for ((id, _), _) in links.iter().zip(linked).filter(|(_, readable)| **readable) {
@@ -93,6 +99,9 @@ impl Hub {
         self.hear_guests(&guests);
         if readable[1] {
             self.welcome()?;
+        }
+        if std::mem::take(&mut self.shared.lock().changed) {
+            ring(&self.shared.news);
         }
         Ok(true)
     }
@@ -182,8 +191,9 @@ impl Hub {
         let exported = agreement.timeline == wire::TIMELINE_EXPORTED;
         let timelines = make_timelines(&self.shared.device, terms.slots, exported)?;
         let timeline_fds = export_timelines(&timelines)?;
-        if agreement.memory == wire::MEMORY_BROUGHT {
-            self.offer(guest, &terms, agreement, [ImageMemory::default(); 2], &timeline_fds)?;
+        if agreement.brings() {
+            let images = agreement.memory == wire::MEMORY_IMAGES;
+            self.offer(guest, &terms, agreement, wanted(&terms.images, images), &timeline_fds)?;
             guest.bringing = Some(Bringing { camera, agreement, session, timelines });
             return Ok(true);
         }
@@ -239,7 +249,7 @@ impl Hub {
         let Bringing { camera, agreement, session, timelines } = bringing;
         let terms = &self.shared.terms[camera];
         let Brought { hdr, motion, .. } = *brought;
-        let source = Source::Peer { kind: wire::MEMORY_BROUGHT, fds, hdr, motion };
+        let source = Source::Peer { kind: agreement.memory, fds, hdr, motion };
         let ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
         guest.socket.send(&Message::Accepted(Header::default()), &[])?;
         self.link(guest, camera, agreement, session, ring);
@@ -261,6 +271,17 @@ impl Hub {
             ending: false,
             seen: false,
         });
+        state.changed = true;
         self.next_id += 1;
     }
+}
+
+/// What a guest must know of the memory that it is to bring: of images what they are used for.
+fn wanted(images: &Images, as_images: bool) -> [ImageMemory; 2] {
+    let of = |kind: ImageKind| ImageMemory {
+        bytes: kind.bytes,
+        image_usage: if as_images { kind.usage().as_raw() } else { 0 },
+        ..ImageMemory::default()
+    };
+    [of(images.hdr_kind()), images.motion_kind().map_or(ImageMemory::default(), of)]
 }

@@ -9,7 +9,7 @@ use crate::wire::{self, ErrorCode, FrameNotice, Message, Refusal, Released};
 use esaac_engine::Device;
 use rustix::fd::OwnedFd;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Notices kept until someone asks for them.
@@ -44,8 +44,12 @@ pub(super) struct State {
     pub(super) agreed: Vec<Option<Agreement>>,
     pub(super) counts: Vec<LinkCounts>,
     pub(super) notices: VecDeque<String>,
+    /// Whether the thread that steps listens to the producers.
+    pub(super) listens: bool,
+    /// Whether something has happened since it was told last.
+    pub(super) changed: bool,
     pub(super) stopped: bool,
-    /// The thread's own end, if it failed.
+    /// The other thread's own end, if it failed.
     pub(super) failed: Option<InteropError>,
 }
 
@@ -56,8 +60,10 @@ pub(super) struct Shared {
     pub(super) latest: Vec<bool>,
     pub(super) options: ServerOptions,
     pub(super) state: Mutex<State>,
-    pub(super) changed: Condvar,
+    /// Wakes the thread that answers.
     pub(super) wake: OwnedFd,
+    /// Wakes the one that steps.
+    pub(super) news: OwnedFd,
 }
 
 impl Link {
@@ -82,14 +88,28 @@ impl Link {
     }
 }
 
+/// Wakes whoever waits for this.
+pub(super) fn ring(bell: &OwnedFd) {
+    // A full counter wakes as well.
+    let _ = rustix::io::write(bell, &1_u64.to_ne_bytes());
+}
+
+/// It was heard.
+pub(super) fn hush(bell: &OwnedFd) {
+    let _ = rustix::io::read(bell, &mut [0_u8; 8]);
+}
+
+impl State {
+    /// Connections that may still say something.
+    pub(super) fn live_sockets(&self) -> Vec<(u64, Arc<Socket>)> {
+        let live = self.links.iter().filter(|link| !link.ending);
+        live.map(|link| (link.id, Arc::clone(&link.socket))).collect()
+    }
+}
+
 impl Shared {
     pub(super) fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    pub(super) fn wake(&self) {
-        // A full counter wakes as well.
-        let _ = rustix::io::write(&self.wake, &1_u64.to_ne_bytes());
     }
 
     pub(super) fn say(state: &mut State, text: String) {
@@ -99,29 +119,30 @@ impl Shared {
         state.notices.push_back(text);
     }
 
-    /// Takes messages of a producer that has its ring. Under the lock, so that they are taken in their
-    /// order whichever thread does it; it never waits.
-    pub(super) fn hear(&self, state: &mut State, id: u64) {
-        for _ in 0..MAX_TURN {
+    /// Takes messages of a producer that has its ring; whether there were any. Under the lock, so that they
+    /// are taken in their order whichever thread does it; it never waits.
+    pub(super) fn hear(&self, state: &mut State, id: u64) -> bool {
+        for turn in 0..MAX_TURN {
             let Some(index) = state.links.iter().position(|link| link.id == id && !link.ending) else {
-                return;
+                return turn > 0;
             };
             let outcome = match state.links[index].socket.receive() {
-                Ok(None) => return,
+                Ok(None) => return turn > 0,
                 Ok(Some(received)) => heard(state, index, &received),
                 Err(error) => Err(error),
             };
             match outcome {
                 Ok(()) => {
                     self.sweep(state);
-                    self.changed.notify_all();
+                    state.changed = true;
                 }
                 Err(error) => {
                     self.lose(state, index, &error);
-                    return;
+                    return true;
                 }
             }
         }
+        true
     }
 
     /// Drops frames that newer ones replace, and producers whose frames do not come.
@@ -196,7 +217,7 @@ impl Shared {
         if link.ending && link.session.held() == 0 {
             let link = state.links.remove(index);
             state.counts[link.camera].finished += 1;
-            self.changed.notify_all();
+            state.changed = true;
             return true;
         }
         false
@@ -210,7 +231,7 @@ impl Shared {
         counts.lost += 1;
         counts.abandoned += link.pending.len() as u64;
         Self::say(state, format!("camera {}: {error}", link.camera));
-        self.changed.notify_all();
+        state.changed = true;
     }
 }
 

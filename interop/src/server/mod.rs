@@ -1,10 +1,13 @@
 //! The engine's side of the socket: a thread that answers producers, and what it hands to the one that
 //! steps the rig.
 //!
-//! What both touch is behind one lock that is never held over a wait or an allocation of the device.
+//! What both touch is behind one lock that is never held over a wait or an allocation of the device. The
+//! thread that steps listens to producers itself while it waits for frames, so that nobody is between the
+//! two; the other one listens to them while the rig steps.
 
 mod hub;
 mod links;
+mod wait;
 
 use crate::error::InteropError;
 use crate::ring::{Images, Ring, Slot};
@@ -14,19 +17,13 @@ use crate::support::Support;
 use crate::wire::{self, FrameNotice};
 use esaac_engine::Device;
 use hub::Hub;
-use links::{Shared, State};
+use links::{Shared, State, ring};
 use rustix::event::{EventfdFlags, eventfd};
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-/// The thread that steps looks by itself for so long before it sleeps: being woken costs it more.
-const SPIN: Duration = Duration::from_micros(500);
-
-/// Between two looks at a device's work once it sleeps.
-const NAP: Duration = Duration::from_micros(50);
+use std::time::Duration;
 
 /// One camera of the rig as producers see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +45,10 @@ pub struct ServerOptions {
     pub frame_timeout: Duration,
     /// Once a frame is there, how long the other connected cameras are waited for to go in one tick.
     pub gather: Duration,
+    /// So long after the last message the thread that steps looks by itself before it sleeps: being woken
+    /// takes tens of microseconds, looking takes a processor. Not on a software device, whose producers
+    /// need the processor.
+    pub spin: Duration,
     /// Memories that may be used, as bits; the device's abilities are a further limit.
     pub memories: u32,
     /// Timelines that may be used, as bits.
@@ -60,7 +61,8 @@ impl Default for ServerOptions {
             handshake_timeout: Duration::from_secs(5),
             frame_timeout: Duration::from_secs(5),
             gather: Duration::from_millis(1),
-            memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT,
+            spin: Duration::from_micros(500),
+            memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES,
             timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
         }
     }
@@ -83,7 +85,8 @@ pub struct LinkCounts {
     pub dropped: u64,
     /// Frames that went with their producer.
     pub abandoned: u64,
-    /// Copies on the device of the frames that were stepped, by their producers' word.
+    /// Copies on the device of the frames that were stepped: by their producers' word, and the engine's own
+    /// of images.
     pub device_copies: u64,
     /// Copies by way of the host.
     pub host_copies: u64,
@@ -135,8 +138,6 @@ impl Ready {
 pub struct Server {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
-    /// On a processor the producer needs the time.
-    spins: bool,
 }
 
 impl Server {
@@ -167,80 +168,46 @@ impl Server {
                 backpressure: if c.latest { wire::LATEST } else { wire::LOSSLESS },
                 device_uuid: device.info().uuid,
                 driver_uuid: device.info().driver_uuid,
-                memories,
+                memories: if c.images.are_importable(device) {
+                    memories | options.memories & wire::MEMORY_IMAGES
+                } else {
+                    memories
+                },
                 timelines: options.timelines & support.timelines(),
             })
             .collect();
         let listener = Listener::bind(path)?;
-        let wake = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
-            .map_err(InteropError::system("eventfd"))?;
+        let bell = || {
+            eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
+                .map_err(InteropError::system("eventfd"))
+        };
         let shared = Arc::new(Shared {
             device: Arc::clone(device),
             latest: cameras.iter().map(|c| c.latest).collect(),
-            options,
+            options: ServerOptions {
+                spin: if device.info().kind == "software" { Duration::ZERO } else { options.spin },
+                ..options
+            },
             state: Mutex::new(State {
                 links: Vec::new(),
                 agreed: vec![None; terms.len()],
                 counts: vec![LinkCounts::default(); terms.len()],
                 notices: VecDeque::new(),
+                listens: false,
+                changed: false,
                 stopped: false,
                 failed: None,
             }),
             terms,
-            changed: Condvar::new(),
-            wake,
+            wake: bell()?,
+            news: bell()?,
         });
         let hub = Hub::new(&shared, listener);
         let thread = std::thread::Builder::new()
             .name("esaac-link".to_owned())
             .spawn(move || hub.run())
             .map_err(|error| InteropError::Socket { path: path.to_owned(), reason: error.to_string() })?;
-        Ok(Server { spins: device.info().kind != "software", shared, thread: Some(thread) })
-    }
-
-    /// Frames that are there, one a camera at most; none if none comes within `limit`.
-    pub fn wait(&self, limit: Duration) -> Result<Vec<Ready>, InteropError> {
-        let started = Instant::now();
-        let mut first_seen: Option<Instant> = None;
-        let mut state = self.shared.lock();
-        loop {
-            if let Some(error) = state.failed.take() {
-                return Err(error);
-            }
-            let ids: Vec<u64> = state.links.iter().map(|link| link.id).collect();
-            for id in ids {
-                self.shared.hear(&mut state, id);
-            }
-            self.shared.sweep(&mut state);
-            let now = Instant::now();
-            let left = if state.links.iter().any(|link| link.front().is_some()) {
-                let since = *first_seen.get_or_insert(now);
-                let all = state.links.iter().all(|link| link.front().is_some() || link.ending);
-                let left = (since + self.shared.options.gather).saturating_duration_since(now);
-                if all || left.is_zero() {
-                    return Ok(self.shared.take(&mut state));
-                }
-                left
-            } else {
-                first_seen = None;
-                let left = (started + limit).saturating_duration_since(now);
-                if left.is_zero() {
-                    return Ok(Vec::new());
-                }
-                left
-            };
-            // A semaphore that the producer's device signals wakes nobody.
-            let under_way = state.links.iter().any(|link| !link.pending.is_empty() && link.front().is_none());
-            if self.spins && now - started < SPIN {
-                drop(state);
-                std::hint::spin_loop();
-                state = self.shared.lock();
-            } else {
-                let nap = if under_way { left.min(NAP) } else { left };
-                state =
-                    self.shared.changed.wait_timeout(state, nap).unwrap_or_else(PoisonError::into_inner).0;
-            }
-        }
+        Ok(Server { shared, thread: Some(thread) })
     }
 
     /// Gives a frame's slot back to its producer. The device is done with it.
@@ -249,7 +216,7 @@ impl Server {
         let counts = &mut state.counts[ready.camera];
         if outcome == Outcome::Stepped {
             counts.stepped += 1;
-            counts.device_copies += u64::from(ready.notice.device_copies);
+            counts.device_copies += u64::from(ready.notice.device_copies) + ready.ring.copies();
             counts.host_copies += u64::from(ready.notice.host_copies);
         } else {
             counts.dropped += 1;
@@ -288,7 +255,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         self.shared.lock().stopped = true;
-        self.shared.wake();
+        ring(&self.shared.wake);
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {

@@ -122,7 +122,9 @@ fn a_slow_engine_makes_the_producer_wait_and_then_say_so() {
     assert_eq!((server.counts()[0].frames, server.counts()[0].dropped), (3, 0));
 }
 
+/// Once the engine's thread has put down what it listened to last.
 fn descriptors_and_mappings() -> (usize, usize) {
+    std::thread::sleep(Duration::from_millis(50));
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
     let shared = maps.lines().filter(|line| line.contains("(deleted)")).count();
     (std::fs::read_dir("/proc/self/fd").unwrap().count(), shared)

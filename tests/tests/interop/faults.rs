@@ -2,14 +2,14 @@
 
 use crate::connections::one_frame_goes_through;
 use esaac_interop::wire::{
-    Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, MEMORY_EXPORTED, MEMORY_HOST, Message,
-    Refusal, RingOffer,
+    Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES,
+    Message, Refusal, RingOffer,
 };
-use esaac_interop::{Outcome, Server, ServerOptions};
+use esaac_interop::{Copies, Outcome, Producer, ProducerOptions, Server, ServerOptions, Support};
 use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, scene, times};
-use esaac_tests::interop::{Checksum, Place, server};
+use esaac_tests::interop::{Checksum, Place, other_device, server, until};
 use esaac_tests::peer::{Peer, bringing, greeting};
 use esaac_tests::run::camera;
 use rustix::fd::{AsFd, OwnedFd};
@@ -208,9 +208,17 @@ fn descriptors_that_nobody_asked_for() {
 
 /// A peer that brings these descriptors and says this of them.
 fn brings(hdr: ImageMemory, make: impl FnOnce() -> Vec<OwnedFd>) -> impl FnOnce(&Place) -> Refusal {
+    brings_as(bringing(), hdr, make)
+}
+
+fn brings_as(
+    hello: Hello,
+    hdr: ImageMemory,
+    make: impl FnOnce() -> Vec<OwnedFd>,
+) -> impl FnOnce(&Place) -> Refusal {
     move |place| {
         let peer = Peer::connect(&place.path());
-        peer.send(Message::Hello(bringing()), &[]);
+        peer.send(Message::Hello(hello), &[]);
         let Some((Message::Ring(_), _)) = peer.receive() else { panic!("no ring") };
         let motion = ImageMemory { bytes: 12 * 9 * 4, allocation_bytes: 4096, ..ImageMemory::default() };
         let fds = make();
@@ -221,7 +229,7 @@ fn brings(hdr: ImageMemory, make: impl FnOnce() -> Vec<OwnedFd>) -> impl FnOnce(
 }
 
 const HDR: ImageMemory =
-    ImageMemory { bytes: 12 * 9 * 8, allocation_bytes: 4096, memory_type: 0, reserved: 0 };
+    ImageMemory { bytes: 12 * 9 * 8, allocation_bytes: 4096, memory_type: 0, image_usage: 0 };
 
 fn memory_files(bytes: u64, flags: MemfdFlags) -> Vec<OwnedFd> {
     let file = || {
@@ -259,6 +267,52 @@ fn sizes_that_lie() {
     refused(brings(other_type, junk), ErrorCode::Unsupported, &["memory type 31"]);
     let absurd_type = ImageMemory { memory_type: u32::MAX - 1, ..HDR };
     refused(brings(absurd_type, junk), ErrorCode::Unsupported, &["memory type 4294967294"]);
+}
+
+#[test]
+fn images_that_are_none() {
+    let images = |hdr, make: fn() -> Vec<OwnedFd>| {
+        brings_as(Hello { memories: MEMORY_IMAGES, ..greeting() }, hdr, make)
+    };
+    let junk = || memory_files(1 << 16, MemfdFlags::ALLOW_SEALING);
+    // The driver's own size of the image is the only one that is right.
+    let short = ImageMemory { allocation_bytes: 866, ..HDR };
+    refused(images(short, junk), ErrorCode::Memory, &["camera 0 slot 0 hdr", "866"]);
+    for bytes in [0, 860, 1 << 40] {
+        refused(images(ImageMemory { bytes, ..HDR }, junk), ErrorCode::Memory, &["hdr", &bytes.to_string()]);
+    }
+    let nothing = || (0..6).map(|_| std::fs::File::open("/dev/null").unwrap().into()).collect();
+    refused(images(HDR, nothing), ErrorCode::Memory, &["camera 0 slot 0 hdr"]);
+    let few = || memory_files(1 << 16, MemfdFlags::ALLOW_SEALING).into_iter().take(5).collect();
+    refused(images(HDR, few), ErrorCode::Protocol, &["BROUGHT with 5 descriptors, expected 6"]);
+}
+
+/// On a device that shares timelines the engine waits for the value; elsewhere a frame is done before it is
+/// told of, and the producer's own wait ends.
+#[test]
+fn a_frame_that_is_told_of_and_never_written_ends_its_connection() {
+    let place = Place::default();
+    let limit = Duration::from_millis(300);
+    let options = ServerOptions { frame_timeout: limit, ..ServerOptions::default() };
+    let server = server(&place.path(), &camera(&sensor(), 0, &sequence()), options).unwrap();
+    let options = ProducerOptions { timeout: limit, ..ProducerOptions::default() };
+    let mut producer = Producer::connect(&other_device(), &place.path(), &options).unwrap();
+    let slot = producer.slot().unwrap();
+    let started = Instant::now();
+    let told = producer.publish(slot, 0, Copies::default());
+    if Support::of(&DEVICE).share_timeline {
+        told.unwrap();
+        assert!(server.wait(10 * SECOND).unwrap().is_empty() || server.counts()[0].lost == 1);
+        until("its end", || server.counts()[0].lost == 1);
+        assert!(server.notices().join("\n").contains("a frame that was told of did not come within 300ms"));
+    } else {
+        let error = told.unwrap_err().to_string();
+        assert!(error.contains("the device's work on a slot did not come within 300ms"), "{error}");
+        drop(producer);
+        until("its end", || server.counts()[0].lost == 1);
+    }
+    assert!(started.elapsed() < 5 * SECOND, "{:?}", started.elapsed());
+    one_frame_goes_through(&server, &place);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! are printed (`--nocapture`); `ESAAC_LINK_FRAMES` is the number of frames, `ESAAC_LINK_SENSOR` a preset
 //! for them with the noisy profile.
 
+use crate::frames;
 use esaac_interop::wire::{TIMELINE_CARRIED, TIMELINE_EXPORTED};
 use esaac_interop::{Copies, ProducerOptions, ServerOptions, Support};
 use esaac_model::presets::preset;
@@ -9,6 +10,7 @@ use esaac_model::{HdrFormat, MotionFormat, Profile, SensorModel, Synthesis};
 use esaac_scene::renderer::{Renderer, Targets};
 use esaac_scene::{RenderError, SceneKind};
 use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::figures::Figures;
 use esaac_tests::frames::{FRAME_NS, Frame, Sequence};
 use esaac_tests::interop::{Place, assert_device_silent, other_device, service, until};
 use std::sync::mpsc;
@@ -25,17 +27,12 @@ fn sensor() -> SensorModel {
     sensor
 }
 
-fn quantile_us(values: &mut [u64], quantile: f64) -> f64 {
-    values.sort_unstable();
-    values[((values.len() - 1) as f64 * quantile) as usize] as f64 * 1e-3
-}
-
 /// Renders frames in a producer, each when the last one's packet is there.
 fn producer(path: &std::path::Path, timeline: u32, wait: &mpsc::Receiver<()>, tell: &mpsc::Sender<Instant>) {
     let device = other_device();
     let options = ProducerOptions { timelines: timeline, timeout: MINUTES, ..ProducerOptions::default() };
     let mut producer = esaac_interop::Producer::connect(&device, path, &options).unwrap();
-    let images = *producer.images();
+    let images = *producer.client().images();
     let scene = SceneKind::Flight.scene(images.width_px, images.height_px);
     let mut renderer = Renderer::new(&device, scene, images.hdr, images.motion.unwrap()).unwrap();
     let mut t_ns = 0;
@@ -59,7 +56,7 @@ fn producer(path: &std::path::Path, timeline: u32, wait: &mpsc::Receiver<()>, te
 
 #[test]
 fn from_the_write_to_the_packet() {
-    let frames = std::env::var("ESAAC_LINK_FRAMES").map_or(100, |n| n.parse().expect("a number"));
+    let frames = frames(100);
     let sensor = sensor();
     let formats =
         Sequence { hdr: HdrFormat::F16x4, motion: Some(MotionFormat::F32x2), frames: Vec::<Frame>::new() };
@@ -72,7 +69,7 @@ fn from_the_write_to_the_packet() {
         let options = ServerOptions { gather: Duration::ZERO, ..ServerOptions::default() };
         let mut fed = service(&place.path(), &[(sensor.clone(), &formats)], false, options);
         let ((go, wait), (tell, told)) = (mpsc::channel(), mpsc::channel());
-        let (mut spans_ns, mut inside_ns) = (Vec::new(), Vec::new());
+        let [mut whole, mut inside, mut link] = [const { Figures::new() }; 3];
         std::thread::scope(|scope| {
             let path = place.path();
             scope.spawn(move || producer(&path, timeline, &wait, &tell));
@@ -83,24 +80,20 @@ fn from_the_write_to_the_packet() {
                 let written = told.recv().unwrap();
                 // The first ones build kernels and find sizes.
                 if index >= frames.min(40) / 2 {
-                    spans_ns.push((done - written).as_nanos() as u64);
-                    inside_ns.push(submit_ns);
+                    let span_ns = (done - written).as_nanos() as u64;
+                    whole.add_ns(span_ns);
+                    inside.add_ns(submit_ns);
+                    link.add_ns(span_ns - submit_ns);
                 }
             }
             drop(go);
         });
         until("its goodbye", || fed.counts()[0].finished == 1);
-        let own_ns: Vec<u64> = spans_ns.iter().zip(&inside_ns).map(|(span, inside)| span - inside).collect();
-        for (what, values) in [
-            ("write done to packet", &mut spans_ns),
-            ("submit to packet", &mut inside_ns),
-            ("the link", &mut own_ns.clone()),
-        ] {
-            let (p50, p99) = (quantile_us(values, 0.5), quantile_us(values, 0.99));
-            println!("timelines {timeline}, {what}: p50 {p50:.1} us, p99 {p99:.1} us");
-        }
+        println!(
+            "timelines {timeline}: write done to packet {whole}; of it submit to packet {inside}, the link {link}"
+        );
         // A sleep too long or a lost wake-up would show here, on any machine.
-        assert!(quantile_us(&mut own_ns.clone(), 0.5) < 50_000.0, "{own_ns:?}");
+        assert!(link.quantile_us(0.5) < 50_000.0, "{link}");
     }
     assert_silent();
 }

@@ -1,9 +1,10 @@
 //! Events of a rig fed over the link are those of the same frames in process, bit for bit, by every kind
 //! of memory and timeline that the device has; what arrives in a slot is what was sent.
 
+use crate::frames;
 use esaac_engine::{Around, FrameInput, Rig, RigOptions};
 use esaac_interop::wire::{
-    MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, TIMELINE_CARRIED, TIMELINE_EXPORTED,
+    MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED, TIMELINE_EXPORTED,
 };
 use esaac_interop::{Outcome, ProducerOptions, Server, ServerOptions, Support};
 use esaac_model::{SensorModel, Synthesis, Taps};
@@ -15,9 +16,6 @@ use esaac_tests::interop::{
 };
 use esaac_tests::run::{camera, engine_of_many, step};
 use std::time::Duration;
-
-/// Frames of a run; the images repeat.
-const FRAMES: usize = 200;
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -40,9 +38,9 @@ fn t_ns(index: usize) -> i64 {
     index as i64 * FRAME_NS
 }
 
-/// The images again and again, at growing times.
+/// The images again and again, at growing times: a run's frames.
 fn long(images: &Sequence) -> Sequence {
-    let frames = (0..FRAMES)
+    let frames = (0..frames(200))
         .map(|index| {
             let mut frame = images.frames[index % images.frames.len()].clone();
             frame.t_ns = t_ns(index);
@@ -68,6 +66,7 @@ fn the_driver_shares_memory_by_descriptors_and_by_host_pointers() {
 fn over_the_link(kinds: &[(u32, u32)]) {
     let (sensor, checked) = (sensor(), &mut Checksum::default());
     let sequence = long(&flight(&sensor));
+    let count = sequence.frames.len();
     let config = camera(&sensor, 0, &sequence);
     let mut alone = Rig::new(&DEVICE, std::slice::from_ref(&config)).unwrap();
     let mut fed = Rig::new(&DEVICE, &vec![config.clone(); kinds.len()]).unwrap();
@@ -92,12 +91,12 @@ fn over_the_link(kinds: &[(u32, u32)]) {
                     ..ProducerOptions::default()
                 };
                 let mut uploader = Uploader::connect(&device, &path, &options).unwrap();
-                let offer = *uploader.producer.offer();
+                let offer = *uploader.producer.client().offer();
                 assert_eq!((offer.memory, offer.timeline), (memory, timeline));
                 for frame in &sequence.frames {
                     uploader.send(frame, frame.t_ns).unwrap();
                 }
-                assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+                assert_eq!(uploader.producer.finish().unwrap(), (count as u64, 0));
                 assert_device_silent(&device);
             });
         }
@@ -138,10 +137,14 @@ fn over_the_link(kinds: &[(u32, u32)]) {
             }
         }
     });
-    assert!(events > 10 * FRAMES, "{events} events");
+    assert!(events > 10 * count, "{events} events");
     until("all goodbyes", || server.counts().iter().all(|counts| counts.finished == 1));
-    for counts in server.counts() {
-        assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, FRAMES as u64, 0));
+    for (counts, (memory, _)) in server.counts().iter().zip(kinds) {
+        let frames = count as u64;
+        assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, frames, 0));
+        // The uploader's own copy, and the engine's of two images.
+        let copies = if *memory == MEMORY_IMAGES { 3 } else { 1 };
+        assert_eq!((counts.device_copies, counts.host_copies), (copies * frames, frames));
     }
     drop((server, fed, alone));
     assert_silent();
@@ -149,10 +152,12 @@ fn over_the_link(kinds: &[(u32, u32)]) {
 
 #[test]
 fn every_memory_and_every_timeline_gives_the_events_of_one_process() {
-    let mut kinds: Vec<(u32, u32)> =
-        [MEMORY_EXPORTED, MEMORY_BROUGHT, MEMORY_HOST].map(|memory| (memory, TIMELINE_CARRIED)).to_vec();
+    let mut kinds: Vec<(u32, u32)> = [MEMORY_EXPORTED, MEMORY_BROUGHT, MEMORY_IMAGES, MEMORY_HOST]
+        .map(|memory| (memory, TIMELINE_CARRIED))
+        .to_vec();
     if Support::of(&DEVICE).share_timeline {
-        kinds.extend([(MEMORY_EXPORTED, TIMELINE_EXPORTED), (MEMORY_BROUGHT, TIMELINE_EXPORTED)]);
+        let shared = [MEMORY_EXPORTED, MEMORY_BROUGHT, MEMORY_IMAGES];
+        kinds.extend(shared.map(|memory| (memory, TIMELINE_EXPORTED)));
     }
     over_the_link(&kinds);
 }

@@ -5,6 +5,8 @@ use crate::outcome::{Ending, Outcome};
 use crate::{device_choice, table};
 use anyhow::Result;
 use esaac_engine::{DeviceInfo, EngineError, list_devices};
+use esaac_interop::cuda::{CudaDevice, cuda_devices};
+use esaac_interop::{InteropError, Support};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -35,7 +37,7 @@ struct Check {
 pub fn run(common: &CommonArguments) -> Result<Outcome> {
     let mut checks = vulkan(list_devices());
     if checks.iter().all(|c| c.state == State::Good) {
-        checks.push(opens(common));
+        checks.extend(opened(common));
     }
     checks.extend([memory(), write_access(), glslc(), validation_layer()]);
     let missing = checks.iter().any(|c| c.state == State::Missing);
@@ -99,11 +101,52 @@ fn vulkan(devices: Result<Vec<DeviceInfo>, EngineError>) -> Vec<Check> {
     vec![loader, driver, device]
 }
 
-fn opens(common: &CommonArguments) -> Check {
+fn opened(common: &CommonArguments) -> Vec<Check> {
     const NAME: &str = "opening it";
     match device_choice::open(common) {
-        Ok(device) => good(NAME, device.info().name.clone()),
-        Err(error) => missing(NAME, format!("{error:#}"), "esaac devices   (shows what can be chosen)"),
+        Ok(device) => vec![
+            good(NAME, device.info().name.clone()),
+            sharing(&Support::of(&device)),
+            cuda(cuda_devices(), device.info()),
+        ],
+        Err(error) => {
+            vec![missing(NAME, format!("{error:#}"), "esaac devices   (shows what can be chosen)")]
+        }
+    }
+}
+
+/// What `esaac serve` can offer to other processes.
+fn sharing(support: &Support) -> Check {
+    const NAME: &str = "sharing with other processes";
+    let ways = [
+        (support.export_buffer && support.import_buffer, "memory by descriptor"),
+        (support.host_alignment.is_some(), "memory of the host"),
+        (support.share_timeline, "timelines by descriptor"),
+    ];
+    let found: Vec<&str> = ways.iter().filter(|(can, _)| *can).map(|(_, way)| *way).collect();
+    if support.engine_memories() == 0 {
+        return optional(
+            NAME,
+            "the driver has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host".to_owned(),
+            "update the driver, or simulate in one process   (esaac demo --in-process)",
+        );
+    }
+    good(NAME, found.join(", "))
+}
+
+/// Whether a producer in CUDA would find the engine's device.
+fn cuda(devices: Result<Vec<CudaDevice>, InteropError>, engine: &DeviceInfo) -> Check {
+    const NAME: &str = "CUDA (for producers in it)";
+    match devices {
+        Err(error) => optional(NAME, error.to_string(), "none needed unless frames come from CUDA"),
+        Ok(devices) => match devices.iter().find(|device| device.uuid == engine.uuid) {
+            Some(device) => good(NAME, format!("device {} is {}", device.ordinal, engine.name)),
+            None => optional(
+                NAME,
+                format!("{} devices, and {} is none of them", devices.len(), engine.name),
+                "esaac doctor --device N   (with a device of CUDA's; esaac devices lists all)",
+            ),
+        },
     }
 }
 
@@ -190,6 +233,28 @@ mod tests {
         assert_eq!(no_driver.last().map(|c| (c.name, c.state)), Some(("Vulkan driver", State::Missing)));
         let text = text(&no_driver);
         assert!(text.contains("apt-get install mesa-vulkan-drivers"), "{text}");
+    }
+
+    #[test]
+    fn what_other_processes_can_share_is_said() {
+        let nothing = sharing(&Support::default());
+        assert_eq!(nothing.state, State::Optional);
+        assert!(nothing.mend.unwrap().contains("--in-process"));
+        let by_host = sharing(&Support { host_alignment: Some(4096), ..Support::default() });
+        assert_eq!((by_host.state, &*by_host.found), (State::Good, "memory of the host"));
+    }
+
+    #[test]
+    fn cuda_without_the_engine_s_device_is_told_from_none() {
+        let Ok(devices) = list_devices() else { panic!("a device") };
+        let engine = &devices[0];
+        assert!(cuda(Err(InteropError::NoCuda), engine).found.contains("libcuda.so.1"));
+        let other = CudaDevice { ordinal: 0, uuid: engine.uuid.map(|byte| !byte) };
+        let unlike = cuda(Ok(vec![other]), engine);
+        assert_eq!(unlike.state, State::Optional);
+        assert!(unlike.found.contains("1 devices") && unlike.mend.unwrap().contains("--device N"));
+        let same = cuda(Ok(vec![other, CudaDevice { ordinal: 1, uuid: engine.uuid }]), engine);
+        assert_eq!(same.state, State::Good);
     }
 
     #[test]

@@ -78,6 +78,7 @@ pub fn memory_name(memory: u32) -> &'static str {
         wire::MEMORY_EXPORTED => "exported by the engine",
         wire::MEMORY_HOST => "of the host",
         wire::MEMORY_BROUGHT => "brought by the producer",
+        wire::MEMORY_IMAGES => "images brought by the producer",
         _ => "unknown",
     }
 }

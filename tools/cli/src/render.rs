@@ -81,7 +81,7 @@ pub fn run(arguments: &RenderArguments, common: &CommonArguments) -> Result<Outc
     progress.finish_and_clear();
     let mut summaries = Vec::new();
     for feed in feeds {
-        let offer = *feed.producer.offer();
+        let offer = *feed.producer.client().offer();
         let (stepped, dropped) = feed.producer.finish()?;
         let (memory, timeline) = (memory_name(offer.memory), timeline_name(offer.timeline));
         summaries.push(CameraSummary { camera: offer.camera, memory, timeline, stepped, dropped });
@@ -114,9 +114,9 @@ fn connect(device: &Arc<Device>, arguments: &RenderArguments) -> Result<Vec<Feed
         let producer = Producer::connect(device, &arguments.socket, &options)
             .with_context(|| format!("camera {camera}"))?;
         if cameras.is_empty() {
-            cameras = (0..producer.offer().cameras).collect();
+            cameras = (0..producer.client().offer().cameras).collect();
         }
-        let images = *producer.images();
+        let images = *producer.client().images();
         let scene = arguments.scene.scene(images.width_px, images.height_px);
         // A renderer needs a format even where nobody wants its motion.
         let motion = images.motion.unwrap_or(MotionFormat::F32x2);

@@ -25,14 +25,17 @@ pub(super) struct Place {
     /// Strips of four blocks.
     pub strips: u32,
     pub bin_count: u32,
+    pub bin_room: u32,
     pub event_capacity: u32,
     pub plane_base: u32,
     pub motion_base: u32,
     pub state_base: u32,
     pub block_base: u32,
     pub bin_base: u32,
+    pub rooms_base: u32,
     pub event_base: u32,
     pub aps_base: u32,
+    pub strip_base: u32,
     has_motion: bool,
 }
 
@@ -46,12 +49,11 @@ impl Place {
         elements[layout::MOTION] = Some(if self.has_motion { 2 * pixels } else { 0 });
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
-        elements[layout::BINS] = Some(u64::from(self.bin_count) + 1);
-        elements[layout::BIN_CURSORS] = elements[layout::BINS];
-        elements[layout::BIN_STARTS] = elements[layout::BINS];
+        elements[layout::BINS] = Some(2 * (u64::from(self.bin_count) + 1));
+        elements[layout::ROOMS] = Some(u64::from(self.bin_count) * u64::from(self.bin_room));
         for slot in [
-            layout::STAGED,
-            layout::BINNED,
+            layout::SPILLED,
+            layout::GATHERED,
             layout::EVENT_T,
             layout::EVENT_X,
             layout::EVENT_Y,
@@ -59,17 +61,23 @@ impl Place {
         ] {
             elements[slot] = Some(u64::from(self.event_capacity));
         }
+        elements[layout::STRIP_ORDER] = Some(u64::from(self.strips));
         elements[layout::APS] = Some(pixels.next_multiple_of(8));
         elements
     }
 }
 
-/// Bins of a camera at the most: a thread of `scatter` adds up one in 256 of them, and up to as many again
-/// for each of its events.
+/// Bins of a camera at the most: each workgroup of `sort` adds them all up.
 const MOST_BINS: u32 = 16_384;
 
 /// Pixels a bin: of what usually comes, a few dozen events, so that ranking them is cheap.
 const BIN_PX: u32 = 64;
+
+/// Events that a bin has room for at first: what [`BIN_PX`] pixels send, one and a half each.
+const BIN_ROOM: u32 = BIN_PX + BIN_PX / 2;
+
+/// Rooms are multiples of this: whole lines of memory.
+const ROOM_STEP: u32 = 16;
 
 /// Places for cameras that start.
 pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
@@ -90,6 +98,7 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 strips: blocks_x.div_ceil(STRIP_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
                 bin_count: (pixels / BIN_PX).next_power_of_two().clamp(256, MOST_BINS),
+                bin_room: BIN_ROOM,
                 event_capacity: round_events(events),
                 has_motion: config.motion.is_some(),
                 ..Place::default()
@@ -120,8 +129,10 @@ fn lay_out(places: &mut [Place]) {
         place.state_base = take(layout::STATE);
         place.block_base = take(layout::BLOCKS);
         place.bin_base = take(layout::BINS);
-        place.event_base = take(layout::STAGED);
+        place.rooms_base = take(layout::ROOMS);
+        place.event_base = take(layout::SPILLED);
         place.aps_base = take(layout::APS);
+        place.strip_base = take(layout::STRIP_ORDER);
     }
 }
 
@@ -163,7 +174,7 @@ impl Arena {
 
     /// Zeroes what kernels expect to find zero.
     pub(super) fn clear(&self, device: &Arc<Device>) -> Result<(), EngineError> {
-        let filled = [layout::BINS, layout::BIN_CURSORS, layout::STATE, layout::BLOCKS, layout::COUNTERS];
+        let filled = [layout::BINS, layout::STATE, layout::BLOCKS, layout::COUNTERS];
         device.run_once(|commands| {
             for slot in filled {
                 // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
@@ -218,8 +229,41 @@ impl Arena {
         read_back(device, &self.buffers[slot], offset, bytes)
     }
 
+    /// Zeroes the bins, after a tick whose set of them is not the one before the next.
+    pub(super) fn clear_bins(&self, device: &Arc<Device>) -> Result<(), EngineError> {
+        let bins = self.buffers[layout::BINS].raw();
+        device.run_once(|commands| {
+            // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
+            unsafe { device.raw().cmd_fill_buffer(commands, bins, 0, vk::WHOLE_SIZE, 0) };
+        })
+    }
+
+    /// Gives the bins of cameras whose last packet spilled much of its events room for the largest
+    /// (`largest_bins[slot]`, 0 for as it was), as far as memory for that is in proportion to the events.
+    pub(super) fn grow_rooms(
+        &mut self,
+        device: &Arc<Device>,
+        cameras: &mut [CameraState],
+        largest_bins: &[u32],
+    ) -> Result<bool, EngineError> {
+        let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
+        let mut grows = false;
+        for (place, &largest) in places.iter_mut().zip(largest_bins) {
+            let most = (2 * place.event_capacity / place.bin_count).max(BIN_ROOM);
+            let room = largest.saturating_add(largest / 4).min(most).next_multiple_of(ROOM_STEP);
+            if room > place.bin_room {
+                place.bin_room = room;
+                grows = true;
+            }
+        }
+        if grows {
+            self.move_to(device, cameras, places)?;
+        }
+        Ok(grows)
+    }
+
     /// Gives cameras more room for events (`wanted[slot]`, 0 for as it was), keeping what is staged and
-    /// what waits in `binned`.
+    /// what waits in `gathered`.
     pub(super) fn grow_events(
         &mut self,
         device: &Arc<Device>,

@@ -1,7 +1,7 @@
 //! From what the device counted and wrote to packets.
 
 use super::Rig;
-use crate::device::Around;
+use crate::commands::Around;
 use crate::error::EngineError;
 use esaac_model::layout::{self, Counters, SORTABLE_EVENTS};
 use esaac_model::substeps::quantise_ns;
@@ -27,6 +27,9 @@ pub struct Diagnostics {
     pub regrown: u64,
 }
 
+/// Bins get more room when more of a packet than one in this many events found none.
+const SPILLED_SHARE: u32 = 8;
+
 /// An APS frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ApsFrame {
@@ -47,6 +50,7 @@ impl Rig {
     pub(super) fn collect(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let mut pending: Vec<bool> = t_ns.iter().map(Option::is_some).collect();
         let mut regrown = vec![0_u64; self.cameras.len()];
+        let mut largest_bins = vec![0_u32; self.cameras.len()];
         for packet in &mut self.packets {
             packet.clear();
         }
@@ -87,6 +91,9 @@ impl Rig {
             for (camera, counters) in done {
                 self.take(camera, t_ns[camera].expect("pending cameras have a time"), &counters);
                 self.diagnostics[camera].regrown = regrown[camera];
+                if (counters.spilled - counters.late) > counters.packet / SPILLED_SHARE {
+                    largest_bins[camera] = counters.largest_bin;
+                }
             }
             if !pending.contains(&true) {
                 break;
@@ -113,6 +120,11 @@ impl Rig {
                 camera.frames += 1;
                 camera.changed = false;
             }
+        }
+        if largest_bins.iter().any(|&events| events > 0)
+            && self.arena.grow_rooms(&self.device, &mut self.cameras, &largest_bins)?
+        {
+            self.record_again()?;
         }
         Ok(())
     }
@@ -155,6 +167,8 @@ impl Rig {
         diagnostics.skipped_blocks = counters.skipped_blocks.into();
         diagnostics.substeps = counters.substeps.into();
         diagnostics.late_events = counters.late.into();
+        let busy_blocks = place.blocks - counters.skipped_blocks.min(place.blocks);
+        c.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
 
         let packet = &mut self.packets[camera];
         let quantum_ns = i64::from(sensor.timestamp_quantum_ns);

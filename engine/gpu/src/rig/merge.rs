@@ -3,7 +3,7 @@
 
 use super::Rig;
 use super::record::{MOST_GROUPS, STAMPS};
-use crate::device::Around;
+use crate::commands::Around;
 use crate::error::EngineError;
 use crate::kernel::{record_barrier, record_host_barrier};
 use bytemuck::bytes_of;

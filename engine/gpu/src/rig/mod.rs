@@ -15,9 +15,10 @@ mod reload;
 mod represent;
 mod snapshot;
 
-use crate::device::{Around, Device};
+use crate::commands::{Around, Commands};
+use crate::device::Device;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Commands, KernelStatistics};
+use crate::kernel::{BindingSet, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
 use crate::timing::{Fence, StageTimer};
 use arena::Arena;
@@ -129,6 +130,8 @@ struct CameraState {
     last_ns: Option<i64>,
     last_interval_ns: u32,
     epoch_ns: i64,
+    /// Sub-steps of a strip beyond which `cross` takes it first: of the last tick, somewhat more than the mean.
+    many_substeps: u32,
     parity: u32,
     frames: u64,
     sequence: u64,
@@ -205,6 +208,7 @@ impl Rig {
                 last_ns: None,
                 last_interval_ns: 0,
                 epoch_ns: 0,
+                many_substeps: 0,
                 parity: 0,
                 frames: 0,
                 sequence: 0,

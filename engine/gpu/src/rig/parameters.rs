@@ -10,7 +10,7 @@ use esaac_model::{
 };
 
 /// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
-/// the formats of its images, and the passes of `enhance`.
+/// the formats of its images, and the transfers between lattices.
 pub(super) type Permutation = [u32; 16];
 
 /// Which code a camera needs: an effect that is off is not there.
@@ -160,6 +160,10 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         samples_base: place.slot * (MAX_SUBSTEPS + 1) * samples_pixels,
         log_dark: sensor.log_offset.ln() as f32,
         frame_words: frame_words(sensor),
+        strip_base: place.strip_base,
+        many_substeps: camera.many_substeps,
+        rooms_base: place.rooms_base,
+        bin_room: place.bin_room,
         lattice_stride: if needs_lattice(sensor) { lattice_stride(sensor) } else { 0 },
     }
 }
@@ -189,18 +193,13 @@ fn lattice_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
 
-/// Passes of `enhance` that a permutation has; none without a lattice.
-pub(super) fn passes_of(permutation: &Permutation) -> u32 {
-    permutation[PERMUTATION_TRANSFERS]
-}
-
 /// As [`channels`], of a permutation.
 pub(super) fn channels_of(permutation: &Permutation) -> u32 {
     if permutation[PERMUTATION_INTENSITY] == Intensity::BayerRggb as u32 { 3 } else { 1 }
 }
 
-pub(super) type IngestConstants = [u32; 4];
-pub(super) type EnhanceConstants = [u32; 3];
+pub(super) type IngestConstants = [u32; 5];
+pub(super) type EnhanceConstants = [u32; 2];
 /// What a permutation begins with.
 pub(super) type CrossConstants = [u32; 13];
 
@@ -208,15 +207,18 @@ pub(super) type CrossConstants = [u32; 13];
 pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
     [
         permutation[PERMUTATION_INTENSITY],
-        u32::from(passes_of(permutation) > 0),
+        u32::from(permutation[PERMUTATION_TRANSFERS] > 0),
         permutation[PERMUTATION_HDR],
         permutation[PERMUTATION_MOTION],
+        permutation[PERMUTATION_BY_ADDRESS],
     ]
 }
 
-/// Specialisation constants of a pass of `enhance`, by id.
-pub(super) fn enhance_constants(permutation: &Permutation, pass: u32) -> EnhanceConstants {
-    [permutation[PERMUTATION_INTENSITY], pass, permutation[PERMUTATION_BY_ADDRESS]]
+/// Specialisation constants of `enhance`, by id, if the permutation has two transfers: the first is part of
+/// `ingest`.
+pub(super) fn enhance_constants(permutation: &Permutation) -> Option<EnhanceConstants> {
+    let constants = [permutation[PERMUTATION_INTENSITY], permutation[PERMUTATION_BY_ADDRESS]];
+    (permutation[PERMUTATION_TRANSFERS] > 1).then_some(constants)
 }
 
 /// Specialisation constants of `cross`, by id. `crowded`: it goes on after it has stopped.

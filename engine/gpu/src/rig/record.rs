@@ -4,23 +4,23 @@ use super::Rig;
 use super::code::Code;
 use super::parameters::{
     CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
-    channels_of, cross_constants, enhance_constants, ingest_constants, passes_of, permutation,
+    channels_of, cross_constants, enhance_constants, ingest_constants, permutation,
 };
+use crate::commands::Commands;
 use crate::device::Device;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Commands, Kernel, record_barrier, record_host_barrier, stages};
+use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
 use bytemuck::bytes_of;
 use esaac_model::layout::{self, Push};
 use esaac_model::substeps::BLOCK_PX;
-use esaac_model::synthesis::MAX_TRANSFERS;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 /// Stages of a tick, in order; each ends with a time stamp. (`carry` runs beside the first, `merge` only
 /// when the host asks for it.)
-pub(super) const STAGES: &[&str] = &["ingest", "enhance", "cross", "scatter", "sort"];
+pub(super) const STAGES: &[&str] = &["ingest", "enhance", "cross", "sort"];
 
 /// Workgroups of a dispatch at the most, on any device.
 pub(super) const MOST_GROUPS: u32 = 65_535;
@@ -49,7 +49,6 @@ pub(super) const STAMPS: u32 = STAGES.len() as u32 + 1;
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
     carry: Kernel,
-    scatter: Kernel,
     sort: Kernel,
     pub merge: Kernel,
     /// Those that make forms of packets, by stage; compiled when they are first asked for.
@@ -60,7 +59,6 @@ impl Kernels {
     pub(super) fn new(code: &Code, bindings: &Arc<BindingSet>) -> Result<Self, EngineError> {
         Ok(Kernels {
             carry: code.kernel(bindings, stages::CARRY, &[])?,
-            scatter: code.kernel(bindings, stages::SCATTER, &[])?,
             sort: code.kernel(bindings, stages::SORT, &[])?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
             forms: HashMap::new(),
@@ -88,8 +86,7 @@ impl Specialised {
     ) -> Result<(), EngineError> {
         let ingest = ingest_constants(permutation);
         need(&mut self.ingests, ingest, |key| code.kernel(bindings, stages::INGEST, key))?;
-        for pass in 0..passes_of(permutation) {
-            let enhance = enhance_constants(permutation, pass);
+        if let Some(enhance) = enhance_constants(permutation) {
             need(&mut self.enhances, enhance, |key| code.kernel(bindings, stages::ENHANCE, key))?;
         }
         let cross = cross_constants(permutation, crowded);
@@ -152,7 +149,7 @@ impl Rig {
         let ingests = s.ingests.values().map(|ingest| ("ingest", ingest));
         let enhances = s.enhances.values().map(|enhance| ("enhance", enhance));
         let crossings = s.crossings.values().map(|crossing| ("cross", crossing));
-        let events = [("carry", &k.carry), ("scatter", &k.scatter), ("sort", &k.sort), ("merge", &k.merge)];
+        let events = [("carry", &k.carry), ("sort", &k.sort), ("merge", &k.merge)];
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
         ingests.chain(enhances).chain(crossings).chain(events).chain(forms)
     }
@@ -244,7 +241,8 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
             for group in groups {
                 let push = first(group.first);
                 let ingest = &specialised.ingests[&ingest_constants(&group.permutation)];
-                ingest.record(commands, bytes_of(&push), [group.strips, group.count, 1]);
+                let extent = [group.strips, group.count, channels_of(&group.permutation)];
+                ingest.record(commands, bytes_of(&push), extent);
                 if group.permutation[PERMUTATION_DELAY] != 0 {
                     let extent = [striding_groups(rig), group.count, 1];
                     rig.kernels.carry.record(commands, bytes_of(&push), extent);
@@ -253,17 +251,16 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
             record_barrier(device, commands);
         }
         stage_done();
-        for pass in 0..MAX_TRANSFERS {
-            let mut passes = false;
-            for group in groups.iter().filter(|g| whole && pass < passes_of(&g.permutation)) {
-                let enhance = &specialised.enhances[&enhance_constants(&group.permutation, pass)];
+        let mut enhances = false;
+        for group in groups.iter().filter(|_| whole) {
+            if let Some(constants) = enhance_constants(&group.permutation) {
                 let extent = [group.strips, group.count, channels_of(&group.permutation)];
-                enhance.record(commands, bytes_of(&first(group.first)), extent);
-                passes = true;
+                specialised.enhances[&constants].record(commands, bytes_of(&first(group.first)), extent);
+                enhances = true;
             }
-            if passes {
-                record_barrier(device, commands);
-            }
+        }
+        if enhances {
+            record_barrier(device, commands);
         }
         stage_done();
         for group in groups {
@@ -271,9 +268,6 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
             let parts = group.strips * (BLOCK_PX / layout::CROSS_ROWS_PX);
             cross.record(commands, bytes_of(&first(group.first)), [parts, group.count, 1]);
         }
-        record_barrier(device, commands);
-        stage_done();
-        rig.kernels.scatter.record(commands, bytes_of(&all), [striding_groups(rig), cameras, 1]);
         record_barrier(device, commands);
         stage_done();
         let bin_groups = bins.div_ceil(layout::GROUP_BINS);

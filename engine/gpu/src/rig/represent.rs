@@ -3,7 +3,7 @@
 
 use super::Rig;
 use super::record::{MOST_GROUPS, events_per_thread};
-use crate::device::Around;
+use crate::commands::Around;
 use crate::error::EngineError;
 use crate::kernel::{record_barrier_from_transfer, record_host_barrier, stages};
 use crate::memory::Buffer;

@@ -32,7 +32,7 @@ struct CameraHeader {
     late_events: u32,
 }
 
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 impl Rig {
     /// Everything that the next tick depends on.
@@ -52,7 +52,7 @@ impl Rig {
             let first = u64::from(c.place.event_base + last.packet) * 8;
             late.extend(self.arena.download(
                 &self.device,
-                layout::BINNED,
+                layout::GATHERED,
                 first,
                 u64::from(last.late) * 8,
             )?);
@@ -122,6 +122,7 @@ impl Rig {
             self.arena.upload(&self.device, slot, 0, part)?;
             rest = after;
         }
+        self.arena.clear_bins(&self.device)?;
         let wanted: Vec<u32> = header.cameras.iter().map(|c| c.late_events).collect();
         if wanted.iter().zip(&self.cameras).any(|(&w, c)| w > c.place.event_capacity) {
             self.arena.grow_events(&self.device, &mut self.cameras, &wanted)?;
@@ -146,7 +147,7 @@ impl Rig {
                 let (place, set) = (c.place, 2 * c.place.slot + 1 - c.parity);
                 let offset = u64::from(set) * size_of::<Counters>() as u64;
                 self.arena.upload(&self.device, layout::COUNTERS, offset, bytemuck::bytes_of(&counters))?;
-                self.arena.upload(&self.device, layout::BINNED, u64::from(place.event_base) * 8, part)?;
+                self.arena.upload(&self.device, layout::GATHERED, u64::from(place.event_base) * 8, part)?;
             }
         }
         Ok(())
