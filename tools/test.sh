@@ -20,6 +20,26 @@ validate_kernels() {
     say "$count kernels are valid"
 }
 
+# The wheel, as a user has it, in an environment that has nothing else of this repository.
+test_python() {
+    local target environment wheels
+    target=$(realpath "${CARGO_TARGET_DIR:-target}")
+    environment="$target/python" wheels="$target/wheels"
+    set_up_python "$environment"
+    rm -rf "$wheels"
+    (cd kit_bridge && "$environment/bin/maturin" build --profile dev --locked --quiet --out "$wheels")
+    "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps \
+        "$wheels"/esaac-*.whl
+    "$environment/bin/python" -m pip install --quiet --disable-pip-version-check "$(ls "$wheels"/esaac-*.whl)[test]"
+    "$environment/bin/ruff" check kit_bridge
+    "$environment/bin/ruff" format --check kit_bridge
+    # The types of the package, against a program that uses all of it.
+    "$environment/bin/mypy" --strict kit_bridge/tests/typed_use.py
+    "$environment/bin/hadolint" docker/Dockerfile
+    "$environment/bin/check-jsonschema" --builtin-schema vendor.compose-spec docker/compose.yaml
+    (cd kit_bridge && "$environment/bin/python" -m pytest --quiet)
+}
+
 set_up_packages tests
 set_up_rust tests
 ESAAC_PYTHON=$(numpy_python) || fail "no Python with NumPy, though python3-numpy is installed"
@@ -43,6 +63,9 @@ ESAAC_VALIDATION=1 cargo test --workspace --locked --no-fail-fast
 say "cargo test, feature tracy"
 cargo clippy -p esaac-benches --features tracy --all-targets --locked -- -D warnings
 ESAAC_VALIDATION=1 cargo test -p esaac-benches --features tracy --test tracy --locked
+
+say "pytest"
+test_python
 
 say "spirv-val"
 validate_kernels

@@ -4,11 +4,13 @@
 use esaac_kernels::Reflection;
 use esaac_model::layout::{
     BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, RUN_EVENTS, STRIP_BLOCKS,
+    Slice,
 };
 use esaac_model::substeps::BLOCK_PX;
 
 /// Kernels by stage name.
-pub const STAGES: &[&str] = &["ingest", "enhance", "carry", "cross", "sort", "merge"];
+pub const STAGES: &[&str] =
+    &["ingest", "enhance", "carry", "cross", "sort", "merge", "gather", "event_frame", "voxel_grid"];
 
 /// Threads of a stage's workgroup: what the number of workgroups in a dispatch is worked out for.
 fn threads(stage: &str) -> u32 {
@@ -36,12 +38,17 @@ pub fn check(stage: &str, words: &[u32]) -> Result<(), String> {
             return Err(format!("`{}` has stride {stride}, expected {}", expected.name, expected.stride));
         }
     }
-    let table = reflection.uniform_strides.get(&(CAMERAS as u32)).copied();
-    same("stride of `cameras`", table, Some(size_of::<Camera>() as u32))?;
+    // A kernel walks the table of cameras, or the packets that they left.
+    if reflection.structs.contains_key(Slice::NAME) {
+        check_struct::<Slice>(&reflection)?;
+    } else {
+        let table = reflection.uniform_strides.get(&(CAMERAS as u32)).copied();
+        same("stride of `cameras`", table, Some(size_of::<Camera>() as u32))?;
+        check_struct::<Camera>(&reflection)?;
+    }
     same("workgroup", reflection.workgroup, [threads(stage), 1, 1])?;
     same("push constants", reflection.push_bytes, size_of::<Push>() as u32)?;
     check_struct::<Push>(&reflection)?;
-    check_struct::<Camera>(&reflection)?;
     if reflection.bindings.iter().any(|b| b.slot as usize == COUNTERS) {
         check_struct::<Counters>(&reflection)?;
     }

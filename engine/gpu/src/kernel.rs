@@ -26,6 +26,9 @@ pub mod stages {
         CROSS = "cross";
         SORT = "sort";
         MERGE = "merge";
+        GATHER = "gather";
+        EVENT_FRAME = "event_frame";
+        VOXEL_GRID = "voxel_grid";
     }
 }
 
@@ -270,6 +273,19 @@ pub(crate) fn record_barrier(device: &Device, commands: vk::CommandBuffer) {
     let barriers = [vk::MemoryBarrier2::default()
         .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
         .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)
+        .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
+        .dst_access_mask(vk::AccessFlags2::SHADER_STORAGE_READ | vk::AccessFlags2::SHADER_STORAGE_WRITE)];
+    let info = vk::DependencyInfo::default().memory_barriers(&barriers);
+    // SAFETY: `commands` is being recorded on this device.
+    unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+}
+
+/// What was filled or written before is visible to kernels after.
+pub(crate) fn record_barrier_from_transfer(device: &Device, commands: vk::CommandBuffer) {
+    let written = vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE;
+    let barriers = [vk::MemoryBarrier2::default()
+        .src_stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER)
+        .src_access_mask(written)
         .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
         .dst_access_mask(vk::AccessFlags2::SHADER_STORAGE_READ | vk::AccessFlags2::SHADER_STORAGE_WRITE)];
     let info = vk::DependencyInfo::default().memory_barriers(&barriers);

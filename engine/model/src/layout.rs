@@ -193,10 +193,45 @@ gpu_struct! {
         /// Cameras of one dispatch are neighbours in the table: the first of them; `gl_WorkGroupID.y`
         /// counts them.
         first_camera: u32,
-        /// Which pass of `merge` it is; nothing to the other kernels.
+        /// Which pass of `merge` or `voxel_grid` it is; nothing to the other kernels.
         level: u32,
+        /// Device address of a [`Slice`] for each camera, for kernels that read packets.
+        slices: u64,
+        /// Device address of what they write.
+        target: u64,
+        /// Events of all cameras that write there.
+        events: u32,
+        /// Time bins of `voxel_grid`.
+        bins: u32,
     }
 }
+
+gpu_struct! {
+    /// A camera's packet, for kernels that read packets: `gather`, `event_frame`, `voxel_grid`.
+    Slice {
+        /// Time that the events' offsets count from.
+        base_ns: i64,
+        /// First event in the packet's arrays.
+        event_base: u32,
+        /// Events.
+        events: u32,
+        /// Columns.
+        width: u32,
+        /// Columns times rows.
+        pixels: u32,
+        /// From the base to the interval's start.
+        base_to_start_ns: u32,
+        /// Length of the interval, at least 1.
+        interval_ns: u32,
+        /// First element of what is written.
+        first: u32,
+        /// Events of the cameras before.
+        events_before: u32,
+    }
+}
+
+/// Fractional bits of a vote in `voxel_grid`, which sums integers so that their order does not matter.
+pub const VOTE_FRACTION_BITS: u32 = 14;
 
 /// Events that a workgroup of `merge` ranks in shared memory.
 pub const RUN_EVENTS: u32 = 256;
@@ -333,6 +368,7 @@ pub fn glsl() -> String {
     let mut out = String::from("// Generated from the model crate's layout module.\n");
     glsl_struct::<Camera>(&mut out);
     glsl_struct::<Counters>(&mut out);
+    glsl_struct::<Slice>(&mut out);
     out.push_str("layout(push_constant) uniform ");
     glsl_members::<Push>(&mut out);
     out.push_str(" push;\n");
@@ -375,6 +411,7 @@ pub fn glsl() -> String {
         ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),
         ("GROUP_BINS", format!("{GROUP_BINS}u")),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
+        ("VOTE_FRACTION_BITS", VOTE_FRACTION_BITS.to_string()),
         ("CUBIC_FRAME", format!("{:.6}", crate::synthesis::CUBIC_FRAME)),
         ("CUBIC_LATTICE", format!("{:.6}", crate::synthesis::CUBIC_LATTICE)),
         ("TRUST_PX", format!("{:.6}", crate::synthesis::TRUST_PX)),

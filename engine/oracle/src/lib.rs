@@ -13,6 +13,7 @@ pub mod ingest;
 pub mod metrics;
 pub mod oracle;
 pub mod plan;
+pub mod represent;
 pub mod sort;
 pub mod split;
 pub mod stamp;

@@ -11,8 +11,10 @@
 
 mod context;
 mod image;
+mod in_process;
 mod producer;
 mod semaphore;
 
 pub use context::{CudaDevice, cuda_devices};
+pub use in_process::{CudaBuffer, CudaLink, Rows};
 pub use producer::{CudaOptions, CudaProducer, SlotPointers, Strided};

@@ -72,9 +72,9 @@ struct CudaSlot {
     timeline: Option<CudaTimeline>,
 }
 
-struct Stream {
+pub(super) struct Stream {
     context: Arc<Context>,
-    raw: sys::CUstream,
+    pub(super) raw: sys::CUstream,
     owned: bool,
 }
 
@@ -193,26 +193,8 @@ impl CudaProducer {
                 return Err(InteropError::Size { name: name.to_owned(), expected, actual: 0 });
             };
             check_source(name, source, row_bytes, rows)?;
-            let copy = sys::CUDA_MEMCPY2D {
-                srcXInBytes: 0,
-                srcY: 0,
-                srcMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
-                srcHost: std::ptr::null(),
-                srcDevice: source.pointer,
-                srcArray: std::ptr::null_mut(),
-                srcPitch: source.stride_bytes,
-                dstXInBytes: 0,
-                dstY: 0,
-                dstMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
-                dstHost: std::ptr::null_mut(),
-                dstDevice: target.pointer(),
-                dstArray: std::ptr::null_mut(),
-                dstPitch: row_bytes,
-                WidthInBytes: row_bytes,
-                Height: rows,
-            };
             // SAFETY: the slot has room for the image; the source is as the caller guarantees.
-            check("cuMemcpy2DAsync", unsafe { sys::cuMemcpy2DAsync_v2(&copy, self.stream.raw) })?;
+            unsafe { copy_rows(&self.stream, source, row_bytes, rows, target.pointer(), row_bytes) }?;
             copies.device += 1;
         }
         Ok(copies)
@@ -248,7 +230,7 @@ impl Drop for CudaProducer {
 }
 
 impl Stream {
-    fn new(context: &Arc<Context>, given: Option<u64>) -> Result<Self, InteropError> {
+    pub(super) fn new(context: &Arc<Context>, given: Option<u64>) -> Result<Self, InteropError> {
         let owned = given.is_none();
         let mut raw = given.map_or(std::ptr::null_mut(), |given| given as sys::CUstream);
         if owned {
@@ -261,7 +243,7 @@ impl Stream {
     }
 
     /// Waits for all that is in it. The context is current.
-    fn finish(&self) -> Result<(), InteropError> {
+    pub(super) fn finish(&self) -> Result<(), InteropError> {
         // SAFETY: the stream is of the current context.
         check("cuStreamSynchronize", unsafe { sys::cuStreamSynchronize(self.raw) })
     }
@@ -328,8 +310,47 @@ fn bring(client: &Client, images: &Images, slots: &[CudaSlot]) -> Result<(), Int
     client.bring(told, &fds)
 }
 
+/// Has rows copied on the device, in the stream's order. The context is current.
+///
+/// # Safety
+/// Source and target have `rows` rows of `row_bytes` at their strides until the stream has copied them.
+pub(super) unsafe fn copy_rows(
+    stream: &Stream,
+    source: Strided,
+    row_bytes: usize,
+    rows: usize,
+    target: sys::CUdeviceptr,
+    target_stride_bytes: usize,
+) -> Result<(), InteropError> {
+    let copy = sys::CUDA_MEMCPY2D {
+        srcXInBytes: 0,
+        srcY: 0,
+        srcMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
+        srcHost: std::ptr::null(),
+        srcDevice: source.pointer,
+        srcArray: std::ptr::null_mut(),
+        srcPitch: source.stride_bytes,
+        dstXInBytes: 0,
+        dstY: 0,
+        dstMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
+        dstHost: std::ptr::null_mut(),
+        dstDevice: target,
+        dstArray: std::ptr::null_mut(),
+        dstPitch: target_stride_bytes,
+        WidthInBytes: row_bytes,
+        Height: rows,
+    };
+    // SAFETY: as the caller guarantees.
+    check("cuMemcpy2DAsync", unsafe { sys::cuMemcpy2DAsync_v2(&copy, stream.raw) })
+}
+
 /// Whether an image lies inside its allocation.
-fn check_source(name: &str, source: Strided, row_bytes: usize, rows: usize) -> Result<(), InteropError> {
+pub(super) fn check_source(
+    name: &str,
+    source: Strided,
+    row_bytes: usize,
+    rows: usize,
+) -> Result<(), InteropError> {
     let (mut base, mut size) = (0, 0);
     // SAFETY: a context is current; both results outlive the call.
     let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, source.pointer) };

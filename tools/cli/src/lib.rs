@@ -24,6 +24,7 @@ pub mod outcome;
 pub mod output_file;
 pub mod overview;
 pub mod pace;
+pub mod program;
 pub mod progress;
 pub mod render;
 pub mod render_process;

@@ -3,6 +3,7 @@
 use crate::arguments::CommonArguments;
 use crate::demo::{DemoArguments, RATE_HZ};
 use crate::device_choice::uuid_text;
+use crate::program;
 use anyhow::{Context, Result, bail};
 use esaac_engine::Device;
 use std::io::Read;
@@ -22,9 +23,10 @@ impl RenderProcess {
         device: &Device,
         common: &CommonArguments,
     ) -> Result<Self> {
-        let program = std::env::current_exe().context("this program's own path")?;
+        let (program, first_arguments) = program::again().context("this program's own path")?;
         let mut command = Command::new(program);
         command
+            .args(first_arguments)
             .args(["render", "--scene", arguments.scene.name()])
             .args(["--frames", &arguments.frames.to_string(), "--rate", &RATE_HZ.to_string()])
             .args(["--device", &uuid_text(&device.info().uuid)])

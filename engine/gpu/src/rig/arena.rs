@@ -140,6 +140,7 @@ fn lay_out(places: &mut [Place]) {
 pub(super) struct Arena {
     pub buffers: Vec<Buffer>,
     pub samples_pixels: usize,
+    packets_on_device: bool,
 }
 
 impl Arena {
@@ -161,10 +162,10 @@ impl Arena {
                     layout::SAMPLES => 0,
                     slot => total(places, slot),
                 };
-                allocate(device, slot, elements)
+                allocate(device, slot, elements, options.packets_on_device)
             })
             .collect::<Result<_, _>>()?;
-        Ok(Arena { buffers, samples_pixels })
+        Ok(Arena { buffers, samples_pixels, packets_on_device: options.packets_on_device })
     }
 
     pub(super) fn buffers(&self) -> impl Iterator<Item = &Buffer> {
@@ -225,20 +226,7 @@ impl Arena {
         offset: u64,
         bytes: u64,
     ) -> Result<Vec<u8>, EngineError> {
-        if bytes == 0 {
-            return Ok(Vec::new());
-        }
-        let staging =
-            device.allocate("download", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)?;
-        let region = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
-        device.run_once(|commands| {
-            // SAFETY: `commands` is being recorded; both buffers are alive until the copy is done.
-            unsafe {
-                device.raw().cmd_copy_buffer(commands, self.buffers[slot].raw(), staging.raw(), &region);
-            }
-            crate::kernel::record_host_barrier(device, commands);
-        })?;
-        Ok(staging.read::<u8>(0, bytes as usize).to_vec())
+        read_back(device, &self.buffers[slot], offset, bytes)
     }
 
     /// Zeroes the bins, after a tick whose set of them is not the one before the next.
@@ -323,7 +311,8 @@ impl Arena {
         for slot in 0..BINDINGS.len() {
             let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
             if !same {
-                fresh.push((slot, allocate(device, slot, total(&places, slot))?));
+                let buffer = allocate(device, slot, total(&places, slot), self.packets_on_device)?;
+                fresh.push((slot, buffer));
             }
         }
         device.run_once(|commands| {
@@ -393,14 +382,45 @@ impl Arena {
     }
 }
 
+/// Reads a part of a buffer back through a staging buffer, and waits.
+pub(super) fn read_back(
+    device: &Arc<Device>,
+    buffer: &Buffer,
+    offset: u64,
+    bytes: u64,
+) -> Result<Vec<u8>, EngineError> {
+    if bytes == 0 {
+        return Ok(Vec::new());
+    }
+    let staging =
+        device.allocate("download", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)?;
+    let region = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
+    device.run_once(|commands| {
+        // SAFETY: `commands` is being recorded; both buffers are alive until the copy is done.
+        unsafe {
+            device.raw().cmd_copy_buffer(commands, buffer.raw(), staging.raw(), &region);
+        }
+        crate::kernel::record_host_barrier(device, commands);
+    })?;
+    Ok(staging.read::<u8>(0, bytes as usize).to_vec())
+}
+
 fn total(places: &[Place], slot: usize) -> u64 {
     places.iter().filter_map(|p| p.elements()[slot]).sum::<u64>()
 }
 
-fn allocate(device: &Arc<Device>, slot: usize, elements: u64) -> Result<Buffer, EngineError> {
+fn allocate(
+    device: &Arc<Device>,
+    slot: usize,
+    elements: u64,
+    packets_on_device: bool,
+) -> Result<Buffer, EngineError> {
     let binding = &BINDINGS[slot];
     let (location, usage) = match slot {
         layout::CAMERAS => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
+        layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P if packets_on_device => {
+            (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty())
+        }
         // Kernels write what the host reads straight into its memory.
         layout::EVENT_T
         | layout::EVENT_X

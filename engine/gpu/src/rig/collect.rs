@@ -55,6 +55,7 @@ impl Rig {
         for packet in &mut self.packets {
             packet.clear();
         }
+        self.events.fill(0);
         self.aps.fill(None);
         self.diagnostics.fill(Diagnostics::default());
         loop {
@@ -185,11 +186,14 @@ impl Rig {
         let events = found.min(cap) as usize;
         packet.dropped = u64::from(found) - events as u64;
         diagnostics.dropped_events = packet.dropped;
+        self.events[camera] = events as u32;
         let base = place.event_base as usize;
-        packet.t_offset_ns.extend_from_slice(buffers[layout::EVENT_T].read(base, events));
-        packet.x.extend_from_slice(buffers[layout::EVENT_X].read(base, events));
-        packet.y.extend_from_slice(buffers[layout::EVENT_Y].read(base, events));
-        packet.polarity.extend_from_slice(buffers[layout::EVENT_P].read(base, events));
+        if !self.options.packets_on_device {
+            packet.t_offset_ns.extend_from_slice(buffers[layout::EVENT_T].read(base, events));
+            packet.x.extend_from_slice(buffers[layout::EVENT_X].read(base, events));
+            packet.y.extend_from_slice(buffers[layout::EVENT_Y].read(base, events));
+            packet.polarity.extend_from_slice(buffers[layout::EVENT_P].read(base, events));
+        }
         let interval_ns = t_ns - c.last_ns.unwrap_or(t_ns);
         // The exposure is cut at the interval's end; there may be nothing left of it.
         if sensor.aps_exposure_ns > 0 && i64::from(sensor.aps_start_ns) < interval_ns {

@@ -12,6 +12,7 @@ mod parameters;
 mod record;
 #[cfg(feature = "shaderc")]
 mod reload;
+mod represent;
 mod snapshot;
 
 use crate::commands::{Around, Commands};
@@ -35,6 +36,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 pub use collect::{ApsFrame, Diagnostics};
+pub use represent::{Representation, Share};
 
 /// A camera of a rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,6 +62,9 @@ pub struct RigOptions {
     /// Events that fit at first, per camera; 0 for one and a half a pixel. The buffers grow by
     /// themselves.
     pub initial_events: u32,
+    /// Sort packets into the device's own memory instead of the host's: [`Tick::packets`] then have their
+    /// headers and no events, and [`Rig::represent`] gives the events where they are wanted.
+    pub packets_on_device: bool,
 }
 
 /// A frame in host memory, rows tightly packed.
@@ -94,6 +99,8 @@ pub struct FrameInput<'a> {
 pub struct Tick<'a> {
     /// A packet a camera; empty for a camera's first frame.
     pub packets: &'a [Packet],
+    /// Events in each packet, wherever they lie.
+    pub events: &'a [u32],
     /// An APS frame for each camera that has them and had an interval.
     pub aps: &'a [Option<ApsFrame>],
     /// What was counted, a camera.
@@ -158,6 +165,8 @@ pub struct Rig {
     commands: Commands,
     again: Commands,
     merging: Commands,
+    representing: Commands,
+    slices: Option<Buffer>,
     recorded: Option<Vec<Permutation>>,
     recorded_again: bool,
     addresses_known_to_the_layer: BTreeSet<u64>,
@@ -165,10 +174,12 @@ pub struct Rig {
     fence: Fence,
     parameters: Vec<Camera>,
     packets: Vec<Packet>,
+    events: Vec<u32>,
     aps: Vec<Option<ApsFrame>>,
     diagnostics: Vec<Diagnostics>,
     stage_ns: Vec<(&'static str, u64)>,
     gpu_zones: GpuZones,
+    submit_to_packet_ns: u64,
 }
 
 impl Rig {
@@ -230,6 +241,8 @@ impl Rig {
             commands: Commands::new(device)?,
             again: Commands::new(device)?,
             merging: Commands::new(device)?,
+            representing: Commands::new(device)?,
+            slices: None,
             recorded: None,
             recorded_again: false,
             addresses_known_to_the_layer: BTreeSet::new(),
@@ -244,6 +257,7 @@ impl Rig {
                     ..Packet::default()
                 })
                 .collect(),
+            events: vec![0; count],
             aps: vec![None; count],
             diagnostics: vec![Diagnostics::default(); count],
             stage_ns: if options.stage_times {
@@ -252,6 +266,7 @@ impl Rig {
                 vec![("tick", 0)]
             },
             gpu_zones: GpuZones::default(),
+            submit_to_packet_ns: 0,
             device: Arc::clone(device),
             options,
             cameras,
@@ -364,6 +379,72 @@ impl Rig {
         self.step_frames(&frames, &Around::default())
     }
 
+    /// As [`Rig::step`], with the frames of all cameras, which are of one size, one after the other in
+    /// one buffer an image: what a tiled renderer draws.
+    pub fn step_tiles(
+        &mut self,
+        t_ns: &[i64],
+        tiles: InputBuffers<'_>,
+        around: &Around<'_>,
+    ) -> Result<Tick<'_>, EngineError> {
+        if t_ns.len() != self.cameras.len() {
+            return Err(FrameError::Count { expected: self.cameras.len(), actual: t_ns.len() }.into());
+        }
+        for (number, camera) in self.cameras.iter_mut().enumerate() {
+            frame::check_time(number as u32, camera.last_ns, t_ns[number])?;
+            camera.inputs = camera.addresses(number, Some(tiles), number)?;
+        }
+        let t_ns: Vec<Option<i64>> = t_ns.iter().copied().map(Some).collect();
+        self.tick(&t_ns, around)
+    }
+
+    /// Events in each packet of the last tick.
+    #[must_use]
+    pub fn events(&self) -> &[u32] {
+        &self.events
+    }
+
+    /// APS frames of the last tick.
+    #[must_use]
+    pub fn aps(&self) -> &[Option<ApsFrame>] {
+        &self.aps
+    }
+
+    /// What the last tick counted.
+    #[must_use]
+    pub fn diagnostics(&self) -> &[Diagnostics] {
+        &self.diagnostics
+    }
+
+    /// GPU time of all stages of the last tick.
+    #[must_use]
+    pub fn gpu_ns(&self) -> u64 {
+        self.stage_ns.iter().map(|(_, ns)| ns).sum()
+    }
+
+    /// From the call of submit to the packets in the last tick.
+    #[must_use]
+    pub fn submit_to_packet_ns(&self) -> u64 {
+        self.submit_to_packet_ns
+    }
+
+    /// Whether a camera's next frame is its first.
+    pub fn is_at_start(&self, camera: usize) -> Result<bool, EngineError> {
+        Ok(self.camera(camera)?.last_ns.is_none())
+    }
+
+    /// Takes the events of the last tick's packets, without a copy; their headers stay.
+    pub fn take_packets(&mut self) -> Vec<Packet> {
+        let take = |packet: &mut Packet| Packet {
+            x: std::mem::take(&mut packet.x),
+            y: std::mem::take(&mut packet.y),
+            t_offset_ns: std::mem::take(&mut packet.t_offset_ns),
+            polarity: std::mem::take(&mut packet.polarity),
+            ..*packet
+        };
+        self.packets.iter_mut().map(take).collect()
+    }
+
     /// As [`Rig::step_some`], with frames read where they lie, and commands and timelines around the
     /// submission that reads them. The buffers are read before this returns, and not after.
     pub fn step_frames(
@@ -377,11 +458,15 @@ impl Rig {
         for (number, (camera, frame)) in self.cameras.iter_mut().zip(frames).enumerate() {
             if let Some(frame) = frame {
                 frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
-                camera.inputs = camera.addresses(number, frame.inputs)?;
+                camera.inputs = camera.addresses(number, frame.inputs, 0)?;
             }
         }
         let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
-        let t_ns = &t_ns[..];
+        self.tick(&t_ns, around)
+    }
+
+    /// Steps the cameras that have a time, whose frames are at their addresses.
+    fn tick(&mut self, t_ns: &[Option<i64>], around: &Around<'_>) -> Result<Tick<'_>, EngineError> {
         self.prepare(t_ns)?;
         let started = Instant::now();
         self.submit(&self.commands, around)?;
@@ -392,14 +477,15 @@ impl Rig {
             *ns = 0;
         }
         self.collect(t_ns)?;
-        let submit_to_packet_ns = started.elapsed().as_nanos() as u64;
-        profile::tick(&self.packets, submit_to_packet_ns, || self.memory());
+        self.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
+        profile::tick(&self.packets, self.submit_to_packet_ns, || self.memory());
         Ok(Tick {
             packets: &self.packets,
+            events: &self.events,
             aps: &self.aps,
             diagnostics: &self.diagnostics,
             stage_ns: &self.stage_ns,
-            submit_to_packet_ns,
+            submit_to_packet_ns: self.submit_to_packet_ns,
         })
     }
 
@@ -514,17 +600,24 @@ impl Rig {
 }
 
 impl CameraState {
-    /// Where the kernels find a frame: its buffers hold whole images.
-    fn addresses(&self, number: usize, inputs: Option<InputBuffers<'_>>) -> Result<[u64; 2], EngineError> {
+    /// Where the kernels find a frame: its buffers hold whole images, of which it is the one after
+    /// `images_before`.
+    fn addresses(
+        &self,
+        number: usize,
+        inputs: Option<InputBuffers<'_>>,
+        images_before: usize,
+    ) -> Result<[u64; 2], EngineError> {
         let inputs = inputs.unwrap_or(InputBuffers { hdr: &self.hdr, motion: self.motion.as_ref() });
         let sensor = &self.config.sensor;
         let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {
-            let actual = buffer.map_or(0, Buffer::bytes) as usize;
             let needed = sensor.pixels() * texel_bytes;
+            let before = images_before * needed;
+            let actual = (buffer.map_or(0, Buffer::bytes) as usize).saturating_sub(before);
             let size = (sensor.width, sensor.height);
             // A buffer may be longer than its image.
             frame::check_size(number as u32, image, size, texel_bytes, actual.min(needed))?;
-            Ok::<u64, EngineError>(buffer.map_or(0, Buffer::address))
+            Ok::<u64, EngineError>(buffer.map_or(0, Buffer::address) + before as u64)
         };
         let hdr = holds("hdr", Some(inputs.hdr), self.config.hdr.texel_bytes())?;
         let motion = match self.config.motion {

@@ -7,6 +7,7 @@ use super::parameters::{
     channels_of, cross_constants, enhance_constants, ingest_constants, permutation,
 };
 use crate::commands::Commands;
+use crate::device::Device;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
@@ -34,9 +35,12 @@ const GPU_EVENTS_PER_THREAD: u32 = 2;
 /// Workgroups a camera for kernels that stride over events: few for a processor, which pays for each.
 fn striding_groups(rig: &Rig) -> u32 {
     let events = rig.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
-    let software = rig.device.info().kind == "software";
-    let per_thread = if software { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD };
-    events.div_ceil(256 * per_thread).clamp(4, MOST_GROUPS)
+    events.div_ceil(256 * events_per_thread(&rig.device)).clamp(4, MOST_GROUPS)
+}
+
+/// Events that a thread strides over at the most.
+pub(super) fn events_per_thread(device: &Device) -> u32 {
+    if device.info().kind == "software" { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD }
 }
 
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
@@ -47,6 +51,8 @@ pub(super) struct Kernels {
     carry: Kernel,
     sort: Kernel,
     pub merge: Kernel,
+    /// Those that make forms of packets, by stage; compiled when they are first asked for.
+    pub forms: HashMap<&'static str, Kernel>,
 }
 
 impl Kernels {
@@ -55,6 +61,7 @@ impl Kernels {
             carry: code.kernel(bindings, stages::CARRY, &[])?,
             sort: code.kernel(bindings, stages::SORT, &[])?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
+            forms: HashMap::new(),
         })
     }
 }
@@ -144,7 +151,8 @@ impl Rig {
         let enhances = s.enhances.values().map(|enhance| ("enhance", enhance));
         let crossings = s.crossings.values().map(|crossing| ("cross", crossing));
         let events = [("carry", &k.carry), ("sort", &k.sort), ("merge", &k.merge)];
-        ingests.chain(enhances).chain(crossings).chain(events)
+        let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
+        ingests.chain(enhances).chain(crossings).chain(events).chain(forms)
     }
 
     pub(super) fn record(&mut self, permutations: &[Permutation]) -> Result<(), EngineError> {

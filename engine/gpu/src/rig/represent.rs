@@ -1,0 +1,190 @@
+//! What learning code wants of the last tick's packets, made on the device: all of them as one, images of
+//! counts, voxel grids.
+
+use super::Rig;
+use super::record::{MOST_GROUPS, events_per_thread};
+use crate::commands::Around;
+use crate::error::EngineError;
+use crate::kernel::{record_barrier_from_transfer, record_host_barrier, stages};
+use crate::memory::Buffer;
+use ash::vk;
+use bytemuck::bytes_of;
+use esaac_model::layout::{Push, Slice};
+use gpu_allocator::MemoryLocation;
+
+/// A form of packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Representation {
+    /// The packets of all cameras, one camera after the other: all times (i64 nanoseconds), all columns (i16),
+    /// all rows (i16), all polarities (u8; 0 OFF, 1 ON). 13 bytes an event.
+    Gathered,
+    /// OFF events and ON events of each pixel, i32, `[camera][2][row][column]`.
+    EventFrame,
+    /// Votes of +-1 split between bins of time, f32, `[camera][bin][row][column]`; see `voxel_grid.comp`.
+    VoxelGrid {
+        /// Bins, at least one.
+        bins: u32,
+    },
+}
+
+/// A rig's part of what several rigs write into one buffer; the default is the whole of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Share {
+    /// Elements (events for [`Representation::Gathered`]) before this rig's.
+    pub before: u64,
+    /// Elements in all; 0 for this rig's alone.
+    pub all: u64,
+}
+
+impl Representation {
+    /// Bytes an element.
+    #[must_use]
+    pub fn element_bytes(self) -> u64 {
+        match self {
+            Representation::Gathered => 13,
+            Representation::EventFrame | Representation::VoxelGrid { .. } => 4,
+        }
+    }
+
+    /// The kernel that makes it.
+    fn kernel(self) -> (&'static str, &'static [u8]) {
+        match self {
+            Representation::Gathered => stages::GATHER,
+            Representation::EventFrame => stages::EVENT_FRAME,
+            Representation::VoxelGrid { .. } => stages::VOXEL_GRID,
+        }
+    }
+
+    /// Planes of a camera's size.
+    fn planes(self) -> u64 {
+        match self {
+            Representation::Gathered => 0,
+            Representation::EventFrame => 2,
+            Representation::VoxelGrid { bins } => u64::from(bins),
+        }
+    }
+}
+
+impl Rig {
+    /// Elements that a representation of the last tick has: events, counts or voxels.
+    #[must_use]
+    pub fn elements(&self, what: Representation) -> u64 {
+        match what {
+            Representation::Gathered => self.events.iter().map(|&events| u64::from(events)).sum(),
+            _ => self.cameras.iter().map(|c| what.planes() * u64::from(c.place.pixels)).sum(),
+        }
+    }
+
+    /// Writes a representation of the last tick's packets into `target`, and waits. Cameras that had no
+    /// interval in that tick have no events.
+    pub fn represent(
+        &mut self,
+        what: Representation,
+        target: &Buffer,
+        share: Share,
+    ) -> Result<(), EngineError> {
+        let elements = self.elements(what);
+        let all = share.all.max(share.before + elements);
+        if all * what.element_bytes() > target.bytes() || all > u64::from(u32::MAX) {
+            return Err(EngineError::OutOfMemory {
+                name: target.name().to_owned(),
+                bytes: all * what.element_bytes(),
+                reason: format!("{what:?} of this tick does not fit {} bytes", target.bytes()),
+            });
+        }
+        if elements == 0 {
+            return Ok(());
+        }
+        let slices = self.slices(what, share.before);
+        let most_events = slices.iter().map(|slice| slice.events).max().unwrap_or(0);
+        let most_pixels = slices.iter().map(|slice| slice.pixels).max().unwrap_or(0);
+        let bytes: &[u8] = bytemuck::cast_slice(&slices);
+        if self.slices.is_none() {
+            // In the device's own memory: every thread reads a row of it.
+            let usage = vk::BufferUsageFlags::empty();
+            let table = self.device.allocate("slices", bytes.len() as u64, usage, MemoryLocation::GpuOnly)?;
+            self.slices = Some(table);
+        }
+        let table = self.slices.as_ref().expect("made above");
+        let bins = if let Representation::VoxelGrid { bins } = what { bins } else { 0 };
+        let push = Push {
+            slices: table.address(),
+            target: target.address(),
+            events: all as u32,
+            bins,
+            ..Push::default()
+        };
+        let per_thread = events_per_thread(&self.device);
+        let cameras = self.cameras.len() as u32;
+        let groups = |items: u32| items.div_ceil(256 * per_thread).clamp(1, MOST_GROUPS);
+        let (stage, code) = what.kernel();
+        if !self.kernels.forms.contains_key(stage) {
+            let kernel = self.code.kernel(&self.bindings, (stage, code), &[])?;
+            self.kernels.forms.insert(stage, kernel);
+        }
+        let kernel = &self.kernels.forms[stage];
+        self.representing.record(|commands| {
+            // SAFETY: `commands` is being recorded; both buffers are alive and as long as this (256 rows of 40
+            // bytes at the most are far below what an update may carry).
+            #[expect(unsafe_code, reason = "Vulkan's edge")]
+            unsafe {
+                self.device.raw().cmd_update_buffer(commands, table.raw(), 0, bytes);
+                if what != Representation::Gathered {
+                    let (first, size) = (share.before * 4, elements * 4);
+                    self.device.raw().cmd_fill_buffer(commands, target.raw(), first, size, 0);
+                }
+            }
+            record_barrier_from_transfer(&self.device, commands);
+            let dispatch = |level: u32, items: u32| {
+                kernel.record(commands, bytes_of(&Push { level, ..push }), [groups(items), cameras, 1]);
+            };
+            dispatch(0, most_events);
+            if let Representation::VoxelGrid { bins } = what {
+                record_barrier_from_transfer(&self.device, commands);
+                dispatch(1, bins.saturating_mul(most_pixels));
+            }
+            record_host_barrier(&self.device, commands);
+        })?;
+        self.submit(&self.representing, &Around::default())
+    }
+
+    /// The same, as bytes for the host.
+    pub fn represent_to_host(&mut self, what: Representation) -> Result<Vec<u8>, EngineError> {
+        let bytes = self.elements(what) * what.element_bytes();
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        let (none, device) = (vk::BufferUsageFlags::empty(), self.device.clone());
+        // Sums lie in the device's own memory: atomics over the bus are slow.
+        let sums = device.allocate("representation", bytes, none, MemoryLocation::GpuOnly)?;
+        self.represent(what, &sums, Share::default())?;
+        super::arena::read_back(&device, &sums, 0, bytes)
+    }
+
+    fn slices(&self, what: Representation, before: u64) -> Vec<Slice> {
+        let gathered = what == Representation::Gathered;
+        let (mut first, mut events_before) = (before, if gathered { before as u32 } else { 0 });
+        self.cameras
+            .iter()
+            .zip(&self.packets)
+            .zip(&self.events)
+            .map(|((camera, packet), &events)| {
+                let start_ns = camera.last_ns.unwrap_or(0) - i64::from(camera.last_interval_ns);
+                let slice = Slice {
+                    base_ns: packet.base_ns,
+                    event_base: camera.place.event_base,
+                    events,
+                    width: camera.config.sensor.width,
+                    pixels: camera.place.pixels,
+                    base_to_start_ns: u32::try_from(start_ns - packet.base_ns).unwrap_or(0),
+                    interval_ns: camera.last_interval_ns.max(1),
+                    first: first as u32,
+                    events_before,
+                };
+                first += what.planes() * u64::from(camera.place.pixels);
+                events_before += events;
+                slice
+            })
+            .collect()
+    }
+}

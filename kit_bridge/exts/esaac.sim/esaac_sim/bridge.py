@@ -1,0 +1,109 @@
+"""The cameras of a stage, from the first frame to the last: finds them, feeds them, sends their events on."""
+
+import esaac
+
+from . import exposure, schema, self_test, sinks, writer
+from .feed import Feed
+
+SETTINGS = "/exts/esaac.sim/"
+
+
+class Bridge:
+    """Event cameras of one stage."""
+
+    def __init__(self, settings, log):
+        self.settings, self.log = settings, log
+        self.feeds, self.problems, self.checks = [], [], []
+        self._attached, self._before = [], None
+
+    def setting(self, name, default):
+        value = self.settings.get(SETTINGS + name)
+        return default if value is None else value
+
+    @property
+    def attached(self):
+        return bool(self._attached)
+
+    async def self_test(self, app, stage):
+        """Asks the renderer what it draws, once."""
+        if self.checks or not self.setting("self_test", True):
+            return
+        before = exposure.pin(self.settings)
+        try:
+            self.checks = await self_test.run(app, stage)
+        except Exception as error:  # A renderer that cannot draw the test must not keep cameras from running.
+            failed = f"{type(error).__name__}: {error}"
+            self.checks = [self_test.Check("self-test", False, failed, disables="texture")]
+        finally:
+            exposure.restore(self.settings, before)
+        for check in self.checks:
+            (self.log.info if check.holds else self.log.warn)(f"self-test, {check.name}: {check.message}")
+
+    def attach(self, stage):
+        """Makes an event camera of each camera that asks for it."""
+        self.detach()
+        specs, self.problems = schema.cameras(stage)
+        off = self_test.disabled(self.checks)
+        self._before = exposure.pin(self.settings)
+        for spec in specs:
+            try:
+                self._attach(spec, off)
+            except (esaac.EsaacError, OSError) as error:
+                self.problems.append(f"{spec.path}: {error}")
+        for problem in self.problems:
+            self.log.error(problem)
+        return len(self.feeds)
+
+    def _attach(self, spec, off):
+        if "everything" in off:
+            raise esaac.DeviceError("the self-test saw no frames that can be read; no camera is attached")
+        if "motion" in off and spec.sensor.synthesis in ("motion", "paper"):
+            self.problems.append(
+                f"{spec.path}: the renderer's motion vectors failed the self-test, so mode `linear` is used"
+            )
+            spec = _replaced(spec, sensor=spec.sensor.replace(synthesis="linear"))
+        if self.setting("path", "annotator") == "texture":
+            # The texture path needs the renderer's image in CUDA by its own pointer, which nobody has seen work.
+            self.problems.append(f"{spec.path}: path `texture` is not available, path `annotator` is used")
+        feed = Feed(spec, device=self.setting("device", None) or None)
+        try:
+            self._add_sinks(feed, off)
+            product, attached = writer.attach(spec, feed.write)
+        except BaseException:
+            feed.close()
+            raise
+        self.feeds.append(feed)
+        self._attached.append((product, attached))
+
+    def _add_sinks(self, feed, off):
+        spec = feed.spec
+        folder = self.setting("record", "")
+        if folder:
+            feed.sinks.append(sinks.Recorder(folder, spec))
+        if not spec.publish:
+            return
+        if "publish" in off:
+            self.problems.append(
+                f"{spec.path}: the renderer's clock failed the self-test, so nothing is published"
+            )
+            return
+        try:
+            feed.sinks.append(sinks.publisher(spec))
+        except sinks.PublishUnavailable as error:
+            self.problems.append(str(error))
+
+    def detach(self):
+        """Gives everything back."""
+        for product, attached in self._attached:
+            writer.detach(product, attached)
+        for feed in self.feeds:
+            feed.close()
+        if self._before is not None:
+            exposure.restore(self.settings, self._before)
+        self.feeds, self._attached, self._before = [], [], None
+
+
+def _replaced(spec, **changes):
+    import dataclasses
+
+    return dataclasses.replace(spec, **changes)

@@ -1,0 +1,87 @@
+"""What Kit starts: the menu entry, the window, and cameras that come and go with the timeline."""
+
+import asyncio
+
+import carb
+import carb.settings
+import omni.ext
+import omni.kit.app
+import omni.kit.menu.utils
+import omni.timeline
+import omni.usd
+from omni.kit.menu.utils import MenuItemDescription
+
+from .bridge import SETTINGS, Bridge
+from .schema import register
+from .window import Window
+
+MENU = "Window"
+TITLE = "Event cameras"
+
+
+class Log:
+    """Kit's log under the extension's name."""
+
+    def info(self, message):
+        carb.log_info(f"[esaac.sim] {message}")
+
+    def warn(self, message):
+        carb.log_warn(f"[esaac.sim] {message}")
+
+    def error(self, message):
+        carb.log_error(f"[esaac.sim] {message}")
+
+
+class Extension(omni.ext.IExt):
+    """`esaac.sim`."""
+
+    def on_startup(self, ext_id):
+        register()
+        self.bridge = Bridge(carb.settings.get_settings(), Log())
+        self.window = None
+        self._task = None
+        self._menu = [MenuItemDescription(name=TITLE, glyph="eye.svg", onclick_fn=self.show)]
+        omni.kit.menu.utils.add_menu_items(self._menu, MENU)
+        stream = omni.timeline.get_timeline_interface().get_timeline_event_stream()
+        self._timeline = stream.create_subscription_to_pop(self._on_timeline, name="esaac.sim")
+
+    def on_shutdown(self):
+        omni.kit.menu.utils.remove_menu_items(self._menu, MENU)
+        self._timeline = None
+        if self._task:
+            self._task.cancel()
+        if self.window:
+            self.window.destroy()
+            self.window = None
+        self.bridge.detach()
+
+    def show(self, *_):
+        """Opens the window."""
+        if self.window is None:
+            self.window = Window(TITLE, self.bridge, self.attach, self.bridge.detach)
+        self.window.visible = True
+
+    def attach(self):
+        """Begins: the self-test once, then every event camera of the stage."""
+        if self._task is None or self._task.done():
+            self._task = asyncio.ensure_future(self._attach())
+        return self._task
+
+    async def _attach(self):
+        stage = omni.usd.get_context().get_stage()
+        if stage is None:
+            return 0
+        await self.bridge.self_test(omni.kit.app.get_app(), stage)
+        return self.bridge.attach(stage)
+
+    def _on_timeline(self, event):
+        kind = omni.timeline.TimelineEventType(event.type)
+        if kind == omni.timeline.TimelineEventType.PLAY:
+            if self.bridge.setting("attach_on_play", True) and not self.bridge.attached:
+                self.attach()
+        elif kind == omni.timeline.TimelineEventType.STOP:
+            # Recordings are files from here on.
+            self.bridge.detach()
+
+
+__all__ = ["MENU", "SETTINGS", "TITLE", "Extension"]

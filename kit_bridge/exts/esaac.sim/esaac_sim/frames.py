@@ -1,0 +1,73 @@
+"""From what a Replicator writer is handed to what an event camera takes. Nothing is copied here."""
+
+import dataclasses
+
+HDR = "HdrColor"
+MOTION = "motion_vectors"
+DEPTH = "distance_to_image_plane"
+TIME = "IsaacReadSimulationTime"
+
+
+class FrameUnusable(Exception):
+    """A frame that cannot be taken, and why; `expected` at the start of a run, before the renderer has begun."""
+
+    def __init__(self, message, expected=False):
+        super().__init__(message)
+        self.expected = expected
+
+
+@dataclasses.dataclass
+class Frame:
+    hdr: object
+    motion: object
+    t_ns: int
+
+
+def find(data, name):
+    """The entry of an annotator: keys may carry the render product's name behind a hyphen."""
+    if name in data:
+        return data[name]
+    for key, value in data.items():
+        if key.startswith(name + "-"):
+            return value
+    return None
+
+
+def payload(entry):
+    """The array of an entry, which some versions wrap in `{"data": ..., "info": ...}`."""
+    return entry["data"] if isinstance(entry, dict) and "data" in entry else entry
+
+
+def seconds(entry):
+    """Simulation time: a number, or a dict that holds one."""
+    if isinstance(entry, dict):
+        for key in ("simulationTime", "simulation_time", "data"):
+            if key in entry:
+                return seconds(entry[key])
+        raise FrameUnusable(f"{TIME} has the keys {sorted(entry)}, expected `simulationTime`")
+    if hasattr(entry, "item"):
+        return float(entry.item())
+    return float(entry)
+
+
+def frame_of(data, width, height, needs_motion=True):
+    """Colour, motion and time of a writer's data, checked."""
+    hdr = _image(data, HDR, height, width)
+    motion = _image(data, MOTION, height, width) if needs_motion else None
+    entry = find(data, TIME)
+    if entry is None:
+        raise FrameUnusable(f"no {TIME} among {sorted(data)}")
+    return Frame(hdr=hdr, motion=motion, t_ns=round(seconds(entry) * 1e9))
+
+
+def _image(data, name, height, width):
+    array = payload(find(data, name))
+    if array is None:
+        raise FrameUnusable(f"no {name} among {sorted(data)}")
+    shape = tuple(getattr(array, "shape", ()))
+    if not shape or 0 in shape:
+        raise FrameUnusable(f"{name} is empty: the renderer has not drawn yet", expected=True)
+    if shape != (height, width, 4):
+        # Unit dimensions are squeezed, which an image of one row or column would not survive.
+        raise FrameUnusable(f"{name} has shape {shape}, expected {(height, width, 4)}")
+    return array

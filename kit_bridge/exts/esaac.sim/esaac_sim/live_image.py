@@ -1,0 +1,26 @@
+"""Events of late as a picture: red ON, blue OFF, fading to white."""
+
+import numpy as np
+
+FADE = 0.6
+
+
+class LiveImage:
+    """A sink that keeps the picture of one camera, RGBA bytes `[row, column]`."""
+
+    name = "live image"
+
+    def __init__(self, width, height):
+        self._levels = np.zeros((2, height, width), np.float32)
+
+    def __call__(self, feed, packet):
+        counts = feed.camera.event_frame()
+        counts = counts.numpy() if hasattr(counts, "numpy") else counts
+        self._levels = np.maximum(self._levels * FADE, np.minimum(counts / 2.0, 1.0).astype(np.float32))
+
+    @property
+    def rgba(self):
+        off, on = self._levels
+        white = 1.0 - np.maximum(off, on)
+        image = np.stack([np.maximum(white, on), white, np.maximum(white, off), np.ones_like(on)], axis=-1)
+        return (image * 255).astype(np.uint8)

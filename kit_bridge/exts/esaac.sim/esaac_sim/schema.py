@@ -1,0 +1,137 @@
+"""Which cameras of a stage are event cameras, and of what kind: the `esaac:*` attributes.
+
+They are those of the applied schema `EsaacEventCameraAPI` (`schema/generatedSchema.usda`), and count without it
+too, so that a stage needs no plug-in to carry them.
+"""
+
+import dataclasses
+import pathlib
+
+from pxr import Plug, Usd, UsdGeom
+
+import esaac
+
+API = "EsaacEventCameraAPI"
+PREFIX = "esaac:"
+OUTPUTS = ("events", "event_frame", "voxel_grid", "aps")
+
+_DEFAULTS = {
+    "enabled": True,
+    "sensor": "davis346",
+    "profile": "clean",
+    "overrides": "",
+    "substeps": 32,
+    "mode": "motion",
+    "outputs": ("events",),
+    "packets": "host",
+    "publish": False,
+    "topic": "",
+    "frameId": "sim_camera",
+}
+
+
+class SchemaError(ValueError):
+    """An `esaac:*` attribute is wrong; the message names prim and attribute."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraSpec:
+    """What a prim's attributes ask for."""
+
+    path: str
+    sensor: esaac.SensorModel
+    outputs: tuple
+    packets: str
+    publish: bool
+    topic: str
+    frame_id: str
+
+
+def register():
+    """Tells USD of the applied schema; once is enough, and more do no harm."""
+    Plug.Registry().RegisterPlugins(str(pathlib.Path(__file__).parents[1] / "schema"))
+
+
+def is_event_camera(prim):
+    """Whether a camera carries the schema or any of its attributes, and is not switched off."""
+    if not prim.IsA(UsdGeom.Camera):
+        return False
+    carried = prim.HasAPI(API) if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(API) else False
+    names = [a.GetName() for a in prim.GetAuthoredAttributes() if a.GetName().startswith(PREFIX)]
+    return (carried or API in prim.GetAppliedSchemas() or bool(names)) and bool(_value(prim, "enabled"))
+
+
+def cameras(stage):
+    """A `CameraSpec` for each event camera of the stage, in its order, and the errors of the others."""
+    specs, errors = [], []
+    for prim in stage.Traverse():
+        if is_event_camera(prim):
+            try:
+                specs.append(spec_of(prim))
+            except SchemaError as error:
+                errors.append(str(error))
+    return specs, errors
+
+
+def spec_of(prim):
+    """Reads a prim's attributes."""
+    path = str(prim.GetPath())
+    unknown = [
+        a.GetName()
+        for a in prim.GetAuthoredAttributes()
+        if a.GetName().startswith(PREFIX) and a.GetName()[len(PREFIX) :] not in _DEFAULTS
+    ]
+    if unknown:
+        expected = ", ".join(PREFIX + name for name in _DEFAULTS)
+        raise SchemaError(f"{path}: unknown attribute {unknown[0]}, expected one of {expected}")
+    outputs = tuple(str(output) for output in _value(prim, "outputs"))
+    for output in outputs:
+        if output not in OUTPUTS:
+            raise SchemaError(f"{path}.esaac:outputs has `{output}`, expected {', '.join(OUTPUTS)}")
+    packets = str(_value(prim, "packets"))
+    if packets not in ("host", "cuda"):
+        raise SchemaError(f"{path}.esaac:packets is `{packets}`, expected host or cuda")
+    topic = str(_value(prim, "topic")) or "/" + prim.GetName().lower()
+    return CameraSpec(
+        path=path,
+        sensor=_sensor(prim, path, outputs),
+        outputs=outputs,
+        packets=packets,
+        publish=bool(_value(prim, "publish")),
+        topic=topic,
+        frame_id=str(_value(prim, "frameId")),
+    )
+
+
+def _sensor(prim, path, outputs):
+    parameters = {"substeps": int(_value(prim, "substeps")), "synthesis": str(_value(prim, "mode"))}
+    if "aps" in outputs:
+        # Half of a frame at 60 Hz, unless the overrides say otherwise.
+        parameters["aps_exposure_ns"] = 8_000_000
+    try:
+        sensor = esaac.SensorModel(str(_value(prim, "sensor")), profile=str(_value(prim, "profile")))
+        if str(_value(prim, "profile")) == "paper":
+            parameters["synthesis"] = "paper"
+        return sensor.replace(**{**parameters, **_overrides(str(_value(prim, "overrides")))})
+    except (esaac.SensorError, ValueError) as error:
+        raise SchemaError(f"{path}: {error}") from error
+
+
+def _overrides(text):
+    """Lines of `name = value`: the part of TOML that parameters need, in every Python that Kit has had."""
+    values = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.split("#", 1)[0].strip()
+        if not line:
+            continue
+        name, equals, value = (part.strip() for part in line.partition("="))
+        if not equals or not value:
+            raise ValueError(f"esaac:overrides, line {number}: `{line}`, expected `name = value`")
+        values[name] = value.strip("\"'")
+    return values
+
+
+def _value(prim, name):
+    attribute = prim.GetAttribute(PREFIX + name)
+    value = attribute.Get() if attribute else None
+    return _DEFAULTS[name] if value is None else value

@@ -1,0 +1,160 @@
+"""What cannot be known of a renderer from its documentation, asked of it: a cube that moves as we say, seen by a
+camera that we place.
+
+`judge` compares what was drawn with what geometry says; it needs no Kit. `run` draws. A failed assumption switches
+off what depends on it: wrong motion vectors the synthesis `motion`, a wrong clock the publishing.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from .frames import HDR, MOTION, TIME, FrameUnusable, find, payload, seconds
+
+SIZE_PX = (128, 96)
+"""Columns and rows."""
+FOCAL_MM, APERTURE_MM = 24.0, 20.955
+DISTANCE_M = 4.0
+CUBE_M = 1.0
+SPEED_M_PER_S = (0.6, 0.3)
+"""Of the cube: to the right, and up."""
+RATE_HZ = 60.0
+FRAMES = 8
+RADIANCE = (0.5, 2.0)
+"""Of the cube in the first and the second half of the frames: HdrColor follows light, not its square root."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """An assumption, whether it holds, and what was seen."""
+
+    name: str
+    holds: bool
+    message: str
+    disables: str = ""
+
+
+def focal_px():
+    return FOCAL_MM / APERTURE_MM * SIZE_PX[0]
+
+
+def expected_motion_px():
+    """Of the cube's front, from this frame to the last one: x right, y down."""
+    front_m = DISTANCE_M - CUBE_M / 2
+    scale = focal_px() / front_m / RATE_HZ
+    # It moves right and up, so it came from the left and from below.
+    return -SPEED_M_PER_S[0] * scale, SPEED_M_PER_S[1] * scale
+
+
+def judge(frames):
+    """Checks of a list of writer's data. The first frames may be empty, and motion of the first is not trusted."""
+    drawn, notes = [], []
+    for data in frames:
+        try:
+            drawn.append(_read(data))
+        except FrameUnusable as unusable:
+            notes.append(str(unusable))
+    if len(drawn) < 4:
+        seen = f"{len(drawn)} of {len(frames)} frames could be read" + (f": {notes[-1]}" if notes else "")
+        return [Check("frames", False, seen, disables="everything")]
+    return [
+        Check("frames", True, f"{len(drawn)} of {len(frames)} frames; {len(notes)} empty at the start"),
+        _motion(drawn),
+        _light(drawn),
+        _clock(drawn),
+        _memory(frames),
+    ]
+
+
+def _read(data):
+    def image(name):
+        array = payload(find(data, name))
+        if array is None or 0 in tuple(array.shape):
+            raise FrameUnusable(f"{name} is empty")
+        return np.asarray(array.numpy() if hasattr(array, "numpy") else array, dtype=np.float64)
+
+    entry = find(data, TIME)
+    if entry is None:
+        raise FrameUnusable(f"no {TIME}")
+    return image(HDR), image(MOTION), seconds(entry)
+
+
+def _cube(hdr):
+    """Pixels well inside the cube: the brightest region, without its rim."""
+    light = hdr[..., :3].mean(axis=-1)
+    lit = light > 0.5 * light.max()
+    inside = lit.copy()
+    for axis in (0, 1):
+        for shift in (-2, 2):
+            inside &= np.roll(lit, shift, axis=axis)
+    return inside if inside.any() else lit
+
+
+def _motion(drawn):
+    measured = np.median(
+        [np.median(motion[_cube(hdr)][:, :2], axis=0) for hdr, motion, _ in drawn[1:]], axis=0
+    )
+    expected = np.array(expected_motion_px())
+    told = f"({measured[0]:+.2f}, {measured[1]:+.2f}) px, expected ({expected[0]:+.2f}, {expected[1]:+.2f})"
+    if np.allclose(measured, expected, rtol=0.15, atol=0.1):
+        return Check("motion", True, told)
+    guesses = {
+        "they are negated": -expected,
+        "their y points up": expected * (1, -1),
+        "they are fractions of the image": expected / SIZE_PX,
+        "they are zero: is a subframe setting on?": expected * 0,
+    }
+    why = [name for name, guess in guesses.items() if np.allclose(measured, guess, rtol=0.15, atol=1e-3)]
+    return Check("motion", False, "; ".join([told, *why]), disables="motion")
+
+
+def _light(drawn):
+    half = len(drawn) // 2
+    level = [
+        np.median([hdr[_cube(hdr)][:, :3].mean() for hdr, _, _ in part])
+        for part in (drawn[:half], drawn[half:])
+    ]
+    ratio, expected = level[1] / max(level[0], 1e-9), RADIANCE[1] / RADIANCE[0]
+    told = f"light times {expected:g} draws HdrColor times {ratio:.2f}"
+    holds = bool(np.isclose(ratio, expected, rtol=0.1))
+    return Check(
+        "light",
+        holds,
+        told if holds else told + ": exposure or a curve is on",
+        disables="" if holds else "light",
+    )
+
+
+def _clock(drawn):
+    steps = np.diff([t for _, _, t in drawn])
+    told = f"frames {1e3 * np.median(steps):.2f} ms apart, expected {1e3 / RATE_HZ:.2f}"
+    holds = bool((steps > 0).all() and np.isclose(np.median(steps), 1 / RATE_HZ, rtol=0.05))
+    return Check("clock", holds, told, disables="" if holds else "publish")
+
+
+def _memory(frames):
+    arrays = [payload(find(data, HDR)) for data in frames[-3:]]
+    on_device = all(hasattr(a, "__cuda_array_interface__") or hasattr(a, "__dlpack_device__") for a in arrays)
+    kind = type(arrays[-1]).__module__ + "." + type(arrays[-1]).__name__
+    strides = getattr(arrays[-1], "strides", None)
+    told = f"HdrColor is a {kind}, strides {strides}"
+    return Check("memory", on_device, told, disables="" if on_device else "texture")
+
+
+def disabled(checks):
+    """What failed assumptions switch off."""
+    return {check.disables for check in checks if not check.holds and check.disables}
+
+
+async def run(app, stage):
+    """Draws the scene under a root of its own and judges it; the root is gone afterwards."""
+    from .self_test_scene import SelfTestScene
+
+    scene = SelfTestScene(stage)
+    try:
+        for index in range(FRAMES + 2):
+            scene.move(index)
+            await app.next_update_async()
+        return judge(scene.frames[-FRAMES:])
+    finally:
+        scene.remove()

@@ -1,0 +1,75 @@
+"""The self-test's scene: a cube that glows, a camera that looks at it along -z, far below the user's own."""
+
+import omni.replicator.core as rep
+from pxr import Gf, Sdf, UsdGeom, UsdShade
+
+from . import self_test as the
+from .writer import EsaacEventWriter
+
+ROOT = "/EsaacSelfTest"
+DEPTH_M = -1000.0
+"""Far below what the user has built, so that neither is in the other's picture."""
+
+
+class SelfTestScene:
+    """Prims, a render product and a writer that collects what it is handed."""
+
+    def __init__(self, stage):
+        self.stage, self.frames = stage, []
+        unit = UsdGeom.GetStageMetersPerUnit(stage) or 1.0
+        self.metre = 1.0 / unit
+        UsdGeom.Xform.Define(stage, ROOT)
+        camera = UsdGeom.Camera.Define(stage, f"{ROOT}/camera")
+        camera.CreateFocalLengthAttr(the.FOCAL_MM)
+        camera.CreateHorizontalApertureAttr(the.APERTURE_MM)
+        camera.CreateVerticalApertureAttr(the.APERTURE_MM * the.SIZE_PX[1] / the.SIZE_PX[0])
+        camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * self.metre, 100.0 * self.metre))
+        camera.AddTranslateOp().Set(self._at(0, 0, 0))
+        cube = UsdGeom.Cube.Define(stage, f"{ROOT}/cube")
+        cube.CreateSizeAttr(the.CUBE_M * self.metre)
+        self.place = cube.AddTranslateOp()
+        self.glow = self._material(cube)
+        self.move(0)
+        self.product = rep.create.render_product(f"{ROOT}/camera", the.SIZE_PX)
+        rep.WriterRegistry.register(EsaacEventWriter)
+        self.writer = rep.writers.get("EsaacEventWriter")
+        self.writer.initialize(sink=self._keep)
+        self.writer.attach([self.product])
+
+    def move(self, index):
+        """Puts the cube where it is in a frame, and lets it glow as it does then."""
+        t = index / the.RATE_HZ
+        vx, vy = the.SPEED_M_PER_S
+        self.place.Set(self._at(vx * t, vy * t, -the.DISTANCE_M))
+        level = the.RADIANCE[0] if index < 2 + the.FRAMES // 2 else the.RADIANCE[1]
+        self.glow.Set(level)
+
+    def remove(self):
+        self.writer.detach()
+        self.product.destroy()
+        self.stage.RemovePrim(ROOT)
+
+    def _keep(self, data):
+        # The renderer's memory is good until `write` returns: what is judged later is copied.
+        self.frames.append({key: _copied(value) for key, value in data.items()})
+
+    def _at(self, x, y, z):
+        return Gf.Vec3d(x * self.metre, (y + DEPTH_M) * self.metre, z * self.metre)
+
+    def _material(self, cube):
+        material = UsdShade.Material.Define(self.stage, f"{ROOT}/glow")
+        shader = UsdShade.Shader.Define(self.stage, f"{ROOT}/glow/shader")
+        shader.SetSourceAsset(Sdf.AssetPath("OmniPBR.mdl"), "mdl")
+        shader.SetSourceAssetSubIdentifier("OmniPBR", "mdl")
+        shader.CreateInput("diffuse_color_constant", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(0, 0, 0))
+        shader.CreateInput("enable_emission", Sdf.ValueTypeNames.Bool).Set(True)
+        shader.CreateInput("emissive_color", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(1, 1, 1))
+        glow = shader.CreateInput("emissive_intensity", Sdf.ValueTypeNames.Float)
+        material.CreateSurfaceOutput("mdl").ConnectToSource(shader.ConnectableAPI(), "out")
+        UsdShade.MaterialBindingAPI.Apply(cube.GetPrim()).Bind(material)
+        return glow
+
+
+def _copied(value):
+    value = value["data"] if isinstance(value, dict) and "data" in value else value
+    return value.numpy().copy() if hasattr(value, "numpy") else value

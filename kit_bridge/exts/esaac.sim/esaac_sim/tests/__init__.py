@@ -1,0 +1,3 @@
+from .test_extension import TestExtension
+
+__all__ = ["TestExtension"]

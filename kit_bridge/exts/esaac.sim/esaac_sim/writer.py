@@ -1,0 +1,43 @@
+"""The Replicator writer that hands a render product's frames to a feed.
+
+A writer, since polling annotators drops or repeats frames where rates differ; arrays on the device and not copied,
+since the engine has read them when `write` returns.
+"""
+
+import omni.replicator.core as rep
+
+from .frames import DEPTH, HDR, MOTION, TIME
+
+NAME = "EsaacEventWriter"
+
+
+class EsaacEventWriter(rep.Writer):
+    """Calls `sink(data)` for each frame."""
+
+    def __init__(self, sink, with_motion=True, with_depth=False):
+        self.version = "0.1.0"
+        self.sink = sink
+        get = rep.AnnotatorRegistry.get_annotator
+        names = [HDR] + [MOTION] * with_motion + [DEPTH] * with_depth
+        self.annotators = [get(name, device="cuda", do_array_copy=False) for name in names]
+        # The time of the rendered frame, which may lag behind the simulation's.
+        self.annotators.append(get(TIME, init_params={"resetOnStop": True}))
+
+    def write(self, data):
+        self.sink(data)
+
+
+def attach(spec, sink):
+    """A render product of the camera's size with a writer on it; both are given to `detach`."""
+    sensor = spec.sensor
+    product = rep.create.render_product(spec.path, (sensor.width, sensor.height))
+    rep.WriterRegistry.register(EsaacEventWriter)
+    writer = rep.writers.get(NAME)
+    writer.initialize(sink=sink, with_motion=sensor.synthesis in ("motion", "paper"))
+    writer.attach([product])
+    return product, writer
+
+
+def detach(product, writer):
+    writer.detach()
+    product.destroy()

@@ -1,0 +1,214 @@
+"""Cameras: one (`EventCamera`), several of different sensors (`Rig`), many alike (`TiledEventCamera`)."""
+
+import dataclasses
+import json
+
+import numpy as np
+
+from esaac._native import Engine, SensorModel
+from esaac.errors import ArgumentError
+
+_MAGIC = b"ESAACPY1"
+
+
+@dataclasses.dataclass(frozen=True)
+class ApsFrame:
+    """A grayscale (or mosaic) frame: `pixels` u16 `[row, column]` of `bits` significant bits, ended at `t_ns`."""
+
+    t_ns: int
+    bits: int
+    pixels: np.ndarray
+
+
+class _Cameras:
+    """What every kind of camera can do."""
+
+    def __init__(self, sensors, device, packets, tiled):
+        self._engine = Engine(sensors, device, packets, tiled)
+
+    def close(self):
+        """Frees device memory. A second call does nothing; any other call raises `ClosedError`."""
+        self._engine.close()
+
+    @property
+    def closed(self):
+        return self._engine.closed
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    @property
+    def device(self):
+        """Name, kind, UUID and driver of the device."""
+        return self._engine.device
+
+    def memory(self):
+        """Memory in use: a list of `{camera, purpose, bytes, on_host}`; `camera` is None for what all share."""
+        return self._engine.memory()
+
+    def save(self):
+        """Everything that the next step depends on, as bytes for `restore`."""
+        parts = self._engine.save()
+        banks = parts.pop("banks")
+        header = json.dumps({**parts, "banks": [len(bank) for bank in banks]}).encode()
+        return b"".join([_MAGIC, len(header).to_bytes(8, "little"), header, *banks])
+
+    def restore(self, state):
+        """Takes up a state that cameras with the same sensors have saved."""
+        state = bytes(state)
+        if state[:8] != _MAGIC or len(state) < 16:
+            raise ArgumentError("this is no saved state of cameras")
+        end = 16 + int.from_bytes(state[8:16], "little")
+        try:
+            header = json.loads(state[16:end])
+        except ValueError as error:
+            raise ArgumentError(f"saved state that cannot be read: {error}") from error
+        banks = []
+        for length in header["banks"]:
+            banks.append(state[end : end + length])
+            end += length
+        formats = [(tuple(hdr), motion and tuple(motion)) for hdr, motion in header["formats"]]
+        self._engine.restore(formats, header["last_ns"], banks)
+
+    def _all_aps(self):
+        return [None if frame is None else ApsFrame(*frame) for frame in self._engine.aps()]
+
+
+class EventCamera(_Cameras):
+    """One event camera. See `__init__.pyi`."""
+
+    def __init__(self, sensor=None, *, profile=None, device=None, packets="host", **parameters):
+        sensor = SensorModel(sensor, profile=profile, **parameters)
+        super().__init__([sensor], device, packets, tiled=False)
+
+    def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
+        del depth
+        return self._engine.step_tiles(hdr, motion, [t_ns], stream)
+
+    @property
+    def sensor(self):
+        return self._engine.sensors[0]
+
+    @sensor.setter
+    def sensor(self, sensor):
+        self._engine.set_sensor(0, sensor)
+
+    def reset(self):
+        self._engine.reset([0])
+
+    def event_frame(self):
+        return self._engine.form(None)[0]
+
+    def voxel_grid(self, bins=5):
+        return self._engine.form(bins)[0]
+
+    @property
+    def aps(self):
+        frames = self._all_aps()
+        return frames[0] if frames else None
+
+    @property
+    def statistics(self):
+        cameras, shared = self._engine.statistics()
+        return {**(cameras[0] if cameras else {}), **shared}
+
+
+class _Several(_Cameras):
+    """What cameras that step together can do."""
+
+    def __init__(self, sensors, device, packets, tiled):
+        super().__init__(sensors, device, packets, tiled)
+        self._count = len(sensors)
+
+    def __len__(self):
+        return self._count
+
+    @property
+    def aps(self):
+        return self._all_aps()
+
+    @property
+    def statistics(self):
+        cameras, shared = self._engine.statistics()
+        return {"cameras": cameras, **shared}
+
+
+class Rig(_Several):
+    """Cameras of different sensors that step together. See `__init__.pyi`."""
+
+    def __init__(self, sensors, *, device=None, packets="host"):
+        sensors = [SensorModel(sensor) for sensor in sensors]
+        super().__init__(sensors, device, packets, tiled=False)
+
+    def step(self, frames, t_ns, *, stream=None):
+        given = []
+        for frame in frames:
+            if frame is None:
+                given.append(None)
+            elif isinstance(frame, (tuple, list)):
+                given.append((frame[0], frame[1] if len(frame) > 1 else None))
+            else:
+                given.append((frame, None))
+        if isinstance(t_ns, (int, np.integer)):
+            times = [int(t_ns)] * len(given)
+        else:
+            times = [None if t is None else int(t) for t in t_ns]
+        times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
+        given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
+        return self._engine.step(given, times, stream)
+
+    @property
+    def sensors(self):
+        return self._engine.sensors
+
+    def set_sensor(self, camera, sensor):
+        self._engine.set_sensor(camera, sensor)
+
+    def reset(self, cameras=None):
+        self._engine.reset(list(range(self._count) if cameras is None else map(int, cameras)))
+
+    def event_frames(self):
+        return self._engine.form(None)
+
+    def voxel_grids(self, bins=5):
+        return self._engine.form(bins)
+
+
+class TiledEventCamera(_Several):
+    """Many cameras alike, one for each environment. See `__init__.pyi`."""
+
+    def __init__(self, sensor=None, num_envs=1, *, profile=None, device=None, packets="host", **parameters):
+        if not 1 <= num_envs <= 65536:
+            raise ArgumentError(f"num_envs is {num_envs}, expected 1 to 65536")
+        sensor = SensorModel(sensor, profile=profile, **parameters)
+        super().__init__([sensor] * num_envs, device, packets, tiled=True)
+
+    def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
+        del depth
+        if isinstance(t_ns, (int, np.integer)):
+            times = [int(t_ns)] * self._count
+        else:
+            times = [int(t) for t in t_ns]
+            if len(times) != self._count:
+                raise ArgumentError(f"{len(times)} times for {self._count} environments")
+        return self._engine.step_tiles(hdr, motion, times, stream)
+
+    @property
+    def sensor(self):
+        return self._engine.sensors[0]
+
+    def reset(self, envs=None):
+        if envs is None:
+            envs = range(self._count)
+        elif hasattr(envs, "tolist"):
+            envs = envs.tolist()
+        self._engine.reset([int(env) for env in envs])
+
+    def event_frames(self):
+        return self._engine.form(None)[0]
+
+    def voxel_grids(self, bins=5):
+        return self._engine.form(bins)[0]

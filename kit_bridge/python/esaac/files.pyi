@@ -1,0 +1,36 @@
+import os
+import pathlib
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esaac import Packet, SensorModel
+
+SUFFIXES: tuple[str, ...]
+
+class EventWriter:
+    path: pathlib.Path
+    sensor: SensorModel
+    def __init__(self, path: str | os.PathLike[str], sensor: SensorModel) -> None: ...
+    def write(self, packet: Packet) -> None: ...
+    def close(self) -> None: ...
+    def __len__(self) -> int: ...
+    def __enter__(self) -> EventWriter: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+def save(
+    path: str | os.PathLike[str],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t_ns: NDArray[np.int64],
+    p: NDArray[np.uint8],
+    *,
+    sensor: SensorModel,
+) -> None: ...
+def load_dsec(
+    path: str | os.PathLike[str],
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.int64], NDArray[Any]]: ...

@@ -1,0 +1,97 @@
+"""Isaac Sim, standalone: a DAVIS346 on a moving camera, its events recorded and published.
+
+    ./python.sh kit_bridge/scripts/isaac_davis346.py --seconds 5 --record out/
+
+Not run where this project is built: there is no Isaac Sim. What it takes of Kit's interface is what the extension's
+tests imitate (`kit_bridge/tests/stand_ins`).
+"""
+
+import argparse
+import asyncio
+import math
+import pathlib
+
+from isaacsim import SimulationApp
+
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--seconds", type=float, default=5.0)
+PARSER.add_argument("--record", default="out", help="folder for recordings")
+PARSER.add_argument("--no-ros", action="store_true", help="do not publish to ROS 2")
+ARGUMENTS = PARSER.parse_args()
+
+APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
+
+# Kit's modules are there once the application is.
+import carb.settings
+import omni.kit.app
+import omni.replicator.core as rep
+import omni.timeline
+import omni.usd
+from pxr import Gf, Sdf, UsdGeom, UsdLux
+
+EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
+
+
+def build(stage):
+    """A floor of boxes, a light, and a camera that is an event camera; returns its translation."""
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdLux.DomeLight.Define(stage, "/light").CreateIntensityAttr(800.0)
+    for i in range(-6, 7):
+        for j in range(-6, 7):
+            cube = UsdGeom.Cube.Define(stage, f"/floor/box_{i + 6}_{j + 6}")
+            cube.CreateSizeAttr(0.4)
+            cube.AddTranslateOp().Set(Gf.Vec3d(0.5 * i, 0.5 * j, 0.1 * ((3 * i + 5 * j) % 4)))
+            shade = 0.1 + 0.2 * ((i * i + 2 * j * j) % 5)
+            cube.CreateDisplayColorAttr([Gf.Vec3f(shade, shade * 0.8, 1 - shade)])
+    camera = UsdGeom.Camera.Define(stage, "/World/davis")
+    camera.CreateFocalLengthAttr(18.0)
+    camera.CreateHorizontalApertureAttr(20.955)
+    place = camera.AddTranslateOp()
+    prim = camera.GetPrim()
+    for name, kind, value in (
+        ("sensor", Sdf.ValueTypeNames.Token, "davis346"),
+        ("profile", Sdf.ValueTypeNames.Token, "noisy"),
+        ("outputs", Sdf.ValueTypeNames.TokenArray, ["events", "aps"]),
+        ("publish", Sdf.ValueTypeNames.Bool, not ARGUMENTS.no_ros),
+        ("topic", Sdf.ValueTypeNames.String, "/davis/events"),
+    ):
+        prim.CreateAttribute(f"esaac:{name}", kind).Set(value)
+    return place
+
+
+def main():
+    manager = omni.kit.app.get_app().get_extension_manager()
+    manager.add_path(str(EXTENSIONS))
+    manager.set_extension_enabled_immediate("esaac.sim", True)
+    from esaac_sim import Bridge
+    from esaac_sim.extension import Log
+
+    omni.usd.get_context().new_stage()
+    stage = omni.usd.get_context().get_stage()
+    place = build(stage)
+    settings = carb.settings.get_settings()
+    settings.set("/exts/esaac.sim/attach_on_play", False)
+    settings.set("/exts/esaac.sim/record", ARGUMENTS.record)
+    rep.orchestrator.set_capture_on_play(True)
+    bridge = Bridge(settings, Log())
+    task = asyncio.ensure_future(bridge.self_test(omni.kit.app.get_app(), stage))
+    while not task.done():
+        APP.update()
+    task.result()
+    bridge.attach(stage)
+    for problem in bridge.problems:
+        print("problem:", problem)
+    timeline = omni.timeline.get_timeline_interface()
+    timeline.play()
+    for index in range(int(60 * ARGUMENTS.seconds)):
+        t = index / 60
+        place.Set(Gf.Vec3d(1.2 * math.sin(0.9 * t), 0.6 * math.sin(1.7 * t), 4.0))
+        APP.update()
+    for feed in bridge.feeds:
+        print(f"{feed.spec.path}: {feed.frames} frames, {feed.events} events, {feed.message}")
+    timeline.stop()
+    bridge.detach()
+
+
+main()
+APP.close()

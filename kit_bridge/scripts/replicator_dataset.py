@@ -1,0 +1,95 @@
+"""Replicator: a data set of event recordings, in DSEC's layout, over scenes that are shuffled from run to run.
+
+    ./python.sh kit_bridge/scripts/replicator_dataset.py --out dataset/ --recordings 20
+
+Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. Not run where this project is built.
+"""
+
+import argparse
+import asyncio
+import pathlib
+import random
+
+from isaacsim import SimulationApp
+
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--out", type=pathlib.Path, default=pathlib.Path("dataset"))
+PARSER.add_argument("--recordings", type=int, default=20)
+PARSER.add_argument("--frames", type=int, default=120)
+PARSER.add_argument("--sensor", default="davis346")
+PARSER.add_argument("--seed", type=int, default=0)
+ARGUMENTS = PARSER.parse_args()
+
+APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
+
+import carb.settings
+import omni.kit.app
+import omni.replicator.core as rep
+import omni.timeline
+import omni.usd
+from pxr import Gf, Sdf, UsdGeom, UsdLux
+
+EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
+
+
+def shuffle(stage, draw):
+    """Boxes of random place, size, colour and speed under random light; returns what moves."""
+    stage.RemovePrim("/scene")
+    UsdLux.DomeLight.Define(stage, "/scene/light").CreateIntensityAttr(10 ** draw.uniform(2, 3.5))
+    moving = []
+    for index in range(draw.randint(5, 25)):
+        cube = UsdGeom.Cube.Define(stage, f"/scene/box_{index}")
+        cube.CreateSizeAttr(draw.uniform(0.1, 0.8))
+        cube.CreateDisplayColorAttr([Gf.Vec3f(*(draw.uniform(0.05, 0.9) for _ in range(3)))])
+        at = Gf.Vec3d(draw.uniform(-2, 2), draw.uniform(-1.5, 1.5), draw.uniform(-3, 0))
+        speed = Gf.Vec3d(*(draw.gauss(0, 0.6) for _ in range(3)))
+        moving.append((cube.AddTranslateOp(), at, speed))
+    camera = UsdGeom.Camera.Define(stage, "/scene/camera")
+    camera.AddTranslateOp().Set(Gf.Vec3d(0, 0, 4))
+    prim = camera.GetPrim()
+    prim.CreateAttribute("esaac:sensor", Sdf.ValueTypeNames.Token).Set(ARGUMENTS.sensor)
+    overrides = f"seed = {draw.getrandbits(31)}\ncontrast_on = {draw.uniform(0.1, 0.3):.3f}"
+    prim.CreateAttribute("esaac:overrides", Sdf.ValueTypeNames.String).Set(overrides)
+    return moving
+
+
+def main():
+    manager = omni.kit.app.get_app().get_extension_manager()
+    manager.add_path(str(EXTENSIONS))
+    manager.set_extension_enabled_immediate("esaac.sim", True)
+    from esaac_sim import Bridge
+    from esaac_sim.extension import Log
+    from esaac_sim.sinks import Recorder
+
+    omni.usd.get_context().new_stage()
+    stage = omni.usd.get_context().get_stage()
+    settings = carb.settings.get_settings()
+    settings.set("/exts/esaac.sim/attach_on_play", False)
+    rep.orchestrator.set_capture_on_play(True)
+    bridge = Bridge(settings, Log())
+    task = asyncio.ensure_future(bridge.self_test(omni.kit.app.get_app(), stage))
+    while not task.done():
+        APP.update()
+    task.result()
+    draw, timeline = random.Random(ARGUMENTS.seed), omni.timeline.get_timeline_interface()
+    for number in range(ARGUMENTS.recordings):
+        moving = shuffle(stage, draw)
+        bridge.attach(stage)
+        (feed,) = bridge.feeds
+        folder = ARGUMENTS.out / f"{number:04}"
+        recorder = Recorder(folder, feed.spec, suffix=".h5")
+        feed.sinks.append(recorder)
+        timeline.play()
+        for index in range(ARGUMENTS.frames):
+            for place, at, speed in moving:
+                place.Set(at + speed * (index / 60))
+            APP.update()
+        timeline.stop()
+        bridge.detach()
+        (folder / "scene_camera.h5").rename(folder / "events.h5")
+        (folder / "sensor.toml").write_text(feed.spec.sensor.to_toml())
+        print(f"{folder}: {feed.frames} frames, {feed.events} events")
+
+
+main()
+APP.close()

@@ -1,0 +1,192 @@
+//! A rig's worth of cameras, and the buffers that CUDA copies their frames into. Rigs hold so many cameras and
+//! no more; who has more has several banks, which step at the same time.
+
+use crate::error::Fault;
+use crate::image::Place;
+use crate::pack::{Texel, Tiles};
+use esaac_engine::{Around, CameraConfig, Device, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions};
+use esaac_interop::cuda::{CudaBuffer, CudaLink};
+use esaac_model::SensorModel;
+use esaac_model::layout::MAX_CAMERAS;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// What a camera's images are.
+pub type Format = (Texel, Option<Texel>);
+
+/// The images of a step.
+pub struct Frames {
+    /// One for all cameras of a tiled renderer, else one a camera; `None` for a camera without a frame.
+    pub images: Vec<Option<(Tiles, Option<Tiles>)>>,
+    /// Whether it is one for all.
+    pub tiled: bool,
+}
+
+impl Frames {
+    /// A camera's images, and which of them is its own.
+    pub fn of(&self, camera: usize) -> Option<(&Tiles, Option<&Tiles>, usize)> {
+        let (at, index) = if self.tiled { (0, camera) } else { (camera, 0) };
+        self.images[at].as_ref().map(|(hdr, motion)| (hdr, motion.as_ref(), index))
+    }
+}
+
+/// Whole images that CUDA copies to: of colour, of motion.
+type Copied = [Option<CudaBuffer>; 2];
+
+/// Cameras in one rig.
+pub struct Bank {
+    /// The rig.
+    pub rig: Rig,
+    /// Cameras of it, among all.
+    pub cameras: Range<usize>,
+    copied: Vec<Copied>,
+    scratch: Vec<u8>,
+}
+
+/// Copies that frames took.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Copies {
+    /// Images that passed through the host.
+    pub host: u64,
+    /// Copies on the device.
+    pub device: u64,
+}
+
+impl Bank {
+    /// Banks for cameras of these sensors and formats.
+    pub fn all(
+        device: &Arc<Device>,
+        sensors: &[SensorModel],
+        formats: &[Format],
+        packets_on_device: bool,
+    ) -> Result<Vec<Self>, Fault> {
+        let options = RigOptions { packets_on_device, ..RigOptions::default() };
+        let mut banks = Vec::new();
+        for first in (0..sensors.len()).step_by(MAX_CAMERAS) {
+            let cameras = first..sensors.len().min(first + MAX_CAMERAS);
+            let configs: Vec<CameraConfig> = cameras
+                .clone()
+                .map(|camera| CameraConfig {
+                    sensor: sensors[camera].clone(),
+                    camera: camera as u32,
+                    hdr: formats[camera].0.hdr(),
+                    motion: formats[camera].1.map(Texel::motion),
+                })
+                .collect();
+            let rig = Rig::with_options(device, &configs, options)?;
+            banks.push(Bank { rig, cameras, copied: Vec::new(), scratch: Vec::new() });
+        }
+        Ok(banks)
+    }
+
+    /// Brings the frames of this bank's cameras to where its rig reads them.
+    pub fn bring(
+        &mut self,
+        frames: &Frames,
+        link: Option<&CudaLink>,
+        copies: &mut Copies,
+    ) -> Result<(), Fault> {
+        let targets = if frames.tiled { 1 } else { self.cameras.len() };
+        self.copied.resize_with(targets, Copied::default);
+        if frames.tiled && on_device(frames, self.cameras.start) {
+            let (hdr, motion, _) = frames.of(self.cameras.start).expect("tiles are for every camera");
+            let (first, count) = (self.cameras.start, self.cameras.len());
+            let link = link.expect("frames on a device come with a link");
+            for (tiles, target) in [(Some(hdr), 0), (motion, 1)] {
+                let Some(tiles) = tiles else { continue };
+                copies.device += copy(link, tiles, first, count, &mut self.copied[0][target])?;
+            }
+            return Ok(());
+        }
+        for (own, camera) in self.cameras.clone().enumerate() {
+            let Some((hdr, motion, index)) = frames.of(camera) else { continue };
+            if matches!(hdr.place(), Place::Cuda { .. }) {
+                let link = link.expect("frames on a device come with a link");
+                for (tiles, target) in [(Some(hdr), 0), (motion, 1)] {
+                    let Some(tiles) = tiles else { continue };
+                    copies.device += copy(link, tiles, index, 1, &mut self.copied[own][target])?;
+                }
+            } else {
+                self.upload(own, hdr, motion, index)?;
+                copies.host += 1 + u64::from(motion.is_some());
+            }
+        }
+        Ok(())
+    }
+
+    fn upload(&mut self, own: usize, hdr: &Tiles, motion: Option<&Tiles>, index: usize) -> Result<(), Fault> {
+        let mut packed_motion = Vec::new();
+        let hdr = hdr.as_bytes(index).unwrap_or_else(|| {
+            hdr.pack(index, &mut self.scratch);
+            &self.scratch
+        });
+        let motion = motion.map(|motion| match motion.as_bytes(index) {
+            Some(bytes) => bytes,
+            None => {
+                motion.pack(index, &mut packed_motion);
+                &packed_motion[..]
+            }
+        });
+        Ok(self.rig.upload(own, &FrameBytes { hdr, motion })?)
+    }
+
+    /// Steps the cameras that have a time with what was brought.
+    pub fn step(&mut self, frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
+        let Bank { rig, cameras, copied, .. } = self;
+        let own = &t_ns[cameras.clone()];
+        if frames.tiled && on_device(frames, cameras.start) {
+            let times: Vec<i64> = own.iter().flatten().copied().collect();
+            let inputs = inputs(&copied[0]).expect("tiles were copied");
+            rig.step_tiles(&times, inputs, &Around::default())?;
+            return Ok(());
+        }
+        let inputs: Vec<Option<FrameInput<'_>>> = cameras
+            .clone()
+            .enumerate()
+            .map(|(index, camera)| {
+                let inputs = if on_device(frames, camera) { inputs(&copied[index]) } else { None };
+                own[index].map(|t_ns| FrameInput { t_ns, inputs })
+            })
+            .collect();
+        rig.step_frames(&inputs, &Around::default())?;
+        Ok(())
+    }
+}
+
+fn on_device(frames: &Frames, camera: usize) -> bool {
+    frames.of(camera).is_some_and(|(hdr, ..)| matches!(hdr.place(), Place::Cuda { .. }))
+}
+
+fn inputs(copied: &Copied) -> Option<InputBuffers<'_>> {
+    let [hdr, motion] = copied;
+    hdr.as_ref()
+        .map(|hdr| InputBuffers { hdr: hdr.buffer(), motion: motion.as_ref().map(CudaBuffer::buffer) })
+}
+
+/// Has images of `count` cameras copied into a buffer for them, which is made the first time.
+fn copy(
+    link: &CudaLink,
+    tiles: &Tiles,
+    first: usize,
+    count: usize,
+    target: &mut Option<CudaBuffer>,
+) -> Result<u64, Fault> {
+    let bytes = (tiles.image_bytes() * count) as u64;
+    let target = match target {
+        Some(target) => target,
+        None => target.insert(link.buffer(tiles.name(), bytes)?),
+    };
+    if let Place::Cuda { after: Some(stream) } = tiles.place() {
+        // SAFETY: a stream of the device's primary context, by the word of whoever gave the array.
+        #[expect(unsafe_code, reason = "CUDA's edge")]
+        unsafe { link.follow(stream) }?;
+    }
+    let rows = tiles.rows(first, count);
+    let copies = rows.len() as u64;
+    for (rows, offset) in rows {
+        // SAFETY: the array's owner vouches for its shape, and is kept until the step is over.
+        #[expect(unsafe_code, reason = "CUDA's edge")]
+        unsafe { link.copy(tiles.name(), rows, target, offset) }?;
+    }
+    Ok(copies)
+}

@@ -1,0 +1,78 @@
+//! Devices: which there are, and the one that cameras share unless another is asked for.
+
+use crate::error::Fault;
+use crate::process::OwnProcess;
+use esaac_cli::device_choice::{DeviceArgument, uuid_text};
+use esaac_engine::{Device, DeviceChoice, Validation, list_devices};
+use esaac_interop::cuda::cuda_devices;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+/// Open devices of this process, by UUID.
+static OPEN: Mutex<Vec<(u32, DeviceChoice, Weak<Device>)>> = Mutex::new(Vec::new());
+
+/// A device as Python names it: nothing for the best, a number or UUID of `devices()`, or `cuda:N`.
+fn choice(named: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
+    let from_environment = std::env::var("ESAAC_DEVICE").ok().filter(|name| !name.is_empty());
+    let name = match named {
+        None => match from_environment {
+            None => return Ok(DeviceChoice::Best),
+            Some(name) => name,
+        },
+        Some(named) => named.str()?.to_cow()?.into_owned(),
+    };
+    if let Some(ordinal) = name.strip_prefix("cuda") {
+        let ordinal: i32 = ordinal.strip_prefix(':').unwrap_or("0").parse().map_err(|_| {
+            Fault::Argument(format!("device is `{name}`, expected `cuda:N` with a number of a CUDA device"))
+        })?;
+        let found = cuda_devices().map_err(Fault::from)?.into_iter().find(|d| d.ordinal == ordinal);
+        return Ok(DeviceChoice::Uuid(
+            found.ok_or_else(|| Fault::Device(format!("there is no CUDA device {ordinal}")))?.uuid,
+        ));
+    }
+    let DeviceArgument(choice) =
+        name.parse().map_err(|reason| Fault::Argument(format!("device is `{name}`, {reason}")))?;
+    Ok(choice)
+}
+
+/// Opens a device, or takes the open one.
+pub fn open(py: Python<'_>, named: Option<&Bound<'_, PyAny>>) -> PyResult<OwnProcess<Arc<Device>>> {
+    let (choice, here) = (choice(named)?, std::process::id());
+    let device = py.detach(|| {
+        let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+        // What a parent process left in the list is not this one's.
+        open.retain(|(owner, _, device)| *owner == here && device.strong_count() > 0);
+        let known = open.iter().find(|(_, made_by, _)| *made_by == choice);
+        if let Some(device) = known.and_then(|(_, _, device)| device.upgrade()) {
+            return Ok(device);
+        }
+        let device = Device::open(choice, Validation::from_env()).map_err(Fault::from)?;
+        open.push((here, choice, Arc::downgrade(&device)));
+        Ok::<_, Fault>(device)
+    })?;
+    Ok(OwnProcess::new(device))
+}
+
+/// Every Vulkan device of this machine: number, name, kind, UUID, driver, whether it is enough, and CUDA's
+/// number of it.
+#[pyfunction]
+pub fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
+    let list = py.detach(list_devices).map_err(Fault::from)?;
+    // A machine without CUDA has Vulkan devices all the same.
+    let cuda = cuda_devices().unwrap_or_default();
+    list.iter()
+        .map(|info| {
+            let entry = PyDict::new(py);
+            entry.set_item("index", info.index)?;
+            entry.set_item("name", &info.name)?;
+            entry.set_item("kind", info.kind)?;
+            entry.set_item("uuid", uuid_text(&info.uuid))?;
+            entry.set_item("driver", &info.driver)?;
+            entry.set_item("memory_bytes", info.memory_bytes)?;
+            entry.set_item("suitable", info.suitable)?;
+            entry.set_item("cuda", cuda.iter().find(|d| d.uuid == info.uuid).map(|d| d.ordinal))?;
+            Ok(entry)
+        })
+        .collect()
+}

@@ -1,0 +1,379 @@
+//! `Engine`: cameras that step together, behind a lock and without the interpreter's while they do.
+//! `esaac/cameras.py` gives it the faces that users see.
+
+use crate::bank::{Copies, Format, Frames};
+use crate::cuda::CudaSide;
+use crate::error::Fault;
+use crate::image::{Element, Image, Streams};
+use crate::pack::{Texel, Tiles};
+use crate::packet::PyPacket;
+use crate::process::OwnProcess;
+use crate::sensor::PySensor;
+use crate::state::{Events, Form, Saved, State};
+use crate::tensor::{Kind, Tensor};
+use crate::{device, image};
+use esaac_cli::device_choice::uuid_text;
+use esaac_engine::{Device, Representation};
+use esaac_model::SensorModel;
+use numpy::IntoPyArray;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Cameras in one process.
+#[pyclass(module = "esaac._native", frozen)]
+pub struct Engine {
+    inner: OwnProcess<Inner>,
+    size_px: Vec<(u32, u32)>,
+    tiled: bool,
+    packets_on_cuda: bool,
+}
+
+struct Inner {
+    state: Mutex<Option<State>>,
+    side: Mutex<Option<Arc<CudaSide>>>,
+    device: Arc<Device>,
+}
+
+impl Inner {
+    /// Runs `work` on the open state.
+    fn with<T>(&self, work: impl FnOnce(&mut State) -> Result<T, Fault>) -> Result<T, Fault> {
+        let mut state = lock(&self.state);
+        work(state.as_mut().ok_or(Fault::Closed("the camera"))?)
+    }
+
+    /// The device as CUDA sees it, looked for the first time.
+    fn side(&self) -> Result<Arc<CudaSide>, Fault> {
+        let mut side = lock(&self.side);
+        if side.is_none() {
+            *side = Some(CudaSide::open(&self.device)?);
+        }
+        Ok(Arc::clone(side.as_ref().expect("opened above")))
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A frame as callers give it.
+type Given<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+
+#[pymethods]
+impl Engine {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        sensors: Vec<PyRef<'_, PySensor>>,
+        device: Option<&Bound<'_, PyAny>>,
+        packets: &str,
+        tiled: bool,
+    ) -> PyResult<Self> {
+        let sensors: Vec<SensorModel> = sensors.iter().map(|sensor| sensor.0.clone()).collect();
+        if sensors.is_empty() {
+            return Err(Fault::Argument("no sensors, expected at least one".to_owned()).into());
+        }
+        let packets_on_cuda = match packets {
+            "host" => false,
+            "cuda" => true,
+            other => {
+                let message = format!("packets is `{other}`, expected `host` or `cuda`");
+                return Err(Fault::Argument(message).into());
+            }
+        };
+        let device = Arc::clone(device::open(py, device)?.get()?);
+        let size_px = sensors.iter().map(|s| (s.width, s.height)).collect();
+        let state = Mutex::new(Some(State::new(&device, sensors, packets_on_cuda)));
+        let inner = Inner { state, side: Mutex::default(), device };
+        if packets_on_cuda {
+            // Better to learn now that there is no CUDA than after the first frame.
+            py.detach(|| inner.side())?;
+        }
+        Ok(Engine { inner: OwnProcess::new(inner), size_px, tiled, packets_on_cuda })
+    }
+
+    /// Steps all cameras with one array an image.
+    #[pyo3(signature = (hdr, motion, t_ns, stream))]
+    fn step_tiles(
+        &self,
+        py: Python<'_>,
+        hdr: Bound<'_, PyAny>,
+        motion: Option<Bound<'_, PyAny>>,
+        t_ns: Vec<i64>,
+        stream: Option<u64>,
+    ) -> PyResult<Py<PyPacket>> {
+        let cameras = self.tiled.then_some(self.size_px.len());
+        let images = self.images(py, &(hdr, motion), cameras, self.size_px[0], stream)?;
+        let frames = Frames { images: vec![Some(images)], tiled: true };
+        let times = t_ns.into_iter().map(Some).collect();
+        PyPacket::together(py, self.step_frames(py, &frames, times)?)
+    }
+
+    /// Steps the cameras that have a frame.
+    #[pyo3(signature = (frames, t_ns, stream))]
+    fn step(
+        &self,
+        py: Python<'_>,
+        frames: Vec<Option<Given<'_>>>,
+        t_ns: Vec<Option<i64>>,
+        stream: Option<u64>,
+    ) -> PyResult<Vec<Py<PyPacket>>> {
+        let expected = self.size_px.len();
+        if frames.len() != expected || t_ns.len() != expected {
+            let actual = (frames.len(), t_ns.len());
+            let message = format!("{} frames and {} times for {expected} cameras", actual.0, actual.1);
+            return Err(Fault::Frame(message).into());
+        }
+        let images = frames
+            .iter()
+            .zip(&self.size_px)
+            .map(|(given, size_px)| {
+                given.as_ref().map(|given| self.images(py, given, None, *size_px, stream)).transpose()
+            })
+            .collect::<PyResult<_>>()?;
+        let frames = Frames { images, tiled: false };
+        PyPacket::each(py, self.step_frames(py, &frames, t_ns)?)
+    }
+
+    fn form(&self, py: Python<'_>, bins: Option<u32>) -> PyResult<Vec<Py<PyAny>>> {
+        let what = bins.map_or(Representation::EventFrame, |bins| Representation::VoxelGrid { bins });
+        if bins.is_some_and(|bins| !(1..=256).contains(&bins)) {
+            let message = format!("{} bins, expected 1 to 256", bins.unwrap_or(0));
+            return Err(Fault::Argument(message).into());
+        }
+        let inner = self.inner.get()?;
+        let form = py.detach(|| {
+            let side = if self.packets_on_cuda { Some(inner.side()?) } else { None };
+            inner.with(|state| state.form(what, side.as_ref()))
+        })?;
+        let planes = bins.unwrap_or(2) as usize;
+        let (kind, counts) = (if bins.is_some() { Kind::F32 } else { Kind::I32 }, bins.is_none());
+        let shape = |&(width, height): &(u32, u32)| vec![planes, height as usize, width as usize];
+        let shapes: Vec<Vec<usize>> = if self.tiled {
+            vec![[self.size_px.len()].into_iter().chain(shape(&self.size_px[0])).collect()]
+        } else {
+            self.size_px.iter().map(shape).collect()
+        };
+        let mut offset = 0;
+        let mut take = |shape: &Vec<usize>| {
+            let bytes = 4 * shape.iter().product::<usize>();
+            offset += bytes;
+            offset - bytes..offset
+        };
+        shapes
+            .iter()
+            .map(|shape| {
+                let part = take(shape);
+                match &form {
+                    Form::Cuda(block) => {
+                        let tensor = Tensor::new(block, part.start as u64, kind, shape.clone());
+                        Ok(Py::new(py, tensor)?.into_any())
+                    }
+                    Form::Host(bytes) => {
+                        let bytes = &bytes[part];
+                        let flat = if counts {
+                            bytemuck::pod_collect_to_vec::<u8, i32>(bytes).into_pyarray(py).into_any()
+                        } else {
+                            bytemuck::pod_collect_to_vec::<u8, f32>(bytes).into_pyarray(py).into_any()
+                        };
+                        Ok(flat.call_method1("reshape", (shape.clone(),))?.unbind())
+                    }
+                }
+            })
+            .collect()
+    }
+
+    #[getter]
+    fn sensors(&self, py: Python<'_>) -> PyResult<Vec<PySensor>> {
+        let sensors = self.call(py, |state| Ok(state.sensors.clone()))?;
+        Ok(sensors.into_iter().map(PySensor).collect())
+    }
+
+    fn set_sensor(&self, py: Python<'_>, camera: usize, sensor: PyRef<'_, PySensor>) -> PyResult<()> {
+        let sensor = sensor.0.clone();
+        self.call(py, move |state| state.set_sensor(camera, sensor))
+    }
+
+    fn reset(&self, py: Python<'_>, cameras: Vec<usize>) -> PyResult<()> {
+        self.call(py, move |state| state.reset(&cameras))
+    }
+
+    /// Counts of the last step a camera, and what all share.
+    fn statistics<'py>(&self, py: Python<'py>) -> PyResult<(Vec<Bound<'py, PyDict>>, Bound<'py, PyDict>)> {
+        let (diagnostics, [gpu_ns, submit_to_packet_ns, step_ns], copies) =
+            self.call(py, |state| Ok((state.diagnostics(), state.times_ns(), state.copies)))?;
+        let Copies { host, device } = copies;
+        let cameras = diagnostics
+            .iter()
+            .map(|counts| {
+                let of_camera = PyDict::new(py);
+                let values = serde_json::to_value(counts).expect("a struct of numbers");
+                for (name, value) in values.as_object().expect("a struct") {
+                    of_camera.set_item(name, value.as_u64())?;
+                }
+                Ok(of_camera)
+            })
+            .collect::<PyResult<_>>()?;
+        let shared = PyDict::new(py);
+        shared.set_item("gpu_ns", gpu_ns)?;
+        shared.set_item("submit_to_packet_ns", submit_to_packet_ns)?;
+        shared.set_item("step_ns", step_ns)?;
+        shared.set_item("host_copies", host)?;
+        shared.set_item("device_copies", device)?;
+        Ok((cameras, shared))
+    }
+
+    /// APS frames of the last step: time, bits, pixels.
+    #[expect(clippy::type_complexity, reason = "a row a camera")]
+    fn aps(&self, py: Python<'_>) -> PyResult<Vec<Option<(i64, u32, Py<PyAny>)>>> {
+        let frames = self.call(py, |state| Ok(state.aps()))?;
+        frames
+            .into_iter()
+            .map(|frame| {
+                frame
+                    .map(|frame| {
+                        let shape = (frame.height_px, frame.width_px);
+                        let pixels = frame.pixels.into_pyarray(py).call_method1("reshape", (shape,))?;
+                        Ok((frame.t_ns, frame.bits, pixels.unbind()))
+                    })
+                    .transpose()
+            })
+            .collect()
+    }
+
+    fn memory<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        self.call(py, |state| Ok(state.memory()))?
+            .into_iter()
+            .map(|entry| {
+                let row = PyDict::new(py);
+                row.set_item("camera", entry.camera)?;
+                row.set_item("purpose", entry.purpose)?;
+                row.set_item("bytes", entry.bytes)?;
+                row.set_item("on_host", entry.on_host)?;
+                Ok(row)
+            })
+            .collect()
+    }
+
+    #[getter]
+    fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let info = self.inner.get()?.device.info();
+        let device = PyDict::new(py);
+        device.set_item("name", &info.name)?;
+        device.set_item("kind", info.kind)?;
+        device.set_item("uuid", uuid_text(&info.uuid))?;
+        device.set_item("driver", &info.driver)?;
+        Ok(device)
+    }
+
+    /// What the validation layer has said, if it watches (`ESAAC_VALIDATION=1`).
+    fn validation_messages(&self) -> PyResult<Vec<String>> {
+        Ok(self.inner.get()?.device.validation_messages())
+    }
+
+    fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let saved = self.call(py, |state| state.save())?;
+        let of = |texel: &Texel| (element_name(texel.element), texel.channels);
+        let formats: Vec<_> =
+            saved.formats.iter().map(|(hdr, motion)| (of(hdr), motion.as_ref().map(of))).collect();
+        let banks: Vec<_> = saved.banks.iter().map(|bytes| PyBytes::new(py, bytes)).collect();
+        let parts = PyDict::new(py);
+        parts.set_item("formats", formats)?;
+        parts.set_item("last_ns", saved.last_ns)?;
+        parts.set_item("banks", banks)?;
+        Ok(parts)
+    }
+
+    #[expect(clippy::type_complexity, reason = "as `save` gives it")]
+    fn restore(
+        &self,
+        py: Python<'_>,
+        formats: Vec<((String, usize), Option<(String, usize)>)>,
+        last_ns: Vec<Option<i64>>,
+        banks: Vec<Vec<u8>>,
+    ) -> PyResult<()> {
+        let texel = |(name, channels): (String, usize)| {
+            Ok::<_, Fault>(Texel { element: element_named(&name)?, channels })
+        };
+        let formats = formats
+            .into_iter()
+            .map(|(hdr, motion)| Ok((texel(hdr)?, motion.map(texel).transpose()?)))
+            .collect::<Result<Vec<Format>, Fault>>()?;
+        self.call(py, move |state| state.restore(Saved { banks, formats, last_ns }))
+    }
+
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let inner = self.inner.get()?;
+        py.detach(|| {
+            drop(lock(&inner.state).take());
+            drop(lock(&inner.side).take());
+        });
+        Ok(())
+    }
+
+    #[getter]
+    fn closed(&self, py: Python<'_>) -> PyResult<bool> {
+        let inner = self.inner.get()?;
+        Ok(py.detach(|| lock(&inner.state).is_none()))
+    }
+}
+
+impl Engine {
+    fn call<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut State) -> Result<T, Fault> + Send,
+    ) -> PyResult<T> {
+        let inner = self.inner.get()?;
+        Ok(py.detach(|| inner.with(work))?)
+    }
+
+    fn step_frames(&self, py: Python<'_>, frames: &Frames, t_ns: Vec<Option<i64>>) -> PyResult<Events> {
+        let inner = self.inner.get()?;
+        let events = py.detach(|| {
+            let side = lock(&inner.side).clone();
+            inner.with(|state| state.step(frames, &t_ns, side.as_ref()))
+        })?;
+        // An interrupt that came meanwhile is raised here, after a whole step.
+        py.check_signals()?;
+        Ok(events)
+    }
+
+    fn images(
+        &self,
+        py: Python<'_>,
+        given: &Given<'_>,
+        cameras: Option<usize>,
+        size_px: (u32, u32),
+        stream: Option<u64>,
+    ) -> PyResult<(Tiles, Option<Tiles>)> {
+        let inner = self.inner.get()?;
+        let torch = Rc::default();
+        let streams = || {
+            let side = py.detach(|| inner.side())?;
+            let callers = stream.map(|s| s.max(image::LEGACY_DEFAULT_STREAM));
+            Ok(Streams { ours: side.stream, callers, torch: Rc::clone(&torch) })
+        };
+        let tiles = |array: &Bound<'_, PyAny>, name: &'static str| -> PyResult<Tiles> {
+            Ok(Tiles::of(Image::of(array, name, &streams)?, cameras, size_px)?)
+        };
+        let hdr = tiles(&given.0, "hdr")?;
+        Ok((hdr, given.1.as_ref().map(|motion| tiles(motion, "motion")).transpose()?))
+    }
+}
+
+fn element_name(element: Element) -> &'static str {
+    match element {
+        Element::F16 => "float16",
+        Element::F32 => "float32",
+        Element::U8 => "uint8",
+    }
+}
+
+fn element_named(name: &str) -> Result<Element, Fault> {
+    [Element::F16, Element::F32, Element::U8]
+        .into_iter()
+        .find(|element| element_name(*element) == name)
+        .ok_or_else(|| Fault::Argument(format!("saved state with elements of type `{name}`")))
+}

@@ -1,0 +1,289 @@
+//! Arrays that callers hand over: where they lie, what they hold. Nothing is copied here.
+//!
+//! On the host whatever NumPy sees without a copy (the buffer protocol, `__array_interface__`, `__array__`). On
+//! a CUDA device DLPack, whose producer orders its stream before ours, or `__cuda_array_interface__`.
+
+#![expect(unsafe_code, reason = "DLPack's edge")]
+
+use crate::dlpack::{self, Borrowed};
+use crate::error::Fault;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyList, PyTuple};
+use std::cell::Cell;
+use std::rc::Rc;
+
+/// Type of an array's elements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Element {
+    /// IEEE half.
+    F16,
+    /// IEEE single.
+    F32,
+    /// Bytes, sRGB encoded.
+    U8,
+}
+
+impl Element {
+    /// Bytes of one.
+    pub fn bytes(self) -> usize {
+        match self {
+            Element::F16 => 2,
+            Element::F32 => 4,
+            Element::U8 => 1,
+        }
+    }
+}
+
+/// Where an array lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In memory that the processor reads.
+    Host,
+    /// On a CUDA device.
+    Cuda {
+        /// What its producer has put into this stream comes first; `None` if that is seen to.
+        after: Option<u64>,
+    },
+}
+
+/// An array.
+pub struct Image {
+    /// For messages: `hdr`, `motion`.
+    pub name: &'static str,
+    /// Address of the first element.
+    pub pointer: usize,
+    /// Where that is.
+    pub place: Place,
+    /// Type of its elements.
+    pub element: Element,
+    /// Elements along each axis.
+    pub shape: Vec<usize>,
+    /// Bytes from element to element along each axis.
+    pub strides: Vec<isize>,
+    /// Sees to it that the memory stays.
+    _owner: Owner,
+}
+
+enum Owner {
+    Object(#[expect(dead_code, reason = "kept, not read")] Py<PyAny>),
+    Dlpack(#[expect(dead_code, reason = "kept, not read")] Borrowed),
+}
+
+/// What a call knows of streams.
+pub struct Streams {
+    /// Ours, which producers are asked to order their work before.
+    pub ours: u64,
+    /// The caller's word for where the arrays are written.
+    pub callers: Option<u64>,
+    /// Torch's present stream, once it was asked for.
+    pub torch: Rc<Cell<Option<u64>>>,
+}
+
+/// The stream that torch puts work into now, for a tensor of torch's: to ask for it takes less time than to have
+/// torch order the stream that DLPack's protocol names.
+fn stream_of_torch(array: &Bound<'_, PyAny>, known: &Cell<Option<u64>>) -> PyResult<Option<u64>> {
+    let kind = array.get_type();
+    if kind.module()? != "torch" {
+        return Ok(None);
+    }
+    if known.get().is_some() {
+        return Ok(known.get());
+    }
+    let cuda = array.py().import("torch")?.getattr("cuda")?;
+    let stream: u64 = cuda
+        .call_method1("current_stream", (array.getattr("device")?,))?
+        .getattr("cuda_stream")?
+        .extract()?;
+    known.set(Some(stream.max(LEGACY_DEFAULT_STREAM)));
+    Ok(known.get())
+}
+
+impl Image {
+    /// Looks at an array. `streams` is called when it lies on a CUDA device.
+    pub fn of(
+        array: &Bound<'_, PyAny>,
+        name: &'static str,
+        streams: &dyn Fn() -> PyResult<Streams>,
+    ) -> PyResult<Self> {
+        let py = array.py();
+        if array.is_instance(numpy(py)?.getattr("ndarray")?.as_any())? {
+            return Self::on_host(array.clone(), name);
+        }
+        if let Ok(device) = array.call_method0("__dlpack_device__") {
+            let (kind, _): (i32, i32) = device.extract()?;
+            return match kind {
+                dlpack::CUDA | dlpack::CUDA_MANAGED => Self::by_dlpack(array, name, streams()?),
+                dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, name),
+                kind => Err(Fault::Frame(format!(
+                    "{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"
+                ))
+                .into()),
+            };
+        }
+        if let Ok(interface) = array.getattr("__cuda_array_interface__") {
+            return Self::by_cuda_array_interface(array, &interface, name, streams()?);
+        }
+        Self::through_numpy(array, name)
+    }
+
+    fn through_numpy(array: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+        let py = array.py();
+        let seen = numpy(py)?.call_method1("asarray", (array,))?;
+        Self::on_host(seen, name)
+    }
+
+    fn on_host(array: Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+        let interface = array.getattr("__array_interface__")?.cast_into::<PyDict>()?;
+        let (pointer, element, shape, strides) = parse_interface(&interface, name)?;
+        Ok(Image {
+            name,
+            pointer,
+            place: Place::Host,
+            element,
+            shape,
+            strides,
+            _owner: Owner::Object(array.unbind()),
+        })
+    }
+
+    fn by_cuda_array_interface(
+        array: &Bound<'_, PyAny>,
+        interface: &Bound<'_, PyAny>,
+        name: &'static str,
+        streams: Streams,
+    ) -> PyResult<Self> {
+        let interface = interface.cast::<PyDict>()?;
+        let (pointer, element, shape, strides) = parse_interface(interface, name)?;
+        let stated: Option<u64> = match interface.get_item("stream")? {
+            Some(stream) if !stream.is_none() => Some(stream.extract()?),
+            _ => None,
+        };
+        // Version 2 of the interface knows no streams, and version 3 says with None that none is to be waited
+        // for; the legacy default stream comes after all others that are not told otherwise.
+        let after = streams.callers.or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
+        Ok(Image {
+            name,
+            pointer,
+            place: Place::Cuda { after: Some(after) },
+            element,
+            shape,
+            strides,
+            _owner: Owner::Object(array.clone().unbind()),
+        })
+    }
+
+    fn by_dlpack(array: &Bound<'_, PyAny>, name: &'static str, streams: Streams) -> PyResult<Self> {
+        let py = array.py();
+        let arguments = PyDict::new(py);
+        let after = match streams.callers {
+            Some(stream) => Some(stream),
+            None => stream_of_torch(array, &streams.torch)?,
+        };
+        // Where the stream is known, the producer need not order anything.
+        match after {
+            Some(_) => arguments.set_item("stream", -1)?,
+            None => arguments.set_item("stream", streams.ours)?,
+        }
+        let capsule = array.call_method("__dlpack__", (), Some(&arguments))?;
+        let borrowed = Borrowed::take(&capsule)?;
+        let tensor = borrowed.tensor();
+        let element = match (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes) {
+            (dlpack::FLOAT, 16, 1) => Element::F16,
+            (dlpack::FLOAT, 32, 1) => Element::F32,
+            (dlpack::UINT, 8, 1) => Element::U8,
+            (code, bits, lanes) => {
+                let kind = match code {
+                    dlpack::INT => "int",
+                    dlpack::UINT => "uint",
+                    dlpack::FLOAT => "float",
+                    dlpack::BFLOAT => "bfloat",
+                    _ => "type",
+                };
+                return Err(wrong_dtype(name, &format!("{kind}{bits} x{lanes}")).into());
+            }
+        };
+        let axes = tensor.ndim as usize;
+        // SAFETY: DLPack's arrays of `ndim` elements; strides may be null for a compact tensor.
+        let (shape, strides) = unsafe {
+            let shape: Vec<usize> =
+                (0..axes).map(|axis| usize::try_from(*tensor.shape.add(axis)).unwrap_or(0)).collect();
+            let strides = if tensor.strides.is_null() {
+                compact(&shape, element.bytes())
+            } else {
+                let bytes = element.bytes() as isize;
+                (0..axes).map(|axis| *tensor.strides.add(axis) as isize * bytes).collect()
+            };
+            (shape, strides)
+        };
+        Ok(Image {
+            name,
+            pointer: tensor.data as usize + tensor.byte_offset as usize,
+            place: Place::Cuda { after },
+            element,
+            shape,
+            strides,
+            _owner: Owner::Dlpack(borrowed),
+        })
+    }
+}
+
+/// CUDA's name for it where a null pointer says "no stream".
+pub const LEGACY_DEFAULT_STREAM: u64 = 1;
+
+/// The module `numpy`.
+pub fn numpy(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
+    static NUMPY: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+    Ok(NUMPY.get_or_try_init(py, || py.import("numpy").map(Bound::unbind))?.bind(py))
+}
+
+fn wrong_dtype(name: &str, actual: &str) -> Fault {
+    let expected = if name == "motion" { "float16 or float32" } else { "float16, float32 or uint8 (sRGB)" };
+    Fault::Frame(format!("{name} has dtype {actual}, expected {expected}"))
+}
+
+/// Strides of an array without gaps, rows first.
+fn compact(shape: &[usize], element_bytes: usize) -> Vec<isize> {
+    let mut strides = vec![0; shape.len()];
+    let mut next = element_bytes as isize;
+    for (stride, &length) in strides.iter_mut().zip(shape).rev() {
+        *stride = next;
+        next *= length as isize;
+    }
+    strides
+}
+
+type Parsed = (usize, Element, Vec<usize>, Vec<isize>);
+
+/// What NumPy's and CUDA's array interfaces have in common.
+fn parse_interface(interface: &Bound<'_, PyDict>, name: &str) -> PyResult<Parsed> {
+    let item = |key: &str| -> PyResult<Bound<'_, PyAny>> {
+        let missing = || Fault::Frame(format!("{name}: its array interface has no `{key}`"));
+        Ok(interface.get_item(key)?.ok_or_else(missing)?)
+    };
+    let typestr: String = item("typestr")?.extract()?;
+    let element = match typestr.as_str() {
+        "<f2" | "=f2" => Element::F16,
+        "<f4" | "=f4" => Element::F32,
+        "|u1" | "<u1" => Element::U8,
+        other => return Err(wrong_dtype(name, other).into()),
+    };
+    let shape: Vec<usize> = sequence(&item("shape")?)?;
+    let strides = match interface.get_item("strides")? {
+        Some(strides) if !strides.is_none() => sequence(&strides)?,
+        _ => compact(&shape, element.bytes()),
+    };
+    if interface.get_item("mask")?.is_some_and(|mask| !mask.is_none()) {
+        return Err(Fault::Frame(format!("{name} has a mask, expected an array without")).into());
+    }
+    let (pointer, _read_only): (usize, bool) = item("data")?.extract()?;
+    Ok((pointer, element, shape, strides))
+}
+
+fn sequence<'py, T: FromPyObjectOwned<'py>>(of: &Bound<'py, PyAny>) -> PyResult<Vec<T>> {
+    let read = |item: Bound<'py, PyAny>| item.extract::<T>().map_err(Into::into);
+    match of.cast::<PyTuple>() {
+        Ok(tuple) => tuple.iter().map(read).collect(),
+        Err(_) => of.cast::<PyList>()?.iter().map(read).collect(),
+    }
+}

@@ -1,0 +1,178 @@
+//! Arrays on a CUDA device that Python's libraries take over where they lie.
+
+use crate::cuda::Block;
+use crate::dlpack::{self, DlDevice, DlType};
+use crate::error::Fault;
+use crate::image::numpy;
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PySlice, PyTuple};
+use std::sync::Arc;
+
+/// Type of a tensor's elements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kind {
+    dlpack: DlType,
+    typestr: &'static str,
+    bytes: usize,
+}
+
+macro_rules! kinds {
+    ($($name:ident = $code:expr, $bits:literal, $typestr:literal;)*) => {
+        $(pub const $name: Kind = Kind {
+            dlpack: DlType { code: $code, bits: $bits, lanes: 1 },
+            typestr: $typestr,
+            bytes: $bits / 8,
+        };)*
+    };
+}
+
+impl Kind {
+    kinds! {
+        I64 = dlpack::INT, 64, "<i8";
+        I32 = dlpack::INT, 32, "<i4";
+        I16 = dlpack::INT, 16, "<i2";
+        U8 = dlpack::UINT, 8, "|u1";
+        F32 = dlpack::FLOAT, 32, "<f4";
+    }
+}
+
+/// An array on a CUDA device: see `esaac/__init__.pyi`.
+#[pyclass(module = "esaac", frozen)]
+pub struct Tensor {
+    block: Arc<Block>,
+    offset: u64,
+    kind: Kind,
+    shape: Vec<usize>,
+}
+
+impl Tensor {
+    /// `shape` elements from byte `offset` on.
+    pub fn new(block: &Arc<Block>, offset: u64, kind: Kind, shape: Vec<usize>) -> Self {
+        Tensor { block: Arc::clone(block), offset, kind, shape }
+    }
+
+    fn pointer(&self) -> u64 {
+        self.block.pointer() + self.offset
+    }
+
+    fn elements(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+#[pymethods]
+impl Tensor {
+    #[getter]
+    fn shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.shape)
+    }
+
+    #[getter]
+    fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        numpy(py)?.call_method1("dtype", (self.kind.typestr,))
+    }
+
+    #[getter]
+    fn nbytes(&self) -> usize {
+        self.elements() * self.kind.bytes
+    }
+
+    #[getter]
+    fn device(&self) -> PyResult<String> {
+        Ok(format!("cuda:{}", self.block.memory()?.1.ordinal))
+    }
+
+    /// The events are written when `step` returns, so no stream has anything to wait for.
+    #[pyo3(signature = (*, stream=None, max_version=None, dl_device=None, copy=None))]
+    fn __dlpack__(
+        &self,
+        py: Python<'_>,
+        stream: Option<&Bound<'_, PyAny>>,
+        max_version: Option<&Bound<'_, PyAny>>,
+        dl_device: Option<(i32, i32)>,
+        copy: Option<bool>,
+    ) -> PyResult<Py<PyAny>> {
+        let _ = (stream, max_version);
+        let here = self.__dlpack_device__()?;
+        if dl_device.is_some_and(|wanted| wanted != here) || copy == Some(true) {
+            let message =
+                format!("the tensor is on DLPack device {here:?} and is lent there, without a copy");
+            return Err(pyo3::exceptions::PyBufferError::new_err(message));
+        }
+        let device = DlDevice { kind: here.0, id: here.1 };
+        let lent = (self.pointer(), device, self.kind.dlpack);
+        dlpack::lend(py, lent, &self.shape, Arc::clone(&self.block))
+    }
+
+    fn __dlpack_device__(&self) -> PyResult<(i32, i32)> {
+        Ok((dlpack::CUDA, self.block.memory()?.1.ordinal))
+    }
+
+    #[getter]
+    fn __cuda_array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        // That it is this process's is asked for here too.
+        self.block.memory()?;
+        let interface = PyDict::new(py);
+        interface.set_item("version", 3)?;
+        interface.set_item("typestr", self.kind.typestr)?;
+        interface.set_item("shape", self.shape(py)?)?;
+        interface.set_item("strides", py.None())?;
+        // Nothing has to be read from where there is nothing.
+        let pointer = if self.elements() == 0 { 0 } else { self.pointer() };
+        interface.set_item("data", (pointer, false))?;
+        interface.set_item("stream", py.None())?;
+        Ok(interface)
+    }
+
+    fn numpy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let array = numpy(py)?.call_method1("empty", (self.shape(py)?, self.kind.typestr))?;
+        let mut bytes = vec![0; self.nbytes()];
+        if !bytes.is_empty() {
+            py.detach(|| {
+                let (memory, side) = self.block.memory()?;
+                side.link().read(memory, self.offset, &mut bytes).map_err(Fault::from)
+            })?;
+        }
+        let read =
+            numpy(py)?.call_method1("frombuffer", (pyo3::types::PyBytes::new(py, &bytes), self.kind.typestr));
+        if !bytes.is_empty() {
+            array.call_method1(
+                "__setitem__",
+                (pyo3::types::PyEllipsis::get(py), read?.call_method1("reshape", (self.shape(py)?,))?),
+            )?;
+        }
+        Ok(array)
+    }
+
+    fn __len__(&self) -> usize {
+        self.shape.first().copied().unwrap_or(0)
+    }
+
+    fn __getitem__(&self, key: &Bound<'_, PyAny>) -> PyResult<Tensor> {
+        let length = self.__len__();
+        let row = self.shape[1..].iter().product::<usize>() * self.kind.bytes;
+        let (start, shape) = if let Ok(slice) = key.cast::<PySlice>() {
+            let indices = slice.indices(length as isize)?;
+            if indices.step != 1 {
+                return Err(PyIndexError::new_err("a tensor is cut into neighbours only (step 1)"));
+            }
+            let count = (indices.stop - indices.start).max(0) as usize;
+            let shape: Vec<usize> = [count].iter().chain(&self.shape[1..]).copied().collect();
+            (indices.start as usize, shape)
+        } else {
+            let index: isize = key.extract()?;
+            let index = if index < 0 { index + length as isize } else { index };
+            if index < 0 || index as usize >= length || self.shape.len() < 2 {
+                let message = format!("index {index} into a tensor of shape {:?}", self.shape);
+                return Err(PyIndexError::new_err(message));
+            }
+            (index as usize, self.shape[1..].to_vec())
+        };
+        Ok(Tensor::new(&self.block, self.offset + (start * row) as u64, self.kind, shape))
+    }
+
+    fn __repr__(&self) -> PyResult<String> {
+        Ok(format!("<esaac.Tensor {} {:?} on {}>", self.kind.typestr, self.shape, self.device()?))
+    }
+}

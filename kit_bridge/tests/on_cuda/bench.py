@@ -1,0 +1,129 @@
+"""What Python costs, and what many environments cost: `python kit_bridge/tests/on_cuda/bench.py [--json FILE]`.
+
+Times are of whole calls, from frames on the device to a packet, p50 and p99. `rust` is what the same call takes below
+Python (copies, device, packets), `over` is what Python and the binding cost beyond that, `submit` the engine's own
+part of it.
+"""
+
+import argparse
+import json
+import time
+
+import torch
+
+import esaac
+
+FRAME_NS = 33_333_333
+
+
+def frames(height, width, count=32, envs=None):
+    """Low waves that move two pixels a frame, on the device, in float16: a few tenths of an event a pixel."""
+    x = torch.arange(width, device="cuda", dtype=torch.float32)
+    made = []
+    for index in range(count):
+        phase = torch.zeros(envs or 1, 1, 1, device="cuda") + torch.arange(envs or 1, device="cuda").view(
+            -1, 1, 1
+        )
+        row = 1 + 0.3 * torch.sin(2 * torch.pi * (x - 2 * index + phase) / 64)
+        hdr = row.expand(envs or 1, height, width).unsqueeze(-1).expand(-1, -1, -1, 4).half().contiguous()
+        motion = torch.zeros(envs or 1, height, width, 2, device="cuda")
+        motion[..., 0] = -2
+        made.append((hdr, motion) if envs else (hdr[0].clone(), motion[0].clone()))
+    torch.cuda.synchronize()
+    return made
+
+
+def measure(step, statistics, count, warm=30):
+    calls, rust, over, submit, events = [], [], [], [], []
+    for index in range(warm + count):
+        # The same frames, wave after wave, so that buffers have grown when it counts.
+        torch.cuda.synchronize()
+        started = time.perf_counter_ns()
+        packet = step(index)
+        took = time.perf_counter_ns() - started
+        if index >= warm:
+            told = statistics()
+            calls.append(took / 1e3)
+            rust.append(told["step_ns"] / 1e3)
+            over.append((took - told["step_ns"]) / 1e3)
+            submit.append(told["submit_to_packet_ns"] / 1e3)
+            events.append(len(packet))
+        packet = None
+    middle = lambda values: sorted(values)[len(values) // 2]
+    return {
+        "p50_us": middle(calls),
+        "p99_us": sorted(calls)[len(calls) * 99 // 100],
+        "over_p50_us": middle(over),
+        "rust_p50_us": middle(rust),
+        "submit_p50_us": middle(submit),
+        "events": middle(events),
+    }
+
+
+def numpy_frames():
+    """For comparison: the same frames from the host."""
+    camera = esaac.EventCamera("genx320", device="cuda:0")
+    made = [(hdr.cpu().numpy(), motion.cpu().numpy()) for hdr, motion in frames(320, 320)]
+    row = measure(
+        lambda i: camera.step(*made[i % len(made)], t_ns=FRAME_NS * i), lambda: camera.statistics, 300
+    )
+    return {**row, "host_copies": camera.statistics["host_copies"]}
+
+
+def one(packets, stream, hdr_channels=4):
+    camera = esaac.EventCamera("genx320", device="cuda:0", packets=packets)
+    made = [(hdr[..., :hdr_channels].contiguous(), motion) for hdr, motion in frames(320, 320)]
+    row = measure(
+        lambda i: camera.step(*made[i % len(made)], t_ns=FRAME_NS * i, stream=stream),
+        lambda: camera.statistics,
+        300,
+    )
+    return {**row, "host_copies": camera.statistics["host_copies"]}
+
+
+def many(envs, size, packets="cuda"):
+    sensor = esaac.SensorModel("dvs128", width=size, height=size)
+    camera = esaac.TiledEventCamera(sensor, envs, device="cuda:0", packets=packets)
+    made = frames(size, size, 8 if envs * size * size > 1 << 20 else 32, envs)
+    row = measure(
+        lambda i: camera.step(*made[i % len(made)], t_ns=FRAME_NS * i), lambda: camera.statistics, 48, warm=24
+    )
+    torch.from_dlpack(camera.voxel_grids(5))
+    torch.cuda.synchronize()
+    started = time.perf_counter_ns()
+    grids = torch.from_dlpack(camera.voxel_grids(5))
+    torch.cuda.synchronize()
+    uses = camera.memory()
+    return {
+        **row,
+        "voxel_grids_us": (time.perf_counter_ns() - started) / 1e3,
+        "grid_mb": grids.numel() * 4 / 1e6,
+        "device_mb": sum(use["bytes"] for use in uses if not use["on_host"]) / 1e6,
+        "ns_per_pixel": 1e3 * row["p50_us"] / (envs * size * size),
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", metavar="FILE")
+    arguments = parser.parse_args()
+    default = torch.cuda.default_stream().cuda_stream
+    rows = {
+        "320x320 x32, frames and packets on the host": numpy_frames(),
+        "320x320 x32, packets on the host": one("host", None),
+        "320x320 x32, packets on the host, stream named": one("host", default),
+        "320x320 x32, packets on the device": one("cuda", None),
+        "320x320 x32, packets on the device, stream named": one("cuda", default),
+        "320x320 x32, three channels, stream named": one("host", default, 3),
+    }
+    for envs, size in ((64, 64), (256, 64), (1024, 64), (64, 128), (256, 128)):
+        rows[f"{envs} environments of {size}x{size}"] = many(envs, size)
+    for name, row in rows.items():
+        print(name, {key: round(value, 2) for key, value in row.items()})
+    if arguments.json:
+        with open(arguments.json, "w") as file:
+            json.dump(rows, file, indent=1)
+
+
+if __name__ == "__main__":
+    main()

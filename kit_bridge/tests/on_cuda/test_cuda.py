@@ -1,0 +1,248 @@
+"""CUDA arrays in and tensors out. Needs an NVIDIA GPU that Vulkan sees, torch, CuPy, JAX and Warp; run by name:
+
+python -m pytest kit_bridge/tests/on_cuda
+"""
+
+import gc
+
+import numpy as np
+import pytest
+import torch
+from conftest import FRAME_NS, assert_same, bars, run
+
+import esaac
+
+SIZE = {"width": 40, "height": 24, "contrast_on": 0.15, "contrast_off": 0.15}
+
+
+def camera(**parameters):
+    return esaac.EventCamera("dvs128", **{"device": "cuda:0", **SIZE, **parameters})
+
+
+def cuda(array):
+    return torch.from_numpy(np.ascontiguousarray(array)).cuda()
+
+
+def on_host(packet):
+    if hasattr(packet.x, "numpy"):
+        columns = packet.x.numpy(), packet.y.numpy(), packet.t_ns.numpy(), packet.p.numpy()
+        return columns[0].astype(np.uint16), columns[1].astype(np.uint16), columns[2], columns[3]
+    return packet.x, packet.y, packet.t_ns, packet.p
+
+
+def events(cam, change, count=5):
+    packets = []
+    for index in range(count):
+        hdr, motion = change(*bars(40, 24, index))
+        packets.append(on_host(cam.step(hdr, motion, t_ns=FRAME_NS * index)))
+    return tuple(np.concatenate([packet[i] for packet in packets]) for i in range(4))
+
+
+@pytest.mark.parametrize("packets", ["host", "cuda"])
+def test_torch_tensors_never_touch_the_host_and_give_the_same_bits(packets):
+    expected = run(camera(), count=5)
+    cam = camera(packets=packets)
+    assert_same(events(cam, lambda hdr, motion: (cuda(hdr), cuda(motion))), expected)
+    assert cam.statistics["host_copies"] == 0 and cam.statistics["device_copies"] == 10
+
+
+def test_layouts_make_no_difference():
+    half = lambda array: array.astype(np.float16)
+    expected = events(camera(), lambda hdr, motion: (half(hdr), motion))
+    four = lambda motion: np.concatenate([motion, motion * 7], axis=2)
+    padded = lambda array: torch.nn.functional.pad(cuda(array), (0, 0, 0, 3))[:, : array.shape[1]]
+    changes = {
+        "view of three channels": lambda hdr, motion: (cuda(half(hdr))[..., :3], cuda(motion)),
+        "three channels": lambda hdr, motion: (cuda(half(hdr)[..., :3]), cuda(motion)),
+        "four of motion": lambda hdr, motion: (cuda(half(hdr)), cuda(four(motion))),
+        "view of two of four": lambda hdr, motion: (cuda(half(hdr)), cuda(four(motion))[..., :2]),
+        "three of motion": lambda hdr, motion: (cuda(half(hdr)), cuda(four(motion)[..., :3])),
+        "padded rows": lambda hdr, motion: (padded(half(hdr)), padded(motion)),
+    }
+    for what, change in changes.items():
+        actual = events(camera(), change)
+        assert all((a == e).all() for a, e in zip(actual, expected)), what
+
+
+def test_strides_that_a_copy_cannot_take_say_so():
+    hdr, motion = bars(40, 24, 0)
+    for wrong, message in (
+        (cuda(hdr).transpose(0, 1).contiguous().transpose(0, 1), "make it contiguous"),
+        (cuda(hdr)[..., :1], "one channel"),
+        (cuda(hdr).double(), "float64"),
+        (cuda(hdr).bfloat16(), "bfloat16"),
+        (cuda(hdr)[:-1], "hdr has shape"),
+    ):
+        with pytest.raises(esaac.FrameError, match=message):
+            camera().step(wrong, cuda(motion), t_ns=0)
+    with pytest.raises(esaac.FrameError, match="hdr lies on a CUDA device and motion on the host"):
+        camera().step(cuda(hdr), motion, t_ns=0)
+
+
+def test_streams_are_ordered():
+    """Frames that are still being made when step is called are waited for."""
+    expected = run(camera(), count=5)
+    big = torch.randn(4096, 4096, device="cuda")
+    side = torch.cuda.Stream()
+
+    def slow(hdr, motion):
+        hdr, motion = cuda(hdr), cuda(motion)
+        torch.cuda.synchronize()
+        late = torch.zeros_like(hdr)
+        with torch.cuda.stream(side):
+            for _ in range(20):
+                big @ big
+            late.copy_(hdr)
+        return late, motion
+
+    def by_dlpack(hdr, motion):
+        late, motion = slow(hdr, motion)
+        torch.cuda.set_stream(side)
+        return late, motion
+
+    try:
+        assert_same(events(camera(), by_dlpack), expected)
+    finally:
+        torch.cuda.set_stream(torch.cuda.default_stream())
+    cam, packets = camera(), []
+    for index in range(5):
+        late, motion = slow(*bars(40, 24, index))
+        packet = cam.step(late, motion, t_ns=FRAME_NS * index, stream=side.cuda_stream)
+        packets.append(on_host(packet))
+    assert_same(tuple(np.concatenate([p[i] for p in packets]) for i in range(4)), expected)
+
+    class Interface:
+        """Version 3, with the stream that the array is written in."""
+
+        def __init__(self, tensor):
+            self.tensor = tensor
+            inner = tensor.__cuda_array_interface__
+            self.__cuda_array_interface__ = {**inner, "version": 3, "stream": side.cuda_stream}
+
+    assert_same(events(camera(), lambda h, m: tuple(map(Interface, slow(h, m)))), expected)
+
+
+def test_tensors_are_taken_over_where_they_lie_and_outlive_the_step():
+    host, device = camera(), camera(packets="cuda")
+    kept = []
+    for index in range(6):
+        hdr, motion = bars(40, 24, index)
+        expected = host.step(hdr, motion, t_ns=FRAME_NS * index)
+        packet = device.step(cuda(hdr), cuda(motion), t_ns=FRAME_NS * index)
+        assert len(packet) == len(expected) and packet.base_ns == expected.base_ns
+        t_ns = torch.from_dlpack(packet.t_ns)
+        assert t_ns.is_cuda and t_ns.dtype == torch.int64 and t_ns.data_ptr() == _pointer(packet.t_ns)
+        x = torch.as_tensor(packet.x, device="cuda")
+        assert x.dtype == torch.int16 and torch.from_dlpack(packet.p).dtype == torch.uint8
+        kept.append((t_ns, x, expected))
+        del packet
+        gc.collect()
+    device.close()
+    for t_ns, x, expected in kept:
+        np.testing.assert_array_equal(t_ns.cpu().numpy(), expected.t_ns)
+        np.testing.assert_array_equal(x.cpu().numpy(), expected.x)
+
+
+def _pointer(tensor):
+    return tensor.__cuda_array_interface__["data"][0]
+
+
+def test_forms_are_those_of_the_host():
+    host, device = camera(), camera(packets="cuda")
+    for index in range(3):
+        hdr, motion = bars(40, 24, index)
+        host.step(hdr, motion, t_ns=FRAME_NS * index)
+        device.step(cuda(hdr), cuda(motion), t_ns=FRAME_NS * index)
+        frame, grid = (torch.from_dlpack(form) for form in (device.event_frame(), device.voxel_grid(5)))
+        assert frame.shape == (2, 24, 40) and grid.dtype == torch.float32
+        np.testing.assert_array_equal(frame.cpu().numpy(), host.event_frame())
+        np.testing.assert_array_equal(grid.cpu().numpy(), host.voxel_grid(5))
+
+
+@pytest.mark.parametrize("count", [5, 300])
+def test_tiled_environments_on_the_device_are_those_of_the_host(count):
+    sensor = esaac.SensorModel("dvs128", width=24, height=16, contrast_on=0.15, contrast_off=0.15)
+    host = esaac.TiledEventCamera(sensor, count, device="cuda:0")
+    device = esaac.TiledEventCamera(sensor, count, device="cuda:0", packets="cuda")
+    for index in range(3):
+        pairs = [bars(24, 16, index + 0.3 * env) for env in range(count)]
+        hdr, motion = (np.stack(images) for images in zip(*pairs))
+        if index == 2:
+            host.reset([1]), device.reset(torch.tensor([1], device="cuda"))
+        expected = host.step(hdr, motion, t_ns=FRAME_NS * index)
+        packet = device.step(cuda(hdr), cuda(motion), t_ns=FRAME_NS * index)
+        np.testing.assert_array_equal(packet.offsets, expected.offsets)
+        np.testing.assert_array_equal(torch.from_dlpack(packet.t_ns).cpu().numpy(), expected.t_ns)
+        for env in (0, 1, count - 1):
+            for actual, wanted in zip(on_host(packet[env]), on_host(expected[env])):
+                np.testing.assert_array_equal(actual, wanted)
+        np.testing.assert_array_equal(device.voxel_grids(3).numpy(), host.voxel_grids(3))
+    assert device.statistics["host_copies"] == 0 and len(packet) > 500
+
+
+def test_cupy_and_jax_take_and_give():
+    import cupy
+    import jax
+
+    expected = run(camera(), count=5)
+    cam = camera(packets="cuda")
+    assert_same(events(cam, lambda hdr, motion: (cupy.asarray(hdr), cupy.asarray(motion))), expected)
+    packet = cam.step(*(cupy.asarray(a) for a in bars(40, 24, 5)), t_ns=FRAME_NS * 5)
+    assert int(cupy.asarray(packet.x).sum()) == int(packet.x.numpy().astype(np.int64).sum())
+    device = jax.devices("gpu")[0]
+    assert_same(
+        events(camera(), lambda h, m: (jax.device_put(h, device), jax.device_put(m, device))), expected
+    )
+    assert jax.dlpack.from_dlpack(packet.x).shape == (len(packet),)
+
+
+def test_warp_takes_and_gives():
+    """As Isaac Sim hands frames out: Warp arrays, some over memory that is another's."""
+    import warp as wp
+
+    wp.config.quiet = True
+    expected = run(camera(), count=5)
+    cam = camera(packets="cuda")
+    four = lambda motion: np.concatenate([motion, np.zeros_like(motion)], axis=2)
+    warp = lambda hdr, motion: (wp.array(hdr, device="cuda:0"), wp.array(four(motion), device="cuda:0"))
+    assert_same(events(cam, warp), expected)
+    assert cam.statistics["host_copies"] == 0
+    packet = cam.step(*warp(*bars(40, 24, 5)), t_ns=FRAME_NS * 5)
+    x = wp.from_dlpack(packet.x)
+    assert x.dtype == wp.int16 and x.ptr == _pointer(packet.x)
+    np.testing.assert_array_equal(x.numpy(), packet.x.numpy())
+
+
+def test_nothing_is_left_behind_over_ten_thousand_steps():
+    cam = esaac.EventCamera(
+        "dvs128", width=32, height=32, contrast_on=0.1, contrast_off=0.1, device="cuda:0", packets="cuda"
+    )
+    frames = [tuple(map(cuda, bars(32, 32, index))) for index in range(16)]
+
+    def steps(first, count):
+        for index in range(first, first + count):
+            packet = cam.step(*frames[index % 16], t_ns=FRAME_NS * index)
+            torch.from_dlpack(packet.t_ns)
+
+    steps(0, 1000)
+    gc.collect()
+    torch.cuda.synchronize()
+    before = torch.cuda.mem_get_info()[0]
+    steps(1000, 10_000)
+    gc.collect()
+    assert before - torch.cuda.mem_get_info()[0] < 16 << 20
+
+
+def test_a_closed_camera_and_a_wrong_device_are_told():
+    cam = camera(packets="cuda")
+    cam.step(*map(cuda, bars(40, 24, 0)), t_ns=0)
+    cam.close()
+    with pytest.raises(esaac.ClosedError):
+        cam.step(*map(cuda, bars(40, 24, 1)), t_ns=FRAME_NS)
+    software = [entry for entry in esaac.devices() if entry["suitable"] and entry["cuda"] is None]
+    for entry in software:
+        other = esaac.EventCamera("dvs128", **SIZE, device=entry["index"])
+        with pytest.raises(esaac.DeviceError, match="same UUID"):
+            other.step(*map(cuda, bars(40, 24, 0)), t_ns=0)
+    with pytest.raises(esaac.DeviceError, match="no CUDA device 64"):
+        camera(device="cuda:64")

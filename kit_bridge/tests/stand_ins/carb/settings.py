@@ -1,0 +1,13 @@
+"""F9: settings by path."""
+
+
+class _Settings(dict):
+    def set(self, path, value):
+        self[path] = value
+
+
+_SETTINGS = _Settings()
+
+
+def get_settings():
+    return _SETTINGS

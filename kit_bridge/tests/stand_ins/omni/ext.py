@@ -1,0 +1,5 @@
+"""Kit instantiates subclasses of `IExt` and calls `on_startup(ext_id)`."""
+
+
+class IExt:
+    pass

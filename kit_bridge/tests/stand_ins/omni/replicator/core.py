@@ -1,0 +1,181 @@
+"""Render products, annotators and writers, over a renderer of cubes.
+
+The renderer draws the front of every cube of the stage, as it stands before cameras that look along -z and are only
+moved; what light a cube gives is its bound material's `emissive_intensity`, else .8. That is enough to check what a
+writer makes of frames, and no more.
+"""
+
+import types
+
+import numpy as np
+import warp as wp
+from pxr import UsdGeom, UsdShade
+
+import omni.usd
+
+wp.config.quiet = True
+
+BACKGROUND = 0.05
+RATE_HZ = 60.0
+
+faults = types.SimpleNamespace(
+    empty_frames=2, negate_motion=False, gamma=False, stopped_clock=False, repeat=False, suffix=True
+)
+"""What the renderer gets wrong; tests set it."""
+
+_PRODUCTS = []
+_WRITERS = {}
+_FRAME = 0
+
+
+class RenderProduct:
+    def __init__(self, camera, resolution):
+        self.camera, self.resolution = camera, resolution
+        self.path = f"/Render/RenderProduct_{len(_PRODUCTS)}"
+        self.writers, self.drawn, self.before = [], 0, {}
+        _PRODUCTS.append(self)
+
+    def destroy(self):
+        _PRODUCTS.remove(self)
+
+
+class create:
+    @staticmethod
+    def render_product(camera, resolution):
+        return RenderProduct(camera, resolution)
+
+
+class AnnotatorRegistry:
+    @staticmethod
+    def get_annotator(name, device="cpu", do_array_copy=True, init_params=None):
+        """F2: an annotator that a writer lists."""
+        return types.SimpleNamespace(
+            name=name, device=device, do_array_copy=do_array_copy, init_params=init_params
+        )
+
+
+class Writer:
+    """F1: subclasses list annotators in `__init__` and have `write`."""
+
+    def attach(self, products):
+        self.products = list(products)
+        for product in self.products:
+            product.writers.append(self)
+
+    def detach(self):
+        for product in self.products:
+            product.writers.remove(self)
+
+
+class WriterRegistry:
+    @staticmethod
+    def register(kind):
+        _WRITERS[kind.__name__] = kind
+
+
+class _Blank:
+    """A writer before `initialize`, which makes a new one of its registered kind."""
+
+    def __init__(self, kind):
+        self._kind, self._made = kind, None
+
+    def initialize(self, **parameters):
+        self._made = self._kind(**parameters)
+
+    def __getattr__(self, name):
+        return getattr(self._made, name)
+
+
+class writers:
+    @staticmethod
+    def get(name):
+        return _Blank(_WRITERS[name])
+
+
+def reset():
+    """As new, with all faults gone."""
+    global _FRAME
+    _FRAME = 0
+    _PRODUCTS.clear()
+    faults.__dict__.update(
+        empty_frames=2, negate_motion=False, gamma=False, stopped_clock=False, repeat=False, suffix=True
+    )
+
+
+def draw():
+    """One frame of every render product, handed to its writers."""
+    global _FRAME
+    stage = omni.usd.get_context().get_stage()
+    for product in list(_PRODUCTS):
+        for _ in range(2 if faults.repeat else 1):  # F6
+            data = _data(product, stage, _FRAME)
+            for writer in list(product.writers):
+                listed = {a.name for a in writer.annotators}
+                writer.write({key: value for key, value in data.items() if key.split("-")[0] in listed})
+            for value in data.values():  # F7
+                if isinstance(value, wp.array) and value.size:
+                    value.fill_(7.0)
+        product.drawn += 1
+    _FRAME += 1
+
+
+def _data(product, stage, frame):
+    width, height = product.resolution
+    hdr = np.full((height, width, 4), BACKGROUND, np.float16)
+    motion = np.zeros((height, width, 4), np.float32)
+    depth = np.full((height, width), np.inf, np.float32)
+    first = product.drawn == 0
+    for cube, (x0, x1, y0, y1, z, centre) in _cubes(stage, product.camera, width, height):
+        ys, xs = slice(max(y0, 0), max(min(y1, height), 0)), slice(max(x0, 0), max(min(x1, width), 0))
+        light = _light(stage, cube)
+        hdr[ys, xs] = np.sqrt(light) if faults.gamma else light
+        depth[ys, xs] = z
+        before = product.before.get(cube, centre)
+        moved = (before[0] - centre[0], before[1] - centre[1])  # F3
+        if first:
+            moved = (99.0, -99.0)  # F4
+        motion[ys, xs, :2] = np.negative(moved) if faults.negate_motion else moved
+        product.before[cube] = centre
+    suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
+    if product.drawn < faults.empty_frames:  # F4
+        hdr, motion, depth = (
+            np.empty((0,), np.float16),
+            np.empty((0,), np.float32),
+            np.empty((0,), np.float32),
+        )
+    seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
+    of = lambda array: wp.array(np.squeeze(array), device="cpu")  # F2
+    return {
+        f"HdrColor{suffix}": of(hdr),
+        f"motion_vectors{suffix}": of(motion),
+        f"distance_to_image_plane{suffix}": of(depth),
+        f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
+    }
+
+
+def _cubes(stage, camera_path, width, height):
+    camera = UsdGeom.Camera(stage.GetPrimAtPath(camera_path))
+    eye = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(0).ExtractTranslation())
+    focal = camera.GetFocalLengthAttr().Get() / camera.GetHorizontalApertureAttr().Get() * width
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdGeom.Cube):
+            continue
+        cube = UsdGeom.Cube(prim)
+        half = cube.GetSizeAttr().Get() / 2
+        at = np.array(UsdGeom.Xformable(cube).ComputeLocalToWorldTransform(0).ExtractTranslation()) - eye
+        front = -at[2] - half
+        if front <= 0.1:
+            continue
+        u = width / 2 + focal * at[0] / front
+        v = height / 2 - focal * at[1] / front
+        reach = focal * half / front
+        edges = [round(u - reach), round(u + reach), round(v - reach), round(v + reach)]
+        yield str(prim.GetPath()), (*edges, front, (u, v))
+
+
+def _light(stage, path):
+    material, _ = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath(path)).ComputeBoundMaterial()
+    if material:
+        shader = UsdShade.Shader(stage.GetPrimAtPath(f"{material.GetPath()}/shader"))
+        return shader.GetInput("emissive_intensity").Get()
+    return 0.8

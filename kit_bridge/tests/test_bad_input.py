@@ -1,0 +1,263 @@
+"""Bad input is a clear exception, and the camera goes on after it."""
+
+import gc
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+from conftest import FRAME_NS, assert_same, bars, run
+
+import esaac
+
+
+def camera(**parameters):
+    return esaac.EventCamera("dvs128", width=40, height=24, contrast_on=0.15, contrast_off=0.15, **parameters)
+
+
+HDR, MOTION = bars(40, 24, 0)
+
+
+@pytest.mark.parametrize(
+    ("hdr", "motion", "message"),
+    [
+        (HDR.astype(np.float64), MOTION, "hdr has dtype <f8, expected float16, float32 or uint8"),
+        (HDR.astype(">f4"), MOTION, "hdr has dtype >f4"),
+        (HDR.astype(object), MOTION, "dtype"),
+        (HDR.tolist(), MOTION, "hdr has dtype <f8"),
+        (None, MOTION, "hdr has dtype"),
+        (HDR, MOTION.astype(np.uint8), "motion has dtype uint8, expected float16 or float32"),
+        (HDR, MOTION.astype(np.int32), "motion has dtype <i4, expected float16 or float32"),
+        (HDR[:-1], MOTION, r"hdr has shape \[23, 40, 4\], expected \(24, 40, 1 or 3 or 4\)"),
+        (HDR[..., :2], MOTION, r"hdr has shape \[24, 40, 2\]"),
+        (HDR[None], MOTION, "hdr has shape"),
+        (HDR, MOTION[..., :1], r"motion has shape \[24, 40, 1\], expected \(24, 40, 2 or 3 or 4\)"),
+        (HDR, MOTION[:, :5], "motion has shape"),
+        (HDR, None, "needs motion vectors"),
+    ],
+)
+def test_a_wrong_array_is_named(hdr, motion, message):
+    cam = camera()
+    with pytest.raises(esaac.FrameError, match=message):
+        cam.step(hdr, motion, t_ns=0)
+    # Nothing was seen: the camera is as new.
+    assert_same(run(cam), run(camera()))
+
+
+def test_later_frames_are_as_the_first():
+    cam = camera()
+    cam.step(HDR, MOTION, t_ns=0)
+    with pytest.raises(esaac.FrameError, match="f16 colour.*expected f32 colour"):
+        cam.step(HDR.astype(np.float16), MOTION, t_ns=FRAME_NS)
+    with pytest.raises(esaac.FrameError, match="without motion.*expected"):
+        cam.step(HDR, t_ns=FRAME_NS)
+    assert len(cam.step(*bars(40, 24, 1), t_ns=FRAME_NS)) > 100
+
+
+def test_time_goes_forwards_and_not_too_far():
+    cam = camera()
+    cam.step(HDR, MOTION, t_ns=FRAME_NS)
+    for t_ns in (FRAME_NS, 0, -5):
+        with pytest.raises(esaac.FrameError, match=f"frame time {t_ns} ns is not after"):
+            cam.step(HDR, MOTION, t_ns=t_ns)
+    with pytest.raises(esaac.FrameError, match="gap of"):
+        cam.step(HDR, MOTION, t_ns=5_000_000_000)
+    with pytest.raises((TypeError, OverflowError)):
+        cam.step(HDR, MOTION, t_ns=1 << 70)
+    with pytest.raises(TypeError):
+        cam.step(HDR, MOTION, t_ns=0.5)
+    cam.reset()
+    assert len(cam.step(HDR, MOTION, t_ns=0)) == 0
+
+
+def test_a_closed_camera_says_so_and_its_packets_stay():
+    with camera() as cam:
+        cam.step(HDR, MOTION, t_ns=0)
+        packet = cam.step(*bars(40, 24, 1), t_ns=FRAME_NS)
+        assert not cam.closed
+    assert cam.closed
+    cam.close()
+    for call in (
+        lambda: cam.step(HDR, MOTION, t_ns=2 * FRAME_NS),
+        cam.event_frame,
+        cam.reset,
+        cam.memory,
+        cam.save,
+        lambda: cam.sensor,
+        lambda: cam.statistics,
+    ):
+        with pytest.raises(esaac.ClosedError, match="closed"):
+            call()
+    gc.collect()
+    assert packet.x.sum() > 0 and packet.t_ns[-1] <= FRAME_NS
+
+
+def test_arrays_freed_by_their_owner_are_kept_for_the_step():
+    def only_reference(hdr, motion):
+        return hdr.copy(), motion.copy()
+
+    expected = run(camera())
+    cam, packets = camera(), []
+    for index in range(4):
+        hdr, motion = only_reference(*bars(40, 24, index))
+        packets.append(cam.step(hdr, motion, t_ns=FRAME_NS * index))
+        del hdr, motion
+        gc.collect()
+    np.testing.assert_array_equal(np.concatenate([p.x for p in packets]), expected[0])
+
+
+def test_devices_are_listed_and_wrong_ones_refused():
+    listed = esaac.devices()
+    assert any(entry["suitable"] for entry in listed)
+    best = camera().device
+    assert best["uuid"] in {entry["uuid"] for entry in listed}
+    with camera(device=best["uuid"]) as cam:
+        assert cam.device == best
+    with pytest.raises(esaac.DeviceError, match="no Vulkan device 99"):
+        camera(device=99)
+    with pytest.raises(esaac.ArgumentError, match="expected a device's number or its UUID"):
+        camera(device="best")
+    with pytest.raises(esaac.ArgumentError, match="cuda:N"):
+        camera(device="cuda:x")
+    with pytest.raises(esaac.ArgumentError, match="`host` or `cuda`"):
+        camera(packets="gpu")
+
+
+def test_two_cameras_in_two_threads_give_what_each_gives_alone():
+    expected = run(camera(seed=1), count=8), run(camera(seed=2), count=8)
+    cameras, results = (camera(seed=1), camera(seed=2)), [None, None]
+
+    def work(number):
+        results[number] = run(cameras[number], count=8)
+
+    threads = [threading.Thread(target=work, args=(number,)) for number in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for actual, wanted in zip(results, expected):
+        assert_same(actual, wanted)
+
+
+def test_threads_on_one_camera_wait_for_each_other():
+    cam, faults, done = camera(), [], []
+    clock = iter(range(1000))
+    lock = threading.Lock()
+
+    def work():
+        for _ in range(10):
+            with lock:
+                t_ns = FRAME_NS * next(clock)
+            try:
+                done.append(len(cam.step(HDR, MOTION, t_ns=t_ns)))
+            except esaac.FrameError as error:
+                # Another thread was faster.
+                faults.append(str(error))
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(done) + len(faults) == 40 and all("is not after" in fault for fault in faults)
+
+
+def test_the_interpreter_is_free_while_the_device_works():
+    cam = esaac.EventCamera("vga")
+    hdr, motion = bars(640, 480, 0)
+    cam.step(hdr, motion, t_ns=0)
+    ticks, going = [0], threading.Event()
+
+    def count():
+        while not going.is_set():
+            ticks[0] += 1
+            going.wait(0.0005)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    before = ticks[0]
+    cam.step(*bars(640, 480, 1), t_ns=FRAME_NS)
+    during = ticks[0] - before
+    going.set()
+    thread.join()
+    assert during >= 2
+
+
+def test_an_interrupt_is_raised_after_a_whole_step():
+    expected = run(camera(), count=6)
+    cam, packets = camera(), []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    old = signal.signal(signal.SIGALRM, interrupt)
+    interrupts = 0
+    try:
+        for index in range(6):
+            signal.setitimer(signal.ITIMER_REAL, 0.0005)
+            try:
+                packets.append(cam.step(*bars(40, 24, index), t_ns=FRAME_NS * index))
+                signal.setitimer(signal.ITIMER_REAL, 0)
+            except KeyboardInterrupt:
+                interrupts += 1
+                # The step may be done or not begun; the camera knows, and neither state is broken.
+                cam.reset()
+                return_to = index
+                packets.clear()
+                cam = camera()
+                signal.setitimer(signal.ITIMER_REAL, 0)
+                for again in range(return_to + 1):
+                    packets.append(cam.step(*bars(40, 24, again), t_ns=FRAME_NS * again))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, old)
+    assert interrupts > 0
+    np.testing.assert_array_equal(np.concatenate([p.x for p in packets]), expected[0])
+
+
+def test_a_forked_child_is_told_and_harms_nothing():
+    cam = camera()
+    cam.step(HDR, MOTION, t_ns=0)
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            cam.step(*bars(40, 24, 1), t_ns=FRAME_NS)
+            verdict = "no error"
+        except esaac.ForkError as error:
+            verdict = "fork error" if "after the fork" in str(error) else str(error)
+        except BaseException as error:
+            verdict = repr(error)
+        os.write(write, verdict.encode())
+        del cam
+        gc.collect()
+        os._exit(0)
+    os.close(write)
+    _, status = os.waitpid(child, 0)
+    assert os.read(read, 1000).decode() == "fork error" and status == 0
+    assert len(cam.step(*bars(40, 24, 1), t_ns=FRAME_NS)) > 100
+
+
+def test_memory_stays_where_it_is_over_ten_thousand_steps():
+    cam = esaac.EventCamera("dvs128", width=8, height=8, contrast_on=0.1, contrast_off=0.1)
+    frames = [bars(8, 8, index) for index in range(16)]
+    page = os.sysconf("SC_PAGE_SIZE")
+
+    def resident():
+        gc.collect()
+        with open("/proc/self/statm") as statm:
+            return int(statm.read().split()[1]) * page
+
+    def steps(first, count):
+        for index in range(first, first + count):
+            packet = cam.step(*frames[index % 16], t_ns=FRAME_NS * index)
+            _ = packet.t_ns, packet.x
+            if index % 100 == 0:
+                cam.event_frame()
+
+    steps(0, 1000)
+    before, uses = resident(), cam.memory()
+    steps(1000, 10_000)
+    assert resident() - before < 4 << 20
+    assert cam.memory() == uses

@@ -1,0 +1,355 @@
+"""The extension `esaac.sim` on real USD stages and real Warp arrays, with stand-ins for Kit (see `stand_ins`)."""
+
+import asyncio
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+from pxr import Gf, Plug, Sdf, Usd, UsdGeom
+
+HERE = pathlib.Path(__file__).parent
+EXTENSION = HERE.parent / "exts/esaac.sim"
+sys.path[:0] = [str(HERE / "stand_ins"), str(EXTENSION)]
+
+import carb
+import carb.settings
+import omni.kit.app
+import omni.kit.menu.utils
+import omni.timeline
+import omni.ui
+import omni.usd
+from omni.replicator import core as rep
+
+import esaac
+from esaac_sim import self_test, sinks
+from esaac_sim.bridge import SETTINGS, Bridge
+from esaac_sim.extension import Extension, Log
+from esaac_sim.frames import FrameUnusable, frame_of
+from esaac_sim.schema import API, SchemaError, cameras, register, spec_of
+
+APP = omni.kit.app.get_app()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def schema():
+    """The schema as the extension registers it."""
+    register()
+    assert Plug.Registry().GetPluginWithName("esaacSim")
+
+
+@pytest.fixture
+def stage():
+    rep.reset()
+    carb.LINES.clear()
+    settings = carb.settings.get_settings()
+    settings.clear()
+    settings.set(SETTINGS + "self_test", False)
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.Cube.Define(stage, "/cube").AddTranslateOp().Set(Gf.Vec3d(-0.5, 0.2, 0))
+    camera(stage, "/camera", sensor="dvs128", overrides="width = 64\nheight = 48\ncontrast_on = 0.15  # more")
+    omni.usd.get_context().stage = stage
+    yield stage
+    omni.usd.get_context().stage = None
+
+
+KINDS = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, str: Sdf.ValueTypeNames.Token}
+
+
+def camera(stage, path, **attributes):
+    prim = UsdGeom.Camera.Define(stage, path)
+    prim.AddTranslateOp().Set(Gf.Vec3d(0, 0, 8))
+    prim.CreateHorizontalApertureAttr(20.955)
+    prim.CreateFocalLengthAttr(24.0)
+    for name, value in attributes.items():
+        kind = Sdf.ValueTypeNames.TokenArray if isinstance(value, list) else KINDS[type(value)]
+        kind = Sdf.ValueTypeNames.String if name == "overrides" else kind
+        prim.GetPrim().CreateAttribute(f"esaac:{name}", kind).Set(value)
+    return prim.GetPrim()
+
+
+def move(stage, frames, first=0, speed=0.02):
+    place = stage.GetPrimAtPath("/cube").GetAttribute("xformOp:translate")
+    for index in range(first, first + frames):
+        place.Set(Gf.Vec3d(-0.5 + speed * index, 0.2, 0))
+        APP.update()
+
+
+def bridge():
+    return Bridge(carb.settings.get_settings(), Log())
+
+
+def test_attributes_and_the_applied_schema_make_event_cameras(stage):
+    plain = UsdGeom.Camera.Define(stage, "/plain")
+    applied = UsdGeom.Camera.Define(stage, "/applied").GetPrim()
+    assert applied.ApplyAPI(API) and applied.HasAPI(API)
+    assert applied.GetAttribute("esaac:sensor").Get() == "davis346"
+    applied.GetAttribute("esaac:mode").Set("linear")
+    camera(stage, "/off", enabled=False)
+    specs, errors = cameras(stage)
+    assert [spec.path for spec in specs] == ["/camera", "/applied"] and not errors
+    assert (specs[0].sensor.width, specs[0].sensor.contrast_on, specs[0].topic) == (64, 0.15, "/camera")
+    assert (specs[1].sensor.name, specs[1].sensor.synthesis, specs[1].packets) == (
+        "davis346",
+        "linear",
+        "host",
+    )
+    assert not plain.GetPrim().HasAPI(API)
+    # Defaults of the schema are those of a camera without it.
+    bare = spec_of(camera(stage, "/bare", sensor="davis346", mode="linear"))
+    assert bare.sensor == specs[1].sensor and bare.outputs == specs[1].outputs
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"sensor": "davis"}, "/wrong: .*genx320"),
+        ({"sensr": "davis346"}, "/wrong: unknown attribute esaac:sensr, expected one of esaac:enabled"),
+        ({"overrides": "contrast_on = 99"}, "/wrong: .*contrast_on.*99"),
+        ({"overrides": "contrast_on"}, "line 1: `contrast_on`, expected `name = value`"),
+        ({"outputs": ["frames"]}, "has `frames`, expected events"),
+        ({"packets": "gpu"}, "is `gpu`, expected host or cuda"),
+    ],
+)
+def test_wrong_attributes_name_prim_and_value(stage, attributes, message):
+    prim = camera(stage, "/wrong", **attributes)
+    with pytest.raises(SchemaError, match=message):
+        spec_of(prim)
+    running = bridge()
+    assert running.attach(stage) == 1 and len(running.problems) == 1
+    assert carb.LINES[-1][0] == "error" and "/wrong" in carb.LINES[-1][1]
+    running.detach()
+
+
+def test_a_moving_cube_sends_events_from_the_renderers_memory(stage):
+    camera(
+        stage,
+        "/second",
+        sensor="dvs128",
+        overrides="width = 32\nheight = 24",
+        outputs=["events", "voxel_grid", "aps"],
+    )
+    running = bridge()
+    assert running.attach(stage) == 2
+    move(stage, 20)
+    first, second = running.feeds
+    assert first.frames == 18 and first.unusable == 2 and not first.faults, first.message
+    assert first.events > 200 and first.message == "running"
+    assert (np.diff(first.packet.t_ns) >= 0).all() and first.packet.watermark_ns == round(19 / 60 * 1e9)
+    assert set(second.forms) == {"voxel_grid", "aps"} and second.forms["aps"].pixels.shape == (24, 32)
+    assert first.rates[0] > 0 and first.latency_ms > 0 and first.memory_bytes > 0
+    # The same frames, without a bridge.
+    alone = esaac.EventCamera(first.spec.sensor)
+    again = Expected(stage, first.spec.sensor)
+    move(stage, 3, first=20)
+    assert again.events(alone) == first.packet.x.tolist()
+    running.detach()
+    again.close()
+    assert not running.attached and not rep._PRODUCTS
+
+
+class Expected:
+    """A second writer on the same camera that copies what it is handed."""
+
+    def __init__(self, stage, sensor):
+        from esaac_sim.writer import EsaacEventWriter
+
+        self.frames, self.sensor = [], sensor
+        self.product = rep.create.render_product("/camera", (sensor.width, sensor.height))
+        rep.faults.empty_frames = 0
+        self.writer = EsaacEventWriter(self.keep)
+        self.writer.attach([self.product])
+
+    def keep(self, data):
+        frame = frame_of(data, self.sensor.width, self.sensor.height)
+        self.frames.append((frame.hdr.numpy().copy(), frame.motion.numpy().copy(), frame.t_ns))
+
+    def events(self, cam):
+        for hdr, motion, t_ns in self.frames:
+            packet = cam.step(hdr, motion, t_ns=t_ns)
+        return packet.x.tolist()
+
+    def close(self):
+        self.writer.detach()
+        self.product.destroy()
+
+
+def test_repeated_frames_rewinds_and_long_gaps_are_counted(stage):
+    rep.faults.repeat = True
+    running = bridge()
+    running.attach(stage)
+    move(stage, 8)
+    feed = running.feeds[0]
+    assert feed.duplicates == feed.frames and feed.gaps == 0
+    rep._FRAME = 0
+    move(stage, 3)
+    assert feed.gaps == 1
+    rep._FRAME = 600
+    move(stage, 3)
+    assert feed.gaps == 2 and feed.faults == 0, feed.message
+    running.detach()
+
+
+@pytest.mark.parametrize("suffix", [True, False])
+def test_keys_with_and_without_the_products_name_are_found(stage, suffix):
+    rep.faults.suffix = suffix
+    running = bridge()
+    running.attach(stage)
+    move(stage, 6)
+    assert running.feeds[0].frames == 4
+    running.detach()
+
+
+def test_frames_of_the_wrong_kind_are_told_and_skipped(stage):
+    good = np.zeros((4, 5, 4), np.float16)
+    data = {"HdrColor": good, "motion_vectors": good.astype(np.float32), "IsaacReadSimulationTime": 1.5}
+    assert frame_of(data, 5, 4).t_ns == 1_500_000_000
+    wrapped = {
+        **data,
+        "HdrColor": {"data": good, "info": {}},
+        "IsaacReadSimulationTime": {"data": np.float64(2)},
+    }
+    assert frame_of(wrapped, 5, 4).t_ns == 2_000_000_000
+    for change, message in (
+        ({"HdrColor": good[..., :3]}, r"HdrColor has shape \(4, 5, 3\), expected \(4, 5, 4\)"),
+        ({"motion_vectors": np.empty((0,))}, "motion_vectors is empty"),
+        ({"IsaacReadSimulationTime": {"time": 1}}, r"keys \['time'\]"),
+    ):
+        with pytest.raises(FrameUnusable, match=message):
+            frame_of({**data, **change}, 5, 4)
+    del data["HdrColor"]
+    with pytest.raises(FrameUnusable, match="no HdrColor among"):
+        frame_of(data, 5, 4)
+
+
+def checked(stage, **faults):
+    carb.settings.get_settings().set(SETTINGS + "self_test", True)
+    rep.faults.__dict__.update(faults)
+    running = bridge()
+    asyncio.run(running.self_test(APP, stage))
+    assert not stage.GetPrimAtPath("/EsaacSelfTest") and not rep._PRODUCTS
+    return running, {check.name: check for check in running.checks}
+
+
+def test_the_self_test_passes_on_a_renderer_that_keeps_its_word(stage):
+    running, checks = checked(stage)
+    assert set(checks) == {"frames", "motion", "light", "clock", "memory"}
+    assert all(check.holds for check in checks.values()), checks
+    asyncio.run(running.self_test(APP, stage))
+    assert running.attach(stage) == 1 and not running.problems
+    running.detach()
+
+
+def test_wrong_motion_vectors_switch_the_synthesis(stage):
+    running, checks = checked(stage, negate_motion=True)
+    assert not checks["motion"].holds and "they are negated" in checks["motion"].message
+    assert running.attach(stage) == 1
+    assert "mode `linear` is used" in running.problems[0]
+    assert running.feeds[0].spec.sensor.synthesis == "linear"
+    running.detach()
+
+
+def test_a_curve_a_stopped_clock_and_empty_frames_are_told(stage):
+    _, checks = checked(stage, gamma=True)
+    assert not checks["light"].holds and "exposure or a curve" in checks["light"].message
+    running, checks = checked(stage, gamma=False, stopped_clock=True)
+    assert not checks["clock"].holds
+    stage.GetPrimAtPath("/camera").CreateAttribute("esaac:publish", Sdf.ValueTypeNames.Bool).Set(True)
+    running.attach(stage)
+    assert "nothing is published" in running.problems[0]
+    running.detach()
+    running, checks = checked(stage, stopped_clock=False, empty_frames=1000)
+    assert not checks["frames"].holds and running.attach(stage) == 0
+    assert "no camera is attached" in running.problems[0]
+
+
+def test_publishing_that_is_not_built_in_is_said(stage):
+    stage.GetPrimAtPath("/camera").CreateAttribute("esaac:publish", Sdf.ValueTypeNames.Bool).Set(True)
+    running = bridge()
+    assert running.attach(stage) == 1
+    assert "publishing is not built into this installation" in running.problems[0]
+    move(stage, 6)
+    assert running.feeds[0].frames == 4
+    running.detach()
+
+
+def test_recordings_are_files_when_the_run_ends(stage, tmp_path):
+    carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path))
+    running = bridge()
+    running.attach(stage)
+    move(stage, 12)
+    events = running.feeds[0].events
+    running.detach()
+    assert len(np.load(tmp_path / "camera.npz")["t"]) == events > 100
+
+
+def test_a_fault_in_a_sink_ends_nothing(stage):
+    running = bridge()
+    running.attach(stage)
+    feed = running.feeds[0]
+    feed.sinks.append(lambda feed, packet: 1 / 0)
+    move(stage, 6)
+    assert feed.frames == 4 and feed.faults == 4 and "division by zero" in feed.message
+    running.detach()
+
+
+def test_exposure_is_pinned_while_cameras_run_and_given_back(stage):
+    settings = carb.settings.get_settings()
+    settings.set("/rtx/post/aa/op", 3)
+    running = bridge()
+    running.attach(stage)
+    assert settings.get("/rtx/post/aa/op") == 0 and settings.get("/rtx/post/histogram/enabled") is False
+    running.detach()
+    assert settings.get("/rtx/post/aa/op") == 3
+
+
+def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
+    async def session():
+        extension = Extension()
+        extension.on_startup("esaac.sim")
+        item = omni.kit.menu.utils.MENUS["Window"][-1]
+        assert item.name == "Event cameras"
+        omni.timeline.get_timeline_interface().play()
+        assert await extension._task == 1
+        item.onclick_fn()
+        APP.update()
+        move(stage, 12)
+        window, feed = extension.window, extension.bridge.feeds[0]
+        (row,) = window._rows
+        assert "running" in row[1].text and "64x48" in row[1].text
+        assert row[3].data and min(row[3].data) < 255
+        slider = omni.ui.SLIDERS[0]
+        slider.model.edit(0.5)
+        assert feed.camera.sensor.contrast_on == 0.5
+        slider.model.edit(99.0)
+        assert "contrast_on" in feed.message and feed.camera.sensor.contrast_on == 0.5
+        omni.timeline.get_timeline_interface().stop()
+        assert not extension.bridge.attached and feed.camera.closed
+        APP.update()
+        extension.on_shutdown()
+        assert item not in omni.kit.menu.utils.MENUS["Window"] and window._window.destroyed
+
+    asyncio.run(session())
+
+
+def test_the_extensions_files_are_those_that_it_names():
+    import tomllib
+
+    config = tomllib.loads((EXTENSION / "config/extension.toml").read_text())
+    package = config["package"]
+    for file in ("readme", "changelog", "preview_image", "icon"):
+        assert (EXTENSION / package[file]).is_file(), file
+    assert (EXTENSION / config["python"]["module"][0]["name"] / "__init__.py").is_file()
+    assert f"## {package['version']}" in (EXTENSION / package["changelog"]).read_text()
+    named = {name for table in config["settings"]["exts"].values() for name in table}
+    used = (EXTENSION / "esaac_sim").rglob("*.py")
+    text = "".join(path.read_text() for path in used)
+    assert named == {name for name in named if f'setting("{name}"' in text}
+
+
+def test_every_check_says_what_it_switches_off():
+    frames = [{}]
+    (check,) = self_test.judge(frames)
+    assert not check.holds and self_test.disabled([check]) == {"everything"}
+    assert sinks.Recorder.name == "recorder"

@@ -1,0 +1,120 @@
+"""Rigs of different cameras, and tiled frames of many environments."""
+
+import numpy as np
+import pytest
+from conftest import FRAME_NS, assert_same, bars, join, run
+
+import esaac
+
+SENSOR = esaac.SensorModel(
+    "dvs128", width=24, height=16, contrast_on=0.15, contrast_off=0.15, profile="noisy"
+)
+
+
+def tiles(count, index, height=16, width=24):
+    """Every environment sees the bars at another phase."""
+    pairs = [bars(width, height, index + 0.3 * env) for env in range(count)]
+    return np.stack([hdr for hdr, _ in pairs]), np.stack([motion for _, motion in pairs])
+
+
+def test_a_rig_gives_what_its_cameras_give_alone():
+    sensors = [SENSOR.replace(seed=3), SENSOR.replace(width=40, height=24, intensity="bayer_rggb")]
+    with esaac.Rig(sensors) as rig:
+        assert len(rig) == 2 and rig.sensors == sensors
+        ticks = [rig.step([bars(24, 16, i), bars(40, 24, i)], FRAME_NS * i) for i in range(5)]
+        frames = rig.event_frames()
+        assert [frame.shape for frame in frames] == [(2, 16, 24), (2, 24, 40)]
+        assert [int(frame.sum()) for frame in frames] == [len(packet) for packet in ticks[-1]]
+        assert [grid.shape for grid in rig.voxel_grids(3)] == [(3, 16, 24), (3, 24, 40)]
+        assert len(rig.statistics["cameras"]) == 2
+    alone = run(esaac.EventCamera(sensors[0]), count=5, width=24, height=16)
+    assert_same(join([tick[0] for tick in ticks]), alone)
+    # The second camera has a number of its own in every random draw, so only its size can be compared.
+    assert len(join([tick[1] for tick in ticks])[0]) > 500
+
+
+def test_cameras_without_a_frame_wait():
+    rig = esaac.Rig([SENSOR.replace(seed=1), SENSOR.replace(seed=2)])
+    with pytest.raises(esaac.FrameError, match="first step needs a frame of every camera"):
+        rig.step([bars(24, 16, 0), None], [0, None])
+    rig.step([bars(24, 16, 0)] * 2, 0)
+    first = rig.step([bars(24, 16, 1), None], [FRAME_NS, None])
+    assert len(first[0]) > 0 and len(first[1]) == 0
+    late = rig.step([None, bars(24, 16, 1)], [None, FRAME_NS])
+    assert len(late[0]) == 0 and len(late[1]) > 0
+    with pytest.raises(esaac.FrameError, match="1 frames and 2 times for 2 cameras"):
+        rig.step([bars(24, 16, 2)], [0, 0])
+    with pytest.raises(esaac.FrameError, match="camera 1: frame time 0 ns"):
+        rig.step([bars(24, 16, 2)] * 2, [2 * FRAME_NS, 0])
+    # That tick did not happen for any camera.
+    assert len(rig.step([bars(24, 16, 2)] * 2, 2 * FRAME_NS)[0]) > 0
+    with pytest.raises(esaac.ArgumentError, match="no camera 2"):
+        rig.reset([2])
+    with pytest.raises(esaac.ArgumentError, match="at least one"):
+        esaac.Rig([])
+
+
+def test_environments_are_cameras_of_a_rig():
+    count = 5
+    with esaac.TiledEventCamera(SENSOR, count) as tiled, esaac.Rig([SENSOR] * count) as rig:
+        for index in range(4):
+            hdr, motion = tiles(count, index)
+            packet = tiled.step(hdr, motion, t_ns=FRAME_NS * index)
+            packets = rig.step(list(zip(hdr, motion)), FRAME_NS * index)
+            assert packet.offsets.dtype == np.int64 and len(packet.offsets) == count + 1
+            for env, expected in enumerate(packets):
+                part = packet[env]
+                for name in ("x", "y", "t_ns", "p"):
+                    np.testing.assert_array_equal(getattr(part, name), getattr(expected, name))
+            frames, grids = tiled.event_frames(), tiled.voxel_grids(4)
+            assert frames.shape == (count, 2, 16, 24) and grids.shape == (count, 4, 16, 24)
+            for env, (frame, grid) in enumerate(zip(rig.event_frames(), rig.voxel_grids(4))):
+                np.testing.assert_array_equal(frames[env], frame)
+                np.testing.assert_array_equal(grids[env], grid)
+        assert len(packet) > 500
+        np.testing.assert_array_equal(packet[-1].x, packet[count - 1].x)
+        with pytest.raises(IndexError, match="camera 5 of 5"):
+            packet[count]
+        with pytest.raises(TypeError, match="one camera"):
+            packet[0][0]
+
+
+def test_chosen_environments_begin_anew():
+    tiled = esaac.TiledEventCamera(SENSOR, 4)
+    for index in range(2):
+        tiled.step(*tiles(4, index), t_ns=FRAME_NS * index)
+    tiled.reset(np.array([1, 3]))
+    packet = tiled.step(*tiles(4, 2), t_ns=FRAME_NS * 2)
+    assert [len(packet[env]) > 0 for env in range(4)] == [True, False, True, False]
+    # Their clocks may begin anew as well.
+    tiled.reset([0])
+    packet = tiled.step(*tiles(4, 3), t_ns=[0, *[FRAME_NS * 3] * 3])
+    assert [len(packet[env]) > 0 for env in range(4)] == [False, True, True, True]
+    with pytest.raises(esaac.ArgumentError, match="3 times for 4"):
+        tiled.step(*tiles(4, 4), t_ns=[1, 2, 3])
+    with pytest.raises(esaac.FrameError, match=r"hdr has shape \[3, 16, 24, 4\], expected \(4, 16, 24"):
+        tiled.step(*tiles(3, 4), t_ns=FRAME_NS * 4)
+    with pytest.raises(esaac.ArgumentError, match="num_envs"):
+        esaac.TiledEventCamera(SENSOR, 0)
+
+
+def test_more_environments_than_a_rig_holds_are_one_camera_all_the_same():
+    sensor = esaac.SensorModel("dvs128", width=8, height=8, contrast_on=0.15, contrast_off=0.15)
+    count = 300
+    many = esaac.TiledEventCamera(sensor, count)
+    few = esaac.TiledEventCamera(sensor, 44)
+    for index in range(3):
+        hdr, motion = tiles(count, index, 8, 8)
+        packet = many.step(hdr, motion, t_ns=FRAME_NS * index)
+        last = few.step(hdr[256:], motion[256:], t_ns=FRAME_NS * index)
+    np.testing.assert_array_equal(packet.x[packet.offsets[256] :], last.x)
+    np.testing.assert_array_equal(packet.t_ns[packet.offsets[256] :], last.t_ns)
+    assert many.event_frames().shape == (count, 2, 8, 8)
+    np.testing.assert_array_equal(many.event_frames()[256:], few.event_frames())
+    assert max(use["camera"] for use in many.memory() if use["camera"] is not None) == count - 1
+    saved = many.save()
+    again = esaac.TiledEventCamera(sensor, count)
+    again.restore(saved)
+    hdr, motion = tiles(count, 3, 8, 8)
+    a, b = (c.step(hdr, motion, t_ns=FRAME_NS * 3) for c in (many, again))
+    np.testing.assert_array_equal(a.t_ns, b.t_ns)

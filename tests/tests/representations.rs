@@ -1,0 +1,189 @@
+//! Forms of packets that the device makes, against the packets themselves and the oracle.
+
+use esaac_engine::ash::vk;
+use esaac_engine::{
+    Around, FrameBytes, InputBuffers, MemoryLocation, Representation, Rig, RigOptions, Share,
+};
+use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, Synthesis};
+use esaac_oracle::represent::{event_frame, voxel_grid};
+use esaac_scene::SceneKind;
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{Sequence, scene, times};
+use esaac_tests::run::camera;
+
+const SIZES: [(u32, u32); 3] = [(37, 23), (24, 16), (8, 8)];
+
+/// A first frame and two intervals.
+const FRAMES: usize = 3;
+
+fn sensor((width, height): (u32, u32)) -> SensorModel {
+    // What the packets are of does not matter here: the cheapest kernels will do.
+    let synthesis = Synthesis::Linear;
+    SensorModel {
+        width,
+        height,
+        synthesis,
+        contrast_on: 0.1,
+        latency_ns: 3_000_000,
+        ..SensorModel::default()
+    }
+}
+
+fn sequence((width, height): (u32, u32)) -> Sequence {
+    let times_ns = times(5_000_000_000, FRAMES);
+    scene(SceneKind::Flight, (width, height), &times_ns, HdrFormat::F16x4, MotionFormat::F32x2)
+}
+
+/// A rig of cameras of three sizes.
+fn rig_of_three(options: RigOptions) -> (Rig, Vec<Sequence>) {
+    let sequences: Vec<Sequence> = SIZES.into_iter().map(sequence).collect();
+    let configs: Vec<_> = (0..)
+        .zip(SIZES.into_iter().zip(&sequences))
+        .map(|(number, (size, frames))| camera(&sensor(size), number, frames))
+        .collect();
+    (Rig::with_options(&DEVICE, &configs, options).expect("a rig"), sequences)
+}
+
+/// Steps all cameras to frame `index`, and returns the packets.
+fn step(rig: &mut Rig, sequences: &[Sequence], index: usize) -> (Vec<Packet>, Vec<u32>) {
+    for (number, sequence) in sequences.iter().enumerate() {
+        let frame = &sequence.frames[index];
+        rig.upload(number, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
+            .expect("a frame");
+    }
+    let times_ns: Vec<i64> = sequences.iter().map(|s| s.frames[index].t_ns).collect();
+    let tick = rig.step(&times_ns).expect("a tick");
+    (tick.packets.to_vec(), tick.events.to_vec())
+}
+
+fn cast<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
+    bytemuck::pod_collect_to_vec(bytes)
+}
+
+/// The packets of all cameras as the device writes them.
+fn gathered(packets: &[Packet]) -> Vec<u8> {
+    let all = || packets.iter().flat_map(Packet::iter);
+    let mut bytes: Vec<u8> = all().flat_map(|e| e.t_ns.to_le_bytes()).collect();
+    bytes.extend(all().flat_map(|e| e.x.to_le_bytes()));
+    bytes.extend(all().flat_map(|e| e.y.to_le_bytes()));
+    bytes.extend(all().map(|e| e.polarity as u8));
+    bytes
+}
+
+#[test]
+fn packets_of_all_cameras_are_gathered_one_after_the_other_in_full() {
+    let (mut rig, sequences) = rig_of_three(RigOptions::default());
+    let mut events = 0;
+    for index in 0..FRAMES {
+        let (packets, counts) = step(&mut rig, &sequences, index);
+        assert_eq!(counts, packets.iter().map(|p| p.len() as u32).collect::<Vec<_>>());
+        let actual = rig.represent_to_host(Representation::Gathered).expect("the tick's events");
+        assert_eq!(actual, gathered(&packets), "frame {index}");
+        events += packets.iter().map(Packet::len).sum::<usize>();
+    }
+    assert!(events > 300, "{events}");
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn packets_kept_on_the_device_are_those_that_the_host_would_have() {
+    let (mut host, sequences) = rig_of_three(RigOptions::default());
+    // Buffers that are too small at first grow where they lie.
+    let options = RigOptions { packets_on_device: true, initial_events: 64, ..RigOptions::default() };
+    let (mut on_device, _) = rig_of_three(options);
+    for index in 0..FRAMES {
+        let (expected, counts) = step(&mut host, &sequences, index);
+        let (headers, on_device_counts) = step(&mut on_device, &sequences, index);
+        assert_eq!(counts, on_device_counts);
+        assert!(headers.iter().all(Packet::is_empty));
+        assert_eq!(headers[0].base_ns, expected[0].base_ns);
+        let actual = on_device.represent_to_host(Representation::Gathered).expect("the tick's events");
+        assert_eq!(actual, gathered(&expected), "frame {index}");
+    }
+    drop((host, on_device));
+    assert_silent();
+}
+
+#[test]
+fn event_frames_and_voxel_grids_are_the_oracles() {
+    let (mut rig, sequences) = rig_of_three(RigOptions::default());
+    let mut before_ns = None;
+    for index in 0..FRAMES {
+        let (packets, _) = step(&mut rig, &sequences, index);
+        let t_ns = sequences[0].frames[index].t_ns;
+        let frames: Vec<i32> = cast(&rig.represent_to_host(Representation::EventFrame).expect("frames"));
+        assert_eq!(frames, packets.iter().flat_map(event_frame).collect::<Vec<_>>(), "frame {index}");
+        for bins in [1, 2, 5] {
+            let what = Representation::VoxelGrid { bins };
+            let grid: Vec<f32> = cast(&rig.represent_to_host(what).expect("a grid"));
+            let start_ns = before_ns.unwrap_or(t_ns - 1);
+            let expected: Vec<f32> =
+                packets.iter().flat_map(|p| voxel_grid(p, bins as usize, start_ns, t_ns)).collect();
+            assert_eq!(grid, expected, "frame {index}, {bins} bins");
+        }
+        before_ns = Some(t_ns);
+    }
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn two_rigs_share_a_target() {
+    let (mut a, sequences) = rig_of_three(RigOptions::default());
+    let (mut b, _) = rig_of_three(RigOptions::default());
+    let mut both = (Vec::new(), Vec::new());
+    for index in 0..FRAMES {
+        both = (step(&mut a, &sequences, index).0, step(&mut b, &sequences, index).0);
+    }
+    let events = a.elements(Representation::Gathered);
+    let all = events + b.elements(Representation::Gathered);
+    let target = DEVICE
+        .allocate("target", 13 * all, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)
+        .expect("a target");
+    a.represent(Representation::Gathered, &target, Share { before: 0, all }).expect("the first half");
+    b.represent(Representation::Gathered, &target, Share { before: events, all }).expect("the second");
+    let expected = gathered(&[both.0, both.1].concat());
+    assert_eq!(target.read::<u8>(0, expected.len()), expected);
+    let error = a.represent(Representation::EventFrame, &target, Share { before: all * 13, all: 0 });
+    assert!(error.unwrap_err().to_string().contains("target"));
+    drop((a, b, target));
+    assert_silent();
+}
+
+#[test]
+fn tiles_in_one_buffer_are_the_cameras_frames() {
+    let (size, count) = (SIZES[0], 3_usize);
+    let frames = sequence(size);
+    let configs: Vec<_> = (0..count as u32).map(|number| camera(&sensor(size), number, &frames)).collect();
+    let mut apart = Rig::new(&DEVICE, &configs).expect("a rig");
+    let mut tiled = Rig::new(&DEVICE, &configs).expect("a rig");
+    // Each camera sees another part of the sequence, so that none can pass for another.
+    for index in 0..2 {
+        let of_camera = |number: usize| &frames.frames[(index + number) % FRAMES];
+        let tiles = |image: fn(&esaac_tests::frames::Frame) -> &[u8]| {
+            let bytes: Vec<u8> = (0..count).flat_map(|number| image(of_camera(number)).to_vec()).collect();
+            let mut buffer = DEVICE
+                .allocate("tiles", bytes.len() as u64, Default::default(), MemoryLocation::CpuToGpu)
+                .expect("a buffer");
+            buffer.write(0, &bytes);
+            buffer
+        };
+        for number in 0..count {
+            let frame = of_camera(number);
+            apart
+                .upload(number, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
+                .expect("a frame");
+        }
+        let times_ns = vec![frames.frames[index].t_ns; count];
+        let expected = apart.step(&times_ns).expect("a tick").packets.to_vec();
+        let (hdr, motion) = (tiles(|f| &f.hdr), tiles(|f| f.motion.as_deref().expect("motion")));
+        let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion) };
+        tiled.step_tiles(&times_ns, inputs, &Around::default()).expect("a tick");
+        assert_eq!(tiled.take_packets(), expected, "frame {index}");
+        let error = tiled.step_tiles(&times_ns[1..], inputs, &Around::default()).map(|_| ()).unwrap_err();
+        assert!(error.to_string().contains("2 frames for 3 cameras"), "{error}");
+    }
+    drop((apart, tiled));
+    assert_silent();
+}
