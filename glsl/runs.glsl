@@ -1,7 +1,6 @@
 // Short runs of events in the order of (t, y, x, polarity), ranked in shared memory. Needs the packet's arrays.
 
 shared uvec2 keys[SORTABLE_EVENTS];
-shared uvec2 ranked[SORTABLE_EVENTS];
 
 bool before(uvec2 a, uvec2 b) {
     return a.x < b.x || (a.x == b.x && a.y < b.y);

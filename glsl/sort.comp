@@ -31,6 +31,9 @@ BUFFER(writeonly, SLOT_REPORT, Counters, report);
 
 #include "runs.glsl"
 
+// `keys` in order.
+shared uvec2 ranked[SORTABLE_EVENTS];
+
 // Events of each bin of the group, where they begin in it, and how many of the spilled ones have been found.
 shared uint counts[GROUP_BINS];
 shared uint offsets[GROUP_BINS];

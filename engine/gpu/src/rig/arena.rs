@@ -174,15 +174,7 @@ impl Arena {
 
     /// Zeroes what kernels expect to find zero.
     pub(super) fn clear(&self, device: &Arc<Device>) -> Result<(), EngineError> {
-        let filled = [layout::BINS, layout::STATE, layout::BLOCKS, layout::COUNTERS];
-        device.run_once(|commands| {
-            for slot in filled {
-                // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
-                unsafe {
-                    device.raw().cmd_fill_buffer(commands, self.buffers[slot].raw(), 0, vk::WHOLE_SIZE, 0);
-                }
-            }
-        })?;
+        self.zero(device, &[layout::BINS, layout::STATE, layout::BLOCKS, layout::COUNTERS])?;
         let cameras = self.buffers[layout::COUNTERS].bytes() as usize / (2 * size_of::<Counters>());
         (0..cameras as u32).try_for_each(|slot| self.clear_counters(device, slot))
     }
@@ -231,10 +223,17 @@ impl Arena {
 
     /// Zeroes the bins, after a tick whose set of them is not the one before the next.
     pub(super) fn clear_bins(&self, device: &Arc<Device>) -> Result<(), EngineError> {
-        let bins = self.buffers[layout::BINS].raw();
+        self.zero(device, &[layout::BINS])
+    }
+
+    fn zero(&self, device: &Arc<Device>, slots: &[usize]) -> Result<(), EngineError> {
         device.run_once(|commands| {
-            // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
-            unsafe { device.raw().cmd_fill_buffer(commands, bins, 0, vk::WHOLE_SIZE, 0) };
+            for &slot in slots {
+                // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
+                unsafe {
+                    device.raw().cmd_fill_buffer(commands, self.buffers[slot].raw(), 0, vk::WHOLE_SIZE, 0);
+                }
+            }
         })
     }
 
