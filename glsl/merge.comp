@@ -1,13 +1,16 @@
 // merge: packets whose largest bin is too much for one workgroup of `sort`, sorted as a whole by many.
 // Where all pixels cross at once nearly every event is in one bin.
 //
-// 256 threads a workgroup, striding over runs of 256 events; y over cameras. Level 0 ranks runs of
-// `gathered` into `spilled`, which `sort` has no more use for; each level after it, a dispatch of its own, merges
-// runs of twice the length into the other buffer, each event finding its place by binary search, and a camera's last
-// one writes the struct of arrays. `gathered` holds all events in whatever order `sort` left them; late events, which
-// lie behind the packet, stay as they are.
+// 256 threads a workgroup, striding over tiles of RUN_EVENTS events; y over cameras. Level 0 sorts each tile of
+// `gathered` in shared memory, into `spilled`, which `sort` has no more use for; each level after it, a dispatch of its
+// own, merges runs of twice the length into the other buffer. A workgroup looks up which part of either run its tile
+// of the result is made of (where the merge path of the two runs crosses the tile's first and last diagonal: Green,
+// McColl and Bader, GPU Merge Path, 2012), takes those into shared memory, and merges them there. A camera's last level
+// writes the struct of arrays. `gathered` holds all events in whatever order `sort` left them; late events, which lie
+// behind the packet, stay as they are.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "common.glsl"
 
 layout(local_size_x = 256) in;
@@ -20,41 +23,84 @@ BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 
-#include "runs.glsl"
+#include "event_order.glsl"
+
+const uint EVENTS_PER_THREAD = RUN_EVENTS / gl_WorkGroupSize.x;
+
+// Threads that look for one of a tile's two cuts.
+const uint SEEKERS = gl_WorkGroupSize.x / 2u;
+
+// The tile.
+shared uvec2 keys[RUN_EVENTS];
+
+#include "network.glsl"
+
+// Of the tile's first diagonal and of its last: the range that the cut lies in.
+shared uint cut_low[2];
+shared uint cut_high[2];
 
 uvec2 read_run(bool from_gathered, uint position) {
     return from_gathered ? gathered[position] : spilled[position];
 }
 
-void write_run(bool to_gathered, uint position, uvec2 event) {
-    if (to_gathered) {
-        gathered[position] = event;
-    } else {
-        spilled[position] = event;
+void write_tile(Camera cam, bool to_packet, bool to_gathered, uint first, uint length) {
+    for (uint e = gl_LocalInvocationID.x; e < length; e += gl_WorkGroupSize.x) {
+        if (to_packet) {
+            write_out(cam, first + e, keys[e]);
+        } else if (to_gathered) {
+            gathered[first + e] = keys[e];
+        } else {
+            spilled[first + e] = keys[e];
+        }
     }
 }
 
-// The `length` events of `gathered` from `first` on, in order, into `spilled`, by a whole workgroup. It may be called
-// again at once: all have read their keys when any passes its second barrier.
-void rank_run(uint first, uint length) {
-    const uint lane = gl_LocalInvocationID.x;
-    if (lane < length) {
-        keys[lane] = gathered[first + lane];
+// Two sorted runs, one after the other in a buffer.
+struct Pair {
+    bool in_gathered;
+    uint left;
+    uint left_length;
+    uint right;
+    uint right_length;
+};
+
+// How many events of the left run are among the first `diagonal` of both merged, for two diagonals at once. Among
+// equals, the left run comes first. Each half of the workgroup narrows one range by its number of threads a round.
+uvec2 cuts(Pair runs, uvec2 diagonals) {
+    const uint which = gl_LocalInvocationID.x / SEEKERS;
+    const uint seeker = gl_LocalInvocationID.x % SEEKERS;
+    const uint diagonal = diagonals[which];
+    if (seeker == 0u) {
+        cut_low[which] = diagonal - min(diagonal, runs.right_length);
+        cut_high[which] = min(diagonal, runs.left_length);
     }
     barrier();
-    if (lane < length) {
-        spilled[first + rank_among(lane, 0u, length)] = keys[lane];
+    while (cut_low[0] != cut_high[0] || cut_low[1] != cut_high[1]) {
+        const uint low = cut_low[which];
+        const uint room = cut_high[which] - low;
+        barrier();
+        if (room != 0u) {
+            const uint at = low + (room / SEEKERS) * seeker + ((room % SEEKERS) * seeker) / SEEKERS;
+            const uvec2 left = read_run(runs.in_gathered, runs.left + at);
+            const uvec2 right = read_run(runs.in_gathered, runs.right + diagonal - 1u - at);
+            if (before(right, left)) {
+                atomicMin(cut_high[which], at);
+            } else {
+                atomicMax(cut_low[which], at + 1u);
+            }
+        }
+        barrier();
     }
-    barrier();
+    return uvec2(cut_low[0], cut_low[1]);
 }
 
-// Elements of the sorted run [first, last) that belong before `key`; among equals, the left run first.
-uint place(bool in_gathered, uint first, uint last, uvec2 key, bool equals_too) {
+// How many of keys [first, last) belong before `key`, with those that equal it or without.
+uint place(uint first, uint last, uvec2 key, bool equals_too) {
     uint low = first;
     uint high = last;
     while (low < high) {
         const uint middle = (low + high) / 2u;
-        const uvec2 other = read_run(in_gathered, middle);
+        const uvec2 other = keys[middle];
         if (before(other, key) || (equals_too && other == key)) {
             low = middle + 1u;
         } else {
@@ -64,13 +110,34 @@ uint place(bool in_gathered, uint first, uint last, uvec2 key, bool equals_too) 
     return low - first;
 }
 
-// Where `key`, which is event `e` of [first, last) in runs of `width`, goes when they are merged two by two.
-uint merged(bool in_gathered, uint first, uint last, uint width, uint e, uvec2 key) {
-    const uint pair = first + ((e - first) / (2u * width)) * (2u * width);
-    const uint middle = min(pair + width, last);
-    const uint end = min(pair + 2u * width, last);
-    return e < middle ? e + place(in_gathered, middle, end, key, false)
-                      : pair + (e - middle) + place(in_gathered, pair, middle, key, true);
+// Events [begin, end) of both runs merged.
+void merge_tile(Pair runs, uint begin, uint end) {
+    const uint lane = gl_LocalInvocationID.x;
+    const uvec2 cut = cuts(runs, uvec2(begin, end));
+    const uint of_left = cut.y - cut.x;
+    const uint length = end - begin;
+    for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
+        const uint from = e < of_left ? runs.left + cut.x + e : runs.right + (begin - cut.x) + (e - of_left);
+        keys[e] = read_run(runs.in_gathered, from);
+    }
+    barrier();
+    uvec2 own[EVENTS_PER_THREAD];
+    uint at[EVENTS_PER_THREAD];
+    [[unroll]] for (uint i = 0u; i < EVENTS_PER_THREAD; ++i) {
+        const uint e = i * gl_WorkGroupSize.x + lane;
+        if (e < length) {
+            own[i] = keys[e];
+            at[i] = e < of_left ? e + place(of_left, length, own[i], false)
+                                : e - of_left + place(0u, of_left, own[i], true);
+        }
+    }
+    barrier();
+    [[unroll]] for (uint i = 0u; i < EVENTS_PER_THREAD; ++i) {
+        if (i * gl_WorkGroupSize.x + lane < length) {
+            keys[at[i]] = own[i];
+        }
+    }
+    barrier();
 }
 
 void main() {
@@ -80,35 +147,31 @@ void main() {
     }
     const Camera cam = cameras[index];
     const Counters counted = counters[2u * cam.slot + cam.parity];
-    if (counted.staged_fit != 0xffffffffu || counted.crowded_strips != 0u
-        || counted.heavy == 0u) {
-        return;
-    }
-    const uint lane = gl_LocalInvocationID.x;
-    const uint first = cam.event_base;
-    const uint last = first + counted.packet;
-    const uint start = first + gl_WorkGroupID.x * RUN_EVENTS;
-    const uint stride = gl_NumWorkGroups.x * RUN_EVENTS;
-    if (push.level == 0u) {
-        for (uint run = start; run < last; run += stride) {
-            rank_run(run, min(RUN_EVENTS, last - run));
-        }
-        return;
-    }
-    const uint width = RUN_EVENTS << (push.level - 1u);
-    if (width >= counted.packet) {
-        // Another camera's packet is larger.
+    // Length of the runs that there are; a tile that is alone needs no merging.
+    const uint width = push.level == 0u ? 0u : RUN_EVENTS << (push.level - 1u);
+    if (counted.staged_fit != 0xffffffffu || counted.crowded_strips != 0u || counted.heavy == 0u
+        || width >= counted.packet) {
         return;
     }
     const bool in_gathered = push.level % 2u == 0u;
-    const bool is_last = 2u * width >= counted.packet;
-    for (uint e = start + lane; e < last; e += stride) {
-        const uvec2 key = read_run(in_gathered, e);
-        const uint position = merged(in_gathered, first, last, width, e, key);
-        if (is_last) {
-            write_out(cam, position, key);
+    const bool to_packet = max(RUN_EVENTS, 2u * width) >= counted.packet;
+    const uint stride = gl_NumWorkGroups.x * RUN_EVENTS;
+    for (uint start = gl_WorkGroupID.x * RUN_EVENTS; start < counted.packet; start += stride) {
+        const uint end = min(start + RUN_EVENTS, counted.packet);
+        if (push.level == 0u) {
+            for (uint e = start + gl_LocalInvocationID.x; e < end; e += gl_WorkGroupSize.x) {
+                keys[e - start] = gathered[cam.event_base + e];
+            }
+            barrier();
+            sort_keys(end - start);
         } else {
-            write_run(!in_gathered, position, key);
+            const uint pair = start - start % (2u * width);
+            const uint of_left = min(width, counted.packet - pair);
+            const uint of_right = min(width, counted.packet - pair - of_left);
+            const uint left = cam.event_base + pair;
+            merge_tile(Pair(in_gathered, left, of_left, left + of_left, of_right), start - pair, end - pair);
         }
+        write_tile(cam, to_packet, !in_gathered, cam.event_base + start, end - start);
+        barrier();
     }
 }

@@ -6,8 +6,8 @@
 // Events are ranked within their bins in shared memory, a group at once if it fits, else bin after bin, and leave as
 // whole lines of the bus, which takes nothing smaller cheaply. Where a bin had no room for all of its events, the
 // workgroup looks for them among the spilled ones. If any bin of the packet has more than SORTABLE_EVENTS, or there are
-// more spilled ones than SEARCHED_EVENTS, all events only go to `gathered`, bin after bin, and `merge` sorts the packet.
-// Late events go there too, behind the packet, where the next tick's `carry` finds them.
+// more spilled ones than SEARCHED_EVENTS, all events only go to `gathered`, and `merge` sorts the packet. Late events go
+// there too, behind the packet, where the next tick's `carry` finds them.
 // The first workgroup writes the camera's `report` for the host, and makes the other set of counters ready for the
 // next tick; all clear the other set of bins.
 #version 460
@@ -15,6 +15,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #include "common.glsl"
 #include "bins.glsl"
+#include "together.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -29,16 +30,25 @@ BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 BUFFER(writeonly, SLOT_REPORT, Counters, report);
 
-#include "runs.glsl"
+#include "event_order.glsl"
 
-// `keys` in order.
-shared uvec2 ranked[SORTABLE_EVENTS];
+// Events that are ranked rather than sorted: their order has room behind them. Ranking takes as many steps as there are
+// events in a bin; from RANKED_BIN_EVENTS on, a network takes fewer.
+const uint RANKED_EVENTS = SORTABLE_EVENTS / 2u;
+const uint RANKED_BIN_EVENTS = 256u;
+
+// A group's events.
+shared uvec2 keys[SORTABLE_EVENTS];
+
+#include "network.glsl"
 
 // Events of each bin of the group, where they begin in it, and how many of the spilled ones have been found.
 shared uint counts[GROUP_BINS];
 shared uint offsets[GROUP_BINS];
 shared uint found[GROUP_BINS];
-shared uint late_found;
+
+// Where those of a heavy packet go.
+shared uint gathered_base;
 
 // Of each subgroup: events before the group, events in all, the largest bin.
 shared uvec3 sums[64];
@@ -85,7 +95,7 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint late, bo
         counters[counter].late = counted.late;
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.parity] =
-            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }
 
@@ -96,12 +106,22 @@ uvec2 place_of_spilled(Camera cam, uvec2 event, uint first_bin, uint first, uint
     return bin >= first && bin < last ? uvec2(bin, cam.bin_room + atomicAdd(found[bin], 1u)) : uvec2(last, 0u);
 }
 
-// Events [first, first + length) of the sorted packet, from `ranked`; a subgroup writes whole lines.
-void write_ranked(Camera cam, uint first, uint length) {
+// How many of keys [first, last) come before key `e` of them; among equals, the first.
+uint rank_among(uint e, uint first, uint last) {
+    const uvec2 key = keys[e];
+    uint rank = 0u;
+    for (uint other = first; other < last; ++other) {
+        rank += uint(before(keys[other], key) || (keys[other] == key && other < e));
+    }
+    return rank;
+}
+
+// Events [first, first + length) of the sorted packet, from keys [from, from + length); a subgroup writes whole lines.
+void write_keys(Camera cam, uint first, uint length, uint from) {
     const uint line = first & ~31u;
     for (uint position = line + gl_LocalInvocationID.x; position < first + length; position += gl_WorkGroupSize.x) {
         if (position >= first) {
-            write_out(cam, position, ranked[position - first]);
+            write_out(cam, position, keys[from + position - first]);
         }
     }
 }
@@ -110,9 +130,9 @@ void write_ranked(Camera cam, uint first, uint length) {
 void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint spills, uint position) {
     const uint lane = gl_LocalInvocationID.x;
     const uint start = offsets[first];
-    bool spilled_some = false;
+    uint largest = 0u;
     for (uint b = first; b < last; ++b) {
-        spilled_some = spilled_some || counts[b] > cam.bin_room;
+        largest = max(largest, counts[b]);
     }
     for (uint i = first * cam.bin_room + lane; i < last * cam.bin_room; i += gl_WorkGroupSize.x) {
         const uint bin = i / cam.bin_room;
@@ -121,7 +141,7 @@ void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint spills, u
             keys[offsets[bin] - start + e] = rooms[cam.rooms_base + first_bin * cam.bin_room + i];
         }
     }
-    if (spilled_some) {
+    if (largest > cam.bin_room) {
         for (uint i = lane; i < spills; i += gl_WorkGroupSize.x) {
             const uvec2 event = spilled[cam.event_base + i];
             const uvec2 place = place_of_spilled(cam, event, first_bin, first, last);
@@ -132,6 +152,11 @@ void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint spills, u
     }
     barrier();
     const uint length = offsets[last - 1u] + counts[last - 1u] - start;
+    if (length > RANKED_EVENTS || largest > RANKED_BIN_EVENTS) {
+        sort_keys(length);
+        write_keys(cam, position, length, 0u);
+        return;
+    }
     for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
         uint bin_first = 0u;
         uint bin_last = 0u;
@@ -139,37 +164,50 @@ void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint spills, u
             bin_first = bin_last;
             bin_last += counts[b];
         }
-        ranked[bin_first + rank_among(e, bin_first, bin_last)] = keys[e];
+        keys[RANKED_EVENTS + bin_first + rank_among(e, bin_first, bin_last)] = keys[e];
     }
     barrier();
-    write_ranked(cam, position, length);
+    write_keys(cam, position, length, RANKED_EVENTS);
 }
 
-// The group's events to `gathered`, bin after bin.
-void gather_bins(Camera cam, uint first_bin, uint spills, uint position) {
+// The group's events to `gathered`, in whatever order: `merge` makes one.
+void gather_bins(Camera cam, uint first_bin, uint events) {
     const uint lane = gl_LocalInvocationID.x;
+    if (lane == 0u) {
+        gathered_base = cam.event_base + atomicAdd(counters[2u * cam.slot + cam.parity].gathered, events);
+    }
+    if (lane < GROUP_BINS) {
+        uint offset = 0u;
+        for (uint b = 0u; b < lane; ++b) {
+            offset += min(counts[b], cam.bin_room);
+        }
+        offsets[lane] = offset;
+    }
+    barrier();
     for (uint i = lane; i < GROUP_BINS * cam.bin_room; i += gl_WorkGroupSize.x) {
         const uint bin = i / cam.bin_room;
         const uint e = i - bin * cam.bin_room;
         if (e < counts[bin]) {
-            gathered[position + offsets[bin] + e] = rooms[cam.rooms_base + first_bin * cam.bin_room + i];
-        }
-    }
-    for (uint i = lane; i < spills; i += gl_WorkGroupSize.x) {
-        const uvec2 event = spilled[cam.event_base + i];
-        const uvec2 place = place_of_spilled(cam, event, first_bin, 0u, GROUP_BINS);
-        if (place.x < GROUP_BINS) {
-            gathered[position + offsets[place.x] + place.y] = event;
+            gathered[gathered_base + offsets[bin] + e] = rooms[cam.rooms_base + first_bin * cam.bin_room + i];
         }
     }
 }
 
-// Late events to `gathered`, behind the packet.
-void gather_late(Camera cam, uint spills, uint position) {
-    for (uint i = gl_LocalInvocationID.x; i < spills; i += gl_WorkGroupSize.x) {
+// The workgroup's share of the spilled events to `gathered`: late ones behind the packet, and, of a heavy packet, the
+// others.
+void gather_spilled(Camera cam, uint spills, uint packet, bool heavy) {
+    const uint counter = 2u * cam.slot + cam.parity;
+    const uint groups = cam.bin_count / GROUP_BINS + 1u;
+    const uint stride = groups * gl_WorkGroupSize.x;
+    for (uint i = gl_WorkGroupID.x * gl_WorkGroupSize.x + gl_LocalInvocationID.x; i < spills; i += stride) {
         const uvec2 event = spilled[cam.event_base + i];
+        uint place;
         if ((event.y & LATE) != 0u) {
-            gathered[position + atomicAdd(late_found, 1u)] = event;
+            COUNT_TOGETHER(counters[counter].gathered_late, place)
+            gathered[cam.event_base + packet + place] = event;
+        } else if (heavy) {
+            COUNT_TOGETHER(counters[counter].gathered, place)
+            gathered[cam.event_base + place] = event;
         }
     }
 }
@@ -193,9 +231,6 @@ void main() {
             bins[bins_of(cam, 1u - cam.parity) + bin] = 0u;
         }
     }
-    if (lane == 0u) {
-        late_found = 0u;
-    }
     const uint late = bins[own + cam.bin_count];
     const Sums all = sum_bins(cam, first_bin);
     if (lane < GROUP_BINS) {
@@ -213,21 +248,30 @@ void main() {
         // Not all events fitted: the host makes room and `cross` goes on.
         return;
     }
-    if (late != 0u && first_bin + GROUP_BINS > cam.bin_count) {
-        gather_late(cam, counted.spilled, cam.event_base + all.packet);
+    const bool heavy = is_heavy(all, counted.spilled);
+    if (late != 0u || heavy) {
+        gather_spilled(cam, counted.spilled, all.packet, heavy);
     }
-    const uint position = cam.event_base + all.ahead;
     const uint events = offsets[GROUP_BINS - 1u] + counts[GROUP_BINS - 1u];
     if (events == 0u) {
         return;
     }
-    if (is_heavy(all, counted.spilled)) {
-        gather_bins(cam, first_bin, counted.spilled, position);
-    } else if (events <= SORTABLE_EVENTS) {
+    if (heavy) {
+        uint with_room = 0u;
+        for (uint b = 0u; b < GROUP_BINS; ++b) {
+            with_room += min(counts[b], cam.bin_room);
+        }
+        barrier();
+        gather_bins(cam, first_bin, with_room);
+        return;
+    }
+    const uint position = cam.event_base + all.ahead;
+    if (events <= SORTABLE_EVENTS) {
         sort_bins(cam, first_bin, 0u, GROUP_BINS, counted.spilled, position);
     } else {
         for (uint b = 0u; b < GROUP_BINS; ++b) {
             sort_bins(cam, first_bin, b, b + 1u, counted.spilled, position + offsets[b]);
+            barrier();
         }
     }
 }

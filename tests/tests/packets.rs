@@ -299,6 +299,8 @@ fn a_flash_sorts_like_any_other_packet() {
         at_sample(10_000_000),
         SensorModel { max_events_per_interval: 100_001, ..free.clone() },
         SensorModel { width: 127, height: 61, ..free.clone() },
+        // Bins of a size between what is ranked and what `merge` has to sort.
+        SensorModel { width: 31, height: 29, ..free.clone() },
         SensorModel { width: 240, height: 180, ..free },
     ];
     let cameras = sensors.map(|sensor| (sensor.clone(), flashes(&sensor)));

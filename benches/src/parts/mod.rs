@@ -11,6 +11,7 @@ mod scale;
 mod stability;
 mod time;
 
+use crate::document::short;
 use crate::laboratory::{Laboratory, Outcome, Part};
 use anyhow::Result;
 use esaac_model::presets::preset;
@@ -41,6 +42,12 @@ fn noisy(name: &str) -> SensorModel {
     let mut sensor = clean(name);
     Profile::Noisy.apply(&mut sensor);
     sensor
+}
+
+/// Stages and their microseconds, for a cell.
+fn stages(stages_us: &[(&'static str, f64)]) -> String {
+    let each: Vec<String> = stages_us.iter().map(|(name, us)| format!("{name} {}", short(*us))).collect();
+    each.join(", ")
 }
 
 /// Both modes of the paper.

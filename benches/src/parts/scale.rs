@@ -1,11 +1,11 @@
 //! Time must follow the work: cameras, pixels, sub-steps, events, motion, share of the image that moves.
 
-use super::{clean, noisy};
+use super::{clean, noisy, stages};
 use crate::cells;
 use crate::document::{Document, short};
 use crate::floor::FORMATS;
 use crate::laboratory::{Laboratory, Outcome};
-use crate::measure::{Amount, Stand, Timing};
+use crate::measure::{Amount, Run, Stand, Timing};
 use crate::plot::{Axes, Series, draw};
 use crate::scenes::{Feed, Pattern};
 use crate::statistics::order;
@@ -30,6 +30,7 @@ struct Point {
     value: f64,
     #[serde(flatten)]
     timing: Timing,
+    stages_us: Vec<(&'static str, f64)>,
 }
 
 struct Case {
@@ -49,13 +50,16 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     document.say(
         "One thing grows, the rest stays. `cameras` and `pixels`: profile `noisy`, scene `flight`. The others: \
          clean sensor, a log-sinusoid that moves to the right, thresholds and wavelength set so that events or \
-         motion alone grow. The exponent is that of time over the last half of the points (1: proportional, 0: \
-         does not matter).",
+         motion alone grow; whole columns of it cross at the same instants, which is the hardest to sort. `dense` \
+         is a clean sensor with ever lower thresholds on `flight`. The exponent is that of time over the last half \
+         of the points (1: proportional, 0: does not matter). Stages are stamped, which costs a microsecond each.",
     );
     let mut sweeps = Vec::new();
-    for (name, unit, cases) in cases(laboratory) {
-        let points = laboratory
-            .rows(name, cases, |case| Ok(Point { value: case.value, timing: measure(laboratory, &case)? }))?;
+    for (name, unit, cases) in cases(laboratory).into_iter().filter(|(name, ..)| laboratory.wants(name)) {
+        let points = laboratory.rows(name, cases, |case| {
+            let Run { timing, stages_us, .. } = measure(laboratory, &case)?;
+            Ok(Point { value: case.value, timing, stages_us })
+        })?;
         let tail: Vec<_> =
             points[points.len() / 2..].iter().map(|p| (p.value, p.timing.gpu_us.median)).collect();
         sweeps.push(Sweep { name, unit, exponent: order(&tail).map(|o| -o), points });
@@ -123,6 +127,15 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..base.clone() };
         on_pattern(motion_px, sensor, Pattern { motion_px, wavelength_px, ..pattern })
     };
+    let (dense_width, dense_height) = if software { (160, 120) } else { (1280, 720) };
+    let dense = |wanted: f64| {
+        // What a threshold of .2 sees, on the whole.
+        let contrast = 0.2 * 0.4 / wanted;
+        let (width, height) = (dense_width, dense_height);
+        let sensor =
+            SensorModel { width, height, contrast_on: contrast, contrast_off: contrast, ..clean("hd") };
+        flight(wanted, sensor, 1)
+    };
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
         ("cameras", "cameras", cameras),
@@ -130,22 +143,24 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         ("sub-steps", "N, fixed", [1, 2, 4, 8, 16, 32, 64].map(fixed).into_iter().collect()),
         ("events", "events wanted a pixel", [0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(eventful).into()),
         ("motion", "px a frame", [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0].map(moved).into()),
+        ("dense", "events wanted a pixel", [0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(dense).into()),
         ("moving share", "% of rows", [0.0, 0.1, 0.25, 0.5, 0.75, 1.0].map(share).into()),
     ]
 }
 
-fn measure(laboratory: &Laboratory, case: &Case) -> Result<Timing> {
+fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
     let size = (case.sensor.width, case.sensor.height);
     let feed = match &case.feed {
         Kind::Scene(kind) => laboratory.scene(*kind, size)?,
         Kind::Pattern(pattern) => Feed::Pattern(*pattern),
     };
-    let mut stand = Stand::new(laboratory, &case.sensor, case.cameras, FORMATS, feed, RigOptions::default())?;
+    let options = RigOptions { stage_times: true, ..RigOptions::default() };
+    let mut stand = Stand::new(laboratory, &case.sensor, case.cameras, FORMATS, feed, options)?;
     let amount = laboratory.amount();
     // Rendering for hundreds of cameras takes longer than what is measured.
     let timed = if case.cameras > 16 { 10 } else { amount.frames - 1 - amount.warm_up };
     let amount = Amount { frames: 1 + amount.warm_up + timed, ..amount };
-    Ok(stand.run(amount)?.timing)
+    stand.run(amount)
 }
 
 fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
@@ -168,7 +183,8 @@ fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
         "events a px",
         "sub-steps a block",
         "ns an event",
-        "packet p50 us"
+        "packet p50 us",
+        "stages, us"
     ];
     let row = |p: &Point| {
         let t = &p.timing;
@@ -180,7 +196,8 @@ fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
             short(t.events_per_pixel),
             short(t.substeps_per_block),
             short(an_event),
-            short(t.packet_us.median)
+            short(t.packet_us.median),
+            stages(&p.stages_us)
         ]
     };
     document.table(&std::iter::once(head).chain(sweep.points.iter().map(row)).collect::<Vec<_>>());

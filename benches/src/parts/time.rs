@@ -1,6 +1,6 @@
 //! Time per interval.
 
-use super::{MODES, noisy};
+use super::{MODES, noisy, stages};
 use crate::cells;
 use crate::document::{Document, short};
 use crate::floor::FORMATS;
@@ -150,8 +150,6 @@ fn show(rows: &[Row]) -> Result<Document> {
     ]];
     for row in rows {
         let t = &row.timing;
-        let stages: Vec<String> =
-            row.stages_us.iter().map(|(name, us)| format!("{name} {}", short(*us))).collect();
         table.push(cells![
             format!("{} x {} x{} {}", row.cameras, row.sensor, row.substeps, row.mode),
             short(t.gpu_us.median),
@@ -163,7 +161,7 @@ fn show(rows: &[Row]) -> Result<Document> {
             short(t.events_per_pixel),
             short(t.substeps_per_block),
             short(t.events / t.gpu_us.median),
-            stages.join(", ")
+            stages(&row.stages_us)
         ]);
     }
     document.table(&table);

@@ -3,7 +3,7 @@
 
 use esaac_kernels::Reflection;
 use esaac_model::layout::{
-    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, RUN_EVENTS, STRIP_BLOCKS,
+    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, STRIP_BLOCKS,
     Slice,
 };
 use esaac_model::substeps::BLOCK_PX;
@@ -19,8 +19,6 @@ fn threads(stage: &str) -> u32 {
         "cross" => STRIP_BLOCKS * BLOCK_PX * CROSS_ROWS_PX,
         // Those and the next column and row, in whole subgroups.
         "ingest" | "enhance" => ((STRIP_BLOCKS * BLOCK_PX + 1) * (BLOCK_PX + 1)).next_multiple_of(64),
-        // An event of a run each.
-        "merge" => RUN_EVENTS,
         _ => 256,
     }
 }

@@ -184,6 +184,10 @@ gpu_struct! {
         spilled: u32,
         /// Whether `sort` has left the packet to `merge`.
         heavy: u32,
+        /// Events of such a packet that `sort` has gathered.
+        gathered: u32,
+        /// Late events that it has gathered.
+        gathered_late: u32,
     }
 }
 
@@ -233,18 +237,18 @@ gpu_struct! {
 /// Fractional bits of a vote in `voxel_grid`, which sums integers so that their order does not matter.
 pub const VOTE_FRACTION_BITS: u32 = 14;
 
-/// Events that a workgroup of `merge` ranks in shared memory.
-pub const RUN_EVENTS: u32 = 256;
+/// Events that a workgroup of `merge` sorts or merges in shared memory.
+pub const RUN_EVENTS: u32 = 2048;
 
 /// Bins next to each other that one workgroup of `sort` takes: several of its lines on the bus.
 pub const GROUP_BINS: u32 = 8;
 
 /// Events that a workgroup of `sort` has room for in shared memory; `merge` sorts packets that have a larger bin.
-pub const SORTABLE_EVENTS: u32 = 1024;
+pub const SORTABLE_EVENTS: u32 = 2048;
 
 /// Spilled events at the most that a workgroup of `sort` looks through for those of its bins; `merge` sorts packets
 /// that have more.
-pub const SEARCHED_EVENTS: u32 = 1 << 18;
+pub const SEARCHED_EVENTS: u32 = 1 << 15;
 
 /// Blocks side by side that one workgroup takes: 32 pixels in a row, a subgroup's width.
 pub const STRIP_BLOCKS: u32 = 4;

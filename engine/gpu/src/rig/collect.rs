@@ -27,7 +27,7 @@ pub struct Diagnostics {
     pub regrown: u64,
 }
 
-/// Bins get more room when more of a packet than one in this many events found none.
+/// Bins get more room when more of a packet than one in this many events found none, or half of what `sort` searches.
 const SPILLED_SHARE: u32 = 8;
 
 /// An APS frame.
@@ -92,7 +92,8 @@ impl Rig {
             for (camera, counters) in done {
                 self.take(camera, t_ns[camera].expect("pending cameras have a time"), &counters);
                 self.diagnostics[camera].regrown = regrown[camera];
-                if (counters.spilled - counters.late) > counters.packet / SPILLED_SHARE {
+                let many = (counters.packet / SPILLED_SHARE).min(layout::SEARCHED_EVENTS / 2);
+                if counters.spilled - counters.late > many {
                     largest_bins[camera] = counters.largest_bin;
                 }
             }
