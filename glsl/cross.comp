@@ -43,13 +43,14 @@ const uint STRIP_PARTS = uint(BLOCK_PX) / CROSS_ROWS_PX;
 
 const uint LIST_EVENTS = 8u * gl_WorkGroupSize.x;
 
-// Time after the interval's start; pixel in the strip, polarity << 8, ordinal in the interval << 9.
-shared uvec2 list[LIST_EVENTS];
+// Time after the interval's start, and what else there is of an event (see `event_tag`). Small: the less of the
+// shared memory a workgroup takes, the faster is this kernel.
+shared uint list_at_ns[LIST_EVENTS];
+shared uint16_t list_tags[LIST_EVENTS];
 shared uint list_count;
 shared uint list_base;
 shared uint around_motion[STRIP_BLOCKS];
 shared uint own_change[STRIP_BLOCKS];
-shared uint events_before[gl_WorkGroupSize.x];
 
 #include "put.glsl"
 #include "synthesize.glsl"
@@ -65,20 +66,26 @@ void emit(uint at_ns, bool on, uint ordinal);
 
 #include "pixel_log.glsl"
 
-// Stamps an event of the list and puts it where it belongs.
-void stage(Camera cam, uvec2 entry) {
-    const uint in_strip = entry.y & 255u;
+// Pixel in the part, polarity << 7, ordinal in the interval << 8.
+uint event_tag(bool on, uint ordinal) {
+    return gl_LocalInvocationID.x | (uint(on) << 7) | (ordinal << 8);
+}
+
+// Stamps an event and puts it where it belongs.
+void stage(Camera cam, uint at_ns, uint tag) {
+    const uint in_strip = tag & 127u;
     const uint pixel = (corner.y + in_strip / STRIP_PX) * cam.width + corner.x + in_strip % STRIP_PX;
-    uint since_start_ns = entry.x;
+    uint since_start_ns = at_ns;
     if (EFFECT_DELAY) {
         int delay_ns = int(cam.latency_ns);
         if (cam.latency_jitter_ns != 0u) {
-            const uint index = events_before[in_strip] + (entry.y >> 9);
+            // The state's count is that of the intervals before: it is stored when all is staged.
+            const uint index = load_state(cam, pixel, STATE_EVENTS) + (tag >> 8);
             delay_ns += jitter_ns(draw(cam, pixel, STREAM_JITTER, index), cam.latency_jitter_ns);
         }
         since_start_ns += uint(max(delay_ns, 0));
     }
-    uvec2 event = uvec2(since_start_ns, (pixel << 1) | ((entry.y >> 8) & 1u));
+    uvec2 event = uvec2(since_start_ns, (pixel << 1) | ((tag >> 7) & 1u));
     uint bin = cam.bin_count;
     if (since_start_ns > cam.interval_ns) {
         event.y |= LATE;
@@ -90,14 +97,16 @@ void stage(Camera cam, uvec2 entry) {
 }
 
 void emit(uint at_ns, bool on, uint ordinal) {
-    const uvec2 entry = uvec2(at_ns, gl_LocalInvocationID.x | (uint(on) << 8) | (ordinal << 9));
-    const uint position = atomicAdd(list_count, 1u);
+    const uint tag = event_tag(on, ordinal);
+    // An ordinal that the list has no bits for makes the part a crowded one.
+    const uint position = atomicAdd(list_count, !CROWDED && tag > 0xffffu ? LIST_EVENTS : 1u);
     if (CROWDED) {
         if (staging) {
-            stage(cameras[push.first_camera + gl_WorkGroupID.y], entry);
+            stage(cameras[push.first_camera + gl_WorkGroupID.y], at_ns, tag);
         }
     } else if (position < LIST_EVENTS) {
-        list[position] = entry;
+        list_at_ns[position] = at_ns;
+        list_tags[position] = uint16_t(tag);
     }
 }
 
@@ -241,9 +250,6 @@ void main() {
     if (inside) {
         before = load_pixel(cam, pixel);
         active_pixel = before.reference != UNARMED && before.reference != ARMING;
-        if (EFFECT_DELAY) {
-            events_before[lane] = before.events;
-        }
         s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
         const uint word = frame_word(cam, has_lattice(), ivec2(at));
         s.log_previous = planes[s.frames.previous + word];
@@ -295,7 +301,11 @@ void main() {
         }
     } else {
         for (uint e = lane; e < found; e += gl_WorkGroupSize.x) {
-            stage(cam, list[e]);
+            stage(cam, list_at_ns[e], uint(list_tags[e]));
+        }
+        if (EFFECT_DELAY) {
+            // Others' counts of events are read until here.
+            barrier();
         }
     }
     if (inside) {
