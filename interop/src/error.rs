@@ -73,8 +73,8 @@ pub enum InteropError {
         /// The call.
         call: &'static str,
         /// Its result.
-        result: vk::Result,
-        /// What that means.
+        result: String,
+        /// What that means, and what to do.
         hint: &'static str,
     },
     /// Memory of another process that is not what was said of it.
@@ -132,6 +132,7 @@ impl InteropError {
             InteropError::Refused { code, .. } => *code,
             InteropError::Wire(error) => error.code(),
             InteropError::Import { .. } | InteropError::Size { .. } => ErrorCode::Memory,
+            InteropError::Engine(EngineError::OutOfMemory { .. }) => ErrorCode::Memory,
             InteropError::Cuda { .. } => ErrorCode::Memory,
             InteropError::Unsupported { .. } => ErrorCode::Unsupported,
             InteropError::Timeout { .. } => ErrorCode::Timeout,

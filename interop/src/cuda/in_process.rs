@@ -8,11 +8,13 @@
 
 #![expect(unsafe_code, reason = "CUDA's edge")]
 
-use super::context::{Context, check, cuda_devices};
+use super::context::{Context, check, cuda_devices, missing};
+use super::copy::{Strided, check_source, copy_rows};
 use super::image::CudaImage;
-use super::producer::{Stream, Strided, check_source, copy_rows};
+use super::stream::Stream;
 use crate::error::InteropError;
 use crate::memory::{SharedBuffer, buffer_bytes};
+use crate::support::Support;
 use cudarc::driver::sys;
 use esaac_engine::{Buffer, Device};
 use std::sync::Arc;
@@ -62,13 +64,23 @@ struct Event {
 impl CudaLink {
     /// Finds the engine's device among CUDA's, and takes its primary context, as the runtime does.
     pub fn open(device: &Arc<Device>) -> Result<Self, InteropError> {
-        let uuid = device.info().uuid;
-        let found = cuda_devices()?.into_iter().find(|d| d.uuid == uuid);
+        let (info, devices) = (device.info(), cuda_devices()?);
+        let found = devices.iter().find(|d| d.uuid == info.uuid);
         let ordinal = found
             .ok_or_else(|| InteropError::NoCudaDevice {
-                wanted: format!(" of the same UUID as the engine's {}", device.info().name),
+                wanted: format!(
+                    " of the same UUID as the engine's {}; {}",
+                    info.name,
+                    missing(info.uuid, &devices)
+                ),
             })?
             .ordinal;
+        if !Support::of(device).export_buffer {
+            return Err(InteropError::Unsupported {
+                device: info.name.clone(),
+                reason: "it lacks VK_KHR_external_memory_fd; hand over arrays of the host".to_owned(),
+            });
+        }
         let context = Arc::new(Context::retain(ordinal)?);
         let stream = Stream::new(&context, None)?;
         let ordered = Event::new(&context)?;
@@ -91,7 +103,7 @@ impl CudaLink {
     pub fn buffer(&self, name: &str, bytes: u64) -> Result<CudaBuffer, InteropError> {
         let buffer = SharedBuffer::exportable(&self.device, name, buffer_bytes(bytes))?;
         let fd = buffer.export(&self.device)?;
-        let image = CudaImage::import(&self.context, fd, &buffer.described())?;
+        let image = CudaImage::import(&self.context, name, fd, &buffer.described())?;
         Ok(CudaBuffer { image, buffer })
     }
 
