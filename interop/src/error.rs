@@ -104,6 +104,16 @@ pub enum InteropError {
         /// CUDA's name for the result.
         result: String,
     },
+    /// An image in CUDA's own layout that is not what it must be.
+    #[error("the texture of `{name}` is {actual}, expected {expected}")]
+    Texture {
+        /// Which image.
+        name: String,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        actual: String,
+    },
     /// A timeline that does not go up by the rule.
     #[error("slot {slot}: timeline value {actual}, expected {expected}")]
     Value {
@@ -133,7 +143,7 @@ impl InteropError {
             InteropError::Wire(error) => error.code(),
             InteropError::Import { .. } | InteropError::Size { .. } => ErrorCode::Memory,
             InteropError::Engine(EngineError::OutOfMemory { .. }) => ErrorCode::Memory,
-            InteropError::Cuda { .. } => ErrorCode::Memory,
+            InteropError::Cuda { .. } | InteropError::Texture { .. } => ErrorCode::Memory,
             InteropError::Unsupported { .. } => ErrorCode::Unsupported,
             InteropError::Timeout { .. } => ErrorCode::Timeout,
             InteropError::Value { .. } => ErrorCode::Value,

@@ -7,6 +7,8 @@
 
 use crate::dlpack::{self, Borrowed};
 use crate::error::Fault;
+use crate::texture::CudaTexture;
+use esaac_interop::cuda::Texture;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -61,6 +63,8 @@ pub struct Image {
     pub shape: Vec<usize>,
     /// Bytes from element to element along each axis.
     pub strides: Vec<isize>,
+    /// In CUDA's own layout, which has no addresses: the pointer is of nothing then.
+    pub texture: Option<Texture>,
     /// Sees to it that the memory stays.
     _owner: Owner,
 }
@@ -110,6 +114,9 @@ impl Image {
         if array.is_instance(numpy(py)?.getattr("ndarray")?.as_any())? {
             return Self::on_host(array.clone(), name);
         }
+        if let Ok(texture) = array.cast::<CudaTexture>() {
+            return Self::of_texture(texture, name, streams()?);
+        }
         if let Ok(device) = array.call_method0("__dlpack_device__") {
             let (kind, _): (i32, i32) = device.extract()?;
             return match kind {
@@ -125,6 +132,24 @@ impl Image {
             return Self::by_cuda_array_interface(array, &interface, name, streams()?);
         }
         Self::through_numpy(array, name)
+    }
+
+    fn of_texture(texture: &Bound<'_, CudaTexture>, name: &'static str, streams: Streams) -> PyResult<Self> {
+        if name != "hdr" {
+            return Err(Fault::Frame(format!("{name} is a texture, expected an array")).into());
+        }
+        let CudaTexture { texture: of, shape, element, stream } = *texture.get();
+        let after = streams.callers.or(stream).unwrap_or(LEGACY_DEFAULT_STREAM);
+        Ok(Image {
+            name,
+            pointer: 0,
+            place: Place::Cuda { after: Some(after) },
+            element,
+            shape: shape.to_vec(),
+            strides: compact(&shape, element.bytes()),
+            texture: Some(of),
+            _owner: Owner::Object(texture.clone().into_any().unbind()),
+        })
     }
 
     fn through_numpy(array: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
@@ -143,6 +168,7 @@ impl Image {
             element,
             shape,
             strides,
+            texture: None,
             _owner: Owner::Object(array.unbind()),
         })
     }
@@ -169,6 +195,7 @@ impl Image {
             element,
             shape,
             strides,
+            texture: None,
             _owner: Owner::Object(array.clone().unbind()),
         })
     }
@@ -223,6 +250,7 @@ impl Image {
             element,
             shape,
             strides,
+            texture: None,
             _owner: Owner::Dlpack(borrowed),
         })
     }

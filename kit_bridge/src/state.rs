@@ -172,7 +172,9 @@ impl State {
     fn check_devices(&self, frames: &Frames, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
         for (hdr, motion) in frames.images.iter().flatten() {
             for tiles in [Some(hdr), motion.as_ref()].into_iter().flatten() {
-                if let (Place::Cuda { .. }, Some(side)) = (tiles.place(), side) {
+                // A texture has no address to ask for; its context is asked when it is copied.
+                let addressed = tiles.texture().is_none();
+                if let (Place::Cuda { .. }, Some(side), true) = (tiles.place(), side, addressed) {
                     let actual = side.link().device_of(tiles.pointer())?;
                     if actual != side.ordinal {
                         return Err(Fault::Frame(format!(

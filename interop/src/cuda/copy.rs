@@ -1,4 +1,5 @@
-//! Rows of an image from one place on the device to another, after a look at where they end.
+//! Images from one place on the device to another: rows, after a look at where they end, and textures, after one
+//! at what they hold.
 
 #![expect(unsafe_code, reason = "CUDA's edge")]
 
@@ -6,6 +7,7 @@ use super::context::check;
 use super::stream::Stream;
 use crate::error::InteropError;
 use cudarc::driver::sys;
+use esaac_model::HdrFormat;
 
 /// An image on the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +16,76 @@ pub struct Strided {
     pub pointer: u64,
     /// Bytes from row to row.
     pub stride_bytes: usize,
+}
+
+/// An image in CUDA's own layout, as renderers' textures are to CUDA.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Texture {
+    /// `CUarray` or `CUmipmappedArray`.
+    pub handle: u64,
+    /// Which of the two; of mipmaps the largest is the image.
+    pub mipmapped: bool,
+}
+
+/// The array of a texture, whose size and format are held against what is expected. The context is current.
+///
+/// # Safety
+/// The handle is what `texture` says, of the current context: the driver believes it.
+pub(super) unsafe fn array_of(
+    name: &str,
+    texture: Texture,
+    size_px: (u32, u32),
+    format: HdrFormat,
+) -> Result<sys::CUarray, InteropError> {
+    let mut array = texture.handle as sys::CUarray;
+    if texture.mipmapped {
+        // SAFETY: as the caller guarantees; the result outlives the call.
+        check("cuMipmappedArrayGetLevel", unsafe {
+            sys::cuMipmappedArrayGetLevel(&mut array, texture.handle as sys::CUmipmappedArray, 0)
+        })?;
+    }
+    let mut actual = std::mem::MaybeUninit::<sys::CUDA_ARRAY_DESCRIPTOR>::uninit();
+    // SAFETY: as above.
+    check("cuArrayGetDescriptor", unsafe { sys::cuArrayGetDescriptor_v2(actual.as_mut_ptr(), array) })?;
+    // SAFETY: the call has written it.
+    let actual = unsafe { actual.assume_init() };
+    let expected = match format {
+        HdrFormat::F16x4 => sys::CUarray_format::CU_AD_FORMAT_HALF,
+        HdrFormat::F32x4 => sys::CUarray_format::CU_AD_FORMAT_FLOAT,
+        HdrFormat::Srgb8x4 => sys::CUarray_format::CU_AD_FORMAT_UNSIGNED_INT8,
+    };
+    let same_size = (actual.Width, actual.Height) == (size_px.0 as usize, size_px.1 as usize);
+    if same_size && actual.NumChannels == 4 && actual.Format == expected {
+        return Ok(array);
+    }
+    Err(InteropError::Texture {
+        name: name.to_owned(),
+        expected: format!("{}x{} px of 4 x {expected:?}", size_px.0, size_px.1),
+        actual: format!(
+            "{}x{} px of {} x {:?}",
+            actual.Width, actual.Height, actual.NumChannels, actual.Format
+        ),
+    })
+}
+
+/// Has an array copied to rows without gaps, in the stream's order. The context is current.
+///
+/// # Safety
+/// The array has `rows` rows of `row_bytes` until the stream has copied them, and so has the target.
+pub(super) unsafe fn copy_array(
+    stream: &Stream,
+    array: sys::CUarray,
+    row_bytes: usize,
+    rows: usize,
+    target: sys::CUdeviceptr,
+) -> Result<(), InteropError> {
+    let copy = sys::CUDA_MEMCPY2D {
+        srcMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_ARRAY,
+        srcArray: array,
+        ..rows_to(target, row_bytes, rows, row_bytes)
+    };
+    // SAFETY: as the caller guarantees.
+    check("cuMemcpy2DAsync", unsafe { sys::cuMemcpy2DAsync_v2(&copy, stream.raw) })
 }
 
 /// Has rows copied on the device, in the stream's order. The context is current.
@@ -29,13 +101,29 @@ pub(super) unsafe fn copy_rows(
     target_stride_bytes: usize,
 ) -> Result<(), InteropError> {
     let copy = sys::CUDA_MEMCPY2D {
+        srcDevice: source.pointer,
+        srcPitch: source.stride_bytes,
+        ..rows_to(target, row_bytes, rows, target_stride_bytes)
+    };
+    // SAFETY: as the caller guarantees.
+    check("cuMemcpy2DAsync", unsafe { sys::cuMemcpy2DAsync_v2(&copy, stream.raw) })
+}
+
+/// A copy on the device without its source.
+fn rows_to(
+    target: sys::CUdeviceptr,
+    row_bytes: usize,
+    rows: usize,
+    target_stride_bytes: usize,
+) -> sys::CUDA_MEMCPY2D {
+    sys::CUDA_MEMCPY2D {
         srcXInBytes: 0,
         srcY: 0,
         srcMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
         srcHost: std::ptr::null(),
-        srcDevice: source.pointer,
+        srcDevice: 0,
         srcArray: std::ptr::null_mut(),
-        srcPitch: source.stride_bytes,
+        srcPitch: 0,
         dstXInBytes: 0,
         dstY: 0,
         dstMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
@@ -45,9 +133,7 @@ pub(super) unsafe fn copy_rows(
         dstPitch: target_stride_bytes,
         WidthInBytes: row_bytes,
         Height: rows,
-    };
-    // SAFETY: as the caller guarantees.
-    check("cuMemcpy2DAsync", unsafe { sys::cuMemcpy2DAsync_v2(&copy, stream.raw) })
+    }
 }
 
 /// Whether an image lies inside its allocation.

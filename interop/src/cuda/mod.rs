@@ -18,6 +18,6 @@ mod semaphore;
 mod stream;
 
 pub use context::{CudaDevice, cuda_devices};
-pub use copy::Strided;
+pub use copy::{Strided, Texture};
 pub use in_process::{CudaBuffer, CudaLink, Rows};
 pub use producer::{CudaOptions, CudaProducer, SlotPointers};

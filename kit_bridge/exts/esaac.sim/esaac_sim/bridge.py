@@ -2,7 +2,7 @@
 
 import esaac
 
-from . import exposure, schema, self_test, sinks, writer
+from . import exposure, publishing, schema, self_test, sinks, writer
 from .feed import Feed
 
 SETTINGS = "/exts/esaac.sim/"
@@ -14,7 +14,7 @@ class Bridge:
     def __init__(self, settings, log):
         self.settings, self.log = settings, log
         self.feeds, self.problems, self.checks = [], [], []
-        self._attached, self._before = [], None
+        self._attached, self._before, self._publisher = [], None, None
 
     def setting(self, name, default):
         value = self.settings.get(SETTINGS + name)
@@ -45,6 +45,7 @@ class Bridge:
         specs, self.problems = schema.cameras(stage)
         off = self_test.disabled(self.checks)
         self._before = exposure.pin(self.settings)
+        self._open_publisher([spec for spec in specs if spec.publish], off)
         for spec in specs:
             try:
                 self._attach(spec, off)
@@ -67,7 +68,7 @@ class Bridge:
             self.problems.append(f"{spec.path}: path `texture` is not available, path `annotator` is used")
         feed = Feed(spec, device=self.setting("device", None) or None)
         try:
-            self._add_sinks(feed, off)
+            self._add_sinks(feed)
             product, attached = writer.attach(spec, feed.write)
         except BaseException:
             feed.close()
@@ -75,22 +76,31 @@ class Bridge:
         self.feeds.append(feed)
         self._attached.append((product, attached))
 
-    def _add_sinks(self, feed, off):
+    def _open_publisher(self, specs, off):
+        """One for all cameras: they share a clock, and a process has one transport a domain."""
+        if not specs:
+            return
+        paths = ", ".join(spec.path for spec in specs)
+        if "publish" in off:
+            self.problems.append(f"{paths}: the renderer's clock failed the self-test, so nothing is published")
+            return
+        try:
+            self._publisher = publishing.publisher(specs)
+        except esaac.EsaacError as error:
+            self.problems.append(f"{paths}: nothing is published: {error}; events are still recorded and shown")
+
+    def _add_sinks(self, feed):
         spec = feed.spec
         folder = self.setting("record", "")
         if folder:
             feed.sinks.append(sinks.Recorder(folder, spec))
-        if not spec.publish:
-            return
-        if "publish" in off:
-            self.problems.append(
-                f"{spec.path}: the renderer's clock failed the self-test, so nothing is published"
-            )
-            return
-        try:
-            feed.sinks.append(sinks.publisher(spec))
-        except sinks.PublishUnavailable as error:
-            self.problems.append(str(error))
+        if spec.publish and self._publisher:
+            feed.sinks.append(publishing.Sink(self._publisher, spec, self.log))
+
+    @property
+    def publisher(self):
+        """What publishes to ROS 2, if anything is published."""
+        return self._publisher
 
     def detach(self):
         """Gives everything back."""
@@ -98,9 +108,14 @@ class Bridge:
             writer.detach(product, attached)
         for feed in self.feeds:
             feed.close()
+        if self._publisher is not None:
+            try:
+                self._publisher.close()
+            except esaac.EsaacError as error:
+                self.log.error(str(error))
         if self._before is not None:
             exposure.restore(self.settings, self._before)
-        self.feeds, self._attached, self._before = [], [], None
+        self.feeds, self._attached, self._before, self._publisher = [], [], None, None
 
 
 def _replaced(spec, **changes):

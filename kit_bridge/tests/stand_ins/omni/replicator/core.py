@@ -54,6 +54,12 @@ class AnnotatorRegistry:
         )
 
 
+class orchestrator:
+    @staticmethod
+    def set_capture_on_play(_on):
+        """Writers are called while the timeline plays; here they are whenever the application updates."""
+
+
 class Writer:
     """F1: subclasses list annotators in `__init__` and have `write`."""
 
@@ -124,12 +130,14 @@ def _data(product, stage, frame):
     hdr = np.full((height, width, 4), BACKGROUND, np.float16)
     motion = np.zeros((height, width, 4), np.float32)
     depth = np.full((height, width), np.inf, np.float32)
+    rgb = np.full((height, width, 4), 255, np.uint8)
     first = product.drawn == 0
     for cube, (x0, x1, y0, y1, z, centre) in _cubes(stage, product.camera, width, height):
         ys, xs = slice(max(y0, 0), max(min(y1, height), 0)), slice(max(x0, 0), max(min(x1, width), 0))
         light = _light(stage, cube)
         hdr[ys, xs] = np.sqrt(light) if faults.gamma else light
         depth[ys, xs] = z
+        rgb[ys, xs, :3] = (200, 100, 50)
         before = product.before.get(cube, centre)
         moved = (before[0] - centre[0], before[1] - centre[1])  # F3
         if first:
@@ -138,10 +146,8 @@ def _data(product, stage, frame):
         product.before[cube] = centre
     suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
     if product.drawn < faults.empty_frames:  # F4
-        hdr, motion, depth = (
-            np.empty((0,), np.float16),
-            np.empty((0,), np.float32),
-            np.empty((0,), np.float32),
+        hdr, motion, depth, rgb = (
+            np.empty((0,), dtype) for dtype in (np.float16, np.float32, np.float32, np.uint8)
         )
     seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
     of = lambda array: wp.array(np.squeeze(array), device="cpu")  # F2
@@ -149,6 +155,7 @@ def _data(product, stage, frame):
         f"HdrColor{suffix}": of(hdr),
         f"motion_vectors{suffix}": of(motion),
         f"distance_to_image_plane{suffix}": of(depth),
+        f"rgb{suffix}": of(rgb),
         f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
     }
 
