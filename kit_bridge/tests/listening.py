@@ -31,7 +31,8 @@ def listening(domain, topics):
     What came is in the list given, by topic, after the block."""
     came = {}
     names = [
-        f"{name}={kind}" + ("=transient_local" if name.endswith(LATCHED) else "") for name, kind in topics.items()
+        f"{name}={kind}" + ("=transient_local" if name.endswith(LATCHED) else "")
+        for name, kind in topics.items()
     ]
     environment = {key: value for key, value in os.environ.items() if key != "CYCLONEDDS_URI"}
     child = subprocess.Popen(

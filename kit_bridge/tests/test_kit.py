@@ -20,6 +20,7 @@ import omni.kit.menu.utils
 import omni.timeline
 import omni.ui
 import omni.usd
+import warp as wp
 from omni.replicator import core as rep
 
 import esaac
@@ -248,6 +249,26 @@ def test_wrong_motion_vectors_switch_the_synthesis(stage):
     assert running.attach(stage) == 1
     assert "mode `linear` is used" in running.problems[0]
     assert running.feeds[0].spec.sensor.synthesis == "linear"
+    running.detach()
+
+
+def test_the_texture_path_is_taken_only_where_the_self_test_has_passed(stage):
+    settings = carb.settings.get_settings()
+    settings.set(SETTINGS + "path", "texture")
+    # The self-test is off: nobody knows.
+    running = bridge()
+    assert running.attach(stage) == 1 and running.feeds[0].texture is None
+    assert "has not passed the self-test, so the annotator's array is used" in running.problems[0]
+    running.detach()
+    if wp.is_cuda_available():
+        # Tests of `on_cuda` go on from here.
+        return
+    running, checks = checked(stage)
+    assert checks["texture"].message == "HdrColorPtr lies on the host, expected a CUDA device"
+    assert not checks["texture"].holds and all(c.holds for n, c in checks.items() if n != "texture")
+    assert running.attach(stage) == 1 and running.feeds[0].texture is None and len(running.problems) == 1
+    move(stage, 6)
+    assert running.feeds[0].frames == 4
     running.detach()
 
 

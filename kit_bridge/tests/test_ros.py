@@ -22,7 +22,9 @@ def loopback(monkeypatch):
 
 def test_all_that_a_camera_has_is_read_bit_for_bit(tmp_path):
     camera = esaac.EventCamera("dvs128", **SENSOR, aps_exposure_ns=8_000_000, aps_bits=10)
-    told = ros.Camera("eye", camera.sensor, focal_px=50, rgb=True, depth=True, imu=True, frame_id="sim_camera")
+    told = ros.Camera(
+        "eye", camera.sensor, focal_px=50, rgb=True, depth=True, imu=True, frame_id="sim_camera"
+    )
     packets, images, depths, aps = [], [], [], []
     bag = tmp_path / "run.mcap"
     with ros.Publisher([told], domain=domain(0), record=bag) as publisher:
@@ -54,7 +56,9 @@ def test_all_that_a_camera_has_is_read_bit_for_bit(tmp_path):
     assert len(came["/esaac/eye/image_raw"]) == len(came["/esaac/eye/depth/image_raw"]) == 6
     info = came["/esaac/eye/camera_info"][0]
     assert info["k"] == [50, 0, 19.5, 0, 50, 11.5, 0, 0, 1]
-    assert [m["angular_velocity"]["z"] for m in came["/esaac/eye/imu"]] == [i for i in range(6) for _ in (0, 1)]
+    assert [m["angular_velocity"]["z"] for m in came["/esaac/eye/imu"]] == [
+        i for i in range(6) for _ in (0, 1)
+    ]
     assert came["/esaac/eye/imu"][0]["header"]["frame_id"] == "sim_camera_link"
     clock = [m["clock"]["sec"] * 10**9 + m["clock"]["nanosec"] for m in came["/clock"]]
     assert clock == [FRAME_NS * index for index in range(6)]

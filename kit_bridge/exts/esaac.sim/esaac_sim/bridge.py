@@ -4,6 +4,8 @@ import esaac
 
 from . import exposure, publishing, schema, self_test, sinks, writer
 from .feed import Feed
+from .frames import FrameUnusable
+from .texture import Texture
 
 SETTINGS = "/exts/esaac.sim/"
 
@@ -30,7 +32,8 @@ class Bridge:
             return
         before = exposure.pin(self.settings)
         try:
-            self.checks = await self_test.run(app, stage)
+            device = self.setting("device", None) or None
+            self.checks = await self_test.run(app, stage, self.wants_texture, device)
         except Exception as error:  # A renderer that cannot draw the test must not keep cameras from running.
             failed = f"{type(error).__name__}: {error}"
             self.checks = [self_test.Check("self-test", False, failed, disables="texture")]
@@ -49,7 +52,7 @@ class Bridge:
         for spec in specs:
             try:
                 self._attach(spec, off)
-            except (esaac.EsaacError, OSError) as error:
+            except (esaac.EsaacError, FrameUnusable, OSError) as error:
                 self.problems.append(f"{spec.path}: {error}")
         for problem in self.problems:
             self.log.error(problem)
@@ -63,18 +66,34 @@ class Bridge:
                 f"{spec.path}: the renderer's motion vectors failed the self-test, so mode `linear` is used"
             )
             spec = _replaced(spec, sensor=spec.sensor.replace(synthesis="linear"))
-        if self.setting("path", "annotator") == "texture":
-            # The texture path needs the renderer's image in CUDA by its own pointer, which nobody has seen work.
-            self.problems.append(f"{spec.path}: path `texture` is not available, path `annotator` is used")
+        by_texture = self._by_texture(spec, off)
         feed = Feed(spec, device=self.setting("device", None) or None)
         try:
             self._add_sinks(feed)
-            product, attached = writer.attach(spec, feed.write)
+            product, attached = writer.attach(spec, feed.write, with_hdr=not by_texture)
+            if by_texture:
+                feed.texture = Texture(product)
         except BaseException:
             feed.close()
             raise
         self.feeds.append(feed)
         self._attached.append((product, attached))
+
+    @property
+    def wants_texture(self):
+        """Whether the texture path may be tried at all: see `texture.py`."""
+        return self.setting("path", "annotator") == "texture"
+
+    def _by_texture(self, spec, off):
+        if not self.wants_texture:
+            return False
+        passed = any(check.name == "texture" and check.holds for check in self.checks)
+        if not passed or "texture" in off:
+            self.problems.append(
+                f"{spec.path}: the texture path has not passed the self-test, so the annotator's array is used"
+            )
+            return False
+        return True
 
     def _open_publisher(self, specs, off):
         """One for all cameras: they share a clock, and a process has one transport a domain."""
@@ -82,12 +101,16 @@ class Bridge:
             return
         paths = ", ".join(spec.path for spec in specs)
         if "publish" in off:
-            self.problems.append(f"{paths}: the renderer's clock failed the self-test, so nothing is published")
+            self.problems.append(
+                f"{paths}: the renderer's clock failed the self-test, so nothing is published"
+            )
             return
         try:
             self._publisher = publishing.publisher(specs)
         except esaac.EsaacError as error:
-            self.problems.append(f"{paths}: nothing is published: {error}; events are still recorded and shown")
+            self.problems.append(
+                f"{paths}: nothing is published: {error}; events are still recorded and shown"
+            )
 
     def _add_sinks(self, feed):
         spec = feed.spec

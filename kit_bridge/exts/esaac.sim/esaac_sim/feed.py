@@ -23,6 +23,7 @@ class Feed:
 
     def __init__(self, spec, device=None):
         self.spec = spec
+        self.texture = None
         self.camera = esaac.EventCamera(spec.sensor, device=device, packets=spec.packets)
         self.sinks = []
         self.frames = self.events = self.duplicates = self.gaps = self.unusable = self.faults = 0
@@ -40,7 +41,7 @@ class Feed:
         sensor = self.spec.sensor
         try:
             needs_motion = sensor.synthesis in ("motion", "paper")
-            frame = frame_of(data, sensor.width, sensor.height, needs_motion, self.spec.outputs)
+            frame = frame_of(data, sensor.width, sensor.height, needs_motion, self.spec.outputs, self.texture)
         except FrameUnusable as unusable:
             self.unusable += 1
             self.message = str(unusable)

@@ -53,9 +53,10 @@ def seconds(entry):
     return float(entry)
 
 
-def frame_of(data, width, height, needs_motion=True, outputs=()):
-    """Colour, motion and time of a writer's data, checked, and what `outputs` asks for beside them."""
-    hdr = _image(data, HDR, height, width)
+def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None):
+    """Colour, motion and time of a writer's data, checked, and what `outputs` asks for beside them. Colour is the
+    texture's, if there is one."""
+    hdr = texture.image(width, height) if texture else _image(data, HDR, height, width)
     motion = _image(data, MOTION, height, width) if needs_motion else None
     rgb = _image(data, RGB, height, width) if "rgb" in outputs else None
     depth = _image(data, DEPTH, height, width, channels=()) if "depth" in outputs else None

@@ -10,7 +10,9 @@ class Imu:
         try:
             from isaacsim.sensors.physics import IMUSensor
         except ImportError as error:
-            raise ros.RosError(f"esaac:imu names {path}, and isaacsim.sensors.physics is not enabled") from error
+            raise ros.RosError(
+                f"esaac:imu names {path}, and isaacsim.sensors.physics is not enabled"
+            ) from error
         self._sensor, self._last_ns = IMUSensor(prim_path=path), None
 
     def samples(self):

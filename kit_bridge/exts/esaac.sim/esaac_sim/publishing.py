@@ -43,7 +43,8 @@ class Sink:
         # The first frame ends no interval: there is nothing of events to tell.
         packet = packet if feed.frames > 1 else None
         self._publisher.publish(
-            frame.t_ns, {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=frame.depth, imu=samples)}
+            frame.t_ns,
+            {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=frame.depth, imu=samples)},
         )
         for notice in self._publisher.notices():
             self._log.warn(notice)

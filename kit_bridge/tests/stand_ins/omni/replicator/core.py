@@ -15,6 +15,7 @@ import omni.usd
 
 wp.config.quiet = True
 
+DEVICE = "cuda:0" if wp.is_cuda_available() else "cpu"
 BACKGROUND = 0.05
 RATE_HZ = 60.0
 
@@ -32,7 +33,7 @@ class RenderProduct:
     def __init__(self, camera, resolution):
         self.camera, self.resolution = camera, resolution
         self.path = f"/Render/RenderProduct_{len(_PRODUCTS)}"
-        self.writers, self.drawn, self.before = [], 0, {}
+        self.writers, self.drawn, self.before, self.hdr = [], 0, {}, None
         _PRODUCTS.append(self)
 
     def destroy(self):
@@ -120,7 +121,7 @@ def draw():
                 writer.write({key: value for key, value in data.items() if key.split("-")[0] in listed})
             for value in data.values():  # F7
                 if isinstance(value, wp.array) and value.size:
-                    value.fill_(7.0)
+                    value.fill_(7)
         product.drawn += 1
     _FRAME += 1
 
@@ -149,8 +150,9 @@ def _data(product, stage, frame):
         hdr, motion, depth, rgb = (
             np.empty((0,), dtype) for dtype in (np.float16, np.float32, np.float32, np.uint8)
         )
+    product.hdr = hdr
     seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
-    of = lambda array: wp.array(np.squeeze(array), device="cpu")  # F2
+    of = lambda array: wp.array(np.squeeze(array), device=DEVICE)  # F2
     return {
         f"HdrColor{suffix}": of(hdr),
         f"motion_vectors{suffix}": of(motion),
