@@ -135,6 +135,15 @@ impl InteropError {
         move |source| InteropError::System { call, source }
     }
 
+    /// The same in words for a peer, which adds the code itself.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            InteropError::Refused { text, .. } => text.clone(),
+            other => other.to_string(),
+        }
+    }
+
     /// What a peer is told when this is why it is turned away.
     #[must_use]
     pub fn code(&self) -> ErrorCode {

@@ -124,12 +124,9 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
             refused(
                 ErrorCode::Device,
                 format!(
-                    "the producer is on device {} with driver {}, the engine on {} with {}; start both on \
-                     one device",
-                    DeviceChoice::Uuid(hello.device_uuid),
-                    DeviceChoice::Uuid(hello.driver_uuid),
-                    DeviceChoice::Uuid(terms.device_uuid),
-                    DeviceChoice::Uuid(terms.driver_uuid)
+                    "the producer is on device {}, the engine on {}; start both on one device",
+                    names(hello.device_uuid, hello.driver_uuid),
+                    names(terms.device_uuid, terms.driver_uuid)
                 ),
             )
         });
@@ -150,6 +147,15 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
         ));
     };
     Ok(Agreement { memory, timeline })
+}
+
+/// A device, and its driver if it has one.
+fn names(device: [u8; 16], driver: [u8; 16]) -> String {
+    let device = DeviceChoice::Uuid(device);
+    if driver == wire::NO_DRIVER {
+        return device.to_string();
+    }
+    format!("{device} with driver {}", DeviceChoice::Uuid(driver))
 }
 
 impl Session {

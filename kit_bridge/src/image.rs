@@ -9,6 +9,7 @@ use crate::dlpack::{self, Borrowed};
 use crate::error::Fault;
 use crate::texture::CudaTexture;
 use esaac_interop::cuda::Texture;
+use pyo3::exceptions::PyBufferError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -74,8 +75,12 @@ enum Owner {
     Dlpack(#[expect(dead_code, reason = "kept, not read")] Borrowed),
 }
 
-/// What a call knows of streams.
-pub struct Streams {
+/// What a call knows of the device, and of streams on it.
+pub struct Streams<'a> {
+    /// CUDA's number of the engine's device.
+    pub ordinal: i32,
+    /// Its name.
+    pub device: &'a str,
     /// Ours, which producers are asked to order their work before.
     pub ours: u64,
     /// The caller's word for where the arrays are written.
@@ -84,11 +89,14 @@ pub struct Streams {
     pub torch: Rc<Cell<Option<u64>>>,
 }
 
+fn is_torch(array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    Ok(array.get_type().module()? == "torch")
+}
+
 /// The stream that torch puts work into now, for a tensor of torch's: to ask for it takes less time than to have
 /// torch order the stream that DLPack's protocol names.
 fn stream_of_torch(array: &Bound<'_, PyAny>, known: &Cell<Option<u64>>) -> PyResult<Option<u64>> {
-    let kind = array.get_type();
-    if kind.module()? != "torch" {
+    if !is_torch(array)? {
         return Ok(None);
     }
     if known.get().is_some() {
@@ -105,10 +113,10 @@ fn stream_of_torch(array: &Bound<'_, PyAny>, known: &Cell<Option<u64>>) -> PyRes
 
 impl Image {
     /// Looks at an array. `streams` is called when it lies on a CUDA device.
-    pub fn of(
+    pub fn of<'a>(
         array: &Bound<'_, PyAny>,
         name: &'static str,
-        streams: &dyn Fn() -> PyResult<Streams>,
+        streams: &dyn Fn() -> PyResult<Streams<'a>>,
     ) -> PyResult<Self> {
         let py = array.py();
         if array.is_instance(numpy(py)?.getattr("ndarray")?.as_any())? {
@@ -118,9 +126,15 @@ impl Image {
             return Self::of_texture(texture, name, streams()?);
         }
         if let Ok(device) = array.call_method0("__dlpack_device__") {
-            let (kind, _): (i32, i32) = device.extract()?;
+            let (kind, number): (i32, i32) = device.extract()?;
             return match kind {
-                dlpack::CUDA | dlpack::CUDA_MANAGED => Self::by_dlpack(array, name, streams()?),
+                dlpack::CUDA | dlpack::CUDA_MANAGED => {
+                    let streams = streams()?;
+                    if kind == dlpack::CUDA && number != streams.ordinal {
+                        return Err(elsewhere(name, number, streams.ordinal, streams.device).into());
+                    }
+                    Self::by_dlpack(array, name, streams)
+                }
                 dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, name),
                 kind => Err(Fault::Frame(format!(
                     "{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"
@@ -177,7 +191,7 @@ impl Image {
         array: &Bound<'_, PyAny>,
         interface: &Bound<'_, PyAny>,
         name: &'static str,
-        streams: Streams,
+        streams: Streams<'_>,
     ) -> PyResult<Self> {
         let interface = interface.cast::<PyDict>()?;
         let (pointer, element, shape, strides) = parse_interface(interface, name)?;
@@ -212,7 +226,18 @@ impl Image {
             Some(_) => arguments.set_item("stream", -1)?,
             None => arguments.set_item("stream", streams.ours)?,
         }
-        let capsule = array.call_method("__dlpack__", (), Some(&arguments))?;
+        let capsule = match array.call_method("__dlpack__", (), Some(&arguments)) {
+            // Torch lends tensors of its present device only.
+            Err(error) if error.is_instance_of::<PyBufferError>(py) && is_torch(array)? => {
+                let there = (array.getattr("device")?,);
+                let device = py.import("torch")?.getattr("cuda")?.getattr("device")?.call1(there)?;
+                device.call_method0("__enter__")?;
+                let lent = array.call_method("__dlpack__", (), Some(&arguments));
+                device.call_method1("__exit__", (py.None(), py.None(), py.None()))?;
+                lent?
+            }
+            lent => lent?,
+        };
         let borrowed = Borrowed::take(&capsule)?;
         let tensor = borrowed.tensor();
         let element = match (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes) {
@@ -254,6 +279,14 @@ impl Image {
             _owner: Owner::Dlpack(borrowed),
         })
     }
+}
+
+/// An array on another GPU than the engine's.
+pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault {
+    Fault::Frame(format!(
+        "{name} lies on cuda:{actual}, expected cuda:{expected}, the engine's device {device}; make the camera \
+         with device=\"cuda:{actual}\""
+    ))
 }
 
 /// CUDA's name for it where a null pointer says "no stream".

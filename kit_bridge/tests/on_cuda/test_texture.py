@@ -62,7 +62,8 @@ def test_a_texture_of_another_size_or_format_is_told():
         with pytest.raises(esaac.FrameError, match=message):
             camera().step(esaac.CudaTexture(handle.handle.value, 40, 24, dtype=dtype), motion, t_ns=0)
     with pytest.raises(esaac.FrameError, match="motion is a texture, expected an array"):
-        camera().step(motion.half(), esaac.CudaTexture(texture.handle.value, 40, 24), t_ns=0)
+        image = torch.zeros(24, 40, 4, device="cuda").half()
+        camera().step(image, esaac.CudaTexture(texture.handle.value, 40, 24), t_ns=0)
     many = esaac.TiledEventCamera("dvs128", 1, device="cuda:0", **SIZE)
     with pytest.raises(esaac.FrameError, match="expected an array of all environments|has shape"):
         many.step(esaac.CudaTexture(texture.handle.value, 40, 24), motion[None], t_ns=0)
