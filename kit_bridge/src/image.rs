@@ -8,8 +8,8 @@
 use crate::dlpack::{self, Borrowed};
 use crate::error::Fault;
 use crate::texture::CudaTexture;
+use crate::torch;
 use esaac_interop::cuda::Texture;
-use pyo3::exceptions::PyBufferError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -87,28 +87,6 @@ pub struct Streams<'a> {
     pub callers: Option<u64>,
     /// Torch's present stream, once it was asked for.
     pub torch: Rc<Cell<Option<u64>>>,
-}
-
-fn is_torch(array: &Bound<'_, PyAny>) -> PyResult<bool> {
-    Ok(array.get_type().module()? == "torch")
-}
-
-/// The stream that torch puts work into now, for a tensor of torch's: to ask for it takes less time than to have
-/// torch order the stream that DLPack's protocol names.
-fn stream_of_torch(array: &Bound<'_, PyAny>, known: &Cell<Option<u64>>) -> PyResult<Option<u64>> {
-    if !is_torch(array)? {
-        return Ok(None);
-    }
-    if known.get().is_some() {
-        return Ok(known.get());
-    }
-    let cuda = array.py().import("torch")?.getattr("cuda")?;
-    let stream: u64 = cuda
-        .call_method1("current_stream", (array.getattr("device")?,))?
-        .getattr("cuda_stream")?
-        .extract()?;
-    known.set(Some(stream.max(LEGACY_DEFAULT_STREAM)));
-    Ok(known.get())
 }
 
 impl Image {
@@ -219,25 +197,14 @@ impl Image {
         let arguments = PyDict::new(py);
         let after = match streams.callers {
             Some(stream) => Some(stream),
-            None => stream_of_torch(array, &streams.torch)?,
+            None => torch::stream_of(array, &streams.torch)?,
         };
         // Where the stream is known, the producer need not order anything.
         match after {
             Some(_) => arguments.set_item("stream", -1)?,
             None => arguments.set_item("stream", streams.ours)?,
         }
-        let capsule = match array.call_method("__dlpack__", (), Some(&arguments)) {
-            // Torch lends tensors of its present device only.
-            Err(error) if error.is_instance_of::<PyBufferError>(py) && is_torch(array)? => {
-                let there = (array.getattr("device")?,);
-                let device = py.import("torch")?.getattr("cuda")?.getattr("device")?.call1(there)?;
-                device.call_method0("__enter__")?;
-                let lent = array.call_method("__dlpack__", (), Some(&arguments));
-                device.call_method1("__exit__", (py.None(), py.None(), py.None()))?;
-                lent?
-            }
-            lent => lent?,
-        };
+        let capsule = torch::lend(array, &arguments)?;
         let borrowed = Borrowed::take(&capsule)?;
         let tensor = borrowed.tensor();
         let element = match (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes) {

@@ -16,6 +16,7 @@ mod sensor;
 mod state;
 mod tensor;
 mod texture;
+mod torch;
 
 use esaac_cli::event_file::{EventColumns, write_npz};
 use numpy::PyReadonlyArray1;
