@@ -1,88 +1,35 @@
 """The extension `esaac.sim` on real USD stages and real Warp arrays, with stand-ins for Kit (see `stand_ins`)."""
 
 import asyncio
-import pathlib
-import sys
-
-import numpy as np
-import pytest
-from listening import assert_packets, domain, listening
-from pxr import Gf, Plug, Sdf, Usd, UsdGeom
-
-HERE = pathlib.Path(__file__).parent
-EXTENSION = HERE.parent / "exts/esaac.sim"
-sys.path[:0] = [str(HERE / "stand_ins"), str(EXTENSION)]
 
 import carb
 import carb.settings
-import omni.kit.app
+import numpy as np
 import omni.kit.menu.utils
 import omni.timeline
 import omni.ui
-import omni.usd
+import pytest
 import warp as wp
+from kit_stage import APP, EXTENSION, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
+from pxr import Plug, Sdf, UsdGeom
 
 import esaac
 from esaac_sim import self_test, sinks
-from esaac_sim.bridge import SETTINGS, Bridge
-from esaac_sim.extension import Extension, Log
+from esaac_sim.bridge import SETTINGS
+from esaac_sim.extension import Extension
 from esaac_sim.frames import FrameUnusable, frame_of
-from esaac_sim.schema import API, SchemaError, cameras, register, spec_of
-
-APP = omni.kit.app.get_app()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def schema():
-    """The schema as the extension registers it."""
-    register()
-    assert Plug.Registry().GetPluginWithName("esaacSim")
+from esaac_sim.schema import API, SchemaError, cameras, spec_of
 
 
 @pytest.fixture
 def stage():
-    rep.reset()
-    carb.LINES.clear()
-    settings = carb.settings.get_settings()
-    settings.clear()
-    settings.set(SETTINGS + "self_test", False)
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.Cube.Define(stage, "/cube").AddTranslateOp().Set(Gf.Vec3d(-0.5, 0.2, 0))
-    camera(stage, "/camera", sensor="dvs128", overrides="width = 64\nheight = 48\ncontrast_on = 0.15  # more")
-    omni.usd.get_context().stage = stage
-    yield stage
-    omni.usd.get_context().stage = None
-
-
-KINDS = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, str: Sdf.ValueTypeNames.Token}
-
-
-def camera(stage, path, **attributes):
-    prim = UsdGeom.Camera.Define(stage, path)
-    prim.AddTranslateOp().Set(Gf.Vec3d(0, 0, 8))
-    prim.CreateHorizontalApertureAttr(20.955)
-    prim.CreateFocalLengthAttr(24.0)
-    for name, value in attributes.items():
-        kind = Sdf.ValueTypeNames.TokenArray if isinstance(value, list) else KINDS[type(value)]
-        kind = Sdf.ValueTypeNames.String if name == "overrides" else kind
-        prim.GetPrim().CreateAttribute(f"esaac:{name}", kind).Set(value)
-    return prim.GetPrim()
-
-
-def move(stage, frames, first=0, speed=0.02):
-    place = stage.GetPrimAtPath("/cube").GetAttribute("xformOp:translate")
-    for index in range(first, first + frames):
-        place.Set(Gf.Vec3d(-0.5 + speed * index, 0.2, 0))
-        APP.update()
-
-
-def bridge():
-    return Bridge(carb.settings.get_settings(), Log())
+    with fresh_stage() as stage:
+        yield stage
 
 
 def test_attributes_and_the_applied_schema_make_event_cameras(stage):
+    assert Plug.Registry().GetPluginWithName("esaacSim")
     plain = UsdGeom.Camera.Define(stage, "/plain")
     applied = UsdGeom.Camera.Define(stage, "/applied").GetPrim()
     assert applied.ApplyAPI(API) and applied.HasAPI(API)
@@ -284,87 +231,6 @@ def test_a_curve_a_stopped_clock_and_empty_frames_are_told(stage):
     running, checks = checked(stage, stopped_clock=False, empty_frames=1000)
     assert not checks["frames"].holds and running.attach(stage) == 0
     assert "no camera is attached" in running.problems[0]
-
-
-def publishes(stage, path, **attributes):
-    prim = stage.GetPrimAtPath(path)
-    prim.CreateAttribute("esaac:publish", Sdf.ValueTypeNames.Bool).Set(True)
-    for name, value in attributes.items():
-        kind = Sdf.ValueTypeNames.TokenArray if isinstance(value, list) else Sdf.ValueTypeNames.String
-        prim.CreateAttribute(f"esaac:{name}", kind).Set(value)
-
-
-@pytest.fixture
-def network(monkeypatch):
-    """Loopback, on a domain of this test's own."""
-    number = domain(5)
-    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
-    return number
-
-
-def test_what_cameras_publish_is_read_bit_for_bit_by_an_independent_subscriber(stage, network):
-    camera(stage, "/plain", sensor="dvs128", overrides="width = 32\nheight = 24")
-    publishes(stage, "/plain")
-    publishes(
-        stage,
-        "/camera",
-        topic="/robot/davis/events",
-        frameId="sim_camera",
-        imu="/robot/imu",
-        outputs=["events", "aps", "rgb", "depth"],
-    )
-    running = bridge()
-    assert running.attach(stage) == 2 and not running.problems, running.problems
-    first, second = running.feeds
-    packets, images = {"/robot/davis": [], "/plain": []}, []
-
-    def keep(feed, packet):
-        # What the first frame gives is the beginning and is not told.
-        if feed.frames > 1:
-            packets[feed.spec.topic].append(packet)
-        if feed is first:
-            images.append((feed.frame.rgb.numpy().copy(), feed.frame.depth.numpy().copy(), feed.camera.aps))
-
-    first.sinks.append(keep), second.sinks.append(keep)
-    topics = running.publisher.topics
-    with listening(network, topics) as (wait, came):
-        wait()
-        move(stage, 12)
-        assert first.frames == 10 and first.message == "running" and second.faults == 0, first.message
-        running.detach()
-    assert sum(map(len, packets["/robot/davis"])) > 100
-    for topic, feed in (("/robot/davis", first), ("/plain", second)):
-        assert_packets(came[f"{topic}/events"], packets[topic], feed.spec.sensor)
-    rgb, depth, aps = (came[f"/robot/davis/{name}image_raw"] for name in ("", "depth/", "aps/"))
-    assert len(rgb) == len(depth) == 10 and rgb[0]["header"]["frame_id"] == "sim_camera"
-    for (colours, metres, _), image, far in zip(images, rgb, depth):
-        np.testing.assert_array_equal(image["data"], colours[..., :3].ravel())
-        expected = np.where(np.isfinite(metres), metres, np.nan).astype(np.float32)
-        np.testing.assert_array_equal(np.frombuffer(bytes(far["data"]), np.float32), expected.ravel())
-    frames = [frame.pixels.astype("u1").tobytes() for _, _, frame in images if frame]
-    assert [bytes(message["data"]) for message in aps] == frames and len(frames) == 9
-    assert came["/robot/davis/camera_info"][0]["k"][0] == pytest.approx(24.0 / 20.955 * 64)
-    imu = came["/robot/davis/imu"]
-    assert len(imu) == 10 and imu[0]["linear_acceleration"]["z"] == 9.81
-    clock = [m["clock"]["sec"] * 10**9 + m["clock"]["nanosec"] for m in came["/clock"]]
-    assert clock == [round(index / 60 * 1e9) for index in range(2, 12)]
-
-
-def test_topics_and_networks_that_cannot_be_are_problems_and_cameras_run(stage, network, monkeypatch):
-    camera(stage, "/wrong", sensor="dvs128", overrides="width = 32\nheight = 24")
-    publishes(stage, "/wrong", topic="robot/my camera")
-    publishes(stage, "/camera")
-    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    running = bridge()
-    assert running.attach(stage) == 1
-    (topic, transport) = running.problems
-    assert "/wrong" in topic and "does not start with a slash" in topic
-    assert "/camera" in transport and "ROS_DOMAIN_ID is `many`" in transport
-    move(stage, 6)
-    assert running.feeds[0].frames == 4 and running.publisher is None
-    running.detach()
 
 
 def test_recordings_are_files_when_the_run_ends(stage, tmp_path):

@@ -4,24 +4,18 @@ Run by name, as all of `on_cuda`.
 """
 
 import asyncio
-import pathlib
-import sys
-
-import numpy as np
-import pytest
-import torch
-from conftest import FRAME_NS, assert_same, bars, run
-from pxr import Gf, Sdf, Usd, UsdGeom
-
-HERE = pathlib.Path(__file__).parents[1]
-sys.path[:0] = [str(HERE / "stand_ins"), str(HERE.parent / "exts/esaac.sim")]
 
 import carb.settings
+import numpy as np
 import omni.kit.app
 import omni.syntheticdata
 import omni.usd
+import pytest
+import torch
+from conftest import FRAME_NS, assert_same, bars, run
 from omni.replicator import core as rep
 from omni.syntheticdata import MipmappedArray
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 import esaac
 from esaac_sim.bridge import SETTINGS, Bridge
