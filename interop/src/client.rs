@@ -119,7 +119,7 @@ impl Client {
     /// Tells the engine why this side closes; the error again.
     pub(crate) fn give_up(&self, error: InteropError) -> InteropError {
         // The engine's log shall say why; if it is gone there is no one to tell.
-        let _ = self.socket.send(&Message::Refusal(Refusal::new(error.code(), &error.to_string())), &[]);
+        let _ = self.socket.send(&Message::Refusal(Refusal::new(error.code(), &error.words())), &[]);
         error
     }
 

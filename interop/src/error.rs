@@ -73,8 +73,8 @@ pub enum InteropError {
         /// The call.
         call: &'static str,
         /// Its result.
-        result: vk::Result,
-        /// What that means.
+        result: String,
+        /// What that means, and what to do.
         hint: &'static str,
     },
     /// Memory of another process that is not what was said of it.
@@ -104,6 +104,16 @@ pub enum InteropError {
         /// CUDA's name for the result.
         result: String,
     },
+    /// An image in CUDA's own layout that is not what it must be.
+    #[error("the texture of `{name}` is {actual}, expected {expected}")]
+    Texture {
+        /// Which image.
+        name: String,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        actual: String,
+    },
     /// A timeline that does not go up by the rule.
     #[error("slot {slot}: timeline value {actual}, expected {expected}")]
     Value {
@@ -125,6 +135,15 @@ impl InteropError {
         move |source| InteropError::System { call, source }
     }
 
+    /// The same in words for a peer, which adds the code itself.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            InteropError::Refused { text, .. } => text.clone(),
+            other => other.to_string(),
+        }
+    }
+
     /// What a peer is told when this is why it is turned away.
     #[must_use]
     pub fn code(&self) -> ErrorCode {
@@ -132,7 +151,8 @@ impl InteropError {
             InteropError::Refused { code, .. } => *code,
             InteropError::Wire(error) => error.code(),
             InteropError::Import { .. } | InteropError::Size { .. } => ErrorCode::Memory,
-            InteropError::Cuda { .. } => ErrorCode::Memory,
+            InteropError::Engine(EngineError::OutOfMemory { .. }) => ErrorCode::Memory,
+            InteropError::Cuda { .. } | InteropError::Texture { .. } => ErrorCode::Memory,
             InteropError::Unsupported { .. } => ErrorCode::Unsupported,
             InteropError::Timeout { .. } => ErrorCode::Timeout,
             InteropError::Value { .. } => ErrorCode::Value,

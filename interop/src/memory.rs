@@ -225,7 +225,7 @@ impl SharedBuffer {
                 name: name.to_owned(),
                 bytes: host.bytes(),
                 call: "vkAllocateMemory",
-                result,
+                result: result.to_string(),
                 hint: "the driver does not take this memory of the host",
             })?;
         let buffer = raw.bind(name, memory, bytes)?;
@@ -262,6 +262,10 @@ pub(crate) fn export_memory(device: &Device, memory: vk::DeviceMemory) -> Result
     Ok(fd)
 }
 
+/// What helps where memory is short.
+pub(crate) const NO_ROOM: &str =
+    "memory is short: give the camera fewer `slots` or a smaller size, or free memory";
+
 /// The peer's memory, for a buffer or an image of these requirements; `info` says the rest.
 pub(crate) fn import_memory(
     device: &Device,
@@ -295,12 +299,13 @@ pub(crate) fn import_memory(
             name: name.to_owned(),
             bytes: told.allocation_bytes,
             call: "vkAllocateMemory",
-            result,
+            result: result.to_string(),
             hint: match result {
-                vk::Result::ERROR_INVALID_EXTERNAL_HANDLE => "the descriptor is no memory of this driver",
-                vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
-                    "memory is short, or the size is not the one that was exported"
+                // The software driver's word for memory that it has no room to map, too.
+                vk::Result::ERROR_INVALID_EXTERNAL_HANDLE => {
+                    "it is no memory of this driver, or there is no room for it (fewer `slots`, a smaller camera)"
                 }
+                vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => NO_ROOM,
                 _ => "see the result",
             },
         })?;

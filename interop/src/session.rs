@@ -4,7 +4,7 @@
 use crate::error::InteropError;
 use crate::ring::Images;
 use crate::wire::{self, Brought, ErrorCode, FrameNotice, Hello, ImageMemory, Message, WireError};
-use esaac_engine::EngineError;
+use esaac_engine::{DeviceChoice, EngineError};
 use esaac_model::frame;
 
 /// Times beyond this are no times: it leaves room for every sum.
@@ -115,20 +115,18 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
             refused(
                 ErrorCode::Unsupported,
                 format!(
-                    "memories: the producer has {:#x}, the engine {:#x}, none in common",
-                    hello.memories, terms.memories
+                    "memories: the producer has {}, the engine {}, none in common",
+                    wire::memory_names(hello.memories),
+                    wire::memory_names(terms.memories)
                 ),
             )
         } else {
             refused(
                 ErrorCode::Device,
                 format!(
-                    "the producer is on device {} with driver {}, the engine on {} with {}; start both on \
-                     one device",
-                    hex(&hello.device_uuid),
-                    hex(&hello.driver_uuid),
-                    hex(&terms.device_uuid),
-                    hex(&terms.driver_uuid)
+                    "the producer is on device {}, the engine on {}; start both on one device",
+                    names(hello.device_uuid, hello.driver_uuid),
+                    names(terms.device_uuid, terms.driver_uuid)
                 ),
             )
         });
@@ -142,16 +140,22 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
         return Err(refused(
             ErrorCode::Unsupported,
             format!(
-                "timelines: the producer has {:#x}, the engine {:#x}, none in common",
-                hello.timelines, terms.timelines
+                "timelines: the producer has {}, the engine {}, none in common",
+                wire::timeline_names(hello.timelines),
+                wire::timeline_names(terms.timelines)
             ),
         ));
     };
     Ok(Agreement { memory, timeline })
 }
 
-fn hex(uuid: &[u8; 16]) -> String {
-    uuid.iter().map(|byte| format!("{byte:02x}")).collect()
+/// A device, and its driver if it has one.
+fn names(device: [u8; 16], driver: [u8; 16]) -> String {
+    let device = DeviceChoice::Uuid(device);
+    if driver == wire::NO_DRIVER {
+        return device.to_string();
+    }
+    format!("{device} with driver {}", DeviceChoice::Uuid(driver))
 }
 
 impl Session {

@@ -2,8 +2,10 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
+use crate::error::InteropError;
 use crate::wire::{
     MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED, TIMELINE_EXPORTED,
+    memory_names,
 };
 use esaac_engine::Device;
 use esaac_engine::ash::vk;
@@ -85,6 +87,22 @@ impl Support {
         support
     }
 
+    /// The memories of `allowed` that the engine can offer on this device; an error if there are none.
+    pub fn offers(&self, device: &str, allowed: u32) -> Result<u32, InteropError> {
+        let able = self.engine_memories();
+        if able & allowed != 0 {
+            return Ok(able & allowed);
+        }
+        let reason = if able == 0 {
+            "it has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host; update its driver or choose \
+             another device"
+                .to_owned()
+        } else {
+            format!("it can {}, and is allowed {}", memory_names(able), memory_names(allowed))
+        };
+        Err(InteropError::Unsupported { device: device.to_owned(), reason })
+    }
+
     /// Bits of the memories that this device can offer as the engine's; whether it takes images depends on
     /// their formats.
     #[must_use]
@@ -112,4 +130,50 @@ impl Support {
 
 fn bit(set: bool, value: u32) -> u32 {
     if set { value } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: u32 = MEMORY_EXPORTED | MEMORY_HOST | MEMORY_BROUGHT | MEMORY_IMAGES;
+
+    #[test]
+    fn what_a_driver_reports_decides_what_is_offered() {
+        let fd = Support { export_buffer: true, import_buffer: true, ..Support::default() };
+        let host = Support { host_alignment: Some(4096), ..Support::default() };
+        let exports = Support { export_buffer: true, ..Support::default() };
+        let imports = Support { import_buffer: true, ..Support::default() };
+        // The engine's side, then a producer's.
+        for (support, engine, producer) in [
+            (fd, MEMORY_EXPORTED | MEMORY_BROUGHT, MEMORY_EXPORTED | MEMORY_BROUGHT | MEMORY_IMAGES),
+            (host, MEMORY_HOST, MEMORY_HOST),
+            (exports, MEMORY_EXPORTED, MEMORY_BROUGHT | MEMORY_IMAGES),
+            (imports, MEMORY_BROUGHT, MEMORY_EXPORTED),
+            (Support::default(), 0, 0),
+        ] {
+            assert_eq!(
+                (support.engine_memories(), support.producer_memories()),
+                (engine, producer),
+                "{support:?}"
+            );
+            assert_eq!(support.offers("it", ALL).ok(), (engine != 0).then_some(engine), "{support:?}");
+            assert_eq!(support.timelines(), TIMELINE_CARRIED, "{support:?}");
+        }
+        let shares = Support { share_timeline: true, ..fd };
+        assert_eq!(shares.timelines(), TIMELINE_CARRIED | TIMELINE_EXPORTED);
+    }
+
+    #[test]
+    fn a_device_that_can_share_nothing_is_told_what_it_lacks() {
+        let nothing = Support::default().offers("card", ALL).unwrap_err().to_string();
+        assert!(nothing.starts_with("device card cannot share memory"), "{nothing}");
+        assert!(
+            nothing.contains("neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host"),
+            "{nothing}"
+        );
+        let host = Support { host_alignment: Some(4096), ..Support::default() };
+        let other = host.offers("card", MEMORY_EXPORTED).unwrap_err().to_string();
+        assert!(other.ends_with("it can HOST, and is allowed EXPORTED"), "{other}");
+    }
 }

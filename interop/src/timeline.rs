@@ -57,7 +57,7 @@ impl ExportedTimeline {
             name: "timeline".to_owned(),
             bytes: 0,
             call: "vkImportSemaphoreFdKHR",
-            result,
+            result: result.to_string(),
             hint: "the descriptor is no timeline semaphore of this driver",
         })?;
         lent.taken();

@@ -202,3 +202,28 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_producer_on_another_device_shares_the_hosts_memory_or_is_told_both_names() {
+    let other = Hello {
+        device_uuid: [3; 16],
+        driver_uuid: [2; 16],
+        memories: wire::MEMORY_EXPORTED | wire::MEMORY_BROUGHT,
+        timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
+        ..Hello::default()
+    };
+    let error = agree(&other, &terms(3)).unwrap_err();
+    assert_eq!(error.code(), ErrorCode::Device);
+    let text = error.to_string();
+    for uuid in ["03030303-0303-0303-0303-030303030303", "01010101-0101-0101-0101-010101010101"] {
+        assert!(text.contains(uuid), "{text}");
+    }
+    // All of it is there for the producer to read.
+    assert_eq!(Refusal::new(error.code(), &text).words(), text);
+    let host = Hello { memories: other.memories | wire::MEMORY_HOST, ..other };
+    let expected = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
+    assert_eq!(agree(&host, &terms(3)).unwrap(), expected);
+    let nothing = Hello { memories: 0, ..other };
+    let text = agree(&nothing, &terms(3)).unwrap_err().to_string();
+    assert!(text.contains("the producer has none, the engine EXPORTED, HOST, BROUGHT, IMAGES"), "{text}");
+}

@@ -7,7 +7,6 @@ tests imitate (`kit_bridge/tests/stand_ins`).
 """
 
 import argparse
-import asyncio
 import math
 import pathlib
 
@@ -22,11 +21,8 @@ ARGUMENTS = PARSER.parse_args()
 APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
 
 # Kit's modules are there once the application is.
-import carb.settings
 import omni.kit.app
-import omni.replicator.core as rep
 import omni.timeline
-import omni.usd
 from pxr import Gf, Sdf, UsdGeom, UsdLux
 
 EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
@@ -51,9 +47,9 @@ def build(stage):
     for name, kind, value in (
         ("sensor", Sdf.ValueTypeNames.Token, "davis346"),
         ("profile", Sdf.ValueTypeNames.Token, "noisy"),
-        ("outputs", Sdf.ValueTypeNames.TokenArray, ["events", "aps"]),
+        ("outputs", Sdf.ValueTypeNames.TokenArray, ["events", "aps", "rgb", "depth"]),
         ("publish", Sdf.ValueTypeNames.Bool, not ARGUMENTS.no_ros),
-        ("topic", Sdf.ValueTypeNames.String, "/davis/events"),
+        ("topic", Sdf.ValueTypeNames.String, "/davis"),
     ):
         prim.CreateAttribute(f"esaac:{name}", kind).Set(value)
     return place
@@ -63,21 +59,10 @@ def main():
     manager = omni.kit.app.get_app().get_extension_manager()
     manager.add_path(str(EXTENSIONS))
     manager.set_extension_enabled_immediate("esaac.sim", True)
-    from esaac_sim import Bridge
-    from esaac_sim.extension import Log
+    from esaac_sim.standalone import begin
 
-    omni.usd.get_context().new_stage()
-    stage = omni.usd.get_context().get_stage()
+    bridge, stage = begin(APP.update, record=ARGUMENTS.record)
     place = build(stage)
-    settings = carb.settings.get_settings()
-    settings.set("/exts/esaac.sim/attach_on_play", False)
-    settings.set("/exts/esaac.sim/record", ARGUMENTS.record)
-    rep.orchestrator.set_capture_on_play(True)
-    bridge = Bridge(settings, Log())
-    task = asyncio.ensure_future(bridge.self_test(omni.kit.app.get_app(), stage))
-    while not task.done():
-        APP.update()
-    task.result()
     bridge.attach(stage)
     for problem in bridge.problems:
         print("problem:", problem)

@@ -6,7 +6,6 @@ Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. Not run where this pr
 """
 
 import argparse
-import asyncio
 import pathlib
 import random
 
@@ -22,11 +21,8 @@ ARGUMENTS = PARSER.parse_args()
 
 APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
 
-import carb.settings
 import omni.kit.app
-import omni.replicator.core as rep
 import omni.timeline
-import omni.usd
 from pxr import Gf, Sdf, UsdGeom, UsdLux
 
 EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
@@ -57,20 +53,10 @@ def main():
     manager = omni.kit.app.get_app().get_extension_manager()
     manager.add_path(str(EXTENSIONS))
     manager.set_extension_enabled_immediate("esaac.sim", True)
-    from esaac_sim import Bridge
-    from esaac_sim.extension import Log
     from esaac_sim.sinks import Recorder
+    from esaac_sim.standalone import begin
 
-    omni.usd.get_context().new_stage()
-    stage = omni.usd.get_context().get_stage()
-    settings = carb.settings.get_settings()
-    settings.set("/exts/esaac.sim/attach_on_play", False)
-    rep.orchestrator.set_capture_on_play(True)
-    bridge = Bridge(settings, Log())
-    task = asyncio.ensure_future(bridge.self_test(omni.kit.app.get_app(), stage))
-    while not task.done():
-        APP.update()
-    task.result()
+    bridge, stage = begin(APP.update)
     draw, timeline = random.Random(ARGUMENTS.seed), omni.timeline.get_timeline_interface()
     for number in range(ARGUMENTS.recordings):
         moving = shuffle(stage, draw)

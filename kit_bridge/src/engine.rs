@@ -353,7 +353,8 @@ impl Engine {
         let streams = || {
             let side = py.detach(|| inner.side())?;
             let callers = stream.map(|s| s.max(image::LEGACY_DEFAULT_STREAM));
-            Ok(Streams { ours: side.stream, callers, torch: Rc::clone(&torch) })
+            let (ordinal, device) = (side.ordinal, inner.device.info().name.as_str());
+            Ok(Streams { ordinal, device, ours: side.stream, callers, torch: Rc::clone(&torch) })
         };
         let tiles = |array: &Bound<'_, PyAny>, name: &'static str| -> PyResult<Tiles> {
             Ok(Tiles::of(Image::of(array, name, &streams)?, cameras, size_px)?)

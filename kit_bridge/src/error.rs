@@ -3,6 +3,7 @@
 use esaac_engine::EngineError;
 use esaac_interop::InteropError;
 use esaac_model::{FrameError, SensorError};
+use esaac_ros::PublishError;
 use pyo3::PyErr;
 use pyo3::prelude::*;
 
@@ -21,6 +22,8 @@ pub enum Fault {
     Forked { owner: u32, here: u32 },
     /// An argument that is out of range.
     Argument(String),
+    /// ROS 2: no network, a recording that cannot be written.
+    Ros(String),
 }
 
 impl From<SensorError> for Fault {
@@ -52,8 +55,17 @@ impl From<InteropError> for Fault {
     fn from(error: InteropError) -> Self {
         match error {
             InteropError::Engine(error) => error.into(),
-            InteropError::Size { .. } => Fault::Frame(error.to_string()),
+            InteropError::Size { .. } | InteropError::Texture { .. } => Fault::Frame(error.to_string()),
             other => Fault::Device(other.to_string()),
+        }
+    }
+}
+
+impl From<PublishError> for Fault {
+    fn from(error: PublishError) -> Self {
+        match error {
+            PublishError::Plan(error) => Fault::Argument(error.to_string()),
+            other => Fault::Ros(other.to_string()),
         }
     }
 }
@@ -88,6 +100,7 @@ fn exception(py: Python<'_>, fault: Fault) -> PyResult<PyErr> {
              the fork, or start processes by `spawn`"
         ),))?,
         Fault::Argument(message) => of("ArgumentError")?.call1((message,))?,
+        Fault::Ros(message) => of("RosError")?.call1((message,))?,
     };
     Ok(PyErr::from_value(value))
 }

@@ -7,6 +7,9 @@
 
 use crate::dlpack::{self, Borrowed};
 use crate::error::Fault;
+use crate::texture::CudaTexture;
+use crate::torch;
+use esaac_interop::cuda::Texture;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyList, PyTuple};
@@ -61,6 +64,8 @@ pub struct Image {
     pub shape: Vec<usize>,
     /// Bytes from element to element along each axis.
     pub strides: Vec<isize>,
+    /// In CUDA's own layout, which has no addresses: the pointer is of nothing then.
+    pub texture: Option<Texture>,
     /// Sees to it that the memory stays.
     _owner: Owner,
 }
@@ -70,8 +75,12 @@ enum Owner {
     Dlpack(#[expect(dead_code, reason = "kept, not read")] Borrowed),
 }
 
-/// What a call knows of streams.
-pub struct Streams {
+/// What a call knows of the device, and of streams on it.
+pub struct Streams<'a> {
+    /// CUDA's number of the engine's device.
+    pub ordinal: i32,
+    /// Its name.
+    pub device: &'a str,
     /// Ours, which producers are asked to order their work before.
     pub ours: u64,
     /// The caller's word for where the arrays are written.
@@ -80,40 +89,30 @@ pub struct Streams {
     pub torch: Rc<Cell<Option<u64>>>,
 }
 
-/// The stream that torch puts work into now, for a tensor of torch's: to ask for it takes less time than to have
-/// torch order the stream that DLPack's protocol names.
-fn stream_of_torch(array: &Bound<'_, PyAny>, known: &Cell<Option<u64>>) -> PyResult<Option<u64>> {
-    let kind = array.get_type();
-    if kind.module()? != "torch" {
-        return Ok(None);
-    }
-    if known.get().is_some() {
-        return Ok(known.get());
-    }
-    let cuda = array.py().import("torch")?.getattr("cuda")?;
-    let stream: u64 = cuda
-        .call_method1("current_stream", (array.getattr("device")?,))?
-        .getattr("cuda_stream")?
-        .extract()?;
-    known.set(Some(stream.max(LEGACY_DEFAULT_STREAM)));
-    Ok(known.get())
-}
-
 impl Image {
     /// Looks at an array. `streams` is called when it lies on a CUDA device.
-    pub fn of(
+    pub fn of<'a>(
         array: &Bound<'_, PyAny>,
         name: &'static str,
-        streams: &dyn Fn() -> PyResult<Streams>,
+        streams: &dyn Fn() -> PyResult<Streams<'a>>,
     ) -> PyResult<Self> {
         let py = array.py();
         if array.is_instance(numpy(py)?.getattr("ndarray")?.as_any())? {
             return Self::on_host(array.clone(), name);
         }
+        if let Ok(texture) = array.cast::<CudaTexture>() {
+            return Self::of_texture(texture, name, streams()?);
+        }
         if let Ok(device) = array.call_method0("__dlpack_device__") {
-            let (kind, _): (i32, i32) = device.extract()?;
+            let (kind, number): (i32, i32) = device.extract()?;
             return match kind {
-                dlpack::CUDA | dlpack::CUDA_MANAGED => Self::by_dlpack(array, name, streams()?),
+                dlpack::CUDA | dlpack::CUDA_MANAGED => {
+                    let streams = streams()?;
+                    if kind == dlpack::CUDA && number != streams.ordinal {
+                        return Err(elsewhere(name, number, streams.ordinal, streams.device).into());
+                    }
+                    Self::by_dlpack(array, name, streams)
+                }
                 dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, name),
                 kind => Err(Fault::Frame(format!(
                     "{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"
@@ -125,6 +124,24 @@ impl Image {
             return Self::by_cuda_array_interface(array, &interface, name, streams()?);
         }
         Self::through_numpy(array, name)
+    }
+
+    fn of_texture(texture: &Bound<'_, CudaTexture>, name: &'static str, streams: Streams) -> PyResult<Self> {
+        if name != "hdr" {
+            return Err(Fault::Frame(format!("{name} is a texture, expected an array")).into());
+        }
+        let CudaTexture { texture: of, shape, element, stream } = *texture.get();
+        let after = streams.callers.or(stream).unwrap_or(LEGACY_DEFAULT_STREAM);
+        Ok(Image {
+            name,
+            pointer: 0,
+            place: Place::Cuda { after: Some(after) },
+            element,
+            shape: shape.to_vec(),
+            strides: compact(&shape, element.bytes()),
+            texture: Some(of),
+            _owner: Owner::Object(texture.clone().into_any().unbind()),
+        })
     }
 
     fn through_numpy(array: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
@@ -143,6 +160,7 @@ impl Image {
             element,
             shape,
             strides,
+            texture: None,
             _owner: Owner::Object(array.unbind()),
         })
     }
@@ -151,7 +169,7 @@ impl Image {
         array: &Bound<'_, PyAny>,
         interface: &Bound<'_, PyAny>,
         name: &'static str,
-        streams: Streams,
+        streams: Streams<'_>,
     ) -> PyResult<Self> {
         let interface = interface.cast::<PyDict>()?;
         let (pointer, element, shape, strides) = parse_interface(interface, name)?;
@@ -169,6 +187,7 @@ impl Image {
             element,
             shape,
             strides,
+            texture: None,
             _owner: Owner::Object(array.clone().unbind()),
         })
     }
@@ -178,14 +197,14 @@ impl Image {
         let arguments = PyDict::new(py);
         let after = match streams.callers {
             Some(stream) => Some(stream),
-            None => stream_of_torch(array, &streams.torch)?,
+            None => torch::stream_of(array, &streams.torch)?,
         };
         // Where the stream is known, the producer need not order anything.
         match after {
             Some(_) => arguments.set_item("stream", -1)?,
             None => arguments.set_item("stream", streams.ours)?,
         }
-        let capsule = array.call_method("__dlpack__", (), Some(&arguments))?;
+        let capsule = torch::lend(array, &arguments)?;
         let borrowed = Borrowed::take(&capsule)?;
         let tensor = borrowed.tensor();
         let element = match (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes) {
@@ -223,9 +242,18 @@ impl Image {
             element,
             shape,
             strides,
+            texture: None,
             _owner: Owner::Dlpack(borrowed),
         })
     }
+}
+
+/// An array on another GPU than the engine's.
+pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault {
+    Fault::Frame(format!(
+        "{name} lies on cuda:{actual}, expected cuda:{expected}, the engine's device {device}; make the camera \
+         with device=\"cuda:{actual}\""
+    ))
 }
 
 /// CUDA's name for it where a null pointer says "no stream".

@@ -11,9 +11,12 @@ mod image;
 mod pack;
 mod packet;
 mod process;
+mod ros;
 mod sensor;
 mod state;
 mod tensor;
+mod texture;
+mod torch;
 
 use esaac_cli::event_file::{EventColumns, write_npz};
 use numpy::PyReadonlyArray1;
@@ -51,9 +54,12 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<engine::Engine>()?;
     module.add_class::<packet::PyPacket>()?;
+    module.add_class::<ros::RosPublisher>()?;
     module.add_class::<sensor::PySensor>()?;
     module.add_class::<tensor::Tensor>()?;
+    module.add_class::<texture::CudaTexture>()?;
     module.add_function(wrap_pyfunction!(device::devices, module)?)?;
+    module.add_function(wrap_pyfunction!(ros::check_ros_names, module)?)?;
     module.add_function(wrap_pyfunction!(run_command, module)?)?;
     module.add_function(wrap_pyfunction!(save_npz, module)?)
 }

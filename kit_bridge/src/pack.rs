@@ -4,7 +4,7 @@
 
 use crate::error::Fault;
 use crate::image::{Element, Image, Place};
-use esaac_interop::cuda::Rows;
+use esaac_interop::cuda::{Rows, Texture};
 use esaac_model::{HdrFormat, MotionFormat};
 
 /// Images of one kind, one a camera: `[cameras][rows][columns][channels]` of an array.
@@ -82,6 +82,10 @@ impl Tiles {
         if name == "motion" && element == Element::U8 {
             return Err(Fault::Frame("motion has dtype uint8, expected float16 or float32".to_owned()));
         }
+        if image.texture.is_some() && cameras.is_some() {
+            let message = format!("{name} is a texture, expected an array of all environments");
+            return Err(Fault::Frame(message));
+        }
         let tiles = Tiles { image, height, width, channels, strides };
         if matches!(tiles.image.place, Place::Cuda { .. }) {
             tiles.check_on_device()?;
@@ -97,6 +101,16 @@ impl Tiles {
     /// Address of the first element.
     pub fn pointer(&self) -> u64 {
         self.image.pointer as u64
+    }
+
+    /// The texture that it is, if it is one.
+    pub fn texture(&self) -> Option<Texture> {
+        self.image.texture
+    }
+
+    /// Columns and rows.
+    pub fn size_px(&self) -> (u32, u32) {
+        (self.width as u32, self.height as u32)
     }
 
     /// For messages.

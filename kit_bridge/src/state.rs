@@ -3,7 +3,7 @@
 use crate::bank::{Bank, Copies, Format, Frames};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
-use crate::image::Place;
+use crate::image::{Place, elsewhere};
 use esaac_engine::{ApsFrame, Device, Diagnostics, MemoryUse, Representation, Share};
 use esaac_model::{Packet, SensorModel, frame};
 use std::sync::Arc;
@@ -172,16 +172,13 @@ impl State {
     fn check_devices(&self, frames: &Frames, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
         for (hdr, motion) in frames.images.iter().flatten() {
             for tiles in [Some(hdr), motion.as_ref()].into_iter().flatten() {
-                if let (Place::Cuda { .. }, Some(side)) = (tiles.place(), side) {
+                // A texture has no address to ask for; its context is asked when it is copied.
+                let addressed = tiles.texture().is_none();
+                if let (Place::Cuda { .. }, Some(side), true) = (tiles.place(), side, addressed) {
                     let actual = side.link().device_of(tiles.pointer())?;
                     if actual != side.ordinal {
-                        return Err(Fault::Frame(format!(
-                            "{} lies on cuda:{actual}, expected cuda:{}, the engine's device {}; make the \
-                             camera with device=\"cuda:{actual}\"",
-                            tiles.name(),
-                            side.ordinal,
-                            self.device.info().name
-                        )));
+                        let device = &self.device.info().name;
+                        return Err(elsewhere(tiles.name(), actual, side.ordinal, device));
                     }
                 }
                 if tiles.place() == Place::Host && hdr.place() != Place::Host {

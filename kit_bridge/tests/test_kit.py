@@ -1,86 +1,35 @@
 """The extension `esaac.sim` on real USD stages and real Warp arrays, with stand-ins for Kit (see `stand_ins`)."""
 
 import asyncio
-import pathlib
-import sys
-
-import numpy as np
-import pytest
-from pxr import Gf, Plug, Sdf, Usd, UsdGeom
-
-HERE = pathlib.Path(__file__).parent
-EXTENSION = HERE.parent / "exts/esaac.sim"
-sys.path[:0] = [str(HERE / "stand_ins"), str(EXTENSION)]
 
 import carb
 import carb.settings
-import omni.kit.app
+import numpy as np
 import omni.kit.menu.utils
 import omni.timeline
 import omni.ui
-import omni.usd
+import pytest
+import warp as wp
+from kit_stage import APP, EXTENSION, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
+from pxr import Plug, Sdf, UsdGeom
 
 import esaac
 from esaac_sim import self_test, sinks
-from esaac_sim.bridge import SETTINGS, Bridge
-from esaac_sim.extension import Extension, Log
+from esaac_sim.bridge import SETTINGS
+from esaac_sim.extension import Extension
 from esaac_sim.frames import FrameUnusable, frame_of
-from esaac_sim.schema import API, SchemaError, cameras, register, spec_of
-
-APP = omni.kit.app.get_app()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def schema():
-    """The schema as the extension registers it."""
-    register()
-    assert Plug.Registry().GetPluginWithName("esaacSim")
+from esaac_sim.schema import API, SchemaError, cameras, spec_of
 
 
 @pytest.fixture
 def stage():
-    rep.reset()
-    carb.LINES.clear()
-    settings = carb.settings.get_settings()
-    settings.clear()
-    settings.set(SETTINGS + "self_test", False)
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.Cube.Define(stage, "/cube").AddTranslateOp().Set(Gf.Vec3d(-0.5, 0.2, 0))
-    camera(stage, "/camera", sensor="dvs128", overrides="width = 64\nheight = 48\ncontrast_on = 0.15  # more")
-    omni.usd.get_context().stage = stage
-    yield stage
-    omni.usd.get_context().stage = None
-
-
-KINDS = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, str: Sdf.ValueTypeNames.Token}
-
-
-def camera(stage, path, **attributes):
-    prim = UsdGeom.Camera.Define(stage, path)
-    prim.AddTranslateOp().Set(Gf.Vec3d(0, 0, 8))
-    prim.CreateHorizontalApertureAttr(20.955)
-    prim.CreateFocalLengthAttr(24.0)
-    for name, value in attributes.items():
-        kind = Sdf.ValueTypeNames.TokenArray if isinstance(value, list) else KINDS[type(value)]
-        kind = Sdf.ValueTypeNames.String if name == "overrides" else kind
-        prim.GetPrim().CreateAttribute(f"esaac:{name}", kind).Set(value)
-    return prim.GetPrim()
-
-
-def move(stage, frames, first=0, speed=0.02):
-    place = stage.GetPrimAtPath("/cube").GetAttribute("xformOp:translate")
-    for index in range(first, first + frames):
-        place.Set(Gf.Vec3d(-0.5 + speed * index, 0.2, 0))
-        APP.update()
-
-
-def bridge():
-    return Bridge(carb.settings.get_settings(), Log())
+    with fresh_stage() as stage:
+        yield stage
 
 
 def test_attributes_and_the_applied_schema_make_event_cameras(stage):
+    assert Plug.Registry().GetPluginWithName("esaacSim")
     plain = UsdGeom.Camera.Define(stage, "/plain")
     applied = UsdGeom.Camera.Define(stage, "/applied").GetPrim()
     assert applied.ApplyAPI(API) and applied.HasAPI(API)
@@ -250,6 +199,26 @@ def test_wrong_motion_vectors_switch_the_synthesis(stage):
     running.detach()
 
 
+def test_the_texture_path_is_taken_only_where_the_self_test_has_passed(stage):
+    settings = carb.settings.get_settings()
+    settings.set(SETTINGS + "path", "texture")
+    # The self-test is off: nobody knows.
+    running = bridge()
+    assert running.attach(stage) == 1 and running.feeds[0].texture is None
+    assert "has not passed the self-test, so the annotator's array is used" in running.problems[0]
+    running.detach()
+    if wp.is_cuda_available():
+        # Tests of `on_cuda` go on from here.
+        return
+    running, checks = checked(stage)
+    assert checks["texture"].message == "HdrColorPtr lies on the host, expected a CUDA device"
+    assert not checks["texture"].holds and all(c.holds for n, c in checks.items() if n != "texture")
+    assert running.attach(stage) == 1 and running.feeds[0].texture is None and len(running.problems) == 1
+    move(stage, 6)
+    assert running.feeds[0].frames == 4
+    running.detach()
+
+
 def test_a_curve_a_stopped_clock_and_empty_frames_are_told(stage):
     _, checks = checked(stage, gamma=True)
     assert not checks["light"].holds and "exposure or a curve" in checks["light"].message
@@ -262,16 +231,6 @@ def test_a_curve_a_stopped_clock_and_empty_frames_are_told(stage):
     running, checks = checked(stage, stopped_clock=False, empty_frames=1000)
     assert not checks["frames"].holds and running.attach(stage) == 0
     assert "no camera is attached" in running.problems[0]
-
-
-def test_publishing_that_is_not_built_in_is_said(stage):
-    stage.GetPrimAtPath("/camera").CreateAttribute("esaac:publish", Sdf.ValueTypeNames.Bool).Set(True)
-    running = bridge()
-    assert running.attach(stage) == 1
-    assert "publishing is not built into this installation" in running.problems[0]
-    move(stage, 6)
-    assert running.feeds[0].frames == 4
-    running.detach()
 
 
 def test_recordings_are_files_when_the_run_ends(stage, tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 
 import esaac
+from esaac import ros
 
 
 def use() -> None:
@@ -24,9 +25,16 @@ def use() -> None:
     tiled.reset([1, 2])
     with esaac.EventWriter("events.npz", sensor) as events:
         events.write(packets[0])
+    told = ros.Camera("davis", sensor, focal_px=300.0, rgb=True, depth=True, imu=True, frame_id="sim_camera")
+    with ros.Publisher([told], events="evt3", qos={"all": "best_effort"}, record="run.mcap") as publisher:
+        sample = ros.Imu(0, (0.0, 0.0, 0.1), (0.0, 0.0, 9.81))
+        publisher.publish(0, {"davis": ros.Frame(packet, aps, frame, frame, [sample])})
+        publisher.set_sensor("davis", sensor)
+        lines: list[str] = publisher.notices() + list(publisher.topics)
+    camera.step(esaac.CudaTexture(1, 346, 260, mipmapped=False), t_ns=1)
     uses: list[int] = [entry["bytes"] for entry in rig.memory()]
     cuda: int | None = esaac.devices()[0]["cuda"]
     try:
         esaac.SensorModel(substeps=65)
     except esaac.SensorError as error:
-        print(error.parameter, error.expected, error.actual, rate, names, count, aps, uses, cuda)
+        print(error.parameter, error.expected, error.actual, rate, names, count, aps, uses, cuda, lines)

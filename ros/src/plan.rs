@@ -56,6 +56,8 @@ pub struct CameraPlan {
     pub imu: bool,
     /// Division of its packets.
     pub split: Split,
+    /// Frame id of what it publishes; the namespace's words and `optical_frame` by default.
+    pub frame_id: Option<String>,
 }
 
 /// What happens to a tick while those before it still wait to be sent.
@@ -197,6 +199,9 @@ impl Plan {
     }
 }
 
+/// End of an optical frame's name (REP 103).
+const OPTICAL: &str = "_optical_frame";
+
 /// Images that wait for a subscriber that is slow.
 const IMAGES: u32 = 5;
 /// IMU samples of a few ticks at 1 kHz.
@@ -232,8 +237,11 @@ impl Layout<'_> {
     fn camera(&mut self, camera: &CameraPlan) -> Result<CameraTopics, PlanError> {
         let namespace = names::join(&self.options.namespace, &camera.name);
         names::check_namespace(&namespace)?;
-        let frame = namespace[1..].replace('/', "_");
-        let (optical_frame, body_frame) = (format!("{frame}_optical_frame"), format!("{frame}_link"));
+        let optical_frame = match &camera.frame_id {
+            Some(frame_id) => frame_id.clone(),
+            None => format!("{}{OPTICAL}", namespace[1..].replace('/', "_")),
+        };
+        let body_frame = format!("{}_link", optical_frame.strip_suffix(OPTICAL).unwrap_or(&optical_frame));
         names::check_frame(&optical_frame)?;
         let mut images = |image: &'static str, info: &'static str| {
             let qos = Qos::sensor_data(IMAGES);
@@ -269,7 +277,16 @@ mod tests {
         let sensor = SensorModel { aps_exposure_ns: 1, ..SensorModel::default() };
         let split = Split::default();
         let name = name.to_owned();
-        CameraPlan { name, sensor, intrinsics: None, image: true, depth: true, imu: true, split }
+        CameraPlan {
+            name,
+            sensor,
+            intrinsics: None,
+            image: true,
+            depth: true,
+            imu: true,
+            split,
+            frame_id: None,
+        }
     }
 
     #[test]
@@ -292,6 +309,13 @@ mod tests {
         assert_eq!(plan.topics[topics.imu.unwrap()].qos.reliability, Reliability::BestEffort);
         options.sim_time = false;
         assert_eq!(Plan::new(&[camera("left")], &options).unwrap().clock, None);
+        let frames = |frame_id: &str| {
+            let named = CameraPlan { frame_id: Some(frame_id.to_owned()), ..camera("left") };
+            let plan = Plan::new(&[named], &RigOptions::default()).unwrap();
+            (plan.cameras[0].optical_frame.clone(), plan.cameras[0].body_frame.clone())
+        };
+        assert_eq!(frames("sim_camera"), ("sim_camera".to_owned(), "sim_camera_link".to_owned()));
+        assert_eq!(frames("a_optical_frame").1, "a_link");
     }
 
     #[test]

@@ -5,6 +5,7 @@ pub mod agreement;
 pub mod corpus;
 pub mod cuda;
 pub mod device;
+pub mod drivers;
 pub mod figures;
 pub mod frames;
 pub mod interop;

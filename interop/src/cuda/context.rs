@@ -4,6 +4,7 @@
 
 use crate::error::InteropError;
 use cudarc::driver::sys::{self, CUresult};
+use esaac_engine::DeviceChoice;
 use std::ffi::CStr;
 
 /// A CUDA device.
@@ -62,6 +63,13 @@ pub fn cuda_devices() -> Result<Vec<CudaDevice>, InteropError> {
             Ok(CudaDevice { ordinal, uuid: uuid.bytes.map(|byte| byte as u8) })
         })
         .collect()
+}
+
+/// A device that was wanted, and those that are there.
+pub(super) fn missing(wanted: [u8; 16], devices: &[CudaDevice]) -> String {
+    let name = |device: &CudaDevice| format!("{} {}", device.ordinal, DeviceChoice::Uuid(device.uuid));
+    let present: Vec<String> = devices.iter().map(name).collect();
+    format!("wanted {}, there are: {}", DeviceChoice::Uuid(wanted), present.join(", "))
 }
 
 /// A device's primary context.

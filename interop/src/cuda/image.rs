@@ -5,6 +5,7 @@
 use super::context::{Context, check};
 use crate::error::InteropError;
 use crate::lent::Lent;
+use crate::memory::NO_ROOM;
 use crate::wire::{ANY_MEMORY_TYPE, ImageMemory};
 use cudarc::driver::sys;
 use rustix::fd::{FromRawFd, OwnedFd, RawFd};
@@ -30,6 +31,7 @@ impl CudaImage {
     /// The engine's memory.
     pub(super) fn import(
         context: &Arc<Context>,
+        name: &str,
         fd: OwnedFd,
         told: &ImageMemory,
     ) -> Result<Self, InteropError> {
@@ -45,7 +47,8 @@ impl CudaImage {
         };
         let mut external = std::ptr::null_mut();
         // SAFETY: a context is current; the description names an open descriptor and outlives the call.
-        check("cuImportExternalMemory", unsafe { sys::cuImportExternalMemory(&mut external, &description) })?;
+        check("cuImportExternalMemory", unsafe { sys::cuImportExternalMemory(&mut external, &description) })
+            .map_err(refused(name, told.allocation_bytes))?;
         lent.taken();
         let mut image = CudaImage { context: Arc::clone(context), pointer: 0, from: From::Engine(external) };
         let whole = sys::CUDA_EXTERNAL_MEMORY_BUFFER_DESC {
@@ -57,12 +60,13 @@ impl CudaImage {
         // SAFETY: the memory was just imported and is at least as long as its buffer.
         check("cuExternalMemoryGetMappedBuffer", unsafe {
             sys::cuExternalMemoryGetMappedBuffer(&mut image.pointer, external, &whole)
-        })?;
+        })
+        .map_err(refused(name, told.bytes))?;
         Ok(image)
     }
 
     /// CUDA's own memory for a buffer of `bytes`, to be exported.
-    pub(super) fn bring(context: &Arc<Context>, bytes: u64) -> Result<Self, InteropError> {
+    pub(super) fn bring(context: &Arc<Context>, name: &str, bytes: u64) -> Result<Self, InteropError> {
         let _entered = context.enter()?;
         let location = sys::CUmemLocation {
             type_: sys::CUmemLocationType::CU_MEM_LOCATION_TYPE_DEVICE,
@@ -85,7 +89,8 @@ impl CudaImage {
         let bytes = (bytes as usize).next_multiple_of(granule.max(1));
         let mut handle = 0;
         // SAFETY: the size is a multiple of the granularity.
-        check("cuMemCreate", unsafe { sys::cuMemCreate(&mut handle, bytes, &properties, 0) })?;
+        check("cuMemCreate", unsafe { sys::cuMemCreate(&mut handle, bytes, &properties, 0) })
+            .map_err(refused(name, bytes as u64))?;
         let from = From::Cuda { handle, bytes, mapped: false };
         let mut image = CudaImage { context: Arc::clone(context), pointer: 0, from };
         // SAFETY: an address of the driver's choice.
@@ -131,6 +136,18 @@ impl CudaImage {
 
     pub(super) fn pointer(&self) -> sys::CUdeviceptr {
         self.pointer
+    }
+}
+
+/// Says what memory was asked for when CUDA does not give or take it.
+fn refused(name: &str, bytes: u64) -> impl Fn(InteropError) -> InteropError {
+    move |error| match error {
+        InteropError::Cuda { call, result } => {
+            let short = result == "CUDA_ERROR_OUT_OF_MEMORY";
+            let hint = if short { NO_ROOM } else { "CUDA does not take it for memory of this device" };
+            InteropError::Import { name: name.to_owned(), bytes, call, result, hint }
+        }
+        other => other,
     }
 }
 

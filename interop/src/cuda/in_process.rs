@@ -8,13 +8,16 @@
 
 #![expect(unsafe_code, reason = "CUDA's edge")]
 
-use super::context::{Context, check, cuda_devices};
+use super::context::{Context, check, cuda_devices, missing};
+use super::copy::{Strided, Texture, array_of, check_source, copy_array, copy_rows};
 use super::image::CudaImage;
-use super::producer::{Stream, Strided, check_source, copy_rows};
+use super::stream::Stream;
 use crate::error::InteropError;
 use crate::memory::{SharedBuffer, buffer_bytes};
+use crate::support::Support;
 use cudarc::driver::sys;
 use esaac_engine::{Buffer, Device};
+use esaac_model::HdrFormat;
 use std::sync::Arc;
 
 /// The engine's device as CUDA sees it.
@@ -62,13 +65,23 @@ struct Event {
 impl CudaLink {
     /// Finds the engine's device among CUDA's, and takes its primary context, as the runtime does.
     pub fn open(device: &Arc<Device>) -> Result<Self, InteropError> {
-        let uuid = device.info().uuid;
-        let found = cuda_devices()?.into_iter().find(|d| d.uuid == uuid);
+        let (info, devices) = (device.info(), cuda_devices()?);
+        let found = devices.iter().find(|d| d.uuid == info.uuid);
         let ordinal = found
             .ok_or_else(|| InteropError::NoCudaDevice {
-                wanted: format!(" of the same UUID as the engine's {}", device.info().name),
+                wanted: format!(
+                    " of the same UUID as the engine's {}; {}",
+                    info.name,
+                    missing(info.uuid, &devices)
+                ),
             })?
             .ordinal;
+        if !Support::of(device).export_buffer {
+            return Err(InteropError::Unsupported {
+                device: info.name.clone(),
+                reason: "it lacks VK_KHR_external_memory_fd; hand over arrays of the host".to_owned(),
+            });
+        }
         let context = Arc::new(Context::retain(ordinal)?);
         let stream = Stream::new(&context, None)?;
         let ordered = Event::new(&context)?;
@@ -91,7 +104,7 @@ impl CudaLink {
     pub fn buffer(&self, name: &str, bytes: u64) -> Result<CudaBuffer, InteropError> {
         let buffer = SharedBuffer::exportable(&self.device, name, buffer_bytes(bytes))?;
         let fd = buffer.export(&self.device)?;
-        let image = CudaImage::import(&self.context, fd, &buffer.described())?;
+        let image = CudaImage::import(&self.context, name, fd, &buffer.described())?;
         Ok(CudaBuffer { image, buffer })
     }
 
@@ -144,6 +157,33 @@ impl CudaLink {
         let to = target.image.pointer() + offset;
         // SAFETY: the target has room, as was checked; the source is as the caller guarantees.
         unsafe { copy_rows(&self.stream, from, row_bytes, rows, to, target_stride_bytes) }
+    }
+
+    /// Has a texture copied to the beginning of a buffer, rows without gaps. One of another size or format is an
+    /// error.
+    ///
+    /// # Safety
+    /// The handle is what `source` says, of this device's primary context, and stays so until the engine has
+    /// stepped.
+    pub unsafe fn copy_texture(
+        &self,
+        name: &str,
+        source: Texture,
+        size_px: (u32, u32),
+        format: HdrFormat,
+        target: &CudaBuffer,
+    ) -> Result<(), InteropError> {
+        let row_bytes = size_px.0 as usize * format.texel_bytes();
+        let rows = size_px.1 as usize;
+        let (expected, actual) = ((row_bytes * rows) as u64, target.buffer.buffer().bytes());
+        if expected > actual {
+            return Err(InteropError::Size { name: name.to_owned(), expected, actual });
+        }
+        let _entered = self.context.enter()?;
+        // SAFETY: as the caller guarantees.
+        let array = unsafe { array_of(name, source, size_px, format) }?;
+        // SAFETY: both have these rows, as was checked.
+        unsafe { copy_array(&self.stream, array, row_bytes, rows, target.image.pointer()) }
     }
 
     /// Waits until what was copied so far is there: before the engine reads it.

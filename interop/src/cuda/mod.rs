@@ -10,11 +10,14 @@
 //! need not be lowered for this.
 
 mod context;
+mod copy;
 mod image;
 mod in_process;
 mod producer;
 mod semaphore;
+mod stream;
 
 pub use context::{CudaDevice, cuda_devices};
+pub use copy::{Strided, Texture};
 pub use in_process::{CudaBuffer, CudaLink, Rows};
-pub use producer::{CudaOptions, CudaProducer, SlotPointers, Strided};
+pub use producer::{CudaOptions, CudaProducer, SlotPointers};

@@ -2,14 +2,15 @@
 
 #![expect(unsafe_code, reason = "CUDA's edge")]
 
-use super::context::{Context, CudaDevice, check, cuda_devices};
+use super::context::{Context, CudaDevice, cuda_devices, missing};
+use super::copy::{Strided, check_source, copy_rows};
 use super::image::CudaImage;
 use super::semaphore::CudaTimeline;
+use super::stream::Stream;
 use crate::client::{Client, Copies, Descriptors, Greeting};
 use crate::error::InteropError;
 use crate::ring::Images;
 use crate::wire::{self, ErrorCode, ImageMemory, NO_DRIVER};
-use cudarc::driver::sys;
 use rustix::fd::OwnedFd;
 use std::path::Path;
 use std::sync::Arc;
@@ -48,15 +49,6 @@ impl Default for CudaOptions {
     }
 }
 
-/// An image on the device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Strided {
-    /// `CUdeviceptr` of the first row.
-    pub pointer: u64,
-    /// Bytes from row to row.
-    pub stride_bytes: usize,
-}
-
 /// Where a slot's images are, rows tightly packed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlotPointers {
@@ -72,12 +64,6 @@ struct CudaSlot {
     timeline: Option<CudaTimeline>,
 }
 
-pub(super) struct Stream {
-    context: Arc<Context>,
-    pub(super) raw: sys::CUstream,
-    owned: bool,
-}
-
 /// A connected camera.
 pub struct CudaProducer {
     client: Client,
@@ -86,19 +72,13 @@ pub struct CudaProducer {
     context: Arc<Context>,
 }
 
-// SAFETY: the stream is a handle of a context that is entered for every use, on whichever thread.
-unsafe impl Send for Stream {}
-
 impl CudaProducer {
     /// Connects to the engine at `path`.
     pub fn connect(path: &Path, options: &CudaOptions) -> Result<Self, InteropError> {
-        let devices: Vec<CudaDevice> = cuda_devices()?
-            .into_iter()
-            .filter(|device| options.device.is_none_or(|uuid| uuid == device.uuid))
-            .collect();
-        let wanted = options.device.map_or(String::new(), |uuid| format!(" {uuid:02x?}"));
+        let devices = cuda_devices()?;
+        let wanted = options.device.map_or(String::new(), |uuid| format!(": {}", missing(uuid, &devices)));
         let mut last = InteropError::NoCudaDevice { wanted };
-        for device in devices {
+        for device in devices.into_iter().filter(|d| options.device.is_none_or(|uuid| uuid == d.uuid)) {
             match Self::connect_on(device, path, options) {
                 // The engine is on another one.
                 Err(error @ InteropError::Refused { code: ErrorCode::Device, .. }) => last = error,
@@ -229,41 +209,6 @@ impl Drop for CudaProducer {
     }
 }
 
-impl Stream {
-    pub(super) fn new(context: &Arc<Context>, given: Option<u64>) -> Result<Self, InteropError> {
-        let owned = given.is_none();
-        let mut raw = given.map_or(std::ptr::null_mut(), |given| given as sys::CUstream);
-        if owned {
-            let _entered = context.enter()?;
-            let flags = sys::CUstream_flags::CU_STREAM_NON_BLOCKING as u32;
-            // SAFETY: a context is current.
-            check("cuStreamCreate", unsafe { sys::cuStreamCreate(&mut raw, flags) })?;
-        }
-        Ok(Stream { context: Arc::clone(context), raw, owned })
-    }
-
-    /// Waits for all that is in it. The context is current.
-    pub(super) fn finish(&self) -> Result<(), InteropError> {
-        // SAFETY: the stream is of the current context.
-        check("cuStreamSynchronize", unsafe { sys::cuStreamSynchronize(self.raw) })
-    }
-}
-
-impl Drop for Stream {
-    fn drop(&mut self) {
-        if !self.owned {
-            return;
-        }
-        let destroyed = self.context.enter().and_then(|_entered| {
-            // SAFETY: the stream was made here, and its work is waited for.
-            check("cuStreamDestroy", unsafe { sys::cuStreamDestroy_v2(self.raw) })
-        });
-        if let Err(error) = destroyed {
-            eprintln!("esaac: {error}");
-        }
-    }
-}
-
 /// The slots of an offer.
 fn slots(
     context: &Arc<Context>,
@@ -273,15 +218,18 @@ fn slots(
     let (offer, images) = (*client.offer(), *client.images());
     let (mut fds, mut timelines) = (descriptors.memory.into_iter(), descriptors.timelines.into_iter());
     // The number of descriptors was checked with the offer.
-    let mut image = |bytes: u64, told: &ImageMemory| match fds.next() {
-        Some(fd) => CudaImage::import(context, fd, told),
-        None => CudaImage::bring(context, bytes),
+    let mut image = |slot: u32, what: &str, bytes: u64, told: &ImageMemory| {
+        let name = format!("camera {} slot {slot} {what}", offer.camera);
+        match fds.next() {
+            Some(fd) => CudaImage::import(context, &name, fd, told),
+            None => CudaImage::bring(context, &name, bytes),
+        }
     };
     let mut slots = Vec::new();
-    for _ in 0..offer.slots {
-        let hdr = image(images.hdr_bytes(), &offer.hdr)?;
+    for slot in 0..offer.slots {
+        let hdr = image(slot, "hdr", images.hdr_bytes(), &offer.hdr)?;
         let motion = match images.motion {
-            Some(_) => Some(image(images.motion_bytes(), &offer.motion)?),
+            Some(_) => Some(image(slot, "motion", images.motion_bytes(), &offer.motion)?),
             None => None,
         };
         let timeline = timelines.next().map(|fd| CudaTimeline::import(context, fd)).transpose()?;
@@ -308,103 +256,4 @@ fn bring(client: &Client, images: &Images, slots: &[CudaSlot]) -> Result<(), Int
         }
     }
     client.bring(told, &fds)
-}
-
-/// Has rows copied on the device, in the stream's order. The context is current.
-///
-/// # Safety
-/// Source and target have `rows` rows of `row_bytes` at their strides until the stream has copied them.
-pub(super) unsafe fn copy_rows(
-    stream: &Stream,
-    source: Strided,
-    row_bytes: usize,
-    rows: usize,
-    target: sys::CUdeviceptr,
-    target_stride_bytes: usize,
-) -> Result<(), InteropError> {
-    let copy = sys::CUDA_MEMCPY2D {
-        srcXInBytes: 0,
-        srcY: 0,
-        srcMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
-        srcHost: std::ptr::null(),
-        srcDevice: source.pointer,
-        srcArray: std::ptr::null_mut(),
-        srcPitch: source.stride_bytes,
-        dstXInBytes: 0,
-        dstY: 0,
-        dstMemoryType: sys::CUmemorytype::CU_MEMORYTYPE_DEVICE,
-        dstHost: std::ptr::null_mut(),
-        dstDevice: target,
-        dstArray: std::ptr::null_mut(),
-        dstPitch: target_stride_bytes,
-        WidthInBytes: row_bytes,
-        Height: rows,
-    };
-    // SAFETY: as the caller guarantees.
-    check("cuMemcpy2DAsync", unsafe { sys::cuMemcpy2DAsync_v2(&copy, stream.raw) })
-}
-
-/// Whether an image lies inside its allocation.
-pub(super) fn check_source(
-    name: &str,
-    source: Strided,
-    row_bytes: usize,
-    rows: usize,
-) -> Result<(), InteropError> {
-    let (mut base, mut size) = (0, 0);
-    // SAFETY: a context is current; both results outlive the call.
-    let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, source.pointer) };
-    check("cuMemGetAddressRange", known)?;
-    fits(name, source, row_bytes, rows, base + size as u64)
-}
-
-/// Whether rows at a stride end before `end`.
-fn fits(
-    name: &str,
-    source: Strided,
-    row_bytes: usize,
-    rows: usize,
-    end: sys::CUdeviceptr,
-) -> Result<(), InteropError> {
-    if source.stride_bytes < row_bytes {
-        return Err(InteropError::Size {
-            name: format!("{name} row"),
-            expected: row_bytes as u64,
-            actual: source.stride_bytes as u64,
-        });
-    }
-    let expected = (rows.saturating_sub(1))
-        .checked_mul(source.stride_bytes)
-        .and_then(|bytes| bytes.checked_add(row_bytes))
-        .unwrap_or(usize::MAX) as u64;
-    let actual = end.saturating_sub(source.pointer);
-    if expected <= actual {
-        Ok(())
-    } else {
-        Err(InteropError::Size { name: name.to_owned(), expected, actual })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_end_where_their_allocation_does() {
-        let at = |stride_bytes| Strided { pointer: 1000, stride_bytes };
-        // Four rows of 16 bytes, the last without its padding.
-        assert!(fits("hdr", at(16), 16, 4, 1064).is_ok());
-        assert!(fits("hdr", at(32), 16, 4, 1112).is_ok());
-        for (stride_bytes, end, words) in [
-            (16, 1063, "`hdr` has 63 bytes, expected 64"),
-            (32, 1111, "`hdr` has 111 bytes, expected 112"),
-            (15, 2000, "`hdr row` has 15 bytes, expected 16"),
-            (16, 900, "`hdr` has 0 bytes, expected 64"),
-            (usize::MAX, u64::MAX - 1000, "expected 18446744073709551615"),
-            (usize::MAX / 3, u64::MAX - 1000, "expected 18446744073709551615"),
-        ] {
-            let error = fits("hdr", at(stride_bytes), 16, 4, end).unwrap_err().to_string();
-            assert!(error.contains(words), "{error}");
-        }
-    }
 }

@@ -260,6 +260,6 @@ pub(super) fn heard(state: &mut State, index: usize, received: &Received) -> Res
 /// Tells a peer why, if it still listens.
 pub(super) fn turn_away(socket: &Socket, error: &InteropError) {
     if !matches!(error, InteropError::PeerGone) {
-        let _ = socket.send(&Message::Refusal(Refusal::new(error.code(), &error.to_string())), &[]);
+        let _ = socket.send(&Message::Refusal(Refusal::new(error.code(), &error.words())), &[]);
     }
 }

@@ -149,16 +149,7 @@ impl Server {
         options: ServerOptions,
     ) -> Result<Self, InteropError> {
         let support = Support::of(device);
-        let memories = options.memories & support.engine_memories();
-        if memories == 0 {
-            return Err(InteropError::Unsupported {
-                device: device.info().name.clone(),
-                reason:
-                    "it has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host; update its \
-                         driver or choose another device"
-                        .to_owned(),
-            });
-        }
+        let memories = support.offers(&device.info().name, options.memories)?;
         let terms: Vec<Terms> = (0..)
             .zip(cameras)
             .map(|(camera, c)| Terms {

@@ -1,7 +1,7 @@
 """Event cameras for renderers: HDR frames and motion vectors in, time-ordered events out, on the GPU."""
 
 from esaac import files
-from esaac._native import Packet, SensorModel, Tensor, __version__, devices
+from esaac._native import CudaTexture, Packet, SensorModel, Tensor, __version__, devices
 from esaac.cameras import ApsFrame, EventCamera, Rig, TiledEventCamera
 from esaac.errors import (
     ArgumentError,
@@ -10,6 +10,7 @@ from esaac.errors import (
     EsaacError,
     ForkError,
     FrameError,
+    RosError,
     SensorError,
 )
 from esaac.files import EventWriter
@@ -18,6 +19,7 @@ __all__ = [
     "ApsFrame",
     "ArgumentError",
     "ClosedError",
+    "CudaTexture",
     "DeviceError",
     "EsaacError",
     "EventCamera",
@@ -26,6 +28,7 @@ __all__ = [
     "FrameError",
     "Packet",
     "Rig",
+    "RosError",
     "SensorError",
     "SensorModel",
     "Tensor",

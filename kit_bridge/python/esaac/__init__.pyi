@@ -29,6 +29,7 @@ from esaac.errors import DeviceError as DeviceError
 from esaac.errors import EsaacError as EsaacError
 from esaac.errors import ForkError as ForkError
 from esaac.errors import FrameError as FrameError
+from esaac.errors import RosError as RosError
 from esaac.errors import SensorError as SensorError
 from esaac.files import EventWriter as EventWriter
 
@@ -150,6 +151,27 @@ class Tensor:
     def __getitem__(self, key: int | slice) -> Tensor: ...
     def numpy(self) -> NDArray[Any]:
         """A copy on the host."""
+
+class CudaTexture:
+    """A renderer's image in CUDA's own layout, for `step` as `hdr`: one copy on the device, from where it was drawn.
+
+    `handle` is a `cudaMipmappedArray_t` or, with `mipmapped=False`, a `cudaArray_t` of four channels, of the device's
+    primary context. Its size and format are checked; that it is such a handle cannot be: a number that is none ends
+    the process. `stream`: where it is written; the default stream else.
+    """
+
+    def __init__(
+        self,
+        handle: int,
+        width: int,
+        height: int,
+        *,
+        dtype: Literal["float16", "float32", "uint8"] = "float16",
+        mipmapped: bool = True,
+        stream: int | None = None,
+    ) -> None: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
 
 class Packet:
     """Events, sorted by (t, y, x, p) and complete to `watermark_ns`: no later packet has an earlier event.

@@ -31,5 +31,9 @@ class ClosedError(EsaacError, RuntimeError):
     """Use after `close`."""
 
 
+class RosError(EsaacError, RuntimeError):
+    """ROS 2: there is no network to publish on, or a recording that cannot be written."""
+
+
 class ForkError(EsaacError, RuntimeError):
     """Use of a parent's camera in a forked process."""

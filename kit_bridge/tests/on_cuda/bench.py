@@ -9,11 +9,14 @@ import argparse
 import json
 import time
 
+import numpy as np
 import torch
 
 import esaac
 
 FRAME_NS = 33_333_333
+TILES = ((64, 64), (256, 64), (1024, 64), (64, 128), (256, 128), (1024, 128))
+"""Environments, and pixels a side of each."""
 
 
 def frames(height, width, count=32, envs=None):
@@ -100,7 +103,27 @@ def many(envs, size, packets="cuda"):
         "grid_mb": grids.numel() * 4 / 1e6,
         "device_mb": sum(use["bytes"] for use in uses if not use["on_host"]) / 1e6,
         "ns_per_pixel": 1e3 * row["p50_us"] / (envs * size * size),
+        "pixels": envs * size * size,
     }
+
+
+def line(rows, of):
+    """`of` as a line over pixels, by least squares of relative errors: at no pixels, per million, largest error."""
+    pixels = np.array([row["pixels"] for row in rows]) / 1e6
+    values = np.array([row[of] for row in rows])
+    weighted = np.stack([1 / values, pixels / values], axis=1)
+    (at_none, per_million), *_ = np.linalg.lstsq(weighted, np.ones(len(rows)), rcond=None)
+    worst = np.abs((at_none + per_million * pixels) / values - 1).max()
+    return {"at_none": at_none, "per_million_px": per_million, "worst_error": worst}
+
+
+def table(rows):
+    """For the README."""
+    print("| environments, one call, all on the GPU | p50 | ns a pixel | device memory |\n|---|---|---|---|")
+    for name, row in rows.items():
+        print(
+            f"| {name} | {row['p50_us'] / 1e3:.2f} ms | {row['ns_per_pixel']:.2f} | {row['device_mb']:.0f} MB |"
+        )
 
 
 def main():
@@ -116,10 +139,18 @@ def main():
         "320x320 x32, packets on the device, stream named": one("cuda", default),
         "320x320 x32, three channels, stream named": one("host", default, 3),
     }
-    for envs, size in ((64, 64), (256, 64), (1024, 64), (64, 128), (256, 128)):
-        rows[f"{envs} environments of {size}x{size}"] = many(envs, size)
+    tiles = {f"{envs} of {size}x{size}": many(envs, size) for envs, size in TILES}
+    rows |= tiles
     for name, row in rows.items():
         print(name, {key: round(value, 2) for key, value in row.items()})
+    table(tiles)
+    fits = {of: line(list(tiles.values()), of) for of in ("p50_us", "device_mb")}
+    for of, fit in fits.items():
+        print(
+            f"{of} = {fit['at_none']:.1f} + {fit['per_million_px']:.1f} a million pixels, at most "
+            f"{100 * fit['worst_error']:.0f}% off"
+        )
+    rows["linear in pixels"] = fits
     if arguments.json:
         with open(arguments.json, "w") as file:
             json.dump(rows, file, indent=1)

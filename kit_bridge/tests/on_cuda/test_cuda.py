@@ -246,3 +246,32 @@ def test_a_closed_camera_and_a_wrong_device_are_told():
             other.step(*map(cuda, bars(40, 24, 0)), t_ns=0)
     with pytest.raises(esaac.DeviceError, match="no CUDA device 64"):
         camera(device="cuda:64")
+
+
+@pytest.mark.parametrize(("own", "other"), [(0, 1), (1, 0)])
+def test_arrays_on_another_gpu_are_told_both_names(own, other):
+    if torch.cuda.device_count() == 1:
+        # Nothing can lie on another one, and no camera can be made there.
+        with pytest.raises(esaac.DeviceError, match="no CUDA device 1"):
+            camera(device="cuda:1")
+        return
+    there = lambda array, device: cuda(array).to(f"cuda:{device}")
+    cam = camera(device=f"cuda:{own}")
+    message = f"hdr lies on cuda:{other}, expected cuda:{own}, the engine's device .*; make the camera with"
+    for change in (lambda tensor: tensor, _Plain):
+        with pytest.raises(esaac.FrameError, match=message):
+            cam.step(*(change(there(array, other)) for array in bars(40, 24, 0)), t_ns=0)
+    hdr, motion = bars(40, 24, 0)
+    with pytest.raises(esaac.FrameError, match=f"motion lies on cuda:{other}, expected cuda:{own}"):
+        cam.step(there(hdr, own), there(motion, other), t_ns=0)
+    # The camera goes on, and each GPU gives the same bits.
+    actual = events(cam, lambda hdr, motion: (there(hdr, own), there(motion, own)), count=3)
+    assert_same(actual, run(camera(), count=3))
+
+
+class _Plain:
+    """An array that knows its address and no DLPack."""
+
+    def __init__(self, tensor):
+        self._tensor = tensor
+        self.__cuda_array_interface__ = tensor.__cuda_array_interface__

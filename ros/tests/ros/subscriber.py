@@ -194,4 +194,5 @@ def main():
     print(json.dumps(answer, allow_nan=True), flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()

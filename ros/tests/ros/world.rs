@@ -40,7 +40,7 @@ pub fn camera(name: &str, width: u32, height: u32) -> CameraPlan {
     let sensor = SensorModel { width, height, aps_exposure_ns: 1, aps_bits: 8, ..SensorModel::default() };
     let intrinsics = Some(Intrinsics { focal_px: [300.0, 301.0], centre_px: [172.5, 129.5] });
     let (name, split) = (name.to_owned(), esaac_ros::Split::default());
-    CameraPlan { name, sensor, intrinsics, image: true, depth: true, imu: true, split }
+    CameraPlan { name, sensor, intrinsics, image: true, depth: true, imu: true, split, frame_id: None }
 }
 
 /// Publishes `cameras` to `sinks`.

@@ -6,4 +6,5 @@
 mod latency;
 mod present;
 mod same_events;
+mod two_gpus;
 mod waits;

@@ -4,6 +4,7 @@ use crate::faults::{engine, sensor, sequence};
 use esaac_interop::wire::{ErrorCode, Message};
 use esaac_interop::{InteropError, Outcome, ProducerOptions, Server, ServerOptions};
 use esaac_tests::device::assert_silent;
+use esaac_tests::drivers::in_a_process_of_its_own;
 use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, server, service, until};
 use esaac_tests::peer::{Peer, greeting};
 use esaac_tests::run::camera;
@@ -132,17 +133,8 @@ fn descriptors_and_mappings() -> (usize, usize) {
 
 #[test]
 fn a_thousand_connections_leave_nothing_behind() {
-    // A process of its own: other tests open descriptors too.
-    if std::env::var_os("ESAAC_TEST_ALONE").is_none() {
-        let name = "connections::a_thousand_connections_leave_nothing_behind";
-        let output = std::process::Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", name, "--nocapture"])
-            .env("ESAAC_TEST_ALONE", "1")
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
-        assert!(said.contains("1 passed"), "{said}");
+    // Other tests open descriptors too.
+    if !in_a_process_of_its_own("connections::a_thousand_connections_leave_nothing_behind", None) {
         return;
     }
     let place = Place::default();

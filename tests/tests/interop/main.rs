@@ -4,9 +4,11 @@
 
 mod c_producer;
 mod connections;
+mod drivers;
 mod faults;
 mod latency;
 mod same_events;
+mod two_devices;
 
 /// Frames of a long run, `usual` if nobody says.
 fn frames(usual: usize) -> usize {

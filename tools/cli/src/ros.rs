@@ -124,7 +124,16 @@ const RVIZ: &str = include_str!("../../../ros/esaac.rviz");
 #[must_use]
 pub fn camera(name: String, sensor: &SensorModel) -> CameraPlan {
     let (sensor, split) = (sensor.clone(), Split::default());
-    CameraPlan { name, sensor, intrinsics: None, image: false, depth: false, imu: false, split }
+    CameraPlan {
+        name,
+        sensor,
+        intrinsics: None,
+        image: false,
+        depth: false,
+        imu: false,
+        split,
+        frame_id: None,
+    }
 }
 
 /// Intrinsics of a camera whose view axis meets the middle of the image.

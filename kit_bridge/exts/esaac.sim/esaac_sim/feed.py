@@ -23,11 +23,13 @@ class Feed:
 
     def __init__(self, spec, device=None):
         self.spec = spec
+        self.texture = None
         self.camera = esaac.EventCamera(spec.sensor, device=device, packets=spec.packets)
         self.sinks = []
         self.frames = self.events = self.duplicates = self.gaps = self.unusable = self.faults = 0
         self.message = "waiting for the first frame"
         self.packet = None
+        self.frame = None
         self.forms = {}
         self.latency_ms = 0.0
         self._last_ns = None
@@ -38,7 +40,8 @@ class Feed:
         returns. `step` returns when the engine has read it."""
         sensor = self.spec.sensor
         try:
-            frame = frame_of(data, sensor.width, sensor.height, sensor.synthesis in ("motion", "paper"))
+            needs_motion = sensor.synthesis in ("motion", "paper")
+            frame = frame_of(data, sensor.width, sensor.height, needs_motion, self.spec.outputs, self.texture)
         except FrameUnusable as unusable:
             self.unusable += 1
             self.message = str(unusable)
@@ -52,6 +55,7 @@ class Feed:
                 # The timeline was stopped, or rewound.
                 self.gaps += 1
                 self.camera.reset()
+                self._tell("restart")
         started = time.perf_counter()
         try:
             packet = self.camera.step(frame.hdr, frame.motion, t_ns=frame.t_ns)
@@ -67,12 +71,21 @@ class Feed:
         self.forms = {name: form(self.camera) for name, form in FORMS.items() if name in self.spec.outputs}
         self.message = "running"
         self._recent.append((started, len(packet)))
+        self.frame = frame
         for sink in self.sinks:
             try:
                 sink(self, packet)
             except Exception as error:  # A sink is others' code: its fault is shown and ends nothing.
                 self.faults += 1
                 self.message = f"{getattr(sink, 'name', sink)}: {error}"
+        # The renderer's memory is its own again.
+        self.frame = None
+
+    def _tell(self, what, *arguments):
+        for sink in self.sinks:
+            told = getattr(sink, what, None)
+            if told:
+                told(*arguments)
 
     @property
     def rates(self):
@@ -90,11 +103,9 @@ class Feed:
     def change(self, **parameters):
         """Changes the sensor while it runs; a wrong value raises `esaac.SensorError` and changes nothing."""
         self.camera.sensor = self.camera.sensor.replace(**parameters)
+        self._tell("changed", self.camera.sensor)
 
     def close(self):
-        for sink in self.sinks:
-            close = getattr(sink, "close", None)
-            if close:
-                close()
+        self._tell("close")
         self.sinks = []
         self.camera.close()

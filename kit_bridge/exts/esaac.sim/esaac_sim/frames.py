@@ -5,6 +5,7 @@ import dataclasses
 HDR = "HdrColor"
 MOTION = "motion_vectors"
 DEPTH = "distance_to_image_plane"
+RGB = "rgb"
 TIME = "IsaacReadSimulationTime"
 
 
@@ -21,6 +22,8 @@ class Frame:
     hdr: object
     motion: object
     t_ns: int
+    rgb: object = None
+    depth: object = None
 
 
 def find(data, name):
@@ -50,24 +53,27 @@ def seconds(entry):
     return float(entry)
 
 
-def frame_of(data, width, height, needs_motion=True):
-    """Colour, motion and time of a writer's data, checked."""
-    hdr = _image(data, HDR, height, width)
+def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None):
+    """Colour, motion and time of a writer's data, checked, and what `outputs` asks for beside them. Colour is the
+    texture's, if there is one."""
+    hdr = texture.image(width, height) if texture else _image(data, HDR, height, width)
     motion = _image(data, MOTION, height, width) if needs_motion else None
+    rgb = _image(data, RGB, height, width) if "rgb" in outputs else None
+    depth = _image(data, DEPTH, height, width, channels=()) if "depth" in outputs else None
     entry = find(data, TIME)
     if entry is None:
         raise FrameUnusable(f"no {TIME} among {sorted(data)}")
-    return Frame(hdr=hdr, motion=motion, t_ns=round(seconds(entry) * 1e9))
+    return Frame(hdr=hdr, motion=motion, t_ns=round(seconds(entry) * 1e9), rgb=rgb, depth=depth)
 
 
-def _image(data, name, height, width):
+def _image(data, name, height, width, channels=(4,)):
     array = payload(find(data, name))
     if array is None:
         raise FrameUnusable(f"no {name} among {sorted(data)}")
     shape = tuple(getattr(array, "shape", ()))
     if not shape or 0 in shape:
         raise FrameUnusable(f"{name} is empty: the renderer has not drawn yet", expected=True)
-    if shape != (height, width, 4):
+    if shape != (height, width, *channels):
         # Unit dimensions are squeezed, which an image of one row or column would not survive.
-        raise FrameUnusable(f"{name} has shape {shape}, expected {(height, width, 4)}")
+        raise FrameUnusable(f"{name} has shape {shape}, expected {(height, width, *channels)}")
     return array

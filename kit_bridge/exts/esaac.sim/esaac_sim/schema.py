@@ -10,10 +10,11 @@ import pathlib
 from pxr import Plug, Usd, UsdGeom
 
 import esaac
+import esaac.ros
 
 API = "EsaacEventCameraAPI"
 PREFIX = "esaac:"
-OUTPUTS = ("events", "event_frame", "voxel_grid", "aps")
+OUTPUTS = ("events", "event_frame", "voxel_grid", "aps", "rgb", "depth")
 
 _DEFAULTS = {
     "enabled": True,
@@ -26,7 +27,8 @@ _DEFAULTS = {
     "packets": "host",
     "publish": False,
     "topic": "",
-    "frameId": "sim_camera",
+    "frameId": "",
+    "imu": "",
 }
 
 
@@ -44,7 +46,11 @@ class CameraSpec:
     packets: str
     publish: bool
     topic: str
-    frame_id: str
+    """Where its topics are: `events`, `aps/image_raw` and so on come below."""
+    frame_id: str | None
+    imu: str
+    """Path of an IMU sensor that is published with it, or nothing."""
+    focal_px: float
 
 
 def register():
@@ -91,16 +97,34 @@ def spec_of(prim):
     packets = str(_value(prim, "packets"))
     if packets not in ("host", "cuda"):
         raise SchemaError(f"{path}.esaac:packets is `{packets}`, expected host or cuda")
-    topic = str(_value(prim, "topic")) or "/" + prim.GetName().lower()
+    # Who names the topic of the events means that one.
+    topic = (str(_value(prim, "topic")) or "/" + prim.GetName().lower()).removesuffix("/events")
+    frame_id = str(_value(prim, "frameId")) or None
+    publish = bool(_value(prim, "publish"))
+    if publish:
+        try:
+            esaac.ros.check_names(topic, frame_id)
+        except esaac.ArgumentError as error:
+            raise SchemaError(f"{path}: {error}") from error
+    sensor = _sensor(prim, path, outputs)
     return CameraSpec(
         path=path,
-        sensor=_sensor(prim, path, outputs),
+        sensor=sensor,
         outputs=outputs,
         packets=packets,
-        publish=bool(_value(prim, "publish")),
+        publish=publish,
         topic=topic,
-        frame_id=str(_value(prim, "frameId")),
+        frame_id=frame_id,
+        imu=str(_value(prim, "imu")),
+        focal_px=_focal_px(prim, sensor.width),
     )
+
+
+def _focal_px(prim, width):
+    """Pixels are square: renderers fit the aperture's width to the image's."""
+    camera = UsdGeom.Camera(prim)
+    aperture = camera.GetHorizontalApertureAttr().Get()
+    return camera.GetFocalLengthAttr().Get() / aperture * width if aperture else 0.0
 
 
 def _sensor(prim, path, outputs):

@@ -146,15 +146,23 @@ def disabled(checks):
     return {check.disables for check in checks if not check.holds and check.disables}
 
 
-async def run(app, stage):
+async def run(app, stage, with_texture=False, device=None):
     """Draws the scene under a root of its own and judges it; the root is gone afterwards."""
     from .self_test_scene import SelfTestScene
 
     scene = SelfTestScene(stage)
+    twins = None
     try:
+        if with_texture:
+            from .self_test_texture import Twins
+
+            twins = scene.twins = Twins(scene.product, device)
         for index in range(FRAMES + 2):
             scene.move(index)
             await app.next_update_async()
-        return judge(scene.frames[-FRAMES:])
+        checks = judge(scene.frames[-FRAMES:])
+        return checks + ([twins.check()] if twins else [])
     finally:
         scene.remove()
+        if twins:
+            twins.close()

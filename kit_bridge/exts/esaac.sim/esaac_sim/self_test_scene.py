@@ -15,7 +15,7 @@ class SelfTestScene:
     """Prims, a render product and a writer that collects what it is handed."""
 
     def __init__(self, stage):
-        self.stage, self.frames = stage, []
+        self.stage, self.frames, self.twins = stage, [], None
         unit = UsdGeom.GetStageMetersPerUnit(stage) or 1.0
         self.metre = 1.0 / unit
         UsdGeom.Xform.Define(stage, ROOT)
@@ -50,6 +50,8 @@ class SelfTestScene:
         self.stage.RemovePrim(ROOT)
 
     def _keep(self, data):
+        if self.twins:
+            self.twins.write(data)
         # The renderer's memory is good until `write` returns: what is judged later is copied.
         self.frames.append({key: _copied(value) for key, value in data.items()})
 

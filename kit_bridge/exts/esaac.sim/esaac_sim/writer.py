@@ -6,7 +6,7 @@ since the engine has read them when `write` returns.
 
 import omni.replicator.core as rep
 
-from .frames import DEPTH, HDR, MOTION, TIME
+from .frames import DEPTH, HDR, MOTION, RGB, TIME
 
 NAME = "EsaacEventWriter"
 
@@ -14,11 +14,11 @@ NAME = "EsaacEventWriter"
 class EsaacEventWriter(rep.Writer):
     """Calls `sink(data)` for each frame."""
 
-    def __init__(self, sink, with_motion=True, with_depth=False):
+    def __init__(self, sink, with_hdr=True, with_motion=True, with_rgb=False, with_depth=False):
         self.version = "0.1.0"
         self.sink = sink
         get = rep.AnnotatorRegistry.get_annotator
-        names = [HDR] + [MOTION] * with_motion + [DEPTH] * with_depth
+        names = [HDR] * with_hdr + [MOTION] * with_motion + [RGB] * with_rgb + [DEPTH] * with_depth
         self.annotators = [get(name, device="cuda", do_array_copy=False) for name in names]
         # The time of the rendered frame, which may lag behind the simulation's.
         self.annotators.append(get(TIME, init_params={"resetOnStop": True}))
@@ -27,13 +27,19 @@ class EsaacEventWriter(rep.Writer):
         self.sink(data)
 
 
-def attach(spec, sink):
+def attach(spec, sink, with_hdr=True):
     """A render product of the camera's size with a writer on it; both are given to `detach`."""
     sensor = spec.sensor
     product = rep.create.render_product(spec.path, (sensor.width, sensor.height))
     rep.WriterRegistry.register(EsaacEventWriter)
     writer = rep.writers.get(NAME)
-    writer.initialize(sink=sink, with_motion=sensor.synthesis in ("motion", "paper"))
+    writer.initialize(
+        sink=sink,
+        with_hdr=with_hdr,
+        with_motion=sensor.synthesis in ("motion", "paper"),
+        with_rgb="rgb" in spec.outputs,
+        with_depth="depth" in spec.outputs,
+    )
     writer.attach([product])
     return product, writer
 

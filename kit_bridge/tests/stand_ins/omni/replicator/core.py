@@ -15,6 +15,7 @@ import omni.usd
 
 wp.config.quiet = True
 
+DEVICE = "cuda:0" if wp.is_cuda_available() else "cpu"
 BACKGROUND = 0.05
 RATE_HZ = 60.0
 
@@ -32,7 +33,7 @@ class RenderProduct:
     def __init__(self, camera, resolution):
         self.camera, self.resolution = camera, resolution
         self.path = f"/Render/RenderProduct_{len(_PRODUCTS)}"
-        self.writers, self.drawn, self.before = [], 0, {}
+        self.writers, self.drawn, self.before, self.hdr = [], 0, {}, None
         _PRODUCTS.append(self)
 
     def destroy(self):
@@ -52,6 +53,12 @@ class AnnotatorRegistry:
         return types.SimpleNamespace(
             name=name, device=device, do_array_copy=do_array_copy, init_params=init_params
         )
+
+
+class orchestrator:
+    @staticmethod
+    def set_capture_on_play(_on):
+        """Writers are called while the timeline plays; here they are whenever the application updates."""
 
 
 class Writer:
@@ -114,7 +121,7 @@ def draw():
                 writer.write({key: value for key, value in data.items() if key.split("-")[0] in listed})
             for value in data.values():  # F7
                 if isinstance(value, wp.array) and value.size:
-                    value.fill_(7.0)
+                    value.fill_(7)
         product.drawn += 1
     _FRAME += 1
 
@@ -124,12 +131,14 @@ def _data(product, stage, frame):
     hdr = np.full((height, width, 4), BACKGROUND, np.float16)
     motion = np.zeros((height, width, 4), np.float32)
     depth = np.full((height, width), np.inf, np.float32)
+    rgb = np.full((height, width, 4), 255, np.uint8)
     first = product.drawn == 0
     for cube, (x0, x1, y0, y1, z, centre) in _cubes(stage, product.camera, width, height):
         ys, xs = slice(max(y0, 0), max(min(y1, height), 0)), slice(max(x0, 0), max(min(x1, width), 0))
         light = _light(stage, cube)
         hdr[ys, xs] = np.sqrt(light) if faults.gamma else light
         depth[ys, xs] = z
+        rgb[ys, xs, :3] = (200, 100, 50)
         before = product.before.get(cube, centre)
         moved = (before[0] - centre[0], before[1] - centre[1])  # F3
         if first:
@@ -138,17 +147,17 @@ def _data(product, stage, frame):
         product.before[cube] = centre
     suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
     if product.drawn < faults.empty_frames:  # F4
-        hdr, motion, depth = (
-            np.empty((0,), np.float16),
-            np.empty((0,), np.float32),
-            np.empty((0,), np.float32),
+        hdr, motion, depth, rgb = (
+            np.empty((0,), dtype) for dtype in (np.float16, np.float32, np.float32, np.uint8)
         )
+    product.hdr = hdr
     seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
-    of = lambda array: wp.array(np.squeeze(array), device="cpu")  # F2
+    of = lambda array: wp.array(np.squeeze(array), device=DEVICE)  # F2
     return {
         f"HdrColor{suffix}": of(hdr),
         f"motion_vectors{suffix}": of(motion),
         f"distance_to_image_plane{suffix}": of(depth),
+        f"rgb{suffix}": of(rgb),
         f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
     }
 

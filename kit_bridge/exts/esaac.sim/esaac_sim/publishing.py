@@ -1,0 +1,57 @@
+"""Cameras of a stage on ROS 2: one publisher for all, and a sink for each."""
+
+from esaac import ros
+
+from .imu import Imu
+
+
+def publisher(specs):
+    """A publisher of the cameras that ask for it, each below its own topic."""
+    return ros.Publisher([_camera(spec) for spec in specs], namespace="/", node="esaac_sim")
+
+
+def _name(spec):
+    # The publisher's namespace is the outermost.
+    return spec.topic.removeprefix("/")
+
+
+def _camera(spec):
+    return ros.Camera(
+        _name(spec),
+        spec.sensor,
+        focal_px=spec.focal_px or None,
+        rgb="rgb" in spec.outputs,
+        depth="depth" in spec.outputs,
+        imu=bool(spec.imu),
+        frame_id=spec.frame_id,
+    )
+
+
+class Sink:
+    """Publishes what a feed has, while the renderer's memory is there."""
+
+    name = "publisher"
+
+    def __init__(self, publisher, spec, log):
+        self._publisher, self._name, self._log = publisher, _name(spec), log
+        self._imu = Imu(spec.imu) if spec.imu else None
+
+    def __call__(self, feed, packet):
+        frame = feed.frame
+        aps = feed.camera.aps
+        samples = self._imu.samples() if self._imu else ()
+        # The first frame ends no interval: there is nothing of events to tell.
+        packet = packet if feed.frames > 1 else None
+        self._publisher.publish(
+            frame.t_ns,
+            {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=frame.depth, imu=samples)},
+        )
+        for notice in self._publisher.notices():
+            self._log.warn(notice)
+
+    def restart(self):
+        """The timeline went back."""
+        self._publisher.restart()
+
+    def changed(self, sensor):
+        self._publisher.set_sensor(self._name, sensor)

@@ -1,0 +1,59 @@
+"""HdrColor where the renderer has it: a texture, read with one copy instead of two.
+
+What Kit hands out is a number. That it is CUDA's handle of such a texture, in the context that all of CUDA's runtime
+shares, is written nowhere; a number that is none ends the process. So this path is taken only where a setting asks
+for it, and only once the self-test has seen the same events by it as by the annotator.
+"""
+
+import esaac
+
+from .frames import HDR, FrameUnusable
+
+NODE = HDR + "Ptr"
+OUTPUTS = tuple(
+    f"outputs:{name}" for name in ("dataPtr", "cudaDeviceIndex", "width", "height", "bufferSize", "format")
+)
+TEXEL_BYTES = 8
+
+
+class Texture:
+    """HdrColor of one render product."""
+
+    def __init__(self, product):
+        try:
+            from omni.syntheticdata import SyntheticData
+        except ImportError as error:
+            raise FrameUnusable("omni.syntheticdata is not enabled") from error
+        self._product = product
+        SyntheticData.register_export_rendervar_ptr_templates([HDR])
+        self._data = SyntheticData.Get()
+        self._data.activate_node_template(NODE, 0, [product.path])
+
+    def image(self, width, height):
+        """The present image, for `EventCamera.step`; it is the renderer's again once `write` has returned."""
+        told = self._data.get_node_attributes(NODE, list(OUTPUTS), self._product.path) or {}
+        pointer, device, columns, rows, size, _ = (int(told.get(name) or 0) for name in OUTPUTS)
+        if pointer == 0 or (columns, rows) == (0, 0):
+            raise FrameUnusable(f"{NODE} is empty: the renderer has not drawn yet", expected=True)
+        if told.get("outputs:cudaDeviceIndex") is None or device < 0:
+            raise FrameUnusable(f"{NODE} lies on the host, expected a CUDA device")
+        if (columns, rows) != (width, height):
+            raise FrameUnusable(f"{NODE} is {columns}x{rows} px, expected {width}x{height}")
+        if size == 0:
+            return esaac.CudaTexture(pointer, width, height)
+        if size != width * height * TEXEL_BYTES:
+            raise FrameUnusable(f"{NODE} has {size} bytes, expected {width * height * TEXEL_BYTES}")
+        return _Linear(pointer, width, height)
+
+
+class _Linear:
+    """Rows without gaps, where a version of Kit has made a buffer of the texture."""
+
+    def __init__(self, pointer, width, height):
+        self.shape = (height, width, 4)
+        self.__cuda_array_interface__ = {
+            "shape": self.shape,
+            "typestr": "<f2",
+            "data": (pointer, True),
+            "version": 2,
+        }

@@ -1,0 +1,228 @@
+"""ROS 2 topics of event cameras, on machines with ROS 2 and without: an embedded Cyclone DDS sends, `record` keeps
+an MCAP file as rosbag2 writes it. See `ros.pyi`."""
+
+import dataclasses
+import json
+import os
+
+import numpy as np
+
+from esaac._native import RosPublisher, SensorModel, check_ros_names
+from esaac.errors import ArgumentError, RosError
+
+__all__ = ["Camera", "Frame", "Imu", "Publisher", "RosError", "check_names"]
+
+check_names = check_ros_names
+
+
+@dataclasses.dataclass(frozen=True)
+class Camera:
+    """A camera to be published, and what of it."""
+
+    name: str
+    sensor: SensorModel
+    focal_px: object = None
+    centre_px: object = None
+    rgb: bool = False
+    depth: bool = False
+    imu: bool = False
+    frame_id: object = None
+
+    def __post_init__(self):
+        if isinstance(self.sensor, str):
+            object.__setattr__(self, "sensor", SensorModel(self.sensor))
+        if isinstance(self.focal_px, (int, float)):
+            object.__setattr__(self, "focal_px", (self.focal_px, self.focal_px))
+
+
+@dataclasses.dataclass(frozen=True)
+class Imu:
+    """What an IMU measures, x forward, y left, z up."""
+
+    t_ns: int
+    angular_rate_rad_s: tuple
+    specific_force_m_s2: tuple
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """What a camera has to say at one time."""
+
+    packet: object = None
+    aps: object = None
+    rgb: object = None
+    depth: object = None
+    imu: tuple = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Options:
+    namespace: str
+    node: str
+    events: str
+    lossless: bool
+    sim_time: bool
+    qos: list
+    slice_ns: int
+    max_bytes: int
+    network: bool
+    domain: object
+    interface: object
+    record: object
+
+
+@dataclasses.dataclass(frozen=True)
+class _Events:
+    x: np.ndarray
+    y: np.ndarray
+    t_offset_ns: np.ndarray
+    p: np.ndarray
+    base_ns: int
+    watermark_ns: int
+    dropped: int
+
+
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    camera: int
+    events: object
+    aps: object
+    rgb: object
+    depth: object
+    imu: list
+
+
+class Publisher:
+    """Publishes cameras."""
+
+    def __init__(
+        self,
+        cameras,
+        *,
+        namespace="/esaac",
+        node="esaac",
+        events="packed",
+        policy=None,
+        time="sim",
+        qos=None,
+        slice_ns=0,
+        max_bytes=0,
+        network=True,
+        domain=None,
+        interface=None,
+        record=None,
+    ):
+        if policy not in (None, "latest", "lossless"):
+            raise ArgumentError(f"policy is `{policy}`, expected latest or lossless")
+        if time not in ("sim", "wall"):
+            raise ArgumentError(f"time is `{time}`, expected sim or wall")
+        cameras = list(cameras)
+        self._numbers = {camera.name: number for number, camera in enumerate(cameras)}
+        self._publisher = RosPublisher(
+            cameras,
+            _Options(
+                namespace=namespace,
+                node=node,
+                events=events,
+                # A recording is worth waiting for.
+                lossless=policy == "lossless" or (policy is None and record is not None),
+                sim_time=time == "sim",
+                qos=list((qos or {}).items()),
+                slice_ns=slice_ns,
+                max_bytes=max_bytes,
+                network=network,
+                domain=domain,
+                interface=interface,
+                record=None if record is None else os.fspath(record),
+            ),
+        )
+
+    @property
+    def topics(self):
+        return dict(self._publisher.topics)
+
+    def publish(self, t_ns, frames):
+        self._publisher.publish(int(t_ns), [self._part(name, frame) for name, frame in frames.items()])
+
+    def set_sensor(self, name, sensor):
+        self._publisher.set_sensor(self._number(name), sensor)
+
+    def restart(self):
+        self._publisher.restart()
+
+    def notices(self):
+        return self._publisher.notices()
+
+    def summary(self):
+        return json.loads(self._publisher.summary())
+
+    def close(self):
+        told = self._publisher.close()
+        return None if told is None else json.loads(told)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def _number(self, name):
+        if name not in self._numbers:
+            raise ArgumentError(f"no camera `{name}`, expected one of {', '.join(self._numbers)}")
+        return self._numbers[name]
+
+    def _part(self, name, frame):
+        samples = [(int(s.t_ns), list(s.angular_rate_rad_s), list(s.specific_force_m_s2)) for s in frame.imu]
+        aps = frame.aps
+        if aps is not None:
+            aps = dataclasses.replace(aps, pixels=np.ascontiguousarray(aps.pixels, np.uint16))
+        rgb = None if frame.rgb is None else _host(frame.rgb)
+        if rgb is not None:
+            if rgb.dtype != np.uint8:
+                raise ArgumentError(f"rgb of `{name}` has dtype {rgb.dtype}, expected uint8")
+            rgb = np.ascontiguousarray(rgb[..., :3])
+        return _Part(
+            camera=self._number(name),
+            events=None if frame.packet is None else _events(frame.packet),
+            aps=aps,
+            rgb=rgb,
+            depth=None if frame.depth is None else _image_of_depth(frame.depth),
+            imu=samples,
+        )
+
+
+def _events(packet):
+    if packet.offsets is not None:
+        raise ArgumentError("this packet is of several cameras; publish packet[i], one a camera")
+    offsets = packet.t_offset_ns
+    if offsets is None:
+        offsets = (_host(packet.t_ns) - packet.base_ns).astype(np.uint32)
+    place = lambda column: np.ascontiguousarray(_host(column)).view(np.uint16)
+    return _Events(
+        x=place(packet.x),
+        y=place(packet.y),
+        t_offset_ns=np.ascontiguousarray(offsets),
+        p=np.ascontiguousarray(_host(packet.p)),
+        base_ns=packet.base_ns,
+        watermark_ns=packet.watermark_ns,
+        dropped=packet.dropped,
+    )
+
+
+def _image_of_depth(depth):
+    depth = _host(depth)
+    if depth.ndim == 3 and depth.shape[-1] == 1:
+        depth = depth[..., 0]
+    return np.ascontiguousarray(depth, np.float32)
+
+
+def _host(array):
+    """A NumPy array of whatever it is, on a device or here."""
+    if isinstance(array, np.ndarray):
+        return array
+    if hasattr(array, "cpu"):
+        array = array.cpu()
+    for copy in ("numpy", "get"):
+        if hasattr(array, copy):
+            return np.asarray(getattr(array, copy)())
+    return np.asarray(array)

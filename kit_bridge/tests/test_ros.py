@@ -1,0 +1,152 @@
+"""Topics of ROS 2 from Python, read by a subscriber that shares no code with the publisher."""
+
+import os
+import threading
+
+import numpy as np
+import pytest
+from conftest import FRAME_NS, bars
+from listening import assert_packets, domain, listening
+
+import esaac
+from esaac import ros
+
+SENSOR = {"width": 40, "height": 24, "contrast_on": 0.15, "contrast_off": 0.15}
+
+
+@pytest.fixture(autouse=True)
+def loopback(monkeypatch):
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+
+
+def test_all_that_a_camera_has_is_read_bit_for_bit(tmp_path):
+    camera = esaac.EventCamera("dvs128", **SENSOR, aps_exposure_ns=8_000_000, aps_bits=10)
+    told = ros.Camera(
+        "eye", camera.sensor, focal_px=50, rgb=True, depth=True, imu=True, frame_id="sim_camera"
+    )
+    packets, images, depths, aps = [], [], [], []
+    bag = tmp_path / "run.mcap"
+    with ros.Publisher([told], domain=domain(0), record=bag) as publisher:
+        topics = publisher.topics
+        assert topics["/esaac/eye/events"] == "esaac_msgs/msg/PackedEventPacket"
+        with listening(domain(0), topics) as (wait, came):
+            wait()
+            for index in range(6):
+                t_ns = FRAME_NS * index
+                packet = camera.step(*bars(40, 24, index), t_ns=t_ns)
+                packets.append(packet)
+                aps.append(camera.aps)
+                images.append(np.random.default_rng(index).integers(0, 256, (24, 40, 4), np.uint8))
+                depths.append(np.linspace(1, 5 + index, 24 * 40, dtype=np.float32).reshape(24, 40))
+                imu = [ros.Imu(t_ns + k, (0.0, 0.1, float(index)), (0.0, 0.0, 9.81)) for k in (-1, 0)]
+                frame = ros.Frame(packet, camera.aps, images[-1], depths[-1], imu)
+                publisher.publish(t_ns, {"eye": frame})
+            summary = publisher.close()
+    assert summary["dropped_ticks"] == 0 and bag.stat().st_size > 1000
+    assert sum(map(len, packets)) > 500
+    assert_packets(came["/esaac/eye/events"], packets, camera.sensor)
+    for index, message in enumerate(came["/esaac/eye/image_raw"]):
+        assert message["encoding"] == "rgb8" and message["header"]["frame_id"] == "sim_camera"
+        np.testing.assert_array_equal(message["data"], images[index][..., :3].ravel())
+    for index, message in enumerate(came["/esaac/eye/depth/image_raw"]):
+        assert bytes(message["data"]) == depths[index].tobytes()
+    expected = [frame.pixels.astype("<u2").tobytes() for frame in aps if frame]
+    assert [bytes(m["data"]) for m in came["/esaac/eye/aps/image_raw"]] == expected and len(expected) >= 5
+    assert len(came["/esaac/eye/image_raw"]) == len(came["/esaac/eye/depth/image_raw"]) == 6
+    info = came["/esaac/eye/camera_info"][0]
+    assert info["k"] == [50, 0, 19.5, 0, 50, 11.5, 0, 0, 1]
+    assert [m["angular_velocity"]["z"] for m in came["/esaac/eye/imu"]] == [
+        i for i in range(6) for _ in (0, 1)
+    ]
+    assert came["/esaac/eye/imu"][0]["header"]["frame_id"] == "sim_camera_link"
+    clock = [m["clock"]["sec"] * 10**9 + m["clock"]["nanosec"] for m in came["/clock"]]
+    assert clock == [FRAME_NS * index for index in range(6)]
+    assert came["/esaac/eye/sensor"][0]["contrast_on"] == 0.15
+
+
+def test_environments_are_cameras_of_one_publisher():
+    sensor = esaac.SensorModel("dvs128", **SENSOR)
+    camera = esaac.TiledEventCamera(sensor, 2)
+    packets = {"env_0": [], "env_1": []}
+    cameras = [ros.Camera(name, sensor) for name in packets]
+    with ros.Publisher(cameras, namespace="/lab", domain=domain(1), policy="lossless") as publisher:
+        names = [f"/lab/{name}/events" for name in packets]
+        with listening(domain(1), {name: publisher.topics[name] for name in names}) as (wait, came):
+            wait()
+            for index in range(4):
+                pairs = [bars(40, 24, index + 0.3 * env) for env in range(2)]
+                hdr, motion = (np.stack(images) for images in zip(*pairs))
+                packet = camera.step(hdr, motion, t_ns=FRAME_NS * index)
+                for env, name in enumerate(packets):
+                    packets[name].append(packet[env])
+                with pytest.raises(esaac.ArgumentError, match=r"publish packet\[i\]"):
+                    publisher.publish(FRAME_NS * index, {"env_0": ros.Frame(packet)})
+                frames = {name: ros.Frame(packet[env]) for env, name in enumerate(packets)}
+                publisher.publish(FRAME_NS * index, frames)
+            publisher.close()
+    for name, expected in packets.items():
+        assert sum(map(len, expected)) > 500
+        assert_packets(came[f"/lab/{name}/events"], expected, sensor)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "options", "error", "message"),
+    [
+        (["a-b"], {}, esaac.ArgumentError, "a-b"),
+        (["a", "a"], {}, esaac.ArgumentError, "two cameras are named `a`"),
+        (["a"], {"namespace": "esaac"}, esaac.ArgumentError, "does not start with a slash"),
+        (["a"], {"events": "csv"}, esaac.ArgumentError, "`csv`, expected one of packed, plain, evt3, mono"),
+        (["a"], {"policy": "drop"}, esaac.ArgumentError, "`drop`, expected latest or lossless"),
+        (["a"], {"time": "utc"}, esaac.ArgumentError, "`utc`, expected sim or wall"),
+        (["a"], {"qos": {"event": "reliable"}}, esaac.ArgumentError, "`event`, which is no topic"),
+        (["a"], {"qos": {"events": "quick"}}, esaac.ArgumentError, "`quick` is not one of"),
+        (["a"], {"domain": 999}, esaac.RosError, "999"),
+        (["a"], {"interface": "nonesuch0"}, esaac.RosError, "nonesuch0"),
+        (["a"], {"network": False, "record": "/nonexistent/run.mcap"}, esaac.RosError, "/nonexistent"),
+    ],
+)
+def test_what_cannot_be_is_said_at_once(cameras, options, error, message):
+    options = {"domain": domain(2), **options}
+    with pytest.raises(error, match=message):
+        ros.Publisher([ros.Camera(name, "dvs128") for name in cameras], **options)
+
+
+def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):
+    camera = esaac.EventCamera("dvs128", **SENSOR)
+    publisher = ros.Publisher(
+        [ros.Camera("a", camera.sensor, rgb=True)], network=False, record=tmp_path / "run.mcap"
+    )
+    for frame, message in (
+        ({"a": ros.Frame(rgb=np.zeros((3, 4, 3), np.uint8))}, r"rgb of `a` has shape \[3, 4, 3\]"),
+        ({"a": ros.Frame(rgb=np.zeros((24, 40, 3), np.float32))}, "float32, expected uint8"),
+        ({"a": ros.Frame(depth=np.zeros((24, 40)))}, "announced without depth"),
+        ({"a": ros.Frame(imu=[ros.Imu(0, (0, 0, 0), (0, 0, 0))])}, "announced without imu"),
+        ({"b": ros.Frame()}, "no camera `b`, expected one of a"),
+    ):
+        with pytest.raises(esaac.EsaacError, match=message):
+            publisher.publish(0, frame)
+    publisher.publish(0, {"a": ros.Frame(rgb=np.zeros((24, 40, 3), np.uint8))})
+    # Any thread may publish.
+    packet = camera.step(*bars(40, 24, 0), t_ns=FRAME_NS)
+    thread = threading.Thread(target=publisher.publish, args=(FRAME_NS, {"a": ros.Frame(packet)}))
+    thread.start()
+    thread.join()
+    summary = publisher.close()
+    recorded = {topic["topic"]: topic["recorded"] for topic in summary["topics"]}
+    assert recorded["/esaac/a/image_raw"] == 1 and recorded["/esaac/a/events"] == 1
+    assert publisher.close() is None
+    with pytest.raises(esaac.ClosedError, match="the publisher is closed"):
+        publisher.publish(2, {})
+
+
+def test_a_forked_child_is_told():
+    with ros.Publisher([ros.Camera("a", "dvs128")], network=False) as publisher:
+        child = os.fork()
+        if child == 0:
+            try:
+                publisher.publish(0, {})
+            except esaac.ForkError:
+                os._exit(0)
+            os._exit(1)
+        assert os.waitpid(child, 0)[1] == 0

@@ -1,0 +1,204 @@
+//! Drivers that lack something, and memory that runs short: which way is taken, and what is said where there is
+//! none.
+
+use crate::connections::one_frame_goes_through;
+use crate::faults::{engine, sensor, sequence};
+use esaac_engine::DeviceChoice;
+use esaac_engine::{Device, RigOptions};
+use esaac_interop::wire::{
+    ErrorCode, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, Message, TIMELINE_CARRIED,
+};
+use esaac_interop::{Producer, ProducerOptions, ServerOptions, Support};
+use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
+use esaac_scene::SceneKind;
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::drivers::{OtherDriver, in_a_process_of_its_own};
+use esaac_tests::frames::{Sequence, scene, times};
+use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, server, service, until};
+use esaac_tests::peer::{Peer, bringing};
+use esaac_tests::run::{camera, engine_with};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::sync::Arc;
+use std::time::Duration;
+
+const SECOND: Duration = Duration::from_secs(1);
+
+/// A few frames of a producer on `device`, whose events are those of the same frames in one process; what memory
+/// and timeline they went by.
+pub fn few_frames_go_through(device: &Arc<Device>, options: &ProducerOptions) -> (u32, u32) {
+    let (sensor, sequence) = (sensor(), sequence());
+    let expected = engine_with(&sensor, &sequence, RigOptions::default());
+    let place = Place::default();
+    let mut service = service(&place.path(), &[(sensor, &sequence)], false, ServerOptions::default());
+    let mut uploader = Uploader::connect(device, &place.path(), options).unwrap();
+    let offer = *uploader.producer.client().offer();
+    let mut events = 0;
+    for (frame, expected) in sequence.frames.iter().zip(&expected) {
+        uploader.send(frame, frame.t_ns).unwrap();
+        let tick = service.tick(30 * SECOND).unwrap().expect("a frame");
+        assert!(tick.tick.packets[0] == expected.packet, "other events at {} ns", frame.t_ns);
+        events += expected.packet.len();
+    }
+    assert!(events > 10, "{events} events");
+    assert_eq!(uploader.producer.finish().unwrap(), (sequence.frames.len() as u64, 0));
+    until("its goodbye", || service.counts()[0].finished == 1);
+    drop(service);
+    assert_device_silent(device);
+    assert_silent();
+    (offer.memory, offer.timeline)
+}
+
+#[test]
+fn without_descriptors_memory_of_the_host_is_shared() {
+    let driver = OtherDriver {
+        lacks: &["VK_KHR_external_memory_fd", "VK_KHR_external_semaphore_fd"],
+        ..OtherDriver::default()
+    };
+    let name = "drivers::without_descriptors_memory_of_the_host_is_shared";
+    if !in_a_process_of_its_own(name, Some(&driver)) {
+        return;
+    }
+    let support = Support::of(&DEVICE);
+    assert!(
+        !support.export_buffer && !support.import_buffer && support.host_alignment.is_some(),
+        "{support:?}"
+    );
+    let device = other_device();
+    let went = few_frames_go_through(&device, &ProducerOptions::default());
+    assert_eq!(went, (MEMORY_HOST, TIMELINE_CARRIED));
+    // A producer that insists is told what there is.
+    let place = Place::default();
+    let server = engine(&place);
+    let peer = Peer::connect(&place.path());
+    peer.send(Message::Hello(bringing()), &[]);
+    let refusal = peer.refusal();
+    assert_eq!(ErrorCode::from_number(refusal.code), ErrorCode::Unsupported);
+    assert_eq!(refusal.words(), "memories: the producer has BROUGHT, the engine HOST, none in common");
+    one_frame_goes_through(&server, &place);
+}
+
+#[test]
+fn without_any_sharing_the_engine_says_what_the_driver_lacks() {
+    let driver = OtherDriver {
+        lacks: &["VK_KHR_external_memory_fd", "VK_EXT_external_memory_host"],
+        ..OtherDriver::default()
+    };
+    let name = "drivers::without_any_sharing_the_engine_says_what_the_driver_lacks";
+    if !in_a_process_of_its_own(name, Some(&driver)) {
+        return;
+    }
+    assert_eq!(Support::of(&DEVICE).engine_memories(), 0);
+    let place = Place::default();
+    let Err(error) = server(&place.path(), &camera(&sensor(), 0, &sequence()), ServerOptions::default())
+    else {
+        panic!("a server on a device that shares nothing");
+    };
+    let text = error.to_string();
+    assert!(text.contains(&DEVICE.info().name) && text.contains("VK_KHR_external_memory_fd"), "{text}");
+    assert!(
+        text.contains("VK_EXT_external_memory_host; update its driver or choose another device"),
+        "{text}"
+    );
+    assert!(!place.path().exists(), "a socket that nobody answers");
+    // In its own process the engine works as ever.
+    assert!(engine_with(&sensor(), &sequence(), RigOptions::default()).len() == 4);
+}
+
+/// A camera whose images are large.
+fn large() -> (SensorModel, Sequence) {
+    let sensor =
+        SensorModel { width: 2048, height: 1024, synthesis: Synthesis::None, ..SensorModel::default() };
+    let sequence = scene(SceneKind::Edge, (2048, 1024), &times(0, 1), HdrFormat::F16x4, MotionFormat::F16x2);
+    (sensor, sequence)
+}
+
+#[test]
+fn a_device_that_is_full_refuses_the_import_and_goes_on() {
+    let (sensor, sequence) = (sensor(), sequence());
+    // Room for a slot and a half.
+    let one = 12 * 9 * 8;
+    let driver = OtherDriver { import_bytes: Some(2 * one), ..OtherDriver::default() };
+    let name = "drivers::a_device_that_is_full_refuses_the_import_and_goes_on";
+    if !in_a_process_of_its_own(name, Some(&driver)) {
+        return;
+    }
+    let place = Place::default();
+    let server = server(&place.path(), &camera(&sensor, 0, &sequence), ServerOptions::default()).unwrap();
+    let device = other_device();
+    for (memories, side) in
+        [(MEMORY_BROUGHT, "the engine imports"), (MEMORY_EXPORTED, "the producer imports")]
+    {
+        let options = ProducerOptions { memories, ..ProducerOptions::default() };
+        let Err(error) = Uploader::connect(&device, &place.path(), &options) else { panic!("{side}") };
+        assert_eq!(error.code(), ErrorCode::Memory, "{side}: {error}");
+        let text = error.to_string();
+        for words in
+            ["bytes for `camera 0 slot", "device memory", "fewer `slots` or a smaller size, or free memory"]
+        {
+            assert!(text.contains(words), "{side}: no `{words}` in: {text}");
+        }
+        until("its end", || server.connected() == 0);
+        assert!(server.notices().join("\n").contains("fewer `slots`"), "{side}");
+    }
+    // Memory of the host is no import of a descriptor.
+    let options = ProducerOptions { memories: MEMORY_HOST, ..ProducerOptions::default() };
+    drop(Uploader::connect(&device, &place.path(), &options).unwrap());
+    assert_device_silent(&device);
+    drop(server);
+    assert_silent();
+}
+
+/// Address space that this process has taken.
+fn address_space_bytes() -> u64 {
+    let pages: u64 = std::fs::read_to_string("/proc/self/statm")
+        .unwrap()
+        .split(' ')
+        .next()
+        .and_then(|pages| pages.parse().ok())
+        .expect("Linux counts pages");
+    pages * rustix::param::page_size() as u64
+}
+
+/// The real thing, on the software driver: memory that a peer brings does not fit into the engine's address space.
+#[test]
+fn a_process_that_is_full_refuses_the_import_and_goes_on() {
+    let name = "drivers::a_process_that_is_full_refuses_the_import_and_goes_on";
+    if !in_a_process_of_its_own(name, None) {
+        return;
+    }
+    if DEVICE.info().kind != "software" {
+        // A GPU's memory is no address space of the process; the layer's test is the one for it.
+        return;
+    }
+    let (sensor, sequence) = large();
+    let place = Place::default();
+    let server = server(&place.path(), &camera(&sensor, 0, &sequence), ServerOptions::default()).unwrap();
+    let device = other_device();
+    let options = ProducerOptions { memories: MEMORY_BROUGHT, ..ProducerOptions::default() };
+    let slot_bytes = 2048 * 1024 * (8 + 4);
+    let free = getrlimit(Resource::As);
+    // The producer's three slots in this process too, and one and a half of the engine's.
+    let current = Some(address_space_bytes() + 9 * slot_bytes / 2);
+    setrlimit(Resource::As, Rlimit { current, ..free }).unwrap();
+    let refused = Producer::connect(&device, &place.path(), &options);
+    setrlimit(Resource::As, free).unwrap();
+    let Err(error) = refused else { panic!("there was room") };
+    assert_eq!(error.code(), ErrorCode::Memory, "{error}");
+    let text = error.to_string();
+    assert!(text.contains("bytes for `camera 0 slot 1") && text.contains("fewer `slots`"), "{text}");
+    until("its end", || server.connected() == 0);
+    assert!(server.notices().join("\n").contains("camera 0 slot 1"), "the engine's own log");
+    drop(Producer::connect(&device, &place.path(), &options).expect("with room it is taken"));
+    assert_device_silent(&device);
+    drop(server);
+    assert_silent();
+}
+
+#[test]
+fn a_device_that_is_not_there_is_named_beside_those_that_are() {
+    let wanted = DeviceChoice::Uuid([0xee; 16]);
+    let Err(error) = Device::open(wanted, esaac_engine::Validation::Off) else { panic!("no such device") };
+    let text = error.to_string();
+    assert!(text.contains("eeeeeeee-eeee-eeee-eeee-eeeeeeeeeeee"), "{text}");
+    assert!(text.contains(&DEVICE.info().name), "{text}");
+}
