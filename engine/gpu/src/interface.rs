@@ -3,8 +3,7 @@
 
 use esaac_kernels::Reflection;
 use esaac_model::layout::{
-    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, STRIP_BLOCKS,
-    Slice,
+    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, STRIP_BLOCKS, Slice,
 };
 use esaac_model::substeps::BLOCK_PX;
 

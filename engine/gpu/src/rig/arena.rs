@@ -70,6 +70,9 @@ impl Place {
 /// Bins of a camera at the most: each workgroup of `sort` adds them all up.
 const MOST_BINS: u32 = 16_384;
 
+/// And at the least: a bin takes memory, and of small cameras there are many.
+const LEAST_BINS: u32 = 128;
+
 /// Pixels a bin: of what usually comes, a few dozen events, so that ranking them is cheap.
 const BIN_PX: u32 = 64;
 
@@ -97,7 +100,7 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 strips: blocks_x.div_ceil(STRIP_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
-                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(256, MOST_BINS),
+                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS),
                 bin_room: BIN_ROOM,
                 event_capacity: round_events(events),
                 has_motion: config.motion.is_some(),
