@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use esaac_engine::ApsFrame;
-use esaac_model::{Intensity, Packet, SensorModel};
+use esaac_engine::Tick;
+use esaac_model::{Intensity, SensorModel};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
     ApsImage, BagWriter, CameraPlan, CycloneTransport, EventFormat, Imu, Intrinsics, NetworkOptions, Plan,
@@ -214,18 +214,13 @@ impl RosOutput {
     }
 }
 
-/// Adds a camera's packet and APS frame to a tick.
-pub fn add_camera(
-    tick: &mut TickMessages<'_>,
-    camera: usize,
-    sensor: &SensorModel,
-    packet: &Packet,
-    aps: Option<&ApsFrame>,
-) {
-    tick.events(camera, &packet.view());
-    if let Some(aps) = aps {
+/// Adds a camera's packet and APS frame to a tick's messages.
+pub fn add_camera(out: &mut TickMessages<'_>, camera: usize, sensor: &SensorModel, tick: &Tick<'_>) {
+    out.events(camera, &tick.view(camera));
+    if let Some(aps) = &tick.aps[camera] {
         let bayer = sensor.intensity == Intensity::BayerRggb;
-        tick.aps(camera, &ApsImage { pixels: &aps.pixels, bits: aps.bits, bayer, t_ns: aps.t_ns });
+        let pixels = tick.aps_pixels(camera);
+        out.aps(camera, &ApsImage { pixels, bits: aps.bits, bayer, t_ns: aps.t_ns });
     }
 }
 
