@@ -4,6 +4,7 @@
 mod bad_input;
 mod bags;
 mod faults;
+mod graph;
 mod load;
 mod receivers;
 mod world;
