@@ -8,3 +8,5 @@ mod graph;
 mod load;
 mod receivers;
 mod world;
+#[cfg(feature = "zenoh")]
+mod zenoh;

@@ -311,6 +311,15 @@ pub fn cyclone_subscriber(domain: u32, bag: &Path, topics: &[(String, String, &s
     peer
 }
 
+/// A subscriber on PyPI's eclipse-zenoh and a router at `port`; it declares `tokens`.
+#[cfg(feature = "zenoh")]
+pub fn zenoh_subscriber(port: u16, domain: u32, tokens: &[String]) -> Peer {
+    let mut command = python("zenoh_subscriber.py", &[&port.to_string(), &domain.to_string()]);
+    let peer = Peer::spawn(command.args(tokens));
+    peer.wait_for("ready");
+    peer
+}
+
 /// Topics of a plan as subscribers name them, in its order.
 pub fn topics(rig: &RigPublisher) -> Vec<(String, String, &'static str)> {
     let kind = |topic: &esaac_ros::Topic| match topic.qos.durability {
