@@ -184,7 +184,7 @@ impl<'a> TickMessages<'a> {
         self
     }
 
-    /// Hands the tick over. With [`Policy::Latest`] this never waits.
+    /// Hands the tick over. With [`Policy::Latest`](crate::Policy::Latest) this never waits.
     pub fn send(self) {
         let batch = Batch { stamp_ns: self.stamp_ns, encoded: Instant::now(), messages: self.messages };
         self.publisher.enqueue(batch);
