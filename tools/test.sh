@@ -64,6 +64,14 @@ say "cargo test, feature tracy"
 cargo clippy -p esaac-benches --features tracy --all-targets --locked -- -D warnings
 ESAAC_VALIDATION=1 cargo test -p esaac-benches --features tracy --test tracy --locked
 
+# Off by default: Zenoh alone takes longer to build than all that is tested here.
+if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then
+    say "cargo test, feature zenoh"
+    "$ESAAC_ROS_PYTHON" -m pip install --quiet --disable-pip-version-check 'eclipse-zenoh>=1.10,<2' xxhash
+    cargo clippy -p esaac-ros -p esaac-cli --features esaac-cli/zenoh --all-targets --locked -- -D warnings
+    cargo test -p esaac-ros --features zenoh --locked zenoh
+fi
+
 say "pytest"
 test_python
 

@@ -34,6 +34,8 @@ pub enum Part {
     Scale,
     /// Cost of each sensor effect
     Effects,
+    /// Packets into ROS messages, from where the device wrote them
+    Encode,
     /// Hard cases and a simulated day
     HardCases,
     /// Against a recording of a real sensor

@@ -4,7 +4,9 @@
 use crate::error::Fault;
 use crate::image::Place;
 use crate::pack::{Texel, Tiles};
-use esaac_engine::{Around, CameraConfig, Device, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions};
+use esaac_engine::{
+    Around, CameraConfig, Device, FrameBytes, FrameInput, InputBuffers, PacketPlace, Rig, RigOptions,
+};
 use esaac_interop::cuda::{CudaBuffer, CudaLink};
 use esaac_model::SensorModel;
 use esaac_model::layout::MAX_CAMERAS;
@@ -60,7 +62,8 @@ impl Bank {
         formats: &[Format],
         packets_on_device: bool,
     ) -> Result<Vec<Self>, Fault> {
-        let options = RigOptions { packets_on_device, ..RigOptions::default() };
+        let packets = if packets_on_device { PacketPlace::OnDevice } else { PacketPlace::Owned };
+        let options = RigOptions { packets, ..RigOptions::default() };
         let mut banks = Vec::new();
         for first in (0..sensors.len()).step_by(MAX_CAMERAS) {
             let cameras = first..sensors.len().min(first + MAX_CAMERAS);

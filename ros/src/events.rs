@@ -162,10 +162,7 @@ pub fn encode(out: &mut Vec<u8>, format: EventFormat, head: &PacketHead<'_>, pac
         EventFormat::Plain => {
             cdr.i64(packet.base_ns).i64(packet.watermark_ns).string(head.sensor_name).u64(packet.dropped);
             cdr.u32(packet.len() as u32);
-            for i in 0..packet.len() {
-                cdr.i64(packet.base_ns + i64::from(packet.t_offset_ns[i]));
-                cdr.u16(packet.x[i]).u16(packet.y[i]).u8(packet.polarity[i]);
-            }
+            plain(&mut cdr, packet);
         }
         EventFormat::Mono => {
             // Times count from the base, which is never before 0 in a simulation.
@@ -176,6 +173,23 @@ pub fn encode(out: &mut Vec<u8>, format: EventFormat, head: &PacketHead<'_>, pac
             // The encoding has times of its own.
             cdr.u64(0).string("evt3").bool(false).bytes_with(|out| evt3(out, packet));
         }
+    }
+}
+
+/// Time in eight bytes, column and row in two each, polarity in one, and three up to where the next time may
+/// start, which the last event does without.
+fn plain(cdr: &mut CdrWriter<'_>, packet: &PacketView<'_>) {
+    let last = packet.len().saturating_sub(1);
+    for i in 0..packet.len() {
+        let t_ns = (packet.base_ns + i64::from(packet.t_offset_ns[i])) as u64;
+        let rest =
+            u64::from(packet.x[i]) | u64::from(packet.y[i]) << 16 | u64::from(packet.polarity[i]) << 32;
+        let record = (u128::from(t_ns) | u128::from(rest) << 64).to_le_bytes();
+        let bytes = if i == last { 13 } else { 16 };
+        if i == 0 {
+            cdr.align_to(8);
+        }
+        cdr.raw(&record[..bytes]);
     }
 }
 

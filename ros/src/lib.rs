@@ -3,7 +3,7 @@
 //! [`RigPublisher`] takes what a tick of the engine gave, encodes each message once, straight into the
 //! buffer that is sent and recorded, and hands the tick to a thread of its own. The thread sends by a
 //! [`Transport`] and writes a recording ([`BagWriter`]) from the same bytes. [`CycloneTransport`] is the
-//! embedded one. [`replay`](replay::replay) sends a recording again.
+//! embedded one, and with the feature `zenoh` there is a second. [`replay`](replay::replay) sends a recording again.
 //!
 //! Knows packets and sensors (`esaac-model`), and neither Vulkan nor the engine.
 
@@ -26,6 +26,8 @@ pub mod statistics;
 pub mod transport;
 pub mod type_hash;
 mod worker;
+#[cfg(feature = "zenoh")]
+pub mod zenoh;
 
 pub use bag::{BagError, BagReader, BagWriter};
 pub use cyclone::{CycloneTransport, NetworkOptions};
@@ -38,3 +40,5 @@ pub use qos::{Qos, QosChange};
 pub use rig::{ApsImage, PublishError, RigPublisher, Sinks, TickMessages};
 pub use statistics::{Summary, TopicSummary};
 pub use transport::{Transport, TransportError};
+#[cfg(feature = "zenoh")]
+pub use zenoh::ZenohTransport;

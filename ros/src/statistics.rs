@@ -6,7 +6,7 @@ use crate::plan::Plan;
 use crate::transport::Transport;
 use crate::worker::Batch;
 use serde::Serialize;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -24,17 +24,23 @@ struct Counts {
 #[derive(Debug)]
 pub(crate) struct Statistics {
     transport: Option<String>,
-    copies: Copies,
+    host_copies: AtomicU32,
+    wire_copies: AtomicU32,
+    records: bool,
     topics: Vec<Counts>,
     dropped_ticks: AtomicU64,
     resets: AtomicU64,
+    encode_ns: Mutex<Histogram>,
     publish_ns: Mutex<Histogram>,
     tick_ns: Mutex<Histogram>,
 }
 
-/// Copies of a message's bytes after the engine's packet, beyond the system's own.
+/// Copies of a packet's bytes after the device wrote them, beyond the system's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Copies {
+    /// Before the packet was given to the publisher: 0 where all were views of the memory that the device
+    /// wrote, 1 where some were packets that own their events.
+    pub packet: u32,
     /// Into the buffer that is sent: the encoding itself.
     pub encode: u32,
     /// From there to the system's socket.
@@ -75,6 +81,10 @@ pub struct Summary {
     pub time_resets: u64,
     /// Copies of a message.
     pub copies: Copies,
+    /// Median of the encoding of a packet or a part of one, nanoseconds.
+    pub encode_p50_ns: u64,
+    /// 99th percentile of it.
+    pub encode_p99_ns: u64,
     /// Median of the call that publishes a message, nanoseconds.
     pub publish_p50_ns: u64,
     /// 99th percentile of it.
@@ -112,16 +122,18 @@ impl Summary {
     /// One line for people.
     #[must_use]
     pub fn to_text(&self) -> String {
-        let Copies { encode, wire, bag } = self.copies;
+        let Copies { packet, encode, wire, bag } = self.copies;
         let way = self.transport.as_deref().unwrap_or("not sent");
         format!(
-            "{way}; {} messages sent, {} recorded, {} dropped in {} ticks; copies of a message after the \
-             packet: {encode} to encode, {wire} to send, {bag} to record; publish call {:.0} us (p50), {:.0} us \
-             (p99)",
+            "{way}; {} messages sent, {} recorded, {} dropped in {} ticks; copies of a packet after the \
+             readback: {packet} before it is encoded, {encode} to encode, {wire} to send, {bag} to record; \
+             encoding {:.0} us (p50), {:.0} us (p99), publish call {:.0} us (p50), {:.0} us (p99)",
             self.sent(),
             self.recorded(),
             self.lost(),
             self.dropped_ticks,
+            self.encode_p50_ns as f64 * 1e-3,
+            self.encode_p99_ns as f64 * 1e-3,
             self.publish_p50_ns as f64 * 1e-3,
             self.publish_p99_ns as f64 * 1e-3,
         )
@@ -138,16 +150,30 @@ fn ns(duration: Duration) -> u64 {
 
 impl Statistics {
     pub fn new(plan: &Plan, transport: Option<&dyn Transport>, records: bool) -> Self {
-        let wire = transport.map_or(0, Transport::copies);
         Statistics {
             transport: transport.map(Transport::name),
-            copies: Copies { encode: 1, wire, bag: records.into() },
+            host_copies: AtomicU32::default(),
+            wire_copies: AtomicU32::new(transport.map_or(0, Transport::copies)),
+            records,
             topics: plan.topics.iter().map(|_| Counts::default()).collect(),
             dropped_ticks: AtomicU64::default(),
             resets: AtomicU64::default(),
+            encode_ns: Mutex::default(),
             publish_ns: Mutex::default(),
             tick_ns: Mutex::default(),
         }
+    }
+
+    pub fn count_packet(&self, host_copies: u32) {
+        self.host_copies.fetch_max(host_copies, Relaxed);
+    }
+
+    pub fn count_encoded(&self, took: Duration) {
+        lock(&self.encode_ns).add(ns(took));
+    }
+
+    pub fn set_wire_copies(&self, copies: u32) {
+        self.wire_copies.store(copies, Relaxed);
     }
 
     pub fn count_sent(&self, topic: usize, bytes: usize, took: Duration, sent: bool) {
@@ -194,13 +220,21 @@ impl Statistics {
             recorded: counts.recorded.load(Relaxed),
             subscribers: counts.subscribers.load(Relaxed),
         });
-        let (publish, tick) = (lock(&self.publish_ns).clone(), lock(&self.tick_ns).clone());
+        let [encode, publish, tick] =
+            [&self.encode_ns, &self.publish_ns, &self.tick_ns].map(|histogram| lock(histogram).clone());
         Summary {
             transport: self.transport.clone(),
             topics: topics.collect(),
             dropped_ticks: self.dropped_ticks.load(Relaxed),
             time_resets: self.resets.load(Relaxed),
-            copies: self.copies,
+            copies: Copies {
+                packet: self.host_copies.load(Relaxed),
+                encode: 1,
+                wire: self.wire_copies.load(Relaxed),
+                bag: self.records.into(),
+            },
+            encode_p50_ns: encode.quantile(0.5),
+            encode_p99_ns: encode.quantile(0.99),
             publish_p50_ns: publish.quantile(0.5),
             publish_p99_ns: publish.quantile(0.99),
             tick_p50_ns: tick.quantile(0.5),

@@ -36,7 +36,8 @@ pub trait Transport: Send {
     /// Its name, for people.
     fn name(&self) -> String;
 
-    /// Copies that it makes of each message after [`Transport::publish`] was called, before the system's own.
+    /// Copies that it has made of a message so far after [`Transport::publish`] was called, before the system's
+    /// own.
     fn copies(&self) -> u32;
 
     /// Announces a topic. Topics are numbered from 0 in this order.

@@ -127,6 +127,7 @@ impl Worker {
             for notice in transport.notices() {
                 let _ = self.tell.send(notice);
             }
+            self.statistics.set_wire_copies(transport.copies());
             for topic in 0..self.plan.topics.len() {
                 self.statistics.set_subscribers(topic, transport.subscribers(topic));
             }

@@ -2,7 +2,8 @@
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    Around, FrameBytes, InputBuffers, MemoryLocation, Representation, Rig, RigOptions, Share,
+    Around, FrameBytes, InputBuffers, MemoryLocation, PacketPlace, Representation, Rig, RigOptions, Share,
+    Tick,
 };
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, Synthesis};
 use esaac_oracle::represent::{event_frame, voxel_grid};
@@ -25,6 +26,7 @@ fn sensor((width, height): (u32, u32)) -> SensorModel {
         synthesis,
         contrast_on: 0.1,
         latency_ns: 3_000_000,
+        aps_exposure_ns: 1_000_000,
         ..SensorModel::default()
     }
 }
@@ -44,15 +46,20 @@ fn rig_of_three(options: RigOptions) -> (Rig, Vec<Sequence>) {
     (Rig::with_options(&DEVICE, &configs, options).expect("a rig"), sequences)
 }
 
-/// Steps all cameras to frame `index`, and returns the packets.
-fn step(rig: &mut Rig, sequences: &[Sequence], index: usize) -> (Vec<Packet>, Vec<u32>) {
+/// Steps all cameras to frame `index`.
+fn tick<'a>(rig: &'a mut Rig, sequences: &[Sequence], index: usize) -> Tick<'a> {
     for (number, sequence) in sequences.iter().enumerate() {
         let frame = &sequence.frames[index];
         rig.upload(number, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
             .expect("a frame");
     }
     let times_ns: Vec<i64> = sequences.iter().map(|s| s.frames[index].t_ns).collect();
-    let tick = rig.step(&times_ns).expect("a tick");
+    rig.step(&times_ns).expect("a tick")
+}
+
+/// Steps all cameras to frame `index`, and returns the packets.
+fn step(rig: &mut Rig, sequences: &[Sequence], index: usize) -> (Vec<Packet>, Vec<u32>) {
+    let tick = tick(rig, sequences, index);
     (tick.packets.to_vec(), tick.events.to_vec())
 }
 
@@ -90,7 +97,7 @@ fn packets_of_all_cameras_are_gathered_one_after_the_other_in_full() {
 fn packets_kept_on_the_device_are_those_that_the_host_would_have() {
     let (mut host, sequences) = rig_of_three(RigOptions::default());
     // Buffers that are too small at first grow where they lie.
-    let options = RigOptions { packets_on_device: true, initial_events: 64, ..RigOptions::default() };
+    let options = RigOptions { packets: PacketPlace::OnDevice, initial_events: 64, ..RigOptions::default() };
     let (mut on_device, _) = rig_of_three(options);
     for index in 0..FRAMES {
         let (expected, counts) = step(&mut host, &sequences, index);
@@ -102,6 +109,32 @@ fn packets_kept_on_the_device_are_those_that_the_host_would_have() {
         assert_eq!(actual, gathered(&expected), "frame {index}");
     }
     drop((host, on_device));
+    assert_silent();
+}
+
+#[test]
+fn packets_and_aps_frames_seen_in_place_are_those_that_are_copied() {
+    let (mut owning, sequences) = rig_of_three(RigOptions::default());
+    // Buffers that are too small at first: those of one camera grow when another's packet is there already.
+    let options = RigOptions { packets: PacketPlace::InPlace, initial_events: 64, ..RigOptions::default() };
+    let (mut in_place, _) = rig_of_three(options);
+    let mut grown = 0;
+    for index in 0..FRAMES {
+        let expected = tick(&mut owning, &sequences, index);
+        let actual = tick(&mut in_place, &sequences, index);
+        for camera in 0..SIZES.len() {
+            let (copied, seen) = (expected.view(camera), actual.view(camera));
+            assert_eq!(seen.to_packet(), expected.packets[camera], "frame {index}, camera {camera}");
+            assert_eq!((copied.host_copies, seen.host_copies), (1, 0));
+            assert_eq!(actual.aps_pixels(camera), expected.aps_pixels(camera));
+            assert!(actual.packets[camera].is_empty());
+            assert!(actual.aps[camera].as_ref().is_none_or(|frame| frame.pixels.is_empty()));
+            assert_eq!(actual.aps_pixels(camera).is_empty(), index == 0);
+            grown += actual.diagnostics[camera].regrown;
+        }
+    }
+    assert!(grown > 0);
+    drop((owning, in_place));
     assert_silent();
 }
 

@@ -3,6 +3,7 @@
 mod choices;
 mod convergence;
 mod effects;
+mod encode;
 mod frontier;
 mod hard_cases;
 mod memory;
@@ -26,6 +27,7 @@ pub(crate) fn run(laboratory: &Laboratory, part: Part) -> Result<Outcome> {
         Part::Time => time::run(laboratory),
         Part::Scale => scale::run(laboratory),
         Part::Effects => effects::run(laboratory),
+        Part::Encode => encode::run(laboratory),
         Part::HardCases => hard_cases::run(laboratory),
         Part::RealSensor => real_sensor::run(laboratory),
         Part::Stability => stability::run(laboratory),

@@ -35,7 +35,7 @@ pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use rig::{
-    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, Representation, Rig,
-    RigOptions, Share, StageSpan, Tick,
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, PacketPlace, Representation,
+    Rig, RigOptions, Share, StageSpan, Tick,
 };
 pub use timeline::Timeline;

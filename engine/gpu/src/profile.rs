@@ -52,7 +52,7 @@ mod off {
         }
     }
 
-    pub(crate) fn tick(_: &[Packet], _: u64, _: impl FnOnce() -> Vec<MemoryUse>) {}
+    pub(crate) fn tick(_: &[u32], _: &[Packet], _: u64, _: impl FnOnce() -> Vec<MemoryUse>) {}
 }
 
 #[cfg(feature = "tracy")]
@@ -123,14 +123,19 @@ mod on {
     }
 
     /// Ends a tick: a frame mark, plots, and a message if events were dropped.
-    pub(crate) fn tick(packets: &[Packet], latency_ns: u64, memory: impl FnOnce() -> Vec<MemoryUse>) {
+    pub(crate) fn tick(
+        events: &[u32],
+        packets: &[Packet],
+        latency_ns: u64,
+        memory: impl FnOnce() -> Vec<MemoryUse>,
+    ) {
         let client = Client::start();
         client.frame_mark();
         if !Client::is_connected() {
             return;
         }
         let dropped: u64 = packets.iter().map(|p| p.dropped).sum();
-        plot!("events", packets.iter().map(Packet::len).sum::<usize>() as f64);
+        plot!("events", events.iter().map(|&e| u64::from(e)).sum::<u64>() as f64);
         plot!("dropped events", dropped as f64);
         plot!("submit to packet, us", latency_ns as f64 * 1e-3);
         let bytes: u64 = memory().iter().filter(|m| !m.on_host).map(|m| m.bytes).sum();

@@ -50,8 +50,10 @@ pub struct Packet {
 }
 
 /// A packet whose events lie somewhere else, or a part of one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PacketView<'a> {
+    /// Packets of this camera before this one.
+    pub sequence: u64,
     /// Sensor width, pixels.
     pub width_px: u32,
     /// Sensor height, pixels.
@@ -70,6 +72,9 @@ pub struct PacketView<'a> {
     pub polarity: &'a [u8],
     /// Events left out because of the sensor's `max_events_per_interval`.
     pub dropped: u64,
+    /// How often the host has copied the events since the device wrote them: 0 where it wrote them, 1 in a
+    /// [`Packet`].
+    pub host_copies: u32,
 }
 
 impl PacketView<'_> {
@@ -83,6 +88,30 @@ impl PacketView<'_> {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.t_offset_ns.is_empty()
+    }
+
+    /// ON events and OFF events.
+    #[must_use]
+    pub fn on_off(&self) -> (u64, u64) {
+        let on = self.polarity.iter().filter(|&&p| p == Polarity::On as u8).count() as u64;
+        (on, self.len() as u64 - on)
+    }
+
+    /// A packet that owns a copy of the events.
+    #[must_use]
+    pub fn to_packet(&self) -> Packet {
+        Packet {
+            sequence: self.sequence,
+            width_px: self.width_px,
+            height_px: self.height_px,
+            base_ns: self.base_ns,
+            watermark_ns: self.watermark_ns,
+            x: self.x.to_vec(),
+            y: self.y.to_vec(),
+            t_offset_ns: self.t_offset_ns.to_vec(),
+            polarity: self.polarity.to_vec(),
+            dropped: self.dropped,
+        }
     }
 
     /// The events of `range`, with this packet's times; panics beyond the end, as a slice does.
@@ -128,6 +157,7 @@ impl Packet {
     #[must_use]
     pub fn view(&self) -> PacketView<'_> {
         PacketView {
+            sequence: self.sequence,
             width_px: self.width_px,
             height_px: self.height_px,
             base_ns: self.base_ns,
@@ -137,14 +167,14 @@ impl Packet {
             t_offset_ns: &self.t_offset_ns,
             polarity: &self.polarity,
             dropped: self.dropped,
+            host_copies: 1,
         }
     }
 
     /// ON events and OFF events.
     #[must_use]
     pub fn on_off(&self) -> (u64, u64) {
-        let on = self.polarity.iter().filter(|&&p| p == Polarity::On as u8).count() as u64;
-        (on, self.len() as u64 - on)
+        self.view().on_off()
     }
 
     /// Event `index`; panics beyond the end, as a slice does.
@@ -205,6 +235,7 @@ mod tests {
         }
         assert!(packet.is_sorted());
         assert_eq!(packet.on_off(), (2, 2));
+        assert_eq!(packet.view().to_packet(), packet);
         packet.push(event(101, 9, 9, Polarity::On));
         assert!(!packet.is_sorted());
     }

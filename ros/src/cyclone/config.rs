@@ -49,10 +49,14 @@ impl NetworkOptions {
         })
     }
 
+    /// Whether the distribution's types have hashes, as all have since Iron.
+    pub(crate) fn has_type_hashes(&self) -> bool {
+        !["foxy", "galactic", "humble"].contains(&self.distribution.as_str())
+    }
+
     /// Bytes of an identity in the ROS graph.
     pub(super) fn gid_bytes(&self) -> usize {
-        let old = ["foxy", "galactic", "humble"];
-        if old.contains(&self.distribution.as_str()) { 24 } else { 16 }
+        if self.has_type_hashes() { 16 } else { 24 }
     }
 
     /// Cyclone's configuration; `user` is the user's own (`CYCLONEDDS_URI`), which comes last and wins.

@@ -159,7 +159,7 @@ impl Transport for CycloneTransport {
     }
 
     fn copies(&self) -> u32 {
-        0
+        sertype::copies()
     }
 
     fn advertise(&mut self, topic: &Topic) -> Result<(), TransportError> {

@@ -12,6 +12,7 @@ use cyclors::{
 };
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 unsafe extern "C" {
     /// Takes one reference more; the library exports it, its binding leaves it out.
@@ -115,7 +116,16 @@ unsafe extern "C" fn from_sample(
     std::ptr::null_mut()
 }
 
+/// Whether Cyclone has ever asked this process for a copy of a message instead of reading it where it lies.
+static COPIED: AtomicBool = AtomicBool::new(false);
+
+/// Copies of a message on its way to the socket.
+pub(super) fn copies() -> u32 {
+    COPIED.load(Ordering::Relaxed).into()
+}
+
 unsafe extern "C" fn to_ser(serdata: *const ddsi_serdata, offset: usize, size: usize, out: *mut c_void) {
+    COPIED.fetch_or(size > 0, Ordering::Relaxed);
     // SAFETY: Cyclone asks for bytes of this sample or its padding to four, and `out` has room for them.
     unsafe {
         let part = &bytes(serdata).0[offset..offset + size];

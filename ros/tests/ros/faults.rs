@@ -96,6 +96,56 @@ fn a_subscriber_that_dies_is_forgotten() {
 }
 
 #[test]
+fn a_subscriber_that_dies_holds_up_a_lossless_rig_for_a_while_only() {
+    let domain = world::domain();
+    let cameras = vec![world::camera("left", 346, 260)];
+    let transport: Option<Box<dyn Transport>> = Some(Box::new(world::transport(domain)));
+    let options = RigOptions { policy: Policy::Lossless, ..RigOptions::default() };
+    let mut rig = world::rig(&cameras, &options, Sinks { transport, bag: None });
+    let topics: Topics =
+        world::topics(&rig).into_iter().filter(|(name, _, _)| name.ends_with("/events")).collect();
+    let mut dying = Subscriber::on(domain).start(&topics);
+    dying.wait_until_matched(1);
+    packets(&mut rig, &cameras, 0..5);
+    dying.kill();
+    let began = Instant::now();
+    packets(&mut rig, &cameras, 5..40);
+    let (summary, _, _) = rig.finish();
+    assert_eq!((summary.lost(), summary.dropped_ticks), (0, 0));
+    // DDS forgets a participant ten seconds after its last word.
+    assert!(began.elapsed() < Duration::from_secs(45), "{:?}", began.elapsed());
+}
+
+#[test]
+fn a_recording_that_outgrows_its_disk_stops_and_the_topics_go_on() {
+    const LIMITED: &str = "ESAAC_ROS_LIMITED";
+    if std::env::var_os(LIMITED).is_none() {
+        // A limit on files stands for a disk, in a process of its own and without the signal that would end it.
+        let test = "faults::a_recording_that_outgrows_its_disk_stops_and_the_topics_go_on";
+        let script = "trap '' XFSZ; ulimit -f 2048; exec \"$@\"";
+        let mut limited = Command::new("bash");
+        limited.args(["-c", script, "bash"]).arg(std::env::current_exe().unwrap()).args(["--exact", test]);
+        let output = limited.env(LIMITED, "1").output().expect("bash runs");
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && text.contains("1 passed"), "{text}");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let cameras = vec![world::camera("left", 346, 260)];
+    let transport: Option<Box<dyn Transport>> = Some(Box::new(world::transport(world::domain())));
+    let sinks = Sinks { transport, bag: Some(world::bag(&folder.path().join("run.mcap"))) };
+    let mut rig = world::rig(&cameras, &RigOptions::default(), sinks);
+    packets(&mut rig, &cameras, 0..30);
+    let (summary, notices, recorded) = rig.finish();
+    let error = recorded.unwrap_err().to_string();
+    assert!(error.contains("run.mcap") && error.contains("File too large"), "{error}");
+    assert!(notices.iter().any(|notice| notice.starts_with("recording stopped")), "{notices:?}");
+    let events = summary.topics.iter().find(|topic| topic.topic.ends_with("/events")).unwrap();
+    assert!(events.recorded > 0 && events.recorded < 30, "{events:?}");
+    assert_eq!((events.sent, summary.lost()), (30, 0));
+}
+
+#[test]
 fn a_receive_buffer_that_is_too_small_loses_packets_which_are_counted() {
     let domain = world::domain();
     let (cameras, mut rig, topics) = rig(domain, &["/events"]);

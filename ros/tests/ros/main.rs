@@ -4,6 +4,9 @@
 mod bad_input;
 mod bags;
 mod faults;
+mod graph;
 mod load;
 mod receivers;
 mod world;
+#[cfg(feature = "zenoh")]
+mod zenoh;

@@ -116,6 +116,15 @@ def idl(store, name, made):
     return made[name]
 
 
+# This machine only, with receive buffers as large as the system allows.
+LOOPBACK = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<Peers><Peer address='localhost'/></Peers></Discovery><Internal>"
+    "<SocketReceiveBufferSize min='default' max='4MB'/></Internal></Domain></CycloneDDS>"
+)
+
+
 def listen(domain, topics, store):
     from cyclonedds.core import Policy, Qos
     from cyclonedds.domain import Domain, DomainParticipant
@@ -123,13 +132,7 @@ def listen(domain, topics, store):
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
 
-    configuration = (
-        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
-        "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-        "<Peers><Peer address='localhost'/></Peers></Discovery><Internal>"
-        "<SocketReceiveBufferSize min='default' max='4MB'/></Internal></Domain></CycloneDDS>"
-    )
-    keep = [Domain(domain, configuration)]
+    keep = [Domain(domain, LOOPBACK)]
     participant = DomainParticipant(domain)
     made, readers = {}, {}
     for topic, (kind, latched) in topics.items():

@@ -267,33 +267,55 @@ fn fastdds_receiver() -> &'static Path {
     })
 }
 
-/// Python with cyclonedds and rosbags.
-fn python(arguments: &[&str]) -> Command {
+/// A script in Python with cyclonedds and rosbags.
+fn python(script: &str, arguments: &[&str]) -> Command {
     let fallback = || Path::new(env!("CARGO_TARGET_TMPDIR")).join("../ros-python/bin/python");
     let python = std::env::var_os("ESAAC_ROS_PYTHON").map_or_else(fallback, PathBuf::from);
     assert!(python.exists(), "{} is not there; tools/test.sh makes it", python.display());
     let mut command = Command::new(python);
-    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros/subscriber.py")).args(arguments);
+    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros").join(script)).args(arguments);
     command.env("ESAAC_ROS_SOURCES", env!("CARGO_MANIFEST_DIR")).env_remove("CYCLONEDDS_URI");
     command
 }
 
-/// What rosbags says about a recording.
-pub fn check_bag(path: &Path) -> serde_json::Value {
-    let output = python(&["check", path.to_str().expect("UTF-8")]).output().expect("Python runs");
+/// The answer of a script that ends by itself.
+fn answer(mut script: Command) -> serde_json::Value {
+    let output = script.output().expect("Python runs");
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{error}");
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
+/// What rosbags says about a recording.
+pub fn check_bag(path: &Path) -> serde_json::Value {
+    answer(python("subscriber.py", &["check", path.to_str().expect("UTF-8")]))
+}
+
+/// The ROS graph once a node has so many writers, where identities have `gid_bytes`.
+pub fn graph(domain: u32, gid_bytes: usize, writers: usize) -> serde_json::Value {
+    answer(python(
+        "graph.py",
+        &[domain as usize, gid_bytes, writers].map(|n| n.to_string()).each_ref().map(|s| &**s),
+    ))
+}
+
 /// A subscriber on PyPI's cyclonedds; its last line is what it makes of what came, beside `bag`.
 pub fn cyclone_subscriber(domain: u32, bag: &Path, topics: &[(String, String, &str)]) -> Peer {
-    let mut command = python(&["listen", &domain.to_string(), bag.to_str().expect("UTF-8")]);
+    let mut command = python("subscriber.py", &["listen", &domain.to_string(), bag.to_str().expect("UTF-8")]);
     for (topic, kind, qos) in topics {
         let latched = if qos.contains("transient_local") { "=transient_local" } else { "" };
         command.arg(format!("{topic}={kind}{latched}"));
     }
     let peer = Peer::spawn(&mut command);
+    peer.wait_for("ready");
+    peer
+}
+
+/// A subscriber on PyPI's eclipse-zenoh and a router at `port`; it declares `tokens`.
+#[cfg(feature = "zenoh")]
+pub fn zenoh_subscriber(port: u16, domain: u32, tokens: &[String]) -> Peer {
+    let mut command = python("zenoh_subscriber.py", &[&port.to_string(), &domain.to_string()]);
+    let peer = Peer::spawn(command.args(tokens));
     peer.wait_for("ready");
     peer
 }

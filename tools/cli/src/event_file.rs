@@ -2,7 +2,7 @@
 //! of -1/+1, and `sensor`, the sensor as TOML text. `numpy.load` reads it as it is, without pickles.
 
 use anyhow::Result;
-use esaac_model::Packet;
+use esaac_model::PacketView;
 use std::io::{Seek, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
@@ -22,9 +22,9 @@ pub struct EventColumns {
 
 impl EventColumns {
     /// Appends a packet.
-    pub fn extend(&mut self, packet: &Packet) {
-        self.x.extend_from_slice(&packet.x);
-        self.y.extend_from_slice(&packet.y);
+    pub fn extend(&mut self, packet: &PacketView<'_>) {
+        self.x.extend_from_slice(packet.x);
+        self.y.extend_from_slice(packet.y);
         self.t_ns.extend(packet.t_offset_ns.iter().map(|&t| packet.base_ns + i64::from(t)));
         self.sign.extend(packet.polarity.iter().map(|&p| if p == 1 { 1 } else { -1 }));
     }
@@ -98,6 +98,7 @@ fn npy_header(descr: &str, count: Option<usize>) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esaac_model::Packet;
     use std::io::{Cursor, Read};
 
     #[test]
@@ -111,7 +112,7 @@ mod tests {
             ..Packet::default()
         };
         let mut columns = EventColumns::default();
-        columns.extend(&packet);
+        columns.extend(&packet.view());
         assert_eq!(columns.t_ns, [1_005, 1_006]);
         assert_eq!(columns.sign, [-1, 1]);
         assert_eq!(columns.len(), 2);

@@ -46,7 +46,7 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     let mut transport = arguments.network.open()?;
     let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
     let stopped = || stop.load(Ordering::Relaxed);
-    let replayed = replay(bag, &mut transport, options, stopped, |notice| eprintln!("{notice}"))?;
+    let replayed = replay(bag, &mut *transport, options, stopped, |notice| eprintln!("{notice}"))?;
     if replayed.truncated {
         eprintln!("warning: {} has no end; all up to its last chunk was sent", arguments.file.display());
     }

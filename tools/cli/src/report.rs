@@ -5,7 +5,7 @@ use crate::outcome::{Ending, Outcome};
 use crate::run_record::{RunRecord, quantile};
 use crate::table;
 use anyhow::Result;
-use esaac_engine::{MemoryUse, Rig, RigOptions};
+use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
 use esaac_model::SensorModel;
 use esaac_ros::Summary;
 use serde::Serialize;
@@ -234,7 +234,7 @@ impl Report {
 /// What a rig is asked for so that the report can name the stages.
 #[must_use]
 pub fn rig_options() -> RigOptions {
-    RigOptions { stage_times: true, ..RigOptions::default() }
+    RigOptions { stage_times: true, packets: PacketPlace::InPlace, ..RigOptions::default() }
 }
 
 /// Less than this is left out of the table.

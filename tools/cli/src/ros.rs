@@ -2,12 +2,13 @@
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use esaac_engine::ApsFrame;
-use esaac_model::{Intensity, Packet, SensorModel};
+use esaac_engine::Tick;
+use esaac_model::{Intensity, SensorModel};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
     ApsImage, BagWriter, CameraPlan, CycloneTransport, EventFormat, Imu, Intrinsics, NetworkOptions, Plan,
-    Policy, QosChange, RigOptions, RigPublisher, Sinks, Split, Summary, TickMessages, TransportError,
+    Policy, QosChange, RigOptions, RigPublisher, Sinks, Split, Summary, TickMessages, Transport,
+    TransportError,
 };
 use std::path::PathBuf;
 
@@ -40,6 +41,16 @@ pub enum TimeName {
     Wall,
 }
 
+/// What carries topics.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum TransportName {
+    /// Cyclone DDS, built in; no ROS 2 is needed
+    #[default]
+    Embedded,
+    /// Zenoh, for subscribers on rmw_zenoh (builds with the feature `zenoh`)
+    Zenoh,
+}
+
 /// Where on the network.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "ROS 2")]
@@ -53,13 +64,39 @@ pub struct NetworkArguments {
     /// Name of the node
     #[arg(long, value_name = "NAME", default_value = "esaac")]
     pub ros_node: String,
+    /// Transport
+    #[arg(long, value_name = "NAME", default_value = "embedded")]
+    pub ros_transport: TransportName,
+}
+
+fn variable(name: &str) -> Option<String> {
+    std::env::var(name).ok()
 }
 
 impl NetworkArguments {
     /// Joins the network.
-    pub fn open(&self) -> Result<CycloneTransport, TransportError> {
-        let from = NetworkOptions::from_environment(|name| std::env::var(name).ok())?;
-        CycloneTransport::open(NetworkOptions {
+    pub fn open(&self) -> Result<Box<dyn Transport>, TransportError> {
+        match self.ros_transport {
+            TransportName::Embedded => Ok(Box::new(CycloneTransport::open(self.options()?)?)),
+            TransportName::Zenoh => self.open_zenoh(),
+        }
+    }
+
+    #[cfg(feature = "zenoh")]
+    fn open_zenoh(&self) -> Result<Box<dyn Transport>, TransportError> {
+        Ok(Box::new(esaac_ros::ZenohTransport::open(self.options()?, variable)?))
+    }
+
+    #[cfg(not(feature = "zenoh"))]
+    fn open_zenoh(&self) -> Result<Box<dyn Transport>, TransportError> {
+        let reason = "this program was built without the feature `zenoh`: cargo build --release -p esaac-cli \
+                      --features zenoh";
+        Err(TransportError::Unavailable(reason.to_owned()))
+    }
+
+    fn options(&self) -> Result<NetworkOptions, TransportError> {
+        let from = NetworkOptions::from_environment(variable)?;
+        Ok(NetworkOptions {
             domain: self.ros_domain.unwrap_or(from.domain),
             interface: self.ros_interface.clone(),
             node: self.ros_node.clone(),
@@ -69,7 +106,11 @@ impl NetworkArguments {
 
     /// What a shell needs to be told before a command of ROS, so that it looks where we publish.
     fn prefix(&self) -> String {
-        self.ros_domain.map_or_else(String::new, |domain| format!("ROS_DOMAIN_ID={domain} "))
+        let domain = self.ros_domain.map_or_else(String::new, |domain| format!("ROS_DOMAIN_ID={domain} "));
+        match self.ros_transport {
+            TransportName::Embedded => domain,
+            TransportName::Zenoh => format!("{domain}RMW_IMPLEMENTATION=rmw_zenoh_cpp "),
+        }
     }
 }
 
@@ -154,7 +195,9 @@ impl RosOutput {
     /// one that is merely not there is a warning in mode `auto`.
     pub fn open(arguments: &RosArguments, default: RosMode, cameras: Vec<CameraPlan>) -> Result<Self> {
         let network = &arguments.network;
-        let named = network.ros_domain.is_some() || network.ros_interface.is_some();
+        let named = network.ros_domain.is_some()
+            || network.ros_interface.is_some()
+            || network.ros_transport != TransportName::default();
         let mode = match arguments.ros.unwrap_or(default) {
             RosMode::Auto if named => RosMode::On,
             mode => mode,
@@ -183,7 +226,7 @@ impl RosOutput {
             return Ok(RosOutput::default());
         }
         let published = transport.is_some();
-        let sinks = Sinks { transport: transport.map(|transport| Box::new(transport) as Box<_>), bag };
+        let sinks = Sinks { transport, bag };
         let publisher = RigPublisher::start(cameras, options, sinks)?;
         if published {
             eprintln!("{}", arguments.invitation(publisher.plan()));
@@ -223,18 +266,13 @@ impl RosOutput {
     }
 }
 
-/// Adds a camera's packet and APS frame to a tick.
-pub fn add_camera(
-    tick: &mut TickMessages<'_>,
-    camera: usize,
-    sensor: &SensorModel,
-    packet: &Packet,
-    aps: Option<&ApsFrame>,
-) {
-    tick.events(camera, &packet.view());
-    if let Some(aps) = aps {
+/// Adds a camera's packet and APS frame to a tick's messages.
+pub fn add_camera(out: &mut TickMessages<'_>, camera: usize, sensor: &SensorModel, tick: &Tick<'_>) {
+    out.events(camera, &tick.view(camera));
+    if let Some(aps) = &tick.aps[camera] {
         let bayer = sensor.intensity == Intensity::BayerRggb;
-        tick.aps(camera, &ApsImage { pixels: &aps.pixels, bits: aps.bits, bayer, t_ns: aps.t_ns });
+        let pixels = tick.aps_pixels(camera);
+        out.aps(camera, &ApsImage { pixels, bits: aps.bits, bayer, t_ns: aps.t_ns });
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::event_file::EventColumns;
 use anyhow::Result;
 use esaac_engine::{Diagnostics, Tick};
-use esaac_model::Packet;
+use esaac_model::PacketView;
 use std::collections::BTreeMap;
 
 /// Everything that the report says about one camera.
@@ -22,7 +22,7 @@ pub struct CameraRecord {
 }
 
 impl CameraRecord {
-    fn count(&mut self, packet: &Packet) {
+    fn count(&mut self, packet: &PacketView<'_>) {
         let (on, off) = packet.on_off();
         self.on += on;
         self.off += off;
@@ -50,30 +50,23 @@ impl RunRecord {
 
     /// Adds an interval.
     pub fn add_tick(&mut self, tick: &Tick<'_>) -> Result<()> {
-        self.add_packets(tick.packets);
         self.add_timing(tick.stage_ns, tick.submit_to_packet_ns);
-        for (camera, counted) in tick.diagnostics.iter().enumerate() {
-            self.add_diagnostics(camera, &counters(counted)?);
-        }
-        Ok(())
+        (0..self.cameras.len()).try_for_each(|camera| self.add_camera(camera, tick, true))
     }
 
     /// Adds one camera's share of a tick, with its events or their number alone.
     pub fn add_camera(&mut self, camera: usize, tick: &Tick<'_>, keep_events: bool) -> Result<()> {
-        let (packet, record) = (&tick.packets[camera], &mut self.cameras[camera]);
-        record.count(packet);
-        if keep_events {
-            record.events.extend(packet);
-        }
+        self.add_packet(camera, &tick.view(camera), keep_events);
         self.add_diagnostics(camera, &counters(&tick.diagnostics[camera])?);
         Ok(())
     }
 
-    /// Adds an interval's packets, one for each camera.
-    pub fn add_packets(&mut self, packets: &[Packet]) {
-        for (camera, packet) in self.cameras.iter_mut().zip(packets) {
-            camera.count(packet);
-            camera.events.extend(packet);
+    /// Adds one camera's packet, with its events or their number alone.
+    pub fn add_packet(&mut self, camera: usize, packet: &PacketView<'_>, keep_events: bool) {
+        let record = &mut self.cameras[camera];
+        record.count(packet);
+        if keep_events {
+            record.events.extend(packet);
         }
     }
 
@@ -120,6 +113,7 @@ pub fn quantile(values: &[u64], quantile: f64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esaac_model::Packet;
 
     #[test]
     fn quantiles_are_values_of_the_run() {
@@ -140,7 +134,7 @@ mod tests {
         };
         let mut record = RunRecord::new(1);
         for _ in 0..2 {
-            record.add_packets(std::slice::from_ref(&packet));
+            record.add_packet(0, &packet.view(), true);
             record.add_timing(&[("warp", 5)], 9);
             let counted = Diagnostics { invalid_pixels: 4, ..Diagnostics::default() };
             record.add_diagnostics(0, &counters(&counted).unwrap());

@@ -116,8 +116,7 @@ fn publish(ros: &mut RosOutput, sensors: &[SensorModel], tick: &ServiceTick<'_>)
     for t_ns in times_ns {
         ros.tick(t_ns, |out| {
             for camera in cameras().filter(|&c| tick.t_ns[c] == Some(t_ns) && !tick.first[c]) {
-                let (packet, aps) = (&tick.tick.packets[camera], tick.tick.aps[camera].as_ref());
-                ros::add_camera(out, camera, &sensors[camera], packet, aps);
+                ros::add_camera(out, camera, &sensors[camera], &tick.tick);
             }
         });
     }

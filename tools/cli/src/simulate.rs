@@ -187,7 +187,7 @@ fn simulate(
             let exposure =
                 *exposure.get_or_insert_with(|| colour::exposure(colours().map(colour::luminance)));
             if index > 0 {
-                ros::add_camera(out, 0, sensor, &tick.packets[0], tick.aps[0].as_ref());
+                ros::add_camera(out, 0, sensor, &tick);
             }
             out.rgb(0, |pixels| pixels.extend(colours().flat_map(|c| colour::tone_map(c, exposure))));
         });

@@ -3,7 +3,7 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::parameters::{channels, frame_words};
-use super::{CameraConfig, CameraState, RigOptions};
+use super::{CameraConfig, CameraState, PacketPlace, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::{Buffer, MemoryUse};
@@ -143,7 +143,7 @@ fn lay_out(places: &mut [Place]) {
 pub(super) struct Arena {
     pub buffers: Vec<Buffer>,
     pub samples_pixels: usize,
-    packets_on_device: bool,
+    packets: PacketPlace,
 }
 
 impl Arena {
@@ -165,10 +165,10 @@ impl Arena {
                     layout::SAMPLES => 0,
                     slot => total(places, slot),
                 };
-                allocate(device, slot, elements, options.packets_on_device)
+                allocate(device, slot, elements, options.packets)
             })
             .collect::<Result<_, _>>()?;
-        Ok(Arena { buffers, samples_pixels, packets_on_device: options.packets_on_device })
+        Ok(Arena { buffers, samples_pixels, packets: options.packets })
     }
 
     pub(super) fn buffers(&self) -> impl Iterator<Item = &Buffer> {
@@ -313,7 +313,7 @@ impl Arena {
         for slot in 0..BINDINGS.len() {
             let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
             if !same {
-                let buffer = allocate(device, slot, total(&places, slot), self.packets_on_device)?;
+                let buffer = allocate(device, slot, total(&places, slot), self.packets)?;
                 fresh.push((slot, buffer));
             }
         }
@@ -340,6 +340,8 @@ impl Arena {
                     device.raw().cmd_copy_buffer(commands, self.buffers[*slot].raw(), buffer.raw(), &regions);
                 }
             }
+            // The host may read packets that were there before, where they now are.
+            crate::kernel::record_host_barrier(device, commands);
         })?;
         for (slot, buffer) in fresh {
             self.buffers[slot] = buffer;
@@ -415,12 +417,14 @@ fn allocate(
     device: &Arc<Device>,
     slot: usize,
     elements: u64,
-    packets_on_device: bool,
+    packets: PacketPlace,
 ) -> Result<Buffer, EngineError> {
     let binding = &BINDINGS[slot];
     let (location, usage) = match slot {
         layout::CAMERAS => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
-        layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P if packets_on_device => {
+        layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P
+            if packets == PacketPlace::OnDevice =>
+        {
             (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty())
         }
         // Kernels write what the host reads straight into its memory.

@@ -1,6 +1,6 @@
 //! From what the device counted and wrote to packets.
 
-use super::Rig;
+use super::{PacketPlace, Rig};
 use crate::commands::Around;
 use crate::error::EngineError;
 use esaac_model::layout::{self, Counters};
@@ -157,7 +157,7 @@ impl Rig {
         self.arena.buffers[layout::REPORT].read::<Counters>(slot, 1)[0]
     }
 
-    /// Copies a camera's packet out of the buffers.
+    /// Takes a camera's packet, and copies it out of the buffers if it is to be owned.
     fn take(&mut self, camera: usize, t_ns: i64, counters: &Counters) {
         let buffers = &self.arena.buffers;
         let c = &mut self.cameras[camera];
@@ -189,7 +189,7 @@ impl Rig {
         diagnostics.dropped_events = packet.dropped;
         self.events[camera] = events as u32;
         let base = place.event_base as usize;
-        if !self.options.packets_on_device {
+        if self.options.packets == PacketPlace::Owned {
             packet.t_offset_ns.extend_from_slice(buffers[layout::EVENT_T].read(base, events));
             packet.x.extend_from_slice(buffers[layout::EVENT_X].read(base, events));
             packet.y.extend_from_slice(buffers[layout::EVENT_Y].read(base, events));
@@ -198,8 +198,12 @@ impl Rig {
         let interval_ns = t_ns - c.last_ns.unwrap_or(t_ns);
         // The exposure is cut at the interval's end; there may be nothing left of it.
         if sensor.aps_exposure_ns > 0 && i64::from(sensor.aps_start_ns) < interval_ns {
-            let count = place.pixels as usize;
-            let values: &[u16] = buffers[layout::APS].read(place.aps_base as usize, count);
+            let pixels = match self.options.packets {
+                PacketPlace::InPlace => Vec::new(),
+                PacketPlace::Owned | PacketPlace::OnDevice => {
+                    buffers[layout::APS].read(place.aps_base as usize, place.pixels as usize).to_vec()
+                }
+            };
             let start_ns = c.last_ns.unwrap_or(t_ns);
             let end_ns = start_ns + i64::from(sensor.aps_start_ns) + i64::from(sensor.aps_exposure_ns);
             self.aps[camera] = Some(ApsFrame {
@@ -207,7 +211,7 @@ impl Rig {
                 height_px: sensor.height,
                 bits: sensor.aps_bits,
                 t_ns: end_ns.min(t_ns),
-                pixels: values.to_vec(),
+                pixels,
             });
         }
     }

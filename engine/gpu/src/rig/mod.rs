@@ -14,6 +14,7 @@ mod record;
 mod reload;
 mod represent;
 mod snapshot;
+mod tick;
 
 use crate::commands::{Around, Commands};
 use crate::device::Device;
@@ -37,6 +38,7 @@ use std::time::{Duration, Instant};
 
 pub use collect::{ApsFrame, Diagnostics};
 pub use represent::{Representation, Share};
+pub use tick::{PacketPlace, StageSpan, Tick};
 
 /// A camera of a rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,9 +64,8 @@ pub struct RigOptions {
     /// Events that fit at first, per camera; 0 for one and a half a pixel. The buffers grow by
     /// themselves.
     pub initial_events: u32,
-    /// Sort packets into the device's own memory instead of the host's: [`Tick::packets`] then have their
-    /// headers and no events, and [`Rig::represent`] gives the events where they are wanted.
-    pub packets_on_device: bool,
+    /// Where packets are taken from.
+    pub packets: PacketPlace,
 }
 
 /// A frame in host memory, rows tightly packed.
@@ -92,43 +93,6 @@ pub struct FrameInput<'a> {
     pub t_ns: i64,
     /// Where it lies; `None` for the camera's own input buffers.
     pub inputs: Option<InputBuffers<'a>>,
-}
-
-/// What one tick gave.
-#[derive(Clone, Copy, Debug)]
-pub struct Tick<'a> {
-    /// A packet a camera; empty for a camera's first frame.
-    pub packets: &'a [Packet],
-    /// Events in each packet, wherever they lie.
-    pub events: &'a [u32],
-    /// An APS frame for each camera that has them and had an interval.
-    pub aps: &'a [Option<ApsFrame>],
-    /// What was counted, a camera.
-    pub diagnostics: &'a [Diagnostics],
-    /// GPU time of each stage with [`RigOptions::stage_times`], and `again` for what ran again because
-    /// events did not fit and for `merge`; else of the whole `tick`.
-    pub stage_ns: &'a [(&'static str, u64)],
-    /// From the call of submit to the packets in host memory.
-    pub submit_to_packet_ns: u64,
-}
-
-/// When a stage ran on the device, by the host's clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StageSpan {
-    /// Stage, or `tick` for the whole.
-    pub stage: &'static str,
-    /// Start.
-    pub start: Instant,
-    /// End.
-    pub end: Instant,
-}
-
-impl Tick<'_> {
-    /// GPU time of all stages.
-    #[must_use]
-    pub fn gpu_ns(&self) -> u64 {
-        self.stage_ns.iter().map(|(_, ns)| ns).sum()
-    }
 }
 
 /// One camera's life on the host.
@@ -433,7 +397,8 @@ impl Rig {
         Ok(self.camera(camera)?.last_ns.is_none())
     }
 
-    /// Takes the events of the last tick's packets, without a copy; their headers stay.
+    /// Takes the events of the last tick's packets, without a copy; their headers stay. Only of
+    /// [`PacketPlace::Owned`] are there any to take.
     pub fn take_packets(&mut self) -> Vec<Packet> {
         let take = |packet: &mut Packet| Packet {
             x: std::mem::take(&mut packet.x),
@@ -478,15 +443,8 @@ impl Rig {
         }
         self.collect(t_ns)?;
         self.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
-        profile::tick(&self.packets, self.submit_to_packet_ns, || self.memory());
-        Ok(Tick {
-            packets: &self.packets,
-            events: &self.events,
-            aps: &self.aps,
-            diagnostics: &self.diagnostics,
-            stage_ns: &self.stage_ns,
-            submit_to_packet_ns: self.submit_to_packet_ns,
-        })
+        profile::tick(&self.events, &self.packets, self.submit_to_packet_ns, || self.memory());
+        Ok(Tick::of(self))
     }
 
     /// Spans with a time stamp at each end.

@@ -35,6 +35,9 @@ fn devices_and_doctor_find_what_this_machine_has() {
     let (code, text, error) = run(&["doctor", "--device", uuid]);
     assert_eq!(code, 0, "{text}{error}");
     assert!(!text.contains("MISSING"), "{text}");
+    for row in ["ROS 2 network", "ROS 2 receive buffer", "glslc (to build)"] {
+        assert!(text.contains(row), "{row}: {text}");
+    }
     let (code, text, _) = run(&["doctor", "--device", "99"]);
     assert_eq!(code, 1);
     assert!(text.contains("99"), "{text}");

@@ -1,0 +1,131 @@
+//! Packets into messages of ROS 2: encoded from where the device wrote them, against a copy first.
+
+use super::clean;
+use crate::cells;
+use crate::document::{Document, short};
+use crate::floor::FORMATS;
+use crate::laboratory::{Laboratory, Outcome};
+use crate::scenes::FRAME_NS;
+use crate::statistics::Spread;
+use anyhow::Result;
+use esaac_engine::{CameraConfig, PacketPlace, Rig, RigOptions};
+use esaac_model::{Packet, PacketView};
+use esaac_ros::EventFormat;
+use esaac_ros::encode::Header;
+use esaac_ros::events::{PacketHead, encode};
+use esaac_scene::SceneKind;
+use serde::Serialize;
+use std::time::Instant;
+
+#[derive(Serialize)]
+struct Row {
+    sensor: &'static str,
+    format: &'static str,
+    /// Events of a packet, and bytes of its message.
+    events: f64,
+    bytes: f64,
+    /// The packet copied, and the message encoded from the copy, microseconds.
+    copied_us: Spread,
+    /// The message encoded from where the device wrote the packet, microseconds.
+    in_place_us: Spread,
+}
+
+/// Ticks of each kind that are timed, and those before.
+const TICKS: usize = 100;
+const SOFTWARE_TICKS: usize = 12;
+const WARM_UP: usize = 4;
+
+pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
+    let mut cells = Vec::new();
+    for sensor in ["davis346", "genx320", "vga"] {
+        cells.extend(EventFormat::NAMES.map(|(name, format)| (sensor, name, format)));
+    }
+    cells.retain(|(sensor, name, _)| laboratory.wants(&format!("{sensor} {name}")));
+    let rows = laboratory
+        .rows("encode", cells, |(sensor, name, format)| measure(laboratory, sensor, name, format))?;
+    let document = show(&rows);
+    Ok(Outcome { figures: serde_json::json!({ "rows": rows }), document })
+}
+
+/// Ticks by turns of both kinds. Each packet is read once, since what has been read lies in the cache.
+fn measure(
+    laboratory: &Laboratory,
+    sensor: &'static str,
+    name: &'static str,
+    format: EventFormat,
+) -> Result<Row> {
+    let model = clean(sensor);
+    let mut feed = laboratory.scene(SceneKind::Flight, (model.width, model.height))?;
+    let (hdr, motion) = FORMATS;
+    let config = CameraConfig { sensor: model, camera: 0, hdr, motion: Some(motion) };
+    let options = RigOptions { packets: PacketPlace::InPlace, ..RigOptions::default() };
+    let mut rig = Rig::with_options(laboratory.device(), &[config], options)?;
+    let ticks = if laboratory.is_software() { SOFTWARE_TICKS } else { TICKS };
+    let (mut owned, mut message) = (Packet::default(), Vec::new());
+    let (mut copied_us, mut in_place_us) = (Vec::new(), Vec::new());
+    let (mut events, mut bytes) = (0, 0);
+    for index in 0..WARM_UP + 2 * ticks {
+        let t_ns = feed.put(&mut rig, index)?;
+        let tick = rig.step(&[t_ns])?;
+        let view = tick.view(0);
+        let began = Instant::now();
+        let copies = index % 2 == 0;
+        if copies {
+            copy(&view, &mut owned);
+            write(&mut message, format, &owned.view());
+        } else {
+            write(&mut message, format, &view);
+        }
+        let took_us = began.elapsed().as_secs_f64() * 1e6;
+        if index >= WARM_UP {
+            if copies {
+                copied_us.push(took_us)
+            } else {
+                in_place_us.push(took_us)
+            }
+            events += view.len();
+            bytes += message.len();
+        }
+    }
+    let (copied_us, in_place_us) = (Spread::of(&copied_us), Spread::of(&in_place_us));
+    let a_tick = |sum: usize| sum as f64 / (2 * ticks) as f64;
+    Ok(Row { sensor, format: name, events: a_tick(events), bytes: a_tick(bytes), copied_us, in_place_us })
+}
+
+/// Into storage that is there already, as a rig with packets of its own does.
+fn copy(view: &PacketView<'_>, packet: &mut Packet) {
+    packet.clear();
+    packet.t_offset_ns.extend_from_slice(view.t_offset_ns);
+    packet.x.extend_from_slice(view.x);
+    packet.y.extend_from_slice(view.y);
+    packet.polarity.extend_from_slice(view.polarity);
+}
+
+fn write(message: &mut Vec<u8>, format: EventFormat, packet: &PacketView<'_>) {
+    let header = Header { stamp_ns: packet.watermark_ns, frame_id: "camera_optical_frame" };
+    encode(message, format, &PacketHead { header, sequence: 0, sensor_name: "sensor" }, packet);
+}
+
+fn show(rows: &[Row]) -> Document {
+    let mut document = Document::new("Packets into ROS messages");
+    document.say(&format!(
+        "Scene `flight` at {:.0} Hz. Microseconds from the tick's end to the encoded message: the packet copied out \
+         of the memory that the device wrote and encoded from the copy, against encoded from that memory; ticks of \
+         both kinds by turns.",
+        1e9 / FRAME_NS as f64
+    ));
+    let mut table = vec![cells!["sensor", "message", "events", "kB", "copied", "in place", "ratio"]];
+    for row in rows {
+        table.push(cells![
+            row.sensor,
+            row.format,
+            short(row.events),
+            short(row.bytes / 1e3),
+            short(row.copied_us.median),
+            short(row.in_place_us.median),
+            short(row.in_place_us.median / row.copied_us.median)
+        ]);
+    }
+    document.table(&table);
+    document
+}

@@ -1,0 +1,192 @@
+//! The messages of a tick, each encoded once, from where its data lie into the buffer that is sent and recorded.
+
+use super::RigPublisher;
+use crate::encode::{self, Header, Image, Imu};
+use crate::events::{self, PacketHead};
+use crate::payload::Payload;
+use crate::plan::CameraTopics;
+use crate::worker::{Batch, Outgoing};
+use esaac_model::PacketView;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// An APS frame as the engine gives it.
+#[derive(Clone, Copy, Debug)]
+pub struct ApsImage<'a> {
+    /// Row-major pixels.
+    pub pixels: &'a [u16],
+    /// Significant bits of a pixel.
+    pub bits: u32,
+    /// Whether it is a mosaic, R at (0, 0).
+    pub bayer: bool,
+    /// Time of the image, nanoseconds.
+    pub t_ns: i64,
+}
+
+/// The messages of one tick.
+pub struct TickMessages<'a> {
+    publisher: &'a mut RigPublisher,
+    stamp_ns: i64,
+    messages: Vec<Outgoing>,
+}
+
+impl<'a> TickMessages<'a> {
+    pub(super) fn new(publisher: &'a mut RigPublisher, stamp_ns: i64) -> Self {
+        TickMessages { publisher, stamp_ns, messages: Vec::new() }
+    }
+
+    fn add(&mut self, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
+        let message: Arc<Payload> = self.publisher.pool.fill(encode);
+        let log_ns = self.publisher.clock.log(stamp_ns);
+        self.messages.push(Outgoing { topic, log_ns, message });
+    }
+
+    /// `/clock`, where there is one.
+    pub(super) fn clock(&mut self) {
+        if let Some(clock) = self.publisher.plan.clock {
+            let stamp_ns = self.stamp_ns;
+            self.add(clock, stamp_ns, |out| encode::clock(out, stamp_ns));
+        }
+    }
+
+    /// From each camera's body to its optical frame.
+    pub(super) fn frames(&mut self) {
+        let (plan, stamp_ns) = (Arc::clone(&self.publisher.plan), self.stamp_ns);
+        let frames: Vec<_> =
+            plan.cameras.iter().map(|c| (c.body_frame.as_str(), c.optical_frame.as_str())).collect();
+        self.add(plan.frames, stamp_ns, |out| encode::optical_frames(out, stamp_ns, &frames));
+    }
+
+    /// Parameters of the cameras whose parameters have not been told.
+    pub(super) fn sensors(&mut self) {
+        let plan = Arc::clone(&self.publisher.plan);
+        for (camera, topics) in plan.cameras.iter().enumerate() {
+            let state = &mut self.publisher.cameras[camera];
+            if !std::mem::replace(&mut state.sensor_told, true) {
+                let sensor = state.plan.sensor.clone();
+                let header = Header { stamp_ns: self.stamp_ns, frame_id: &topics.optical_frame };
+                self.add(topics.sensor, header.stamp_ns, |out| encode::sensor_model(out, header, &sensor));
+            }
+        }
+    }
+
+    /// A camera's events, in one message or in parts. A view of the memory that the device wrote is encoded
+    /// from there.
+    pub fn events(&mut self, camera: usize, packet: &PacketView<'_>) -> &mut Self {
+        let plan = Arc::clone(&self.publisher.plan);
+        let Some(topics) = plan.cameras.get(camera) else { return self };
+        let (format, split) = (self.publisher.options.events, self.publisher.cameras[camera].plan.split);
+        let clock = &self.publisher.clock;
+        let shifted = PacketView {
+            base_ns: clock.stamp(packet.base_ns),
+            watermark_ns: clock.stamp(packet.watermark_ns),
+            ..*packet
+        };
+        self.publisher.statistics.count_packet(packet.host_copies);
+        let parts = split.parts(&shifted, format);
+        let last = parts.len().saturating_sub(1);
+        for (number, part) in parts.iter().enumerate() {
+            // The last part has the tick's stamp, whatever the sensor's clock makes of its end.
+            let stamp_ns = if number == last { self.stamp_ns } else { part.watermark_ns };
+            let state = &mut self.publisher.cameras[camera];
+            let sequence = state.sequence;
+            state.sequence += 1;
+            let sensor_name = state.plan.sensor.name.clone();
+            let header = Header { stamp_ns, frame_id: &topics.optical_frame };
+            let head = PacketHead { header, sequence, sensor_name: &sensor_name };
+            let began = Instant::now();
+            self.add(topics.events, stamp_ns, |out| events::encode(out, format, &head, part));
+            self.publisher.statistics.count_encoded(began.elapsed());
+        }
+        self
+    }
+
+    /// A camera's APS frame.
+    pub fn aps(&mut self, camera: usize, aps: &ApsImage<'_>) -> &mut Self {
+        let stamp_ns = self.publisher.clock.stamp(aps.t_ns);
+        let wide = aps.bits > 8;
+        let (encoding, pixel_bytes) = match (aps.bayer, wide) {
+            (true, false) => ("bayer_rggb8", 1),
+            (true, true) => ("bayer_rggb16", 2),
+            (false, false) => ("mono8", 1),
+            (false, true) => ("mono16", 2),
+        };
+        self.image_on(
+            camera,
+            |topics| topics.aps,
+            stamp_ns,
+            encoding,
+            pixel_bytes,
+            |out| {
+                if wide {
+                    out.extend(aps.pixels.iter().flat_map(|pixel| pixel.to_le_bytes()));
+                } else {
+                    out.extend(aps.pixels.iter().map(|&pixel| pixel as u8));
+                }
+            },
+        )
+    }
+
+    /// A camera's colour image, `rgb8`; `pixels` appends them row by row.
+    pub fn rgb(&mut self, camera: usize, pixels: impl FnOnce(&mut Vec<u8>)) -> &mut Self {
+        self.image_on(camera, |topics| topics.image, self.stamp_ns, "rgb8", 3, pixels)
+    }
+
+    /// A camera's depth, metres along the view axis; what has none is NaN on the wire.
+    pub fn depth(&mut self, camera: usize, depth_m: &[f32]) -> &mut Self {
+        self.image_on(
+            camera,
+            |topics| topics.depth,
+            self.stamp_ns,
+            "32FC1",
+            4,
+            |out| {
+                let valid = |d: f32| if d.is_finite() && d > 0.0 { d } else { f32::NAN };
+                out.extend(depth_m.iter().flat_map(|&d| valid(d).to_le_bytes()));
+            },
+        )
+    }
+
+    /// Samples of a camera's IMU.
+    pub fn imu(&mut self, camera: usize, samples: &[Imu]) -> &mut Self {
+        let plan = Arc::clone(&self.publisher.plan);
+        let Some(topics) = plan.cameras.get(camera) else { return self };
+        for sample in samples {
+            let Some(topic) = topics.imu else { break };
+            let stamped = Imu { t_ns: self.publisher.clock.stamp(sample.t_ns), ..*sample };
+            self.add(topic, stamped.t_ns, |out| encode::imu(out, &topics.body_frame, &stamped));
+        }
+        self
+    }
+
+    /// An image and its camera info, with one stamp.
+    fn image_on(
+        &mut self,
+        camera: usize,
+        topic: impl Fn(&CameraTopics) -> Option<(usize, usize)>,
+        stamp_ns: i64,
+        encoding: &str,
+        pixel_bytes: u32,
+        pixels: impl FnOnce(&mut Vec<u8>),
+    ) -> &mut Self {
+        let plan = Arc::clone(&self.publisher.plan);
+        let Some(topics) = plan.cameras.get(camera) else { return self };
+        let Some((image, info)) = topic(topics) else { return self };
+        let state = &self.publisher.cameras[camera];
+        let (width_px, height_px) = (state.plan.sensor.width, state.plan.sensor.height);
+        let intrinsics = state.plan.intrinsics;
+        let header = Header { stamp_ns, frame_id: &topics.optical_frame };
+        let shape = Image { width_px, height_px, encoding, pixel_bytes };
+        self.add(image, stamp_ns, |out| encode::image(out, header, shape, pixels));
+        self.add(info, stamp_ns, |out| {
+            encode::camera_info(out, header, (width_px, height_px), intrinsics);
+        });
+        self
+    }
+
+    /// Hands the tick over. With [`Policy::Latest`](crate::Policy::Latest) this never waits.
+    pub fn send(self) {
+        let batch = Batch { stamp_ns: self.stamp_ns, encoded: Instant::now(), messages: self.messages };
+        self.publisher.enqueue(batch);
+    }
+}

@@ -1,0 +1,158 @@
+//! `esaac demo`: a built-in scene rendered, simulated, measured against its exact events and drawn.
+
+mod caption;
+mod collected;
+mod picture;
+mod run;
+
+use crate::arguments::CommonArguments;
+use crate::event_file::write_npz;
+use crate::kernel_source::{KernelArguments, KernelSource};
+use crate::link_report::LinkReport;
+use crate::outcome::Outcome;
+use crate::overview::{self, Instant};
+use crate::report::{MemoryReport, Report};
+use crate::ros::{RosArguments, RosMode, RosOutput};
+use crate::run_record::RunRecord;
+use crate::sensor_flags::SensorFlags;
+use crate::{accuracy, colour, device_choice, output_file};
+use anyhow::{Context, Result};
+use caption::caption;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use esaac_model::presets::preset;
+use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel};
+use esaac_ros::Summary;
+use esaac_scene::{SceneKind, render_cpu};
+use picture::colours;
+use run::Run;
+use std::path::PathBuf;
+
+/// Rate of the rendered frames.
+pub const RATE_HZ: f64 = 30.0;
+
+/// Formats of what is rendered.
+const HDR: HdrFormat = HdrFormat::F16x4;
+const MOTION: MotionFormat = MotionFormat::F32x2;
+
+/// Arguments of `demo`.
+#[derive(clap::Args, Clone, Debug)]
+pub struct DemoArguments {
+    /// Scene to render
+    #[arg(long, value_name = "NAME", default_value = "flight", value_parser = scene_parser())]
+    pub scene: SceneKind,
+    /// Frames to render
+    #[arg(long, default_value_t = 21, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub frames: u32,
+    /// Folder for overview.png, events.npz and report.json
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Render in this process instead of in another
+    #[arg(long)]
+    pub in_process: bool,
+    /// Wait for the wall clock, so that one can watch
+    #[arg(long)]
+    pub real_time: bool,
+    /// ROS 2.
+    #[command(flatten)]
+    pub ros: RosArguments,
+    /// Sensor parameters.
+    #[command(flatten)]
+    pub sensor: SensorFlags,
+    /// Kernels.
+    #[command(flatten)]
+    pub kernels: KernelArguments,
+}
+
+/// Scenes by name, with what each shows.
+pub fn scene_parser() -> impl TypedValueParser<Value = SceneKind> {
+    PossibleValuesParser::new(SceneKind::ALL.map(|kind| PossibleValue::new(kind.name()).help(kind.about())))
+        .try_map(|name| name.parse::<SceneKind>())
+}
+
+/// Runs the command.
+pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcome> {
+    let mut kernels = KernelSource::open(&arguments.kernels)?;
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    let [picture, events, json] = ["overview.png", "events.npz", "report.json"].map(|name| out.join(name));
+    for path in [&picture, &events, &json] {
+        output_file::check(path)?;
+    }
+    let sensors = sensors(arguments)?;
+    let run = Run::new(arguments, &sensors);
+    // Before all that takes time, so that subscribers have found the topics when the first packet comes.
+    let ros = RosOutput::open(&arguments.ros, RosMode::Auto, run.ros_cameras())?;
+    let device = device_choice::open(common)?;
+    let simulated = if arguments.in_process {
+        run.in_process(&device, &mut kernels, arguments, ros)?
+    } else {
+        run.over_the_link(&device, &mut kernels, arguments, common, ros)?
+    };
+    device_choice::check_validation(&device)?;
+
+    let record = &simulated.record;
+    let input = format!("scene {}, {} frames at {RATE_HZ} Hz", arguments.scene.name(), run.times_ns.len());
+    let info = device_choice::report(device.info());
+    let mut report = Report::new(input, info, &sensors, record);
+    let span_ns = (run.times_ns[0], run.times_ns[run.times_ns.len() - 1]);
+    report.simulated_ns = span_ns.1 - span_ns.0;
+    report.set_memory(simulated.memory);
+    report.link = simulated.link;
+    report.ros = simulated.ros;
+    for (camera, sensor) in sensors.iter().enumerate() {
+        let events = &record.cameras[camera].events;
+        report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
+    }
+    let recording = arguments.ros.record.as_ref();
+    report.files = [&picture, &events, &json]
+        .into_iter()
+        .chain(recording)
+        .map(|path| path.display().to_string())
+        .collect();
+
+    let size = (sensors[0].width as usize, sensors[0].height as usize);
+    let overview = overview::draw(&caption(&report, arguments.scene), size, &simulated.instants);
+    output_file::write(&picture, |out| overview.write_png(out))?;
+    output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
+    let text = report.to_json()?;
+    output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
+    report.outcome(common.json)
+}
+
+/// The sensor asked for, with an APS frame unless its exposure was given, and its colour or gray twin.
+fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
+    let mut sensor = arguments.sensor.resolve(preset("davis346").expect("a preset"))?.sensor;
+    let given = |name: &str| arguments.sensor.explicit.iter().any(|(parameter, _)| *parameter == name);
+    if sensor.aps_exposure_ns == 0 && !given("aps_exposure_ns") {
+        sensor.aps_exposure_ns = 10_000_000;
+        if !given("aps_start_ns") {
+            // It ends with the frame, so that both have one stamp.
+            sensor.aps_start_ns = (1e9 / RATE_HZ).ceil() as u32 - sensor.aps_exposure_ns;
+        }
+    }
+    if !given("aps_gain") {
+        let frame = render_cpu(&arguments.scene.scene(sensor.width, sensor.height), 0, None, HDR, MOTION);
+        let gain = colour::exposure(colours(&frame.hdr).map(colour::luminance)) * APS_KEY;
+        let gain = f64::from(gain) * sensor.white_level / sensor.exposure_gain;
+        // Three digits do, and read better in the sensor's file.
+        sensor.aps_gain = format!("{gain:.2e}").parse::<f64>()?.clamp(1e-6, 1e6);
+    }
+    sensor.validate()?;
+    let intensity = match sensor.intensity {
+        Intensity::BayerRggb => Intensity::Luminance,
+        Intensity::Gray | Intensity::Luminance => Intensity::BayerRggb,
+    };
+    Ok([sensor.clone(), SensorModel { intensity, ..sensor }])
+}
+
+/// Brightness of the APS frame relative to middle gray's.
+const APS_KEY: f32 = 1.2;
+
+/// What a run gave.
+struct Simulated {
+    record: RunRecord,
+    link: LinkReport,
+    ros: Option<Summary>,
+    memory: Vec<MemoryReport>,
+    instants: Vec<Instant>,
+}

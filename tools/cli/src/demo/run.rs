@@ -1,0 +1,154 @@
+//! A run of the demo: its cameras, and its frames rendered here or by another process.
+
+use super::collected::Collected;
+use super::{DemoArguments, HDR, MOTION, RATE_HZ, Simulated};
+use crate::arguments::CommonArguments;
+use crate::frame_folder::frame_time_ns;
+use crate::kernel_source::KernelSource;
+use crate::link_report::LinkReport;
+use crate::pace::Pace;
+use crate::progress;
+use crate::render_process::RenderProcess;
+use crate::report::{self, MemoryReport};
+use crate::rig_file::{DEFAULT_SLOTS, RigPlan};
+use crate::ros::{self, RosOutput};
+use anyhow::{Context, Result, ensure};
+use esaac_engine::{CameraConfig, Device, InputBuffers, Rig};
+use esaac_interop::{ServerOptions, Service};
+use esaac_model::{Intensity, SensorModel};
+use esaac_ros::CameraPlan;
+use esaac_scene::Scene;
+use esaac_scene::renderer::{Renderer, Targets};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Rows of the overview.
+const INSTANTS: usize = 4;
+
+/// Two cameras that see one scene.
+pub(super) struct Run<'a> {
+    pub scene: Scene,
+    pub sensors: &'a [SensorModel; 2],
+    pub times_ns: Vec<i64>,
+    /// Frames that the overview shows.
+    pub shown: Vec<usize>,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(arguments: &DemoArguments, sensors: &'a [SensorModel; 2]) -> Self {
+        let frames = arguments.frames as usize;
+        let mut shown: Vec<usize> = (1..=INSTANTS).map(|i| ((frames - 1) * i / INSTANTS).max(1)).collect();
+        shown.dedup();
+        Run {
+            scene: arguments.scene.scene(sensors[0].width, sensors[0].height),
+            sensors,
+            times_ns: (0..frames).map(|k| frame_time_ns(k, RATE_HZ)).collect(),
+            shown,
+        }
+    }
+
+    fn plan(&self) -> RigPlan {
+        let mut plan = RigPlan::default();
+        for (camera, sensor) in (0..).zip(self.sensors) {
+            let config = CameraConfig { sensor: sensor.clone(), camera, hdr: HDR, motion: Some(MOTION) };
+            plan.push(config, DEFAULT_SLOTS, false);
+        }
+        plan
+    }
+
+    /// What is published of each camera: all that the scene knows.
+    pub fn ros_cameras(&self) -> Vec<CameraPlan> {
+        let (scene, sensors) = (&self.scene, self.sensors);
+        let plan = |sensor: &SensorModel| {
+            let name = if sensor.intensity == Intensity::BayerRggb { "bayer" } else { "gray" };
+            CameraPlan {
+                intrinsics: Some(ros::centred(scene.focal_px, scene.width_px, scene.height_px)),
+                image: true,
+                depth: true,
+                imu: true,
+                ..ros::camera(name.to_owned(), sensor)
+            }
+        };
+        sensors.iter().map(plan).collect()
+    }
+
+    /// Renders into the rig's own buffers.
+    pub fn in_process(
+        &self,
+        device: &Arc<Device>,
+        kernels: &mut KernelSource,
+        arguments: &DemoArguments,
+        ros: RosOutput,
+    ) -> Result<Simulated> {
+        let mut rig = Rig::with_options(device, &self.plan().cameras, report::rig_options())?;
+        kernels.load(&mut rig)?;
+        let mut renderer = Renderer::new(device, self.scene.clone(), HDR, MOTION)?;
+        let mut collected = Collected::new(self, device, ros)?;
+        let mut pace = Pace::new(arguments.real_time);
+        let progress = progress::bar(self.times_ns.len());
+        for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            pace.wait(t_ns);
+            let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
+            for camera in 0..rig.len() {
+                let InputBuffers { hdr, motion, .. } = rig.inputs(camera)?;
+                renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None })?;
+            }
+            kernels.refresh(&mut rig, &progress);
+            collected.add(self, index, &rig.step(&[t_ns; 2])?)?;
+            progress.inc(1);
+        }
+        progress.finish_and_clear();
+        let frames = (self.times_ns.len() * rig.len()) as u64;
+        collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig))
+    }
+
+    /// Has another process render into shared memory, as `esaac serve` and `esaac render` do.
+    pub fn over_the_link(
+        &self,
+        device: &Arc<Device>,
+        kernels: &mut KernelSource,
+        arguments: &DemoArguments,
+        common: &CommonArguments,
+        ros: RosOutput,
+    ) -> Result<Simulated> {
+        let plan = self.plan();
+        let mut rig = Rig::with_options(device, &plan.cameras, report::rig_options())?;
+        kernels.load(&mut rig)?;
+        let folder = tempfile::tempdir().context("no folder for the socket")?;
+        let socket = folder.path().join("engine.sock");
+        // Both cameras' frames are of the same instants.
+        let options = ServerOptions { gather: PATIENCE, ..ServerOptions::default() };
+        let mut service = Service::open(rig, &socket, &plan.terms, options)
+            .context("two processes cannot share this device's memory; --in-process needs none")?;
+        let mut renderer = RenderProcess::start(&socket, arguments, device, common)?;
+        let mut collected = Collected::new(self, device, ros)?;
+        let mut pace = Pace::new(arguments.real_time);
+        let progress = progress::bar(self.times_ns.len());
+        for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            pace.wait(t_ns);
+            kernels.refresh(service.rig_mut(), &progress);
+            loop {
+                if let Some(tick) = service.tick(LOOK)? {
+                    ensure!(
+                        tick.t_ns == [Some(t_ns); 2],
+                        "frame {index} came at {:?} ns, expected {t_ns} for both cameras",
+                        tick.t_ns
+                    );
+                    collected.add(self, index, &tick.tick)?;
+                    break;
+                }
+                renderer.check_alive(&service.server().notices())?;
+            }
+            progress.inc(1);
+        }
+        progress.finish_and_clear();
+        renderer.finish()?;
+        collected.finish(LinkReport::of(service.server()), MemoryReport::of(service.rig()))
+    }
+}
+
+/// How long the link waits between looks whether the renderer lives.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// How long one camera's frame waits for the other's.
+const PATIENCE: Duration = Duration::from_secs(60);
