@@ -61,6 +61,7 @@ struct Events<'py> {
     p: PyReadonlyArray1<'py, u8>,
     base_ns: i64,
     watermark_ns: i64,
+    sequence: u64,
     dropped: u64,
 }
 
@@ -310,6 +311,7 @@ fn flat<'a, T>(what: &str, slice: Result<&'a [T], numpy::AsSliceError>) -> Resul
 impl Events<'_> {
     fn view(&self, sensor: &SensorModel) -> Result<PacketView<'_>, Fault> {
         let view = PacketView {
+            sequence: self.sequence,
             width_px: sensor.width,
             height_px: sensor.height,
             base_ns: self.base_ns,
@@ -319,6 +321,8 @@ impl Events<'_> {
             t_offset_ns: flat("t_offset_ns", self.t_offset_ns.as_slice())?,
             polarity: flat("p", self.p.as_slice())?,
             dropped: self.dropped,
+            // From where the device wrote them into the packet that Python holds.
+            host_copies: 1,
         };
         let lengths = [view.x.len(), view.y.len(), view.polarity.len()];
         if lengths.iter().any(|&length| length != view.len()) {

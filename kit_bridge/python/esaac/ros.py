@@ -79,6 +79,7 @@ class _Events:
     p: np.ndarray
     base_ns: int
     watermark_ns: int
+    sequence: int
     dropped: int
 
 
@@ -205,6 +206,7 @@ def _events(packet):
         p=np.ascontiguousarray(_host(packet.p)),
         base_ns=packet.base_ns,
         watermark_ns=packet.watermark_ns,
+        sequence=packet.sequence,
         dropped=packet.dropped,
     )
 
