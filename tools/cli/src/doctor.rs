@@ -2,13 +2,13 @@
 
 use crate::arguments::CommonArguments;
 use crate::outcome::{Ending, Outcome};
-use crate::ros::NetworkArguments;
+use crate::ros::{NetworkArguments, TransportName};
 use crate::{device_choice, table};
 use anyhow::Result;
 use esaac_engine::{DeviceInfo, EngineError, list_devices};
 use esaac_interop::cuda::{CudaDevice, cuda_devices};
 use esaac_interop::{InteropError, Support};
-use esaac_ros::{Transport, host};
+use esaac_ros::host;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -185,9 +185,15 @@ fn write_access() -> Check {
 /// Whether topics can be published.
 fn ros_network() -> Check {
     const NAME: &str = "ROS 2 network";
-    let network = NetworkArguments { ros_domain: None, ros_interface: None, ros_node: "doctor".to_owned() };
-    match network.open() {
-        Ok(transport) => good(NAME, transport.name()),
+    let network = NetworkArguments {
+        ros_domain: None,
+        ros_interface: None,
+        ros_node: "doctor".to_owned(),
+        ros_transport: TransportName::Embedded,
+        ros_args: Vec::new(),
+    };
+    match network.open(&[]) {
+        Ok(joined) => good(NAME, joined.transport.name()),
         Err(error) => optional(NAME, error.to_string(), "sudo ip link set lo up   (or see CYCLONEDDS_URI)"),
     }
 }

@@ -43,10 +43,10 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
     }
-    let mut transport = arguments.network.open()?;
+    let mut transport = arguments.network.open(&[])?.transport;
     let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
     let stopped = || stop.load(Ordering::Relaxed);
-    let replayed = replay(bag, &mut transport, options, stopped, |notice| eprintln!("{notice}"))?;
+    let replayed = replay(bag, transport.as_mut(), options, stopped, |notice| eprintln!("{notice}"))?;
     if replayed.truncated {
         eprintln!("warning: {} has no end; all up to its last chunk was sent", arguments.file.display());
     }

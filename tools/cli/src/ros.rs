@@ -2,12 +2,13 @@
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use esaac_engine::ApsFrame;
+use esaac_engine::{ApsFrame, Rig};
 use esaac_model::{Intensity, Packet, SensorModel};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
     ApsImage, BagWriter, CameraPlan, CycloneTransport, EventFormat, Imu, Intrinsics, NetworkOptions, Plan,
-    Policy, QosChange, RigOptions, RigPublisher, Sinks, Split, Summary, TickMessages, TransportError,
+    Policy, QosChange, RigOptions, RigPublisher, SensorParameters, Sinks, Split, Summary, TickMessages,
+    Transport, TransportError,
 };
 use std::path::PathBuf;
 
@@ -40,6 +41,16 @@ pub enum TimeName {
     Wall,
 }
 
+/// What carries topics.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum TransportName {
+    /// Cyclone DDS, built in; no ROS 2 is needed
+    #[default]
+    Embedded,
+    /// A node of the sourced ROS 2, with every sensor parameter as its own (builds with the feature `rclrs`)
+    Rclrs,
+}
+
 /// Where on the network.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "ROS 2")]
@@ -53,11 +64,60 @@ pub struct NetworkArguments {
     /// Name of the node
     #[arg(long, value_name = "NAME", default_value = "esaac")]
     pub ros_node: String,
+    /// Transport
+    #[arg(long, value_name = "NAME", default_value = "embedded")]
+    pub ros_transport: TransportName,
+    /// Remappings and parameters for the node of `--ros-transport rclrs`, as in `--ros-args -p
+    /// gray.contrast_on:=0.3 -r /clock:=/sim_clock --`
+    #[arg(long, value_name = "ARGUMENTS", num_args = 0.., allow_hyphen_values = true, value_terminator = "--")]
+    pub ros_args: Vec<String>,
+}
+
+/// The network, joined.
+pub struct Joined {
+    /// Carries messages.
+    pub transport: Box<dyn Transport>,
+    /// Parameters that others set, where the transport has any.
+    pub parameters: Option<SensorParameters>,
 }
 
 impl NetworkArguments {
-    /// Joins the network.
-    pub fn open(&self) -> Result<CycloneTransport, TransportError> {
+    /// Joins the network, for `cameras` that may be changed from there.
+    pub fn open(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
+        match self.ros_transport {
+            TransportName::Rclrs => self.open_node(cameras),
+            TransportName::Embedded if !self.ros_args.is_empty() => {
+                Err(TransportError::Unavailable("--ros-args needs --ros-transport rclrs".to_owned()))
+            }
+            TransportName::Embedded => self
+                .open_embedded()
+                .map(|transport| Joined { transport: Box::new(transport), parameters: None }),
+        }
+    }
+
+    #[cfg(feature = "rclrs")]
+    fn open_node(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
+        if self.ros_interface.is_some() {
+            let reason = "--ros-interface is for the embedded transport; the sourced middleware has settings \
+                          of its own";
+            return Err(TransportError::Unavailable(reason.to_owned()));
+        }
+        let mut arguments = vec!["--ros-args".to_owned()];
+        arguments.extend_from_slice(&self.ros_args);
+        let (domain, node) = (self.ros_domain, self.ros_node.clone());
+        let node = esaac_ros::RclrsTransport::open(&esaac_ros::NodeOptions { domain, node, arguments })?;
+        let parameters = Some(node.declare_sensors(cameras)?);
+        Ok(Joined { transport: Box::new(node), parameters })
+    }
+
+    #[cfg(not(feature = "rclrs"))]
+    fn open_node(&self, _: &[CameraPlan]) -> Result<Joined, TransportError> {
+        let reason = "this program was built without the feature `rclrs`; where ROS 2 is sourced: cargo build \
+                      --release -p esaac-cli --features rclrs";
+        Err(TransportError::Unavailable(reason.to_owned()))
+    }
+
+    fn open_embedded(&self) -> Result<CycloneTransport, TransportError> {
         let from = NetworkOptions::from_environment(|name| std::env::var(name).ok())?;
         CycloneTransport::open(NetworkOptions {
             domain: self.ros_domain.unwrap_or(from.domain),
@@ -138,6 +198,7 @@ pub fn centred(focal_px: f64, width_px: u32, height_px: u32) -> Intrinsics {
 #[derive(Default)]
 pub struct RosOutput {
     publisher: Option<RigPublisher>,
+    parameters: Option<SensorParameters>,
 }
 
 impl RosOutput {
@@ -145,7 +206,10 @@ impl RosOutput {
     /// one that is merely not there is a warning in mode `auto`.
     pub fn open(arguments: &RosArguments, default: RosMode, cameras: Vec<CameraPlan>) -> Result<Self> {
         let network = &arguments.network;
-        let named = network.ros_domain.is_some() || network.ros_interface.is_some();
+        let named = network.ros_domain.is_some()
+            || network.ros_interface.is_some()
+            || network.ros_transport != TransportName::default()
+            || !network.ros_args.is_empty();
         let mode = match arguments.ros.unwrap_or(default) {
             RosMode::Auto if named => RosMode::On,
             mode => mode,
@@ -160,32 +224,45 @@ impl RosOutput {
         // Names are wrong with a network or without, and before a file is made.
         Plan::new(&cameras, &options)?;
         let bag = arguments.record.as_deref().map(BagWriter::create).transpose()?;
-        let transport = match mode {
+        let joined = match mode {
             RosMode::Off => None,
-            RosMode::On => Some(network.open().context("--ros off does without")?),
+            RosMode::On => Some(network.open(&cameras).context("--ros off does without")?),
             RosMode::Auto => network
-                .open()
+                .open(&cameras)
                 .inspect_err(|error| {
                     eprintln!("warning: not publishing to ROS 2: {error} (--ros off: not asked for)")
                 })
                 .ok(),
         };
-        if transport.is_none() && bag.is_none() {
+        if joined.is_none() && bag.is_none() {
             return Ok(RosOutput::default());
         }
+        let (transport, parameters) = joined.map(|j| (Some(j.transport), j.parameters)).unwrap_or_default();
         let published = transport.is_some();
-        let sinks = Sinks { transport: transport.map(|transport| Box::new(transport) as Box<_>), bag };
+        let sinks = Sinks { transport, bag };
         let publisher = RigPublisher::start(cameras, options, sinks)?;
         if published {
             eprintln!("{}", arguments.invitation(publisher.plan()));
         }
-        Ok(RosOutput { publisher: Some(publisher) })
+        Ok(RosOutput { publisher: Some(publisher), parameters })
     }
 
     /// Whether someone takes what is given.
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.publisher.is_some()
+    }
+
+    /// Gives `rig` the parameters that others have set since the last tick, and `sensors` likewise.
+    pub fn change_sensors(&mut self, rig: &mut Rig, sensors: &mut [SensorModel]) {
+        let (Some(publisher), Some(parameters)) = (&mut self.publisher, &mut self.parameters) else { return };
+        let notices = parameters.apply(|camera, sensor| {
+            rig.set_sensor(camera, sensor.clone()).map_err(|error| error.to_string())?;
+            publisher.set_sensor(camera, sensor).map_err(|error| error.to_string())?;
+            sensors[camera] = sensor.clone();
+            Ok(())
+        });
+        notices.iter().for_each(|notice| eprintln!("{notice}"));
     }
 
     /// Gives a tick: `fill` adds what there is.
