@@ -115,8 +115,11 @@ mod tests {
     use super::*;
     use crate::events::Split;
 
-    /// Remembers what was put back.
-    struct Shown(Arc<Mutex<Vec<(usize, f64)>>>);
+    /// Camera and mismatch of what was put back.
+    type PutBack = Arc<Mutex<Vec<(usize, f64)>>>;
+
+    /// Remembers it.
+    struct Shown(PutBack);
 
     impl ParameterStore for Shown {
         fn put_back(&self, camera: usize, sensor: &SensorModel) {
@@ -124,7 +127,7 @@ mod tests {
         }
     }
 
-    fn parameters() -> (SensorParameters, WantedSensors, Arc<Mutex<Vec<(usize, f64)>>>) {
+    fn parameters() -> (SensorParameters, WantedSensors, PutBack) {
         let camera = |name: &str| CameraPlan {
             name: name.to_owned(),
             sensor: SensorModel::default(),
@@ -135,7 +138,7 @@ mod tests {
             split: Split::default(),
         };
         let cameras = [camera("left"), camera("right")];
-        let (wanted, shown) = (WantedSensors::new(&cameras), Arc::default());
+        let (wanted, shown) = (WantedSensors::new(&cameras), PutBack::default());
         let store = Box::new(Shown(Arc::clone(&shown)));
         (SensorParameters::new(&cameras, wanted.clone(), store), wanted, shown)
     }
