@@ -4,6 +4,7 @@
 //! They need a ROS 2 with `esaac_msgs` and `event_camera_msgs`, `RMW_IMPLEMENTATION` of a middleware on DDS,
 //! and an environment that keeps it on loopback. `tools/test.sh` sees to the latter.
 
+mod cost;
 #[path = "../ros/exchange.rs"]
 mod exchange;
 mod node;

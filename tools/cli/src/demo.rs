@@ -104,11 +104,10 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.set_memory(simulated.memory);
     report.link = simulated.link;
     report.ros = simulated.ros;
-    for (camera, sensor) in sensors.iter().enumerate() {
-        if simulated.sensors[camera] != *sensor {
-            eprintln!("camera {camera} was changed as it ran: there are no exact events to compare with");
-            continue;
-        }
+    if simulated.sensors_changed {
+        eprintln!("sensors were changed as it ran: there are no exact events to compare with");
+    }
+    for (camera, sensor) in sensors.iter().enumerate().filter(|_| !simulated.sensors_changed) {
         let events = &record.cameras[camera].events;
         report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
     }
@@ -167,8 +166,7 @@ struct Run<'a> {
 
 struct Simulated {
     record: RunRecord,
-    /// As they are at the end.
-    sensors: [SensorModel; 2],
+    sensors_changed: bool,
     link: LinkReport,
     ros: Option<Summary>,
     memory: Vec<MemoryReport>,
@@ -235,7 +233,7 @@ impl<'a> Run<'a> {
                 renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None })?;
             }
             kernels.refresh(&mut rig, &progress);
-            collected.ros.change_sensors(&mut rig, &mut collected.sensors);
+            collected.change_sensors(&mut rig);
             collected.add(self, index, &rig.step(&[t_ns; 2])?)?;
             progress.inc(1);
         }
@@ -269,7 +267,7 @@ impl<'a> Run<'a> {
         for (index, &t_ns) in self.times_ns.iter().enumerate() {
             pace.wait(t_ns);
             kernels.refresh(service.rig_mut(), &progress);
-            collected.ros.change_sensors(service.rig_mut(), &mut collected.sensors);
+            collected.change_sensors(service.rig_mut());
             loop {
                 if let Some(tick) = service.tick(LOOK)? {
                     ensure!(
@@ -315,6 +313,7 @@ struct Collected {
     picture: Picture,
     record: RunRecord,
     sensors: [SensorModel; 2],
+    sensors_changed: bool,
     ros: RosOutput,
     exposure: Option<f32>,
     instants: Vec<Instant>,
@@ -327,10 +326,15 @@ impl Collected {
             picture: Picture::new(device, &run.scene)?,
             record: RunRecord::new(run.sensors.len()),
             sensors: run.sensors.clone(),
+            sensors_changed: false,
             ros,
             exposure: None,
             instants: Vec::new(),
         })
+    }
+
+    fn change_sensors(&mut self, rig: &mut Rig) {
+        self.sensors_changed |= self.ros.change_sensors(rig, &mut self.sensors);
     }
 
     fn add(&mut self, run: &Run<'_>, index: usize, tick: &Tick<'_>) -> Result<()> {
@@ -380,7 +384,7 @@ impl Collected {
         let ros = self.ros.finish()?;
         Ok(Simulated {
             record: self.record,
-            sensors: self.sensors,
+            sensors_changed: self.sensors_changed,
             link,
             ros,
             memory,

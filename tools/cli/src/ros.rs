@@ -253,16 +253,22 @@ impl RosOutput {
         self.publisher.is_some()
     }
 
-    /// Gives `rig` the parameters that others have set since the last tick, and `sensors` likewise.
-    pub fn change_sensors(&mut self, rig: &mut Rig, sensors: &mut [SensorModel]) {
-        let (Some(publisher), Some(parameters)) = (&mut self.publisher, &mut self.parameters) else { return };
+    /// Gives `rig` the parameters that others have set since the last tick, and `sensors` likewise; says whether
+    /// there were any.
+    pub fn change_sensors(&mut self, rig: &mut Rig, sensors: &mut [SensorModel]) -> bool {
+        let (Some(publisher), Some(parameters)) = (&mut self.publisher, &mut self.parameters) else {
+            return false;
+        };
+        let mut changed = false;
         let notices = parameters.apply(|camera, sensor| {
             rig.set_sensor(camera, sensor.clone()).map_err(|error| error.to_string())?;
             publisher.set_sensor(camera, sensor).map_err(|error| error.to_string())?;
             sensors[camera] = sensor.clone();
+            changed = true;
             Ok(())
         });
         notices.iter().for_each(|notice| eprintln!("{notice}"));
+        changed
     }
 
     /// Gives a tick: `fill` adds what there is.
