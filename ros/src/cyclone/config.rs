@@ -62,7 +62,10 @@ impl NetworkOptions {
     /// Cyclone's configuration; `user` is the user's own (`CYCLONEDDS_URI`), which comes last and wins.
     pub(super) fn xml(&self, user: Option<&str>) -> String {
         let mut general = String::new();
-        let interface = self.interface.as_deref().or(self.localhost_only.then_some("lo"));
+        // Cyclone refuses an interface that is named twice.
+        let users_own = user.is_some_and(|user| user.contains("<NetworkInterface"));
+        let loopback = (self.localhost_only && !users_own).then_some("lo");
+        let interface = self.interface.as_deref().or(loopback);
         if let Some(name) = interface {
             let name = escape(name);
             let _ = write!(general, "<Interfaces><NetworkInterface name=\"{name}\"/></Interfaces>");
@@ -126,5 +129,8 @@ mod tests {
         let options = NetworkOptions { interface: Some("a\"b".to_owned()), ..from(&[]).unwrap() };
         let xml = options.xml(Some("file:///mine.xml"));
         assert!(xml.ends_with("</CycloneDDS>,file:///mine.xml") && xml.contains("a&quot;b"), "{xml}");
+        let local = NetworkOptions { localhost_only: true, ..from(&[]).unwrap() };
+        let xml = local.xml(Some("<CycloneDDS><NetworkInterface name='lo'/></CycloneDDS>"));
+        assert_eq!(xml.matches("<NetworkInterface").count(), 1, "{xml}");
     }
 }

@@ -3,6 +3,7 @@
 
 mod bad_input;
 mod bags;
+mod exchange;
 mod faults;
 mod graph;
 mod load;

@@ -2,10 +2,9 @@
 
 use esaac_model::packet::Event;
 use esaac_model::{Packet, Polarity, SensorModel, random};
-use esaac_ros::{
-    ApsImage, BagWriter, CameraPlan, CycloneTransport, Imu, Intrinsics, NetworkOptions, Payload, RigOptions,
-    RigPublisher, Sinks,
-};
+use esaac_ros::{ApsImage, BagWriter, CameraPlan, Imu, Intrinsics, Payload, RigOptions, RigPublisher, Sinks};
+#[cfg(feature = "embedded")]
+use esaac_ros::{CycloneTransport, NetworkOptions};
 use std::cell::Cell;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -25,12 +24,14 @@ pub fn domain() -> u32 {
 }
 
 /// Loopback on `domain`.
+#[cfg(feature = "embedded")]
 pub fn network(domain: u32) -> NetworkOptions {
     let options = NetworkOptions::from_environment(|_| None).expect("an empty environment");
     NetworkOptions { domain, localhost_only: true, ..options }
 }
 
 /// The embedded transport on loopback.
+#[cfg(feature = "embedded")]
 pub fn transport(domain: u32) -> CycloneTransport {
     CycloneTransport::open(network(domain)).expect("loopback is there")
 }

@@ -190,9 +190,10 @@ fn ros_network() -> Check {
         ros_interface: None,
         ros_node: "doctor".to_owned(),
         ros_transport: TransportName::default(),
+        ros_args: Vec::new(),
     };
-    match network.open() {
-        Ok(transport) => good(NAME, transport.name()),
+    match network.open(&[]) {
+        Ok(joined) => good(NAME, joined.transport.name()),
         Err(error) => optional(NAME, error.to_string(), "sudo ip link set lo up   (or see CYCLONEDDS_URI)"),
     }
 }

@@ -43,7 +43,7 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
     }
-    let mut transport = arguments.network.open()?;
+    let mut transport = arguments.network.open(&[])?.transport;
     let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
     let stopped = || stop.load(Ordering::Relaxed);
     let replayed = replay(bag, &mut *transport, options, stopped, |notice| eprintln!("{notice}"))?;

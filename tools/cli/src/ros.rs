@@ -2,13 +2,13 @@
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
-use esaac_engine::Tick;
+use esaac_engine::{Rig, Tick};
 use esaac_model::{Intensity, SensorModel};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
     ApsImage, BagWriter, CameraPlan, CycloneTransport, EventFormat, Imu, Intrinsics, NetworkOptions, Plan,
-    Policy, QosChange, RigOptions, RigPublisher, Sinks, Split, Summary, TickMessages, Transport,
-    TransportError,
+    Policy, QosChange, RigOptions, RigPublisher, SensorParameters, Sinks, Split, Summary, TickMessages,
+    Transport, TransportError,
 };
 use std::path::PathBuf;
 
@@ -49,6 +49,8 @@ pub enum TransportName {
     Embedded,
     /// Zenoh, for subscribers on rmw_zenoh (builds with the feature `zenoh`)
     Zenoh,
+    /// A node of the sourced ROS 2, with every sensor parameter as its own (builds with the feature `rclrs`)
+    Rclrs,
 }
 
 /// Where on the network.
@@ -67,6 +69,24 @@ pub struct NetworkArguments {
     /// Transport
     #[arg(long, value_name = "NAME", default_value = "embedded")]
     pub ros_transport: TransportName,
+    /// Remappings and parameters for the node of `--ros-transport rclrs`, as in `--ros-args -p
+    /// gray.contrast_on:=0.3 -r /clock:=/sim_clock --`
+    #[arg(long, value_name = "ARGUMENTS", num_args = 0.., allow_hyphen_values = true, value_terminator = "--")]
+    pub ros_args: Vec<String>,
+}
+
+/// The network, joined.
+pub struct Joined {
+    /// Carries messages.
+    pub transport: Box<dyn Transport>,
+    /// Parameters that others set, where the transport has any.
+    pub parameters: Option<SensorParameters>,
+}
+
+impl Joined {
+    fn without_parameters(transport: Box<dyn Transport>) -> Self {
+        Joined { transport, parameters: None }
+    }
 }
 
 fn variable(name: &str) -> Option<String> {
@@ -74,11 +94,17 @@ fn variable(name: &str) -> Option<String> {
 }
 
 impl NetworkArguments {
-    /// Joins the network.
-    pub fn open(&self) -> Result<Box<dyn Transport>, TransportError> {
+    /// Joins the network, for `cameras` that may be changed from there.
+    pub fn open(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
+        if self.ros_transport != TransportName::Rclrs && !self.ros_args.is_empty() {
+            return Err(TransportError::Unavailable("--ros-args needs --ros-transport rclrs".to_owned()));
+        }
         match self.ros_transport {
-            TransportName::Embedded => Ok(Box::new(CycloneTransport::open(self.options()?)?)),
-            TransportName::Zenoh => self.open_zenoh(),
+            TransportName::Rclrs => self.open_node(cameras),
+            TransportName::Embedded => {
+                Ok(Joined::without_parameters(Box::new(CycloneTransport::open(self.options()?)?)))
+            }
+            TransportName::Zenoh => self.open_zenoh().map(Joined::without_parameters),
         }
     }
 
@@ -91,6 +117,28 @@ impl NetworkArguments {
     fn open_zenoh(&self) -> Result<Box<dyn Transport>, TransportError> {
         let reason = "this program was built without the feature `zenoh`: cargo build --release -p esaac-cli \
                       --features zenoh";
+        Err(TransportError::Unavailable(reason.to_owned()))
+    }
+
+    #[cfg(feature = "rclrs")]
+    fn open_node(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
+        if self.ros_interface.is_some() {
+            let reason = "--ros-interface is for the embedded transport; the sourced middleware has settings \
+                          of its own";
+            return Err(TransportError::Unavailable(reason.to_owned()));
+        }
+        let mut arguments = vec!["--ros-args".to_owned()];
+        arguments.extend_from_slice(&self.ros_args);
+        let (domain, node) = (self.ros_domain, self.ros_node.clone());
+        let node = esaac_ros::RclrsTransport::open(&esaac_ros::NodeOptions { domain, node, arguments })?;
+        let parameters = Some(node.declare_sensors(cameras)?);
+        Ok(Joined { transport: Box::new(node), parameters })
+    }
+
+    #[cfg(not(feature = "rclrs"))]
+    fn open_node(&self, _: &[CameraPlan]) -> Result<Joined, TransportError> {
+        let reason = "this program was built without the feature `rclrs`; where ROS 2 is sourced: cargo build \
+                      --release -p esaac-cli --features rclrs";
         Err(TransportError::Unavailable(reason.to_owned()))
     }
 
@@ -108,7 +156,7 @@ impl NetworkArguments {
     fn prefix(&self) -> String {
         let domain = self.ros_domain.map_or_else(String::new, |domain| format!("ROS_DOMAIN_ID={domain} "));
         match self.ros_transport {
-            TransportName::Embedded => domain,
+            TransportName::Embedded | TransportName::Rclrs => domain,
             TransportName::Zenoh => format!("{domain}RMW_IMPLEMENTATION=rmw_zenoh_cpp "),
         }
     }
@@ -188,6 +236,7 @@ pub fn centred(focal_px: f64, width_px: u32, height_px: u32) -> Intrinsics {
 #[derive(Default)]
 pub struct RosOutput {
     publisher: Option<RigPublisher>,
+    parameters: Option<SensorParameters>,
 }
 
 impl RosOutput {
@@ -197,7 +246,8 @@ impl RosOutput {
         let network = &arguments.network;
         let named = network.ros_domain.is_some()
             || network.ros_interface.is_some()
-            || network.ros_transport != TransportName::default();
+            || network.ros_transport != TransportName::default()
+            || !network.ros_args.is_empty();
         let mode = match arguments.ros.unwrap_or(default) {
             RosMode::Auto if named => RosMode::On,
             mode => mode,
@@ -212,32 +262,51 @@ impl RosOutput {
         // Names are wrong with a network or without, and before a file is made.
         Plan::new(&cameras, &options)?;
         let bag = arguments.record.as_deref().map(BagWriter::create).transpose()?;
-        let transport = match mode {
+        let joined = match mode {
             RosMode::Off => None,
-            RosMode::On => Some(network.open().context("--ros off does without")?),
+            RosMode::On => Some(network.open(&cameras).context("--ros off does without")?),
             RosMode::Auto => network
-                .open()
+                .open(&cameras)
                 .inspect_err(|error| {
                     eprintln!("warning: not publishing to ROS 2: {error} (--ros off: not asked for)")
                 })
                 .ok(),
         };
-        if transport.is_none() && bag.is_none() {
+        if joined.is_none() && bag.is_none() {
             return Ok(RosOutput::default());
         }
+        let (transport, parameters) = joined.map(|j| (Some(j.transport), j.parameters)).unwrap_or_default();
         let published = transport.is_some();
         let sinks = Sinks { transport, bag };
         let publisher = RigPublisher::start(cameras, options, sinks)?;
         if published {
             eprintln!("{}", arguments.invitation(publisher.plan()));
         }
-        Ok(RosOutput { publisher: Some(publisher) })
+        Ok(RosOutput { publisher: Some(publisher), parameters })
     }
 
     /// Whether someone takes what is given.
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.publisher.is_some()
+    }
+
+    /// Gives `rig` the parameters that others have set since the last tick, and `sensors` likewise; says whether
+    /// there were any.
+    pub fn change_sensors(&mut self, rig: &mut Rig, sensors: &mut [SensorModel]) -> bool {
+        let (Some(publisher), Some(parameters)) = (&mut self.publisher, &mut self.parameters) else {
+            return false;
+        };
+        let mut changed = false;
+        let notices = parameters.apply(|camera, sensor| {
+            rig.set_sensor(camera, sensor.clone()).map_err(|error| error.to_string())?;
+            publisher.set_sensor(camera, sensor).map_err(|error| error.to_string())?;
+            sensors[camera] = sensor.clone();
+            changed = true;
+            Ok(())
+        });
+        notices.iter().for_each(|notice| eprintln!("{notice}"));
+        changed
     }
 
     /// Gives a tick: `fill` adds what there is.

@@ -54,7 +54,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
     }
-    let sensors = plan.sensors();
+    let mut sensors = plan.sensors();
     let cameras = sensors.iter().enumerate().map(|(n, sensor)| ros::camera(format!("camera_{n}"), sensor));
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, cameras.collect())?;
     let device = device_choice::open(common)?;
@@ -67,6 +67,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let mut record = RunRecord::new(plan.cameras.len());
     let (mut first_ns, mut last_ns) = (None, 0);
     while !(stop.load(Ordering::Relaxed) || arguments.once && is_over(&service)) {
+        ros.change_sensors(service.rig_mut(), &mut sensors);
         if let Some(tick) = service.tick(LOOK)? {
             for (camera, t_ns) in tick.t_ns.iter().enumerate() {
                 if let (Some(t_ns), false) = (t_ns, tick.first[camera]) {

@@ -168,6 +168,7 @@ fn simulate(
     let layout = &folder.layout;
     let camera = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: layout.hdr, motion: layout.motion };
     let mut rig = Rig::with_options(device, &[camera], report::rig_options())?;
+    let mut sensors = [sensor.clone()];
     kernels.load(&mut rig)?;
     let mut record = RunRecord::new(1);
     let mut exposure = None;
@@ -178,6 +179,7 @@ fn simulate(
         rig.upload(0, &frame)?;
         kernels.refresh(&mut rig, &progress);
         pace.wait(folder.time_ns(index));
+        ros.change_sensors(&mut rig, &mut sensors);
         let tick = rig.step(&[folder.time_ns(index)])?;
         if index > 0 {
             record.add_tick(&tick)?;
@@ -187,7 +189,7 @@ fn simulate(
             let exposure =
                 *exposure.get_or_insert_with(|| colour::exposure(colours().map(colour::luminance)));
             if index > 0 {
-                ros::add_camera(out, 0, sensor, &tick);
+                ros::add_camera(out, 0, &sensors[0], &tick);
             }
             out.rgb(0, |pixels| pixels.extend(colours().flat_map(|c| colour::tone_map(c, exposure))));
         });

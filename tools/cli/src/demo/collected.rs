@@ -10,8 +10,8 @@ use crate::report::MemoryReport;
 use crate::ros::{self, RosOutput};
 use crate::run_record::RunRecord;
 use anyhow::Result;
-use esaac_engine::{Device, Tick};
-use esaac_model::Intensity;
+use esaac_engine::{Device, Rig, Tick};
+use esaac_model::{Intensity, SensorModel};
 use esaac_scene::renderer::Renderer;
 use std::sync::Arc;
 
@@ -20,6 +20,9 @@ pub(super) struct Collected {
     renderer: Renderer,
     picture: Picture,
     record: RunRecord,
+    /// As they are now.
+    sensors: [SensorModel; 2],
+    sensors_changed: bool,
     ros: RosOutput,
     exposure: Option<f32>,
     instants: Vec<Instant>,
@@ -31,10 +34,17 @@ impl Collected {
             renderer: Renderer::new(device, run.scene.clone(), HDR, MOTION)?,
             picture: Picture::new(device, &run.scene)?,
             record: RunRecord::new(run.sensors.len()),
+            sensors: run.sensors.clone(),
+            sensors_changed: false,
             ros,
             exposure: None,
             instants: Vec::new(),
         })
+    }
+
+    /// Gives the rig what others have set by the ROS parameters since the last tick.
+    pub fn change_sensors(&mut self, rig: &mut Rig) {
+        self.sensors_changed |= self.ros.change_sensors(rig, &mut self.sensors);
     }
 
     pub fn add(&mut self, run: &Run<'_>, index: usize, tick: &Tick<'_>) -> Result<()> {
@@ -88,7 +98,7 @@ impl Collected {
         };
         let samples = index.checked_sub(1).map(|i| ros::imu_samples(run.times_ns[i], t_ns, imu));
         self.ros.tick(t_ns, |out| {
-            for (camera, sensor) in run.sensors.iter().enumerate() {
+            for (camera, sensor) in self.sensors.iter().enumerate() {
                 if let Some(samples) = &samples {
                     ros::add_camera(out, camera, sensor, tick);
                     out.imu(camera, samples);
@@ -101,6 +111,13 @@ impl Collected {
 
     pub fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Result<Simulated> {
         let ros = self.ros.finish()?;
-        Ok(Simulated { record: self.record, link, ros, memory, instants: self.instants })
+        Ok(Simulated {
+            record: self.record,
+            sensors_changed: self.sensors_changed,
+            link,
+            ros,
+            memory,
+            instants: self.instants,
+        })
     }
 }

@@ -94,6 +94,7 @@ impl<'a> Run<'a> {
                 renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None })?;
             }
             kernels.refresh(&mut rig, &progress);
+            collected.change_sensors(&mut rig);
             collected.add(self, index, &rig.step(&[t_ns; 2])?)?;
             progress.inc(1);
         }
@@ -127,6 +128,7 @@ impl<'a> Run<'a> {
         for (index, &t_ns) in self.times_ns.iter().enumerate() {
             pace.wait(t_ns);
             kernels.refresh(service.rig_mut(), &progress);
+            collected.change_sensors(service.rig_mut());
             loop {
                 if let Some(tick) = service.tick(LOOK)? {
                     ensure!(

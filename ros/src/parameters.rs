@@ -1,0 +1,195 @@
+//! Sensors whose parameters others change while a rig runs. A change is checked against the model when it is
+//! asked for, and reaches the rig between two ticks.
+
+use crate::plan::CameraPlan;
+use esaac_model::SensorModel;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Where parameters are kept for others to see, such as those of a ROS 2 node.
+pub trait ParameterStore: Send {
+    /// Shows `sensor`'s parameters again: the last changes to this camera were not taken.
+    fn put_back(&self, camera: usize, sensor: &SensorModel);
+}
+
+/// The sensors as others want them; clones share them.
+#[derive(Clone, Debug)]
+pub struct WantedSensors(Arc<Mutex<Vec<SensorModel>>>);
+
+impl WantedSensors {
+    /// The sensors of `cameras` as they are.
+    #[must_use]
+    pub fn new(cameras: &[CameraPlan]) -> Self {
+        WantedSensors(Arc::new(Mutex::new(cameras.iter().map(|camera| camera.sensor.clone()).collect())))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<SensorModel>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn with(&self, camera: usize, parameter: &str, value: &str) -> Result<SensorModel, String> {
+        let old = self.lock()[camera].clone();
+        let mut sensor = old.clone();
+        sensor.set(parameter, value).and_then(|()| sensor.validate()).map_err(|error| error.to_string())?;
+        if (sensor.width, sensor.height) != (old.width, old.height) {
+            return Err(format!(
+                "`{parameter}` is fixed while the camera runs; it is {}x{} px",
+                old.width, old.height
+            ));
+        }
+        if old.aps_exposure_ns == 0 && sensor.aps_exposure_ns > 0 {
+            return Err("this camera has no APS topic; start it with an `aps_exposure_ns` above 0".to_owned());
+        }
+        Ok(sensor)
+    }
+
+    /// Whether `parameter` of `camera` may become `value`, by itself; if not, what the model says.
+    pub fn check(&self, camera: usize, parameter: &str, value: &str) -> Result<(), String> {
+        self.with(camera, parameter, value).map(drop)
+    }
+
+    /// Wants `parameter` of `camera` to be `value` from the next tick on. What stands against it together with
+    /// other changes is found then.
+    pub fn set(&self, camera: usize, parameter: &str, value: &str) {
+        // It was checked; what is wrong by now is so together with another change, and `apply` sees it.
+        let _ = self.lock()[camera].set(parameter, value);
+    }
+
+    /// The sensor as it is wanted.
+    #[must_use]
+    pub fn sensor(&self, camera: usize) -> SensorModel {
+        self.lock()[camera].clone()
+    }
+}
+
+/// Parameters of a rig's sensors, as they are and as others want them.
+pub struct SensorParameters {
+    names: Vec<String>,
+    current: Vec<SensorModel>,
+    wanted: WantedSensors,
+    store: Box<dyn ParameterStore>,
+}
+
+impl SensorParameters {
+    /// The sensors of `cameras`, whose changes come by `wanted` and are shown by `store`.
+    #[must_use]
+    pub fn new(cameras: &[CameraPlan], wanted: WantedSensors, store: Box<dyn ParameterStore>) -> Self {
+        SensorParameters {
+            names: cameras.iter().map(|camera| camera.name.clone()).collect(),
+            current: cameras.iter().map(|camera| camera.sensor.clone()).collect(),
+            wanted,
+            store,
+        }
+    }
+
+    /// Hands every sensor that is to change to `change`, between two ticks. Returns what people should know:
+    /// changes that the model or `change` refused, which are undone.
+    pub fn apply(
+        &mut self,
+        mut change: impl FnMut(usize, &SensorModel) -> Result<(), String>,
+    ) -> Vec<String> {
+        let mut notices = Vec::new();
+        for (camera, current) in self.current.iter_mut().enumerate() {
+            let wanted = self.wanted.sensor(camera);
+            if wanted == *current {
+                continue;
+            }
+            match wanted.validate().map_err(|error| error.to_string()).and_then(|()| change(camera, &wanted))
+            {
+                Ok(()) => *current = wanted,
+                Err(reason) => {
+                    self.wanted.lock()[camera] = current.clone();
+                    self.store.put_back(camera, current);
+                    notices.push(format!(
+                        "parameters of camera `{}` stay as they were: {reason}",
+                        self.names[camera]
+                    ));
+                }
+            }
+        }
+        notices
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::events::Split;
+
+    /// Camera and mismatch of what was put back.
+    type PutBack = Arc<Mutex<Vec<(usize, f64)>>>;
+
+    /// Remembers it.
+    struct Shown(PutBack);
+
+    impl ParameterStore for Shown {
+        fn put_back(&self, camera: usize, sensor: &SensorModel) {
+            self.0.lock().unwrap().push((camera, sensor.contrast_mismatch));
+        }
+    }
+
+    fn parameters() -> (SensorParameters, WantedSensors, PutBack) {
+        let camera = |name: &str| CameraPlan {
+            name: name.to_owned(),
+            sensor: SensorModel::default(),
+            intrinsics: None,
+            image: false,
+            depth: false,
+            imu: false,
+            split: Split::default(),
+        };
+        let cameras = [camera("left"), camera("right")];
+        let (wanted, shown) = (WantedSensors::new(&cameras), PutBack::default());
+        let store = Box::new(Shown(Arc::clone(&shown)));
+        (SensorParameters::new(&cameras, wanted.clone(), store), wanted, shown)
+    }
+
+    #[test]
+    fn a_change_reaches_its_camera_once() {
+        let (mut parameters, wanted, shown) = parameters();
+        wanted.check(1, "contrast_on", "0.35").unwrap();
+        wanted.set(1, "contrast_on", "0.35");
+        let mut changes = Vec::new();
+        let mut take = |camera: usize, sensor: &SensorModel| {
+            changes.push((camera, sensor.contrast_on));
+            Ok(())
+        };
+        assert_eq!(parameters.apply(&mut take), [""; 0]);
+        assert_eq!(parameters.apply(&mut take), [""; 0]);
+        assert_eq!(changes, [(1, 0.35)]);
+        assert!(shown.lock().unwrap().is_empty());
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_the_models_words() {
+        let (_, wanted, _) = parameters();
+        let refuse = |parameter: &str, value: &str| wanted.check(0, parameter, value).unwrap_err();
+        assert!(refuse("substeps", "65").contains("`substeps` is 65, expected 1 to 64"));
+        assert!(refuse("contrast_on", "NaN").contains("`contrast_on` is NaN"));
+        assert!(refuse("intensity", "infrared").contains("`intensity` cannot be `infrared`"));
+        assert!(refuse("refractory_ns", "-1").contains("`refractory_ns` cannot be `-1`"));
+        assert!(refuse("width", "640").contains("fixed while the camera runs; it is 346x260 px"));
+        assert!(refuse("aps_exposure_ns", "1000").contains("no APS topic"));
+    }
+
+    #[test]
+    fn changes_that_are_wrong_only_together_are_undone() {
+        let (mut parameters, wanted, shown) = parameters();
+        for (parameter, value) in [("contrast_mismatch", "0.1"), ("contrast_on", "0.1")] {
+            wanted.check(0, parameter, value).unwrap();
+        }
+        wanted.set(0, "contrast_mismatch", "0.1");
+        wanted.set(0, "contrast_on", "0.1");
+        let notices = parameters.apply(|camera, _| panic!("camera {camera} is changed"));
+        assert!(notices[0].contains("`left`") && notices[0].contains("contrast_mismatch"), "{notices:?}");
+        assert_eq!((wanted.sensor(0).contrast_on, &shown.lock().unwrap()[..]), (0.2, &[(0, 0.0)][..]));
+    }
+
+    #[test]
+    fn what_the_rig_refuses_is_undone_too() {
+        let (mut parameters, wanted, shown) = parameters();
+        wanted.set(0, "substeps", "8");
+        let notices = parameters.apply(|_, _| Err("no".to_owned()));
+        assert_eq!(notices, ["parameters of camera `left` stay as they were: no"]);
+        assert_eq!((wanted.sensor(0).substeps, shown.lock().unwrap().len()), (32, 1));
+    }
+}
