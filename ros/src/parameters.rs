@@ -136,6 +136,7 @@ mod tests {
             depth: false,
             imu: false,
             split: Split::default(),
+            frame_id: None,
         };
         let cameras = [camera("left"), camera("right")];
         let (wanted, shown) = (WantedSensors::new(&cameras), PutBack::default());

@@ -292,7 +292,7 @@ fn images_that_are_none() {
 #[test]
 fn a_frame_that_is_told_of_and_never_written_ends_its_connection() {
     let place = Place::default();
-    let limit = Duration::from_millis(300);
+    let limit = Duration::from_secs(2);
     let options = ServerOptions { frame_timeout: limit, ..ServerOptions::default() };
     let server = server(&place.path(), &camera(&sensor(), 0, &sequence()), options).unwrap();
     let options = ProducerOptions { timeout: limit, ..ProducerOptions::default() };
@@ -304,14 +304,14 @@ fn a_frame_that_is_told_of_and_never_written_ends_its_connection() {
         told.unwrap();
         assert!(server.wait(SECOND).unwrap().is_empty() || server.counts()[0].lost == 1);
         until("its end", || server.counts()[0].lost == 1);
-        assert!(server.notices().join("\n").contains("a frame that was told of did not come within 300ms"));
+        assert!(server.notices().join("\n").contains("a frame that was told of did not come within 2s"));
     } else {
         let error = told.unwrap_err().to_string();
-        assert!(error.contains("the device's work on a slot did not come within 300ms"), "{error}");
+        assert!(error.contains("the device's work on a slot did not come within 2s"), "{error}");
         drop(producer);
         until("its end", || server.counts()[0].lost == 1);
     }
-    assert!(started.elapsed() < 5 * SECOND, "{:?}", started.elapsed());
+    assert!(started.elapsed() < 10 * SECOND, "{:?}", started.elapsed());
     one_frame_goes_through(&server, &place);
 }
 
