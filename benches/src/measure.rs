@@ -28,6 +28,8 @@ pub struct Amount {
 pub struct Timing {
     /// GPU time of a tick, microseconds.
     pub gpu_us: Spread,
+    /// Its mean, microseconds: what intervals cost of which some are much dearer than others.
+    pub gpu_mean_us: f64,
     /// Medians of the first and of the second half of the ticks, microseconds.
     pub gpu_halves_us: [f64; 2],
     /// From submit to packet by the host's clock, microseconds.
@@ -147,6 +149,7 @@ impl<'l> Stand<'l> {
         let operations = floor::operations_per_sample(sensor);
         Ok(Timing {
             gpu_us: Spread::of(&seen.gpu_us),
+            gpu_mean_us: seen.gpu_us.iter().sum::<f64>() / ticks as f64,
             gpu_halves_us: [crate::statistics::median(first), crate::statistics::median(second)],
             packet_us: Spread::of(&seen.packet_us),
             ticks,
