@@ -2,7 +2,7 @@
 
 use crate::arguments::CommonArguments;
 use crate::outcome::{Ending, Outcome};
-use crate::ros::{NetworkArguments, TransportName};
+use crate::ros_network::{NetworkArguments, TransportName};
 use crate::{device_choice, table};
 use anyhow::Result;
 use esaac_engine::{DeviceInfo, EngineError, list_devices};

@@ -32,6 +32,7 @@ pub mod replay;
 pub mod report;
 pub mod rig_file;
 pub mod ros;
+pub mod ros_network;
 pub mod run_record;
 pub mod sensor_flags;
 pub mod sensors;

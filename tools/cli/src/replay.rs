@@ -1,7 +1,7 @@
 //! `esaac replay`: publishes a recording again.
 
 use crate::outcome::Outcome;
-use crate::ros::NetworkArguments;
+use crate::ros_network::NetworkArguments;
 use crate::table;
 use anyhow::{Context, Result};
 use esaac_ros::BagReader;

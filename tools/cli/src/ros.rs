@@ -1,14 +1,14 @@
 //! ROS 2 flags, and publishing and recording what a command simulates.
 
+use crate::ros_network::{NetworkArguments, TransportName};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use esaac_engine::{Rig, Tick};
 use esaac_model::{Intensity, SensorModel};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
-    ApsImage, BagWriter, CameraPlan, CycloneTransport, EventFormat, Imu, Intrinsics, NetworkOptions, Plan,
-    Policy, QosChange, RigOptions, RigPublisher, SensorParameters, Sinks, Split, Summary, TickMessages,
-    Transport, TransportError,
+    ApsImage, BagWriter, CameraPlan, EventFormat, Imu, Intrinsics, Plan, Policy, QosChange, RigOptions,
+    RigPublisher, SensorParameters, Sinks, Split, Summary, TickMessages,
 };
 use std::path::PathBuf;
 
@@ -39,127 +39,6 @@ pub enum TimeName {
     Sim,
     /// Wall-clock time
     Wall,
-}
-
-/// What carries topics.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum TransportName {
-    /// Cyclone DDS, built in; no ROS 2 is needed
-    #[default]
-    Embedded,
-    /// Zenoh, for subscribers on rmw_zenoh (builds with the feature `zenoh`)
-    Zenoh,
-    /// A node of the sourced ROS 2, with every sensor parameter as its own (builds with the feature `rclrs`)
-    Rclrs,
-}
-
-/// Where on the network.
-#[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = "ROS 2")]
-pub struct NetworkArguments {
-    /// Domain id; else ROS_DOMAIN_ID, else 0
-    #[arg(long, value_name = "ID")]
-    pub ros_domain: Option<u32>,
-    /// Network interface; else Cyclone DDS's choice, or what CYCLONEDDS_URI says
-    #[arg(long, value_name = "NAME")]
-    pub ros_interface: Option<String>,
-    /// Name of the node
-    #[arg(long, value_name = "NAME", default_value = "esaac")]
-    pub ros_node: String,
-    /// Transport
-    #[arg(long, value_name = "NAME", default_value = "embedded")]
-    pub ros_transport: TransportName,
-    /// Remappings and parameters for the node of `--ros-transport rclrs`, as in `--ros-args -p
-    /// gray.contrast_on:=0.3 -r /clock:=/sim_clock --`
-    #[arg(long, value_name = "ARGUMENTS", num_args = 0.., allow_hyphen_values = true, value_terminator = "--")]
-    pub ros_args: Vec<String>,
-}
-
-/// The network, joined.
-pub struct Joined {
-    /// Carries messages.
-    pub transport: Box<dyn Transport>,
-    /// Parameters that others set, where the transport has any.
-    pub parameters: Option<SensorParameters>,
-}
-
-impl Joined {
-    fn without_parameters(transport: Box<dyn Transport>) -> Self {
-        Joined { transport, parameters: None }
-    }
-}
-
-fn variable(name: &str) -> Option<String> {
-    std::env::var(name).ok()
-}
-
-impl NetworkArguments {
-    /// Joins the network, for `cameras` that may be changed from there.
-    pub fn open(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
-        if self.ros_transport != TransportName::Rclrs && !self.ros_args.is_empty() {
-            return Err(TransportError::Unavailable("--ros-args needs --ros-transport rclrs".to_owned()));
-        }
-        match self.ros_transport {
-            TransportName::Rclrs => self.open_node(cameras),
-            TransportName::Embedded => {
-                Ok(Joined::without_parameters(Box::new(CycloneTransport::open(self.options()?)?)))
-            }
-            TransportName::Zenoh => self.open_zenoh().map(Joined::without_parameters),
-        }
-    }
-
-    #[cfg(feature = "zenoh")]
-    fn open_zenoh(&self) -> Result<Box<dyn Transport>, TransportError> {
-        Ok(Box::new(esaac_ros::ZenohTransport::open(self.options()?, variable)?))
-    }
-
-    #[cfg(not(feature = "zenoh"))]
-    fn open_zenoh(&self) -> Result<Box<dyn Transport>, TransportError> {
-        let reason = "this program was built without the feature `zenoh`: cargo build --release -p esaac-cli \
-                      --features zenoh";
-        Err(TransportError::Unavailable(reason.to_owned()))
-    }
-
-    #[cfg(feature = "rclrs")]
-    fn open_node(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
-        if self.ros_interface.is_some() {
-            let reason = "--ros-interface is for the embedded transport; the sourced middleware has settings \
-                          of its own";
-            return Err(TransportError::Unavailable(reason.to_owned()));
-        }
-        let mut arguments = vec!["--ros-args".to_owned()];
-        arguments.extend_from_slice(&self.ros_args);
-        let (domain, node) = (self.ros_domain, self.ros_node.clone());
-        let node = esaac_ros::RclrsTransport::open(&esaac_ros::NodeOptions { domain, node, arguments })?;
-        let parameters = Some(node.declare_sensors(cameras)?);
-        Ok(Joined { transport: Box::new(node), parameters })
-    }
-
-    #[cfg(not(feature = "rclrs"))]
-    fn open_node(&self, _: &[CameraPlan]) -> Result<Joined, TransportError> {
-        let reason = "this program was built without the feature `rclrs`; where ROS 2 is sourced: cargo build \
-                      --release -p esaac-cli --features rclrs";
-        Err(TransportError::Unavailable(reason.to_owned()))
-    }
-
-    fn options(&self) -> Result<NetworkOptions, TransportError> {
-        let from = NetworkOptions::from_environment(variable)?;
-        Ok(NetworkOptions {
-            domain: self.ros_domain.unwrap_or(from.domain),
-            interface: self.ros_interface.clone(),
-            node: self.ros_node.clone(),
-            ..from
-        })
-    }
-
-    /// What a shell needs to be told before a command of ROS, so that it looks where we publish.
-    fn prefix(&self) -> String {
-        let domain = self.ros_domain.map_or_else(String::new, |domain| format!("ROS_DOMAIN_ID={domain} "));
-        match self.ros_transport {
-            TransportName::Embedded | TransportName::Rclrs => domain,
-            TransportName::Zenoh => format!("{domain}RMW_IMPLEMENTATION=rmw_zenoh_cpp "),
-        }
-    }
 }
 
 /// Flags of commands that simulate.

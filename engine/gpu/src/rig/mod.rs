@@ -14,14 +14,15 @@ mod record;
 mod reload;
 mod represent;
 mod snapshot;
+mod step;
 mod tick;
 
-use crate::commands::{Around, Commands};
+use crate::commands::Commands;
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
-use crate::profile::{self, GpuZones};
+use crate::profile::GpuZones;
 use crate::timing::{Fence, StageTimer};
 use arena::Arena;
 use ash::vk;
@@ -34,7 +35,6 @@ use gpu_allocator::MemoryLocation;
 use parameters::Permutation;
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 pub use collect::{ApsFrame, Diagnostics};
 pub use represent::{Representation, Share};
@@ -330,38 +330,6 @@ impl Rig {
         Ok(())
     }
 
-    /// Steps every camera to its frame's time with what its input buffers hold, and waits.
-    pub fn step(&mut self, t_ns: &[i64]) -> Result<Tick<'_>, EngineError> {
-        let times: Vec<Option<i64>> = t_ns.iter().copied().map(Some).collect();
-        self.step_some(&times)
-    }
-
-    /// As [`Rig::step`], for the cameras that have a new frame.
-    pub fn step_some(&mut self, t_ns: &[Option<i64>]) -> Result<Tick<'_>, EngineError> {
-        let frames: Vec<_> =
-            t_ns.iter().map(|t_ns| t_ns.map(|t_ns| FrameInput { t_ns, inputs: None })).collect();
-        self.step_frames(&frames, &Around::default())
-    }
-
-    /// As [`Rig::step`], with the frames of all cameras, which are of one size, one after the other in
-    /// one buffer an image: what a tiled renderer draws.
-    pub fn step_tiles(
-        &mut self,
-        t_ns: &[i64],
-        tiles: InputBuffers<'_>,
-        around: &Around<'_>,
-    ) -> Result<Tick<'_>, EngineError> {
-        if t_ns.len() != self.cameras.len() {
-            return Err(FrameError::Count { expected: self.cameras.len(), actual: t_ns.len() }.into());
-        }
-        for (number, camera) in self.cameras.iter_mut().enumerate() {
-            frame::check_time(number as u32, camera.last_ns, t_ns[number])?;
-            camera.inputs = camera.addresses(number, Some(tiles), number)?;
-        }
-        let t_ns: Vec<Option<i64>> = t_ns.iter().copied().map(Some).collect();
-        self.tick(&t_ns, around)
-    }
-
     /// Events in each packet of the last tick.
     #[must_use]
     pub fn events(&self) -> &[u32] {
@@ -408,62 +376,6 @@ impl Rig {
             ..*packet
         };
         self.packets.iter_mut().map(take).collect()
-    }
-
-    /// As [`Rig::step_some`], with frames read where they lie, and commands and timelines around the
-    /// submission that reads them. The buffers are read before this returns, and not after.
-    pub fn step_frames(
-        &mut self,
-        frames: &[Option<FrameInput<'_>>],
-        around: &Around<'_>,
-    ) -> Result<Tick<'_>, EngineError> {
-        if frames.len() != self.cameras.len() {
-            return Err(FrameError::Count { expected: self.cameras.len(), actual: frames.len() }.into());
-        }
-        for (number, (camera, frame)) in self.cameras.iter_mut().zip(frames).enumerate() {
-            if let Some(frame) = frame {
-                frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
-                camera.inputs = camera.addresses(number, frame.inputs, 0)?;
-            }
-        }
-        let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
-        self.tick(&t_ns, around)
-    }
-
-    /// Steps the cameras that have a time, whose frames are at their addresses.
-    fn tick(&mut self, t_ns: &[Option<i64>], around: &Around<'_>) -> Result<Tick<'_>, EngineError> {
-        self.prepare(t_ns)?;
-        let started = Instant::now();
-        self.submit(&self.commands, around)?;
-        let stamped = self.stamped();
-        self.timer.read(&mut self.stage_ns[..stamped])?;
-        self.gpu_zones.show(&self.device, &self.timer, &self.stage_ns[..stamped])?;
-        if let Some(("again", ns)) = self.stage_ns.last_mut() {
-            *ns = 0;
-        }
-        self.collect(t_ns)?;
-        self.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
-        profile::tick(&self.events, &self.packets, self.submit_to_packet_ns, || self.memory());
-        Ok(Tick::of(self))
-    }
-
-    /// Spans with a time stamp at each end.
-    fn stamped(&self) -> usize {
-        if self.options.stage_times { record::STAGES.len() } else { 1 }
-    }
-
-    /// When each stage of the last tick ran on the device, by the host's clock, and how far that may be off;
-    /// `None` where the device does not tell both clocks at once. Only before the next tick.
-    pub fn stage_host_times(&self) -> Result<Option<(Vec<StageSpan>, Duration)>, EngineError> {
-        let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
-        let stamped = self.stamped();
-        let mut raw = [0_u64; 16];
-        self.timer.read_raw(0, &mut raw[..stamped + 1])?;
-        let at = |stamp| self.device.host_time(&calibration, stamp);
-        let spans = self.stage_ns[..stamped].iter().zip(raw.windows(2)).filter_map(|(&(stage, _), pair)| {
-            Some(StageSpan { stage, start: at(pair[0])?, end: at(pair[1])? })
-        });
-        Ok(Some((spans.collect(), calibration.deviation)))
     }
 
     /// Forgets what a camera saw: its next frame is its first. Noise goes on where it was.
@@ -545,44 +457,6 @@ impl Rig {
         }
         let first = c.place.state_base as usize + StateWord::ContrastOn as usize * pixels;
         self.arena.upload(&self.device, layout::STATE, first as u64 * 4, bytemuck::cast_slice(&words))
-    }
-
-    fn submit(&self, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
-        {
-            let _zone = zone!("submit");
-            self.device.submit(commands.raw(), around, self.fence.raw())?;
-        }
-        let _zone = zone!("wait");
-        self.fence.wait()
-    }
-}
-
-impl CameraState {
-    /// Where the kernels find a frame: its buffers hold whole images, of which it is the one after
-    /// `images_before`.
-    fn addresses(
-        &self,
-        number: usize,
-        inputs: Option<InputBuffers<'_>>,
-        images_before: usize,
-    ) -> Result<[u64; 2], EngineError> {
-        let inputs = inputs.unwrap_or(InputBuffers { hdr: &self.hdr, motion: self.motion.as_ref() });
-        let sensor = &self.config.sensor;
-        let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {
-            let needed = sensor.pixels() * texel_bytes;
-            let before = images_before * needed;
-            let actual = (buffer.map_or(0, Buffer::bytes) as usize).saturating_sub(before);
-            let size = (sensor.width, sensor.height);
-            // A buffer may be longer than its image.
-            frame::check_size(number as u32, image, size, texel_bytes, actual.min(needed))?;
-            Ok::<u64, EngineError>(buffer.map_or(0, Buffer::address) + before as u64)
-        };
-        let hdr = holds("hdr", Some(inputs.hdr), self.config.hdr.texel_bytes())?;
-        let motion = match self.config.motion {
-            Some(format) => holds("motion", inputs.motion, format.texel_bytes())?,
-            None => 0,
-        };
-        Ok([hdr, motion])
     }
 }
 
