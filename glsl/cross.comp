@@ -66,6 +66,12 @@ void emit(uint at_ns, bool on, uint ordinal);
 
 #include "pixel_log.glsl"
 
+// Whether a strip in which nothing moves or changes has nothing to do.
+const bool SKIPS_STILL = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES;
+
+// Whether sub-steps are read along a pixel's motion.
+const bool FOLLOWS_MOTION = SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER;
+
 // Pixel in the part, polarity << 7, ordinal in the interval << 8.
 uint event_tag(bool on, uint ordinal) {
     return gl_LocalInvocationID.x | (uint(on) << 7) | (ordinal << 8);
@@ -133,6 +139,19 @@ float synthesize(Camera cam, Source s, float alpha) {
     return max(synthesize_paper(cam, s.frames, ivec2(s.at), alpha), cam.log_dark);
 }
 
+// What is read of a pixel whatever its sub-steps are.
+Source read_source(Camera cam, uvec2 at) {
+    Source s;
+    s.at = at;
+    s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
+    const uint word = frame_word(cam, has_lattice(), ivec2(at));
+    s.log_previous = planes[s.frames.previous + word];
+    s.log_current = planes[s.frames.current + word];
+    s.warps = FOLLOWS_MOTION && has_vector(cam, motion_base(cam, true), ivec2(at));
+    s.leaves = false;
+    return s;
+}
+
 // Synthesises and walks a pixel's interval; returns its exposure.
 float cross_interval(
     Camera cam, Source s, bool active_pixel, uint n, inout PixelState p
@@ -150,7 +169,7 @@ float cross_interval(
     uint end_ns = 0u;
     uint over = 0u;
     float done = 0.0;
-    Walk w = begin_walk(cam, pixel, first_q24, whole_ns, p);
+    Walk w = begin_walk(cam, pixel, first_q24, to_q24(s.log_current), whole_ns, p);
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
@@ -193,11 +212,15 @@ void main() {
     // Where a strip is cut, its first part counts for all of it.
     const bool block_first = lane < STRIP_PX && lane % BLOCK_PX == 0u && at.x < cam.width;
 
-    // What was done before the buffer had to grow is not done again; a bit in the strip's first block tells.
     const uint first_block =
         cam.block_base + cam.parity * cam.blocks + block_at.y * cam.blocks_x + corner.x / BLOCK_PX;
-    if ((blocks[first_block].z & (1u << part)) != 0u) {
-        return;
+    const uint parts_done = blocks[first_block].z;
+    PixelState before;
+    Source s;
+    if (inside && !SKIPS_STILL) {
+        // It will be needed: better all at once than one after the other, memory is far.
+        before = load_pixel(cam, pixel);
+        s = read_source(cam, at);
     }
     if (lane < STRIP_BLOCKS) {
         around_motion[lane] = 0u;
@@ -208,7 +231,7 @@ void main() {
     }
     barrier();
     // Nine blocks around each of four, in both frames.
-    const uint facts = SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER ? 18u * STRIP_BLOCKS : 0u;
+    const uint facts = FOLLOWS_MOTION ? 18u * STRIP_BLOCKS : 0u;
     for (uint fact = lane; fact < facts; fact += gl_WorkGroupSize.x) {
         const uint which_block = fact / 18u;
         const uint neighbour = fact % 18u;
@@ -226,11 +249,15 @@ void main() {
         own_change[in_strip] = blocks[own_block].y;
     }
     barrier();
+    // What was done before the buffer had to grow is not done again; a bit in the strip's first block tells.
+    if ((parts_done & (1u << part)) != 0u) {
+        return;
+    }
     uint anything = 0u;
     for (uint b = 0u; b < STRIP_BLOCKS; ++b) {
         anything |= around_motion[b] | own_change[b];
     }
-    if (anything == 0u && !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES && cam.no_skip == 0u) {
+    if (anything == 0u && SKIPS_STILL && cam.no_skip == 0u) {
         if (lane == 0u) {
             atomicOr(blocks[first_block].z, 1u << part);
         }
@@ -243,22 +270,14 @@ void main() {
         ? 1u
         : substep_count(cam, uintBitsToFloat(around_motion[in_strip]), uintBitsToFloat(own_change[in_strip]));
 
-    PixelState before;
     bool active_pixel = false;
-    Source s;
-    s.at = at;
     if (inside) {
-        before = load_pixel(cam, pixel);
-        active_pixel = before.reference != UNARMED && before.reference != ARMING;
-        s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
-        const uint word = frame_word(cam, has_lattice(), ivec2(at));
-        s.log_previous = planes[s.frames.previous + word];
-        s.log_current = planes[s.frames.current + word];
-        s.warps = false;
-        s.leaves = false;
-        if (n > 1u && (SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_PAPER)) {
-            s.warps = has_vector(cam, motion_base(cam, true), ivec2(at));
+        if (SKIPS_STILL) {
+            before = load_pixel(cam, pixel);
+            s = read_source(cam, at);
         }
+        active_pixel = before.reference != UNARMED && before.reference != ARMING;
+        s.warps = s.warps && n > 1u;
         if (SYNTHESIS == SYNTHESIS_MOTION && s.warps) {
             const Path start = path_at_start(cam, ivec2(at));
             const Path end = path_at_end(cam, ivec2(at));

@@ -119,7 +119,7 @@ uint frame_of(Camera cam, uint parity, uint channel) {
 
 // Facts of a pixel with a valid colour for its block, and its state. `level` and `before` are those of the first
 // colour component, of this frame and of the one before.
-void note_pixel(Camera cam, ivec2 at, uint block, vec3 colour, float level, float before) {
+void note_pixel(Camera cam, ivec2 at, uint block, vec3 colour, float level, float before, int reference) {
     const uint pixel = uint(at.y) * cam.width + uint(at.x);
     const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
     const uint own = INTENSITY == INTENSITY_BAYER_RGGB ? uint(at.x & 1) + uint(at.y & 1) : 0u;
@@ -140,7 +140,7 @@ void note_pixel(Camera cam, ivec2 at, uint block, vec3 colour, float level, floa
     if (changed) {
         atomicMax(block_change[block], floatBitsToUint(max(change, 1e-12)));
     }
-    if (int(load_state(cam, pixel, STATE_REFERENCE)) == UNARMED) {
+    if (reference == UNARMED) {
         // It starts when the interval that ends with this frame is over.
         store_state(cam, pixel, STATE_REFERENCE, uint(ARMING));
         atomicMax(block_change[block], floatBitsToUint(1e-12));
@@ -156,16 +156,13 @@ void note_invalid(Camera cam, ivec2 at, uint block) {
     }
 }
 
-// A pixel's motion, usable or marked.
-vec2 take_motion(Camera cam, uint pixel, out bool usable) {
-    vec2 m = read_motion(cam, pixel);
+// Motion as it was read, usable or marked.
+vec2 to_usable(vec2 m, out bool usable) {
     usable = !(not_finite(m.x) || not_finite(m.y));
     if (!usable) {
-        m = uintBitsToFloat(uvec2(INVALID_BIT, 0u));
-    } else if (floatBitsToUint(m.x) == INVALID_BIT) {
-        m.x = 0.0;
+        return uintBitsToFloat(uvec2(INVALID_BIT, 0u));
     }
-    return m;
+    return vec2(floatBitsToUint(m.x) == INVALID_BIT ? 0.0 : m.x, m.y);
 }
 
 // Takes in one pixel of the strip, or of those around it.
@@ -180,11 +177,19 @@ void take(Camera cam, uint channel, uint taken) {
     // What is not of one component is noted by the first one's workgroup.
     const bool notes = own && channel == 0u;
 
+    // All that will be needed is read at once: memory is far.
     const vec3 colour = read_colour(cam, pixel);
+    const vec2 motion_read = cam.has_motion != 0u ? read_motion(cam, pixel) : vec2(0.0);
+    float before = cam.log_dark;
+    int reference = 0;
+    if (cam.phase != PHASE_FIRST) {
+        before = planes[frame_of(cam, 1u - cam.parity, channel) + frame_word(cam, LATTICE, seen_at)];
+        if (notes) {
+            reference = int(load_state(cam, pixel, STATE_REFERENCE));
+        }
+    }
     const bool invalid = bad(colour.x) || bad(colour.y) || bad(colour.z)
         || not_finite((colour.x + colour.y + colour.z) * cam.exposure_gain);
-    const float before = cam.phase == PHASE_FIRST
-        ? cam.log_dark : planes[frame_of(cam, 1u - cam.parity, channel) + frame_word(cam, LATTICE, seen_at)];
     const float level = invalid ? before : log_intensity_of(cam, colour, channel);
     if (LATTICE) {
         taken_level[taken] = level;
@@ -200,12 +205,12 @@ void take(Camera cam, uint channel, uint taken) {
     if (notes && invalid) {
         note_invalid(cam, at, block);
     } else if (notes) {
-        note_pixel(cam, at, block, colour, level, before);
+        note_pixel(cam, at, block, colour, level, before, reference);
     }
 
     if (cam.has_motion != 0u) {
         bool usable;
-        const vec2 m = take_motion(cam, pixel, usable);
+        const vec2 m = to_usable(motion_read, usable);
         if (LATTICE) {
             taken_motion[taken] = m;
             if (floatBitsToUint(m.x) != 0u || m.y != 0.0) {
@@ -257,12 +262,14 @@ float frame_cubic(Camera cam, ivec2 at, ivec2 half_step) {
     // Beyond the last pixel there is only that pixel.
     const vec2 f = vec2(at.x < last.x ? 0.5 * float(half_step.x) : 0.0, at.y < last.y ? 0.5 * float(half_step.y) : 0.0);
     const uint first = taken_index(at - 1);
-    vec4 rows[4];
-    [[unroll]] for (uint j = 0u; j < 4u; ++j) {
-        const uint row = first + j * TAKEN_X;
-        rows[j] = vec4(taken_level[row], taken_level[row + 1u], taken_level[row + 2u], taken_level[row + 3u]);
-    }
-    return cubic(rows, keys(f.y, CUBIC_FRAME), keys(f.x, CUBIC_FRAME));
+    const uint top = first + TAKEN_X;
+    const uint bottom = top + TAKEN_X;
+    const uint below = bottom + TAKEN_X;
+    return cubic(
+        vec2(taken_level[first + 1u], taken_level[first + 2u]),
+        vec4(taken_level[top], taken_level[top + 1u], taken_level[top + 2u], taken_level[top + 3u]),
+        vec4(taken_level[bottom], taken_level[bottom + 1u], taken_level[bottom + 2u], taken_level[bottom + 3u]),
+        vec2(taken_level[below + 1u], taken_level[below + 2u]), f, CUBIC_FRAME);
 }
 
 // The three half sites of a pixel of the strip.

@@ -19,40 +19,49 @@ vec4 keys(float f, float a) {
     return vec4(first, inner, 1.0 - first - inner - last, last);
 }
 
-// Sum of 4x4 taps, `rows` of them, within the range of the middle four: a reconstruction that rings would send
-// events of its own.
-float cubic(vec4 rows[4], vec4 wy, vec4 wx) {
-    float sum = 0.0;
-    [[unroll]] for (int j = 0; j < 4; ++j) {
-        const float row = fma(wx.w, rows[j].w, fma(wx.z, rows[j].z, fma(wx.y, rows[j].y, wx.x * rows[j].x)));
-        sum = fma(wy[j], row, sum);
-    }
-    const vec2 low = min(rows[1].yz, rows[2].yz);
-    const vec2 high = max(rows[1].yz, rows[2].yz);
+// Twelve taps, of four rows: the inner two by Keys' kernel, the outer two, which weigh little, straight from the second
+// tap to the third. Within the range of the middle four: a reconstruction that rings would send events of its own.
+float cubic(vec2 above, vec4 top, vec4 bottom, vec2 below, vec2 f, float a) {
+    const vec4 across = keys(f.x, a);
+    const vec4 down = keys(f.y, a);
+    float sum = down.x * blend(above.x, above.y, f.x);
+    sum = fma(down.y, fma(across.w, top.w, fma(across.z, top.z, fma(across.y, top.y, across.x * top.x))), sum);
+    sum = fma(down.z, fma(across.w, bottom.w, fma(across.z, bottom.z, fma(across.y, bottom.y, across.x * bottom.x))), sum);
+    sum = fma(down.w, blend(below.x, below.y, f.x), sum);
+    const vec2 low = min(top.yz, bottom.yz);
+    const vec2 high = max(top.yz, bottom.yz);
     return clamp(sum, min(low.x, low.y), max(high.x, high.y));
 }
 
-// The lattice at pixel position `position`, clamped to the image.
-float lattice_cubic(Camera cam, uint base, vec2 position) {
-    const vec2 at = clamp(2.0 * position, vec2(0.0), vec2(2u * uvec2(cam.width, cam.height) - 1u));
+// A pixel position in half pixels, clamped to the image.
+vec2 to_lattice(Camera cam, vec2 position) {
+    return clamp(2.0 * position, vec2(0.0), vec2(2u * uvec2(cam.width, cam.height) - 1u));
+}
+
+// The lattice at `at`, half pixels inside the image.
+float lattice_cubic(Camera cam, uint base, vec2 at) {
     const vec2 low = floor(at);
     const vec2 f = at - low;
     const uint first = base + uint(low.y) * cam.lattice_stride + uint(low.x);
-    vec4 rows[4];
     if (BY_ADDRESS) {
-        uint64_t row = cam.planes_address + 4ul * first;
-        [[unroll]] for (int j = 0; j < 4; ++j) {
-            LatticeRow taps = LatticeRow(row);
-            rows[j] = vec4(taps.v[0], taps.v[1], taps.v[2], taps.v[3]);
-            row += 4u * cam.lattice_stride;
-        }
-    } else {
-        [[unroll]] for (uint j = 0u; j < 4u; ++j) {
-            const uint row = first + j * cam.lattice_stride;
-            rows[j] = vec4(planes[row], planes[row + 1u], planes[row + 2u], planes[row + 3u]);
-        }
+        const uint64_t above = cam.planes_address + 4ul * first;
+        const uint64_t top = above + 4u * cam.lattice_stride;
+        const uint64_t bottom = top + 4u * cam.lattice_stride;
+        const uint64_t below = bottom + 4u * cam.lattice_stride;
+        return cubic(
+            vec2(LatticeRow(above).v[1], LatticeRow(above).v[2]),
+            vec4(LatticeRow(top).v[0], LatticeRow(top).v[1], LatticeRow(top).v[2], LatticeRow(top).v[3]),
+            vec4(LatticeRow(bottom).v[0], LatticeRow(bottom).v[1], LatticeRow(bottom).v[2], LatticeRow(bottom).v[3]),
+            vec2(LatticeRow(below).v[1], LatticeRow(below).v[2]), f, CUBIC_LATTICE);
     }
-    return cubic(rows, keys(f.y, CUBIC_LATTICE), keys(f.x, CUBIC_LATTICE));
+    const uint top = first + cam.lattice_stride;
+    const uint bottom = top + cam.lattice_stride;
+    const uint below = bottom + cam.lattice_stride;
+    return cubic(
+        vec2(planes[first + 1u], planes[first + 2u]),
+        vec4(planes[top], planes[top + 1u], planes[top + 2u], planes[top + 3u]),
+        vec4(planes[bottom], planes[bottom + 1u], planes[bottom + 2u], planes[bottom + 3u]),
+        vec2(planes[below + 1u], planes[below + 2u]), f, CUBIC_LATTICE);
 }
 
 // Bilinear on a frame without a lattice.

@@ -109,25 +109,60 @@ struct Walk {
     uvec2 leak_base;
     uint held_until;
     uint ordinal;
-    // Shot noise: hazard since the interval's start, also rounded, and how long the draws after the present ones
-    // last.
-    float hazard;
-    uint hazard_q27;
-    float from_share;
+    // Shot noise: hazard of the interval, Q27, how long a unit of it takes, when the sooner of the two shots falls
+    // due, NEVER if not in the interval, and how long the draws after the present ones last.
+    uint interval_hazard;
+    float ns_per_hazard;
+    uint shot_at;
     uint after_off;
     uint after_on;
-    // APS.
-    float from_intensity;
+    // APS: integral of the intensity.
     float exposed;
 };
 
-// Hazard of the whole interval at the most: a draw that outlasts it cannot fire.
-uint most_hazard(Camera cam) {
-    return uint(ceil(cam.hazard_q27_per_ns * float(cam.interval_ns))) + 1u;
+// When the sooner of the pixel's two shots falls due.
+uint next_shot(Camera cam, PixelState p, Walk w) {
+    const uint due = min(p.shot_off, p.shot_on);
+    if (due > w.interval_hazard) {
+        return NEVER;
+    }
+    return min(uint(max(ceil(float(due) * w.ns_per_hazard), 1.0)), cam.interval_ns);
 }
 
-// `first_end` is the end of the first sub-step.
-Walk begin_walk(Camera cam, uint pixel, int level, uint first_end, inout PixelState p) {
+// The sooner of the pixel's two shots is over, sent or not: on to the one after it.
+void pass_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    const bool is_on = p.shot_on < p.shot_off;
+    uint carry;
+    const uint sum = is_on ? uaddCarry(p.shot_on, w.after_on, carry) : uaddCarry(p.shot_off, w.after_off, carry);
+    const uint left = carry != 0u ? 0xffffffffu : sum;
+    const uint draws = (is_on ? p.shot_on_draws : p.shot_off_draws) + 1u;
+    uint after = 0u;
+    if (left <= w.interval_hazard) {
+        after = shot_hazard(
+            cam, pixel, is_on ? STREAM_SHOT_ON : STREAM_SHOT_OFF, draws, is_on ? p.on_q24 : p.off_q24,
+            is_on ? cam.contrast_on_q24 : cam.contrast_off_q24);
+    }
+    if (is_on) {
+        p.shot_on = left;
+        p.shot_on_draws = draws;
+        w.after_on = after;
+    } else {
+        p.shot_off = left;
+        p.shot_off_draws = draws;
+        w.after_off = after;
+    }
+    w.shot_at = next_shot(cam, p, w);
+}
+
+// Those that fall into a refractory period are drawn, and not sent.
+void suppress_shots(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    while (EFFECT_REFRACTORY && w.shot_at < w.held_until) {
+        pass_shot(cam, pixel, p, w);
+    }
+}
+
+// `level` and `last_level` are those of the interval's ends, `first_end` is the end of the first sub-step.
+Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_end, inout PixelState p) {
     Walk w;
     w.start = 0u;
     w.from_level = level;
@@ -135,12 +170,11 @@ Walk begin_walk(Camera cam, uint pixel, int level, uint first_end, inout PixelSt
     w.leak_base = uvec2(0u);
     w.held_until = 0u;
     w.ordinal = 0u;
-    w.hazard = 0.0;
-    w.hazard_q27 = 0u;
-    w.from_share = EFFECT_SHOT ? shot_share(cam, level) : 0.0;
+    w.interval_hazard = 0u;
+    w.ns_per_hazard = 0.0;
+    w.shot_at = NEVER;
     w.after_off = 0u;
     w.after_on = 0u;
-    w.from_intensity = EFFECT_APS ? intensity_of(cam, level) : 0.0;
     w.exposed = 0.0;
     if (EFFECT_REFRACTORY && p.held_until_ns != NOT_HELD) {
         if (p.held_until_ns <= cam.start_ns) {
@@ -171,40 +205,21 @@ Walk begin_walk(Camera cam, uint pixel, int level, uint first_end, inout PixelSt
         w.leak_base = uvec2(uint(base & uint64_t(0xffffffffu)), uint(base >> 32));
     }
     if (EFFECT_SHOT) {
-        // Drawn before the walk, all threads together, by those who may need it.
-        const uint most = most_hazard(cam);
-        if (p.shot_off <= most) {
+        const float share = 0.5 * (shot_share(cam, level) + shot_share(cam, last_level));
+        const float hazard_per_ns = cam.hazard_q27_per_ns * share;
+        w.interval_hazard = uint(roundEven(hazard_per_ns * float(cam.interval_ns)));
+        w.ns_per_hazard = 1.0 / hazard_per_ns;
+        // Drawn before the walk, all threads together, by those who need it.
+        if (p.shot_off <= w.interval_hazard) {
             w.after_off = shot_hazard(cam, pixel, STREAM_SHOT_OFF, p.shot_off_draws, p.off_q24, cam.contrast_off_q24);
         }
-        if (p.shot_on <= most) {
+        if (p.shot_on <= w.interval_hazard) {
             w.after_on = shot_hazard(cam, pixel, STREAM_SHOT_ON, p.shot_on_draws, p.on_q24, cam.contrast_on_q24);
         }
+        w.shot_at = next_shot(cam, p, w);
+        suppress_shots(cam, pixel, p, w);
     }
     return w;
-}
-
-// The sooner of the pixel's two shots is over, sent or not: on to the one after it.
-void pass_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    const bool is_on = p.shot_on < p.shot_off;
-    uint carry;
-    const uint sum = is_on ? uaddCarry(p.shot_on, w.after_on, carry) : uaddCarry(p.shot_off, w.after_off, carry);
-    const uint left = carry != 0u ? 0xffffffffu : sum;
-    const uint draws = (is_on ? p.shot_on_draws : p.shot_off_draws) + 1u;
-    uint after = 0u;
-    if (left <= most_hazard(cam)) {
-        after = shot_hazard(
-            cam, pixel, is_on ? STREAM_SHOT_ON : STREAM_SHOT_OFF, draws, is_on ? p.on_q24 : p.off_q24,
-            is_on ? cam.contrast_on_q24 : cam.contrast_off_q24);
-    }
-    if (is_on) {
-        p.shot_on = left;
-        p.shot_on_draws = draws;
-        w.after_on = after;
-    } else {
-        p.shot_off = left;
-        p.shot_off_draws = draws;
-        w.after_off = after;
-    }
 }
 
 // One sub-step, from the last one's end to `end`, where the log intensity is `to_raw`.
@@ -214,43 +229,24 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         // Shorter than a nanosecond: it joins the next one.
         return;
     }
+    if (EFFECT_APS) {
+        const uint first = max(start, cam.aps_start_ns);
+        const uint last = min(end, cam.aps_end_ns);
+        if (first < last) {
+            const float mid = (0.5 * (float(first - start) + float(last - start))) / float(end - start);
+            const float from_intensity = intensity_of(cam, w.from_level - w.fall);
+            w.exposed += blend(from_intensity, intensity_of(cam, to_raw), mid) * float(last - first);
+        }
+    }
     int to_level = to_raw;
     if (EFFECT_LEAK) {
         w.fall = leak_fall_q24(p.leak, w.leak_base, end) - int(w.leak_base.y);
         to_level += w.fall;
     }
-    const uint from_hazard = w.hazard_q27;
-    uint to_hazard = from_hazard;
-    if (EFFECT_SHOT) {
-        const float to_share = shot_share(cam, to_raw);
-        w.hazard += cam.hazard_q27_per_ns * float(end - start) * 0.5 * (w.from_share + to_share);
-        to_hazard = uint(roundEven(w.hazard));
-        w.hazard_q27 = to_hazard;
-        w.from_share = to_share;
-    }
-    if (EFFECT_APS) {
-        const float to_intensity = intensity_of(cam, to_raw);
-        const uint first = max(start, cam.aps_start_ns);
-        const uint last = min(end, cam.aps_end_ns);
-        if (first < last) {
-            const float mid = (0.5 * (float(first - start) + float(last - start))) / float(end - start);
-            w.exposed += blend(w.from_intensity, to_intensity, mid) * float(last - first);
-        }
-        w.from_intensity = to_intensity;
-    }
 
     uint now = start;
     for (;;) {
         if (EFFECT_REFRACTORY && w.held_until > now) {
-            const uint until = min(w.held_until, end);
-            if (EFFECT_SHOT) {
-                const uint until_hazard = from_hazard
-                    + uint(roundEven(float(to_hazard - from_hazard) * (float(until - start) / float(end - start))));
-                while (min(p.shot_off, p.shot_on) <= until_hazard) {
-                    // Drawn, and not sent.
-                    pass_shot(cam, pixel, p, w);
-                }
-            }
             if (w.held_until > end) {
                 break;
             }
@@ -260,8 +256,7 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         }
         const bool rises = to_level - p.reference >= p.on_q24;
         const bool falls = p.reference - to_level >= p.off_q24;
-        const uint due = min(p.shot_off, p.shot_on);
-        if (!(rises || falls || (EFFECT_SHOT && due <= to_hazard))) {
+        if (!(rises || falls || (EFFECT_SHOT && w.shot_at <= end))) {
             break;
         }
         uint signal_at = NEVER;
@@ -273,17 +268,13 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
                 : to_go > 0 ? time_in_substep(start, end, float(to_go), float(slope)) : start + 1u;
             signal_at = max(signal_at, now);
         }
-        uint shot_at = NEVER;
-        if (EFFECT_SHOT && due <= to_hazard) {
-            const float into = float(due - min(due, from_hazard));
-            shot_at = max(now, time_in_substep(start, end, into, float(max(to_hazard - from_hazard, 1u))));
-        }
+        // Due beyond the sub-step, it is later than any crossing in it.
         bool is_on = rises;
-        if (signal_at <= shot_at) {
+        if (!EFFECT_SHOT || signal_at <= w.shot_at) {
             now = signal_at;
             p.reference = level;
         } else {
-            now = shot_at;
+            now = w.shot_at;
             is_on = p.shot_on < p.shot_off;
             p.reference = level_at(w.from_level, to_level, start, end, now);
             pass_shot(cam, pixel, p, w);
@@ -292,6 +283,9 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         w.ordinal += 1u;
         if (EFFECT_REFRACTORY) {
             w.held_until = now + cam.refractory_ns;
+            if (EFFECT_SHOT) {
+                suppress_shots(cam, pixel, p, w);
+            }
         }
     }
     w.from_level = to_level;
@@ -307,7 +301,7 @@ void end_walk(Camera cam, Walk w, inout PixelState p) {
         p.reference -= w.fall;
     }
     if (EFFECT_SHOT) {
-        p.shot_off -= w.hazard_q27;
-        p.shot_on -= w.hazard_q27;
+        p.shot_off -= w.interval_hazard;
+        p.shot_on -= w.interval_hazard;
     }
 }

@@ -22,9 +22,13 @@ Frames frames_of(Camera cam, uint channel) {
         cam.plane_base + (cam.parity * channels + channel) * cam.frame_words);
 }
 
-float read_warped(Camera cam, uint base, vec2 position) {
-    return TAPS == TAPS_CUBIC ? lattice_cubic(cam, base, position) : frame_bilinear(cam, base, position);
+// `site` is a place on the grid that frames have, see `SITES_PER_PX`.
+float read_warped(Camera cam, uint base, vec2 site) {
+    return TAPS == TAPS_CUBIC ? lattice_cubic(cam, base, site) : frame_bilinear(cam, base, site);
 }
+
+// Courses are counted in what frames are read by: half pixels where they have lattices.
+const float SITES_PER_PX = TAPS == TAPS_CUBIC ? 2.0 : 1.0;
 
 // Where the surfaces seen at a pixel come from, as polynomials of alpha: on the path that goes from the one
 // seen here at the interval's start to the one seen here at its end, m(alpha) = m + alpha dm and c alike,
@@ -40,7 +44,8 @@ struct Course {
 
 Course course_between(Path start, Path end) {
     const vec2 dm = end.m - start.m;
-    return Course(start.m, dm, dm - start.c, end.c - start.c);
+    return Course(
+        SITES_PER_PX * start.m, SITES_PER_PX * dm, SITES_PER_PX * (dm - start.c), SITES_PER_PX * (end.c - start.c));
 }
 
 // Whether the course may lead out of the image. It goes as far as its motion and, since |alpha (alpha - 1)| is a
@@ -48,10 +53,11 @@ Course course_between(Path start, Path end) {
 bool leaves_image(Camera cam, vec2 at, Path start, Path end) {
     const vec2 reach = max(abs(start.m), abs(end.m)) + 0.25 * max(abs(start.c), abs(end.c));
     const vec2 room = min(at, vec2(cam.width - 1u, cam.height - 1u) - at) - reach;
-    return min(room.x, room.y) < 0.0;
+    // What a rounding may lead out of it is inside for all that matters.
+    return min(room.x, room.y) < 0.01;
 }
 
-// Position in the current frame (xy) and in the previous one (zw).
+// Site in the current frame (xy) and in the previous one (zw).
 vec4 sources_at(vec2 at, Course course, float alpha) {
     const vec2 t = vec2(alpha);
     const vec2 in_current = fma(t - 1.0, fma(t, fma(-t, course.dc, course.turn), course.m), at);
@@ -61,12 +67,16 @@ vec4 sources_at(vec2 at, Course course, float alpha) {
 // Both frames along the path, blended in the logarithm by time and, on a course that leaves the image, by how
 // far inside it each is read.
 float synthesize_motion(Camera cam, Frames frames, vec2 at, Course course, bool leaves, float alpha) {
-    const vec4 sources = sources_at(at, course, alpha);
+    vec4 sources = sources_at(SITES_PER_PX * at, course, alpha);
     float say_current = alpha;
     if (leaves) {
-        const float current = alpha * max(1.0 - outside_px(cam, sources.xy) * (1.0 / EDGE_PX), EDGE_WEIGHT);
-        const float previous = (1.0 - alpha) * max(1.0 - outside_px(cam, sources.zw) * (1.0 / EDGE_PX), EDGE_WEIGHT);
+        const vec4 positions = sources * (1.0 / SITES_PER_PX);
+        const float current = alpha * max(1.0 - outside_px(cam, positions.xy) * (1.0 / EDGE_PX), EDGE_WEIGHT);
+        const float previous = (1.0 - alpha) * max(1.0 - outside_px(cam, positions.zw) * (1.0 / EDGE_PX), EDGE_WEIGHT);
         say_current = current / (previous + current);
+        if (TAPS == TAPS_CUBIC) {
+            sources = vec4(to_lattice(cam, positions.xy), to_lattice(cam, positions.zw));
+        }
     }
     return blend(
         read_warped(cam, frames.previous, sources.zw), read_warped(cam, frames.current, sources.xy), say_current);

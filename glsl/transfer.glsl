@@ -36,7 +36,7 @@ float trust_at(Camera cam, ivec2 at, vec2 shift) {
 
 // A site whose level is `level`, displaced by `shift` to the frame at `other`.
 void note_site(Camera cam, uint site, ivec2 at, float level, vec2 shift, uint other) {
-    const float residual = level - lattice_cubic(cam, other, vec2(at) + shift);
+    const float residual = level - lattice_cubic(cam, other, to_lattice(cam, vec2(at) + shift));
     sites[site] = vec4(shift, residual, trust_at(cam, at, shift));
 }
 
@@ -50,5 +50,5 @@ vec4 around_half_site(uvec2 in_strip, ivec2 half_step) {
 
 // What the frame at `other` saw at a half site.
 float seen_from(Camera cam, uint other, ivec2 at, ivec2 half_step, vec4 around) {
-    return lattice_cubic(cam, other, vec2(at) + 0.5 * vec2(half_step) + around.xy) + around.z;
+    return lattice_cubic(cam, other, to_lattice(cam, vec2(at) + 0.5 * vec2(half_step) + around.xy)) + around.z;
 }

@@ -15,7 +15,7 @@ pub(super) struct Choice {
 /// Every choice, at one sensor.
 pub(super) fn choices(base: &SensorModel, quick: bool) -> Vec<Choice> {
     let mut choices = Vec::new();
-    let counts: &[u32] = if quick { &[2, 8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
+    let counts: &[u32] = if quick { &[8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
     let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
         let is_default = !wide && sensor == *base;

@@ -68,7 +68,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     );
     let mut all = Vec::new();
     let scenes: &[SceneKind] = if laboratory.options().quick {
-        &[SceneKind::Sinusoid, SceneKind::Flight]
+        &[SceneKind::Flight]
     } else {
         &[
             SceneKind::Edge,

@@ -136,15 +136,20 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
             SensorModel { width, height, contrast_on: contrast, contrast_off: contrast, ..clean("hd") };
         flight(wanted, sensor, 1)
     };
+    let substeps: &[u32] = if quick { &[1, 8, 64] } else { &[1, 2, 4, 8, 16, 32, 64] };
+    let wanted: &[f64] = if quick { &[0.0, 2.0, 20.0] } else { &[0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
+    let motions_px: &[f64] = if quick { &[0.0, 4.0, 30.0] } else { &[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0] };
+    let densities: &[f64] = if quick { &[0.5, 2.0, 20.0] } else { &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
+    let shares: &[f64] = if quick { &[0.0, 0.25, 1.0] } else { &[0.0, 0.1, 0.25, 0.5, 0.75, 1.0] };
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
         ("cameras", "cameras", cameras),
         ("pixels", "pixels", sizes.iter().map(sized).collect()),
-        ("sub-steps", "N, fixed", [1, 2, 4, 8, 16, 32, 64].map(fixed).into_iter().collect()),
-        ("events", "events wanted a pixel", [0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(eventful).into()),
-        ("motion", "px a frame", [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0].map(moved).into()),
-        ("dense", "events wanted a pixel", [0.5, 1.0, 2.0, 5.0, 10.0, 20.0].map(dense).into()),
-        ("moving share", "% of rows", [0.0, 0.1, 0.25, 0.5, 0.75, 1.0].map(share).into()),
+        ("sub-steps", "N, fixed", substeps.iter().copied().map(fixed).collect()),
+        ("events", "events wanted a pixel", wanted.iter().copied().map(eventful).collect()),
+        ("motion", "px a frame", motions_px.iter().copied().map(moved).collect()),
+        ("dense", "events wanted a pixel", densities.iter().copied().map(dense).collect()),
+        ("moving share", "% of rows", shares.iter().copied().map(share).collect()),
     ]
 }
 

@@ -9,7 +9,7 @@ use crate::measure::{Amount, Run, Stand, Timing};
 use crate::paper::{FACTORS, SENSORS, TIME_MS};
 use crate::plot::{Axes, Series, draw};
 use anyhow::Result;
-use esaac_engine::RigOptions;
+use esaac_engine::{PacketPlace, RigOptions};
 use esaac_model::SensorModel;
 use esaac_scene::SceneKind;
 use serde::Serialize;
@@ -24,18 +24,22 @@ struct Row {
     #[serde(flatten)]
     timing: Timing,
     stages_us: Vec<(&'static str, f64)>,
+    /// Median of the GPU time of ticks whose packets stay on the device; none on a processor, which has no bus.
+    on_device_us: Option<f64>,
 }
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     let mut cases = Vec::new();
+    let shortest = laboratory.is_software() && laboratory.options().quick;
+    let factors = if shortest { &FACTORS[FACTORS.len() - 1..] } else { &FACTORS };
     for sensor in SENSORS {
-        for substeps in FACTORS {
+        for &substeps in factors {
             for (mode, intensity) in MODES {
                 cases.push((SensorModel { substeps, intensity, ..noisy(sensor) }, mode, 1));
             }
         }
     }
-    if !(laboratory.is_software() && laboratory.options().quick) {
+    if !shortest {
         cases.push((noisy("vga"), "luminance", 1));
         cases.push((noisy("hd"), "luminance", 1));
     }
@@ -48,7 +52,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         format!("{cameras} x {} x{} {mode}", s.name, s.substeps)
     };
     cases.retain(|case| laboratory.wants(&name(case)));
-    // Rows of one size share a pair of rigs: a software driver takes seconds to compile for each.
+    // Rows of one size share rigs: a software driver takes seconds to compile for each.
     let mut stands: Option<Stands<'_>> = None;
     let rows = laboratory.rows("time", cases, |(sensor, mode, cameras)| {
         let fits = |s: &Stands<'_>| s.size == (sensor.width, sensor.height) && s.cameras == cameras;
@@ -62,27 +66,32 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     Ok(Outcome { figures: serde_json::to_value(&rows)?, document })
 }
 
-/// A rig without stamps between stages and one with: stamps cost time of their own.
+/// A rig without stamps between stages and one with, for stamps cost time of their own; and one that leaves its
+/// packets on the device.
 struct Stands<'l> {
     size: (u32, u32),
     cameras: usize,
     plain: Stand<'l>,
     /// None on a processor, where stamps cost nothing that one could see.
     stamped: Option<Stand<'l>>,
+    on_device: Option<Stand<'l>>,
 }
 
 impl<'l> Stands<'l> {
     fn new(laboratory: &'l Laboratory, sensor: &SensorModel, cameras: usize) -> Result<Self> {
         let size = (sensor.width, sensor.height);
-        let stand = |stage_times| {
+        let stand = |stage_times, packets| {
             let feed = laboratory.scene(SceneKind::Flight, size)?;
-            let options = RigOptions { stage_times, ..RigOptions::default() };
+            let options = RigOptions { stage_times, packets, ..RigOptions::default() };
             Stand::new(laboratory, sensor, cameras, FORMATS, feed, options)
         };
+        let owned = PacketPlace::Owned;
         if laboratory.is_software() {
-            return Ok(Stands { size, cameras, plain: stand(true)?, stamped: None });
+            return Ok(Stands { size, cameras, plain: stand(true, owned)?, stamped: None, on_device: None });
         }
-        Ok(Stands { size, cameras, plain: stand(false)?, stamped: Some(stand(true)?) })
+        let (stamped, on_device) = (stand(true, owned)?, stand(false, PacketPlace::OnDevice)?);
+        let plain = stand(false, owned)?;
+        Ok(Stands { size, cameras, plain, stamped: Some(stamped), on_device: Some(on_device) })
     }
 
     fn measure(&mut self, laboratory: &Laboratory, sensor: &SensorModel, mode: &'static str) -> Result<Row> {
@@ -94,6 +103,11 @@ impl<'l> Stands<'l> {
             stamped.set_sensor(sensor)?;
             stages_us = stamped.run(Amount { frames: 1 + amount.warm_up + timed, ..amount })?.stages_us;
         }
+        let mut on_device_us = None;
+        if let Some(on_device) = &mut self.on_device {
+            on_device.set_sensor(sensor)?;
+            on_device_us = Some(on_device.run(amount)?.timing.gpu_us.median);
+        }
         Ok(Row {
             sensor: sensor.name.clone(),
             mode,
@@ -102,7 +116,16 @@ impl<'l> Stands<'l> {
             pixels: sensor.pixels(),
             timing,
             stages_us,
+            on_device_us,
         })
+    }
+}
+
+impl Row {
+    /// With packets to the host / on the device.
+    fn times(&self) -> String {
+        let on_device = self.on_device_us.map(|us| format!(" / {}", short(us)));
+        short(self.timing.gpu_us.median) + &on_device.unwrap_or_default()
     }
 }
 
@@ -110,8 +133,8 @@ fn show(rows: &[Row]) -> Result<Document> {
     let mut document = Document::new("Time per interval");
     let [gray, bayer] = TIME_MS;
     document.say(&format!(
-        "Microseconds of GPU time per interval, the whole tick with the packet's way to host memory; profile \
-         `noisy`, scene `flight`, motion with cubic taps and one transfer. The paper's figure (RTX 4060) runs \
+        "Microseconds of GPU time per interval, the whole tick with the packet's way to host memory, and, after the \
+         stroke, of ticks whose packets stay on the device; profile `noisy`, scene `flight`, motion with cubic taps and one transfer. The paper's figure (RTX 4060) runs \
          from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
         gray[0], gray[1], bayer[0], bayer[1]
     ));
@@ -123,7 +146,7 @@ fn show(rows: &[Row]) -> Result<Document> {
     for sensor in SENSORS {
         let of_sensor: Vec<&Row> = rows.iter().filter(|r| r.sensor == sensor && r.cameras == 1).collect();
         if of_sensor.len() == FACTORS.len() * MODES.len() {
-            let figures = of_sensor.iter().map(|r| short(r.timing.gpu_us.median));
+            let figures = of_sensor.iter().map(|r| r.times());
             table.push(std::iter::once(sensor.to_owned()).chain(figures).collect());
         }
     }
@@ -152,7 +175,7 @@ fn show(rows: &[Row]) -> Result<Document> {
         let t = &row.timing;
         table.push(cells![
             format!("{} x {} x{} {}", row.cameras, row.sensor, row.substeps, row.mode),
-            short(t.gpu_us.median),
+            row.times(),
             format!("{}-{}", short(t.gpu_us.lower_quartile), short(t.gpu_us.upper_quartile)),
             short(t.floor_us),
             short(t.gpu_us.median / t.floor_us),

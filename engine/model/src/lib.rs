@@ -43,9 +43,9 @@
 //! fixed point, evaluated in closed form, so that it depends on nothing but `t`.
 //!
 //! *Shot noise*: each polarity is a Poisson process with hazard `h_p = (R_shot / 2)(1 - 0.75 clamp(S
-//! / white_level, 0, 1)) C_p / C_p,pixel` (v2e's fall with intensity), integrated over sub-steps by
-//! the trapezoid rule against an exponential draw ([`random::exponential_q27`]): rates depend on
-//! neither `N` nor the frame rate. Within a sub-step the hazard is even; draw 0 is made when a pixel
+//! / white_level, 0, 1)) C_p / C_p,pixel` (v2e's fall with intensity), spent against an exponential draw
+//! ([`random::exponential_q27`]): rates depend on neither `N` nor the frame rate. Within an interval the
+//! hazard is even, the mean of those at the pixel's intensities in its two frames; draw 0 is made when a pixel
 //! is armed, and `C_p,pixel / C_p` multiplies the draw. A shot event sets `R` to the `L` of its
 //! instant; one that falls into the refractory period is suppressed, its draw spent.
 //!

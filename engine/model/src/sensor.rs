@@ -41,7 +41,7 @@ pub enum Synthesis {
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
 pub enum Taps {
-    /// Sixteen taps.
+    /// Twelve taps.
     Cubic = 0,
     /// Four taps.
     Bilinear = 1,

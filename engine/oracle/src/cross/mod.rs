@@ -124,6 +124,7 @@ pub fn walk(
 ) {
     let substeps = (span.samples.len() - 1) as u32;
     let end_ns = |i| substep_end_ns(span.interval_ns, i, substeps);
+    let shot_hazard = shot::mean_hazard_per_ns(sensor, span.samples[0], span.samples[substeps as usize]);
     let mut first = 0;
     for last in 1..=substeps {
         // An interval shorter than its sub-steps are many has some of no length: they join the next.
@@ -140,7 +141,7 @@ pub fn walk(
             duration_ns: i64::from(end_ns(last) - end_ns(first)),
             log: [(from + sensor.log_offset).ln(), (to + sensor.log_offset).ln()],
             leaked: constants.leak_log(start_ns - span.epoch_ns),
-            shot_hazard: shot::mean_hazard_per_ns(sensor, from, to),
+            shot_hazard,
         };
         substep.walk(state, emit);
         first = last;

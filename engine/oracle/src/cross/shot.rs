@@ -63,8 +63,7 @@ impl ShotClock {
     }
 }
 
-/// Hazard of one polarity per nanosecond in a sub-step between two intensities (trapezoid rule),
-/// before a pixel's thresholds.
+/// Hazard of one polarity per nanosecond in an interval between two intensities, before a pixel's thresholds.
 #[must_use]
 pub fn mean_hazard_per_ns(sensor: &SensorModel, from: f64, to: f64) -> f64 {
     let hazard_hz = |intensity: f64| {

@@ -11,20 +11,23 @@ pub fn bilinear(plane: &[f64], (width, height): (usize, usize), x: f64, y: f64) 
     row(y0) * (1.0 - fy) + row(y1) * fy
 }
 
-/// Sixteen taps around `(x, y)`, pixels: Keys' cubic, clamped to the range of the central four.
+/// Twelve taps around `(x, y)`, pixels: Keys' cubic, straight along the outer two rows, clamped to the range of the
+/// central four.
 #[must_use]
 pub fn cubic(plane: &[f64], (width, height): (usize, usize), x: f64, y: f64, parameter: f64) -> f64 {
     let (x0, x1, fx) = neighbours(x, width);
     let (y0, y1, fy) = neighbours(y, height);
     let columns = [x0.saturating_sub(1), x0, x1, (x0 + 2).min(width - 1)];
     let rows = [y0.saturating_sub(1), y0, y1, (y0 + 2).min(height - 1)];
-    let across = cubic_weights(fx, parameter);
+    let straight = [0.0, 1.0 - fx, fx, 0.0];
+    let cubic = cubic_weights(fx, parameter);
+    let across = [straight, cubic, cubic, straight];
     let down = cubic_weights(fy, parameter);
     let mut sum = 0.0;
     for j in 0..4 {
         let row = &plane[rows[j] * width..][..width];
         for i in 0..4 {
-            sum += down[j] * across[i] * row[columns[i]];
+            sum += down[j] * across[j][i] * row[columns[i]];
         }
     }
     let centre = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)].map(|(x, y)| plane[y * width + x]);
