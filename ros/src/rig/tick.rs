@@ -3,8 +3,9 @@
 use super::RigPublisher;
 use crate::encode::{self, Header, Image, Imu};
 use crate::events::{self, PacketHead};
-use crate::payload::Payload;
+use crate::payload::{self, Hold, Payload, Release};
 use crate::plan::CameraTopics;
+use crate::qos::Durability;
 use crate::worker::{Batch, Outgoing};
 use esaac_model::PacketView;
 use std::sync::Arc;
@@ -27,25 +28,43 @@ pub struct ApsImage<'a> {
 pub struct TickMessages<'a> {
     publisher: &'a mut RigPublisher,
     stamp_ns: i64,
-    messages: Vec<Outgoing>,
+    /// Sent first: the clock, what is latched, and events, which do not wait behind images.
+    first: Vec<Outgoing>,
+    rest: Vec<Outgoing>,
+    hold: Hold,
+    release: Release,
 }
 
 impl<'a> TickMessages<'a> {
     pub(super) fn new(publisher: &'a mut RigPublisher, stamp_ns: i64) -> Self {
-        TickMessages { publisher, stamp_ns, messages: Vec::new() }
+        let (hold, release) = payload::hold();
+        TickMessages { publisher, stamp_ns, first: Vec::new(), rest: Vec::new(), hold, release }
+    }
+
+    fn encode(&mut self, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) -> Outgoing {
+        // What is latched stays for those who come late.
+        let volatile = self.publisher.plan.topics[topic].qos.durability == Durability::Volatile;
+        let hold = volatile.then(|| self.hold.clone());
+        let message: Arc<Payload> = self.publisher.pools[topic].fill(hold, encode);
+        let log_ns = self.publisher.clock.log(stamp_ns);
+        Outgoing { topic, log_ns, message }
+    }
+
+    fn add_first(&mut self, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
+        let message = self.encode(topic, stamp_ns, encode);
+        self.first.push(message);
     }
 
     fn add(&mut self, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
-        let message: Arc<Payload> = self.publisher.pool.fill(encode);
-        let log_ns = self.publisher.clock.log(stamp_ns);
-        self.messages.push(Outgoing { topic, log_ns, message });
+        let message = self.encode(topic, stamp_ns, encode);
+        self.rest.push(message);
     }
 
     /// `/clock`, where there is one.
     pub(super) fn clock(&mut self) {
         if let Some(clock) = self.publisher.plan.clock {
             let stamp_ns = self.stamp_ns;
-            self.add(clock, stamp_ns, |out| encode::clock(out, stamp_ns));
+            self.add_first(clock, stamp_ns, |out| encode::clock(out, stamp_ns));
         }
     }
 
@@ -54,7 +73,7 @@ impl<'a> TickMessages<'a> {
         let (plan, stamp_ns) = (Arc::clone(&self.publisher.plan), self.stamp_ns);
         let frames: Vec<_> =
             plan.cameras.iter().map(|c| (c.body_frame.as_str(), c.optical_frame.as_str())).collect();
-        self.add(plan.frames, stamp_ns, |out| encode::optical_frames(out, stamp_ns, &frames));
+        self.add_first(plan.frames, stamp_ns, |out| encode::optical_frames(out, stamp_ns, &frames));
     }
 
     /// Parameters of the cameras whose parameters have not been told.
@@ -65,7 +84,8 @@ impl<'a> TickMessages<'a> {
             if !std::mem::replace(&mut state.sensor_told, true) {
                 let sensor = state.plan.sensor.clone();
                 let header = Header { stamp_ns: self.stamp_ns, frame_id: &topics.optical_frame };
-                self.add(topics.sensor, header.stamp_ns, |out| encode::sensor_model(out, header, &sensor));
+                let encode = |out: &mut Vec<u8>| encode::sensor_model(out, header, &sensor);
+                self.add_first(topics.sensor, header.stamp_ns, encode);
             }
         }
     }
@@ -95,7 +115,7 @@ impl<'a> TickMessages<'a> {
             let header = Header { stamp_ns, frame_id: &topics.optical_frame };
             let head = PacketHead { header, sequence, sensor_name: &sensor_name };
             let began = Instant::now();
-            self.add(topics.events, stamp_ns, |out| events::encode(out, format, &head, part));
+            self.add_first(topics.events, stamp_ns, |out| events::encode(out, format, &head, part));
             self.publisher.statistics.count_encoded(began.elapsed());
         }
         self
@@ -186,7 +206,8 @@ impl<'a> TickMessages<'a> {
 
     /// Hands the tick over. With [`Policy::Latest`](crate::Policy::Latest) this never waits.
     pub fn send(self) {
-        let batch = Batch { stamp_ns: self.stamp_ns, encoded: Instant::now(), messages: self.messages };
-        self.publisher.enqueue(batch);
+        let TickMessages { publisher, stamp_ns, first: mut messages, rest, release, .. } = self;
+        messages.extend(rest);
+        publisher.enqueue(Batch { stamp_ns, encoded: Instant::now(), messages, release });
     }
 }
