@@ -1,9 +1,11 @@
 //! Encoded messages that own their bytes. One buffer is filled once, and the wire and the bag both read
 //! it where it lies; when the last of them lets go, its storage is filled again.
 
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use std::convert::Infallible;
 use std::ops::Deref;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// CDR bytes of one message.
 pub struct Payload {
@@ -11,19 +13,20 @@ pub struct Payload {
     padded: Vec<u8>,
     bytes: usize,
     home: Option<Sender<Vec<u8>>>,
+    _hold: Option<Hold>,
 }
 
 impl Payload {
     /// A payload of its own, whose storage goes nowhere afterwards.
     #[must_use]
     pub fn new(bytes: Vec<u8>) -> Self {
-        Payload::with_home(bytes, None)
+        Payload::with(bytes, None, None)
     }
 
-    fn with_home(mut padded: Vec<u8>, home: Option<Sender<Vec<u8>>>) -> Self {
+    fn with(mut padded: Vec<u8>, home: Option<Sender<Vec<u8>>>, hold: Option<Hold>) -> Self {
         let bytes = padded.len();
         padded.resize(bytes.next_multiple_of(4), 0);
-        Payload { padded, bytes, home }
+        Payload { padded, bytes, home, _hold: hold }
     }
 
     /// The message and its padding.
@@ -50,7 +53,30 @@ impl Drop for Payload {
     }
 }
 
-/// Storage that goes round.
+/// What the messages of a tick have in common: as long as one of them is held, so is the tick.
+#[derive(Clone)]
+pub struct Hold(#[expect(dead_code, reason = "its end is what counts")] Sender<Infallible>);
+
+/// Tells when nobody holds a message of a tick any more.
+pub struct Release(Receiver<Infallible>);
+
+/// Both sides of a tick's messages.
+#[must_use]
+pub fn hold() -> (Hold, Release) {
+    let (hold, release) = bounded(0);
+    (Hold(hold), Release(release))
+}
+
+impl Release {
+    /// Waits until all messages are gone; false if some are still held after so long.
+    #[must_use]
+    pub fn wait(&self, limit: Duration) -> bool {
+        matches!(self.0.recv_timeout(limit), Err(RecvTimeoutError::Disconnected))
+    }
+}
+
+/// Storage of one topic's messages, which goes round. Each topic has its own, since all buffers of a common one
+/// would grow to the largest message.
 pub struct Pool {
     home: Sender<Vec<u8>>,
     free: Receiver<Vec<u8>>,
@@ -65,11 +91,11 @@ impl Pool {
     }
 
     /// A payload that `encode` wrote into storage of an earlier one, where there is some.
-    pub fn fill(&self, encode: impl FnOnce(&mut Vec<u8>)) -> Arc<Payload> {
+    pub fn fill(&self, hold: Option<Hold>, encode: impl FnOnce(&mut Vec<u8>)) -> Arc<Payload> {
         let mut bytes = self.free.try_recv().unwrap_or_default();
         bytes.clear();
         encode(&mut bytes);
-        Arc::new(Payload::with_home(bytes, Some(self.home.clone())))
+        Arc::new(Payload::with(bytes, Some(self.home.clone()), hold))
     }
 }
 
@@ -80,14 +106,27 @@ mod tests {
     #[test]
     fn storage_comes_back_when_the_last_reader_lets_go() {
         let pool = Pool::new(2);
-        let payload = pool.fill(|out| out.extend_from_slice(&[1, 2, 3, 4, 5]));
+        let payload = pool.fill(None, |out| out.extend_from_slice(&[1, 2, 3, 4, 5]));
         assert_eq!((&payload[..], payload.padded()), (&[1, 2, 3, 4, 5][..], &[1, 2, 3, 4, 5, 0, 0, 0][..]));
         let at = payload.padded().as_ptr();
         let reader = Arc::clone(&payload);
         drop(payload);
-        assert_ne!(pool.fill(|out| out.push(0)).padded().as_ptr(), at, "someone still reads it");
+        assert_ne!(pool.fill(None, |out| out.push(0)).padded().as_ptr(), at, "someone still reads it");
         drop(reader);
-        let again: Vec<_> = (0..2).map(|_| pool.fill(|out| out.extend_from_slice(&[7; 8]))).collect();
+        let again: Vec<_> = (0..2).map(|_| pool.fill(None, |out| out.extend_from_slice(&[7; 8]))).collect();
         assert!(again.iter().any(|payload| payload.padded().as_ptr() == at));
+    }
+
+    #[test]
+    fn a_tick_is_released_with_the_last_reader_of_its_last_message() {
+        let pool = Pool::new(2);
+        let (hold, release) = hold();
+        let messages: Vec<_> = (0..2).map(|n| pool.fill(Some(hold.clone()), |out| out.push(n))).collect();
+        let reader = Arc::clone(&messages[1]);
+        drop((hold, messages));
+        assert!(!release.wait(Duration::from_millis(1)));
+        let other = std::thread::spawn(move || drop(reader));
+        assert!(release.wait(Duration::from_secs(20)));
+        other.join().unwrap();
     }
 }

@@ -99,6 +99,7 @@ pub fn replay(
             }
             Err(_) => replayed.failed += 1,
         }
+        transport.flush();
         if told.elapsed() >= NOTICES {
             told = Instant::now();
             transport.notices().into_iter().for_each(&mut watch);

@@ -43,8 +43,13 @@ pub trait Transport: Send {
     /// Announces a topic. Topics are numbered from 0 in this order.
     fn advertise(&mut self, topic: &Topic) -> Result<(), TransportError>;
 
-    /// Sends a message on topic number `topic`; waits no longer than the topic's patience.
+    /// Sends a message on topic number `topic`; waits no longer than the topic's patience. A small message may
+    /// share a datagram with those that follow it on the topic, and leaves with [`Transport::flush`] at the
+    /// latest.
     fn publish(&mut self, topic: usize, message: &Arc<Payload>) -> Result<(), TransportError>;
+
+    /// Sends what waits for more messages.
+    fn flush(&mut self) {}
 
     /// Subscribers of topic number `topic` now.
     fn subscribers(&self, topic: usize) -> usize;
@@ -55,4 +60,10 @@ pub trait Transport: Send {
 
     /// Waits until reliable subscribers have all that was sent, at most so long.
     fn drain(&mut self, limit: Duration);
+
+    /// Whether it holds a message until reliable subscribers have it, so that how far they are can be told
+    /// without a wait. Others are drained now and then by those who want to lose nothing.
+    fn holds_messages(&self) -> bool {
+        false
+    }
 }

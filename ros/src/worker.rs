@@ -2,11 +2,12 @@
 
 use crate::bag::{BagError, BagWriter};
 use crate::encode;
-use crate::payload::Payload;
+use crate::payload::{Payload, Release};
 use crate::plan::Plan;
 use crate::statistics::Statistics;
 use crate::transport::Transport;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -25,6 +26,8 @@ pub(crate) struct Batch {
     /// When the last of them was encoded.
     pub encoded: Instant,
     pub messages: Vec<Outgoing>,
+    /// Tells when nobody holds one of them any more.
+    pub release: Release,
 }
 
 /// What the thread works with.
@@ -36,8 +39,8 @@ pub(crate) struct Worker {
     pub statistics: Arc<Statistics>,
     pub tell: Sender<String>,
     pub queue: Receiver<Batch>,
-    /// A lossless rig waits after so many ticks until subscribers have them, so that one that is slow
-    /// slows it down instead of being left behind.
+    /// A lossless rig is at most so many ticks ahead of its subscribers, so that one that is slow slows it
+    /// down instead of being left behind.
     pub ticks_ahead: Option<usize>,
 }
 
@@ -57,7 +60,7 @@ impl Worker {
         let mut recording = Ok(());
         let mut told = Instant::now();
         let mut last: Option<(i64, u64)> = None;
-        let mut ahead = 0;
+        let mut ahead = VecDeque::new();
         loop {
             match self.queue.recv_timeout(DIAGNOSTICS.saturating_sub(told.elapsed())) {
                 Ok(batch) => {
@@ -66,12 +69,11 @@ impl Worker {
                     for outgoing in &batch.messages {
                         self.send(outgoing, &mut recording);
                     }
+                    self.flush();
                     self.statistics.count_tick(batch.encoded.elapsed());
-                    ahead += 1;
-                    if self.ticks_ahead.is_some_and(|most| ahead >= most) {
-                        ahead = 0;
-                        self.drain();
-                    }
+                    drop(batch.messages);
+                    ahead.push_back(batch.release);
+                    self.keep_pace(&mut ahead);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -89,11 +91,43 @@ impl Worker {
         }
     }
 
+    fn flush(&mut self) {
+        if let Some(transport) = &mut self.transport {
+            transport.flush();
+        }
+    }
+
+    /// How long subscribers are waited for.
+    fn patience(&self) -> Duration {
+        self.plan.topics.iter().map(|topic| topic.patience).max().unwrap_or_default().max(DRAIN)
+    }
+
+    /// Waits where the ticks sent are too far `ahead` of what subscribers have. The last ones may be on their
+    /// way meanwhile: a wait for all would take an answer's time, and what queues up in it would be sent at
+    /// once, more than receive buffers hold.
+    fn keep_pace(&mut self, ahead: &mut VecDeque<Release>) {
+        let Some(most) = self.ticks_ahead else { return ahead.clear() };
+        if ahead.len() < most {
+            return;
+        }
+        let arrived = match self.transport.as_ref().is_none_or(|transport| transport.holds_messages()) {
+            true => ahead.pop_front().is_some_and(|oldest| oldest.wait(self.patience())),
+            false => {
+                self.drain();
+                false
+            }
+        };
+        if !arrived {
+            // All has been done for these.
+            ahead.clear();
+        }
+    }
+
     /// Waits until subscribers have all, or have been given the time for it.
     fn drain(&mut self) {
-        let patience = self.plan.topics.iter().map(|topic| topic.patience).max();
+        let patience = self.patience();
         if let Some(transport) = &mut self.transport {
-            transport.drain(patience.unwrap_or_default().max(DRAIN));
+            transport.drain(patience);
         }
     }
 
@@ -138,5 +172,6 @@ impl Worker {
         encode::diagnostics(&mut bytes, stamp_ns, "esaac", &statuses);
         let message = Arc::new(Payload::new(bytes));
         self.send(&Outgoing { topic: self.plan.diagnostics, log_ns, message }, recording);
+        self.flush();
     }
 }

@@ -83,9 +83,12 @@ impl NetworkOptions {
             discovery += "<ParticipantIndex>auto</ParticipantIndex>\
                           <Peers><Peer address=\"localhost\"/></Peers>";
         }
-        // A writer holds what its history asks for and never stops for one slow reader.
+        // A writer holds what its history asks for and never stops for one slow reader. It asks readers what
+        // they have after every tick: by default it asks after 0.1 s without a message, and 30 ticks a second
+        // never leave one. What was lost would then be noticed late, and what has arrived never let go.
         let internal = "<Watermarks><WhcHigh>512MB</WhcHigh><WhcHighInit>512MB</WhcHighInit>\
-                        <WhcAdaptive>false</WhcAdaptive></Watermarks>";
+                        <WhcAdaptive>false</WhcAdaptive></Watermarks>\
+                        <HeartbeatInterval minsched=\"10ms\">10ms</HeartbeatInterval>";
         let mut xml = format!(
             "<CycloneDDS><Domain Id=\"any\"><General>{general}</General><Discovery>{discovery}</Discovery>\
              <Internal>{internal}</Internal></Domain></CycloneDDS>"

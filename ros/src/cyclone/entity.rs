@@ -65,6 +65,12 @@ impl Entity {
         (status.total_count, policy)
     }
 
+    /// Sends the datagram that a writer has begun.
+    pub fn flush(&self) {
+        // SAFETY: a call on a live handle. It fails on what is no writer alone.
+        let _ = unsafe { cyclors::dds_write_flush(self.0) };
+    }
+
     /// Waits until reliable readers have all.
     pub fn wait_for_acks(&self, limit: Duration) {
         let limit_ns = i64::try_from(limit.as_nanos()).unwrap_or(i64::MAX);

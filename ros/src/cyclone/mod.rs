@@ -42,6 +42,8 @@ pub struct CycloneTransport {
     participant: Entity,
     participant_guid: Guid,
     graph_is_stale: bool,
+    /// The writer that has begun a datagram, if one has.
+    unsent: Option<usize>,
     domain: Entity,
     options: NetworkOptions,
 }
@@ -86,6 +88,7 @@ impl CycloneTransport {
             participant,
             participant_guid,
             graph_is_stale: false,
+            unsent: None,
             domain,
             options,
         };
@@ -101,6 +104,7 @@ impl CycloneTransport {
         graph::entities(&mut bytes, &self.participant_guid, &self.options.node, &writers, gid_bytes);
         // The graph is for people; without it messages are delivered all the same.
         let _ = write(&self.graph, &Arc::new(Payload::new(bytes)));
+        self.graph.entity.flush();
         self.graph_is_stale = false;
     }
 }
@@ -180,6 +184,10 @@ impl Transport for CycloneTransport {
         if self.graph_is_stale {
             self.tell_graph();
         }
+        if self.unsent.is_some_and(|unsent| unsent != topic) {
+            self.flush();
+        }
+        self.unsent = Some(topic);
         let writer = &self.writers[topic];
         write(writer, message).map_err(|code| TransportError::Message {
             topic: writer.topic.clone(),
@@ -190,6 +198,12 @@ impl Transport for CycloneTransport {
                 code => text_of(code),
             },
         })
+    }
+
+    fn flush(&mut self) {
+        if let Some(topic) = self.unsent.take() {
+            self.writers[topic].entity.flush();
+        }
     }
 
     fn subscribers(&self, topic: usize) -> usize {
@@ -215,10 +229,15 @@ impl Transport for CycloneTransport {
     }
 
     fn drain(&mut self, limit: Duration) {
+        self.flush();
         let until = Instant::now() + limit;
         for writer in self.writers.iter().filter(|w| w.qos.reliability == Reliability::Reliable) {
             writer.entity.wait_for_acks(until.saturating_duration_since(Instant::now()));
         }
+    }
+
+    fn holds_messages(&self) -> bool {
+        true
     }
 }
 
@@ -245,6 +264,7 @@ impl QosHandle {
             cyclors::dds_qset_durability_service(q, 0, keep_last, depth, -1, -1, -1);
             cyclors::dds_qset_data_representation(q, 1, &raw const xcdr1);
             cyclors::dds_qset_writer_data_lifecycle(q, false);
+            cyclors::dds_qset_writer_batching(q, true);
         }
     }
 }

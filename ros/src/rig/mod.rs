@@ -57,6 +57,9 @@ pub struct Sinks {
 /// How long a full queue is waited for before a look at the thread that empties it.
 const LOOK: Duration = Duration::from_millis(100);
 
+/// Most messages of a topic in a tick as a rule: samples of an IMU at 1 kHz, packets of a 960th second.
+const IMU_SAMPLES: usize = 34;
+
 struct CameraState {
     plan: CameraPlan,
     sequence: u64,
@@ -68,7 +71,8 @@ pub struct RigPublisher {
     options: RigOptions,
     plan: Arc<Plan>,
     cameras: Vec<CameraState>,
-    pool: Pool,
+    /// By topic.
+    pools: Vec<Pool>,
     queue: Sender<Batch>,
     /// The other end of the queue, to take the oldest out where it is full.
     oldest: Receiver<Batch>,
@@ -106,14 +110,15 @@ impl RigPublisher {
         })
         .map_err(PublishError::Thread)?;
         // As many free buffers as a full queue of ticks leaves behind, within reason.
-        let pool = Pool::new((options.queue_ticks * plan.topics.len() * 8).min(4096));
+        let buffers = (options.queue_ticks * IMU_SAMPLES).min(1024);
+        let pools = plan.topics.iter().map(|_| Pool::new(buffers)).collect();
         let cameras =
             cameras.into_iter().map(|plan| CameraState { plan, sequence: 0, sensor_told: false }).collect();
         Ok(RigPublisher {
             options,
             plan,
             cameras,
-            pool,
+            pools,
             queue,
             oldest,
             notices,

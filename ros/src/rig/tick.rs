@@ -3,8 +3,9 @@
 use super::RigPublisher;
 use crate::encode::{self, Header, Image, Imu};
 use crate::events::{self, PacketHead};
-use crate::payload::Payload;
+use crate::payload::{self, Hold, Payload, Release};
 use crate::plan::CameraTopics;
+use crate::qos::Durability;
 use crate::worker::{Batch, Outgoing};
 use esaac_model::PacketView;
 use std::sync::Arc;
@@ -23,29 +24,46 @@ pub struct ApsImage<'a> {
     pub t_ns: i64,
 }
 
+/// When a message leaves among those of its tick: events are what a rig is there for, and nothing waits behind
+/// images.
+#[derive(Clone, Copy)]
+enum Turn {
+    /// Clock, frames, sensors, events.
+    First,
+    Small,
+    Images,
+}
+
 /// The messages of one tick.
 pub struct TickMessages<'a> {
     publisher: &'a mut RigPublisher,
     stamp_ns: i64,
-    messages: Vec<Outgoing>,
+    /// In the order in which they are sent.
+    messages: [Vec<Outgoing>; 3],
+    hold: Hold,
+    release: Release,
 }
 
 impl<'a> TickMessages<'a> {
     pub(super) fn new(publisher: &'a mut RigPublisher, stamp_ns: i64) -> Self {
-        TickMessages { publisher, stamp_ns, messages: Vec::new() }
+        let (hold, release) = payload::hold();
+        TickMessages { publisher, stamp_ns, messages: Default::default(), hold, release }
     }
 
-    fn add(&mut self, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
-        let message: Arc<Payload> = self.publisher.pool.fill(encode);
+    fn add(&mut self, turn: Turn, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
+        // What is latched stays for those who come late.
+        let volatile = self.publisher.plan.topics[topic].qos.durability == Durability::Volatile;
+        let hold = volatile.then(|| self.hold.clone());
+        let message: Arc<Payload> = self.publisher.pools[topic].fill(hold, encode);
         let log_ns = self.publisher.clock.log(stamp_ns);
-        self.messages.push(Outgoing { topic, log_ns, message });
+        self.messages[turn as usize].push(Outgoing { topic, log_ns, message });
     }
 
     /// `/clock`, where there is one.
     pub(super) fn clock(&mut self) {
         if let Some(clock) = self.publisher.plan.clock {
             let stamp_ns = self.stamp_ns;
-            self.add(clock, stamp_ns, |out| encode::clock(out, stamp_ns));
+            self.add(Turn::First, clock, stamp_ns, |out| encode::clock(out, stamp_ns));
         }
     }
 
@@ -54,7 +72,8 @@ impl<'a> TickMessages<'a> {
         let (plan, stamp_ns) = (Arc::clone(&self.publisher.plan), self.stamp_ns);
         let frames: Vec<_> =
             plan.cameras.iter().map(|c| (c.body_frame.as_str(), c.optical_frame.as_str())).collect();
-        self.add(plan.frames, stamp_ns, |out| encode::optical_frames(out, stamp_ns, &frames));
+        let encode = |out: &mut Vec<u8>| encode::optical_frames(out, stamp_ns, &frames);
+        self.add(Turn::First, plan.frames, stamp_ns, encode);
     }
 
     /// Parameters of the cameras whose parameters have not been told.
@@ -65,7 +84,8 @@ impl<'a> TickMessages<'a> {
             if !std::mem::replace(&mut state.sensor_told, true) {
                 let sensor = state.plan.sensor.clone();
                 let header = Header { stamp_ns: self.stamp_ns, frame_id: &topics.optical_frame };
-                self.add(topics.sensor, header.stamp_ns, |out| encode::sensor_model(out, header, &sensor));
+                let encode = |out: &mut Vec<u8>| encode::sensor_model(out, header, &sensor);
+                self.add(Turn::First, topics.sensor, header.stamp_ns, encode);
             }
         }
     }
@@ -95,7 +115,7 @@ impl<'a> TickMessages<'a> {
             let header = Header { stamp_ns, frame_id: &topics.optical_frame };
             let head = PacketHead { header, sequence, sensor_name: &sensor_name };
             let began = Instant::now();
-            self.add(topics.events, stamp_ns, |out| events::encode(out, format, &head, part));
+            self.add(Turn::First, topics.events, stamp_ns, |out| events::encode(out, format, &head, part));
             self.publisher.statistics.count_encoded(began.elapsed());
         }
         self
@@ -154,7 +174,7 @@ impl<'a> TickMessages<'a> {
         for sample in samples {
             let Some(topic) = topics.imu else { break };
             let stamped = Imu { t_ns: self.publisher.clock.stamp(sample.t_ns), ..*sample };
-            self.add(topic, stamped.t_ns, |out| encode::imu(out, &topics.body_frame, &stamped));
+            self.add(Turn::Small, topic, stamped.t_ns, |out| encode::imu(out, &topics.body_frame, &stamped));
         }
         self
     }
@@ -177,8 +197,8 @@ impl<'a> TickMessages<'a> {
         let intrinsics = state.plan.intrinsics;
         let header = Header { stamp_ns, frame_id: &topics.optical_frame };
         let shape = Image { width_px, height_px, encoding, pixel_bytes };
-        self.add(image, stamp_ns, |out| encode::image(out, header, shape, pixels));
-        self.add(info, stamp_ns, |out| {
+        self.add(Turn::Images, image, stamp_ns, |out| encode::image(out, header, shape, pixels));
+        self.add(Turn::Small, info, stamp_ns, |out| {
             encode::camera_info(out, header, (width_px, height_px), intrinsics);
         });
         self
@@ -186,7 +206,8 @@ impl<'a> TickMessages<'a> {
 
     /// Hands the tick over. With [`Policy::Latest`](crate::Policy::Latest) this never waits.
     pub fn send(self) {
-        let batch = Batch { stamp_ns: self.stamp_ns, encoded: Instant::now(), messages: self.messages };
-        self.publisher.enqueue(batch);
+        let TickMessages { publisher, stamp_ns, messages, release, .. } = self;
+        let messages = messages.into_iter().flatten().collect();
+        publisher.enqueue(Batch { stamp_ns, encoded: Instant::now(), messages, release });
     }
 }

@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn what_is_wrong_in_it_is_named() {
-        let fail = |variables| from(variables).err().expect("a bad variable");
+        let fail = |variables| from(variables).expect_err("a bad variable");
         let error = fail(&[("ZENOH_SESSION_CONFIG_URI", "/none/such.json5")]);
         assert!(error.contains("ZENOH_SESSION_CONFIG_URI is `/none/such.json5`"), "{error}");
         assert!(fail(&[("ZENOH_CONFIG_OVERRIDE", "mode")]).contains("`mode`: expected KEY=VALUE"));

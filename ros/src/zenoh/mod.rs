@@ -220,6 +220,11 @@ impl Transport for ZenohTransport {
     fn drain(&mut self, _: Duration) {
         // Nobody acknowledges. What waits is on its way before the session is closed.
     }
+
+    fn holds_messages(&self) -> bool {
+        // Until they are on their way, which is all that can be known.
+        true
+    }
 }
 
 impl Drop for ZenohTransport {

@@ -13,3 +13,13 @@ mod topics;
 #[path = "../ros/world.rs"]
 #[allow(dead_code, reason = "the embedded transport's tests use more of it")]
 mod world;
+
+use esaac_ros::Transport;
+
+/// The transport under test.
+fn open(domain: u32) -> Box<dyn Transport> {
+    Box::new(node::open(domain, &[]).expect("a node"))
+}
+
+/// Copies of a message that it makes.
+const WIRE_COPIES: u32 = 2;

@@ -1,35 +1,12 @@
 //! What the node publishes, and how it stands in the graph.
 
 use crate::node::{self, Observer};
-use crate::{exchange, world};
+use crate::world;
 use esaac_ros::qos::Qos;
-use esaac_ros::{EventFormat, MessageType, Payload, RigOptions, Sinks, Topic, Transport};
+use esaac_ros::{MessageType, Payload, RigOptions, Sinks, Topic, Transport};
 use rclrs::{QoSDurabilityPolicy, QoSReliabilityPolicy};
 use std::sync::Arc;
 use std::time::Duration;
-
-fn everyone_reads(format: EventFormat) {
-    exchange::everyone_reads_the_same(format, |domain| {
-        let transport = node::open(domain, &[]).unwrap();
-        assert_eq!(transport.copies(), 2);
-        Box::new(transport)
-    });
-}
-
-#[test]
-fn packed_packets_and_all_else_are_read_bit_for_bit_by_independent_subscribers() {
-    everyone_reads(EventFormat::Packed);
-}
-
-#[test]
-fn plain_packets_are_read_bit_for_bit() {
-    everyone_reads(EventFormat::Plain);
-}
-
-#[test]
-fn evt3_packets_are_read_bit_for_bit() {
-    everyone_reads(EventFormat::Evt3);
-}
 
 #[test]
 fn names_types_and_qualities_are_in_the_graph() {

@@ -1,11 +1,13 @@
-//! Every message type from a rig, at subscribers and in the recording.
+//! Every message type from a rig, at subscribers and in the recording, by the transport under test.
 
-use crate::world;
+use crate::{WIRE_COPIES, open, world};
 use esaac_model::Packet;
-use esaac_ros::{BagReader, CameraPlan, EventFormat, Payload, RigOptions, RigPublisher, Sinks, Transport};
+use esaac_ros::{
+    BagReader, CameraPlan, EventFormat, Payload, Policy, RigOptions, RigPublisher, Sinks, Split,
+};
 use std::path::Path;
 
-pub const TICKS: i64 = 4;
+const TICKS: i64 = 4;
 const INTERVAL_NS: i64 = 33_333_333;
 
 fn cameras() -> Vec<CameraPlan> {
@@ -14,8 +16,8 @@ fn cameras() -> Vec<CameraPlan> {
     vec![world::camera("left", 32, 24), wide]
 }
 
-/// Publishes `TICKS` ticks of `cameras`; returns the packets.
-pub fn run(mut rig: RigPublisher, cameras: &[CameraPlan]) -> Vec<Packet> {
+/// Publishes `TICKS` ticks of `cameras`; returns the packets, and copies of a message on its way to the wire.
+fn run(mut rig: RigPublisher, cameras: &[CameraPlan]) -> (Vec<Packet>, u32) {
     let mut sent = Vec::new();
     for tick in 0..TICKS {
         let (start, end) = (tick * INTERVAL_NS, (tick + 1) * INTERVAL_NS);
@@ -32,7 +34,7 @@ pub fn run(mut rig: RigPublisher, cameras: &[CameraPlan]) -> Vec<Packet> {
     recorded.expect("the recording is written");
     assert_eq!(summary.lost(), 0, "{summary:?}");
     assert_eq!(summary.copies.encode, 1);
-    sent
+    (sent, summary.copies.wire)
 }
 
 /// Messages of a recording by topic.
@@ -47,14 +49,13 @@ fn recorded(path: &Path) -> Vec<(String, Vec<Vec<u8>>)> {
     bag.topics().iter().map(|topic| topic.name.clone()).zip(topics).collect()
 }
 
-/// Publishes in `format` by the transport that `open` makes, to both subscribers and a recording, and compares
-/// all that can be.
-pub fn everyone_reads_the_same(format: EventFormat, open: impl FnOnce(u32) -> Box<dyn Transport>) {
+/// Publishes in `format` to both subscribers and a recording, and compares all that can be.
+fn everyone_reads_the_same(format: EventFormat) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
     let domain = world::domain();
     let cameras = cameras();
-    let options = RigOptions { events: format, policy: esaac_ros::Policy::Lossless, ..RigOptions::default() };
+    let options = RigOptions { events: format, policy: Policy::Lossless, ..RigOptions::default() };
     let sinks = Sinks { transport: Some(open(domain)), bag: Some(world::bag(&path)) };
     let rig = world::rig(&cameras, &options, sinks);
     let topics = world::topics(&rig);
@@ -62,7 +63,8 @@ pub fn everyone_reads_the_same(format: EventFormat, open: impl FnOnce(u32) -> Bo
     let cyclone = world::cyclone_subscriber(domain, &path, &topics);
     fast.wait_until_matched(topics.len());
     cyclone.wait_until_matched(topics.len());
-    let sent = run(rig, &cameras);
+    let (sent, copies) = run(rig, &cameras);
+    assert_eq!(copies, WIRE_COPIES);
 
     // Fast DDS took the bytes that are in the recording, in that order.
     let taken = world::taken(&fast.finish());
@@ -141,4 +143,40 @@ fn contents(answer: &serde_json::Value, format: EventFormat, sent: &[Packet]) {
     assert_eq!(first("/esaac/left/sensor")["contrast_on"], 0.2);
     assert_eq!(first("/tf_static")["transforms"][1]["child_frame_id"], "esaac_wide_optical_frame");
     assert_eq!(first("/diagnostics")["status"][0]["message"], "nothing lost");
+}
+
+#[test]
+fn packed_packets_and_all_else_are_read_bit_for_bit_by_independent_subscribers() {
+    everyone_reads_the_same(EventFormat::Packed);
+}
+
+#[test]
+fn plain_packets_are_read_bit_for_bit() {
+    everyone_reads_the_same(EventFormat::Plain);
+}
+
+#[test]
+fn evt3_packets_are_read_bit_for_bit() {
+    everyone_reads_the_same(EventFormat::Evt3);
+}
+
+#[test]
+fn mono_packets_are_read_bit_for_bit() {
+    everyone_reads_the_same(EventFormat::Mono);
+}
+
+#[test]
+fn a_packet_in_slices_of_a_960th_second_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let split = Split { slice_ns: 1_041_667, max_bytes: 0 };
+    let cameras = vec![CameraPlan { split, ..world::camera("left", 32, 24) }];
+    let options = RigOptions { policy: Policy::Lossless, ..RigOptions::default() };
+    let sinks = Sinks { transport: Some(open(world::domain())), bag: Some(world::bag(&path)) };
+    let (sent, _) = run(world::rig(&cameras, &options, sinks), &cameras);
+    let answer = world::check_bag(&path);
+    let events = &answer["/esaac/left/events"];
+    assert_eq!(events["recorded"], TICKS * 32);
+    assert_eq!(events["last"]["sequence"], TICKS * 32 - 1);
+    assert_eq!(events["last"]["watermark_ns"], sent[TICKS as usize - 1].watermark_ns);
 }

@@ -7,7 +7,17 @@ mod exchange;
 mod faults;
 mod graph;
 mod load;
-mod receivers;
+mod pace;
 mod world;
 #[cfg(feature = "zenoh")]
 mod zenoh;
+
+use esaac_ros::Transport;
+
+/// The transport under test.
+fn open(domain: u32) -> Box<dyn Transport> {
+    Box::new(world::transport(domain))
+}
+
+/// Copies of a message that it makes.
+const WIRE_COPIES: u32 = 0;

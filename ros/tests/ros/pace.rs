@@ -1,0 +1,96 @@
+//! How far a rig runs ahead of its subscribers, and what it keeps for them.
+
+use crate::world::{self, Subscriber};
+use esaac_ros::{Payload, Plan, Policy, RigOptions, Sinks, Topic, Transport, TransportError};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+const INTERVAL_NS: i64 = 33_333_333;
+
+#[test]
+fn what_has_arrived_is_let_go_while_more_is_sent() {
+    let domain = world::domain();
+    let mut transport = world::transport(domain);
+    let plan = Plan::new(&[world::camera("left", 32, 24)], &RigOptions::default()).unwrap();
+    let topic = plan.topics.iter().find(|topic| topic.name.ends_with("/events")).unwrap();
+    transport.advertise(topic).unwrap();
+    let subscriber =
+        Subscriber::on(domain).start(&[(topic.name.clone(), topic.type_name.clone(), "reliable")]);
+    subscriber.wait_until_matched(1);
+    let mut sent = Vec::new();
+    for number in 0..60 {
+        let message = Arc::new(Payload::new(vec![number; 100_000]));
+        transport.publish(0, &message).unwrap();
+        transport.flush();
+        sent.push(message);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let kept = sent[..40].iter().filter(|message| Arc::strong_count(message) > 1).count();
+    assert_eq!(kept, 0, "of 40 messages that the subscriber has had for 0.4 s");
+    transport.drain(world::PATIENCE);
+    assert_eq!(world::taken(&subscriber.finish()).len(), 60);
+}
+
+/// What a transport still holds: topic and message.
+type Held = Arc<Mutex<Vec<(usize, Arc<Payload>)>>>;
+
+/// A transport whose subscribers have nothing until the test says so.
+struct Holding(Held);
+
+impl Transport for Holding {
+    fn name(&self) -> String {
+        "holding".to_owned()
+    }
+    fn copies(&self) -> u32 {
+        0
+    }
+    fn advertise(&mut self, _: &Topic) -> Result<(), TransportError> {
+        Ok(())
+    }
+    fn publish(&mut self, topic: usize, message: &Arc<Payload>) -> Result<(), TransportError> {
+        self.0.lock().unwrap().push((topic, Arc::clone(message)));
+        Ok(())
+    }
+    fn subscribers(&self, _: usize) -> usize {
+        1
+    }
+    fn notices(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+    fn drain(&mut self, _: Duration) {}
+    fn holds_messages(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn a_lossless_rig_is_ahead_of_its_subscribers_by_its_queue_and_no_more() {
+    let held = Held::default();
+    let options = RigOptions { policy: Policy::Lossless, queue_ticks: 2, ..RigOptions::default() };
+    let sinks = Sinks { transport: Some(Box::new(Holding(Arc::clone(&held)))), bag: None };
+    let mut rig = world::rig(&[world::camera("left", 32, 24)], &options, sinks);
+    let clock = rig.plan().topics.iter().position(|topic| topic.name == "/clock").unwrap();
+    let ticks = || held.lock().unwrap().iter().filter(|(topic, _)| *topic == clock).count();
+    let soon = |expected: usize| {
+        let until = Instant::now() + world::PATIENCE;
+        while ticks() != expected && Instant::now() < until {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        // And there it stays.
+        std::thread::sleep(Duration::from_millis(100));
+        assert_eq!(ticks(), expected);
+    };
+    (1..=4).for_each(|tick| rig.tick(tick * INTERVAL_NS).send());
+    soon(2);
+    // What is latched is held for good and does not count.
+    let first = held.lock().unwrap().iter().position(|(topic, _)| *topic == clock).unwrap();
+    drop(held.lock().unwrap().remove(first));
+    soon(2);
+    assert!(rig.summary().sent() >= 3, "two ticks are on their way again: {:?}", rig.summary());
+    held.lock().unwrap().retain(|(topic, _)| *topic != clock);
+    soon(1);
+    held.lock().unwrap().retain(|(topic, _)| *topic != clock);
+    let (summary, _, _) = rig.finish();
+    let clocks = summary.topics.iter().find(|topic| topic.topic == "/clock").unwrap();
+    assert_eq!((clocks.sent, summary.lost()), (4, 0));
+}
