@@ -46,6 +46,21 @@ def test_torch_tensors_never_touch_the_host_and_give_the_same_bits(packets):
     assert cam.statistics["host_copies"] == 0 and cam.statistics["device_copies"] == 10
 
 
+def test_tensors_of_every_kind_are_taken_or_it_is_told_why_not():
+    expected = run(camera(), count=5)
+    kinds = {
+        "a subclass": lambda array: torch.nn.Parameter(cuda(array), requires_grad=False),
+        "on the host": torch.from_numpy,
+        "pinned there": lambda array: torch.from_numpy(array).pin_memory(),
+    }
+    for kind in kinds.values():
+        change = lambda hdr, motion, kind=kind: (kind(hdr), kind(motion))
+        assert_same(events(camera(), change), expected)
+    hdr, motion = map(cuda, bars(40, 24, 0))
+    with pytest.raises(BufferError, match="gradient"):
+        camera().step(hdr.requires_grad_(), motion, t_ns=0)
+
+
 def test_layouts_make_no_difference():
     half = lambda array: array.astype(np.float16)
     expected = events(camera(), lambda hdr, motion: (half(hdr), motion))
@@ -170,7 +185,8 @@ def test_tiled_environments_on_the_device_are_those_of_the_host(count):
         if index == 2:
             host.reset([1]), device.reset(torch.tensor([1], device="cuda"))
         expected = host.step(hdr, motion, t_ns=FRAME_NS * index)
-        packet = device.step(cuda(hdr), cuda(motion), t_ns=FRAME_NS * index)
+        t_ns = torch.full((count,), FRAME_NS * index, device="cuda")
+        packet = device.step(cuda(hdr), cuda(motion), t_ns=t_ns)
         np.testing.assert_array_equal(packet.offsets, expected.offsets)
         np.testing.assert_array_equal(torch.from_dlpack(packet.t_ns).cpu().numpy(), expected.t_ns)
         for env in (0, 1, count - 1):
