@@ -10,6 +10,7 @@ use crate::dlpack::{self, Borrowed, DlDevice};
 use crate::error::Fault;
 use crate::texture::CudaTexture;
 use crate::torch::Torch;
+use crate::warp;
 use esaac_interop::cuda::Texture;
 use numpy::PyUntypedArray;
 use pyo3::intern;
@@ -129,6 +130,10 @@ impl Image {
                 kind => Err(nowhere(name, kind).into()),
             });
         }
+        if let Some(stream) = warp::stream_of(array)? {
+            let interface = array.getattr(intern!(py, "__cuda_array_interface__"))?;
+            return Self::by_cuda_array_interface(array, &interface, name, &streams()?, Some(stream));
+        }
         if let Ok(device) = array.call_method0(intern!(py, "__dlpack_device__")) {
             let (kind, id): (i32, i32) = device.extract()?;
             return match kind {
@@ -141,8 +146,8 @@ impl Image {
                 kind => Err(nowhere(name, kind).into()),
             };
         }
-        if let Ok(interface) = array.getattr(intern!(py, "__cuda_array_interface__")) {
-            return Self::by_cuda_array_interface(array, &interface, name, streams()?);
+        if let Some(interface) = array.getattr_opt(intern!(py, "__cuda_array_interface__"))? {
+            return Self::by_cuda_array_interface(array, &interface, name, &streams()?, None);
         }
         Self::through_numpy(array, name)
     }
@@ -186,21 +191,24 @@ impl Image {
         })
     }
 
+    /// `written` is the stream that the array's library works in, where that is known.
     fn by_cuda_array_interface(
         array: &Bound<'_, PyAny>,
         interface: &Bound<'_, PyAny>,
         name: &'static str,
-        streams: Streams<'_>,
+        streams: &Streams<'_>,
+        written: Option<u64>,
     ) -> PyResult<Self> {
+        let py = array.py();
         let interface = interface.cast::<PyDict>()?;
         let (pointer, element, shape, strides) = array_interface::parse(interface, name)?;
-        let stated: Option<u64> = match interface.get_item("stream")? {
+        let stated: Option<u64> = match interface.get_item(intern!(py, "stream"))? {
             Some(stream) if !stream.is_none() => Some(stream.extract()?),
             _ => None,
         };
         // Version 2 of the interface knows no streams, and version 3 says with None that none is to be waited
         // for; the legacy default stream comes after all others that are not told otherwise.
-        let after = streams.callers.or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
+        let after = streams.callers.or(written).or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
         Ok(Image {
             name,
             pointer,

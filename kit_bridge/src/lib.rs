@@ -22,6 +22,7 @@ mod state;
 mod tensor;
 mod texture;
 mod torch;
+mod warp;
 
 use esaac_cli::event_file::{EventColumns, write_npz};
 use numpy::PyReadonlyArray1;
