@@ -33,7 +33,9 @@ class EventObservation:
 
     def __call__(self, camera, t_ns):
         output = camera.data.output
-        self.packet = self.camera.step(output["rgb"], output["motion_vectors"], t_ns=t_ns)
+        # Isaac Lab 3 wraps its arrays.
+        rgb, motion = (getattr(output[name], "torch", output[name]) for name in ("rgb", "motion_vectors"))
+        self.packet = self.camera.step(rgb, motion, t_ns=t_ns)
         grids = self.camera.voxel_grids(self.bins)
         if not isinstance(grids, esaac.Tensor):
             return grids
@@ -55,36 +57,29 @@ def main():
     arguments = parser.parse_args()
     app = AppLauncher(arguments).app
 
-    import isaaclab.sim as sim_utils
     import torch
-    from isaaclab.envs import DirectRLEnv
-    from isaaclab.sensors import TiledCamera, TiledCameraCfg
-    from isaaclab.utils import configclass
-    from isaaclab_tasks.direct.cartpole.cartpole_camera_env import CartpoleCameraEnv, CartpoleRGBCameraEnvCfg
+    from isaaclab_tasks.direct.cartpole.cartpole_camera_env import CartpoleCameraEnv
 
-    height, width, bins = 100, 100, 5
-
-    @configclass
-    class EventCartpoleCfg(CartpoleRGBCameraEnvCfg):
-        tiled_camera = TiledCameraCfg(
-            prim_path="/World/envs/env_.*/Camera",
-            offset=TiledCameraCfg.OffsetCfg(
-                pos=(-5.0, 0.0, 2.0), rot=(1.0, 0.0, 0.0, 0.0), convention="world"
-            ),
-            data_types=["rgb", "motion_vectors"],
-            spawn=sim_utils.PinholeCameraCfg(
-                focal_length=24.0, horizontal_aperture=20.955, clipping_range=(0.1, 20.0)
-            ),
-            width=width,
-            height=height,
-        )
-        observation_space = [bins, height, width]
+    try:
+        from isaaclab_tasks.direct.cartpole.cartpole_camera_env_cfg import CartpoleRGBCameraEnvCfg
+    except ImportError:  # Isaac Lab 2 has it beside the environment.
+        from isaaclab_tasks.direct.cartpole.cartpole_camera_env import CartpoleRGBCameraEnvCfg
 
     class EventCartpoleEnv(CartpoleCameraEnv):
         def __init__(self, cfg, **kwargs):
-            self.events = EventObservation(cfg.scene.num_envs, height, width, bins, device=cfg.sim.device)
+            camera, bins = cfg.tiled_camera, cfg.observation_space[0]
+            self.events = EventObservation(
+                cfg.scene.num_envs, camera.height, camera.width, bins, device=cfg.sim.device
+            )
             self.clock_ns = 0
             super().__init__(cfg, **kwargs)
+
+        def _setup_scene(self):
+            # The camera draws motion as well; the environment insists on one kind of image in its configuration.
+            one = self.cfg.tiled_camera
+            self.cfg.tiled_camera = one.replace(data_types=["rgb", "motion_vectors"])
+            super()._setup_scene()
+            self.cfg.tiled_camera = one
 
         def _get_observations(self):
             self.clock_ns += round(1e9 * self.step_dt)
@@ -94,10 +89,10 @@ def main():
             super()._reset_idx(env_ids)
             self.events.reset(env_ids)
 
-    cfg = EventCartpoleCfg()
+    cfg = CartpoleRGBCameraEnvCfg()
     cfg.scene.num_envs = arguments.num_envs
-    env: DirectRLEnv = EventCartpoleEnv(cfg)
-    assert isinstance(env._tiled_camera, TiledCamera)
+    cfg.observation_space = [5, cfg.tiled_camera.height, cfg.tiled_camera.width]
+    env = EventCartpoleEnv(cfg)
     env.reset()
     for _ in range(arguments.steps):
         action = 2 * torch.rand(arguments.num_envs, env.cfg.action_space, device=env.device) - 1

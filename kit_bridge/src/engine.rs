@@ -1,24 +1,21 @@
 //! `Engine`: cameras that step together, behind a lock and without the interpreter's while they do.
 //! `esaac/cameras.py` gives it the faces that users see.
 
-use crate::bank::{Copies, Format, Frames};
+use crate::bank::Frames;
 use crate::cuda::CudaSide;
 use crate::error::Fault;
-use crate::image::{Element, Image, Streams};
-use crate::pack::{Texel, Tiles};
+use crate::image::{Image, Streams};
+use crate::pack::Tiles;
 use crate::packet::PyPacket;
 use crate::process::OwnProcess;
+use crate::saved::NamedFormat;
 use crate::sensor::PySensor;
-use crate::state::{Events, Form, Saved, State};
-use crate::tensor::{Kind, Tensor};
-use crate::{device, image};
-use esaac_cli::device_choice::uuid_text;
+use crate::state::{Events, State};
+use crate::{device, form, image, report, saved};
 use esaac_engine::{Device, Representation};
 use esaac_model::SensorModel;
-use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
-use std::rc::Rc;
+use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Cameras in one process.
@@ -93,21 +90,21 @@ impl Engine {
         Ok(Engine { inner: OwnProcess::new(inner), size_px, tiled, packets_on_cuda })
     }
 
-    /// Steps all cameras with one array an image.
+    /// Steps all cameras with one array an image; the time is that of all, or there is one for each.
     #[pyo3(signature = (hdr, motion, t_ns, stream))]
     fn step_tiles(
         &self,
         py: Python<'_>,
         hdr: Bound<'_, PyAny>,
         motion: Option<Bound<'_, PyAny>>,
-        t_ns: Vec<i64>,
+        t_ns: Bound<'_, PyAny>,
         stream: Option<u64>,
     ) -> PyResult<Py<PyPacket>> {
+        let t_ns = times(&t_ns, self.size_px.len())?;
         let cameras = self.tiled.then_some(self.size_px.len());
         let images = self.images(py, &(hdr, motion), cameras, self.size_px[0], stream)?;
         let frames = Frames { images: vec![Some(images)], tiled: true };
-        let times = t_ns.into_iter().map(Some).collect();
-        PyPacket::together(py, self.step_frames(py, &frames, times)?)
+        PyPacket::together(py, self.step_frames(py, &frames, t_ns)?)
     }
 
     /// Steps the cameras that have a frame.
@@ -148,40 +145,13 @@ impl Engine {
             inner.with(|state| state.form(what, side.as_ref()))
         })?;
         let planes = bins.unwrap_or(2) as usize;
-        let (kind, counts) = (if bins.is_some() { Kind::F32 } else { Kind::I32 }, bins.is_none());
-        let shape = |&(width, height): &(u32, u32)| vec![planes, height as usize, width as usize];
+        let of_camera = |&(width, height): &(u32, u32)| vec![planes, height as usize, width as usize];
         let shapes: Vec<Vec<usize>> = if self.tiled {
-            vec![[self.size_px.len()].into_iter().chain(shape(&self.size_px[0])).collect()]
+            vec![[self.size_px.len()].into_iter().chain(of_camera(&self.size_px[0])).collect()]
         } else {
-            self.size_px.iter().map(shape).collect()
+            self.size_px.iter().map(of_camera).collect()
         };
-        let mut offset = 0;
-        let mut take = |shape: &Vec<usize>| {
-            let bytes = 4 * shape.iter().product::<usize>();
-            offset += bytes;
-            offset - bytes..offset
-        };
-        shapes
-            .iter()
-            .map(|shape| {
-                let part = take(shape);
-                match &form {
-                    Form::Cuda(block) => {
-                        let tensor = Tensor::new(block, part.start as u64, kind, shape.clone());
-                        Ok(Py::new(py, tensor)?.into_any())
-                    }
-                    Form::Host(bytes) => {
-                        let bytes = &bytes[part];
-                        let flat = if counts {
-                            bytemuck::pod_collect_to_vec::<u8, i32>(bytes).into_pyarray(py).into_any()
-                        } else {
-                            bytemuck::pod_collect_to_vec::<u8, f32>(bytes).into_pyarray(py).into_any()
-                        };
-                        Ok(flat.call_method1("reshape", (shape.clone(),))?.unbind())
-                    }
-                }
-            })
-            .collect()
+        form::arrays(py, &form, what, shapes)
     }
 
     #[getter]
@@ -201,70 +171,25 @@ impl Engine {
 
     /// Counts of the last step a camera, and what all share.
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<(Vec<Bound<'py, PyDict>>, Bound<'py, PyDict>)> {
-        let (diagnostics, [gpu_ns, submit_to_packet_ns, step_ns], copies) =
+        let (counts, times_ns, copies) =
             self.call(py, |state| Ok((state.diagnostics(), state.times_ns(), state.copies)))?;
-        let Copies { host, device } = copies;
-        let cameras = diagnostics
-            .iter()
-            .map(|counts| {
-                let of_camera = PyDict::new(py);
-                let values = serde_json::to_value(counts).expect("a struct of numbers");
-                for (name, value) in values.as_object().expect("a struct") {
-                    of_camera.set_item(name, value.as_u64())?;
-                }
-                Ok(of_camera)
-            })
-            .collect::<PyResult<_>>()?;
-        let shared = PyDict::new(py);
-        shared.set_item("gpu_ns", gpu_ns)?;
-        shared.set_item("submit_to_packet_ns", submit_to_packet_ns)?;
-        shared.set_item("step_ns", step_ns)?;
-        shared.set_item("host_copies", host)?;
-        shared.set_item("device_copies", device)?;
-        Ok((cameras, shared))
+        let cameras = counts.iter().map(|counts| report::counts(py, counts)).collect::<PyResult<_>>()?;
+        Ok((cameras, report::shared(py, times_ns, copies)?))
     }
 
     /// APS frames of the last step: time, bits, pixels.
-    #[expect(clippy::type_complexity, reason = "a row a camera")]
-    fn aps(&self, py: Python<'_>) -> PyResult<Vec<Option<(i64, u32, Py<PyAny>)>>> {
+    fn aps(&self, py: Python<'_>) -> PyResult<Vec<Option<report::Aps>>> {
         let frames = self.call(py, |state| Ok(state.aps()))?;
-        frames
-            .into_iter()
-            .map(|frame| {
-                frame
-                    .map(|frame| {
-                        let shape = (frame.height_px, frame.width_px);
-                        let pixels = frame.pixels.into_pyarray(py).call_method1("reshape", (shape,))?;
-                        Ok((frame.t_ns, frame.bits, pixels.unbind()))
-                    })
-                    .transpose()
-            })
-            .collect()
+        frames.into_iter().map(|frame| frame.map(|frame| report::aps(py, frame)).transpose()).collect()
     }
 
     fn memory<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        self.call(py, |state| Ok(state.memory()))?
-            .into_iter()
-            .map(|entry| {
-                let row = PyDict::new(py);
-                row.set_item("camera", entry.camera)?;
-                row.set_item("purpose", entry.purpose)?;
-                row.set_item("bytes", entry.bytes)?;
-                row.set_item("on_host", entry.on_host)?;
-                Ok(row)
-            })
-            .collect()
+        self.call(py, |state| Ok(state.memory()))?.iter().map(|entry| report::memory(py, entry)).collect()
     }
 
     #[getter]
     fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let info = self.inner.get()?.device.info();
-        let device = PyDict::new(py);
-        device.set_item("name", &info.name)?;
-        device.set_item("kind", info.kind)?;
-        device.set_item("uuid", uuid_text(&info.uuid))?;
-        device.set_item("driver", &info.driver)?;
-        Ok(device)
+        report::device(py, self.inner.get()?.device.info())
     }
 
     /// What the validation layer has said, if it watches (`ESAAC_VALIDATION=1`).
@@ -273,34 +198,18 @@ impl Engine {
     }
 
     fn save<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let saved = self.call(py, |state| state.save())?;
-        let of = |texel: &Texel| (element_name(texel.element), texel.channels);
-        let formats: Vec<_> =
-            saved.formats.iter().map(|(hdr, motion)| (of(hdr), motion.as_ref().map(of))).collect();
-        let banks: Vec<_> = saved.banks.iter().map(|bytes| PyBytes::new(py, bytes)).collect();
-        let parts = PyDict::new(py);
-        parts.set_item("formats", formats)?;
-        parts.set_item("last_ns", saved.last_ns)?;
-        parts.set_item("banks", banks)?;
-        Ok(parts)
+        saved::to_python(py, &self.call(py, |state| state.save())?)
     }
 
-    #[expect(clippy::type_complexity, reason = "as `save` gives it")]
     fn restore(
         &self,
         py: Python<'_>,
-        formats: Vec<((String, usize), Option<(String, usize)>)>,
+        formats: Vec<NamedFormat>,
         last_ns: Vec<Option<i64>>,
         banks: Vec<Vec<u8>>,
     ) -> PyResult<()> {
-        let texel = |(name, channels): (String, usize)| {
-            Ok::<_, Fault>(Texel { element: element_named(&name)?, channels })
-        };
-        let formats = formats
-            .into_iter()
-            .map(|(hdr, motion)| Ok((texel(hdr)?, motion.map(texel).transpose()?)))
-            .collect::<Result<Vec<Format>, Fault>>()?;
-        self.call(py, move |state| state.restore(Saved { banks, formats, last_ns }))
+        let saved = saved::from_python(formats, last_ns, banks)?;
+        self.call(py, move |state| state.restore(saved))
     }
 
     fn close(&self, py: Python<'_>) -> PyResult<()> {
@@ -349,12 +258,11 @@ impl Engine {
         stream: Option<u64>,
     ) -> PyResult<(Tiles, Option<Tiles>)> {
         let inner = self.inner.get()?;
-        let torch = Rc::default();
         let streams = || {
             let side = py.detach(|| inner.side())?;
             let callers = stream.map(|s| s.max(image::LEGACY_DEFAULT_STREAM));
             let (ordinal, device) = (side.ordinal, inner.device.info().name.as_str());
-            Ok(Streams { ordinal, device, ours: side.stream, callers, torch: Rc::clone(&torch) })
+            Ok(Streams { ordinal, device, ours: side.stream, callers })
         };
         let tiles = |array: &Bound<'_, PyAny>, name: &'static str| -> PyResult<Tiles> {
             Ok(Tiles::of(Image::of(array, name, &streams)?, cameras, size_px)?)
@@ -364,17 +272,17 @@ impl Engine {
     }
 }
 
-fn element_name(element: Element) -> &'static str {
-    match element {
-        Element::F16 => "float16",
-        Element::F32 => "float32",
-        Element::U8 => "uint8",
+/// A time for each of `count` cameras, of one for all or of any sequence of as many.
+fn times(t_ns: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Option<i64>>> {
+    let not_one = match t_ns.extract::<i64>() {
+        Ok(t_ns) => return Ok(vec![Some(t_ns); count]),
+        Err(error) => error,
+    };
+    let Ok(each) = t_ns.try_iter() else { return Err(not_one) };
+    let times: Vec<_> = each.map(|t_ns| Ok(Some(t_ns?.extract::<i64>()?))).collect::<PyResult<_>>()?;
+    if times.len() != count {
+        let message = format!("{} times for {count} cameras", times.len());
+        return Err(Fault::Argument(message).into());
     }
-}
-
-fn element_named(name: &str) -> Result<Element, Fault> {
-    [Element::F16, Element::F32, Element::U8]
-        .into_iter()
-        .find(|element| element_name(*element) == name)
-        .ok_or_else(|| Fault::Argument(format!("saved state with elements of type `{name}`")))
+    Ok(times)
 }

@@ -5,16 +5,18 @@
 
 #![expect(unsafe_code, reason = "DLPack's edge")]
 
-use crate::dlpack::{self, Borrowed};
+use crate::array_interface;
+use crate::dlpack::{self, Borrowed, DlDevice};
 use crate::error::Fault;
 use crate::texture::CudaTexture;
-use crate::torch;
+use crate::torch::Torch;
+use crate::warp;
 use esaac_interop::cuda::Texture;
+use numpy::PyUntypedArray;
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyList, PyTuple};
-use std::cell::Cell;
-use std::rc::Rc;
+use pyo3::types::PyDict;
 
 /// Type of an array's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,8 +87,16 @@ pub struct Streams<'a> {
     pub ours: u64,
     /// The caller's word for where the arrays are written.
     pub callers: Option<u64>,
-    /// Torch's present stream, once it was asked for.
-    pub torch: Rc<Cell<Option<u64>>>,
+}
+
+impl Streams<'_> {
+    /// Fails for an array that DLPack says is on another GPU.
+    fn check(&self, name: &str, device: DlDevice) -> Result<(), Fault> {
+        if device.kind == dlpack::CUDA && device.id != self.ordinal {
+            return Err(elsewhere(name, device.id, self.ordinal, self.device));
+        }
+        Ok(())
+    }
 }
 
 impl Image {
@@ -97,31 +107,47 @@ impl Image {
         streams: &dyn Fn() -> PyResult<Streams<'a>>,
     ) -> PyResult<Self> {
         let py = array.py();
-        if array.is_instance(numpy(py)?.getattr("ndarray")?.as_any())? {
+        if array.is_instance_of::<PyUntypedArray>() {
             return Self::on_host(array.clone(), name);
         }
         if let Ok(texture) = array.cast::<CudaTexture>() {
             return Self::of_texture(texture, name, streams()?);
         }
-        if let Ok(device) = array.call_method0("__dlpack_device__") {
-            let (kind, number): (i32, i32) = device.extract()?;
+        if let Some(torch) = Torch::of(array)?
+            && let Some(capsule) = torch.lend(array)?
+        {
+            return Self::in_capsule(&capsule, name, |device| match device.kind {
+                dlpack::CUDA | dlpack::CUDA_MANAGED => {
+                    let streams = streams()?;
+                    streams.check(name, device)?;
+                    let after = match streams.callers {
+                        Some(stream) => stream,
+                        None => torch.stream(py, device.id)?,
+                    };
+                    Ok(Place::Cuda { after: Some(after) })
+                }
+                dlpack::CPU | dlpack::CUDA_HOST => Ok(Place::Host),
+                kind => Err(nowhere(name, kind).into()),
+            });
+        }
+        if let Some(stream) = warp::stream_of(array)? {
+            let interface = array.getattr(intern!(py, "__cuda_array_interface__"))?;
+            return Self::by_cuda_array_interface(array, &interface, name, &streams()?, Some(stream));
+        }
+        if let Ok(device) = array.call_method0(intern!(py, "__dlpack_device__")) {
+            let (kind, id): (i32, i32) = device.extract()?;
             return match kind {
                 dlpack::CUDA | dlpack::CUDA_MANAGED => {
                     let streams = streams()?;
-                    if kind == dlpack::CUDA && number != streams.ordinal {
-                        return Err(elsewhere(name, number, streams.ordinal, streams.device).into());
-                    }
-                    Self::by_dlpack(array, name, streams)
+                    streams.check(name, DlDevice { kind, id })?;
+                    Self::by_dlpack(array, name, &streams)
                 }
                 dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, name),
-                kind => Err(Fault::Frame(format!(
-                    "{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"
-                ))
-                .into()),
+                kind => Err(nowhere(name, kind).into()),
             };
         }
-        if let Ok(interface) = array.getattr("__cuda_array_interface__") {
-            return Self::by_cuda_array_interface(array, &interface, name, streams()?);
+        if let Some(interface) = array.getattr_opt(intern!(py, "__cuda_array_interface__"))? {
+            return Self::by_cuda_array_interface(array, &interface, name, &streams()?, None);
         }
         Self::through_numpy(array, name)
     }
@@ -151,8 +177,8 @@ impl Image {
     }
 
     fn on_host(array: Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
-        let interface = array.getattr("__array_interface__")?.cast_into::<PyDict>()?;
-        let (pointer, element, shape, strides) = parse_interface(&interface, name)?;
+        let interface = array.getattr(intern!(array.py(), "__array_interface__"))?.cast_into::<PyDict>()?;
+        let (pointer, element, shape, strides) = array_interface::parse(&interface, name)?;
         Ok(Image {
             name,
             pointer,
@@ -165,21 +191,24 @@ impl Image {
         })
     }
 
+    /// `written` is the stream that the array's library works in, where that is known.
     fn by_cuda_array_interface(
         array: &Bound<'_, PyAny>,
         interface: &Bound<'_, PyAny>,
         name: &'static str,
-        streams: Streams<'_>,
+        streams: &Streams<'_>,
+        written: Option<u64>,
     ) -> PyResult<Self> {
+        let py = array.py();
         let interface = interface.cast::<PyDict>()?;
-        let (pointer, element, shape, strides) = parse_interface(interface, name)?;
-        let stated: Option<u64> = match interface.get_item("stream")? {
+        let (pointer, element, shape, strides) = array_interface::parse(interface, name)?;
+        let stated: Option<u64> = match interface.get_item(intern!(py, "stream"))? {
             Some(stream) if !stream.is_none() => Some(stream.extract()?),
             _ => None,
         };
         // Version 2 of the interface knows no streams, and version 3 says with None that none is to be waited
         // for; the legacy default stream comes after all others that are not told otherwise.
-        let after = streams.callers.or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
+        let after = streams.callers.or(written).or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
         Ok(Image {
             name,
             pointer,
@@ -192,21 +221,26 @@ impl Image {
         })
     }
 
-    fn by_dlpack(array: &Bound<'_, PyAny>, name: &'static str, streams: Streams) -> PyResult<Self> {
+    fn by_dlpack(array: &Bound<'_, PyAny>, name: &'static str, streams: &Streams) -> PyResult<Self> {
         let py = array.py();
         let arguments = PyDict::new(py);
-        let after = match streams.callers {
-            Some(stream) => Some(stream),
-            None => torch::stream_of(array, &streams.torch)?,
-        };
         // Where the stream is known, the producer need not order anything.
-        match after {
-            Some(_) => arguments.set_item("stream", -1)?,
-            None => arguments.set_item("stream", streams.ours)?,
+        match streams.callers {
+            Some(_) => arguments.set_item(intern!(py, "stream"), -1)?,
+            None => arguments.set_item(intern!(py, "stream"), streams.ours)?,
         }
-        let capsule = torch::lend(array, &arguments)?;
-        let borrowed = Borrowed::take(&capsule)?;
+        let capsule = array.call_method(intern!(py, "__dlpack__"), (), Some(&arguments))?;
+        Self::in_capsule(&capsule, name, |_| Ok(Place::Cuda { after: streams.callers }))
+    }
+
+    fn in_capsule(
+        capsule: &Bound<'_, PyAny>,
+        name: &'static str,
+        place: impl FnOnce(DlDevice) -> PyResult<Place>,
+    ) -> PyResult<Self> {
+        let borrowed = Borrowed::take(capsule)?;
         let tensor = borrowed.tensor();
+        let place = place(tensor.device)?;
         let element = match (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes) {
             (dlpack::FLOAT, 16, 1) => Element::F16,
             (dlpack::FLOAT, 32, 1) => Element::F32,
@@ -238,7 +272,7 @@ impl Image {
         Ok(Image {
             name,
             pointer: tensor.data as usize + tensor.byte_offset as usize,
-            place: Place::Cuda { after },
+            place,
             element,
             shape,
             strides,
@@ -256,6 +290,11 @@ pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault 
     ))
 }
 
+/// An array where neither the host nor CUDA reads.
+fn nowhere(name: &str, kind: i32) -> Fault {
+    Fault::Frame(format!("{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"))
+}
+
 /// CUDA's name for it where a null pointer says "no stream".
 pub const LEGACY_DEFAULT_STREAM: u64 = 1;
 
@@ -265,13 +304,14 @@ pub fn numpy(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     Ok(NUMPY.get_or_try_init(py, || py.import("numpy").map(Bound::unbind))?.bind(py))
 }
 
-fn wrong_dtype(name: &str, actual: &str) -> Fault {
+/// Elements that are none of ours.
+pub fn wrong_dtype(name: &str, actual: &str) -> Fault {
     let expected = if name == "motion" { "float16 or float32" } else { "float16, float32 or uint8 (sRGB)" };
     Fault::Frame(format!("{name} has dtype {actual}, expected {expected}"))
 }
 
 /// Strides of an array without gaps, rows first.
-fn compact(shape: &[usize], element_bytes: usize) -> Vec<isize> {
+pub fn compact(shape: &[usize], element_bytes: usize) -> Vec<isize> {
     let mut strides = vec![0; shape.len()];
     let mut next = element_bytes as isize;
     for (stride, &length) in strides.iter_mut().zip(shape).rev() {
@@ -279,39 +319,4 @@ fn compact(shape: &[usize], element_bytes: usize) -> Vec<isize> {
         next *= length as isize;
     }
     strides
-}
-
-type Parsed = (usize, Element, Vec<usize>, Vec<isize>);
-
-/// What NumPy's and CUDA's array interfaces have in common.
-fn parse_interface(interface: &Bound<'_, PyDict>, name: &str) -> PyResult<Parsed> {
-    let item = |key: &str| -> PyResult<Bound<'_, PyAny>> {
-        let missing = || Fault::Frame(format!("{name}: its array interface has no `{key}`"));
-        Ok(interface.get_item(key)?.ok_or_else(missing)?)
-    };
-    let typestr: String = item("typestr")?.extract()?;
-    let element = match typestr.as_str() {
-        "<f2" | "=f2" => Element::F16,
-        "<f4" | "=f4" => Element::F32,
-        "|u1" | "<u1" => Element::U8,
-        other => return Err(wrong_dtype(name, other).into()),
-    };
-    let shape: Vec<usize> = sequence(&item("shape")?)?;
-    let strides = match interface.get_item("strides")? {
-        Some(strides) if !strides.is_none() => sequence(&strides)?,
-        _ => compact(&shape, element.bytes()),
-    };
-    if interface.get_item("mask")?.is_some_and(|mask| !mask.is_none()) {
-        return Err(Fault::Frame(format!("{name} has a mask, expected an array without")).into());
-    }
-    let (pointer, _read_only): (usize, bool) = item("data")?.extract()?;
-    Ok((pointer, element, shape, strides))
-}
-
-fn sequence<'py, T: FromPyObjectOwned<'py>>(of: &Bound<'py, PyAny>) -> PyResult<Vec<T>> {
-    let read = |item: Bound<'py, PyAny>| item.extract::<T>().map_err(Into::into);
-    match of.cast::<PyTuple>() {
-        Ok(tuple) => tuple.iter().map(read).collect(),
-        Err(_) => of.cast::<PyList>()?.iter().map(read).collect(),
-    }
 }

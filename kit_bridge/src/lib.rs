@@ -1,22 +1,28 @@
 //! The native half of the Python package `esaac`. What users see is in `python/esaac`, with its types and its
 //! documentation in `__init__.pyi`.
 
+mod array_interface;
 mod bank;
 mod cuda;
 mod device;
 mod dlpack;
 mod engine;
 mod error;
+mod form;
 mod image;
 mod pack;
 mod packet;
 mod process;
+mod report;
 mod ros;
+mod ros_tick;
+mod saved;
 mod sensor;
 mod state;
 mod tensor;
 mod texture;
 mod torch;
+mod warp;
 
 use esaac_cli::event_file::{EventColumns, write_npz};
 use numpy::PyReadonlyArray1;

@@ -3,14 +3,13 @@
 
 use crate::error::Fault;
 use crate::process::OwnProcess;
+use crate::ros_tick::Part;
 use crate::sensor::PySensor;
-use esaac_model::{Intensity, PacketView, SensorModel};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
-    ApsImage, BagWriter, CameraPlan, CycloneTransport, Imu, Intrinsics, NetworkOptions, Policy, QosChange,
-    RigOptions, RigPublisher, Sinks, Split, TickMessages, names,
+    BagWriter, CameraPlan, CycloneTransport, Intrinsics, NetworkOptions, Policy, QosChange, RigOptions,
+    RigPublisher, Sinks, Split, names,
 };
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -50,51 +49,6 @@ struct Options {
     domain: Option<u32>,
     interface: Option<String>,
     record: Option<PathBuf>,
-}
-
-/// Arrays of a packet.
-#[derive(FromPyObject)]
-struct Events<'py> {
-    x: PyReadonlyArray1<'py, u16>,
-    y: PyReadonlyArray1<'py, u16>,
-    t_offset_ns: PyReadonlyArray1<'py, u32>,
-    p: PyReadonlyArray1<'py, u8>,
-    base_ns: i64,
-    watermark_ns: i64,
-    sequence: u64,
-    dropped: u64,
-}
-
-/// An APS frame.
-#[derive(FromPyObject)]
-struct Aps<'py> {
-    t_ns: i64,
-    bits: u32,
-    pixels: PyReadonlyArray2<'py, u16>,
-}
-
-/// Time, angular rate, specific force.
-type Sample = (i64, [f64; 3], [f64; 3]);
-
-/// One camera's part of a tick.
-#[derive(FromPyObject)]
-struct Part<'py> {
-    camera: usize,
-    events: Option<Events<'py>>,
-    aps: Option<Aps<'py>>,
-    rgb: Option<PyReadonlyArray3<'py, u8>>,
-    depth: Option<PyReadonlyArray2<'py, f32>>,
-    imu: Vec<Sample>,
-}
-
-/// The same without the interpreter.
-struct Borrowed<'a> {
-    camera: usize,
-    events: Option<PacketView<'a>>,
-    aps: Option<ApsImage<'a>>,
-    rgb: Option<&'a [u8]>,
-    depth: Option<&'a [f32]>,
-    imu: Vec<Imu>,
 }
 
 /// Publishes the cameras of a rig: see `esaac/ros.pyi`.
@@ -137,7 +91,7 @@ impl RosPublisher {
 
     /// Sends one tick.
     fn publish(&self, py: Python<'_>, t_ns: i64, parts: Vec<Part<'_>>) -> PyResult<()> {
-        let parts = parts.iter().map(|part| self.borrow(part)).collect::<Result<Vec<_>, Fault>>()?;
+        let parts = parts.iter().map(|part| part.borrow(&self.cameras)).collect::<Result<Vec<_>, Fault>>()?;
         self.with(py, move |publisher| {
             let mut tick = publisher.tick(t_ns);
             parts.iter().for_each(|part| part.add(&mut tick));
@@ -248,113 +202,5 @@ impl RosPublisher {
     ) -> PyResult<T> {
         let publisher = self.publisher.get()?;
         Ok(py.detach(|| work(lock(publisher).as_mut().ok_or(Fault::Closed("the publisher"))?))?)
-    }
-
-    /// A part's arrays, held against what the camera was announced with.
-    fn borrow<'a>(&self, part: &'a Part<'_>) -> Result<Borrowed<'a>, Fault> {
-        let expected = self.cameras.len();
-        let plan = self
-            .cameras
-            .get(part.camera)
-            .ok_or_else(|| Fault::Argument(format!("camera {}, expected one of {expected}", part.camera)))?;
-        for (given, announced, what) in [
-            (part.rgb.is_some(), plan.image, "rgb"),
-            (part.depth.is_some(), plan.depth, "depth"),
-            (!part.imu.is_empty(), plan.imu, "imu"),
-            (part.aps.is_some(), plan.sensor.aps_exposure_ns > 0, "aps"),
-        ] {
-            if given && !announced {
-                let message = format!("camera `{}` was announced without {what}", plan.name);
-                return Err(Fault::Argument(message));
-            }
-        }
-        let aps = part.aps.as_ref().map(|aps| aps.view(plan)).transpose()?;
-        let imu = |&(t_ns, angular_rate_rad_s, specific_force_m_s2): &Sample| Imu {
-            t_ns,
-            angular_rate_rad_s,
-            specific_force_m_s2,
-        };
-        Ok(Borrowed {
-            camera: part.camera,
-            events: part.events.as_ref().map(|events| events.view(&plan.sensor)).transpose()?,
-            aps,
-            rgb: part.rgb.as_ref().map(|rgb| image(plan, "rgb", rgb, &[3])).transpose()?,
-            depth: part.depth.as_ref().map(|depth| image(plan, "depth", depth, &[])).transpose()?,
-            imu: part.imu.iter().map(imu).collect(),
-        })
-    }
-}
-
-/// The elements of an image of a camera's size, rows first.
-fn image<'a, T: numpy::Element, D: numpy::ndarray::Dimension>(
-    plan: &CameraPlan,
-    what: &str,
-    array: &'a numpy::PyReadonlyArray<'_, T, D>,
-    channels: &[usize],
-) -> Result<&'a [T], Fault> {
-    use numpy::PyUntypedArrayMethods as _;
-    let size = [plan.sensor.height as usize, plan.sensor.width as usize];
-    let expected: Vec<usize> = size.iter().chain(channels).copied().collect();
-    if array.shape() != expected {
-        let message =
-            format!("{what} of `{}` has shape {:?}, expected {expected:?}", plan.name, array.shape());
-        return Err(Fault::Frame(message));
-    }
-    flat(what, array.as_slice())
-}
-
-/// `esaac/ros.py` hands over arrays without gaps.
-fn flat<'a, T>(what: &str, slice: Result<&'a [T], numpy::AsSliceError>) -> Result<&'a [T], Fault> {
-    slice.map_err(|_| Fault::Frame(format!("{what} has gaps, expected a contiguous array")))
-}
-
-impl Events<'_> {
-    fn view(&self, sensor: &SensorModel) -> Result<PacketView<'_>, Fault> {
-        let view = PacketView {
-            sequence: self.sequence,
-            width_px: sensor.width,
-            height_px: sensor.height,
-            base_ns: self.base_ns,
-            watermark_ns: self.watermark_ns,
-            x: flat("x", self.x.as_slice())?,
-            y: flat("y", self.y.as_slice())?,
-            t_offset_ns: flat("t_offset_ns", self.t_offset_ns.as_slice())?,
-            polarity: flat("p", self.p.as_slice())?,
-            dropped: self.dropped,
-            // From where the device wrote them into the packet that Python holds.
-            host_copies: 1,
-        };
-        let lengths = [view.x.len(), view.y.len(), view.polarity.len()];
-        if lengths.iter().any(|&length| length != view.len()) {
-            let message = format!("columns of {lengths:?} events, expected {} each", view.len());
-            return Err(Fault::Frame(message));
-        }
-        Ok(view)
-    }
-}
-
-impl Aps<'_> {
-    fn view(&self, plan: &CameraPlan) -> Result<ApsImage<'_>, Fault> {
-        let bayer = plan.sensor.intensity == Intensity::BayerRggb;
-        let pixels = image(plan, "aps", &self.pixels, &[])?;
-        Ok(ApsImage { pixels, bits: self.bits, bayer, t_ns: self.t_ns })
-    }
-}
-
-impl Borrowed<'_> {
-    fn add(&self, tick: &mut TickMessages<'_>) {
-        if let Some(events) = &self.events {
-            tick.events(self.camera, events);
-        }
-        if let Some(aps) = &self.aps {
-            tick.aps(self.camera, aps);
-        }
-        if let Some(rgb) = self.rgb {
-            tick.rgb(self.camera, |out| out.extend_from_slice(rgb));
-        }
-        if let Some(depth) = self.depth {
-            tick.depth(self.camera, depth);
-        }
-        tick.imu(self.camera, &self.imu);
     }
 }

@@ -278,6 +278,12 @@ def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
         (row,) = window._rows
         assert "running" in row[1].text and "64x48" in row[1].text
         assert row[3].data and min(row[3].data) < 255
+        # A picture that nobody sees is not made.
+        window.visible, row[3].data = False, None
+        before = row[2].rgba
+        move(stage, 6, first=12)
+        assert row[3].data is None and (row[2].rgba == before).all() and feed.events > 100
+        window.visible = True
         slider = omni.ui.SLIDERS[0]
         slider.model.edit(0.5)
         assert feed.camera.sensor.contrast_on == 0.5
@@ -301,6 +307,9 @@ def test_the_extensions_files_are_those_that_it_names():
         assert (EXTENSION / package[file]).is_file(), file
     assert (EXTENSION / config["python"]["module"][0]["name"] / "__init__.py").is_file()
     assert f"## {package['version']}" in (EXTENSION / package["changelog"]).read_text()
+    # No stranger's package of the same name, and no other NumPy than Kit's.
+    pip = config["python"]["pipapi"]
+    assert pip["requirements"] == ["esaac"] and {"--no-index", "--no-deps"} <= set(pip["extra_args"])
     named = {name for table in config["settings"]["exts"].values() for name in table}
     used = (EXTENSION / "esaac_sim").rglob("*.py")
     text = "".join(path.read_text() for path in used)

@@ -98,6 +98,31 @@ def test_chosen_environments_begin_anew():
         esaac.TiledEventCamera(SENSOR, 0)
 
 
+def test_the_time_is_one_for_all_or_one_for_each_of_whatever_holds_them():
+    kinds = (
+        int,
+        np.int64,
+        lambda t: [t] * 3,
+        lambda t: (t,) * 3,
+        lambda t: np.full(3, t),
+        lambda t: iter([t] * 3),
+    )
+    packets = []
+    for kind in kinds:
+        with esaac.TiledEventCamera(SENSOR, 3) as tiled:
+            for index in range(3):
+                packet = tiled.step(*tiles(3, index), t_ns=kind(FRAME_NS * index))
+            for wrong in (0.5, [0.5] * 3, None, "now"):
+                with pytest.raises(TypeError):
+                    tiled.step(*tiles(3, 3), t_ns=wrong)
+            with pytest.raises(OverflowError):
+                tiled.step(*tiles(3, 3), t_ns=1 << 64)
+        packets.append(packet)
+    assert len(packets[0]) > 100
+    for packet in packets[1:]:
+        np.testing.assert_array_equal(packet.t_ns, packets[0].t_ns)
+
+
 def test_more_environments_than_a_rig_holds_are_one_camera_all_the_same():
     sensor = esaac.SensorModel("dvs128", width=8, height=8, contrast_on=0.15, contrast_off=0.15)
     count = 300

@@ -15,12 +15,14 @@ sys.path.insert(0, str(SCRIPTS))
 from isaac_lab_env import EventObservation
 
 
-def tiled_camera(count, index):
-    """What Isaac Lab's tiled camera gives: bytes of colour, four channels of motion."""
+def tiled_camera(count, index, wrapped=False):
+    """What Isaac Lab's tiled camera gives: bytes of colour, four channels of motion; its version 3 wraps them."""
     pairs = [bars(24, 16, index + 0.3 * env) for env in range(count)]
     rgb = np.stack([(255 * hdr[..., :3]).astype(np.uint8) for hdr, _ in pairs])
     motion = np.stack([np.concatenate([motion, 0 * motion], axis=-1) for _, motion in pairs])
     output = {"rgb": rgb, "motion_vectors": motion}
+    if wrapped:
+        output = {name: types.SimpleNamespace(torch=array) for name, array in output.items()}
     return types.SimpleNamespace(data=types.SimpleNamespace(output=output))
 
 
@@ -29,7 +31,7 @@ def test_an_observation_of_events_for_every_environment():
         4, 16, 24, bins=3, device=None, packets="host", contrast_on=0.1, contrast_off=0.1
     )
     for index in range(3):
-        grids = observe(tiled_camera(4, index), FRAME_NS * index)
+        grids = observe(tiled_camera(4, index, wrapped=index == 2), FRAME_NS * index)
     assert grids.shape == (4, 3, 16, 24) and (np.abs(grids).sum(axis=(1, 2, 3)) > 50).all()
     observe.reset(np.array([2]))
     grids = observe(tiled_camera(4, 3), FRAME_NS * 3)

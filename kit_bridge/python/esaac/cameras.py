@@ -86,7 +86,7 @@ class EventCamera(_Cameras):
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
         del depth
-        return self._engine.step_tiles(hdr, motion, [t_ns], stream)
+        return self._engine.step_tiles(hdr, motion, t_ns, stream)
 
     @property
     def sensor(self):
@@ -188,12 +188,8 @@ class TiledEventCamera(_Several):
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
         del depth
-        if isinstance(t_ns, (int, np.integer)):
-            times = [int(t_ns)] * self._count
-        else:
-            times = [int(t) for t in t_ns]
-            if len(times) != self._count:
-                raise ArgumentError(f"{len(times)} times for {self._count} environments")
+        # Arrays of times, of whatever library and on whatever device, in one go.
+        times = t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
         return self._engine.step_tiles(hdr, motion, times, stream)
 
     @property

@@ -9,8 +9,10 @@ import argparse
 import json
 import time
 
+import cupy
 import numpy as np
 import torch
+import warp as wp
 
 import esaac
 
@@ -73,9 +75,10 @@ def numpy_frames():
     return {**row, "host_copies": camera.statistics["host_copies"]}
 
 
-def one(packets, stream, hdr_channels=4):
+def one(packets, stream, hdr_channels=4, given=lambda tensor: tensor):
+    """`given` makes of a tensor the array that is handed over."""
     camera = esaac.EventCamera("genx320", device="cuda:0", packets=packets)
-    made = [(hdr[..., :hdr_channels].contiguous(), motion) for hdr, motion in frames(320, 320)]
+    made = [(given(hdr[..., :hdr_channels].contiguous()), given(motion)) for hdr, motion in frames(320, 320)]
     row = measure(
         lambda i: camera.step(*made[i % len(made)], t_ns=FRAME_NS * i, stream=stream),
         lambda: camera.statistics,
@@ -130,6 +133,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", metavar="FILE")
     arguments = parser.parse_args()
+    wp.config.quiet = True
+    wp.init()
     default = torch.cuda.default_stream().cuda_stream
     rows = {
         "320x320 x32, frames and packets on the host": numpy_frames(),
@@ -138,6 +143,8 @@ def main():
         "320x320 x32, packets on the device": one("cuda", None),
         "320x320 x32, packets on the device, stream named": one("cuda", default),
         "320x320 x32, three channels, stream named": one("host", default, 3),
+        "320x320 x32, Warp arrays, packets on the host": one("host", None, given=wp.from_torch),
+        "320x320 x32, CuPy arrays, packets on the host": one("host", None, given=cupy.from_dlpack),
     }
     tiles = {f"{envs} of {size}x{size}": many(envs, size) for envs, size in TILES}
     rows |= tiles

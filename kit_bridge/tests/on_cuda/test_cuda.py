@@ -46,6 +46,21 @@ def test_torch_tensors_never_touch_the_host_and_give_the_same_bits(packets):
     assert cam.statistics["host_copies"] == 0 and cam.statistics["device_copies"] == 10
 
 
+def test_tensors_of_every_kind_are_taken_or_it_is_told_why_not():
+    expected = run(camera(), count=5)
+    kinds = {
+        "a subclass": lambda array: torch.nn.Parameter(cuda(array), requires_grad=False),
+        "on the host": torch.from_numpy,
+        "pinned there": lambda array: torch.from_numpy(array).pin_memory(),
+    }
+    for kind in kinds.values():
+        change = lambda hdr, motion, kind=kind: (kind(hdr), kind(motion))
+        assert_same(events(camera(), change), expected)
+    hdr, motion = map(cuda, bars(40, 24, 0))
+    with pytest.raises(BufferError, match="gradient"):
+        camera().step(hdr.requires_grad_(), motion, t_ns=0)
+
+
 def test_layouts_make_no_difference():
     half = lambda array: array.astype(np.float16)
     expected = events(camera(), lambda hdr, motion: (half(hdr), motion))
@@ -79,26 +94,29 @@ def test_strides_that_a_copy_cannot_take_say_so():
         camera().step(cuda(hdr), motion, t_ns=0)
 
 
+def late(stream, hdr, motion):
+    """A frame whose colour is still being made, in `stream`."""
+    hdr, motion = cuda(hdr), cuda(motion)
+    big = torch.randn(4096, 4096, device="cuda")
+    made = torch.zeros_like(hdr)
+    torch.cuda.synchronize()
+    with torch.cuda.stream(stream):
+        for _ in range(20):
+            big @ big
+        made.copy_(hdr)
+    return made, motion
+
+
 def test_streams_are_ordered():
     """Frames that are still being made when step is called are waited for."""
     expected = run(camera(), count=5)
-    big = torch.randn(4096, 4096, device="cuda")
     side = torch.cuda.Stream()
-
-    def slow(hdr, motion):
-        hdr, motion = cuda(hdr), cuda(motion)
-        torch.cuda.synchronize()
-        late = torch.zeros_like(hdr)
-        with torch.cuda.stream(side):
-            for _ in range(20):
-                big @ big
-            late.copy_(hdr)
-        return late, motion
+    slow = lambda hdr, motion: late(side, hdr, motion)
 
     def by_dlpack(hdr, motion):
-        late, motion = slow(hdr, motion)
+        frame = slow(hdr, motion)
         torch.cuda.set_stream(side)
-        return late, motion
+        return frame
 
     try:
         assert_same(events(camera(), by_dlpack), expected)
@@ -106,8 +124,8 @@ def test_streams_are_ordered():
         torch.cuda.set_stream(torch.cuda.default_stream())
     cam, packets = camera(), []
     for index in range(5):
-        late, motion = slow(*bars(40, 24, index))
-        packet = cam.step(late, motion, t_ns=FRAME_NS * index, stream=side.cuda_stream)
+        hdr, motion = slow(*bars(40, 24, index))
+        packet = cam.step(hdr, motion, t_ns=FRAME_NS * index, stream=side.cuda_stream)
         packets.append(on_host(packet))
     assert_same(tuple(np.concatenate([p[i] for p in packets]) for i in range(4)), expected)
 
@@ -170,7 +188,8 @@ def test_tiled_environments_on_the_device_are_those_of_the_host(count):
         if index == 2:
             host.reset([1]), device.reset(torch.tensor([1], device="cuda"))
         expected = host.step(hdr, motion, t_ns=FRAME_NS * index)
-        packet = device.step(cuda(hdr), cuda(motion), t_ns=FRAME_NS * index)
+        t_ns = torch.full((count,), FRAME_NS * index, device="cuda")
+        packet = device.step(cuda(hdr), cuda(motion), t_ns=t_ns)
         np.testing.assert_array_equal(packet.offsets, expected.offsets)
         np.testing.assert_array_equal(torch.from_dlpack(packet.t_ns).cpu().numpy(), expected.t_ns)
         for env in (0, 1, count - 1):
@@ -211,6 +230,18 @@ def test_warp_takes_and_gives():
     x = wp.from_dlpack(packet.x)
     assert x.dtype == wp.int16 and x.ptr == _pointer(packet.x)
     np.testing.assert_array_equal(x.numpy(), packet.x.numpy())
+
+
+def test_the_stream_that_warp_works_in_is_waited_for():
+    import warp as wp
+
+    wp.config.quiet = True
+    wp.init()
+    expected = run(camera(), count=5)
+    side = torch.cuda.Stream()
+    change = lambda hdr, motion: tuple(map(wp.from_torch, late(side, hdr, motion)))
+    with wp.ScopedStream(wp.stream_from_torch(side)):
+        assert_same(events(camera(), change), expected)
 
 
 def test_nothing_is_left_behind_over_ten_thousand_steps():

@@ -26,7 +26,8 @@ class Feed:
         self.texture = None
         self.camera = esaac.EventCamera(spec.sensor, device=device, packets=spec.packets)
         self.sinks = []
-        self.frames = self.events = self.duplicates = self.gaps = self.unusable = self.faults = 0
+        self.frames = self.events = self.dropped = 0
+        self.duplicates = self.gaps = self.unusable = self.faults = 0
         self.message = "waiting for the first frame"
         self.packet = None
         self.frame = None
@@ -67,6 +68,7 @@ class Feed:
         self._last_ns = frame.t_ns
         self.frames += 1
         self.events += len(packet)
+        self.dropped += packet.dropped
         self.packet = packet
         self.forms = {name: form(self.camera) for name, form in FORMS.items() if name in self.spec.outputs}
         self.message = "running"

@@ -6,14 +6,17 @@ FADE = 0.6
 
 
 class LiveImage:
-    """A sink that keeps the picture of one camera, RGBA bytes `[row, column]`."""
+    """A sink that keeps the picture of one camera, RGBA bytes `[row, column]`, while somebody sees it."""
 
     name = "live image"
 
-    def __init__(self, width, height):
+    def __init__(self, width, height, seen):
+        self._seen = seen
         self._levels = np.zeros((2, height, width), np.float32)
 
     def __call__(self, feed, packet):
+        if not self._seen():
+            return
         counts = feed.camera.event_frame()
         counts = counts.numpy() if hasattr(counts, "numpy") else counts
         self._levels = np.maximum(self._levels * FADE, np.minimum(counts / 2.0, 1.0).astype(np.float32))

@@ -29,7 +29,7 @@ class Window:
     """Shows a bridge."""
 
     def __init__(self, title, bridge, attach, detach):
-        self._bridge, self._shown = bridge, None
+        self._bridge, self._shown = bridge, []
         self._rows, self._updates = [], 0
         self._window = ui.Window(title, width=460, height=640)
         with self._window.frame, ui.VStack(spacing=6):
@@ -52,13 +52,16 @@ class Window:
 
     def destroy(self):
         self._subscription = None
+        for feed, _, image, _ in self._rows:
+            if image in feed.sinks:
+                feed.sinks.remove(image)
         self._window.destroy()
 
     def _update(self, _event):
         if not self._window.visible:
             return
         feeds = self._bridge.feeds
-        if self._shown != [id(feed) for feed in feeds]:
+        if self._shown != feeds:
             self._build(feeds)
         self._problems.text = "\n".join(self._bridge.problems)
         self._checks.text = "\n".join(
@@ -73,13 +76,13 @@ class Window:
                 provider.set_bytes_data(rgba.ravel().tolist(), [rgba.shape[1], rgba.shape[0]])
 
     def _build(self, feeds):
-        self._shown = [id(feed) for feed in feeds]
+        self._shown = list(feeds)
         self._rows = []
         self._list.clear()
         with self._list, ui.VStack(spacing=8, height=0):
             for feed in feeds:
                 sensor = feed.spec.sensor
-                image = LiveImage(sensor.width, sensor.height)
+                image = LiveImage(sensor.width, sensor.height, lambda: self._window.visible)
                 feed.sinks.append(image)
                 with ui.CollapsableFrame(feed.spec.path, height=0), ui.VStack(spacing=4, height=0):
                     label = ui.Label("", word_wrap=True, height=0)
@@ -115,7 +118,7 @@ def describe(feed):
         "gaps": feed.gaps,
         "unusable": feed.unusable,
         "faults": feed.faults,
-        "dropped events": feed.packet.dropped if feed.packet else 0,
+        "dropped events": feed.dropped,
     }
     return (
         f"{feed.message}\n{sensor.name} {sensor.width}x{sensor.height}, {frames_hz:.0f} frames/s, "
