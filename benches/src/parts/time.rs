@@ -10,9 +10,13 @@ use crate::paper::{FACTORS, SENSORS, TIME_MS};
 use crate::plot::{Axes, Series, draw};
 use anyhow::Result;
 use esaac_engine::{PacketPlace, RigOptions};
-use esaac_model::SensorModel;
+use esaac_model::{Intensity, SensorModel, Taps};
 use esaac_scene::SceneKind;
 use serde::Serialize;
+
+/// Rows of the fast taps, beside those of the default ones.
+const BILINEAR_MODES: [(&str, Intensity); 2] =
+    [("gray, bilinear", Intensity::Gray), ("bayer, bilinear", Intensity::BayerRggb)];
 
 #[derive(Serialize)]
 struct Row {
@@ -37,6 +41,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
             for (mode, intensity) in MODES {
                 cases.push((SensorModel { substeps, intensity, ..noisy(sensor) }, mode, 1));
             }
+        }
+        for (mode, intensity) in BILINEAR_MODES {
+            cases.push((SensorModel { taps: Taps::Bilinear, intensity, ..noisy(sensor) }, mode, 1));
         }
     }
     if !shortest {
@@ -144,7 +151,10 @@ fn show(rows: &[Row]) -> Result<Document> {
     }
     let mut table = vec![head];
     for sensor in SENSORS {
-        let of_sensor: Vec<&Row> = rows.iter().filter(|r| r.sensor == sensor && r.cameras == 1).collect();
+        let of_sensor: Vec<&Row> = rows
+            .iter()
+            .filter(|r| r.sensor == sensor && r.cameras == 1 && MODES.iter().any(|&(mode, _)| r.mode == mode))
+            .collect();
         if of_sensor.len() == FACTORS.len() * MODES.len() {
             let figures = of_sensor.iter().map(|r| r.times());
             table.push(std::iter::once(sensor.to_owned()).chain(figures).collect());
