@@ -7,6 +7,8 @@ use crate::floor::FORMATS;
 use crate::laboratory::{Laboratory, Outcome};
 use crate::measure::Stand;
 use crate::scenes::FRAME_NS;
+#[cfg(feature = "tracy")]
+use crate::statistics::median;
 use crate::streams::FAULTS;
 use crate::{cells, measure};
 use anyhow::{Result, ensure};
@@ -156,36 +158,47 @@ fn judge(fault: &'static str, got: Comparison) -> Seen {
     }
 }
 
-/// What the zones of the profiler cost, where they are built in.
-#[cfg(not(feature = "tracy"))]
-fn tracy(_: &Laboratory, document: &mut Document) -> Result<Option<()>> {
-    document.say("Built without the feature `tracy`: there is no zone, plot or message in the program.");
-    Ok(None)
+/// What the zones of the profiler cost, where they are built in: medians with no profiler and with one, of rounds by
+/// turns in one rig.
+#[cfg(feature = "tracy")]
+#[derive(Serialize)]
+struct Profiled {
+    gpu_us: [f64; 2],
+    packet_us: [f64; 2],
+    read_bytes: usize,
 }
 
-/// What the zones of the profiler cost, where they are built in.
 #[cfg(feature = "tracy")]
-fn tracy(
-    laboratory: &Laboratory,
-    document: &mut Document,
-) -> Result<Option<Vec<(&'static str, measure::Timing)>>> {
+fn tracy(laboratory: &Laboratory, document: &mut Document) -> Result<Option<Profiled>> {
     let sensor = noisy(if laboratory.is_software() { "dvs128" } else { "genx320" });
-    let idle = flight(laboratory, &sensor)?;
-    let peer = crate::tracy_peer::Peer::connect()?;
-    let connected = flight(laboratory, &sensor)?;
-    let read = peer.finish()?;
-    let rows = vec![("not connected", idle), ("connected", connected)];
-    document.say(&format!(
-        "Built with the feature `tracy`, {}; the profiler that was connected took {:.1} MB.",
-        sensor.name,
-        read as f64 / 1e6
-    ));
-    let mut table = vec![cells!["profiler", "GPU us", "submit to packet p50 us", "p99"]];
-    for (name, t) in &rows {
-        table.push(cells![name, short(t.gpu_us.median), short(t.packet_us.median), short(t.packet_us.p99)]);
+    let feed = laboratory.scene(SceneKind::Flight, (sensor.width, sensor.height))?;
+    let mut stand = Stand::new(laboratory, &sensor, 1, FORMATS, feed, RigOptions::default())?;
+    let rounds = if laboratory.options().quick { QUICK_ROUNDS } else { ROUNDS };
+    let mut seen: [Vec<measure::Timing>; 2] = Default::default();
+    let mut read_bytes = 0;
+    for _ in 0..rounds {
+        seen[0].push(stand.run(laboratory.amount())?.timing);
+        let peer = crate::tracy_peer::Peer::connect()?;
+        seen[1].push(stand.run(laboratory.amount())?.timing);
+        read_bytes += peer.finish()?;
     }
-    document.table(&table);
-    Ok(Some(rows))
+    let middle = |of: fn(&measure::Timing) -> f64| {
+        seen.each_ref().map(|rounds| median(&rounds.iter().map(of).collect::<Vec<_>>()))
+    };
+    let (gpu_us, packet_us) = (middle(|t| t.gpu_us.median), middle(|t| t.packet_us.median));
+    document.say(&format!(
+        "Built with the feature `tracy`, {}, medians of {rounds} rounds by turns; the profiler that was connected \
+         took {} kB a round.",
+        sensor.name,
+        read_bytes / rounds / 1000
+    ));
+    document.table(&[
+        cells!["profiler", "GPU us", "submit to packet p50 us"],
+        cells!["not connected", short(gpu_us[0]), short(packet_us[0])],
+        cells!["connected", short(gpu_us[1]), short(packet_us[1])],
+        cells!["ratio", short(gpu_us[1] / gpu_us[0]), short(packet_us[1] / packet_us[0])],
+    ]);
+    Ok(Some(Profiled { gpu_us, packet_us, read_bytes }))
 }
 
 #[cfg(test)]
