@@ -158,6 +158,13 @@ fn judge(fault: &'static str, got: Comparison) -> Seen {
     }
 }
 
+/// What the zones of the profiler cost: nothing where they are not built in.
+#[cfg(not(feature = "tracy"))]
+fn tracy(_: &Laboratory, document: &mut Document) -> Result<Option<()>> {
+    document.say("Built without the feature `tracy`: there is no zone, plot or message in the program.");
+    Ok(None)
+}
+
 /// What the zones of the profiler cost, where they are built in: medians with no profiler and with one, of rounds by
 /// turns in one rig.
 #[cfg(feature = "tracy")]
