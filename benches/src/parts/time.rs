@@ -141,21 +141,21 @@ fn show(rows: &[Row]) -> Result<Document> {
     let [gray, bayer] = TIME_MS;
     document.say(&format!(
         "Microseconds of GPU time per interval, the whole tick with the packet's way to host memory, and, after the \
-         stroke, of ticks whose packets stay on the device; profile `noisy`, scene `flight`, motion with cubic taps and one transfer. The paper's figure (RTX 4060) runs \
-         from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
+         stroke, of ticks whose packets stay on the device; profile `noisy`, scene `flight`, motion with cubic taps \
+         and one transfer. The paper's figure (RTX 4060) runs from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
         gray[0], gray[1], bayer[0], bayer[1]
     ));
+    let in_table = |r: &&Row| r.cameras == 1 && MODES.iter().any(|&(mode, _)| r.mode == mode);
+    let factors: Vec<u32> =
+        FACTORS.into_iter().filter(|&n| rows.iter().filter(in_table).any(|r| r.substeps == n)).collect();
     let mut head = cells!["sensor"];
-    for substeps in FACTORS {
+    for substeps in &factors {
         head.extend(MODES.map(|(mode, _)| format!("x{substeps} {mode}")));
     }
     let mut table = vec![head];
     for sensor in SENSORS {
-        let of_sensor: Vec<&Row> = rows
-            .iter()
-            .filter(|r| r.sensor == sensor && r.cameras == 1 && MODES.iter().any(|&(mode, _)| r.mode == mode))
-            .collect();
-        if of_sensor.len() == FACTORS.len() * MODES.len() {
+        let of_sensor: Vec<&Row> = rows.iter().filter(in_table).filter(|r| r.sensor == sensor).collect();
+        if !of_sensor.is_empty() && of_sensor.len() == factors.len() * MODES.len() {
             let figures = of_sensor.iter().map(|r| r.times());
             table.push(std::iter::once(sensor.to_owned()).chain(figures).collect());
         }

@@ -20,7 +20,7 @@ fn bench_writes_figures_tables_and_plots() {
     let file = std::fs::read_to_string(folder.path().join("bench.json")).unwrap();
     assert_eq!(serde_json::from_str::<serde_json::Value>(&file).unwrap(), printed);
     let rows = printed["parts"]["time"].as_array().unwrap();
-    assert_eq!(rows.len(), 6);
+    assert_eq!(rows.len(), 4);
     for row in rows {
         assert_eq!(row["sensor"], "dvs128", "{row}");
         let [median, floor] =
