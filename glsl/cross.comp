@@ -53,6 +53,7 @@ shared uint around_motion[STRIP_BLOCKS];
 shared uint own_change[STRIP_BLOCKS];
 
 #include "put.glsl"
+#include "texels.glsl"
 #include "synthesize.glsl"
 #include "pixel_log_state.glsl"
 
@@ -145,8 +146,8 @@ Source read_source(Camera cam, uvec2 at) {
     s.at = at;
     s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
     const uint word = frame_word(cam, has_lattice(), ivec2(at));
-    s.log_previous = planes[s.frames.previous + word];
-    s.log_current = planes[s.frames.current + word];
+    s.log_previous = plane_at(s.frames.previous + word);
+    s.log_current = plane_at(s.frames.current + word);
     s.warps = FOLLOWS_MOTION && has_vector(cam, motion_base(cam, true), ivec2(at));
     s.leaves = false;
     return s;
@@ -173,19 +174,30 @@ float cross_interval(
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
-    for (uint i = 1u; i <= n; ++i) {
-        end_ns += whole_ns;
-        over += rest_ns;
-        if (over >= n) {
-            over -= n;
-            end_ns += 1u;
+    uint i = 1u;
+    while (i <= n) {
+        while (i <= n && !needs_draw(w)) {
+            if (!has_stopped(w)) {
+                end_ns += whole_ns;
+                over += rest_ns;
+                if (over >= n) {
+                    over -= n;
+                    end_ns += 1u;
+                }
+                done += 1.0;
+            }
+            const int level_q24 = to_q24(i == n ? s.log_current : synthesize(cam, s, done * inverse));
+            if (DUMP_SAMPLES) {
+                samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
+            }
+            walk_substep(cam, pixel, end_ns, level_q24, p, w);
+            if (!has_stopped(w)) {
+                i += 1u;
+            }
         }
-        done += 1.0;
-        const int level_q24 = to_q24(i == n ? s.log_current : synthesize(cam, s, done * inverse));
-        if (DUMP_SAMPLES) {
-            samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
+        if (needs_draw(w)) {
+            draw_shot(cam, pixel, p, w);
         }
-        walk_substep(cam, pixel, end_ns, level_q24, p, w);
     }
     end_walk(cam, w, p);
     return w.exposed;

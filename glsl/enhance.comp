@@ -1,15 +1,14 @@
 // enhance: the previous frame's half sites take up what the current frame saw; for cameras with two transfers. (The
 // other way, from the previous frame to the current one, `ingest` does.)
 //
-// One workgroup of 320 threads a strip of four 8x8 blocks side by side: a thread a pixel of the strip and of
-// the next column and row, then a thread a pixel and its three half sites; x over strips, y over cameras,
-// z over colour components. Reads the current lattice in `planes`, writes half sites of the previous one. Runs
+// One workgroup a strip of four 8x8 blocks side by side: a thread a pixel of the strip and of the next column and row,
+// then a thread a pixel and its three half sites; x over strips, y over cameras. Reads the current lattice in `planes`, writes half sites of the previous one. Runs
 // after `ingest`; `cross` reads both lattices.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 
-layout(local_size_x = 320) in;
+layout(local_size_x = INGEST_THREADS) in;
 layout(constant_id = 0) const uint INTENSITY = 0;
 layout(constant_id = 1) const bool BY_ADDRESS = true;
 
@@ -17,7 +16,10 @@ BUFFER(, SLOT_PLANES, float, planes);
 BUFFER(readonly, SLOT_MOTION, vec2, motion);
 BUFFER(readonly, SLOT_BLOCKS, uvec4, blocks);
 
+const uint COMPONENTS = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
+
 #include "strips.glsl"
+#include "texels.glsl"
 #include "trajectory.glsl"
 #include "lattice.glsl"
 #include "margin.glsl"
@@ -38,10 +40,8 @@ void main() {
     }
     const Camera cam = cameras[index];
     const uint lane = gl_LocalInvocationID.x;
-    const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
-    const uint channel = gl_WorkGroupID.z;
-    const uint current = cam.plane_base + (cam.parity * channels + channel) * cam.frame_words;
-    const uint previous = cam.plane_base + ((1u - cam.parity) * channels + channel) * cam.frame_words;
+    const uint current = cam.plane_base + cam.parity * COMPONENTS * cam.frame_words;
+    const uint previous = cam.plane_base + (1u - cam.parity) * COMPONENTS * cam.frame_words;
 
     if (lane == 0u) {
         moves = 0u;
@@ -63,7 +63,12 @@ void main() {
     }
     if (lane < SITES) {
         const ivec2 at = site_pixel(cam, corner, lane);
-        note_site(cam, lane, at, planes[previous + frame_word(cam, true, at)], -motion_from_previous(cam, at), current);
+        const vec2 shift = -motion_from_previous(cam, at);
+        float levels[COMPONENTS];
+        [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+            levels[k] = plane_at(previous + k * cam.frame_words + frame_word(cam, true, at));
+        }
+        note_site(cam, lane, at, levels, shift, current);
     }
     barrier();
     const uvec2 in_strip = uvec2(lane % STRIP_PX, lane / STRIP_PX);
@@ -73,12 +78,15 @@ void main() {
     }
     [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
         const ivec2 half_step = ivec2(half_phase & 1, half_phase >> 1);
-        const vec4 around = around_half_site(in_strip, half_step);
-        if (around.w > 0.0) {
+        const Around around = around_half_site(in_strip, half_step);
+        if (around.trust > 0.0) {
             const uint word = frame_word(cam, true, at) + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride;
-            const float own = around.w < 1.0 ? planes[previous + word] : 0.0;
-            const float seen = seen_from(cam, current, at, half_step, around);
-            store_entry(cam, previous, uvec2(2 * at + half_step), blend(own, seen, around.w));
+            [[unroll]] for (uint c = 0u; c < COMPONENTS; ++c) {
+                const uint base = previous + c * cam.frame_words;
+                const float own = around.trust < 1.0 ? planes[base + word] : 0.0;
+                const float seen = seen_from(cam, current + c * cam.frame_words, c, at, half_step, around);
+                store_entry(cam, base, uvec2(2 * at + half_step), blend(own, seen, around.trust));
+            }
         }
     }
 }

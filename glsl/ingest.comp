@@ -1,9 +1,10 @@
 // ingest: a rendered frame becomes log-intensity planes, motion and per-block facts. Frames that are warped by cubic
 // taps become lattices of half pixels, whose half sites take up what the previous frame saw there.
 //
-// One workgroup of 320 threads a strip of four 8x8 blocks side by side; x over strips, y over cameras, z over colour
-// components. For a lattice it first takes in the strip and the pixels around it that half sites draw on, so that no
-// workgroup waits for another. Reads the images by device address, and the previous frame in `planes`. Writes the
+// One workgroup a strip of four 8x8 blocks side by side; x over strips, y over cameras. For a lattice it first takes in
+// the strip and the pixels around it that half sites draw on, so that no workgroup waits for another. A workgroup takes
+// all colour components TOGETHER, and works out once what they have in common, or one of them, z: a GPU with few strips
+// to go round fills up better so. Reads the images by device address, and the previous frame in `planes`. Writes the
 // current frame there, `motion` of this frame's parity, `blocks` and `strip_order`, all read by `enhance` and `cross`
 // after a barrier; arms pixels in `state`, which nothing else touches before `cross`.
 #version 460
@@ -15,13 +16,14 @@
 #include "substeps.glsl"
 #include "strips.glsl"
 
-layout(local_size_x = 320) in;
+layout(local_size_x = INGEST_THREADS) in;
 layout(constant_id = 0) const uint INTENSITY = 0;
 // Whether frames have lattices.
 layout(constant_id = 1) const bool LATTICE = false;
 layout(constant_id = 2) const uint HDR_FORMAT = 0;
 layout(constant_id = 3) const uint MOTION_FORMAT = 0;
 layout(constant_id = 4) const bool BY_ADDRESS = true;
+layout(constant_id = 5) const bool TOGETHER = false;
 
 BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(, SLOT_PLANES, float, planes);
@@ -35,19 +37,25 @@ layout(buffer_reference, std430) readonly buffer Words2 { uvec2 v[]; };
 layout(buffer_reference, std430) readonly buffer Floats2 { vec2 v[]; };
 layout(buffer_reference, std430) readonly buffer Floats4 { vec4 v[]; };
 
+#include "texels.glsl"
 #include "pixel_log_state.glsl"
 #include "trajectory.glsl"
 #include "lattice.glsl"
 #include "margin.glsl"
 
+// Colour components that there are, and that a workgroup takes.
+const uint CHANNELS = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
+const uint COMPONENTS = TOGETHER ? CHANNELS : 1u;
+
 // What a workgroup takes in: the strip, and for a lattice a column and row before and two after it.
 const uint BEFORE_PX = LATTICE ? 1u : 0u;
 const uint TAKEN_X = STRIP_PX + (LATTICE ? 3u : 0u);
 const uint TAKEN_Y = BLOCK_PX + (LATTICE ? 3u : 0u);
+const uint TAKEN = TAKEN_X * TAKEN_Y;
 
-// Beyond the image these are its outermost pixels.
-shared float taken_level[(STRIP_PX + 3u) * (BLOCK_PX + 3u)];
-shared vec2 taken_motion[(STRIP_PX + 3u) * (BLOCK_PX + 3u)];
+// Beyond the image these are its outermost pixels. Levels are component after component.
+shared float taken_level[COMPONENTS * TAKEN];
+shared vec2 taken_motion[TAKEN];
 shared uint moves;
 
 ivec2 strip_at;
@@ -113,15 +121,13 @@ float log_intensity_of(Camera cam, vec3 colour, uint channel) {
 
 // First word of a frame of one colour component.
 uint frame_of(Camera cam, uint parity, uint channel) {
-    const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
-    return cam.plane_base + (parity * channels + channel) * cam.frame_words;
+    return cam.plane_base + (parity * CHANNELS + channel) * cam.frame_words;
 }
 
 // Facts of a pixel with a valid colour for its block, and its state. `level` and `before` are those of the first
 // colour component, of this frame and of the one before.
 void note_pixel(Camera cam, ivec2 at, uint block, vec3 colour, float level, float before, int reference) {
     const uint pixel = uint(at.y) * cam.width + uint(at.x);
-    const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
     const uint own = INTENSITY == INTENSITY_BAYER_RGGB ? uint(at.x & 1) + uint(at.y & 1) : 0u;
     if (cam.phase == PHASE_FIRST) {
         arm_pixel(cam, pixel, to_q24(own == 0u ? level : log_intensity_of(cam, colour, own)));
@@ -129,8 +135,8 @@ void note_pixel(Camera cam, ivec2 at, uint block, vec3 colour, float level, floa
     }
     float change = abs(level - before);
     bool changed = floatBitsToUint(before) != floatBitsToUint(level);
-    for (uint c = 1u; c < channels; ++c) {
-        const float other_before = planes[frame_of(cam, 1u - cam.parity, c) + frame_word(cam, LATTICE, at)];
+    for (uint c = 1u; c < CHANNELS; ++c) {
+        const float other_before = plane_at(frame_of(cam, 1u - cam.parity, c) + frame_word(cam, LATTICE, at));
         const float other = log_intensity_of(cam, colour, c);
         if (c == own) {
             change = abs(other - other_before);
@@ -165,7 +171,26 @@ vec2 to_usable(vec2 m, out bool usable) {
     return vec2(floatBitsToUint(m.x) == INVALID_BIT ? 0.0 : m.x, m.y);
 }
 
-// Takes in one pixel of the strip, or of those around it.
+// Takes in what one pixel of the strip, or of those around it, has of a further colour component.
+void take_further(Camera cam, uint channel, uint taken, ivec2 at, bool own, vec3 colour, bool invalid) {
+    const uint word = frame_word(cam, LATTICE, clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1));
+    const float before =
+        cam.phase == PHASE_FIRST ? cam.log_dark : plane_at(frame_of(cam, 1u - cam.parity, channel) + word);
+    const float level = invalid ? before : log_intensity_of(cam, colour, channel);
+    if (LATTICE) {
+        taken_level[channel * TAKEN + taken] = level;
+        if (floatBitsToUint(level) != floatBitsToUint(before)) {
+            moves = 1u;
+        }
+    }
+    if (own && LATTICE) {
+        store_entry(cam, frame_of(cam, cam.parity, channel), 2u * uvec2(at), level);
+    } else if (own) {
+        planes[frame_of(cam, cam.parity, channel) + word] = level;
+    }
+}
+
+// Takes in one pixel of the strip, or of those around it; `channel` is the first component that the workgroup takes.
 void take(Camera cam, uint channel, uint taken) {
     const ivec2 in_strip = ivec2(taken % TAKEN_X, taken / TAKEN_X) - int(BEFORE_PX);
     const ivec2 at = strip_at + in_strip;
@@ -183,7 +208,7 @@ void take(Camera cam, uint channel, uint taken) {
     float before = cam.log_dark;
     int reference = 0;
     if (cam.phase != PHASE_FIRST) {
-        before = planes[frame_of(cam, 1u - cam.parity, channel) + frame_word(cam, LATTICE, seen_at)];
+        before = plane_at(frame_of(cam, 1u - cam.parity, channel) + frame_word(cam, LATTICE, seen_at));
         if (notes) {
             reference = int(load_state(cam, pixel, STATE_REFERENCE));
         }
@@ -201,6 +226,9 @@ void take(Camera cam, uint channel, uint taken) {
         store_entry(cam, frame_of(cam, cam.parity, channel), 2u * uvec2(at), level);
     } else if (own) {
         planes[frame_of(cam, cam.parity, channel) + frame_word(cam, false, at)] = level;
+    }
+    [[unroll]] for (uint further = 1u; further < COMPONENTS; ++further) {
+        take_further(cam, further, taken, at, own, colour, invalid);
     }
     if (notes && invalid) {
         note_invalid(cam, at, block);
@@ -256,12 +284,13 @@ void line_up(Camera cam) {
     strip_order[cam.strip_base + place] = gl_WorkGroupID.x;
 }
 
-// A half site (`half_step` 0 or 1 a coordinate) right and below pixel `at`, from the frame alone.
-float frame_cubic(Camera cam, ivec2 at, ivec2 half_step) {
+// A half site (`half_step` 0 or 1 a coordinate) right and below pixel `at`, from the frame alone; of the `k`th component
+// that the workgroup takes.
+float frame_cubic(Camera cam, uint k, ivec2 at, ivec2 half_step) {
     const ivec2 last = ivec2(cam.width, cam.height) - 1;
     // Beyond the last pixel there is only that pixel.
     const vec2 f = vec2(at.x < last.x ? 0.5 * float(half_step.x) : 0.0, at.y < last.y ? 0.5 * float(half_step.y) : 0.0);
-    const uint first = taken_index(at - 1);
+    const uint first = k * TAKEN + taken_index(at - 1);
     const uint top = first + TAKEN_X;
     const uint bottom = top + TAKEN_X;
     const uint below = bottom + TAKEN_X;
@@ -272,30 +301,31 @@ float frame_cubic(Camera cam, ivec2 at, ivec2 half_step) {
         vec2(taken_level[below + 1u], taken_level[below + 2u]), f, CUBIC_FRAME);
 }
 
-// The three half sites of a pixel of the strip.
+// The three half sites of a pixel of the strip; `channel` is the first component that the workgroup takes.
 void write_half_sites(Camera cam, uint channel, uvec2 in_strip) {
-    const uint current = frame_of(cam, cam.parity, channel);
-    const uint previous = frame_of(cam, 1u - cam.parity, channel);
     const ivec2 at = strip_at + ivec2(in_strip);
     // A first frame has only itself.
     const bool alone = cam.phase == PHASE_FIRST;
     [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
         const ivec2 half_step = ivec2(half_phase & 1, half_phase >> 1);
-        float value = 0.0;
-        if (moves == 0u) {
-            // Nothing moved and nothing changed: what was known of the last frame holds for this one.
-            const uint word = frame_word(cam, true, at);
-            value = planes[previous + word + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride];
-        } else {
-            const vec4 around = alone ? vec4(0.0) : around_half_site(in_strip, half_step);
-            if (around.w < 1.0) {
-                value = frame_cubic(cam, at, half_step);
+        const Around around = alone || moves == 0u ? NOTHING_AROUND : around_half_site(in_strip, half_step);
+        [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+            const uint previous = frame_of(cam, 1u - cam.parity, channel + k);
+            float value = 0.0;
+            if (moves == 0u) {
+                // Nothing moved and nothing changed: what was known of the last frame holds for this one.
+                const uint word = frame_word(cam, true, at);
+                value = plane_at(previous + word + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride);
+            } else {
+                if (around.trust < 1.0) {
+                    value = frame_cubic(cam, k, at, half_step);
+                }
+                if (around.trust > 0.0) {
+                    value = blend(value, seen_from(cam, previous, k, at, half_step, around), around.trust);
+                }
             }
-            if (around.w > 0.0) {
-                value = blend(value, seen_from(cam, previous, at, half_step, around), around.w);
-            }
+            store_entry(cam, frame_of(cam, cam.parity, channel + k), uvec2(2 * at + half_step), value);
         }
-        store_entry(cam, current, uvec2(2 * at + half_step), value);
     }
 }
 
@@ -307,7 +337,8 @@ void main() {
     }
     const Camera cam = cameras[index];
     const uint lane = gl_LocalInvocationID.x;
-    const uint channel = gl_WorkGroupID.z;
+    // (A constant for one component, too, costs a GPU a fourth of its workgroups: registers for what it then moves ahead.)
+    const uint channel = TOGETHER ? 0u : gl_WorkGroupID.z;
     strip_at = ivec2(corner);
     if (lane < STRIP_BLOCKS) {
         block_motion[lane] = 0u;
@@ -319,7 +350,7 @@ void main() {
         moves = cam.phase == PHASE_FIRST ? 1u : 0u;
     }
     barrier();
-    for (uint taken = lane; taken < TAKEN_X * TAKEN_Y; taken += gl_WorkGroupSize.x) {
+    for (uint taken = lane; taken < TAKEN; taken += gl_WorkGroupSize.x) {
         take(cam, channel, taken);
     }
     barrier();
@@ -335,9 +366,13 @@ void main() {
     if (moves != 0u && cam.phase != PHASE_FIRST) {
         if (lane < SITES) {
             const ivec2 at = site_pixel(cam, strip_at, lane);
-            const uint site = taken_index(at);
+            const uint taken = taken_index(at);
             const uint previous = frame_of(cam, 1u - cam.parity, channel);
-            note_site(cam, lane, at, taken_level[site], taken_motion[site], previous);
+            float levels[COMPONENTS];
+            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+                levels[k] = taken_level[k * TAKEN + taken];
+            }
+            note_site(cam, lane, at, levels, taken_motion[taken], previous);
         }
         barrier();
     }

@@ -1,5 +1,4 @@
-// Reading frames between their pixels. Needs `planes` and BY_ADDRESS: whether the device reads faster by address
-// than by a descriptor's index, as GPUs do and the software driver does not.
+// Reading frames between their pixels. Needs texels.glsl.
 
 #extension GL_EXT_buffer_reference : require
 #include "cell.glsl"
@@ -58,10 +57,10 @@ float lattice_cubic(Camera cam, uint base, vec2 at) {
     const uint bottom = top + cam.lattice_stride;
     const uint below = bottom + cam.lattice_stride;
     return cubic(
-        vec2(planes[first + 1u], planes[first + 2u]),
-        vec4(planes[top], planes[top + 1u], planes[top + 2u], planes[top + 3u]),
-        vec4(planes[bottom], planes[bottom + 1u], planes[bottom + 2u], planes[bottom + 3u]),
-        vec2(planes[below + 1u], planes[below + 2u]), f, CUBIC_LATTICE);
+        vec2(plane_at(first + 1u), plane_at(first + 2u)),
+        vec4(plane_at(top), plane_at(top + 1u), plane_at(top + 2u), plane_at(top + 3u)),
+        vec4(plane_at(bottom), plane_at(bottom + 1u), plane_at(bottom + 2u), plane_at(bottom + 3u)),
+        vec2(plane_at(below + 1u), plane_at(below + 2u)), f, CUBIC_LATTICE);
 }
 
 // Bilinear on a frame without a lattice.
@@ -70,6 +69,6 @@ float frame_bilinear(Camera cam, uint base, vec2 position) {
     const uint top = base + uint(cell.low.y) * cam.width;
     const uint bottom = base + uint(cell.high.y) * cam.width;
     return blend(
-        blend(planes[top + cell.low.x], planes[top + cell.high.x], cell.f.x),
-        blend(planes[bottom + cell.low.x], planes[bottom + cell.high.x], cell.f.x), cell.f.y);
+        blend(plane_at(top + cell.low.x), plane_at(top + cell.high.x), cell.f.x),
+        blend(plane_at(bottom + cell.low.x), plane_at(bottom + cell.high.x), cell.f.x), cell.f.y);
 }

@@ -1,6 +1,8 @@
 // The log-intensity pixel's walk through one interval: crossings, refractory period, leak, shot
 // noise. Twin of the oracle's `cross`. The including kernel calls `begin_walk`, then `walk_substep` for
-// each sub-step in turn, then `end_walk`, and provides `emit(at_ns, on, ordinal)`.
+// each sub-step in turn, then `end_walk`, and provides `emit(at_ns, on, ordinal)`. Where a device does not skip
+// BRANCHES that no thread takes, random numbers, which are long to draw and rarely needed, are kept out of the steps: a
+// walk that `needs_draw` stops within a sub-step, the kernel calls `draw_shot`, and `walk_substep` for the rest of it.
 
 layout(constant_id = 1) const bool EFFECT_MISMATCH = false;
 layout(constant_id = 2) const bool EFFECT_REFRACTORY = false;
@@ -10,7 +12,11 @@ layout(constant_id = 5) const bool EFFECT_DELAY = false;
 layout(constant_id = 6) const bool AT_SAMPLE = false;
 layout(constant_id = 7) const bool EFFECT_APS = false;
 
+// Whether the device skips branches that no thread takes, as GPUs do and the software driver does not.
+layout(constant_id = 13) const bool BRANCHES = true;
+
 const uint NEVER = 0xffffffffu;
+const uint STREAM_NONE = 0xffffffffu;
 
 struct PixelState {
     int reference;
@@ -116,6 +122,10 @@ struct Walk {
     uint shot_at;
     uint after_off;
     uint after_on;
+    // The stream of which the draw after the present one is missing, STREAM_NONE if none is, and where in the
+    // sub-step the walk has stopped for it, NEVER if it has not.
+    uint missing;
+    uint stopped_at;
     // APS: integral of the intensity.
     float exposed;
 };
@@ -129,36 +139,61 @@ uint next_shot(Camera cam, PixelState p, Walk w) {
     return min(uint(max(ceil(float(due) * w.ns_per_hazard), 1.0)), cam.interval_ns);
 }
 
+bool needs_draw(Walk w) {
+    return EFFECT_SHOT && !BRANCHES && w.missing != STREAM_NONE;
+}
+
+// Whether the walk has stopped within a sub-step.
+bool has_stopped(Walk w) {
+    return EFFECT_SHOT && !BRANCHES && w.stopped_at != NEVER;
+}
+
+void draw_missing(Camera cam, uint pixel, PixelState p, inout Walk w) {
+    const bool is_on = w.missing == STREAM_SHOT_ON;
+    const uint after = shot_hazard(
+        cam, pixel, w.missing, is_on ? p.shot_on_draws : p.shot_off_draws, is_on ? p.on_q24 : p.off_q24,
+        is_on ? cam.contrast_on_q24 : cam.contrast_off_q24);
+    if (is_on) {
+        w.after_on = after;
+    } else {
+        w.after_off = after;
+    }
+    w.missing = STREAM_NONE;
+}
+
 // The sooner of the pixel's two shots is over, sent or not: on to the one after it.
 void pass_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const bool is_on = p.shot_on < p.shot_off;
     uint carry;
     const uint sum = is_on ? uaddCarry(p.shot_on, w.after_on, carry) : uaddCarry(p.shot_off, w.after_off, carry);
     const uint left = carry != 0u ? 0xffffffffu : sum;
-    const uint draws = (is_on ? p.shot_on_draws : p.shot_off_draws) + 1u;
-    uint after = 0u;
-    if (left <= w.interval_hazard) {
-        after = shot_hazard(
-            cam, pixel, is_on ? STREAM_SHOT_ON : STREAM_SHOT_OFF, draws, is_on ? p.on_q24 : p.off_q24,
-            is_on ? cam.contrast_on_q24 : cam.contrast_off_q24);
-    }
     if (is_on) {
         p.shot_on = left;
-        p.shot_on_draws = draws;
-        w.after_on = after;
+        p.shot_on_draws += 1u;
     } else {
         p.shot_off = left;
-        p.shot_off_draws = draws;
-        w.after_off = after;
+        p.shot_off_draws += 1u;
+    }
+    if (left <= w.interval_hazard) {
+        w.missing = is_on ? STREAM_SHOT_ON : STREAM_SHOT_OFF;
+        if (BRANCHES) {
+            draw_missing(cam, pixel, p, w);
+        }
     }
     w.shot_at = next_shot(cam, p, w);
 }
 
 // Those that fall into a refractory period are drawn, and not sent.
 void suppress_shots(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    while (EFFECT_REFRACTORY && w.shot_at < w.held_until) {
+    while (EFFECT_REFRACTORY && !needs_draw(w) && w.shot_at < w.held_until) {
         pass_shot(cam, pixel, p, w);
     }
+}
+
+// What a walk that needs a draw goes on with.
+void draw_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    draw_missing(cam, pixel, p, w);
+    suppress_shots(cam, pixel, p, w);
 }
 
 // `level` and `last_level` are those of the interval's ends, `first_end` is the end of the first sub-step.
@@ -175,6 +210,8 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     w.shot_at = NEVER;
     w.after_off = 0u;
     w.after_on = 0u;
+    w.missing = STREAM_NONE;
+    w.stopped_at = NEVER;
     w.exposed = 0.0;
     if (EFFECT_REFRACTORY && p.held_until_ns != NOT_HELD) {
         if (p.held_until_ns <= cam.start_ns) {
@@ -222,14 +259,14 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     return w;
 }
 
-// One sub-step, from the last one's end to `end`, where the log intensity is `to_raw`.
+// One sub-step, from the last one's end to `end`, where the log intensity is `to_raw`; or the rest of it, after a draw.
 void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState p, inout Walk w) {
     const uint start = w.start;
     if (end == start) {
         // Shorter than a nanosecond: it joins the next one.
         return;
     }
-    if (EFFECT_APS) {
+    if (EFFECT_APS && !has_stopped(w)) {
         const uint first = max(start, cam.aps_start_ns);
         const uint last = min(end, cam.aps_end_ns);
         if (first < last) {
@@ -244,8 +281,8 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         to_level += w.fall;
     }
 
-    uint now = start;
-    for (;;) {
+    uint now = has_stopped(w) ? w.stopped_at : start;
+    while (!needs_draw(w)) {
         if (EFFECT_REFRACTORY && w.held_until > now) {
             if (w.held_until > end) {
                 break;
@@ -288,6 +325,11 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
             }
         }
     }
+    if (needs_draw(w)) {
+        w.stopped_at = now;
+        return;
+    }
+    w.stopped_at = NEVER;
     w.from_level = to_level;
     w.start = end;
 }

@@ -18,6 +18,7 @@
 #include "together.glsl"
 
 layout(local_size_x = 256) in;
+layout(constant_id = 0) const uint GROUP_BINS = 8;
 
 BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(, SLOT_BINS, uint, bins);
@@ -50,8 +51,10 @@ shared uint found[GROUP_BINS];
 // Where those of a heavy packet go.
 shared uint gathered_base;
 
-// Of each subgroup: events before the group, events in all, the largest bin.
-shared uvec3 sums[64];
+// Events before the group, events in all, the largest bin.
+shared uint sum_ahead;
+shared uint sum_packet;
+shared uint sum_largest;
 
 struct Sums {
     uint ahead;
@@ -73,14 +76,12 @@ Sums sum_bins(Camera cam, uint first_bin) {
     }
     const uvec3 together = uvec3(subgroupAdd(sum.xy), subgroupMax(sum.z));
     if (subgroupElect()) {
-        sums[gl_SubgroupID] = together;
+        atomicAdd(sum_ahead, together.x);
+        atomicAdd(sum_packet, together.y);
+        atomicMax(sum_largest, together.z);
     }
     barrier();
-    Sums all = Sums(0u, 0u, 0u);
-    for (uint s = 0u; s < gl_NumSubgroups; ++s) {
-        all = Sums(all.ahead + sums[s].x, all.packet + sums[s].y, max(all.largest_bin, sums[s].z));
-    }
-    return all;
+    return Sums(sum_ahead, sum_packet, sum_largest);
 }
 
 void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint late, bool fitted) {
@@ -231,6 +232,12 @@ void main() {
             bins[bins_of(cam, 1u - cam.parity) + bin] = 0u;
         }
     }
+    if (lane == 0u) {
+        sum_ahead = 0u;
+        sum_packet = 0u;
+        sum_largest = 0u;
+    }
+    barrier();
     const uint late = bins[own + cam.bin_count];
     const Sums all = sum_bins(cam, first_bin);
     if (lane < GROUP_BINS) {
@@ -266,12 +273,9 @@ void main() {
         return;
     }
     const uint position = cam.event_base + all.ahead;
-    if (events <= SORTABLE_EVENTS) {
-        sort_bins(cam, first_bin, 0u, GROUP_BINS, counted.spilled, position);
-    } else {
-        for (uint b = 0u; b < GROUP_BINS; ++b) {
-            sort_bins(cam, first_bin, b, b + 1u, counted.spilled, position + offsets[b]);
-            barrier();
-        }
+    const uint at_once = events <= SORTABLE_EVENTS ? GROUP_BINS : 1u;
+    for (uint b = 0u; b < GROUP_BINS; b += at_once) {
+        sort_bins(cam, first_bin, b, b + at_once, counted.spilled, position + offsets[b]);
+        barrier();
     }
 }

@@ -1,5 +1,5 @@
 // synthesize: log intensity of a pixel at a fraction of the interval, from its two rendered frames.
-// Twin of the oracle's `synthesize`. Needs `planes`, `motion`, SYNTHESIS, TAPS, INTENSITY.
+// Twin of the oracle's `synthesize`. Needs texels.glsl, SYNTHESIS, TAPS, INTENSITY.
 
 #include "trajectory.glsl"
 #include "lattice.glsl"
@@ -95,6 +95,6 @@ float synthesize_paper(Camera cam, Frames frames, ivec2 at, float alpha) {
     const uint top = frames.current + uint(cell.low.y) * cam.width;
     const uint bottom = frames.current + uint(cell.high.y) * cam.width;
     return log(blend(
-        blend(exp(planes[top + cell.low.x]), exp(planes[top + cell.high.x]), cell.f.x),
-        blend(exp(planes[bottom + cell.low.x]), exp(planes[bottom + cell.high.x]), cell.f.x), cell.f.y));
+        blend(exp(plane_at(top + cell.low.x)), exp(plane_at(top + cell.high.x)), cell.f.x),
+        blend(exp(plane_at(bottom + cell.low.x)), exp(plane_at(bottom + cell.high.x)), cell.f.x), cell.f.y));
 }

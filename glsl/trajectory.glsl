@@ -1,5 +1,5 @@
 // Where a surface is at an instant of the interval, from the motion of this frame (k-1 to k) and of
-// the frame before. Twin of the oracle's `trajectory`. Needs `motion`.
+// the frame before. Twin of the oracle's `trajectory`. Needs texels.glsl.
 
 #include "cell.glsl"
 
@@ -11,7 +11,7 @@ uint motion_base(Camera cam, bool current) {
 }
 
 vec2 motion_at(Camera cam, uint base, ivec2 at) {
-    return motion[base + uint(at.y) * cam.width + uint(at.x)];
+    return vector_at(base + uint(at.y) * cam.width + uint(at.x));
 }
 
 bool has_vector(Camera cam, uint base, ivec2 at) {

@@ -29,6 +29,7 @@ pub struct Device {
     queue_family: u32,
     timestamp_period_ns: f64,
     timestamp_mask: u64,
+    most_texels: u64,
     unified_memory: bool,
     statistics: Option<khr::pipeline_executable_properties::Device>,
     calibrated: Option<ext::calibrated_timestamps::Device>,
@@ -127,6 +128,7 @@ impl Device {
             queue_family,
             timestamp_period_ns: f64::from(properties.limits.timestamp_period),
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
+            most_texels: u64::from(properties.limits.max_texel_buffer_elements),
             unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
             statistics,
             calibrated,
@@ -178,6 +180,11 @@ impl Device {
     #[must_use]
     pub fn queue_family(&self) -> u32 {
         self.queue_family
+    }
+
+    /// Texels that a view of a buffer shows at the most.
+    pub(crate) fn most_texels(&self) -> u64 {
+        self.most_texels
     }
 
     /// Whether the host reads the device's own memory at full speed, so that nothing need be copied.

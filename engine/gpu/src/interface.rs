@@ -3,7 +3,8 @@
 
 use esaac_kernels::Reflection;
 use esaac_model::layout::{
-    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, Push, STRIP_BLOCKS, Slice,
+    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, INGEST_THREADS, Push,
+    STRIP_BLOCKS, Slice, TEXELS,
 };
 use esaac_model::substeps::BLOCK_PX;
 
@@ -14,10 +15,9 @@ pub const STAGES: &[&str] =
 /// Threads of a stage's workgroup: what the number of workgroups in a dispatch is worked out for.
 fn threads(stage: &str) -> u32 {
     match stage {
-        // A pixel of a strip each.
+        // A pixel of a strip, or of a part of it, each.
         "cross" => STRIP_BLOCKS * BLOCK_PX * CROSS_ROWS_PX,
-        // Those and the next column and row, in whole subgroups.
-        "ingest" | "enhance" => ((STRIP_BLOCKS * BLOCK_PX + 1) * (BLOCK_PX + 1)).next_multiple_of(64),
+        "ingest" | "enhance" => INGEST_THREADS,
         _ => 256,
     }
 }
@@ -34,6 +34,10 @@ pub fn check(stage: &str, words: &[u32]) -> Result<(), String> {
         if stride != expected.stride {
             return Err(format!("`{}` has stride {stride}, expected {}", expected.name, expected.stride));
         }
+    }
+    for (&slot, name) in &reflection.texels {
+        let expected = TEXELS.iter().find(|t| t.slot == slot).map(|t| t.name);
+        same(&format!("texel buffer {slot}"), Some(name.as_str()), expected)?;
     }
     // A kernel walks the table of cameras, or the packets that they left.
     if reflection.structs.contains_key(Slice::NAME) {

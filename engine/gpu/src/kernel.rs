@@ -87,23 +87,30 @@ impl BindingSet {
         Ok(Arc::new(this))
     }
 
-    /// Binds `buffers` to the slots from 0 on. No recorded command buffer that uses the set may be
-    /// submitted again before it is recorded anew.
+    /// Binds `buffers` to the slots from 0 on; to a slot of texels it binds a buffer's view, which must be there (see
+    /// [`Buffer::with_texels`]). No recorded command buffer that uses the set may be submitted again before it is
+    /// recorded anew.
     pub fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
         let infos: Vec<_> = buffers
             .into_iter()
-            .map(|b| [vk::DescriptorBufferInfo { buffer: b.raw(), offset: 0, range: vk::WHOLE_SIZE }])
+            .map(|b| {
+                let whole = vk::DescriptorBufferInfo { buffer: b.raw(), offset: 0, range: vk::WHOLE_SIZE };
+                ([whole], [b.texels()])
+            })
             .collect();
         let writes: Vec<_> = infos
             .iter()
             .zip(&self.kinds)
             .enumerate()
-            .map(|(slot, (info, &kind))| {
-                vk::WriteDescriptorSet::default()
+            .map(|(slot, ((buffer, texels), &kind))| {
+                let write = vk::WriteDescriptorSet::default()
                     .dst_set(self.set)
                     .dst_binding(slot as u32)
-                    .descriptor_type(kind)
-                    .buffer_info(info)
+                    .descriptor_type(kind);
+                match kind {
+                    vk::DescriptorType::UNIFORM_TEXEL_BUFFER => write.texel_buffer_view(texels),
+                    _ => write.buffer_info(buffer),
+                }
             })
             .collect();
         // SAFETY: set and buffers are alive; the set is not in use by pending work (callers wait).
@@ -268,13 +275,20 @@ impl Drop for Kernel {
     }
 }
 
+/// How kernels get at buffers.
+const READ_OR_WRITTEN: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
+    vk::AccessFlags2::SHADER_STORAGE_READ.as_raw()
+        | vk::AccessFlags2::SHADER_SAMPLED_READ.as_raw()
+        | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
+);
+
 /// What kernels wrote before is visible to kernels after.
 pub(crate) fn record_barrier(device: &Device, commands: vk::CommandBuffer) {
     let barriers = [vk::MemoryBarrier2::default()
         .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
         .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)
         .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
-        .dst_access_mask(vk::AccessFlags2::SHADER_STORAGE_READ | vk::AccessFlags2::SHADER_STORAGE_WRITE)];
+        .dst_access_mask(READ_OR_WRITTEN)];
     let info = vk::DependencyInfo::default().memory_barriers(&barriers);
     // SAFETY: `commands` is being recorded on this device.
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
@@ -287,7 +301,7 @@ pub(crate) fn record_barrier_from_transfer(device: &Device, commands: vk::Comman
         .src_stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER)
         .src_access_mask(written)
         .dst_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
-        .dst_access_mask(vk::AccessFlags2::SHADER_STORAGE_READ | vk::AccessFlags2::SHADER_STORAGE_WRITE)];
+        .dst_access_mask(READ_OR_WRITTEN)];
     let info = vk::DependencyInfo::default().memory_barriers(&barriers);
     // SAFETY: `commands` is being recorded on this device.
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };

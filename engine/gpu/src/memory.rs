@@ -40,6 +40,14 @@ pub struct Buffer {
     bytes: u64,
     address: u64,
     location: MemoryLocation,
+    texels: Option<Texels>,
+}
+
+/// A buffer as kernels see it by texel fetch.
+struct Texels {
+    view: vk::BufferView,
+    /// Whether it shows all of the buffer: devices show a limited number of texels.
+    whole: bool,
 }
 
 impl Buffer {
@@ -70,6 +78,7 @@ impl Buffer {
             bytes,
             address: 0,
             location,
+            texels: None,
         };
         // SAFETY: `raw` was created above by this device.
         let requirements = unsafe { device.raw().get_buffer_memory_requirements(raw) };
@@ -117,7 +126,28 @@ impl Buffer {
             // SAFETY: the buffer is bound and was made for addresses, as the caller guarantees.
             address: unsafe { device.raw().get_buffer_device_address(&info) },
             location: MemoryLocation::GpuOnly,
+            texels: None,
         }
+    }
+
+    /// The buffer, readable as texels of `texel_bytes` each as well; it was made with `UNIFORM_TEXEL_BUFFER`.
+    pub(crate) fn with_texels(mut self, format: vk::Format, texel_bytes: u64) -> Result<Self, EngineError> {
+        let shown = self.bytes.min(self.device.most_texels() * texel_bytes);
+        let info = vk::BufferViewCreateInfo::default().buffer(self.raw).format(format).range(shown);
+        // SAFETY: the buffer is bound and was made for texels; the view is destroyed with it.
+        let view = unsafe { self.device.raw().create_buffer_view(&info, None) }.call("vkCreateBufferView")?;
+        self.texels = Some(Texels { view, whole: shown == self.bytes });
+        Ok(self)
+    }
+
+    /// View of the buffer's texels; null without one.
+    pub(crate) fn texels(&self) -> vk::BufferView {
+        self.texels.as_ref().map_or(vk::BufferView::null(), |t| t.view)
+    }
+
+    /// Whether every byte can be read as a texel.
+    pub(crate) fn shows_all_texels(&self) -> bool {
+        self.texels.as_ref().is_some_and(|t| t.whole)
     }
 
     /// Vulkan handle.
@@ -197,8 +227,11 @@ impl Buffer {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
-        // SAFETY: whoever owns a buffer waits for the device before dropping it; the handle is ours.
-        unsafe { self.device.raw().destroy_buffer(self.raw, None) };
+        // SAFETY: whoever owns a buffer waits for the device before dropping it; the handles are ours.
+        unsafe {
+            self.device.raw().destroy_buffer_view(self.texels(), None);
+            self.device.raw().destroy_buffer(self.raw, None);
+        }
         match std::mem::replace(&mut self.memory, Memory::None) {
             Memory::None => {}
             Memory::Managed(allocation) => {

@@ -1,7 +1,7 @@
 //! A kernel's interface, read back from its SPIR-V.
 
 use rspirv::dr::{Instruction, Module, Operand};
-use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, Op, StorageClass};
+use rspirv::spirv::{BuiltIn, Decoration, Dim, ExecutionMode, Op, StorageClass};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -47,6 +47,8 @@ pub struct Reflection {
     pub push_bytes: u32,
     /// Strides of the arrays in uniform buffers, by slot.
     pub uniform_strides: BTreeMap<u32, u32>,
+    /// Names of uniform texel buffers, by slot.
+    pub texels: BTreeMap<u32, String>,
 }
 
 /// Reads a module's interface.
@@ -82,6 +84,11 @@ pub fn reflect(words: &[u32]) -> Result<Reflection, ReflectionError> {
                     (names.literal(id, Decoration::Binding), names.array_stride(block))
                 {
                     reflection.uniform_strides.insert(slot, stride);
+                }
+            }
+            Some(Operand::StorageClass(StorageClass::UniformConstant)) if names.is_texel_buffer(block) => {
+                if let Some(slot) = names.literal(id, Decoration::Binding) {
+                    reflection.texels.insert(slot, names.name(id));
                 }
             }
             Some(Operand::StorageClass(StorageClass::PushConstant)) => {
@@ -187,6 +194,12 @@ impl<'a> Names<'a> {
         let mut members = self.member_decorations.range((id, 0)..=(id, u32::MAX)).peekable();
         members.peek().is_some()
             && members.all(|(_, all)| all.iter().any(|(d, _)| *d == Decoration::NonWritable))
+    }
+
+    fn is_texel_buffer(&self, id: u32) -> bool {
+        self.types.get(&id).is_some_and(|i| {
+            i.class.opcode == Op::TypeImage && i.operands.contains(&Operand::Dim(Dim::DimBuffer))
+        })
     }
 
     fn array_stride(&self, block: u32) -> Option<u32> {

@@ -240,8 +240,11 @@ pub const VOTE_FRACTION_BITS: u32 = 14;
 /// Events that a workgroup of `merge` sorts or merges in shared memory.
 pub const RUN_EVENTS: u32 = 2048;
 
-/// Bins next to each other that one workgroup of `sort` takes: several of its lines on the bus.
+/// Bins next to each other that one workgroup of `sort` takes on a GPU: several of its lines on the bus.
 pub const GROUP_BINS: u32 = 8;
+
+/// The same on a processor, which has few cores to keep busy and for which a workgroup is dear.
+pub const SOFTWARE_GROUP_BINS: u32 = 32;
 
 /// Events that a workgroup of `sort` has room for in shared memory; `merge` sorts packets that have a larger bin.
 pub const SORTABLE_EVENTS: u32 = 2048;
@@ -256,6 +259,11 @@ pub const STRIP_BLOCKS: u32 = 4;
 /// Rows of a strip that one workgroup of `cross` takes: small workgroups end at their own time, and leave
 /// their place on the device to others.
 pub const CROSS_ROWS_PX: u32 = 4;
+
+/// Threads of a workgroup of `ingest` and `enhance`: a strip's pixels and those of the next column and row, in whole
+/// subgroups.
+pub const INGEST_THREADS: u32 =
+    ((STRIP_BLOCKS * crate::substeps::BLOCK_PX + 1) * (crate::substeps::BLOCK_PX + 1)).next_multiple_of(64);
 
 /// Cameras that the table holds: 64 KiB, which every device grants a uniform buffer.
 pub const MAX_CAMERAS: usize = 256;
@@ -302,6 +310,24 @@ bindings! {
     SAMPLES = 16, "samples", "int", 4;
     STRIP_ORDER = 17, "strip_order", "uint", 4;
 }
+
+/// A view of a storage buffer that kernels read by texel fetch, which the software driver turns into vector
+/// gathers: reading a buffer's elements costs it a loop over lanes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TexelSlot {
+    /// Slot in descriptor set 0.
+    pub slot: u32,
+    /// Name in GLSL.
+    pub name: &'static str,
+    /// Slot of the buffer that it shows.
+    pub of: usize,
+}
+
+/// Every such view, in the slots after [`BINDINGS`]; a texel is an element of the buffer.
+pub const TEXELS: &[TexelSlot] = &[
+    TexelSlot { slot: BINDINGS.len() as u32, name: "plane_texels", of: PLANES },
+    TexelSlot { slot: BINDINGS.len() as u32 + 1, name: "motion_texels", of: MOTION },
+];
 
 /// Words of state a pixel has, each a plane of `pixels` words: the log-intensity pixel's. Another
 /// pixel model lists its own.
@@ -383,6 +409,9 @@ pub fn glsl() -> String {
             binding.slot, binding.element
         ));
     }
+    for texels in TEXELS {
+        out.push_str(&format!("#define SLOT_{} {}\n", texels.name.to_uppercase(), texels.slot));
+    }
     let coefficients = crate::random::LOG2_COEFFICIENTS_Q30.map(|c| c.to_string()).join(", ");
     out.push_str(&format!(
         "const int LOG2_COEFFICIENTS_Q30[{}] = int[]({coefficients});\n",
@@ -410,10 +439,10 @@ pub fn glsl() -> String {
         ("SUBSTEP_TIME_ERROR_NS", format!("{:.1}", crate::substeps::SUBSTEP_TIME_ERROR_NS)),
         ("STRIP_BLOCKS", format!("{STRIP_BLOCKS}u")),
         ("CROSS_ROWS_PX", format!("{CROSS_ROWS_PX}u")),
+        ("INGEST_THREADS", INGEST_THREADS.to_string()),
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
         ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),
-        ("GROUP_BINS", format!("{GROUP_BINS}u")),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
         ("VOTE_FRACTION_BITS", VOTE_FRACTION_BITS.to_string()),
         ("CUBIC_FRAME", format!("{:.6}", crate::synthesis::CUBIC_FRAME)),

@@ -8,7 +8,7 @@ use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::{Buffer, MemoryUse};
 use ash::vk;
-use esaac_model::layout::{self, BINDINGS, Counters, STATE_WORDS, STRIP_BLOCKS};
+use esaac_model::layout::{self, BINDINGS, Counters, STATE_WORDS, STRIP_BLOCKS, TEXELS};
 use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
@@ -171,8 +171,14 @@ impl Arena {
         Ok(Arena { buffers, samples_pixels, packets: options.packets })
     }
 
-    pub(super) fn buffers(&self) -> impl Iterator<Item = &Buffer> {
-        self.buffers.iter()
+    /// Whether kernels reach all of `planes` and `motion` by texel fetch.
+    pub(super) fn shows_all_texels(&self) -> bool {
+        TEXELS.iter().all(|t| self.buffers[t.of].shows_all_texels())
+    }
+
+    /// What the kernels' slots show, in their order.
+    pub(super) fn shown(&self) -> impl Iterator<Item = &Buffer> {
+        self.buffers.iter().chain(TEXELS.iter().map(|t| &self.buffers[t.of]))
     }
 
     /// Zeroes what kernels expect to find zero.
@@ -435,7 +441,16 @@ fn allocate(
         | layout::APS
         | layout::REPORT
         | layout::SAMPLES => (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty()),
+        layout::PLANES | layout::MOTION => {
+            (MemoryLocation::GpuOnly, vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER)
+        }
         _ => (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty()),
     };
-    device.allocate(binding.name, elements * u64::from(binding.stride), usage, location)
+    let bytes = elements * u64::from(binding.stride);
+    let buffer = device.allocate(binding.name, bytes, usage, location)?;
+    match slot {
+        layout::PLANES => buffer.with_texels(vk::Format::R32_SFLOAT, u64::from(binding.stride)),
+        layout::MOTION => buffer.with_texels(vk::Format::R32G32_SFLOAT, u64::from(binding.stride)),
+        _ => Ok(buffer),
+    }
 }

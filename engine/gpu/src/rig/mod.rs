@@ -195,11 +195,12 @@ impl Rig {
         }
         let mut kinds = vec![vk::DescriptorType::STORAGE_BUFFER; layout::BINDINGS.len()];
         kinds[layout::CAMERAS] = vk::DescriptorType::UNIFORM_BUFFER;
+        kinds.resize(kinds.len() + layout::TEXELS.len(), vk::DescriptorType::UNIFORM_TEXEL_BUFFER);
         let bindings = BindingSet::with_kinds(device, kinds)?;
-        bindings.bind(arena.buffers());
+        bindings.bind(arena.shown());
         let count = cameras.len();
         let mut rig = Rig {
-            kernels: record::Kernels::new(&code::Code::default(), &bindings)?,
+            kernels: record::Kernels::new(device, &code::Code::default(), &bindings)?,
             code: code::Code::default(),
             specialised: record::Specialised::default(),
             commands: Commands::new(device)?,

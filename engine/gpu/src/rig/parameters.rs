@@ -11,10 +11,16 @@ use esaac_model::{
 
 /// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
 /// the formats of its images, and the transfers between lattices.
-pub(super) type Permutation = [u32; 16];
+pub(super) type Permutation = [u32; 17];
 
-/// Which code a camera needs: an effect that is off is not there.
-pub(super) fn permutation(camera: &CameraState, options: RigOptions, by_address: bool) -> Permutation {
+/// Which code a camera needs: an effect that is off is not there. `by_address`: the device reads fastest by address;
+/// `branches`: it skips branches that no thread takes.
+pub(super) fn permutation(
+    camera: &CameraState,
+    options: RigOptions,
+    by_address: bool,
+    branches: bool,
+) -> Permutation {
     let sensor = &camera.config.sensor;
     [
         sensor.intensity as u32,
@@ -31,6 +37,7 @@ pub(super) fn permutation(camera: &CameraState, options: RigOptions, by_address:
         u32::from(options.keep_substeps),
         0,
         u32::from(by_address),
+        u32::from(branches),
         camera.config.hdr as u32,
         camera.config.motion.map_or(0, |m| m as u32),
         // Without lattices there is nothing to transfer.
@@ -44,9 +51,10 @@ const PERMUTATION_CROWDED: usize = 11;
 /// Indices of a permutation's other parts that the host asks about.
 const PERMUTATION_INTENSITY: usize = 0;
 const PERMUTATION_BY_ADDRESS: usize = 12;
-const PERMUTATION_HDR: usize = 13;
-const PERMUTATION_MOTION: usize = 14;
-const PERMUTATION_TRANSFERS: usize = 15;
+const PERMUTATION_BRANCHES: usize = 13;
+const PERMUTATION_HDR: usize = 14;
+const PERMUTATION_MOTION: usize = 15;
+const PERMUTATION_TRANSFERS: usize = 16;
 
 /// Index of a permutation's delay flag.
 pub(super) const PERMUTATION_DELAY: usize = 5;
@@ -193,15 +201,10 @@ fn lattice_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
 
-/// As [`channels`], of a permutation.
-pub(super) fn channels_of(permutation: &Permutation) -> u32 {
-    if permutation[PERMUTATION_INTENSITY] == Intensity::BayerRggb as u32 { 3 } else { 1 }
-}
-
-pub(super) type IngestConstants = [u32; 5];
+pub(super) type IngestConstants = [u32; 6];
 pub(super) type EnhanceConstants = [u32; 2];
 /// What a permutation begins with.
-pub(super) type CrossConstants = [u32; 13];
+pub(super) type CrossConstants = [u32; 14];
 
 /// Specialisation constants of `ingest`, by id.
 pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
@@ -211,7 +214,19 @@ pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
         permutation[PERMUTATION_HDR],
         permutation[PERMUTATION_MOTION],
         permutation[PERMUTATION_BY_ADDRESS],
+        u32::from(!fills_up(permutation)),
     ]
+}
+
+/// Whether `ingest` is cut finely: for a GPU with a lattice to make, one sensor's strips are few and long.
+fn fills_up(permutation: &Permutation) -> bool {
+    permutation[PERMUTATION_TRANSFERS] > 0 && permutation[PERMUTATION_BRANCHES] != 0
+}
+
+/// Workgroups of `ingest` a strip: one, or one a colour component.
+pub(super) fn ingest_parts(permutation: &Permutation) -> u32 {
+    let bayer = permutation[PERMUTATION_INTENSITY] == Intensity::BayerRggb as u32;
+    if bayer && fills_up(permutation) { 3 } else { 1 }
 }
 
 /// Specialisation constants of `enhance`, by id, if the permutation has two transfers: the first is part of

@@ -4,7 +4,7 @@ use super::Rig;
 use super::code::Code;
 use super::parameters::{
     CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
-    channels_of, cross_constants, enhance_constants, ingest_constants, permutation,
+    cross_constants, enhance_constants, ingest_constants, ingest_parts, permutation,
 };
 use crate::commands::Commands;
 use crate::device::Device;
@@ -12,7 +12,7 @@ use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_model::layout::{self, Push};
+use esaac_model::layout::{self, GROUP_BINS, Push, SOFTWARE_GROUP_BINS};
 use esaac_model::substeps::BLOCK_PX;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -43,6 +43,11 @@ pub(super) fn events_per_thread(device: &Device) -> u32 {
     if device.info().kind == "software" { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD }
 }
 
+/// Bins that a workgroup of `sort` takes.
+fn group_bins(device: &Device) -> u32 {
+    if device.info().kind == "software" { SOFTWARE_GROUP_BINS } else { GROUP_BINS }
+}
+
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
 pub(super) const STAMPS: u32 = STAGES.len() as u32 + 1;
 
@@ -56,10 +61,10 @@ pub(super) struct Kernels {
 }
 
 impl Kernels {
-    pub(super) fn new(code: &Code, bindings: &Arc<BindingSet>) -> Result<Self, EngineError> {
+    pub(super) fn new(device: &Device, code: &Code, bindings: &Arc<BindingSet>) -> Result<Self, EngineError> {
         Ok(Kernels {
             carry: code.kernel(bindings, stages::CARRY, &[])?,
-            sort: code.kernel(bindings, stages::SORT, &[])?,
+            sort: code.kernel(bindings, stages::SORT, &[group_bins(device)])?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
             forms: HashMap::new(),
         })
@@ -140,8 +145,10 @@ impl Rig {
 
     /// Which code each camera needs.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
-        let by_address = self.device.info().kind != "software";
-        self.cameras.iter().map(|c| permutation(c, self.options, by_address)).collect()
+        // Beyond what texels show there are only addresses.
+        let branches = self.device.info().kind != "software";
+        let by_address = branches || !self.arena.shows_all_texels();
+        self.cameras.iter().map(|c| permutation(c, self.options, by_address, branches)).collect()
     }
 
     /// Every kernel that the rig has compiled.
@@ -182,7 +189,7 @@ impl Rig {
 
     /// Records anew for the same permutations: the buffers have changed.
     pub(super) fn record_again(&mut self) -> Result<(), EngineError> {
-        self.bindings.bind(self.arena.buffers());
+        self.bindings.bind(self.arena.shown());
         match self.recorded.take() {
             Some(permutations) => self.record(&permutations),
             None => Ok(()),
@@ -242,7 +249,7 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
             for group in groups {
                 let push = first(group.first);
                 let ingest = &specialised.ingests[&ingest_constants(&group.permutation)];
-                let extent = [group.strips, group.count, channels_of(&group.permutation)];
+                let extent = [group.strips, group.count, ingest_parts(&group.permutation)];
                 ingest.record(commands, bytes_of(&push), extent);
                 if group.permutation[PERMUTATION_DELAY] != 0 {
                     let extent = [striding_groups(rig), group.count, 1];
@@ -255,7 +262,7 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
         let mut enhances = false;
         for group in groups.iter().filter(|_| whole) {
             if let Some(constants) = enhance_constants(&group.permutation) {
-                let extent = [group.strips, group.count, channels_of(&group.permutation)];
+                let extent = [group.strips, group.count, 1];
                 specialised.enhances[&constants].record(commands, bytes_of(&first(group.first)), extent);
                 enhances = true;
             }
@@ -271,7 +278,7 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
         }
         record_barrier(device, commands);
         stage_done();
-        let bin_groups = bins.div_ceil(layout::GROUP_BINS);
+        let bin_groups = bins.div_ceil(group_bins(device));
         rig.kernels.sort.record(commands, bytes_of(&all), [bin_groups, cameras, 1]);
         record_host_barrier(device, commands);
         write_stamp();
