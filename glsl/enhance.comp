@@ -2,8 +2,8 @@
 // other way, from the previous frame to the current one, `ingest` does.)
 //
 // One workgroup a strip of four 8x8 blocks side by side: a thread a pixel of the strip and of the next column and row,
-// then a thread a pixel and its three half sites; x over strips, y over cameras. Reads the current lattice in `planes`, writes half sites of the previous one. Runs
-// after `ingest`; `cross` reads both lattices.
+// then a thread a pixel and its three half sites, of all colour components; x over strips, y over cameras. Reads the
+// current lattice in `planes`, writes half sites of the previous one. Runs after `ingest`; `cross` reads both lattices.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

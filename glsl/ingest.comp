@@ -337,7 +337,8 @@ void main() {
     }
     const Camera cam = cameras[index];
     const uint lane = gl_LocalInvocationID.x;
-    // (A constant for one component, too, costs a GPU a fourth of its workgroups: registers for what it then moves ahead.)
+    // Were it a constant for one component too, a GPU would need registers for what it then moves ahead, and have room
+    // for a fourth fewer workgroups.
     const uint channel = TOGETHER ? 0u : gl_WorkGroupID.z;
     strip_at = ivec2(corner);
     if (lane < STRIP_BLOCKS) {

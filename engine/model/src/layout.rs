@@ -506,6 +506,10 @@ mod tests {
             assert_eq!(binding.slot as usize, index);
             assert_eq!(BINDINGS.iter().filter(|b| b.name == binding.name).count(), 1);
         }
+        for (index, texels) in TEXELS.iter().enumerate() {
+            assert_eq!(texels.slot as usize, BINDINGS.len() + index);
+            assert!(texels.of < BINDINGS.len() && BINDINGS.iter().all(|b| b.name != texels.name));
+        }
     }
 
     #[test]

@@ -243,10 +243,16 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
                 write_stamp();
             }
         };
+        // Kernels that read texels and write words of one buffer, each those of its own cameras: the layer sees the
+        // buffer. The software driver runs them one after the other in any case.
+        let apart = device.is_validated() || device.info().kind == "software";
         rig.timer.record_reset(commands, first_stamp..if whole { STAMPS } else { STAMPS + 2 });
         write_stamp();
         if whole {
-            for group in groups {
+            for (index, group) in groups.iter().enumerate() {
+                if index > 0 && apart {
+                    record_barrier(device, commands);
+                }
                 let push = first(group.first);
                 let ingest = &specialised.ingests[&ingest_constants(&group.permutation)];
                 let extent = [group.strips, group.count, ingest_parts(&group.permutation)];
@@ -262,6 +268,9 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
         let mut enhances = false;
         for group in groups.iter().filter(|_| whole) {
             if let Some(constants) = enhance_constants(&group.permutation) {
+                if enhances && apart {
+                    record_barrier(device, commands);
+                }
                 let extent = [group.strips, group.count, 1];
                 specialised.enhances[&constants].record(commands, bytes_of(&first(group.first)), extent);
                 enhances = true;
