@@ -87,9 +87,8 @@ impl BindingSet {
         Ok(Arc::new(this))
     }
 
-    /// Binds `buffers` to the slots from 0 on; to a slot of texels it binds a buffer's view, which must be there (see
-    /// [`Buffer::with_texels`]). No recorded command buffer that uses the set may be submitted again before it is
-    /// recorded anew.
+    /// Binds `buffers` to the slots from 0 on; to a slot of texels, a buffer's view of them. No recorded command buffer
+    /// that uses the set may be submitted again before it is recorded anew.
     pub fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
         let infos: Vec<_> = buffers
             .into_iter()
