@@ -57,7 +57,7 @@ impl Clock {
         let kernel = Kernel::new(device, "heat", &words, 1, 4, &[])?;
         kernel.bind(&[&sink]);
         // A processor has no clock to keep up, and all of its time is wanted.
-        let heats = device.info().kind != "software";
+        let heats = !device.is_software();
         Ok(Clock {
             device: Arc::clone(device),
             kernel,

@@ -159,7 +159,7 @@ impl Laboratory {
     /// Whether the device is a processor.
     #[must_use]
     pub fn is_software(&self) -> bool {
-        self.device.info().kind == "software"
+        self.device.is_software()
     }
 
     /// A scene at 30 Hz, or at another step from frame to frame; motion is [`FORMATS`]'s.

@@ -182,6 +182,12 @@ impl Device {
         self.queue_family
     }
 
+    /// Whether it is a processor that stands in for a GPU.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.info.kind == "software"
+    }
+
     /// Texels that a view of a buffer shows at the most.
     pub(crate) fn most_texels(&self) -> u64 {
         self.most_texels

@@ -74,7 +74,7 @@ impl Timeline {
             if waited >= timeout {
                 return Ok(false);
             }
-            if waited < SPIN && self.device.info().kind != "software" {
+            if waited < SPIN && !self.device.is_software() {
                 std::hint::spin_loop();
             } else {
                 std::thread::sleep(NAP);

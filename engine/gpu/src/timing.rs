@@ -30,7 +30,7 @@ pub(crate) fn new_fence(device: &Device) -> Result<vk::Fence, EngineError> {
 /// on a real GPU, then sleeps.
 pub(crate) fn wait_for(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
     let raw = device.raw();
-    if device.info().kind != "software" {
+    if !device.is_software() {
         let started = Instant::now();
         while started.elapsed() < SPIN {
             // SAFETY: the fence is alive.

@@ -176,7 +176,7 @@ impl Server {
             device: Arc::clone(device),
             latest: cameras.iter().map(|c| c.latest).collect(),
             options: ServerOptions {
-                spin: if device.info().kind == "software" { Duration::ZERO } else { options.spin },
+                spin: if device.is_software() { Duration::ZERO } else { options.spin },
                 ..options
             },
             state: Mutex::new(State {

@@ -40,12 +40,12 @@ fn striding_groups(rig: &Rig) -> u32 {
 
 /// Events that a thread strides over at the most.
 pub(super) fn events_per_thread(device: &Device) -> u32 {
-    if device.info().kind == "software" { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD }
+    if device.is_software() { SOFTWARE_EVENTS_PER_THREAD } else { GPU_EVENTS_PER_THREAD }
 }
 
 /// Bins that a workgroup of `sort` takes.
 fn group_bins(device: &Device) -> u32 {
-    if device.info().kind == "software" { SOFTWARE_GROUP_BINS } else { GROUP_BINS }
+    if device.is_software() { SOFTWARE_GROUP_BINS } else { GROUP_BINS }
 }
 
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
@@ -146,7 +146,7 @@ impl Rig {
     /// Which code each camera needs.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         // Beyond what texels show there are only addresses.
-        let branches = self.device.info().kind != "software";
+        let branches = !self.device.is_software();
         let by_address = branches || !self.arena.shows_all_texels();
         self.cameras.iter().map(|c| permutation(c, self.options, by_address, branches)).collect()
     }
@@ -245,7 +245,7 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
         };
         // Kernels that read texels and write words of one buffer, each those of its own cameras: the layer sees the
         // buffer. The software driver runs them one after the other in any case.
-        let apart = device.is_validated() || device.info().kind == "software";
+        let apart = device.is_validated() || device.is_software();
         rig.timer.record_reset(commands, first_stamp..if whole { STAMPS } else { STAMPS + 2 });
         write_stamp();
         if whole {
