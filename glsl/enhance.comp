@@ -24,13 +24,27 @@ const uint COMPONENTS = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
 #include "lattice.glsl"
 #include "margin.glsl"
 
-vec2 motion_near(Camera cam, ivec2 at) {
-    return motion_at(cam, motion_base(cam, true), at);
-}
+vec2 motion_near(Camera cam, ivec2 at);
 
 #include "transfer.glsl"
 
+vec2 motion_near(Camera cam, ivec2 at) {
+    const ivec2 seen_at = clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1);
+    const vec2 m = motion_at(cam, motion_base(cam, true), seen_at);
+    return floatBitsToUint(m.x) == INVALID_BIT ? vec2(NOWHERE_PX) : m;
+}
+
+// Ways of the sites to the current frame.
+shared vec2 shifts[SITES];
 shared uint moves;
+
+// The way of the half site right and below a pixel of the strip.
+vec2 shift_of_half_site(uvec2 in_strip, ivec2 half_step) {
+    const uint site = site_index(in_strip);
+    const uint right = site + uint(half_step.x);
+    const uint below = uint(half_step.y) * SITES_X;
+    return 0.25 * (shifts[site] + shifts[right] + shifts[site + below] + shifts[right + below]);
+}
 
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
@@ -61,32 +75,48 @@ void main() {
         // Nothing moved and nothing changed: the current frame knows no more.
         return;
     }
-    if (lane < SITES) {
-        const ivec2 at = site_pixel(cam, corner, lane);
+    for (uint number = lane; number < SITES; number += gl_WorkGroupSize.x) {
+        const ivec2 at = site_pixel(cam, corner, site_at(number));
+        const uint site = site_index(site_at(number));
         const vec2 shift = -motion_from_previous(cam, at);
-        float levels[COMPONENTS];
+        const vec2 there = to_lattice(cam, vec2(at) + shift);
+        shifts[site] = shift;
+        trusts[site] = trust_at(cam, at, shift);
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-            levels[k] = plane_at(previous + k * cam.frame_words + frame_word(cam, true, at));
+            const float level = plane_at(previous + k * cam.frame_words + frame_word(cam, true, at));
+            residuals[k * SITES + site] = level - lattice_cubic(cam, current + k * cam.frame_words, there);
         }
-        note_site(cam, lane, at, levels, shift, current);
     }
     barrier();
-    const uvec2 in_strip = uvec2(lane % STRIP_PX, lane / STRIP_PX);
+    const uvec2 in_strip = site_at(lane);
     const ivec2 at = corner + ivec2(in_strip);
-    if (in_strip.y >= BLOCK_PX || at.x >= int(cam.width) || at.y >= int(cam.height)) {
+    if (!has_half_sites(cam, corner, in_strip)) {
         return;
     }
+    Around around[3];
+    float most_trust = 0.0;
     [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
-        const ivec2 half_step = ivec2(half_phase & 1, half_phase >> 1);
-        const Around around = around_half_site(in_strip, half_step);
-        if (around.trust > 0.0) {
-            const uint word = frame_word(cam, true, at) + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride;
-            [[unroll]] for (uint c = 0u; c < COMPONENTS; ++c) {
-                const uint base = previous + c * cam.frame_words;
-                const float own = around.trust < 1.0 ? planes[base + word] : 0.0;
-                const float seen = seen_from(cam, current + c * cam.frame_words, c, at, half_step, around);
-                store_entry(cam, base, uvec2(2 * at + half_step), blend(own, seen, around.trust));
+        around[half_phase - 1] = around_half_site(in_strip, half_step_of(half_phase));
+        most_trust = max(most_trust, around[half_phase - 1].trust);
+    }
+    if (most_trust == 0.0) {
+        return;
+    }
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        const uint base = previous + k * cam.frame_words;
+        const uint word = base + frame_word(cam, true, at);
+        const uint below = word + cam.lattice_stride;
+        vec4 entries = vec4(planes[word], planes[word + 1u], planes[below], planes[below + 1u]);
+        [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
+            const ivec2 half_step = half_step_of(half_phase);
+            const vec2 shift = shift_of_half_site(in_strip, half_step);
+            const vec2 there = to_lattice(cam, vec2(at) + 0.5 * vec2(half_step) + shift);
+            const Around of = around[half_phase - 1];
+            if (of.trust > 0.0) {
+                const float seen = lattice_cubic(cam, current + k * cam.frame_words, there) + of.residual[k];
+                entries[half_phase] = blend(entries[half_phase], seen, of.trust);
             }
         }
+        store_entries(cam, base, at, entries);
     }
 }

@@ -70,6 +70,7 @@ vec2 motion_near(Camera cam, ivec2 at) {
 }
 
 #include "transfer.glsl"
+#include "beside.glsl"
 
 shared uint block_motion[STRIP_BLOCKS];
 shared uint block_change[STRIP_BLOCKS];
@@ -183,9 +184,7 @@ void take_further(Camera cam, uint channel, uint taken, ivec2 at, bool own, vec3
             moves = 1u;
         }
     }
-    if (own && LATTICE) {
-        store_entry(cam, frame_of(cam, cam.parity, channel), 2u * uvec2(at), level);
-    } else if (own) {
+    if (own && !LATTICE) {
         planes[frame_of(cam, cam.parity, channel) + word] = level;
     }
 }
@@ -222,9 +221,7 @@ void take(Camera cam, uint channel, uint taken) {
             moves = 1u;
         }
     }
-    if (own && LATTICE) {
-        store_entry(cam, frame_of(cam, cam.parity, channel), 2u * uvec2(at), level);
-    } else if (own) {
+    if (own && !LATTICE) {
         planes[frame_of(cam, cam.parity, channel) + frame_word(cam, false, at)] = level;
     }
     [[unroll]] for (uint further = 1u; further < COMPONENTS; ++further) {
@@ -240,7 +237,7 @@ void take(Camera cam, uint channel, uint taken) {
         bool usable;
         const vec2 m = to_usable(motion_read, usable);
         if (LATTICE) {
-            taken_motion[taken] = m;
+            taken_motion[taken] = usable ? m : vec2(NOWHERE_PX);
             if (floatBitsToUint(m.x) != 0u || m.y != 0.0) {
                 moves = 1u;
             }
@@ -301,31 +298,69 @@ float frame_cubic(Camera cam, uint k, ivec2 at, ivec2 half_step) {
         vec2(taken_level[below + 1u], taken_level[below + 2u]), f, CUBIC_FRAME);
 }
 
-// The three half sites of a pixel of the strip; `channel` is the first component that the workgroup takes.
-void write_half_sites(Camera cam, uint channel, uvec2 in_strip) {
+// Where the previous frame shows a pixel of the strip, or of those beside it, and its half sites.
+Places places_before(Camera cam, ivec2 at) {
+    const uint taken = taken_index(at);
+    const vec2 own = taken_motion[taken];
+    const vec2 right = own + taken_motion[taken + 1u];
+    const vec2 below = taken_motion[taken + TAKEN_X];
+    const vec2 all = right + below + taken_motion[taken + TAKEN_X + 1u];
+    return places_beside(cam, at, own, vec2[3](0.5 * right, 0.5 * (own + below), 0.25 * all));
+}
+
+// What the previous frame showed of a site and, if they are asked for, of its half sites; notes what it says of the
+// former. `channel` is the first component that the workgroup takes.
+void look_back(Camera cam, uint channel, uvec2 site, bool half_sites, out vec4 seen[COMPONENTS]) {
+    const ivec2 at = site_pixel(cam, strip_at, site);
+    const Places places = places_before(cam, at);
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        seen[k] = seen_beside(cam, frame_of(cam, 1u - cam.parity, channel + k), places, half_sites);
+        residuals[k * SITES + site_index(site)] = taken_level[k * TAKEN + taken_index(at)] - seen[k].x;
+    }
+    trusts[site_index(site)] = trust_at(cam, at, taken_motion[taken_index(at)]);
+}
+
+// A half site of a pixel of the strip, of the `k`th component that the workgroup takes, where the previous frame showed
+// `seen`.
+float half_site(Camera cam, uint k, ivec2 at, ivec2 half_step, float seen, Around around) {
+    float value = 0.0;
+    if (around.trust < 1.0) {
+        value = frame_cubic(cam, k, at, half_step);
+    }
+    if (around.trust > 0.0) {
+        value = blend(value, seen + around.residual[k], around.trust);
+    }
+    return value;
+}
+
+// The lattice at a pixel of the strip, where the previous frame showed what `seen` says of its half sites; `channel` is
+// the first component that the workgroup takes.
+void write_lattice(Camera cam, uint channel, uvec2 in_strip, vec4 seen[COMPONENTS]) {
     const ivec2 at = strip_at + ivec2(in_strip);
-    // A first frame has only itself.
-    const bool alone = cam.phase == PHASE_FIRST;
-    [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
-        const ivec2 half_step = ivec2(half_phase & 1, half_phase >> 1);
-        const Around around = alone || moves == 0u ? NOTHING_AROUND : around_half_site(in_strip, half_step);
+    const uint word = frame_word(cam, true, at);
+    if (moves == 0u) {
+        // Nothing moved and nothing changed: what was known of the last frame holds for this one.
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-            const uint previous = frame_of(cam, 1u - cam.parity, channel + k);
-            float value = 0.0;
-            if (moves == 0u) {
-                // Nothing moved and nothing changed: what was known of the last frame holds for this one.
-                const uint word = frame_word(cam, true, at);
-                value = plane_at(previous + word + uint(half_step.x) + uint(half_step.y) * cam.lattice_stride);
-            } else {
-                if (around.trust < 1.0) {
-                    value = frame_cubic(cam, k, at, half_step);
-                }
-                if (around.trust > 0.0) {
-                    value = blend(value, seen_from(cam, previous, k, at, half_step, around), around.trust);
-                }
-            }
-            store_entry(cam, frame_of(cam, cam.parity, channel + k), uvec2(2 * at + half_step), value);
+            const uint top = frame_of(cam, 1u - cam.parity, channel + k) + word;
+            const uint below = top + cam.lattice_stride;
+            const vec4 entries = vec4(plane_at(top), plane_at(top + 1u), plane_at(below), plane_at(below + 1u));
+            store_entries(cam, frame_of(cam, cam.parity, channel + k), at, entries);
         }
+        return;
+    }
+    Around around[3];
+    [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
+        // A first frame has only itself.
+        around[half_phase - 1] =
+            cam.phase == PHASE_FIRST ? NOTHING_AROUND : around_half_site(in_strip, half_step_of(half_phase));
+    }
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        vec4 entries = vec4(taken_level[k * TAKEN + taken_index(at)], 0.0, 0.0, 0.0);
+        [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
+            entries[half_phase] =
+                half_site(cam, k, at, half_step_of(half_phase), seen[k][half_phase], around[half_phase - 1]);
+        }
+        store_entries(cam, frame_of(cam, cam.parity, channel + k), at, entries);
     }
 }
 
@@ -364,21 +399,19 @@ void main() {
     if (!LATTICE) {
         return;
     }
+    const uvec2 site = site_at(lane);
+    const bool half_sites = has_half_sites(cam, strip_at, site);
+    vec4 seen[COMPONENTS];
     if (moves != 0u && cam.phase != PHASE_FIRST) {
+        for (uint number = lane + gl_WorkGroupSize.x; number < SITES; number += gl_WorkGroupSize.x) {
+            look_back(cam, channel, site_at(number), false, seen);
+        }
         if (lane < SITES) {
-            const ivec2 at = site_pixel(cam, strip_at, lane);
-            const uint taken = taken_index(at);
-            const uint previous = frame_of(cam, 1u - cam.parity, channel);
-            float levels[COMPONENTS];
-            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-                levels[k] = taken_level[k * TAKEN + taken];
-            }
-            note_site(cam, lane, at, levels, taken_motion[taken], previous);
+            look_back(cam, channel, site, half_sites, seen);
         }
         barrier();
     }
-    const uvec2 in_strip = uvec2(lane % STRIP_PX, lane / STRIP_PX);
-    if (in_strip.y < BLOCK_PX && corner.x + in_strip.x < cam.width && corner.y + in_strip.y < cam.height) {
-        write_half_sites(cam, channel, in_strip);
+    if (half_sites) {
+        write_lattice(cam, channel, site, seen);
     }
 }

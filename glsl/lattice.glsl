@@ -5,28 +5,26 @@
 #include "frame_words.glsl"
 
 // A row of a lattice by device address: neighbours are at constant offsets, which a load takes for nothing, while
-// an index into a descriptor's buffer costs each load an address of its own.
+// an index into a descriptor's buffer costs each load an address of its own. What is added to the address has 32 bits,
+// which a load adds for nothing as well; a buffer has no more bytes than that.
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer LatticeRow { float v[]; };
 
-// Weights of taps -1, 0, 1, 2 at fraction f (Keys 1981).
-vec4 keys(float f, float a) {
-    const float g = 1.0 - f;
-    const float outer = a * f * g;
-    const float first = outer * g;
-    const float last = outer * f;
-    const float inner = fma(fma(a + 2.0, f, -(a + 3.0)) * f, f, 1.0);
-    return vec4(first, inner, 1.0 - first - inner - last, last);
-}
-
-// Twelve taps, of four rows: the inner two by Keys' kernel, the outer two, which weigh little, straight from the second
-// tap to the third. Within the range of the middle four: a reconstruction that rings would send events of its own.
+// Twelve taps, of four rows: the inner two by Keys' kernel (Keys 1981), the outer two, which weigh little, straight from
+// the second tap to the third. Within the range of the middle four: a reconstruction that rings would send events of its
+// own. Keys' kernel is the straight line and f (1 - f) times what is itself linear in f.
 float cubic(vec2 above, vec4 top, vec4 bottom, vec2 below, vec2 f, float a) {
-    const vec4 across = keys(f.x, a);
-    const vec4 down = keys(f.y, a);
-    float sum = down.x * blend(above.x, above.y, f.x);
-    sum = fma(down.y, fma(across.w, top.w, fma(across.z, top.z, fma(across.y, top.y, across.x * top.x))), sum);
-    sum = fma(down.z, fma(across.w, bottom.w, fma(across.z, bottom.z, fma(across.y, bottom.y, across.x * bottom.x))), sum);
-    sum = fma(down.w, blend(below.x, below.y, f.x), sum);
+    const vec2 g = 1.0 - f;
+    const vec2 bend = f * g;
+    const float outer = a * bend.x;
+    const vec4 across = vec4(
+        outer * g.x, fma(bend.x, fma(-(a + 2.0), f.x, 1.0), g.x), fma(bend.x, fma(-(a + 2.0), g.x, 1.0), f.x), outer * f.x);
+    const float first = blend(above.x, above.y, f.x);
+    const float second = fma(across.w, top.w, fma(across.z, top.z, fma(across.y, top.y, across.x * top.x)));
+    const float third = fma(across.w, bottom.w, fma(across.z, bottom.z, fma(across.y, bottom.y, across.x * bottom.x)));
+    const float last = blend(below.x, below.y, f.x);
+    const float rise = third - second;
+    const float bent = fma(f.y, fma(a, last - first, (a + 2.0) * rise), fma(a, first - third, -rise));
+    const float sum = fma(bend.y, bent, fma(f.y, rise, second));
     const vec2 low = min(top.yz, bottom.yz);
     const vec2 high = max(top.yz, bottom.yz);
     return clamp(sum, min(low.x, low.y), max(high.x, high.y));
@@ -41,12 +39,13 @@ vec2 to_lattice(Camera cam, vec2 position) {
 float lattice_cubic(Camera cam, uint base, vec2 at) {
     const vec2 low = floor(at);
     const vec2 f = at - low;
-    const uint first = base + uint(low.y) * cam.lattice_stride + uint(low.x);
+    const uint first = base + uint(low.y) * cam.lattice_stride + uint(low.x) + 1u;
     if (BY_ADDRESS) {
-        const uint64_t above = cam.planes_address + 4ul * first;
-        const uint64_t top = above + 4u * cam.lattice_stride;
-        const uint64_t bottom = top + 4u * cam.lattice_stride;
-        const uint64_t below = bottom + 4u * cam.lattice_stride;
+        const uint row = 4u * cam.lattice_stride;
+        const uint64_t above = cam.planes_address + 4u * first;
+        const uint64_t top = cam.planes_address + (4u * first + row);
+        const uint64_t bottom = cam.planes_address + (4u * first + 2u * row);
+        const uint64_t below = cam.planes_address + (4u * first + 3u * row);
         return cubic(
             vec2(LatticeRow(above).v[1], LatticeRow(above).v[2]),
             vec4(LatticeRow(top).v[0], LatticeRow(top).v[1], LatticeRow(top).v[2], LatticeRow(top).v[3]),

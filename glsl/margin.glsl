@@ -1,14 +1,37 @@
-// Writes an entry of a lattice, and for an outermost one its copies in the margin. Needs `planes`.
-void store_entry(Camera cam, uint base, uvec2 entry, float value) {
-    const uvec2 end = 2u * uvec2(cam.width, cam.height) - 1u;
-    planes[base + (entry.y + 1u) * cam.lattice_stride + entry.x + 1u] = value;
-    if (any(equal(entry, uvec2(0u))) || any(equal(entry, end))) {
-        const uvec2 first = uvec2(entry.x == 0u ? 0u : entry.x + 1u, entry.y == 0u ? 0u : entry.y + 1u);
-        const uvec2 last = entry + uvec2(entry.x == end.x ? 3u : 1u, entry.y == end.y ? 3u : 1u);
-        for (uint row = first.y; row <= last.y; ++row) {
-            for (uint column = first.x; column <= last.x; ++column) {
-                planes[base + row * cam.lattice_stride + column] = value;
-            }
+// Writing a lattice. Needs frame_words.glsl, `planes`, BY_ADDRESS.
+
+layout(buffer_reference, std430, buffer_reference_align = 8) writeonly buffer LatticePair { vec2 v; };
+
+void store_pair(Camera cam, uint word, vec2 pair) {
+    if (BY_ADDRESS) {
+        LatticePair(cam.planes_address + 4u * word).v = pair;
+    } else {
+        planes[word] = pair.x;
+        planes[word + 1u] = pair.y;
+    }
+}
+
+// The copies of an outermost pixel's entries.
+void store_margin(Camera cam, uint base, ivec2 at, vec4 entries) {
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    const ivec2 own = 2 * at + ivec2(2, 1);
+    const ivec2 from = ivec2(at.x == 0 ? 1 : own.x, at.y == 0 ? 0 : own.y);
+    const ivec2 to = own + 1 + 2 * ivec2(equal(at, last));
+    for (int row = from.y; row <= to.y; ++row) {
+        const vec2 pair = row <= own.y ? entries.xy : entries.zw;
+        for (int column = from.x; column <= to.x; ++column) {
+            planes[base + uint(row) * cam.lattice_stride + uint(column)] = column <= own.x ? pair.x : pair.y;
         }
+    }
+}
+
+// Writes a pixel's entry of the lattice at `base` and those of its half sites right, below, and right and below.
+void store_entries(Camera cam, uint base, ivec2 at, vec4 entries) {
+    const uint word = base + frame_word(cam, true, at);
+    store_pair(cam, word, entries.xy);
+    store_pair(cam, word + cam.lattice_stride, entries.zw);
+    const ivec2 room = min(at, ivec2(cam.width, cam.height) - 1 - at);
+    if (min(room.x, room.y) == 0) {
+        store_margin(cam, base, at, entries);
     }
 }

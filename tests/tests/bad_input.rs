@@ -5,7 +5,7 @@ use esaac_engine::{
     Around, CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, InputBuffers,
     MemoryLocation, Rig, RigOptions, Validation,
 };
-use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorError, SensorModel, Synthesis};
+use esaac_model::{FrameError, HdrFormat, Intensity, MotionFormat, SensorError, SensorModel, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, times};
 use esaac_tests::run::{camera, engine, rig, step};
@@ -190,6 +190,25 @@ fn memory_that_cannot_be_had() {
     let bytes = 1 << 50;
     let buffer = DEVICE.allocate("a petabyte", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly);
     let error = assert_names(buffer, &["memory", "1125899906842624 bytes", "a petabyte"]);
+    assert!(matches!(error, EngineError::OutOfMemory { .. }), "{error:?}");
+}
+
+#[test]
+fn cameras_that_are_too_much_for_one_rig() {
+    let sensor = SensorModel {
+        width: 8192,
+        height: 8192,
+        intensity: Intensity::BayerRggb,
+        synthesis: Synthesis::Motion,
+        ..SensorModel::default()
+    };
+    let config = CameraConfig {
+        sensor,
+        hdr: HdrFormat::F16x4,
+        motion: Some(MotionFormat::F16x2),
+        ..camera(&self::sensor(), 0, &frames(&self::sensor(), 1))
+    };
+    let error = assert_names(Rig::new(&DEVICE, &[config]), &["`planes`", "4294967295", "rigs of their own"]);
     assert!(matches!(error, EngineError::OutOfMemory { .. }), "{error:?}");
 }
 

@@ -260,10 +260,8 @@ pub const STRIP_BLOCKS: u32 = 4;
 /// their place on the device to others.
 pub const CROSS_ROWS_PX: u32 = 4;
 
-/// Threads of a workgroup of `ingest` and `enhance`: a strip's pixels and those of the next column and row, in whole
-/// subgroups.
-pub const INGEST_THREADS: u32 =
-    ((STRIP_BLOCKS * crate::substeps::BLOCK_PX + 1) * (crate::substeps::BLOCK_PX + 1)).next_multiple_of(64);
+/// Threads of a workgroup of `ingest` and `enhance`: one a pixel of a strip.
+pub const INGEST_THREADS: u32 = STRIP_BLOCKS * crate::substeps::BLOCK_PX * crate::substeps::BLOCK_PX;
 
 /// Cameras that the table holds: 64 KiB, which every device grants a uniform buffer.
 pub const MAX_CAMERAS: usize = 256;
@@ -447,6 +445,7 @@ pub fn glsl() -> String {
         ("VOTE_FRACTION_BITS", VOTE_FRACTION_BITS.to_string()),
         ("CUBIC_FRAME", format!("{:.6}", crate::synthesis::CUBIC_FRAME)),
         ("CUBIC_LATTICE", format!("{:.6}", crate::synthesis::CUBIC_LATTICE)),
+        ("CELL_SLACK", format!("{:.6}", crate::synthesis::CELL_SLACK)),
         ("TRUST_PX", format!("{:.6}", crate::synthesis::TRUST_PX)),
         ("EDGE_PX", format!("{:.6}", crate::synthesis::EDGE_PX)),
         ("EDGE_WEIGHT", format!("{:.9}", crate::synthesis::EDGE_WEIGHT)),

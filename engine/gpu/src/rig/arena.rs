@@ -2,7 +2,7 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use super::parameters::{channels, frame_words};
+use super::parameters::plane_words;
 use super::{CameraConfig, CameraState, PacketPlace, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
@@ -96,7 +96,7 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
             Place {
                 slot: slot as u32,
                 pixels,
-                plane_words: channels(sensor.intensity) * frame_words(sensor),
+                plane_words: plane_words(sensor),
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 strips: blocks_x.div_ceil(STRIP_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
@@ -125,7 +125,8 @@ fn lay_out(places: &mut [Place]) {
         let mut take = |slot: usize| {
             let base = next[slot];
             next[slot] += elements[slot].unwrap_or(0);
-            u32::try_from(base).expect("a rig's buffers hold fewer than 2^32 elements")
+            // Buffers of so many elements are refused when they are to be made.
+            u32::try_from(base).unwrap_or(u32::MAX)
         };
         place.plane_base = take(layout::PLANES);
         place.motion_base = take(layout::MOTION);
@@ -153,20 +154,21 @@ impl Arena {
         options: RigOptions,
     ) -> Result<Self, EngineError> {
         let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
+        let elements = |slot| match slot {
+            layout::CAMERAS => layout::MAX_CAMERAS as u64,
+            layout::REPORT => places.len() as u64,
+            layout::COUNTERS => 2 * places.len() as u64,
+            layout::SAMPLES if options.keep_substeps => {
+                (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
+            }
+            layout::SAMPLES => 0,
+            slot => total(places, slot),
+        };
+        for slot in 0..BINDINGS.len() {
+            check_reach(slot, elements(slot))?;
+        }
         let buffers = (0..BINDINGS.len())
-            .map(|slot| {
-                let elements = match slot {
-                    layout::CAMERAS => layout::MAX_CAMERAS as u64,
-                    layout::REPORT => places.len() as u64,
-                    layout::COUNTERS => 2 * places.len() as u64,
-                    layout::SAMPLES if options.keep_substeps => {
-                        (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
-                    }
-                    layout::SAMPLES => 0,
-                    slot => total(places, slot),
-                };
-                allocate(device, slot, elements, options.packets)
-            })
+            .map(|slot| allocate(device, slot, elements(slot), options.packets))
             .collect::<Result<_, _>>()?;
         Ok(Arena { buffers, samples_pixels, packets: options.packets })
     }
@@ -294,8 +296,7 @@ impl Arena {
         cameras: &mut [CameraState],
         camera: usize,
     ) -> Result<bool, EngineError> {
-        let sensor = &cameras[camera].config.sensor;
-        let plane_words = channels(sensor.intensity) * frame_words(sensor);
+        let plane_words = plane_words(&cameras[camera].config.sensor);
         if plane_words <= cameras[camera].place.plane_words {
             return Ok(false);
         }
@@ -319,6 +320,7 @@ impl Arena {
         for slot in 0..BINDINGS.len() {
             let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
             if !same {
+                check_reach(slot, total(&places, slot))?;
                 let buffer = allocate(device, slot, total(&places, slot), self.packets)?;
                 fresh.push((slot, buffer));
             }
@@ -417,6 +419,20 @@ pub(super) fn read_back(
 
 fn total(places: &[Place], slot: usize) -> u64 {
     places.iter().filter_map(|p| p.elements()[slot]).sum::<u64>()
+}
+
+/// Kernels count a buffer's bytes in 32 bits.
+fn check_reach(slot: usize, elements: u64) -> Result<(), EngineError> {
+    let binding = &BINDINGS[slot];
+    let bytes = elements * u64::from(binding.stride);
+    if bytes > u64::from(u32::MAX) {
+        return Err(EngineError::OutOfMemory {
+            name: binding.name.to_owned(),
+            bytes,
+            reason: "a rig's buffers have at most 4294967295; give cameras rigs of their own".to_owned(),
+        });
+    }
+    Ok(())
 }
 
 fn allocate(

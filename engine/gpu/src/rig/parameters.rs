@@ -176,16 +176,22 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
     }
 }
 
+/// Words of a frame, all colour components.
+pub(super) fn plane_words(sensor: &SensorModel) -> u32 {
+    channels(sensor.intensity).saturating_mul(frame_words(sensor))
+}
+
 /// Colour components kept of a camera's frames.
 pub(super) fn channels(intensity: Intensity) -> u32 {
     if intensity == Intensity::BayerRggb { 3 } else { 1 }
 }
 
-/// Words kept of each: the half-pixel lattice that cubic warps read, with a margin for taps beyond the image (an
-/// entry before and two after each row and column), or the frame alone.
+/// Words kept of each: the half-pixel lattice that cubic warps read, with a margin for taps beyond the image (a row
+/// before it and two after, two columns on either side), or the frame alone. Of a frame that is too large for a rig,
+/// more than a rig takes.
 pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
     if needs_lattice(sensor) {
-        lattice_stride(sensor) * (2 * sensor.height + 3)
+        lattice_stride(sensor).saturating_mul(2 * sensor.height + 3)
     } else {
         sensor.width * sensor.height
     }
@@ -196,7 +202,7 @@ pub(super) fn needs_lattice(sensor: &SensorModel) -> bool {
     sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
 }
 
-/// A row of the lattice, a word more than its entries, so that rows begin on pairs.
+/// A row of the lattice: its entries, and two of margin on either side.
 fn lattice_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
@@ -226,7 +232,7 @@ fn fills_up(permutation: &Permutation) -> bool {
 /// Workgroups of `ingest` a strip: one, or one a colour component.
 pub(super) fn ingest_parts(permutation: &Permutation) -> u32 {
     let bayer = permutation[PERMUTATION_INTENSITY] == Intensity::BayerRggb as u32;
-    if bayer && fills_up(permutation) { 3 } else { 1 }
+    if bayer && fills_up(permutation) { channels(Intensity::BayerRggb) } else { 1 }
 }
 
 /// Specialisation constants of `enhance`, by id, if the permutation has two transfers: the first is part of

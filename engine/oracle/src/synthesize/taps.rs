@@ -15,8 +15,21 @@ pub fn bilinear(plane: &[f64], (width, height): (usize, usize), x: f64, y: f64) 
 /// central four.
 #[must_use]
 pub fn cubic(plane: &[f64], (width, height): (usize, usize), x: f64, y: f64, parameter: f64) -> f64 {
-    let (x0, x1, fx) = neighbours(x, width);
-    let (y0, y1, fy) = neighbours(y, height);
+    let (x0, _, fx) = neighbours(x, width);
+    let (y0, _, fy) = neighbours(y, height);
+    cubic_in(plane, (width, height), [x0, y0], [fx, fy], parameter)
+}
+
+/// The same by the taps of the cell whose first entry is `(x0, y0)`, at fractions that may lie a little beyond it.
+#[must_use]
+pub fn cubic_in(
+    plane: &[f64],
+    (width, height): (usize, usize),
+    [x0, y0]: [usize; 2],
+    [fx, fy]: [f64; 2],
+    parameter: f64,
+) -> f64 {
+    let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
     let columns = [x0.saturating_sub(1), x0, x1, (x0 + 2).min(width - 1)];
     let rows = [y0.saturating_sub(1), y0, y1, (y0 + 2).min(height - 1)];
     let straight = [0.0, 1.0 - fx, fx, 0.0];

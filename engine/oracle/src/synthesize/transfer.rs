@@ -23,11 +23,12 @@ impl Way {
     }
 }
 
-/// Where each lattice entry of a frame is in the other frame, and whether its detail is to be had there.
+/// How each lattice entry of a frame comes to the other frame, and whether its detail is to be had there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    /// Positions in the other frame, pixels.
-    there: Vec<[f64; 2]>,
+    way: Way,
+    /// Displacements to the other frame, pixels.
+    shift: Vec<[f64; 2]>,
     /// 0 to 1.
     trust: Vec<f64>,
 }
@@ -39,14 +40,14 @@ impl Route {
         let displacement: [Vec<f64>; 2] =
             [0, 1].map(|axis| paths.iter().map(|path| way.displacement(path)[axis]).collect());
         let pixel_trust = trust(size, motion, paths, way);
-        let (there, trust) = (0..4 * size.0 * size.1)
+        let (shift, trust) = (0..4 * size.0 * size.1)
             .map(|entry| {
                 let (x, y) = (0.5 * (entry % (2 * size.0)) as f64, 0.5 * (entry / (2 * size.0)) as f64);
                 let read = |plane: &[f64]| bilinear(plane, size, x, y);
-                ([x + read(&displacement[0]), y + read(&displacement[1])], read(&pixel_trust))
+                ([read(&displacement[0]), read(&displacement[1])], read(&pixel_trust))
             })
             .unzip();
-        Route { there, trust }
+        Route { way, shift, trust }
     }
 }
 
@@ -85,16 +86,23 @@ pub fn transfer(
     route: &Route,
 ) -> Lattice {
     let entry = |x: usize, y: usize| y * 2 * size.0 + x;
+    let seen = |x: usize, y: usize| {
+        let shift = route.shift[entry(x, y)];
+        match route.way {
+            Way::ToStart => {
+                let own_shift = route.shift[entry(x & !1, y & !1)];
+                other.beside([x / 2, y / 2], own_shift, [x & 1, y & 1], shift, CUBIC_LATTICE)
+            }
+            Way::ToEnd => other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], CUBIC_LATTICE),
+        }
+    };
     let residual: Vec<f64> = (0..size.0 * size.1)
-        .map(|pixel| {
-            let there = route.there[entry(2 * (pixel % size.0), 2 * (pixel / size.0))];
-            frame[pixel] - other.at(there, CUBIC_LATTICE)
-        })
+        .map(|pixel| frame[pixel] - seen(2 * (pixel % size.0), 2 * (pixel / size.0)))
         .collect();
     Lattice::new(size, frame, |x, y| {
-        let (there, trust) = (route.there[entry(x, y)], route.trust[entry(x, y)]);
+        let trust = route.trust[entry(x, y)];
         let correction = bilinear(&residual, size, 0.5 * x as f64, 0.5 * y as f64);
-        trust * (other.at(there, CUBIC_LATTICE) + correction) + (1.0 - trust) * alone.entry(x, y)
+        trust * (seen(x, y) + correction) + (1.0 - trust) * alone.entry(x, y)
     })
 }
 
