@@ -3,11 +3,11 @@
 //
 // One workgroup of 256 threads a group of GROUP_BINS bins; x over groups, y over cameras. Each workgroup sums the
 // bins for itself, to know where its own begin: they are few, and a dispatch of its own for that would cost more.
-// Events are ranked within their bins in shared memory, a group at once if it fits, else bin after bin, and leave as
-// whole lines of the bus, which takes nothing smaller cheaply. Where a bin had no room for all of its events, the
-// workgroup looks for them among the spilled ones. If any bin of the packet has more than SORTABLE_EVENTS, or there are
-// more spilled ones than SEARCHED_EVENTS, all events only go to `gathered`, and `merge` sorts the packet. Late events go
-// there too, behind the packet, where the next tick's `carry` finds them.
+// Events are ranked within their bins in shared memory, a group or half of it at once if they fit, else bin after bin,
+// and leave as whole lines of the bus, which takes nothing smaller cheaply. Where a bin had no room for all of its
+// events, the workgroup looks for them among the spilled ones. If any bin of the packet has more than SORTABLE_EVENTS,
+// or there are more spilled ones than SEARCHED_EVENTS, all events only go to `gathered`, and `merge` sorts the packet.
+// Late events go there too, behind the packet, where the next tick's `carry` finds them.
 // The first workgroup writes the camera's `report` for the host, and makes the other set of counters ready for the
 // next tick; all clear the other set of bins.
 #version 460
@@ -273,7 +273,7 @@ void main() {
         return;
     }
     const uint position = cam.event_base + all.ahead;
-    const uint at_once = events <= SORTABLE_EVENTS ? GROUP_BINS : 1u;
+    const uint at_once = events <= RANKED_EVENTS ? GROUP_BINS : events <= SORTABLE_EVENTS ? GROUP_BINS / 2u : 1u;
     for (uint b = 0u; b < GROUP_BINS; b += at_once) {
         sort_bins(cam, first_bin, b, b + at_once, counted.spilled, position + offsets[b]);
         barrier();

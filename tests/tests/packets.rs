@@ -184,6 +184,27 @@ fn bins_without_room_give_the_same_packet_as_those_that_have_grown() {
     assert_silent();
 }
 
+/// A rig with many bins has them sorted in larger groups than a small one.
+#[test]
+fn packets_are_the_same_in_a_rig_of_many_cameras() {
+    const CAMERAS: u32 = 64;
+    let sequence = busy(3);
+    // From more events than a group takes at once to hardly any.
+    let cameras: Vec<_> = (0..CAMERAS)
+        .map(|number| {
+            let threshold = 0.05 * 1.08_f64.powi(number as i32);
+            let sensor = SensorModel { contrast_on: threshold, contrast_off: threshold, ..sensor() };
+            (sensor, sequence.clone())
+        })
+        .collect();
+    let together = engine_of_many(&cameras, RigOptions::default());
+    for ((sensor, sequence), steps) in cameras.iter().zip(&together).step_by(7) {
+        check_contract(sensor, sequence, steps);
+        let alone = engine_with(sensor, sequence, RigOptions::default());
+        assert_eq!(events(steps), events(&alone), "thresholds of {}", sensor.contrast_on);
+    }
+}
+
 #[test]
 fn a_small_buffer_grows_and_gives_the_same_packets() {
     let frames = busy(5);

@@ -243,6 +243,13 @@ pub const RUN_EVENTS: u32 = 2048;
 /// Bins next to each other that one workgroup of `sort` takes on a GPU: several of its lines on the bus.
 pub const GROUP_BINS: u32 = 8;
 
+/// The same in a rig of [`MANY_BINS`]: each workgroup adds up all bins of its camera, and there are enough of them to
+/// fill a GPU.
+pub const GROUP_BINS_OF_MANY: u32 = 16;
+
+/// Bins of a rig that has many, see [`GROUP_BINS_OF_MANY`].
+pub const MANY_BINS: u32 = 1 << 13;
+
 /// The same on a processor, which has few cores to keep busy and for which a workgroup is dear.
 pub const SOFTWARE_GROUP_BINS: u32 = 32;
 

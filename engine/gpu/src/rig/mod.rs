@@ -200,7 +200,7 @@ impl Rig {
         bindings.bind(arena.shown());
         let count = cameras.len();
         let mut rig = Rig {
-            kernels: record::Kernels::new(device, &code::Code::default(), &bindings)?,
+            kernels: record::Kernels::new(device, &cameras, &code::Code::default(), &bindings)?,
             code: code::Code::default(),
             specialised: record::Specialised::default(),
             commands: Commands::new(device)?,

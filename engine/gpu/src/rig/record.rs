@@ -1,18 +1,18 @@
 //! What a tick does, as commands.
 
-use super::Rig;
 use super::code::Code;
 use super::parameters::{
     CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
     cross_constants, enhance_constants, ingest_constants, ingest_parts, permutation,
 };
+use super::{CameraState, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_model::layout::{self, GROUP_BINS, Push, SOFTWARE_GROUP_BINS};
+use esaac_model::layout::{self, GROUP_BINS, GROUP_BINS_OF_MANY, MANY_BINS, Push, SOFTWARE_GROUP_BINS};
 use esaac_model::substeps::BLOCK_PX;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -44,8 +44,13 @@ pub(super) fn events_per_thread(device: &Device) -> u32 {
 }
 
 /// Bins that a workgroup of `sort` takes.
-fn group_bins(device: &Device) -> u32 {
-    if device.is_software() { SOFTWARE_GROUP_BINS } else { GROUP_BINS }
+fn group_bins(device: &Device, cameras: &[CameraState]) -> u32 {
+    let bins: u32 = cameras.iter().map(|c| c.place.bin_count).sum();
+    match (device.is_software(), bins) {
+        (true, _) => SOFTWARE_GROUP_BINS,
+        (false, MANY_BINS..) => GROUP_BINS_OF_MANY,
+        (false, _) => GROUP_BINS,
+    }
 }
 
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
@@ -61,10 +66,15 @@ pub(super) struct Kernels {
 }
 
 impl Kernels {
-    pub(super) fn new(device: &Device, code: &Code, bindings: &Arc<BindingSet>) -> Result<Self, EngineError> {
+    pub(super) fn new(
+        device: &Device,
+        cameras: &[CameraState],
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+    ) -> Result<Self, EngineError> {
         Ok(Kernels {
             carry: code.kernel(bindings, stages::CARRY, &[])?,
-            sort: code.kernel(bindings, stages::SORT, &[group_bins(device)])?,
+            sort: code.kernel(bindings, stages::SORT, &[group_bins(device, cameras)])?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
             forms: HashMap::new(),
         })
@@ -287,7 +297,7 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
         }
         record_barrier(device, commands);
         stage_done();
-        let bin_groups = bins.div_ceil(group_bins(device));
+        let bin_groups = bins.div_ceil(group_bins(device, &rig.cameras));
         rig.kernels.sort.record(commands, bytes_of(&all), [bin_groups, cameras, 1]);
         record_host_barrier(device, commands);
         write_stamp();

@@ -26,7 +26,7 @@ impl Rig {
 
     /// Makes every pipeline from `code` and records anew; on an error, all is as it was.
     fn exchange(&mut self, code: Code) -> Result<(), EngineError> {
-        let kernels = Kernels::new(&self.device, &code, &self.bindings)?;
+        let kernels = Kernels::new(&self.device, &self.cameras, &code, &self.bindings)?;
         let old = (
             std::mem::replace(&mut self.code, code),
             std::mem::replace(&mut self.kernels, kernels),
