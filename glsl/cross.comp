@@ -51,6 +51,8 @@ shared uint list_count;
 shared uint list_base;
 shared uint around_motion[STRIP_BLOCKS];
 shared uint own_change[STRIP_BLOCKS];
+// What moves or changes in or around the strip, if that is asked for.
+shared uint anything;
 
 #include "put.glsl"
 #include "texels.glsl"
@@ -240,6 +242,7 @@ void main() {
     }
     if (lane == 0u) {
         list_count = 0u;
+        anything = 0u;
     }
     barrier();
     // Nine blocks around each of four, in both frames.
@@ -255,21 +258,24 @@ void main() {
             const uint motion_bits =
                 blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)].x;
             atomicMax(around_motion[which_block], motion_bits);
+            if (SKIPS_STILL) {
+                atomicOr(anything, motion_bits);
+            }
         }
     }
     if (block_first) {
-        own_change[in_strip] = blocks[own_block].y;
+        const uint change_bits = blocks[own_block].y;
+        own_change[in_strip] = change_bits;
+        if (SKIPS_STILL) {
+            atomicOr(anything, change_bits);
+        }
     }
     barrier();
     // What was done before the buffer had to grow is not done again; a bit in the strip's first block tells.
     if ((parts_done & (1u << part)) != 0u) {
         return;
     }
-    uint anything = 0u;
-    for (uint b = 0u; b < STRIP_BLOCKS; ++b) {
-        anything |= around_motion[b] | own_change[b];
-    }
-    if (anything == 0u && SKIPS_STILL && cam.no_skip == 0u) {
+    if (SKIPS_STILL && anything == 0u && cam.no_skip == 0u) {
         if (lane == 0u) {
             atomicOr(blocks[first_block].z, 1u << part);
         }
