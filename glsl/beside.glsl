@@ -1,6 +1,6 @@
-// What one frame's lattice shows at a pixel and its three half sites of another frame, by the taps of four cells that lie
-// to each other as these do. They are a half pixel apart, and what little the motion changes from one to the next, so
-// that 21 entries serve in place of 48. Needs lattice.glsl.
+// What one frame's lattice shows at a pixel and its three half sites of another frame, by the taps of four cells that
+// lie to each other as these do. They are a half pixel apart, and what little the motion changes from one to the next,
+// so that 21 entries serve in place of 48. Needs lattice.glsl, transfer.glsl.
 
 // Where a lattice is read.
 struct Places {

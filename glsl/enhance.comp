@@ -66,7 +66,8 @@ void main() {
             + ivec2(int(lane % (STRIP_BLOCKS + 2u)) - 1, int(lane / (STRIP_BLOCKS + 2u)) - 1);
         const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
         if (all(greaterThanEqual(near, ivec2(0))) && all(lessThanEqual(near, last_block))) {
-            const uvec4 facts = blocks[cam.block_base + cam.parity * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)];
+            const uint block = uint(near.y) * cam.blocks_x + uint(near.x);
+            const uvec4 facts = blocks[cam.block_base + cam.parity * cam.blocks + block];
             atomicOr(moves, facts.x | facts.y | facts.w);
         }
     }
@@ -94,9 +95,13 @@ void main() {
         return;
     }
     Around around[3];
+    vec2 there[3];
     float most_trust = 0.0;
     [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
-        around[half_phase - 1] = around_half_site(in_strip, half_step_of(half_phase));
+        const ivec2 half_step = half_step_of(half_phase);
+        const vec2 shift = shift_of_half_site(in_strip, half_step);
+        around[half_phase - 1] = around_half_site(in_strip, half_step);
+        there[half_phase - 1] = to_lattice(cam, vec2(at) + 0.5 * vec2(half_step) + shift);
         most_trust = max(most_trust, around[half_phase - 1].trust);
     }
     if (most_trust == 0.0) {
@@ -108,13 +113,10 @@ void main() {
         const uint below = word + cam.lattice_stride;
         vec4 entries = vec4(planes[word], planes[word + 1u], planes[below], planes[below + 1u]);
         [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
-            const ivec2 half_step = half_step_of(half_phase);
-            const vec2 shift = shift_of_half_site(in_strip, half_step);
-            const vec2 there = to_lattice(cam, vec2(at) + 0.5 * vec2(half_step) + shift);
             const Around of = around[half_phase - 1];
             if (of.trust > 0.0) {
-                const float seen = lattice_cubic(cam, current + k * cam.frame_words, there) + of.residual[k];
-                entries[half_phase] = blend(entries[half_phase], seen, of.trust);
+                const float seen = lattice_cubic(cam, current + k * cam.frame_words, there[half_phase - 1]);
+                entries[half_phase] = blend(entries[half_phase], seen + of.residual[k], of.trust);
             }
         }
         store_entries(cam, base, at, entries);

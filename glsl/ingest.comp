@@ -281,11 +281,11 @@ void line_up(Camera cam) {
     strip_order[cam.strip_base + place] = gl_WorkGroupID.x;
 }
 
-// A half site (`half_step` 0 or 1 a coordinate) right and below pixel `at`, from the frame alone; of the `k`th component
-// that the workgroup takes.
+// A half site (`half_step` 0 or 1 a coordinate) right and below pixel `at`, from the frame alone; of the `k`th
+// component that the workgroup takes.
 float frame_cubic(Camera cam, uint k, ivec2 at, ivec2 half_step) {
     const ivec2 last = ivec2(cam.width, cam.height) - 1;
-    // Beyond the last pixel there is only that pixel.
+    // Beyond the last pixel there is only that one.
     const vec2 f = vec2(at.x < last.x ? 0.5 * float(half_step.x) : 0.0, at.y < last.y ? 0.5 * float(half_step.y) : 0.0);
     const uint first = k * TAKEN + taken_index(at - 1);
     const uint top = first + TAKEN_X;

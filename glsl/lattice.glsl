@@ -9,15 +9,16 @@
 // which a load adds for nothing as well; a buffer has no more bytes than that.
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer LatticeRow { float v[]; };
 
-// Twelve taps, of four rows: the inner two by Keys' kernel (Keys 1981), the outer two, which weigh little, straight from
-// the second tap to the third. Within the range of the middle four: a reconstruction that rings would send events of its
-// own. Keys' kernel is the straight line and f (1 - f) times what is itself linear in f.
+// Twelve taps, of four rows: the inner two by Keys' kernel (Keys 1981), the outer two, which weigh little, straight
+// from the second tap to the third. Within the range of the middle four: a reconstruction that rings would send events
+// of its own. Keys' kernel is the straight line and f (1 - f) times what is itself linear in f.
 float cubic(vec2 above, vec4 top, vec4 bottom, vec2 below, vec2 f, float a) {
     const vec2 g = 1.0 - f;
     const vec2 bend = f * g;
     const float outer = a * bend.x;
     const vec4 across = vec4(
-        outer * g.x, fma(bend.x, fma(-(a + 2.0), f.x, 1.0), g.x), fma(bend.x, fma(-(a + 2.0), g.x, 1.0), f.x), outer * f.x);
+        outer * g.x, fma(bend.x, fma(-(a + 2.0), f.x, 1.0), g.x),
+        fma(bend.x, fma(-(a + 2.0), g.x, 1.0), f.x), outer * f.x);
     const float first = blend(above.x, above.y, f.x);
     const float second = fma(across.w, top.w, fma(across.z, top.z, fma(across.y, top.y, across.x * top.x)));
     const float third = fma(across.w, bottom.w, fma(across.z, bottom.z, fma(across.y, bottom.y, across.x * bottom.x)));

@@ -33,8 +33,10 @@ void arm_pixel(Camera cam, uint pixel, int log_q24) {
     store_state(cam, pixel, STATE_HELD_HIGH, uint(NOT_HELD >> 32));
     const int on_q24 = int(load_state(cam, pixel, STATE_CONTRAST_ON));
     const int off_q24 = int(load_state(cam, pixel, STATE_CONTRAST_OFF));
-    store_state(cam, pixel, STATE_SHOT_OFF_HAZARD, shot_hazard(cam, pixel, STREAM_SHOT_OFF, 0u, off_q24, cam.contrast_off_q24));
-    store_state(cam, pixel, STATE_SHOT_ON_HAZARD, shot_hazard(cam, pixel, STREAM_SHOT_ON, 0u, on_q24, cam.contrast_on_q24));
+    const uint shot_off = shot_hazard(cam, pixel, STREAM_SHOT_OFF, 0u, off_q24, cam.contrast_off_q24);
+    const uint shot_on = shot_hazard(cam, pixel, STREAM_SHOT_ON, 0u, on_q24, cam.contrast_on_q24);
+    store_state(cam, pixel, STATE_SHOT_OFF_HAZARD, shot_off);
+    store_state(cam, pixel, STATE_SHOT_ON_HAZARD, shot_on);
     store_state(cam, pixel, STATE_SHOT_OFF_DRAWS, 1u);
     store_state(cam, pixel, STATE_SHOT_ON_DRAWS, 1u);
     store_state(cam, pixel, STATE_EVENTS, 0u);

@@ -81,9 +81,10 @@ Around around_half_site(uvec2 in_strip, ivec2 half_step) {
     Around around = NOTHING_AROUND;
     around.trust = 0.25 * (trusts[site] + trusts[right] + trusts[site + below] + trusts[right + below]);
     [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-        const uint of = k * SITES;
-        around.residual[k] = 0.25
-            * (residuals[of + site] + residuals[of + right] + residuals[of + site + below] + residuals[of + right + below]);
+        const uint left = k * SITES + site;
+        const uint next = k * SITES + right;
+        around.residual[k] =
+            0.25 * (residuals[left] + residuals[next] + residuals[left + below] + residuals[next + below]);
     }
     return around;
 }
