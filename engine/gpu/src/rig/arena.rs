@@ -125,7 +125,7 @@ fn lay_out(places: &mut [Place]) {
         let mut take = |slot: usize| {
             let base = next[slot];
             next[slot] += elements[slot].unwrap_or(0);
-            // Buffers of so many elements are refused when they are to be made.
+            // Buffers of so many elements are refused by `allocate`.
             u32::try_from(base).unwrap_or(u32::MAX)
         };
         place.plane_base = take(layout::PLANES);
@@ -154,21 +154,20 @@ impl Arena {
         options: RigOptions,
     ) -> Result<Self, EngineError> {
         let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
-        let elements = |slot| match slot {
-            layout::CAMERAS => layout::MAX_CAMERAS as u64,
-            layout::REPORT => places.len() as u64,
-            layout::COUNTERS => 2 * places.len() as u64,
-            layout::SAMPLES if options.keep_substeps => {
-                (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
-            }
-            layout::SAMPLES => 0,
-            slot => total(places, slot),
-        };
-        for slot in 0..BINDINGS.len() {
-            check_reach(slot, elements(slot))?;
-        }
         let buffers = (0..BINDINGS.len())
-            .map(|slot| allocate(device, slot, elements(slot), options.packets))
+            .map(|slot| {
+                let elements = match slot {
+                    layout::CAMERAS => layout::MAX_CAMERAS as u64,
+                    layout::REPORT => places.len() as u64,
+                    layout::COUNTERS => 2 * places.len() as u64,
+                    layout::SAMPLES if options.keep_substeps => {
+                        (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
+                    }
+                    layout::SAMPLES => 0,
+                    slot => total(places, slot),
+                };
+                allocate(device, slot, elements, options.packets)
+            })
             .collect::<Result<_, _>>()?;
         Ok(Arena { buffers, samples_pixels, packets: options.packets })
     }
@@ -320,7 +319,6 @@ impl Arena {
         for slot in 0..BINDINGS.len() {
             let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
             if !same {
-                check_reach(slot, total(&places, slot))?;
                 let buffer = allocate(device, slot, total(&places, slot), self.packets)?;
                 fresh.push((slot, buffer));
             }
@@ -421,20 +419,6 @@ fn total(places: &[Place], slot: usize) -> u64 {
     places.iter().filter_map(|p| p.elements()[slot]).sum::<u64>()
 }
 
-/// Kernels count a buffer's bytes in 32 bits.
-fn check_reach(slot: usize, elements: u64) -> Result<(), EngineError> {
-    let binding = &BINDINGS[slot];
-    let bytes = elements * u64::from(binding.stride);
-    if bytes > u64::from(u32::MAX) {
-        return Err(EngineError::OutOfMemory {
-            name: binding.name.to_owned(),
-            bytes,
-            reason: "a rig's buffers have at most 4294967295; give cameras rigs of their own".to_owned(),
-        });
-    }
-    Ok(())
-}
-
 fn allocate(
     device: &Arc<Device>,
     slot: usize,
@@ -463,6 +447,14 @@ fn allocate(
         _ => (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty()),
     };
     let bytes = elements * u64::from(binding.stride);
+    // Kernels count them in 32 bits.
+    if bytes > u64::from(u32::MAX) {
+        return Err(EngineError::OutOfMemory {
+            name: binding.name.to_owned(),
+            bytes,
+            reason: "a rig's buffers have at most 4294967295; give cameras rigs of their own".to_owned(),
+        });
+    }
     let buffer = device.allocate(binding.name, bytes, usage, location)?;
     match slot {
         layout::PLANES => buffer.with_texels(vk::Format::R32_SFLOAT, u64::from(binding.stride)),

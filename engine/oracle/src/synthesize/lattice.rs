@@ -64,3 +64,35 @@ impl Lattice {
         cubic_in(&self.log, self.size, [x, y], [fx, fy], parameter)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::synthesis::CUBIC_LATTICE;
+
+    #[test]
+    fn beside_is_at_where_neighbours_move_alike_and_within_the_slack_where_they_do_not() {
+        let size = (6, 5);
+        let frame: Vec<f64> = (0..30).map(|i| f64::from(i * i % 7)).collect();
+        let lattice = Lattice::of_frame(size, &frame);
+        for shift in [[0.0, 0.0], [0.3, -0.4], [-1.7, 0.9]] {
+            // Beyond the image the cell stays inside, and so it is not the one of the place.
+            let inside =
+                |at: usize, shift: f64, size: usize| (0.0..=(size - 1) as f64).contains(&(at as f64 + shift));
+            let pixels = (0..30).map(|pixel| (pixel % 6, pixel / 6));
+            for (x, y) in pixels.filter(|&(x, y)| inside(x, shift[0], 6) && inside(y, shift[1], 5)) {
+                for step in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+                    let on_axis = |i: usize, at: usize| at as f64 + 0.5 * step[i] as f64 + shift[i];
+                    let got = lattice.beside([x, y], shift, step, shift, CUBIC_LATTICE);
+                    let expected = lattice.at([on_axis(0, x), on_axis(1, y)], CUBIC_LATTICE);
+                    assert!((got - expected).abs() < 1e-9, "({x}, {y}) + {step:?} / 2 + {shift:?}");
+                }
+            }
+        }
+        // Half a pixel further is an entry further: only the slack of it is read by.
+        let beside =
+            |further: f64| lattice.beside([2, 2], [0.1, 0.0], [1, 0], [0.1 + further, 0.0], CUBIC_LATTICE);
+        assert_eq!(beside(0.5), beside(1.0));
+        assert_ne!(beside(0.5), beside(0.3));
+    }
+}
