@@ -6,7 +6,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
-#include "bins.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -16,6 +15,10 @@ BUFFER(writeonly, SLOT_ROOMS, uvec2, rooms);
 BUFFER(writeonly, SLOT_SPILLED, uvec2, spilled);
 BUFFER(readonly, SLOT_GATHERED, uvec2, gathered);
 
+const bool BRANCHES = true;
+const bool AT_SAMPLE = true;
+
+#include "bins.glsl"
 #include "put.glsl"
 
 void main() {

@@ -38,12 +38,10 @@ vec2 motion_near(Camera cam, ivec2 at) {
 shared vec2 shifts[SITES];
 shared uint moves;
 
-// The way of the half site right and below a pixel of the strip.
-vec2 shift_of_half_site(uvec2 in_strip, ivec2 half_step) {
-    const uint site = site_index(in_strip);
-    const uint right = site + uint(half_step.x);
-    const uint below = uint(half_step.y) * SITES_X;
-    return 0.25 * (shifts[site] + shifts[right] + shifts[site + below] + shifts[right + below]);
+// The ways of a pixel of the strip and of those right, below, and right and below of it: one coordinate of them.
+vec4 shifts_around(uint site, int axis) {
+    return vec4(
+        shifts[site][axis], shifts[site + 1u][axis], shifts[site + SITES_X][axis], shifts[site + SITES_X + 1u][axis]);
 }
 
 void main() {
@@ -82,7 +80,7 @@ void main() {
         const vec2 shift = -motion_from_previous(cam, at);
         const vec2 there = to_lattice(cam, vec2(at) + shift);
         shifts[site] = shift;
-        trusts[site] = trust_at(cam, at, shift);
+        trusts[site] = trust_at(cam, at, motions_around(cam, at), shift);
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
             const float level = plane_at(previous + k * cam.frame_words + frame_word(cam, true, at));
             residuals[k * SITES + site] = level - lattice_cubic(cam, current + k * cam.frame_words, there);
@@ -94,13 +92,14 @@ void main() {
     if (!has_half_sites(cam, corner, in_strip)) {
         return;
     }
-    Around around[3];
+    const Around around[3] = around_half_sites(in_strip);
     vec2 there[3];
+    const vec4 shifts_x = shifts_around(site_index(in_strip), 0);
+    const vec4 shifts_y = shifts_around(site_index(in_strip), 1);
     float most_trust = 0.0;
     [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
         const ivec2 half_step = half_step_of(half_phase);
-        const vec2 shift = shift_of_half_site(in_strip, half_step);
-        around[half_phase - 1] = around_half_site(in_strip, half_step);
+        const vec2 shift = vec2(mean_around(shifts_x, half_step), mean_around(shifts_y, half_step));
         there[half_phase - 1] = to_lattice(cam, vec2(at) + 0.5 * vec2(half_step) + shift);
         most_trust = max(most_trust, around[half_phase - 1].trust);
     }

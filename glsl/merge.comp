@@ -23,6 +23,8 @@ BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 
+const bool BRANCHES = true;
+
 #include "event_order.glsl"
 
 const uint EVENTS_PER_THREAD = RUN_EVENTS / gl_WorkGroupSize.x;

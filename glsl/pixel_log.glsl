@@ -1,8 +1,10 @@
 // The log-intensity pixel's walk through one interval: crossings, refractory period, leak, shot
 // noise. Twin of the oracle's `cross`. The including kernel calls `begin_walk`, then `walk_substep` for
-// each sub-step in turn, then `end_walk`, and provides `emit(at_ns, on, ordinal)`. Where a device does not skip
+// each sub-step in turn, then `end_walk`, and provides `emit(at_ns, on, ordinal)` and `walks_on(ordinal)`: whether a walk
+// with so many events so far has to go on. Where a device does not skip
 // BRANCHES that no thread takes, random numbers, which are long to draw and rarely needed, are kept out of the steps: a
 // walk that `needs_draw` stops within a sub-step, the kernel calls `draw_shot`, and `walk_substep` for the rest of it.
+// Needs BRANCHES.
 
 layout(constant_id = 1) const bool EFFECT_MISMATCH = false;
 layout(constant_id = 2) const bool EFFECT_REFRACTORY = false;
@@ -11,9 +13,6 @@ layout(constant_id = 4) const bool EFFECT_SHOT = false;
 layout(constant_id = 5) const bool EFFECT_DELAY = false;
 layout(constant_id = 6) const bool AT_SAMPLE = false;
 layout(constant_id = 7) const bool EFFECT_APS = false;
-
-// Whether the device skips branches that no thread takes, as GPUs do and the software driver does not.
-layout(constant_id = 13) const bool BRANCHES = true;
 
 const uint NEVER = 0xffffffffu;
 const uint STREAM_NONE = 0xffffffffu;
@@ -223,7 +222,7 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     }
     // Parameters have changed: the level may lie beyond a threshold from the start.
     bool settles = cam.no_skip != 0u && w.held_until == 0u;
-    while (settles) {
+    while (settles && walks_on(w.ordinal)) {
         const bool rises = level - p.reference >= p.on_q24;
         settles = rises || p.reference - level >= p.off_q24;
         if (settles) {
@@ -282,7 +281,7 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
     }
 
     uint now = has_stopped(w) ? w.stopped_at : start;
-    while (!needs_draw(w)) {
+    while (!needs_draw(w) && walks_on(w.ordinal)) {
         if (EFFECT_REFRACTORY && w.held_until > now) {
             if (w.held_until > end) {
                 break;

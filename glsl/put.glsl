@@ -1,5 +1,5 @@
 // Where an event goes: into its bin, or where that has no more room, and if it is late, among the spilled ones. The
-// caller has seen to it that all events fit. Needs bins.glsl, `counters`, `bins`, `rooms`, `spilled`.
+// caller has seen to it that all events fit. Needs bins.glsl, BRANCHES, `counters`, `bins`, `rooms`, `spilled`.
 
 #include "together.glsl"
 
@@ -9,7 +9,11 @@ void put(Camera cam, uint bin, uvec2 event) {
         rooms[cam.rooms_base + bin * cam.bin_room + place] = event;
     } else {
         uint spill;
-        COUNT_TOGETHER(counters[2u * cam.slot + cam.parity].spilled, spill)
+        if (BRANCHES) {
+            COUNT_TOGETHER(counters[2u * cam.slot + cam.parity].spilled, spill)
+        } else {
+            spill = atomicAdd(counters[2u * cam.slot + cam.parity].spilled, 1u);
+        }
         spilled[cam.event_base + spill] = event;
     }
 }

@@ -1,7 +1,7 @@
 // sort: the events of each bin by (t, y, x, polarity), and out as struct of arrays, into memory that the host
 // reads. Equal events are equal in every bit, so that the packet is the same whatever order they arrived in.
 //
-// One workgroup of 256 threads a group of GROUP_BINS bins; x over groups, y over cameras. Each workgroup sums the
+// One workgroup a group of GROUP_BINS bins; x over groups, y over cameras. Each workgroup sums the
 // bins for itself, to know where its own begin: they are few, and a dispatch of its own for that would cost more.
 // Events are ranked within their bins in shared memory, a group or half of it at once if they fit, else bin after bin,
 // and leave as whole lines of the bus, which takes nothing smaller cheaply. Where a bin had no room for all of its
@@ -14,11 +14,12 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #include "common.glsl"
-#include "bins.glsl"
 #include "together.glsl"
 
-layout(local_size_x = 256) in;
+layout(local_size_x = SORT_THREADS, local_size_x_id = 1) in;
 layout(constant_id = 0) const uint GROUP_BINS = 8;
+// See cross.comp.
+layout(constant_id = 2) const bool BRANCHES = true;
 
 BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(, SLOT_BINS, uint, bins);
@@ -31,6 +32,9 @@ BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 BUFFER(writeonly, SLOT_REPORT, Counters, report);
 
+const bool AT_SAMPLE = true;
+
+#include "bins.glsl"
 #include "event_order.glsl"
 
 // Events that are ranked rather than sorted: their order has room behind them. Ranking takes as many steps as there are
@@ -107,6 +111,16 @@ uvec2 place_of_spilled(Camera cam, uvec2 event, uint first_bin, uint first, uint
     return bin >= first && bin < last ? uvec2(bin, cam.bin_room + atomicAdd(found[bin], 1u)) : uvec2(last, 0u);
 }
 
+// The bin, of bins [first, last) of the group, that holds event `e` of theirs: the last one that begins at or before it.
+// Their number is a power of two.
+uint bin_with(uint e, uint first, uint last) {
+    uint bin = first;
+    for (uint further = (last - first) / 2u; further > 0u; further /= 2u) {
+        bin += offsets[bin + further] - offsets[first] <= e ? further : 0u;
+    }
+    return bin;
+}
+
 // How many of keys [first, last) come before key `e` of them; among equals, the first.
 uint rank_among(uint e, uint first, uint last) {
     const uvec2 key = keys[e];
@@ -135,11 +149,12 @@ void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint spills, u
     for (uint b = first; b < last; ++b) {
         largest = max(largest, counts[b]);
     }
-    for (uint i = first * cam.bin_room + lane; i < last * cam.bin_room; i += gl_WorkGroupSize.x) {
-        const uint bin = i / cam.bin_room;
-        const uint e = i - bin * cam.bin_room;
-        if (e < counts[bin]) {
-            keys[offsets[bin] - start + e] = rooms[cam.rooms_base + first_bin * cam.bin_room + i];
+    const uint length = offsets[last - 1u] + counts[last - 1u] - start;
+    for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
+        const uint bin = bin_with(e, first, last);
+        const uint in_bin = e - (offsets[bin] - start);
+        if (in_bin < cam.bin_room) {
+            keys[e] = rooms[cam.rooms_base + (first_bin + bin) * cam.bin_room + in_bin];
         }
     }
     if (largest > cam.bin_room) {
@@ -152,20 +167,15 @@ void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint spills, u
         }
     }
     barrier();
-    const uint length = offsets[last - 1u] + counts[last - 1u] - start;
     if (length > RANKED_EVENTS || largest > RANKED_BIN_EVENTS) {
         sort_keys(length);
         write_keys(cam, position, length, 0u);
         return;
     }
     for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
-        uint bin_first = 0u;
-        uint bin_last = 0u;
-        for (uint b = first; b < last && bin_last <= e; ++b) {
-            bin_first = bin_last;
-            bin_last += counts[b];
-        }
-        keys[RANKED_EVENTS + bin_first + rank_among(e, bin_first, bin_last)] = keys[e];
+        const uint bin = bin_with(e, first, last);
+        const uint bin_first = offsets[bin] - start;
+        keys[RANKED_EVENTS + bin_first + rank_among(e, bin_first, bin_first + counts[bin])] = keys[e];
     }
     barrier();
     write_keys(cam, position, length, RANKED_EVENTS);

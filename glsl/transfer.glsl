@@ -46,19 +46,23 @@ bool has_half_sites(Camera cam, ivec2 corner, uvec2 site) {
 // Motion of a pixel that has no usable vector: it agrees with nobody's.
 const float NOWHERE_PX = 1e30;
 
+// Motion at a pixel and around it, row after row.
+vec2[9] motions_around(Camera cam, ivec2 at) {
+    vec2 motions[9];
+    [[unroll]] for (int i = 0; i < 9; ++i) {
+        motions[i] = motion_near(cam, at + ivec2(i % 3 - 1, i / 3 - 1));
+    }
+    return motions;
+}
+
 // Where neighbouring vectors disagree, or the path leaves the image, the other frame is not trusted.
-float trust_at(Camera cam, ivec2 at, vec2 shift) {
-    const vec2 own = motion_near(cam, at);
+float trust_at(Camera cam, ivec2 at, vec2 motions[9], vec2 shift) {
+    const vec2 own = motions[4];
     vec2 least = own;
     vec2 most = own;
-    [[unroll]] for (int j = -1; j <= 1; ++j) {
-        [[unroll]] for (int i = -1; i <= 1; ++i) {
-            if (i != 0 || j != 0) {
-                const vec2 m = motion_near(cam, at + ivec2(i, j));
-                least = min(least, m);
-                most = max(most, m);
-            }
-        }
+    [[unroll]] for (int i = 0; i < 9; ++i) {
+        least = min(least, motions[i]);
+        most = max(most, motions[i]);
     }
     const vec2 disagreement = max(own - least, most - own);
     const float agreement = clamp(2.0 - max(disagreement.x, disagreement.y) * (1.0 / TRUST_PX), 0.0, 1.0);
@@ -73,18 +77,30 @@ struct Around {
 
 const Around NOTHING_AROUND = Around(0.0, vec3(0.0));
 
-// Around the half site right and below a pixel of the strip.
-Around around_half_site(uvec2 in_strip, ivec2 half_step) {
+// The mean of the four sites around a half site, of those around a pixel of the strip: the pixel's, and those right,
+// below, and right and below of it.
+float mean_around(vec4 sites, ivec2 half_step) {
+    const int below = 2 * half_step.y;
+    return 0.25 * (sites[0] + sites[half_step.x] + sites[below] + sites[below + half_step.x]);
+}
+
+vec4 residuals_around(uint site) {
+    return vec4(residuals[site], residuals[site + 1u], residuals[site + SITES_X], residuals[site + SITES_X + 1u]);
+}
+
+// Around the half sites right, below, and right and below a pixel of the strip.
+Around[3] around_half_sites(uvec2 in_strip) {
     const uint site = site_index(in_strip);
-    const uint right = site + uint(half_step.x);
-    const uint below = uint(half_step.y) * SITES_X;
-    Around around = NOTHING_AROUND;
-    around.trust = 0.25 * (trusts[site] + trusts[right] + trusts[site + below] + trusts[right + below]);
+    const vec4 trust = vec4(trusts[site], trusts[site + 1u], trusts[site + SITES_X], trusts[site + SITES_X + 1u]);
+    Around around[3] = Around[3](NOTHING_AROUND, NOTHING_AROUND, NOTHING_AROUND);
+    [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
+        around[half_phase - 1].trust = mean_around(trust, half_step_of(half_phase));
+    }
     [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-        const uint left = k * SITES + site;
-        const uint next = k * SITES + right;
-        around.residual[k] =
-            0.25 * (residuals[left] + residuals[next] + residuals[left + below] + residuals[next + below]);
+        const vec4 residual = residuals_around(k * SITES + site);
+        [[unroll]] for (int half_phase = 1; half_phase < 4; ++half_phase) {
+            around[half_phase - 1].residual[k] = mean_around(residual, half_step_of(half_phase));
+        }
     }
     return around;
 }

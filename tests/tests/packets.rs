@@ -4,6 +4,7 @@ use esaac_engine::{Around, FrameInput, InputBuffers, MemoryLocation, Rig, RigOpt
 use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
+use esaac_tests::agreement::compare;
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{FRAME_NS, Sequence, gray, intensity_of, scene, times};
 use esaac_tests::run::{Step, engine_of_many, engine_with, events, oracle, oracle_events, rig, step};
@@ -220,6 +221,60 @@ fn a_small_buffer_grows_and_gives_the_same_packets() {
             let (a, b) = (small.diagnostics, large.diagnostics);
             assert_eq!((a.late_events, a.dropped_events), (b.late_events, 0));
             assert_eq!((a.substeps, a.invalid_pixels), (b.substeps, b.invalid_pixels));
+        }
+    }
+    assert_silent();
+}
+
+/// A row of pixels with more events than a list has room for makes its part of a strip run again, and no other.
+#[test]
+fn rows_with_many_events_leave_the_others_alone() {
+    const STEPS: u32 = 6;
+    let calm = SensorModel {
+        width: 70,
+        height: 21,
+        synthesis: Synthesis::Linear,
+        substeps: STEPS,
+        substep_policy: SubstepPolicy::Fixed,
+        contrast_on: 0.1,
+        contrast_off: 0.1,
+        ..SensorModel::default()
+    };
+    let noisy = SensorModel {
+        shot_noise_rate_hz: 40.0,
+        leak_rate_hz: 5.0,
+        contrast_mismatch: 0.01,
+        latency_jitter_ns: 50_000,
+        ..calm.clone()
+    };
+    // Every fifth row of the second strip swings by eighty thresholds, the others by none to three.
+    let swing = |pixel: usize| match (pixel % 70, pixel / 70) {
+        (32.., row) if row % 5 == 2 => 8.04,
+        (column, row) => 0.11 * ((row + column / 9) % 4) as f64,
+    };
+    for sensor in [calm, noisy] {
+        let frames = gray(&sensor, &times(0, 5), |frame, pixel| {
+            // Nowhere near a whole number of thresholds.
+            intensity_of(
+                &sensor,
+                -1.0 - 0.013 * frame as f64 + if frame % 2 == 1 { swing(pixel) } else { 0.0 },
+            )
+        });
+        for initial_events in [1 << 20, 64] {
+            let options = RigOptions { initial_events, ..RigOptions::default() };
+            let steps = engine_with(&sensor, &frames, options);
+            check_contract(&sensor, &frames, &steps);
+            let found = compare(&sensor, 0, &frames, &steps);
+            assert_eq!((found.unexplained, found.late), (vec![], vec![]), "{sensor:?}");
+            assert!(
+                found.events > 4 * 80 * 38 && found.differing <= 1,
+                "{} of {}",
+                found.differing,
+                found.events
+            );
+            for step in &steps[1..] {
+                assert_eq!(step.diagnostics.substeps, u64::from(STEPS) * 9 * 3, "{sensor:?}");
+            }
         }
     }
     assert_silent();

@@ -3,10 +3,9 @@
 
 use esaac_kernels::Reflection;
 use esaac_model::layout::{
-    BINDINGS, CAMERAS, COUNTERS, CROSS_ROWS_PX, Camera, Counters, GpuStruct, INGEST_THREADS, Push,
-    STRIP_BLOCKS, Slice, TEXELS,
+    BINDINGS, CAMERAS, COUNTERS, CROSS_THREADS, Camera, Counters, GpuStruct, INGEST_THREADS, Push,
+    SORT_THREADS, Slice, TEXELS,
 };
-use esaac_model::substeps::BLOCK_PX;
 
 /// Kernels by stage name.
 pub const STAGES: &[&str] =
@@ -16,8 +15,9 @@ pub const STAGES: &[&str] =
 fn threads(stage: &str) -> u32 {
     match stage {
         // A pixel of a strip, or of a part of it, each.
-        "cross" => STRIP_BLOCKS * BLOCK_PX * CROSS_ROWS_PX,
+        "cross" => CROSS_THREADS,
         "ingest" | "enhance" => INGEST_THREADS,
+        "sort" => SORT_THREADS,
         _ => 256,
     }
 }

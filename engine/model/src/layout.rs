@@ -263,12 +263,23 @@ pub const SEARCHED_EVENTS: u32 = 1 << 15;
 /// Blocks side by side that one workgroup takes: 32 pixels in a row, a subgroup's width.
 pub const STRIP_BLOCKS: u32 = 4;
 
-/// Rows of a strip that one workgroup of `cross` takes: small workgroups end at their own time, and leave
-/// their place on the device to others.
-pub const CROSS_ROWS_PX: u32 = 4;
+/// Threads of a workgroup of `cross` on a GPU, one a pixel of half a strip: small workgroups end at their own time, and
+/// leave their place on the device to others.
+pub const CROSS_THREADS: u32 = STRIP_BLOCKS * crate::substeps::BLOCK_PX * 4;
 
-/// Threads of a workgroup of `ingest` and `enhance`: one a pixel of a strip.
+/// Threads of a workgroup of `ingest` and `enhance` on a GPU: one a pixel of a strip.
 pub const INGEST_THREADS: u32 = STRIP_BLOCKS * crate::substeps::BLOCK_PX * crate::substeps::BLOCK_PX;
+
+/// Threads of a workgroup of `sort` on a GPU.
+pub const SORT_THREADS: u32 = 256;
+
+/// The same on a processor. Fewer would be faster, but the software driver ends a thread's loops, all of them together,
+/// after 65535 rounds.
+pub const SOFTWARE_SORT_THREADS: u32 = 64;
+
+/// Threads of a workgroup of `ingest` and `cross` on a processor, one a pixel of a row of a strip: there a thread is dear
+/// before it comes to its first pixel, and takes many.
+pub const SOFTWARE_THREADS: u32 = STRIP_BLOCKS * crate::substeps::BLOCK_PX;
 
 /// Cameras that the table holds: 64 KiB, which every device grants a uniform buffer.
 pub const MAX_CAMERAS: usize = 256;
@@ -443,8 +454,9 @@ pub fn glsl() -> String {
         ("SUBSTEP_MOTION_PX", format!("{:.9}", crate::substeps::SUBSTEP_MOTION_PX)),
         ("SUBSTEP_TIME_ERROR_NS", format!("{:.1}", crate::substeps::SUBSTEP_TIME_ERROR_NS)),
         ("STRIP_BLOCKS", format!("{STRIP_BLOCKS}u")),
-        ("CROSS_ROWS_PX", format!("{CROSS_ROWS_PX}u")),
+        ("CROSS_THREADS", CROSS_THREADS.to_string()),
         ("INGEST_THREADS", INGEST_THREADS.to_string()),
+        ("SORT_THREADS", SORT_THREADS.to_string()),
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
         ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),

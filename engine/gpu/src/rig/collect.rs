@@ -169,6 +169,10 @@ impl Rig {
         diagnostics.skipped_blocks = counters.skipped_blocks.into();
         diagnostics.substeps = counters.substeps.into();
         diagnostics.late_events = counters.late.into();
+        // Nobody counted those of a block that was skipped.
+        if counters.unarmed_pixels == 0 && counters.skipped_blocks == 0 {
+            c.may_be_unarmed = false;
+        }
         let busy_blocks = place.blocks - counters.skipped_blocks.min(place.blocks);
         c.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
 

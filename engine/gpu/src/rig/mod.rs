@@ -112,6 +112,8 @@ struct CameraState {
     frames: u64,
     sequence: u64,
     changed: bool,
+    /// Whether there may be pixels that never had a valid colour.
+    may_be_unarmed: bool,
     /// No pixel is held longer by a refractory period that is no more.
     holds_until_ns: Option<i64>,
 }
@@ -190,6 +192,7 @@ impl Rig {
                 frames: 0,
                 sequence: 0,
                 changed: true,
+                may_be_unarmed: true,
                 holds_until_ns: None,
             });
         }
@@ -385,6 +388,7 @@ impl Rig {
         self.arena.clear_counters(&self.device, self.cameras[camera].place.slot)?;
         let c = &mut self.cameras[camera];
         c.last_ns = None;
+        c.may_be_unarmed = true;
         c.holds_until_ns = None;
         c.frames = 0;
         Ok(())

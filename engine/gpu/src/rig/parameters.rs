@@ -4,14 +4,15 @@ use super::arena::Arena;
 use super::{CameraState, RigOptions};
 use esaac_model::layout::{self, Camera};
 use esaac_model::random::HAZARD_FRACTION_BITS;
-use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
+use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS, quantise_ns};
 use esaac_model::{
     Intensity, LOG_FRACTION_BITS, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
 };
 
 /// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
-/// the formats of its images, and the transfers between lattices.
-pub(super) type Permutation = [u32; 17];
+/// the formats of its images, the transfers between lattices, whether its next frame may be the
+/// first, and whether pixels may be unarmed.
+pub(super) type Permutation = [u32; 19];
 
 /// Which code a camera needs: an effect that is off is not there. `by_address`: the device reads fastest by address;
 /// `branches`: it skips branches that no thread takes.
@@ -42,6 +43,9 @@ pub(super) fn permutation(
         camera.config.motion.map_or(0, |m| m as u32),
         // Without lattices there is nothing to transfer.
         if needs_lattice(sensor) { sensor.transfers } else { 0 },
+        // What a first frame and unarmed pixels need costs nothing where it is skipped.
+        u32::from(branches || camera.last_ns.is_none()),
+        u32::from(branches || camera.may_be_unarmed),
     ]
 }
 
@@ -55,6 +59,15 @@ const PERMUTATION_BRANCHES: usize = 13;
 const PERMUTATION_HDR: usize = 14;
 const PERMUTATION_MOTION: usize = 15;
 const PERMUTATION_TRANSFERS: usize = 16;
+const PERMUTATION_FIRST: usize = 17;
+const PERMUTATION_UNARMED: usize = 18;
+
+/// Indices of the constants of `cross` after those that a permutation begins with.
+const CROSS_CONSTANT_THREADS: usize = 14;
+const CROSS_CONSTANT_UNARMED: usize = 15;
+
+/// Pixels of a strip.
+const STRIP_PIXELS: u32 = layout::STRIP_BLOCKS * BLOCK_PX * BLOCK_PX;
 
 /// Index of a permutation's delay flag.
 pub(super) const PERMUTATION_DELAY: usize = 5;
@@ -207,10 +220,10 @@ fn lattice_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
 
-pub(super) type IngestConstants = [u32; 6];
+pub(super) type IngestConstants = [u32; 8];
 pub(super) type EnhanceConstants = [u32; 2];
-/// What a permutation begins with.
-pub(super) type CrossConstants = [u32; 14];
+/// What a permutation begins with, the threads of a workgroup, and whether pixels may be unarmed.
+pub(super) type CrossConstants = [u32; 16];
 
 /// Specialisation constants of `ingest`, by id.
 pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
@@ -221,6 +234,8 @@ pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
         permutation[PERMUTATION_MOTION],
         permutation[PERMUTATION_BY_ADDRESS],
         u32::from(!fills_up(permutation)),
+        threads(permutation, layout::INGEST_THREADS),
+        permutation[PERMUTATION_FIRST],
     ]
 }
 
@@ -246,5 +261,19 @@ pub(super) fn enhance_constants(permutation: &Permutation) -> Option<EnhanceCons
 pub(super) fn cross_constants(permutation: &Permutation, crowded: bool) -> CrossConstants {
     let mut constants: CrossConstants = std::array::from_fn(|id| permutation[id]);
     constants[PERMUTATION_CROWDED] = u32::from(crowded);
+    constants[CROSS_CONSTANT_THREADS] =
+        if crowded { layout::CROSS_THREADS } else { threads(permutation, layout::CROSS_THREADS) };
+    constants[CROSS_CONSTANT_UNARMED] = permutation[PERMUTATION_UNARMED];
     constants
+}
+
+/// Threads of a workgroup that has `on_a_gpu` on a GPU.
+fn threads(permutation: &Permutation, on_a_gpu: u32) -> u32 {
+    if permutation[PERMUTATION_BRANCHES] != 0 { on_a_gpu } else { layout::SOFTWARE_THREADS }
+}
+
+/// Workgroups of `cross` a strip: see its main function.
+pub(super) fn cross_parts(permutation: &Permutation, crowded: bool) -> u32 {
+    let takes_strips = permutation[PERMUTATION_BRANCHES] == 0 && !crowded;
+    if takes_strips { 1 } else { STRIP_PIXELS / layout::CROSS_THREADS }
 }

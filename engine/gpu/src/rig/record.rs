@@ -3,7 +3,7 @@
 use super::code::Code;
 use super::parameters::{
     CrossConstants, EnhanceConstants, IngestConstants, PERMUTATION_DELAY, Permutation, camera_row,
-    cross_constants, enhance_constants, ingest_constants, ingest_parts, permutation,
+    cross_constants, cross_parts, enhance_constants, ingest_constants, ingest_parts, permutation,
 };
 use super::{CameraState, Rig};
 use crate::commands::Commands;
@@ -13,7 +13,6 @@ use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, sta
 use ash::vk;
 use bytemuck::bytes_of;
 use esaac_model::layout::{self, GROUP_BINS, GROUP_BINS_OF_MANY, MANY_BINS, Push, SOFTWARE_GROUP_BINS};
-use esaac_model::substeps::BLOCK_PX;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -53,6 +52,13 @@ fn group_bins(device: &Device, cameras: &[CameraState]) -> u32 {
     }
 }
 
+/// Specialisation constants of `sort`, by id.
+fn sort_constants(device: &Device, cameras: &[CameraState]) -> [u32; 3] {
+    let software = device.is_software();
+    let threads = if software { layout::SOFTWARE_SORT_THREADS } else { layout::SORT_THREADS };
+    [group_bins(device, cameras), threads, u32::from(!software)]
+}
+
 /// Stamps of a whole tick; the two after them are those of what runs again, and of `merge`.
 pub(super) const STAMPS: u32 = STAGES.len() as u32 + 1;
 
@@ -74,7 +80,7 @@ impl Kernels {
     ) -> Result<Self, EngineError> {
         Ok(Kernels {
             carry: code.kernel(bindings, stages::CARRY, &[])?,
-            sort: code.kernel(bindings, stages::SORT, &[group_bins(device, cameras)])?,
+            sort: code.kernel(bindings, stages::SORT, &sort_constants(device, cameras))?,
             merge: code.kernel(bindings, stages::MERGE, &[])?,
             forms: HashMap::new(),
         })
@@ -292,8 +298,8 @@ fn record_tick(rig: &Rig, target: &Commands, groups: &[Group], whole: bool) -> R
         stage_done();
         for group in groups {
             let cross = &specialised.crossings[&cross_constants(&group.permutation, !whole)];
-            let parts = group.strips * (BLOCK_PX / layout::CROSS_ROWS_PX);
-            cross.record(commands, bytes_of(&first(group.first)), [parts, group.count, 1]);
+            let extent = [group.strips * cross_parts(&group.permutation, !whole), group.count, 1];
+            cross.record(commands, bytes_of(&first(group.first)), extent);
         }
         record_barrier(device, commands);
         stage_done();

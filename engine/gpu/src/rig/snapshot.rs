@@ -140,6 +140,7 @@ impl Rig {
             c.sequence = saved.sequence;
             c.holds_until_ns = saved.holds_until_ns;
             c.changed = true;
+            c.may_be_unarmed = true;
             if saved.late_events > 0 {
                 // Late events lie behind the last packet, wherever that ended.
                 let counters =
