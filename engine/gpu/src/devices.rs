@@ -145,7 +145,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
             subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::ARITHMETIC)
                 && subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE),
         ),
-        needs("320 invocations a workgroup", core.limits.max_compute_work_group_invocations >= 320),
+        needs("256 invocations a workgroup", core.limits.max_compute_work_group_invocations >= 256),
         needs("32 KiB of shared memory", core.limits.max_compute_shared_memory_size >= 32 * 1024),
         needs("17 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 17),
         likes("timelineSemaphore", f12.timeline_semaphore == vk::TRUE),
