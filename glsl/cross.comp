@@ -29,6 +29,8 @@ layout(constant_id = 12) const bool BY_ADDRESS = true;
 layout(constant_id = 13) const bool BRANCHES = true;
 // Whether pixels may be unarmed.
 layout(constant_id = 15) const bool MAY_BE_UNARMED = true;
+// Whether a workgroup takes whole strips, a part after the other.
+layout(constant_id = 16) const bool WHOLE_STRIPS = false;
 
 BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(readonly, SLOT_PLANES, float, planes);
@@ -89,7 +91,7 @@ bool walks_on(uint ordinal) {
 
 // Parts that a workgroup takes. (The software driver ends a thread's loops, all of them together, after 65535 rounds:
 // a crowded strip, whose pixels may have thousands of events, is shared out among more threads.)
-const uint PARTS = BRANCHES || CROWDED ? 1u : STRIP_PARTS;
+const uint PARTS = WHOLE_STRIPS && !CROWDED ? STRIP_PARTS : 1u;
 
 // Which rows of a strip belong to some parts.
 uint rows_of(uint first_part, uint parts) {

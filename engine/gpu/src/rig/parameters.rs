@@ -12,15 +12,17 @@ use esaac_model::{
 /// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
 /// the formats of its images, the transfers between lattices, whether its next frame may be the
 /// first, and whether pixels may be unarmed.
-pub(super) type Permutation = [u32; 19];
+pub(super) type Permutation = [u32; 20];
 
 /// Which code a camera needs: an effect that is off is not there. `by_address`: the device reads fastest by address;
-/// `branches`: it skips branches that no thread takes.
+/// `branches`: it skips branches that no thread takes; `leaves_out`: threads take a pixel of each row of a
+/// strip, and what is rarely needed is left out of the code.
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
     by_address: bool,
     branches: bool,
+    leaves_out: bool,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
     [
@@ -43,9 +45,11 @@ pub(super) fn permutation(
         camera.config.motion.map_or(0, |m| m as u32),
         // Without lattices there is nothing to transfer.
         if needs_lattice(sensor) { sensor.transfers } else { 0 },
-        // What a first frame and unarmed pixels need costs nothing where it is skipped.
-        u32::from(branches || camera.last_ns.is_none()),
-        u32::from(branches || camera.may_be_unarmed),
+        // What a first frame and unarmed pixels need is left out where it costs more than it takes to compile once
+        // more. (A first frame has no interval in which pixels could be unarmed.)
+        u32::from(!leaves_out || camera.last_ns.is_none()),
+        u32::from(!leaves_out || (camera.last_ns.is_some() && camera.may_be_unarmed)),
+        u32::from(leaves_out),
     ]
 }
 
@@ -61,10 +65,12 @@ const PERMUTATION_MOTION: usize = 15;
 const PERMUTATION_TRANSFERS: usize = 16;
 const PERMUTATION_FIRST: usize = 17;
 const PERMUTATION_UNARMED: usize = 18;
+const PERMUTATION_WHOLE_STRIPS: usize = 19;
 
 /// Indices of the constants of `cross` after those that a permutation begins with.
 const CROSS_CONSTANT_THREADS: usize = 14;
 const CROSS_CONSTANT_UNARMED: usize = 15;
+const CROSS_CONSTANT_WHOLE_STRIPS: usize = 16;
 
 /// Pixels of a strip.
 const STRIP_PIXELS: u32 = layout::STRIP_BLOCKS * BLOCK_PX * BLOCK_PX;
@@ -222,8 +228,9 @@ fn lattice_stride(sensor: &SensorModel) -> u32 {
 
 pub(super) type IngestConstants = [u32; 8];
 pub(super) type EnhanceConstants = [u32; 2];
-/// What a permutation begins with, the threads of a workgroup, and whether pixels may be unarmed.
-pub(super) type CrossConstants = [u32; 16];
+/// What a permutation begins with, the threads of a workgroup, whether pixels may be unarmed, and whether a workgroup
+/// takes whole strips.
+pub(super) type CrossConstants = [u32; 17];
 
 /// Specialisation constants of `ingest`, by id.
 pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
@@ -264,16 +271,17 @@ pub(super) fn cross_constants(permutation: &Permutation, crowded: bool) -> Cross
     constants[CROSS_CONSTANT_THREADS] =
         if crowded { layout::CROSS_THREADS } else { threads(permutation, layout::CROSS_THREADS) };
     constants[CROSS_CONSTANT_UNARMED] = permutation[PERMUTATION_UNARMED];
+    constants[CROSS_CONSTANT_WHOLE_STRIPS] = permutation[PERMUTATION_WHOLE_STRIPS];
     constants
 }
 
 /// Threads of a workgroup that has `on_a_gpu` on a GPU.
 fn threads(permutation: &Permutation, on_a_gpu: u32) -> u32 {
-    if permutation[PERMUTATION_BRANCHES] != 0 { on_a_gpu } else { layout::SOFTWARE_THREADS }
+    if permutation[PERMUTATION_WHOLE_STRIPS] != 0 { layout::SOFTWARE_THREADS } else { on_a_gpu }
 }
 
 /// Workgroups of `cross` a strip: see its main function.
 pub(super) fn cross_parts(permutation: &Permutation, crowded: bool) -> u32 {
-    let takes_strips = permutation[PERMUTATION_BRANCHES] == 0 && !crowded;
-    if takes_strips { 1 } else { STRIP_PIXELS / layout::CROSS_THREADS }
+    let whole_strips = permutation[PERMUTATION_WHOLE_STRIPS] != 0 && !crowded;
+    if whole_strips { 1 } else { STRIP_PIXELS / layout::CROSS_THREADS }
 }
