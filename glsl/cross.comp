@@ -111,8 +111,8 @@ uint event_tag(bool on, uint ordinal) {
 
 // Stamps an event and puts it where it belongs.
 void stage(Camera cam, uint at_ns, uint tag) {
-    const uint in_strip = tag & 127u;
-    const uint pixel = (corner.y + in_strip / STRIP_PX) * cam.width + corner.x + in_strip % STRIP_PX;
+    const uint in_part = tag & 127u;
+    const uint pixel = (corner.y + in_part / STRIP_PX) * cam.width + corner.x + in_part % STRIP_PX;
     uint since_start_ns = at_ns;
     if (EFFECT_DELAY) {
         int delay_ns = int(cam.latency_ns);

@@ -5,9 +5,9 @@
 // the strip and the pixels around it that half sites draw on, so that no workgroup waits for another. A workgroup takes
 // all colour components TOGETHER, and works out once what they have in common, or one of them, z: a GPU with few strips
 // to go round fills up better so. On the software driver, where all that comes before the first pixel is dear, it has a
-// thread a pixel of a row, and takes row after row. Reads the images by device address, and the previous frame in `planes`. Writes the
-// current frame there, `motion` of this frame's parity, `blocks` and `strip_order`, all read by `enhance` and `cross`
-// after a barrier; arms pixels in `state`, which nothing else touches before `cross`.
+// thread a pixel of a row, and takes row after row. Reads the images by device address, and the previous frame in
+// `planes`. Writes the current frame there, `motion` of this frame's parity, `blocks` and `strip_order`, all read by
+// `enhance` and `cross` after a barrier; arms pixels in `state`, which nothing else touches before `cross`.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
@@ -440,13 +440,13 @@ void main() {
     }
     barrier();
     Facts facts = Facts(0u, 0u, 0u, 0u);
-    for (uint number = lane; number < STRIP_PX * BLOCK_PX; number += gl_WorkGroupSize.x) {
+    for (uint number = lane; number < OWN_SITES; number += gl_WorkGroupSize.x) {
         take(cam, channel, ivec2(number % STRIP_PX, number / STRIP_PX), true, facts);
     }
     if (channel == 0u) {
         note_facts((lane % STRIP_PX) / BLOCK_PX, facts);
     }
-    for (uint number = lane; number < TAKEN - STRIP_PX * BLOCK_PX; number += gl_WorkGroupSize.x) {
+    for (uint number = lane; number < TAKEN - OWN_SITES; number += gl_WorkGroupSize.x) {
         take(cam, channel, beside_strip(number), false, facts);
     }
     barrier();

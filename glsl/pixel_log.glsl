@@ -1,10 +1,9 @@
 // The log-intensity pixel's walk through one interval: crossings, refractory period, leak, shot
 // noise. Twin of the oracle's `cross`. The including kernel calls `begin_walk`, then `walk_substep` for
 // each sub-step in turn, then `end_walk`, and provides `emit(at_ns, on, ordinal)` and `walks_on(ordinal)`: whether a walk
-// with so many events so far has to go on. Where a device does not skip
-// BRANCHES that no thread takes, random numbers, which are long to draw and rarely needed, are kept out of the steps: a
-// walk that `needs_draw` stops within a sub-step, the kernel calls `draw_shot`, and `walk_substep` for the rest of it.
-// Needs BRANCHES.
+// with so many events so far has to go on. Needs BRANCHES: where a device does not skip those that no thread takes,
+// random numbers, which are long to draw and rarely needed, are kept out of the steps: a walk that `needs_draw` stops
+// within a sub-step, the kernel calls `draw_shot`, and `walk_substep` for the rest of it.
 
 layout(constant_id = 1) const bool EFFECT_MISMATCH = false;
 layout(constant_id = 2) const bool EFFECT_REFRACTORY = false;
