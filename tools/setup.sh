@@ -61,10 +61,11 @@ numpy_python() {
     return 1
 }
 
-# libclang, which writes the Rust side of Cyclone DDS's interface.
+# libclang, which writes the Rust side of Cyclone DDS's interface. Not libclang-cpp, which comes with Mesa.
 has_libclang() {
-    [ -n "${LIBCLANG_PATH:-}" ] || has_library libclang- ||
-        compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null
+    [ -n "${LIBCLANG_PATH:-}" ] || has_library '[[:space:]]libclang\(-[0-9.]*\)\?\.so' ||
+        compgen -G '/usr/lib/llvm-*/lib/libclang.so*' >/dev/null ||
+        compgen -G '/usr/lib/llvm-*/lib/libclang-[0-9]*.so*' >/dev/null
 }
 
 # Subscribers for the tests that share no code with the publisher: PyPI's cyclonedds and rosbags, in an
