@@ -142,9 +142,15 @@ uint slot_of(uint in_part, uint ordinal) {
 // Lists the `count` events that are in the pixel's slots.
 void list_slots(uint count) {
     const uint position = atomicAdd(list_count, count > PIXEL_SLOTS ? LIST_EVENTS + 1u : count);
-    for (uint ordinal = 0u; ordinal < count && position + ordinal < LIST_EVENTS; ++ordinal) {
-        list_tags[position + ordinal] = uint16_t(event_tag(((on_events >> ordinal) & 1u) != 0u, ordinal));
+    if (count == 0u || position >= LIST_EVENTS) {
+        return;
     }
+    const uint last = min(count, LIST_EVENTS - position);
+    uint ordinal = 0u;
+    do {
+        list_tags[position + ordinal] = uint16_t(event_tag(((on_events >> ordinal) & 1u) != 0u, ordinal));
+        ordinal += 1u;
+    } while (ordinal < last);
 }
 
 void emit(uint at_ns, bool on, uint ordinal) {
@@ -233,7 +239,7 @@ float cross_interval(
         samples_out[cam.samples_base + pixel] = first_q24;
     }
     uint i = 1u;
-    while (i <= n) {
+    do {
         while (i <= n && !needs_draw(w)) {
             if (!has_stopped(w)) {
                 end_ns += whole_ns;
@@ -256,7 +262,7 @@ float cross_interval(
         if (needs_draw(w)) {
             draw_shot(cam, pixel, p, w);
         }
-    }
+    } while (WALKS_STOP && i <= n);
     end_walk(cam, w, p);
     return w.exposed;
 }
@@ -336,9 +342,13 @@ void cross_part(Camera cam, uint part, uint rows_done, uint first_block, uint n,
             cross_interval(cam, s, active_pixel, n, p);
         }
     } else {
-        for (uint e = lane; e < found; e += gl_WorkGroupSize.x) {
-            const uint tag = uint(list_tags[e]);
-            stage(cam, list_at_ns[BRANCHES ? e : slot_of(tag & 127u, tag >> 8)], tag);
+        uint e = lane;
+        if (e < found) {
+            do {
+                const uint tag = uint(list_tags[e]);
+                stage(cam, list_at_ns[BRANCHES ? e : slot_of(tag & 127u, tag >> 8)], tag);
+                e += gl_WorkGroupSize.x;
+            } while (e < found);
         }
         if (EFFECT_DELAY) {
             // Others' counts of events are read until here.
@@ -445,7 +455,8 @@ void main() {
     const uint n = SYNTHESIS == SYNTHESIS_NONE
         ? 1u
         : substep_count(cam, uintBitsToFloat(around_motion[in_strip]), uintBitsToFloat(own_change[in_strip]));
-    for (uint taken = 0u; taken < PARTS; ++taken) {
+    uint taken = 0u;
+    do {
         const uint part = first_part + taken;
         if (taken != 0u) {
             corner.y += PART_PX;
@@ -462,5 +473,6 @@ void main() {
             }
             cross_part(cam, part, rows_done, first_block, n, before, s);
         }
-    }
+        taken += 1u;
+    } while (taken < PARTS);
 }

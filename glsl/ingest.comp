@@ -440,14 +440,20 @@ void main() {
     }
     barrier();
     Facts facts = Facts(0u, 0u, 0u, 0u);
-    for (uint number = lane; number < OWN_SITES; number += gl_WorkGroupSize.x) {
+    uint number = lane;
+    do {
         take(cam, channel, ivec2(number % STRIP_PX, number / STRIP_PX), true, facts);
-    }
+        number += gl_WorkGroupSize.x;
+    } while (number < OWN_SITES);
     if (channel == 0u) {
         note_facts((lane % STRIP_PX) / BLOCK_PX, facts);
     }
-    for (uint number = lane; number < TAKEN - OWN_SITES; number += gl_WorkGroupSize.x) {
-        take(cam, channel, beside_strip(number), false, facts);
+    number = lane;
+    if (number < TAKEN - OWN_SITES) {
+        do {
+            take(cam, channel, beside_strip(number), false, facts);
+            number += gl_WorkGroupSize.x;
+        } while (number < TAKEN - OWN_SITES);
     }
     barrier();
     if (channel == 0u && lane < STRIP_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
@@ -462,8 +468,12 @@ void main() {
     const bool looks_back = moves != 0u && !is_first(cam);
     vec4 seen[COMPONENTS];
     if (looks_back) {
-        for (uint number = OWN_SITES + lane; number < SITES; number += gl_WorkGroupSize.x) {
-            look_back(cam, channel, site_at(number), false, seen);
+        number = OWN_SITES + lane;
+        if (number < SITES) {
+            do {
+                look_back(cam, channel, site_at(number), false, seen);
+                number += gl_WorkGroupSize.x;
+            } while (number < SITES);
         }
     }
     // What a row's half sites draw on is known once the next row was looked up.
@@ -471,7 +481,8 @@ void main() {
     if (looks_back) {
         look_back(cam, channel, site, has_half_sites(cam, strip_at, site), seen);
     }
-    for (uint row = 0u; row < BLOCK_PX; row += ROWS_PX) {
+    uint row = 0u;
+    do {
         const uvec2 next = site + uvec2(0u, ROWS_PX);
         vec4 seen_next[COMPONENTS];
         if (looks_back) {
@@ -487,5 +498,6 @@ void main() {
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
             seen[k] = seen_next[k];
         }
-    }
+        row += ROWS_PX;
+    } while (row < BLOCK_PX);
 }

@@ -13,6 +13,9 @@ layout(constant_id = 5) const bool EFFECT_DELAY = false;
 layout(constant_id = 6) const bool AT_SAMPLE = false;
 layout(constant_id = 7) const bool EFFECT_APS = false;
 
+// Whether walks may stop within a sub-step.
+const bool WALKS_STOP = EFFECT_SHOT && !BRANCHES;
+
 const uint NEVER = 0xffffffffu;
 const uint STREAM_NONE = 0xffffffffu;
 
@@ -138,12 +141,12 @@ uint next_shot(Camera cam, PixelState p, Walk w) {
 }
 
 bool needs_draw(Walk w) {
-    return EFFECT_SHOT && !BRANCHES && w.missing != STREAM_NONE;
+    return WALKS_STOP && w.missing != STREAM_NONE;
 }
 
 // Whether the walk has stopped within a sub-step.
 bool has_stopped(Walk w) {
-    return EFFECT_SHOT && !BRANCHES && w.stopped_at != NEVER;
+    return WALKS_STOP && w.stopped_at != NEVER;
 }
 
 void draw_missing(Camera cam, uint pixel, PixelState p, inout Walk w) {

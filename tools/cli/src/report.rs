@@ -194,7 +194,11 @@ impl Report {
         for (index, camera) in self.cameras.iter().enumerate() {
             text.push_str(&camera.to_text(index));
         }
-        let mut times = vec![["time per interval", "median us", "p99 us"].map(str::to_owned).to_vec()];
+        let of_all = match self.cameras.len() {
+            0 | 1 => "time per interval".to_owned(),
+            cameras => format!("time per interval, {cameras} cameras"),
+        };
+        let mut times = vec![vec![of_all, "median us".to_owned(), "p99 us".to_owned()]];
         times.extend(self.stages.iter().chain([&self.gpu, &self.submit_to_packet]).map(StageReport::row));
         text.push_str(&format!("\n{}", table::render(&times)));
         text.push_str(&format!("\n{}", table::render(&self.memory_rows())));

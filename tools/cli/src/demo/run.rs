@@ -47,11 +47,14 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn plan(&self) -> RigPlan {
+    /// A renderer that has one slot waits while the engine works. A GPU is better used without that; on a processor,
+    /// whose cores both share, rendering ahead gains nothing, and the engine's times would be those of both.
+    fn plan(&self, device: &Device) -> RigPlan {
+        let slots = if device.is_software() { 1 } else { DEFAULT_SLOTS };
         let mut plan = RigPlan::default();
         for (camera, sensor) in (0..).zip(self.sensors) {
             let config = CameraConfig { sensor: sensor.clone(), camera, hdr: HDR, motion: Some(MOTION) };
-            plan.push(config, DEFAULT_SLOTS, false);
+            plan.push(config, slots, false);
         }
         plan
     }
@@ -80,7 +83,7 @@ impl<'a> Run<'a> {
         arguments: &DemoArguments,
         ros: RosOutput,
     ) -> Result<Simulated> {
-        let mut rig = Rig::with_options(device, &self.plan().cameras, report::rig_options())?;
+        let mut rig = Rig::with_options(device, &self.plan(device).cameras, report::rig_options())?;
         kernels.load(&mut rig)?;
         let mut renderer = Renderer::new(device, self.scene.clone(), HDR, MOTION)?;
         let mut collected = Collected::new(self, device, ros)?;
@@ -112,7 +115,7 @@ impl<'a> Run<'a> {
         common: &CommonArguments,
         ros: RosOutput,
     ) -> Result<Simulated> {
-        let plan = self.plan();
+        let plan = self.plan(device);
         let mut rig = Rig::with_options(device, &plan.cameras, report::rig_options())?;
         kernels.load(&mut rig)?;
         let folder = tempfile::tempdir().context("no folder for the socket")?;
