@@ -455,8 +455,7 @@ void main() {
     const uint n = SYNTHESIS == SYNTHESIS_NONE
         ? 1u
         : substep_count(cam, uintBitsToFloat(around_motion[in_strip]), uintBitsToFloat(own_change[in_strip]));
-    uint taken = 0u;
-    do {
+    for (uint taken = 0u; taken < PARTS; ++taken) {
         const uint part = first_part + taken;
         if (taken != 0u) {
             corner.y += PART_PX;
@@ -473,6 +472,5 @@ void main() {
             }
             cross_part(cam, part, rows_done, first_block, n, before, s);
         }
-        taken += 1u;
-    } while (taken < PARTS);
+    }
 }
