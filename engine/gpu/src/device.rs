@@ -7,6 +7,7 @@ use crate::devices::{CALIBRATED, DeviceChoice, DeviceInfo, STATISTICS, choose, d
 use crate::error::{Call, EngineError};
 use crate::instance::{Instance, Validation};
 use crate::memory::Buffer;
+use crate::pipeline::Pipelines;
 use crate::timeline::Timeline;
 use ash::{ext, khr, vk};
 use gpu_allocator::MemoryLocation;
@@ -26,6 +27,7 @@ pub struct Device {
     allocator: ManuallyDrop<Mutex<Allocator>>,
     queue: Mutex<vk::Queue>,
     errands: Mutex<Vec<Errand>>,
+    pipelines: Pipelines,
     queue_family: u32,
     timestamp_period_ns: f64,
     timestamp_mask: u64,
@@ -125,6 +127,7 @@ impl Device {
             raw,
             queue: Mutex::new(queue),
             errands: Mutex::default(),
+            pipelines: Pipelines::default(),
             queue_family,
             timestamp_period_ns: f64::from(properties.limits.timestamp_period),
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
@@ -226,6 +229,11 @@ impl Device {
         self.errands.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What has been compiled on it.
+    pub(crate) fn pipelines(&self) -> &Pipelines {
+        &self.pipelines
+    }
+
     /// A named buffer; storage and transfer usage are always included.
     pub fn allocate(
         self: &Arc<Self>,
@@ -282,6 +290,7 @@ impl Drop for Device {
         for errand in self.errands().drain(..).collect::<Vec<_>>() {
             errand.destroy(&self.raw);
         }
+        self.pipelines.destroy(&self.raw);
         // SAFETY: buffers, kernels and rigs hold an Arc, so they are gone; the allocator goes before
         // the device that its blocks belong to, and is not used again.
         unsafe {

@@ -1,10 +1,11 @@
-//! Compute pipelines, the buffers they are bound to, and recording.
+//! Kernels, the buffers they are bound to, and recording.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::device::Device;
 use crate::error::{Call, EngineError};
 use crate::memory::Buffer;
+use crate::pipeline::{Pipeline, Source};
 use ash::vk;
 use std::sync::Arc;
 
@@ -130,12 +131,10 @@ impl Drop for BindingSet {
 /// What a driver tells about compiled code: names and values.
 pub type KernelStatistics = Vec<(String, f64)>;
 
-/// A compute pipeline with its bindings.
+/// A compute pipeline with its bindings. Kernels of the same code, constants and slots share the device's one pipeline.
 pub struct Kernel {
-    device: Arc<Device>,
     bindings: Arc<BindingSet>,
-    layout: vk::PipelineLayout,
-    pipeline: vk::Pipeline,
+    pipeline: Pipeline,
 }
 
 impl Kernel {
@@ -155,57 +154,21 @@ impl Kernel {
     /// A kernel on bindings that it shares; `specialisation[i]` is constant id `i`.
     pub fn with_bindings(
         bindings: &Arc<BindingSet>,
-        _name: &str,
+        stage: &str,
         spirv: &[u32],
         push_bytes: u32,
         specialisation: &[u32],
     ) -> Result<Self, EngineError> {
-        let device = &bindings.device;
-        let layouts = [bindings.layout];
-        let ranges = [vk::PushConstantRange {
-            stage_flags: vk::ShaderStageFlags::COMPUTE,
-            offset: 0,
-            size: push_bytes,
-        }];
-        let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts);
-        let info = if push_bytes == 0 { info } else { info.push_constant_ranges(&ranges) };
-        // SAFETY: the set layout is alive.
-        let layout =
-            unsafe { device.raw().create_pipeline_layout(&info, None) }.call("vkCreatePipelineLayout")?;
-        let mut kernel = Kernel {
-            device: Arc::clone(device),
-            bindings: Arc::clone(bindings),
-            layout,
-            pipeline: vk::Pipeline::null(),
+        let source = Source {
+            stage,
+            spirv,
+            slots: &bindings.kinds,
+            set_layout: bindings.layout,
+            push_bytes,
+            specialisation,
         };
-        let info = vk::ShaderModuleCreateInfo::default().code(spirv);
-        // SAFETY: the code is SPIR-V that spirv-val accepts (checked by the test suite).
-        let module =
-            unsafe { device.raw().create_shader_module(&info, None) }.call("vkCreateShaderModule")?;
-        let entries: Vec<_> = (0..specialisation.len() as u32)
-            .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
-            .collect();
-        let constants = vk::SpecializationInfo::default()
-            .map_entries(&entries)
-            .data(bytemuck::cast_slice(specialisation));
-        let stage = vk::PipelineShaderStageCreateInfo::default()
-            .stage(vk::ShaderStageFlags::COMPUTE)
-            .module(module)
-            .name(c"main")
-            .specialization_info(&constants);
-        let flags = if device.statistics().is_some() {
-            vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR
-        } else {
-            vk::PipelineCreateFlags::empty()
-        };
-        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout).flags(flags)];
-        // SAFETY: layout and module are alive; the specialisation data outlives the call.
-        let created =
-            unsafe { device.raw().create_compute_pipelines(vk::PipelineCache::null(), &info, None) };
-        // SAFETY: a module is not needed once its pipeline exists.
-        unsafe { device.raw().destroy_shader_module(module, None) };
-        kernel.pipeline = created.map_err(|(_, result)| result).call("vkCreateComputePipelines")?[0];
-        Ok(kernel)
+        let pipeline = bindings.device.pipelines().get(&bindings.device, &source)?;
+        Ok(Kernel { bindings: Arc::clone(bindings), pipeline })
     }
 
     /// Binds buffers to the kernel's slots; see [`BindingSet::bind`].
@@ -216,10 +179,10 @@ impl Kernel {
     /// What the driver tells about the compiled code (registers, shared memory, sizes); nothing where it
     /// does not tell.
     pub fn statistics(&self) -> Result<KernelStatistics, EngineError> {
-        let Some(pipelines) = self.device.statistics() else {
+        let Some(pipelines) = self.bindings.device.statistics() else {
             return Ok(Vec::new());
         };
-        let info = vk::PipelineExecutableInfoKHR::default().pipeline(self.pipeline).executable_index(0);
+        let info = vk::PipelineExecutableInfoKHR::default().pipeline(self.pipeline.raw).executable_index(0);
         // SAFETY: the pipeline is alive, was made with CAPTURE_STATISTICS, and compute has one executable.
         let told = unsafe { pipelines.get_pipeline_executable_statistics(&info) }
             .call("vkGetPipelineExecutableStatisticsKHR")?;
@@ -243,33 +206,29 @@ impl Kernel {
 
     /// Records a dispatch.
     pub fn record(&self, commands: vk::CommandBuffer, push: &[u8], groups: [u32; 3]) {
-        let device = self.device.raw();
+        let device = self.bindings.device.raw();
         // SAFETY: `commands` is being recorded on this device; pipeline, layout and set are alive as
         // long as the kernel; `push` has the size the layout was made for (checked by validation).
         unsafe {
-            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, self.pipeline);
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, self.pipeline.raw);
             device.cmd_bind_descriptor_sets(
                 commands,
                 vk::PipelineBindPoint::COMPUTE,
-                self.layout,
+                self.pipeline.layout,
                 0,
                 &[self.bindings.set],
                 &[],
             );
             if !push.is_empty() {
-                device.cmd_push_constants(commands, self.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+                device.cmd_push_constants(
+                    commands,
+                    self.pipeline.layout,
+                    vk::ShaderStageFlags::COMPUTE,
+                    0,
+                    push,
+                );
             }
             device.cmd_dispatch(commands, groups[0], groups[1], groups[2]);
-        }
-    }
-}
-
-impl Drop for Kernel {
-    fn drop(&mut self) {
-        // SAFETY: whoever owns a kernel waits for the device first; null handles are ignored.
-        unsafe {
-            self.device.raw().destroy_pipeline(self.pipeline, None);
-            self.device.raw().destroy_pipeline_layout(self.layout, None);
         }
     }
 }
@@ -316,4 +275,30 @@ pub(crate) fn record_host_barrier(device: &Device, commands: vk::CommandBuffer) 
     let info = vk::DependencyInfo::default().memory_barriers(&barriers);
     // SAFETY: `commands` is being recorded on this device.
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::devices::DeviceChoice;
+    use crate::instance::Validation;
+    use crate::rig::slots;
+    use esaac_model::layout::Push;
+
+    #[test]
+    fn what_is_the_same_is_compiled_once() {
+        let device = Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device");
+        let pipeline = |(stage, code): (&str, &[u8]), specialisation: &[u32]| {
+            let words = ash::util::read_spv(&mut std::io::Cursor::new(code)).expect("whole words");
+            let bindings = BindingSet::with_kinds(&device, slots()).expect("a set");
+            let push_bytes = size_of::<Push>() as u32;
+            let kernel = Kernel::with_bindings(&bindings, stage, &words, push_bytes, specialisation);
+            kernel.expect("a kernel that compiles").pipeline.raw
+        };
+        let sort = pipeline(stages::SORT, &[32, 64, 0]);
+        assert_eq!(sort, pipeline(stages::SORT, &[32, 64, 0]), "though the kernel before is gone");
+        assert_ne!(sort, pipeline(stages::SORT, &[32, 64, 1]));
+        assert_ne!(sort, pipeline(stages::MERGE, &[32, 64, 0]));
+        assert_eq!(device.validation_messages(), [""; 0]);
+    }
 }

@@ -18,6 +18,7 @@ mod kernel;
 #[cfg(feature = "shaderc")]
 mod kernel_folder;
 mod memory;
+mod pipeline;
 mod rig;
 mod timeline;
 mod timing;

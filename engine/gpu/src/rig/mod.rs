@@ -95,6 +95,14 @@ pub struct FrameInput<'a> {
     pub inputs: Option<InputBuffers<'a>>,
 }
 
+/// What the kernels of a rig are bound to, slot by slot.
+pub(crate) fn slots() -> Vec<vk::DescriptorType> {
+    let mut slots = vec![vk::DescriptorType::STORAGE_BUFFER; layout::BINDINGS.len()];
+    slots[layout::CAMERAS] = vk::DescriptorType::UNIFORM_BUFFER;
+    slots.resize(slots.len() + layout::TEXELS.len(), vk::DescriptorType::UNIFORM_TEXEL_BUFFER);
+    slots
+}
+
 /// One camera's life on the host.
 struct CameraState {
     config: CameraConfig,
@@ -196,10 +204,7 @@ impl Rig {
                 holds_until_ns: None,
             });
         }
-        let mut kinds = vec![vk::DescriptorType::STORAGE_BUFFER; layout::BINDINGS.len()];
-        kinds[layout::CAMERAS] = vk::DescriptorType::UNIFORM_BUFFER;
-        kinds.resize(kinds.len() + layout::TEXELS.len(), vk::DescriptorType::UNIFORM_TEXEL_BUFFER);
-        let bindings = BindingSet::with_kinds(device, kinds)?;
+        let bindings = BindingSet::with_kinds(device, slots())?;
         bindings.bind(arena.shown());
         let count = cameras.len();
         let mut rig = Rig {
