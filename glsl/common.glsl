@@ -1,7 +1,7 @@
 // What every kernel shares: extensions, generated layouts, bindings, the camera of a workgroup.
 //
-// Loops that are dear and hold no barrier test at their end where that costs a GPU nothing: the software driver goes
-// through the body of one that tests first once more, for no thread at all.
+// Loops that are dear test at their end where that costs a GPU nothing: the software driver goes through the body of
+// one that tests first once more, for no thread at all.
 #extension GL_EXT_shader_explicit_arithmetic_types_int8 : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int16 : require
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require

@@ -455,7 +455,8 @@ void main() {
     const uint n = SYNTHESIS == SYNTHESIS_NONE
         ? 1u
         : substep_count(cam, uintBitsToFloat(around_motion[in_strip]), uintBitsToFloat(own_change[in_strip]));
-    for (uint taken = 0u; taken < PARTS; ++taken) {
+    uint taken = 0u;
+    do {
         const uint part = first_part + taken;
         if (taken != 0u) {
             corner.y += PART_PX;
@@ -472,5 +473,6 @@ void main() {
             }
             cross_part(cam, part, rows_done, first_block, n, before, s);
         }
-    }
+        taken += 1u;
+    } while (taken < PARTS);
 }

@@ -481,7 +481,8 @@ void main() {
     if (looks_back) {
         look_back(cam, channel, site, has_half_sites(cam, strip_at, site), seen);
     }
-    for (uint row = 0u; row < BLOCK_PX; row += ROWS_PX) {
+    uint row = 0u;
+    do {
         const uvec2 next = site + uvec2(0u, ROWS_PX);
         vec4 seen_next[COMPONENTS];
         if (looks_back) {
@@ -497,5 +498,6 @@ void main() {
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
             seen[k] = seen_next[k];
         }
-    }
+        row += ROWS_PX;
+    } while (row < BLOCK_PX);
 }
