@@ -90,8 +90,6 @@ fn check_packets(steps: &[Step]) {
     }
 }
 
-const FEW: [SceneKind; 3] = [SceneKind::Flight, SceneKind::Lamp, SceneKind::Hdr];
-
 fn clean() -> SensorModel {
     SensorModel { contrast_on: 0.17, contrast_off: 0.23, seed: 77, ..SensorModel::default() }
 }
@@ -106,7 +104,9 @@ fn every_scene_in_the_default_mode() {
 fn motion_cubic() {
     let modes = [(Intensity::BayerRggb, 32), (Intensity::Gray, 8)];
     check_share(modes.into_iter().flat_map(|(intensity, substeps)| {
-        [1, 2].map(|transfers| check(&SensorModel { intensity, substeps, transfers, ..clean() }, &FEW))
+        [1, 2].map(|transfers| {
+            check(&SensorModel { intensity, substeps, transfers, ..clean() }, &SceneKind::ALL)
+        })
     }));
 }
 
@@ -114,7 +114,7 @@ fn motion_cubic() {
 fn motion_bilinear() {
     let modes = [(Intensity::Luminance, 64), (Intensity::BayerRggb, 8), (Intensity::Luminance, 1)];
     check_share(modes.map(|(intensity, substeps)| {
-        check(&SensorModel { taps: Taps::Bilinear, intensity, substeps, ..clean() }, &FEW)
+        check(&SensorModel { taps: Taps::Bilinear, intensity, substeps, ..clean() }, &SceneKind::ALL)
     }));
 }
 
@@ -123,7 +123,7 @@ fn linear() {
     let modes = [(Intensity::Gray, 32), (Intensity::BayerRggb, 8), (Intensity::Luminance, 64)];
     check_share(modes.map(|(intensity, substeps)| {
         let sensor = SensorModel { synthesis: Synthesis::Linear, intensity, substeps, ..clean() };
-        check(&sensor, &[SceneKind::Lamp, SceneKind::Hdr, SceneKind::Dark, SceneKind::Edge])
+        check(&sensor, &SceneKind::ALL)
     }));
 }
 
@@ -131,16 +131,15 @@ fn linear() {
 fn paper() {
     let modes = [(Intensity::Luminance, 32), (Intensity::BayerRggb, 8)];
     check_share(modes.map(|(intensity, substeps)| {
-        check(&SensorModel { synthesis: Synthesis::Paper, intensity, substeps, ..clean() }, &FEW)
+        check(&SensorModel { synthesis: Synthesis::Paper, intensity, substeps, ..clean() }, &SceneKind::ALL)
     }));
 }
 
 #[test]
 fn none() {
-    check_share(
-        [Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb]
-            .map(|intensity| check(&SensorModel { synthesis: Synthesis::None, intensity, ..clean() }, &FEW)),
-    );
+    check_share([Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb].map(|intensity| {
+        check(&SensorModel { synthesis: Synthesis::None, intensity, ..clean() }, &SceneKind::ALL)
+    }));
 }
 
 #[test]
@@ -148,7 +147,8 @@ fn every_effect_alone() {
     let effects = [
         ("contrast_mismatch", "0.04"),
         ("refractory_ns", "3000000"),
-        ("leak_rate_hz", "20"),
+        // Of still pixels no event falls on the run's last nanosecond, where it would be in one stream only.
+        ("leak_rate_hz", "23"),
         ("shot_noise_rate_hz", "50"),
         ("latency_ns", "40000000"),
         ("latency_jitter_ns", "2000000"),
@@ -161,7 +161,7 @@ fn every_effect_alone() {
         // compile of the syntheses that have sub-steps.
         let mut sensor = SensorModel { synthesis: Synthesis::Linear, ..clean() };
         sensor.set(parameter, value).expect("a valid effect");
-        check(&sensor, &[SceneKind::Flight, SceneKind::Lamp, SceneKind::Still, SceneKind::Sinusoid])
+        check(&sensor, &SceneKind::ALL)
     }));
 }
 
@@ -184,6 +184,5 @@ fn all_effects_together() {
         SensorModel { intensity: Intensity::Gray, ..loud.clone() },
         SensorModel { timestamps: Timestamps::AtSample, ..loud },
     ];
-    let scenes = [SceneKind::Flight, SceneKind::Lamp, SceneKind::Dark, SceneKind::Still];
-    check_share(sensors.map(|sensor| check(&sensor, &scenes)));
+    check_share(sensors.map(|sensor| check(&sensor, &SceneKind::ALL)));
 }
