@@ -9,6 +9,7 @@ pub mod drivers;
 pub mod figures;
 pub mod frames;
 pub mod interop;
+pub mod pairs;
 pub mod peer;
 pub mod run;
 pub mod sequence;

@@ -1,7 +1,8 @@
 //! The comparison that the suites rest on finds what is wrong with known-bad streams.
 
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, MotionFormat, Polarity, SensorModel, Synthesis};
+use esaac_model::substeps::substep_end_ns;
+use esaac_model::{HdrFormat, MotionFormat, Polarity, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::{Agreement, LEVEL_TOLERANCE_LOG, compare_streams};
 use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
@@ -85,4 +86,37 @@ fn a_tie_is_explained_and_a_miss_is_not() {
     assert_eq!((tie.differing, tie.unexplained.len()), (1, 0));
     let miss = rise(2.0 * LEVEL_TOLERANCE_LOG);
     assert_eq!((miss.differing, miss.unexplained.len()), (1, 1));
+}
+
+#[test]
+fn a_tie_at_a_sample_is_explained_and_another_sample_is_not() {
+    // The second of four sub-steps ends `beyond` the threshold.
+    let rise = |beyond: f64| {
+        let sensor = SensorModel {
+            width: 1,
+            height: 1,
+            synthesis: Synthesis::Linear,
+            substeps: 4,
+            substep_policy: SubstepPolicy::Fixed,
+            timestamps: Timestamps::AtSample,
+            ..SensorModel::default()
+        };
+        let light = |log: f64| intensity_of(&sensor, log);
+        let half = light(sensor.contrast_on + beyond);
+        let frames =
+            gray(
+                &sensor,
+                &times(0, 2),
+                |frame, _| if frame == 0 { light(0.0) } else { 2.0 * half - light(0.0) },
+            );
+        let intervals = oracle(&sensor, 0, &frames);
+        let mut events = oracle_events(&intervals);
+        assert_eq!((events.len(), events[0].t_ns), (1, frames.frames[1].t_ns / 2));
+        events[0].t_ns = i64::from(substep_end_ns(frames.frames[1].t_ns as u32, 3, 4));
+        compare_streams(&sensor, 0, &frames, &intervals, &events)
+    };
+    let tie = rise(0.5 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((tie.differing, tie.late.len()), (1, 0), "{tie:?}");
+    let miss = rise(2.0 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((miss.differing, miss.late.len()), (0, 1), "{miss:?}");
 }

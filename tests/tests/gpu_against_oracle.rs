@@ -8,6 +8,7 @@ use esaac_scene::SceneKind;
 use esaac_tests::agreement::{self, Agreement};
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{scene, times};
+use esaac_tests::pairs::{Choice, every_pair};
 use esaac_tests::run::{Step, engine_of_many};
 
 /// Share of pixels with the oracle's very sequence (the figure), over all cases of a test.
@@ -185,4 +186,33 @@ fn all_effects_together() {
         SensorModel { timestamps: Timestamps::AtSample, ..loud },
     ];
     check_share(sensors.map(|sensor| check(&sensor, &SceneKind::ALL)));
+}
+
+/// What a kernel's code depends on, and effects that act on each other.
+const CHOICES: [Choice; 14] = [
+    ("synthesis", &["motion", "linear", "paper", "none"]),
+    ("intensity", &["gray", "luminance", "bayer_rggb"]),
+    ("substeps", &["32", "8", "1"]),
+    ("taps", &["bilinear", "cubic"]),
+    ("transfers", &["1", "2"]),
+    ("timestamps", &["interpolated", "at_sample"]),
+    ("contrast_mismatch", &["0", "0.04"]),
+    ("refractory_ns", &["0", "1500000"]),
+    ("leak_rate_hz", &["0", "23"]),
+    ("shot_noise_rate_hz", &["0", "50"]),
+    ("latency_ns", &["0", "40000000"]),
+    ("latency_jitter_ns", &["0", "300000"]),
+    ("timestamp_quantum_ns", &["1", "1000"]),
+    ("aps_exposure_ns", &["0", "10000000"]),
+];
+
+#[test]
+fn every_two_parameters_together() {
+    check_share(every_pair(&CHOICES).into_iter().map(|row| {
+        let mut sensor = clean();
+        for ((parameter, values), value) in CHOICES.iter().zip(row) {
+            sensor.set(parameter, values[value]).expect("a valid value");
+        }
+        check(&sensor, &SceneKind::ALL)
+    }));
 }
