@@ -27,7 +27,8 @@ pub struct Agreement {
     pub pixels: usize,
     /// Events of the oracle.
     pub events: usize,
-    /// Pixels with another sequence of polarities, or, of events that have the times of samples, of samples.
+    /// Pixels with another sequence of polarities, or, where events have the times of samples, with an event that a
+    /// tie moved to another sample.
     pub differing: usize,
     /// Those of them that no threshold within [`LEVEL_TOLERANCE_LOG`] explains, in words.
     pub unexplained: Vec<String>,

@@ -134,7 +134,7 @@ pub type KernelStatistics = Vec<(String, f64)>;
 /// A compute pipeline with its bindings. Kernels of the same code, constants and slots share the device's one pipeline.
 pub struct Kernel {
     bindings: Arc<BindingSet>,
-    pipeline: Pipeline,
+    pub(crate) pipeline: Pipeline,
 }
 
 impl Kernel {
@@ -275,30 +275,4 @@ pub(crate) fn record_host_barrier(device: &Device, commands: vk::CommandBuffer) 
     let info = vk::DependencyInfo::default().memory_barriers(&barriers);
     // SAFETY: `commands` is being recorded on this device.
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::devices::DeviceChoice;
-    use crate::instance::Validation;
-    use crate::rig::slots;
-    use esaac_model::layout::Push;
-
-    #[test]
-    fn what_is_the_same_is_compiled_once() {
-        let device = Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device");
-        let pipeline = |(stage, code): (&str, &[u8]), specialisation: &[u32]| {
-            let words = ash::util::read_spv(&mut std::io::Cursor::new(code)).expect("whole words");
-            let bindings = BindingSet::with_kinds(&device, slots()).expect("a set");
-            let push_bytes = size_of::<Push>() as u32;
-            let kernel = Kernel::with_bindings(&bindings, stage, &words, push_bytes, specialisation);
-            kernel.expect("a kernel that compiles").pipeline.raw
-        };
-        let sort = pipeline(stages::SORT, &[32, 64, 0]);
-        assert_eq!(sort, pipeline(stages::SORT, &[32, 64, 0]), "though the kernel before is gone");
-        assert_ne!(sort, pipeline(stages::SORT, &[32, 64, 1]));
-        assert_ne!(sort, pipeline(stages::MERGE, &[32, 64, 0]));
-        assert_eq!(device.validation_messages(), [""; 0]);
-    }
 }

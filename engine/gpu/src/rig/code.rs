@@ -33,3 +33,25 @@ impl Code {
         Kernel::with_bindings(bindings, name, &words, PUSH_BYTES, constants)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::slots;
+    use crate::{Device, DeviceChoice, Validation, stages};
+
+    #[test]
+    fn what_is_the_same_is_compiled_once() {
+        let device = Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device");
+        let pipeline = |embedded, constants: &[u32]| {
+            let bindings = BindingSet::with_kinds(&device, slots()).expect("a set");
+            let kernel = Code::default().kernel(&bindings, embedded, constants);
+            kernel.expect("a kernel that compiles").pipeline.raw
+        };
+        let sort = pipeline(stages::SORT, &[32, 64, 0]);
+        assert_eq!(sort, pipeline(stages::SORT, &[32, 64, 0]), "though the kernel before is gone");
+        assert_ne!(sort, pipeline(stages::SORT, &[32, 64, 1]));
+        assert_ne!(sort, pipeline(stages::MERGE, &[32, 64, 0]));
+        assert_eq!(device.validation_messages(), [""; 0]);
+    }
+}

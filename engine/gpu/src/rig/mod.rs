@@ -96,7 +96,7 @@ pub struct FrameInput<'a> {
 }
 
 /// What the kernels of a rig are bound to, slot by slot.
-pub(crate) fn slots() -> Vec<vk::DescriptorType> {
+fn slots() -> Vec<vk::DescriptorType> {
     let mut slots = vec![vk::DescriptorType::STORAGE_BUFFER; layout::BINDINGS.len()];
     slots[layout::CAMERAS] = vk::DescriptorType::UNIFORM_BUFFER;
     slots.resize(slots.len() + layout::TEXELS.len(), vk::DescriptorType::UNIFORM_TEXEL_BUFFER);
