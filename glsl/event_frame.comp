@@ -1,7 +1,7 @@
-// event_frame: how many OFF events and how many ON events each pixel has sent, `[camera][2][row][column]`.
+// event_frame: counts of OFF and ON events of each pixel, `[camera][2][row][column]`.
 //
-// 256 threads a workgroup, striding over a camera's events; y over cameras. The target holds zeros. Sums are of
-// integers, so that the order of the atomics leaves no trace.
+// 256 threads per workgroup, striding over a camera's events; y over cameras. The target must hold zeros. Sums are of
+// integers, so the order of the atomics does not matter.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

@@ -1,6 +1,4 @@
-// The order of a packet, (t, y, x, polarity), and an event's way into the packet's arrays. Needs BRANCHES.
-
-#include "quotient.glsl"
+// The order of a packet, (t, y, x, polarity), and the write of an event to the packet's arrays. Needs `fast_udiv`.
 
 bool before(uvec2 a, uvec2 b) {
     return a.x < b.x || (a.x == b.x && a.y < b.y);
@@ -8,7 +6,7 @@ bool before(uvec2 a, uvec2 b) {
 
 void write_out(Camera cam, uint position, uvec2 event) {
     const uint pixel = event.y >> 1;
-    const uint y = quotient(pixel, cam.width);
+    const uint y = fast_udiv(pixel, cam.width);
     event_t[position] = event.x;
     event_x[position] = uint16_t(pixel - y * cam.width);
     event_y[position] = uint16_t(y);

@@ -1,8 +1,8 @@
-// gather: the packets of all cameras as one, one camera after the other: times as absolute nanoseconds, then
-// columns, rows and polarities, each array where the one before ends.
+// gather: concatenates the packets of all cameras, camera by camera. Four arrays, one behind the other: times in
+// absolute nanoseconds, columns, rows, polarities.
 //
-// 256 threads a workgroup, striding over a camera's events; y over cameras. Columns and rows are int16_t, which
-// they fit (a sensor has 16384 at most) and which more of the programs that read them can compute with.
+// 256 threads per workgroup, striding over a camera's events; y over cameras. Columns and rows are int16_t: a sensor
+// has at most 16384, and more programs can compute with signed numbers.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -11,15 +11,15 @@
 layout(local_size_x = 256) in;
 
 layout(buffer_reference, std430) writeonly buffer Times { int64_t v[]; };
-layout(buffer_reference, std430) writeonly buffer Places { int16_t v[]; };
+layout(buffer_reference, std430) writeonly buffer Coordinates { int16_t v[]; };
 layout(buffer_reference, std430) writeonly buffer Signs { uint8_t v[]; };
 
 void main() {
     const Slice slice = slice_of_workgroup();
     const uint64_t all = uint64_t(push.events);
     Times times = Times(push.target);
-    Places columns = Places(push.target + 8ul * all);
-    Places rows = Places(push.target + 10ul * all);
+    Coordinates columns = Coordinates(push.target + 8ul * all);
+    Coordinates rows = Coordinates(push.target + 10ul * all);
     Signs signs = Signs(push.target + 12ul * all);
     const uint stride = gl_NumWorkGroups.x * gl_WorkGroupSize.x;
     for (uint e = gl_GlobalInvocationID.x; e < slice.events; e += stride) {

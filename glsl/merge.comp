@@ -1,13 +1,11 @@
-// merge: packets whose largest bin is too much for one workgroup of `sort`, sorted as a whole by many.
-// Where all pixels cross at once nearly every event is in one bin.
+// merge: sorts whole packets that are too heavy for `sort` (see `is_heavy` there), as when all pixels cross at once.
 //
-// 256 threads a workgroup, striding over tiles of RUN_EVENTS events; y over cameras. Level 0 sorts each tile of
-// `gathered` in shared memory, into `spilled`, which `sort` has no more use for; each level after it, a dispatch of its
-// own, merges runs of twice the length into the other buffer. A workgroup looks up which part of either run its tile
-// of the result is made of (where the merge path of the two runs crosses the tile's first and last diagonal: Green,
-// McColl and Bader, GPU Merge Path, 2012), takes those into shared memory, and merges them there. A camera's last level
-// writes the struct of arrays. `gathered` holds all events in whatever order `sort` left them; late events, which lie
-// behind the packet, stay as they are.
+// 256 threads per workgroup, striding over tiles of RUN_EVENTS events; y over cameras. `gathered` holds the events in
+// any order. Level 0 sorts each of its tiles in shared memory, into `overflow`, with which `sort` is done. Each further
+// level is a dispatch that merges runs to twice the length, into the other buffer. A workgroup finds which part of
+// either run its tile of the result consists of (where the merge path of the two runs crosses the tile's first and last
+// diagonal: Green, McColl and Bader, GPU Merge Path, 2012) and merges these in shared memory. A camera's last level
+// writes the struct of arrays. Deferred events behind the packet stay as they are.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -16,33 +14,32 @@
 layout(local_size_x = 256) in;
 
 BUFFER(readonly, SLOT_COUNTERS, Counters, counters);
-BUFFER(, SLOT_SPILLED, uvec2, spilled);
+BUFFER(, SLOT_OVERFLOW, uvec2, overflow);
 BUFFER(, SLOT_GATHERED, uvec2, gathered);
 BUFFER(writeonly, SLOT_EVENT_T, uint, event_t);
 BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 
-const bool BRANCHES = true;
-
+#include "udiv_native.glsl"
 #include "event_order.glsl"
 
 const uint EVENTS_PER_THREAD = RUN_EVENTS / gl_WorkGroupSize.x;
 
-// Threads that look for one of a tile's two cuts.
+// Threads that search for one of a tile's two cuts.
 const uint SEEKERS = gl_WorkGroupSize.x / 2u;
 
-// The tile.
+// Events of the tile.
 shared uvec2 keys[RUN_EVENTS];
 
-#include "network.glsl"
+#include "bitonic_sort.glsl"
 
-// Of the tile's first diagonal and of its last: the range that the cut lies in.
+// The range that the cut lies in, for the tile's first diagonal and for its last.
 shared uint cut_low[2];
 shared uint cut_high[2];
 
 uvec2 read_run(bool from_gathered, uint position) {
-    return from_gathered ? gathered[position] : spilled[position];
+    return from_gathered ? gathered[position] : overflow[position];
 }
 
 void write_tile(Camera cam, bool to_packet, bool to_gathered, uint first, uint length) {
@@ -52,7 +49,7 @@ void write_tile(Camera cam, bool to_packet, bool to_gathered, uint first, uint l
         } else if (to_gathered) {
             gathered[first + e] = keys[e];
         } else {
-            spilled[first + e] = keys[e];
+            overflow[first + e] = keys[e];
         }
     }
 }
@@ -96,7 +93,7 @@ uvec2 cuts(Pair runs, uvec2 diagonals) {
     return uvec2(cut_low[0], cut_low[1]);
 }
 
-// How many of keys [first, last) belong before `key`, with those that equal it or without.
+// How many of keys [first, last), which are sorted, belong before `key`; those that equal it count if `equals_too`.
 uint place(uint first, uint last, uvec2 key, bool equals_too) {
     uint low = first;
     uint high = last;
@@ -112,7 +109,7 @@ uint place(uint first, uint last, uvec2 key, bool equals_too) {
     return low - first;
 }
 
-// Events [begin, end) of both runs merged.
+// Leaves events [begin, end) of the merged runs in `keys`.
 void merge_tile(Pair runs, uint begin, uint end) {
     const uint lane = gl_LocalInvocationID.x;
     const uvec2 cut = cuts(runs, uvec2(begin, end));
@@ -144,14 +141,14 @@ void merge_tile(Pair runs, uint begin, uint end) {
 
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    if (cameras[index].phase != PHASE_INTERVAL) {
+    if (cameras[index].frame_kind != FRAME_INTERVAL) {
         return;
     }
     const Camera cam = cameras[index];
-    const Counters counted = counters[2u * cam.slot + cam.parity];
-    // Length of the runs that there are; a tile that is alone needs no merging.
+    const Counters counted = counters[2u * cam.slot + cam.frame_slot];
+    // Length of the sorted runs before this level. A run that holds the whole packet needs no merging.
     const uint width = push.level == 0u ? 0u : RUN_EVENTS << (push.level - 1u);
-    if (counted.staged_fit != 0xffffffffu || counted.crowded_strips != 0u || counted.heavy == 0u
+    if (counted.emitted_fit != 0xffffffffu || counted.queue_overflows != 0u || counted.heavy == 0u
         || width >= counted.packet) {
         return;
     }
@@ -165,7 +162,7 @@ void main() {
                 keys[e - start] = gathered[cam.event_base + e];
             }
             barrier();
-            sort_keys(end - start);
+            bitonic_sort(end - start);
         } else {
             const uint pair = start - start % (2u * width);
             const uint of_left = min(width, counted.packet - pair);

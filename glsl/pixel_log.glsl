@@ -1,23 +1,11 @@
-// The log-intensity pixel's walk through one interval: crossings, refractory period, leak, shot
-// noise. Twin of the oracle's `cross`. The including kernel calls `begin_walk`, then `walk_substep` for
-// each sub-step in turn, then `end_walk`, and provides `emit(at_ns, on, ordinal)` and `walks_on(ordinal)`: whether a walk
-// with so many events so far has to go on. Needs BRANCHES: where a device does not skip those that no thread takes,
-// random numbers, which are long to draw and rarely needed, are kept out of the steps: a walk that `needs_draw` stops
-// within a sub-step, the kernel calls `draw_shot`, and `walk_substep` for the rest of it.
-
-layout(constant_id = 1) const bool EFFECT_MISMATCH = false;
-layout(constant_id = 2) const bool EFFECT_REFRACTORY = false;
-layout(constant_id = 3) const bool EFFECT_LEAK = false;
-layout(constant_id = 4) const bool EFFECT_SHOT = false;
-layout(constant_id = 5) const bool EFFECT_DELAY = false;
-layout(constant_id = 6) const bool AT_SAMPLE = false;
-layout(constant_id = 7) const bool EFFECT_APS = false;
-
-// Whether walks may stop within a sub-step.
-const bool WALKS_STOP = EFFECT_SHOT && !BRANCHES;
+// The log-intensity pixel's walk through one interval: crossings, refractory period, leak, shot noise. Twin of the
+// oracle's `cross`.
+//
+// The including kernel calls `begin_walk`, then `walk_substep` for each sub-step in turn, then `end_walk`. It provides
+// `emit(at_ns, on, ordinal)`, `walks_on(ordinal)` (whether a walk goes on after `ordinal` events), and
+// shot_draws_gpu.glsl or shot_draws_cpu.glsl: how a walk gets the random number after a shot event.
 
 const uint NEVER = 0xffffffffu;
-const uint STREAM_NONE = 0xffffffffu;
 
 struct PixelState {
     int reference;
@@ -51,7 +39,7 @@ PixelState load_pixel(Camera cam, uint pixel) {
     return p;
 }
 
-// What an unarmed pixel walks with: nothing can happen to it.
+// Moves thresholds and clocks of an unarmed pixel out of reach, so that it emits nothing.
 void silence(inout PixelState p, int level) {
     p.reference = level;
     p.on_q24 = 0x7fffffff;
@@ -81,12 +69,12 @@ float intensity_of(Camera cam, int log_q24) {
     return exp(float(log_q24) * (1.0 / LOG_SCALE)) - cam.log_offset;
 }
 
-// Shot-noise hazard relative to the dark.
+// Rate of shot noise relative to that in the dark.
 float shot_share(Camera cam, int log_q24) {
-    return 1.0 - 0.75 * clamp(intensity_of(cam, log_q24) * cam.inverse_white, 0.0, 1.0);
+    return 1.0 - SHOT_NOISE_FALL * clamp(intensity_of(cam, log_q24) * cam.inverse_white, 0.0, 1.0);
 }
 
-// Time of the fraction num / den of the sub-step that ends at `end`, in (start, end].
+// Time of the fraction num / den of the sub-step, in (start, end].
 uint time_in_substep(uint start, uint end, float num, float den) {
     const uint span = end - start;
     const uint into = uint(clamp(ceil(float(span) * (num / den)), 1.0, float(span)));
@@ -98,8 +86,8 @@ int level_at(int from, int to, uint start, uint end, uint t) {
     return from + int(roundEven(float(to - from) * (float(t - start) / float(end - start))));
 }
 
-// floor(leak * (t - epoch)) in Q24 at t = base + since_start, modulo 2^32; `base` is leak * (start -
-// epoch) in full. Differences of it are the fall of the reference.
+// floor(leak * (t - epoch)) in Q24 at t = base + since_start, modulo 2^32; `base` is the full product at the start. The
+// reference falls by differences of it.
 int leak_fall_q24(uint leak, uvec2 base, uint since_start) {
     uint high, low, carry;
     umulExtended(leak, since_start, high, low);
@@ -107,31 +95,27 @@ int leak_fall_q24(uint leak, uvec2 base, uint since_start) {
     return int(high + base.y + carry);
 }
 
-// A pixel on its way through an interval.
+// The state of a pixel's walk through an interval.
 struct Walk {
-    // End of the last sub-step: time after the interval's start, level with leak, how far it fell.
+    // At the end of the last sub-step: time after the interval's start, level with leak, fall so far.
     uint start;
     int from_level;
     int fall;
     uvec2 leak_base;
     uint held_until;
     uint ordinal;
-    // Shot noise: hazard of the interval, Q27, how long a unit of it takes, when the sooner of the two shots falls
-    // due, NEVER if not in the interval, and how long the draws after the present ones last.
+    // Shot noise: hazard of the interval (Q27), nanoseconds a unit of hazard, when the next shot is due (NEVER if not
+    // in the interval), and the draws that follow the present ones.
     uint interval_hazard;
     float ns_per_hazard;
     uint shot_at;
     uint after_off;
     uint after_on;
-    // The stream of which the draw after the present one is missing, STREAM_NONE if none is, and where in the
-    // sub-step the walk has stopped for it, NEVER if it has not.
-    uint missing;
-    uint stopped_at;
     // APS: integral of the intensity.
     float exposed;
 };
 
-// When the sooner of the pixel's two shots falls due.
+// When the earlier of the pixel's two shots is due.
 uint next_shot(Camera cam, PixelState p, Walk w) {
     const uint due = min(p.shot_off, p.shot_on);
     if (due > w.interval_hazard) {
@@ -140,29 +124,30 @@ uint next_shot(Camera cam, PixelState p, Walk w) {
     return min(uint(max(ceil(float(due) * w.ns_per_hazard), 1.0)), cam.interval_ns);
 }
 
-bool needs_draw(Walk w) {
-    return WALKS_STOP && w.missing != STREAM_NONE;
-}
-
-// Whether the walk has stopped within a sub-step.
-bool has_stopped(Walk w) {
-    return WALKS_STOP && w.stopped_at != NEVER;
-}
-
-void draw_missing(Camera cam, uint pixel, PixelState p, inout Walk w) {
-    const bool is_on = w.missing == STREAM_SHOT_ON;
+// Draws how long the shot after the next one of a stream will take.
+void draw_shot(Camera cam, uint pixel, uint stream, PixelState p, inout Walk w) {
+    const bool is_on = stream == STREAM_SHOT_ON;
     const uint after = shot_hazard(
-        cam, pixel, w.missing, is_on ? p.shot_on_draws : p.shot_off_draws, is_on ? p.on_q24 : p.off_q24,
+        cam, pixel, stream, is_on ? p.shot_on_draws : p.shot_off_draws, is_on ? p.on_q24 : p.off_q24,
         is_on ? cam.contrast_on_q24 : cam.contrast_off_q24);
     if (is_on) {
         w.after_on = after;
     } else {
         w.after_off = after;
     }
-    w.missing = STREAM_NONE;
 }
 
-// The sooner of the pixel's two shots is over, sent or not: on to the one after it.
+// From shot_draws_*.glsl. A walk requests draws; it may have to be suspended within a sub-step until one is made.
+void begin_draws();
+void request_draw(Camera cam, uint pixel, uint stream, PixelState p, inout Walk w);
+bool needs_draw();
+void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w);
+bool is_suspended();
+void suspend_at(uint now);
+uint resume_at(uint start);
+void resume();
+
+// Replaces the earlier of the pixel's two shots, which was emitted or suppressed, by the one after it.
 void pass_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const bool is_on = p.shot_on < p.shot_off;
     uint carry;
@@ -176,28 +161,26 @@ void pass_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
         p.shot_off_draws += 1u;
     }
     if (left <= w.interval_hazard) {
-        w.missing = is_on ? STREAM_SHOT_ON : STREAM_SHOT_OFF;
-        if (BRANCHES) {
-            draw_missing(cam, pixel, p, w);
-        }
+        request_draw(cam, pixel, is_on ? STREAM_SHOT_ON : STREAM_SHOT_OFF, p, w);
     }
     w.shot_at = next_shot(cam, p, w);
 }
 
-// Those that fall into a refractory period are drawn, and not sent.
+// Passes the shots within a refractory period: they are drawn but not emitted.
 void suppress_shots(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    while (EFFECT_REFRACTORY && !needs_draw(w) && w.shot_at < w.held_until) {
+    while (EFFECT_REFRACTORY && !needs_draw() && w.shot_at < w.held_until) {
         pass_shot(cam, pixel, p, w);
     }
 }
 
-// What a walk that needs a draw goes on with.
-void draw_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    draw_missing(cam, pixel, p, w);
+// Makes the draw that a suspended walk waits for.
+void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    make_requested_draw(cam, pixel, p, w);
     suppress_shots(cam, pixel, p, w);
 }
 
-// `level` and `last_level` are those of the interval's ends, `first_end` is the end of the first sub-step.
+// Begins a walk. `level` and `last_level` are those at the interval's ends, `first_end` is the end of the first
+// sub-step.
 Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_end, inout PixelState p) {
     Walk w;
     w.start = 0u;
@@ -211,18 +194,17 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     w.shot_at = NEVER;
     w.after_off = 0u;
     w.after_on = 0u;
-    w.missing = STREAM_NONE;
-    w.stopped_at = NEVER;
     w.exposed = 0.0;
+    begin_draws();
     if (EFFECT_REFRACTORY && p.held_until_ns != NOT_HELD) {
         if (p.held_until_ns <= cam.start_ns) {
-            // It ended while the block was skipped, and skipped blocks do not change.
+            // The period ended while the block was skipped, and skipped blocks do not change.
             p.reference = level;
         } else {
             w.held_until = uint(min(p.held_until_ns - cam.start_ns, int64_t(0xfffffffeu)));
         }
     }
-    // Parameters have changed: the level may lie beyond a threshold from the start.
+    // After a change of parameters the level may lie beyond a threshold from the start.
     bool settles = cam.no_skip != 0u && w.held_until == 0u;
     while (settles && walks_on(w.ordinal)) {
         const bool rises = level - p.reference >= p.on_q24;
@@ -247,7 +229,7 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
         const float hazard_per_ns = cam.hazard_q27_per_ns * share;
         w.interval_hazard = uint(roundEven(hazard_per_ns * float(cam.interval_ns)));
         w.ns_per_hazard = 1.0 / hazard_per_ns;
-        // Drawn before the walk, all threads together, by those who need it.
+        // Drawn before the walk, so that all threads of a subgroup that need a draw make it together.
         if (p.shot_off <= w.interval_hazard) {
             w.after_off = shot_hazard(cam, pixel, STREAM_SHOT_OFF, p.shot_off_draws, p.off_q24, cam.contrast_off_q24);
         }
@@ -260,20 +242,21 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     return w;
 }
 
-// One sub-step, from the last one's end to `end`, where the log intensity is `to_raw`; or the rest of it, after a draw.
+// Walks one sub-step, from the end of the last one to `end`, where the log intensity is `to_raw`; or its rest, after a
+// suspension.
 void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState p, inout Walk w) {
     const uint start = w.start;
     if (end == start) {
-        // Shorter than a nanosecond: it joins the next one.
+        // A sub-step shorter than a nanosecond joins the next one.
         return;
     }
-    if (EFFECT_APS && !has_stopped(w)) {
+    if (EFFECT_APS && !is_suspended()) {
         const uint first = max(start, cam.aps_start_ns);
         const uint last = min(end, cam.aps_end_ns);
         if (first < last) {
             const float mid = (0.5 * (float(first - start) + float(last - start))) / float(end - start);
             const float from_intensity = intensity_of(cam, w.from_level - w.fall);
-            w.exposed += blend(from_intensity, intensity_of(cam, to_raw), mid) * float(last - first);
+            w.exposed += lerp(from_intensity, intensity_of(cam, to_raw), mid) * float(last - first);
         }
     }
     int to_level = to_raw;
@@ -282,8 +265,8 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         to_level += w.fall;
     }
 
-    uint now = has_stopped(w) ? w.stopped_at : start;
-    while (!needs_draw(w) && walks_on(w.ordinal)) {
+    uint now = resume_at(start);
+    while (!needs_draw() && walks_on(w.ordinal)) {
         if (EFFECT_REFRACTORY && w.held_until > now) {
             if (w.held_until > end) {
                 break;
@@ -306,7 +289,7 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
                 : to_go > 0 ? time_in_substep(start, end, float(to_go), float(slope)) : start + 1u;
             signal_at = max(signal_at, now);
         }
-        // Due beyond the sub-step, it is later than any crossing in it.
+        // A shot due beyond the sub-step is later than any crossing in it.
         bool is_on = rises;
         if (!EFFECT_SHOT || signal_at <= w.shot_at) {
             now = signal_at;
@@ -326,11 +309,11 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
             }
         }
     }
-    if (needs_draw(w)) {
-        w.stopped_at = now;
+    if (needs_draw()) {
+        suspend_at(now);
         return;
     }
-    w.stopped_at = NEVER;
+    resume();
     w.from_level = to_level;
     w.start = end;
 }

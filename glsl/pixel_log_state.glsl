@@ -1,5 +1,5 @@
-// State of the log-intensity pixel: where its words lie and how it starts. The other half, its walk
-// through an interval, is in pixel_log.glsl; another pixel model brings both files of its own.
+// State of the log-intensity pixel: where its words lie, and how it starts. Its walk through an interval is in
+// pixel_log.glsl; another pixel model brings both files of its own.
 
 const int64_t NOT_HELD = int64_t(0x8000000000000000ul);
 
@@ -15,8 +15,8 @@ void store_state(Camera cam, uint pixel, uint word, uint value) {
     state[state_index(cam, pixel, word)] = value;
 }
 
-// Hazard that a shot-noise draw lasts for: Exp(1) scaled by the pixel's own threshold, since a pixel
-// with a smaller threshold fires more often.
+// Hazard until a shot: Exp(1), scaled by the pixel's own threshold, since a pixel with a smaller threshold fires more
+// often.
 uint shot_hazard(Camera cam, uint pixel, uint stream, uint index, int threshold_q24, int nominal_q24) {
     const uint exponential = exponential_q27(draw(cam, pixel, stream, index).x);
     if (threshold_q24 == nominal_q24) {
@@ -26,7 +26,7 @@ uint shot_hazard(Camera cam, uint pixel, uint stream, uint index, int threshold_
     return uint(min(scaled, 4294967040.0));
 }
 
-// A pixel begins: its reference is what it sees, nothing is held, the first draws are made.
+// Arms a pixel: its reference is its level, it is not held, its first shots are drawn.
 void arm_pixel(Camera cam, uint pixel, int log_q24) {
     store_state(cam, pixel, STATE_REFERENCE, uint(log_q24));
     store_state(cam, pixel, STATE_HELD_LOW, uint(NOT_HELD & int64_t(0xffffffffu)));

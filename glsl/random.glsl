@@ -1,4 +1,4 @@
-// Twin of the model crate's `random`: integer arithmetic alone, the same bits on every device.
+// Twin of the model crate's `random`: integer arithmetic alone, so that every device gives the same bits.
 
 uvec4 philox4x32_10(uvec4 c, uvec2 k) {
     for (int round = 0; round < 10; ++round) {

@@ -1,4 +1,4 @@
-// What kernels that read packets share: the packet's arrays, and a slice of them for each camera.
+// Shared by kernels that read packets: the packet's arrays, and a slice of them for each camera.
 #extension GL_EXT_buffer_reference : require
 
 BUFFER(readonly, SLOT_EVENT_T, uint, event_t);

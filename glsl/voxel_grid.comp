@@ -1,9 +1,10 @@
-// voxel_grid: events as votes of +1 or -1 that each event splits between the two bins of time next to it,
-// `[camera][bin][row][column]` (Zhu et al., Unsupervised Event-based Learning of Optical Flow, Depth and
-// Egomotion, CVPR 2019, equations 1 to 3). Bin b stands for the instant b / (bins - 1) of the interval.
+// voxel_grid: votes of +1 or -1 that each event splits between the two time bins next to it,
+// `[camera][bin][row][column]` (Zhu et al., Unsupervised Event-based Learning of Optical Flow, Depth and Egomotion,
+// CVPR 2019, equations 1 to 3). Bin b stands for the instant b / (bins - 1) of the interval.
 //
-// 256 threads a workgroup, striding; y over cameras. The target holds zeros. Level 0 sums votes in fixed point,
-// so that the order of the atomics leaves no trace; level 1 makes floats of the sums, in place.
+// 256 threads per workgroup, striding over events or, at level 1, voxels; y over cameras. The target must hold zeros.
+// Level 0 sums votes in fixed point, so the order of the atomics does not matter; level 1 turns the sums into floats,
+// in place.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -30,7 +31,7 @@ void main() {
     for (uint e = gl_GlobalInvocationID.x; e < slice.events; e += stride) {
         const uint from = slice.event_base + e;
         const uint t = event_t[from];
-        // Time stamps that were floored may lie before the interval, late ones are of it.
+        // A floored time stamp may lie before the interval, a deferred one belongs to it.
         const uint since_ns = min(t - min(t, slice.base_to_start_ns), slice.interval_ns);
         const uint64_t scaled = uint64_t(since_ns) * uint64_t(push.bins - 1u) << VOTE_FRACTION_BITS;
         const uint place = uint(scaled / uint64_t(slice.interval_ns));

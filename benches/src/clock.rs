@@ -1,5 +1,5 @@
-//! The device's clock: kept up between ticks, and watched, since a GPU that idles or grows hot lowers it and
-//! what is then measured is the clock.
+//! The device's clock rate. A GPU that idles or grows hot lowers its clock, and then a measurement shows the clock and
+//! not the program. So the bench keeps the GPU busy between ticks and times the same work again and again.
 
 use anyhow::Result;
 use esaac_engine::ash::vk;
@@ -18,23 +18,23 @@ const REFERENCE_ROUNDS: [u32; 2] = [100_000, 2_000];
 /// Workgroups of 256 threads.
 const GROUPS: u32 = 1024;
 
-/// The same for a copy: some for every multiprocessor of any device.
+/// Workgroups of a copy: several for each multiprocessor of any device.
 const COPY_GROUPS: u32 = 8192;
 
-/// A clock that has not come back by then does not: the device is hot or not ours alone.
+/// The longest time to wait for the best clock. A clock that is still lower stays lower: the device is hot or shared.
 const LONGEST_HEAT: Duration = Duration::from_millis(300);
 
-/// A change of the reference work's time that is held for a change of the clock.
+/// A larger change of the reference work's time, as a share, counts as a change of the clock.
 const STEADY: f64 = 0.03;
 
-/// What was seen of the clock over a run.
+/// The clock over a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ClockReport {
     /// Time of the same work before each part and at the end, microseconds.
     pub reference_us: Vec<f64>,
-    /// Largest over least, less one.
+    /// Largest time over least time, minus one.
     pub drift: f64,
-    /// Whether the drift is below 3%.
+    /// Whether the drift is small enough (below 3%) to compare the run's figures.
     pub steady: bool,
 }
 
@@ -50,13 +50,18 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// A clock of a device.
+    /// Compiles the reference work for a device.
     pub fn new(device: &Arc<Device>) -> Result<Self> {
         let words = esaac_kernels::words(include_bytes!(concat!(env!("OUT_DIR"), "/heat.spv")));
         let sink = device.allocate("heat", 16, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly)?;
         let kernel = Kernel::new(device, "heat", &words, 1, 4, &[])?;
-        kernel.bind(&[&sink]);
-        // A processor has no clock to keep up, and all of its time is wanted.
+        #[expect(unsafe_code, reason = "Vulkan's edge")]
+        // SAFETY: the kernel was just made, so no commands use it yet. `Clock` owns the kernel and its buffer and drops
+        // both together.
+        unsafe {
+            kernel.bind(&[&sink]);
+        }
+        // A processor's clock does not drop between ticks, and heating it would take time from the measurement.
         let heats = !device.is_software();
         Ok(Clock {
             device: Arc::clone(device),
@@ -68,8 +73,8 @@ impl Clock {
         })
     }
 
-    /// Keeps the device busy until its clock is where it was at its best: a GPU that has waited for the host for
-    /// some milliseconds runs at a fraction of it, and needs a while to come back.
+    /// Keeps the device busy until its clock is back at its best. A GPU that has waited for the host for some
+    /// milliseconds runs at a fraction of its clock and needs time to recover. Does nothing on a software device.
     pub fn heat(&self) -> Result<()> {
         if !self.heats {
             return Ok(());
@@ -88,19 +93,19 @@ impl Clock {
 
     fn heat_ns(&self) -> Result<f64> {
         let ns = self.device.time_once(|commands| {
-            self.kernel.record(commands, &HEAT_ROUNDS.to_ne_bytes(), [GROUPS, 1, 1]);
+            record(&self.kernel, commands, HEAT_ROUNDS, GROUPS);
         })?;
         Ok(ns as f64)
     }
 
-    /// Times the reference work: the least of five, since others only ever slow it down.
+    /// Times the reference work and notes the least of five times: other programs can only slow it down.
     pub fn watch(&mut self) -> Result<()> {
         let ns = self.reference_ns()?;
         self.reference_us.push(ns / 1e3);
         Ok(())
     }
 
-    /// Multiplications and additions a second that the device does when it does nothing else.
+    /// Most multiplications and additions a second, counted together, that the device does.
     pub fn operations_per_s(&self) -> Result<f64> {
         let operations = f64::from(GROUPS) * 256.0 * 2.0 * f64::from(self.rounds());
         Ok(operations / (self.reference_ns()? * 1e-9))
@@ -108,27 +113,32 @@ impl Clock {
 
     /// Bytes a second, read and written together, of a copy within the device's memory.
     pub fn bytes_per_s(&self) -> Result<f64> {
-        // Beyond any cache of a GPU; a processor's memory is no faster with more.
+        // A GPU needs more than its caches hold. For a processor the smaller copy is enough, and quicker.
         let bytes: u64 = if self.heats { 1 << 30 } else { 64 << 20 };
         let buffer =
             |name| self.device.allocate(name, bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly);
         let (from, to) = (buffer("copied from")?, buffer("copied to")?);
         let words = esaac_kernels::words(include_bytes!(concat!(env!("OUT_DIR"), "/copy.spv")));
         let kernel = Kernel::new(&self.device, "copy", &words, 2, 4, &[])?;
-        kernel.bind(&[&from, &to]);
+        #[expect(unsafe_code, reason = "Vulkan's edge")]
+        // SAFETY: the kernel was just made, so no commands use it yet. Kernel and buffers live to the end of this
+        // function, and `time_once` waits for each submission.
+        unsafe {
+            kernel.bind(&[&from, &to]);
+        }
         let count = (bytes / 16) as u32;
         let mut best_ns = f64::INFINITY;
         for _ in 0..5 {
             self.heat()?;
             let ns = self.device.time_once(|commands| {
-                kernel.record(commands, &count.to_ne_bytes(), [COPY_GROUPS, 1, 1]);
+                record(&kernel, commands, count, COPY_GROUPS);
             })?;
             best_ns = best_ns.min(ns as f64);
         }
         Ok(2.0 * bytes as f64 / (best_ns * 1e-9))
     }
 
-    /// What was seen so far.
+    /// The clock so far.
     #[must_use]
     pub fn report(&self) -> ClockReport {
         let (least, most) = self
@@ -148,10 +158,18 @@ impl Clock {
         let mut best = f64::INFINITY;
         for _ in 0..5 {
             let ns = self.device.time_once(|commands| {
-                self.kernel.record(commands, &self.rounds().to_ne_bytes(), [GROUPS, 1, 1]);
+                record(&self.kernel, commands, self.rounds(), GROUPS);
             })?;
             best = best.min(ns as f64);
         }
         Ok(best)
     }
+}
+
+/// Records a kernel with one number as push constant.
+#[expect(unsafe_code, reason = "Vulkan's edge")]
+fn record(kernel: &Kernel, commands: vk::CommandBuffer, number: u32, groups: u32) {
+    // SAFETY: the callers own kernel and buffers and wait for the one submission (`time_once`), so both outlive it and
+    // nothing else uses them. The kernels write within their buffers.
+    unsafe { kernel.record(commands, &number.to_ne_bytes(), [groups, 1, 1]) };
 }

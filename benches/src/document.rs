@@ -1,4 +1,4 @@
-//! What a part says: paragraphs, tables and plots, as Markdown.
+//! The text of a part: paragraphs, tables and plots, as Markdown.
 
 /// A part's text.
 #[derive(Clone, Debug, Default)]
@@ -8,23 +8,23 @@ pub struct Document {
 }
 
 impl Document {
-    /// A document with a heading.
+    /// Starts a document with a heading.
     #[must_use]
     pub fn new(heading: &str) -> Self {
         Document { text: format!("## {heading}\n"), plots: Vec::new() }
     }
 
-    /// A paragraph.
+    /// Adds a paragraph.
     pub fn say(&mut self, paragraph: &str) {
         self.text.push_str(&format!("\n{paragraph}\n"));
     }
 
-    /// A heading within.
+    /// Adds a heading one level below the document's own.
     pub fn heading(&mut self, heading: &str) {
         self.text.push_str(&format!("\n### {heading}\n"));
     }
 
-    /// A table, the first row its head.
+    /// Adds a table. The first row is its head.
     pub fn table(&mut self, rows: &[Vec<String>]) {
         let Some(head) = rows.first() else { return };
         let line = |row: &[String]| format!("| {} |\n", row.join(" | "));
@@ -34,7 +34,7 @@ impl Document {
         }
     }
 
-    /// A plot in a file of its own.
+    /// Adds a plot, which goes to its own file `NAME.svg`.
     pub fn plot(&mut self, name: &str, title: &str, svg: String) {
         let file = format!("{name}.svg");
         self.text.push_str(&format!("\n![{title}]({file})\n"));
@@ -46,11 +46,19 @@ impl Document {
         self.plots.iter()
     }
 
-    /// The whole.
+    /// The whole document.
     #[must_use]
     pub fn markdown(&self) -> String {
         self.text.clone()
     }
+}
+
+/// The result of a part.
+pub struct Outcome {
+    /// Its figures.
+    pub figures: serde_json::Value,
+    /// Its text, tables and plots.
+    pub document: Document,
 }
 
 /// A row of cells.
@@ -60,7 +68,7 @@ macro_rules! cells {
     ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
 }
 
-/// A figure with three significant digits, as people write them.
+/// Formats a figure with three significant digits.
 #[must_use]
 pub fn short(value: f64) -> String {
     if !value.is_finite() {

@@ -1,5 +1,5 @@
-//! What an interval must cost at least: bytes over the memory's bandwidth, operations over the arithmetic
-//! rate, both as measured on the device at hand.
+//! Lower bound on the time of an interval: bytes over the memory's bandwidth, or operations over the arithmetic rate.
+//! Both rates are measured on the same device.
 
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, Synthesis, Taps};
 use serde::Serialize;
@@ -7,10 +7,10 @@ use serde::Serialize;
 /// Bytes of an event in a packet: u32 time, two u16, u8.
 pub const EVENT_BYTES: f64 = 9.0;
 
-/// Bytes of an event on its way: eight, written to its bin and read from there.
-const STAGED_BYTES: f64 = 2.0 * 8.0;
+/// Bytes that an event moves before it is in the packet: eight, written to its bin and read again.
+const EMITTED_BYTES: f64 = 2.0 * 8.0;
 
-/// What a device can do at most, measured in this run.
+/// The highest rates of a device, measured in this run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rates {
     /// Bytes read and written a second.
@@ -19,41 +19,41 @@ pub struct Rates {
     pub operations_per_s: f64,
 }
 
-/// Formats of the images that every measurement uses unless it says otherwise.
+/// Formats of the images. Measurements that use others say so.
 pub const FORMATS: (HdrFormat, MotionFormat) = (HdrFormat::F16x4, MotionFormat::F32x2);
 
 fn channels(sensor: &SensorModel) -> f64 {
     if sensor.intensity == Intensity::BayerRggb { 3.0 } else { 1.0 }
 }
 
-fn has_lattice(sensor: &SensorModel) -> bool {
+fn has_half_pel_frames(sensor: &SensorModel) -> bool {
     sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
 }
 
-/// Bytes that any implementation has to move for an interval of one camera: both images in, the previous
-/// frame's planes and vectors, the reference of each pixel read and written, the packet out.
+/// Bytes that any implementation has to move for an interval of one camera: it reads both images and the previous
+/// frame's planes and vectors, reads and writes each pixel's reference, and writes the packet.
 #[must_use]
 pub fn compulsory_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, events: f64) -> f64 {
-    let motion_bytes = if needs_motion(sensor) { 2.0 * motion.texel_bytes() as f64 } else { 0.0 };
+    let motion_bytes = if sensor.synthesis.needs_motion() { 2.0 * motion.texel_bytes() as f64 } else { 0.0 };
     let pixel = hdr.texel_bytes() as f64 + motion_bytes + 4.0 * channels(sensor) + 2.0 * 4.0;
     sensor.pixels() as f64 * pixel + EVENT_BYTES * events
 }
 
-/// Bytes that this engine's stages read and write for an interval of one camera, each buffer counted once for
-/// every stage that goes through it: a count, not a measurement.
+/// Bytes that this engine's stages read and write for an interval of one camera. Each buffer counts once for every
+/// stage that reads or writes it. This is a count, not a measurement.
 #[must_use]
 pub fn moved_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, events: f64) -> f64 {
     let pixels = sensor.pixels() as f64;
     let frame = 4.0 * channels(sensor) * pixels;
-    let planes = if has_lattice(sensor) {
+    let planes = if has_half_pel_frames(sensor) {
         let entries = f64::from(2 * sensor.width + 4) * f64::from(2 * sensor.height + 3);
         let lattice = 4.0 * channels(sensor) * entries;
-        // Each transfer reads one lattice and writes the other, `cross` reads both.
+        // Each transfer reads one half-pel frame and writes the other, `cross` reads both.
         2.0 * lattice * f64::from(sensor.transfers) + 2.0 * lattice
     } else {
         3.0 * frame
     };
-    let vectors = if needs_motion(sensor) { motion.texel_bytes() as f64 + 3.0 * 8.0 } else { 0.0 };
+    let vectors = if sensor.synthesis.needs_motion() { motion.texel_bytes() as f64 + 3.0 * 8.0 } else { 0.0 };
     let words = 2.0
         + if sensor.contrast_mismatch > 0.0 { 2.0 } else { 0.0 }
         + if sensor.refractory_ns > 0 { 4.0 } else { 0.0 }
@@ -61,11 +61,11 @@ pub fn moved_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, e
         + if sensor.shot_noise_rate_hz > 0.0 { 8.0 } else { 0.0 }
         + if sensor.latency_jitter_ns > 0 { 2.0 } else { 0.0 };
     let pixel = hdr.texel_bytes() as f64 + vectors + 4.0 * words;
-    pixels * pixel + planes + (STAGED_BYTES + EVENT_BYTES) * events
+    pixels * pixel + planes + (EMITTED_BYTES + EVENT_BYTES) * events
 }
 
-/// Operations of one sample, that is of one sub-step of one pixel, counted by hand on the model's equations:
-/// addresses, taps, weights, exponential or logarithm, crossing test.
+/// Operations of one sub-step of one pixel, counted by hand in the model's equations: addresses, taps, weights,
+/// exponential or logarithm, crossing test.
 #[must_use]
 pub fn operations_per_sample(sensor: &SensorModel) -> f64 {
     let one_plane = match (sensor.synthesis, sensor.taps) {
@@ -73,23 +73,20 @@ pub fn operations_per_sample(sensor: &SensorModel) -> f64 {
         (Synthesis::Linear, _) => 30.0,
         (Synthesis::Paper, _) => 50.0,
         (Synthesis::Motion, Taps::Bilinear) => 100.0,
-        // Course 10; of each frame cell and address 10, loads 12, weights 12, rows and columns 20, range 8; the rest 16.
+        // The trajectory takes 10. Each of two frames takes 62: cell and address 10, loads 12, weights 12, rows and
+        // columns 20, clamping 8. Blending and crossing test take 16.
         (Synthesis::Motion, Taps::Cubic) => 150.0,
     };
-    // A mosaic's pixel reads the one plane of its own colour.
+    // A pixel of a mosaic reads only the plane of its own colour, so this holds for Bayer as well.
     one_plane
 }
 
-/// Least time of an interval of all cameras, microseconds: `samples` sub-steps of pixels in all.
+/// Least time of an interval of all cameras, in microseconds. `samples` counts the sub-steps of all pixels.
 #[must_use]
 pub fn floor_us(rates: Rates, bytes: f64, samples: f64, operations_per_sample: f64) -> f64 {
     let memory_s = bytes / rates.bytes_per_s;
     let arithmetic_s = samples * operations_per_sample / rates.operations_per_s;
     memory_s.max(arithmetic_s) * 1e6
-}
-
-fn needs_motion(sensor: &SensorModel) -> bool {
-    matches!(sensor.synthesis, Synthesis::Motion | Synthesis::Paper)
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Which choices are worth their cost.
 
-/// Whether each `(cost, error)` lies on the frontier: no other is better in one and as good in the other.
-/// Differences of less than `band` of a cost, and of less than `error_band`, are noise and count as equal.
+/// Whether each `(cost, error)` lies on the frontier, that is, whether no other point is better in one and as good in
+/// the other. Costs that differ by a share of less than `band`, and errors that differ by less than `error_band`, count
+/// as equal, because such differences are noise.
 #[must_use]
 pub fn frontier(points: &[(f64, f64)], band: f64, error_band: f64) -> Vec<bool> {
     let dominates = |a: &(f64, f64), b: &(f64, f64)| {

@@ -1,12 +1,10 @@
-//! What is measured, on what, and what comes of it.
+//! The laboratory: the device, its clock, and the options of a run.
 
-use crate::clock::{Clock, ClockReport};
-use crate::document::Document;
+use crate::amount::Amount;
+use crate::clock::Clock;
 use crate::floor::{FORMATS, Rates};
-use crate::measure::Amount;
-use crate::parts;
 use crate::scenes::{FRAME_NS, Feed};
-use anyhow::{Context, Result, ensure};
+use anyhow::Result;
 use clap::ValueEnum;
 use esaac_engine::Device;
 use esaac_model::HdrFormat;
@@ -14,7 +12,7 @@ use esaac_scene::{Renderer, SceneKind};
 use indicatif::ProgressBar;
 use serde::Serialize;
 use std::cell::{Ref, RefCell};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -36,8 +34,8 @@ pub enum Part {
     Effects,
     /// Packets into ROS messages, from where the device wrote them
     Encode,
-    /// Hard cases and a simulated day
-    HardCases,
+    /// A simulated day: time stamps, references and random numbers at its end
+    Day,
     /// Against a recording of a real sensor
     RealSensor,
     /// The bench itself: noise band, comparators
@@ -52,78 +50,34 @@ impl Part {
     }
 }
 
-/// What is asked for.
-#[derive(Clone, Debug)]
+/// Options of a run.
+#[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Less of everything: ends in minutes on a software driver.
+    /// Measure less of everything, for a software driver.
     pub quick: bool,
-    /// Parts, in order; all if empty.
+    /// Parts to run, in order. If empty, all parts run.
     pub parts: Vec<Part>,
     /// Only rows whose name contains this.
     pub only: String,
-    /// Folder of the path-traced sequence.
-    pub tumble: PathBuf,
-    /// Recording of a real sensor.
-    pub recording: PathBuf,
+    /// Folder of a rendered sequence with its true events. Without it, part `frontier` uses analytic scenes only.
+    pub sequence: Option<PathBuf>,
+    /// Recording of a real sensor. Without it, part `real-sensor` measures nothing and says so.
+    pub recording: Option<PathBuf>,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Options {
-            quick: false,
-            parts: Vec::new(),
-            only: String::new(),
-            tumble: "../shared/sequences/tumble".into(),
-            recording: "../shared/recordings/davis346_emlb_demo01.aedat4".into(),
-        }
-    }
-}
-
-/// The device and what is asked for.
+/// The device and the options of a run.
 pub struct Laboratory {
     device: Arc<Device>,
     clock: RefCell<Clock>,
     rates: Rates,
     options: Options,
     progress: ProgressBar,
-    /// One a format: a software driver takes seconds to compile one.
+    /// One renderer for each format, kept because a software driver takes seconds to compile one.
     renderers: RefCell<Vec<(HdrFormat, Rc<RefCell<Renderer>>)>>,
 }
 
-/// What a part gives.
-pub struct Outcome {
-    /// Its figures.
-    pub figures: serde_json::Value,
-    /// Its text, tables and plots.
-    pub document: Document,
-}
-
-/// Figures of a run.
-#[derive(Serialize)]
-pub struct Report {
-    /// Device name.
-    pub device: String,
-    /// Its kind.
-    pub kind: String,
-    /// Driver name and version.
-    pub driver: String,
-    /// Whether less was measured.
-    pub quick: bool,
-    /// Whether zones for a profiler are built in.
-    pub tracy: bool,
-    /// What the device can do at most.
-    pub rates: Rates,
-    /// Whether its clock was steady.
-    pub clock: ClockReport,
-    /// Figures of each part by name.
-    pub parts: serde_json::Map<String, serde_json::Value>,
-    /// Document of each part.
-    #[serde(skip)]
-    pub documents: Vec<(Part, Document)>,
-}
-
 impl Laboratory {
-    /// A laboratory on a device; bars go to standard error.
+    /// A laboratory on a device. It draws progress bars on standard error.
     pub fn new(device: Arc<Device>, options: Options) -> Result<Self> {
         let mut clock = Clock::new(&device)?;
         clock.heat()?;
@@ -145,12 +99,13 @@ impl Laboratory {
         self.clock.borrow()
     }
 
-    /// What it can do at most.
-    pub fn rates(&self) -> Result<Rates> {
-        Ok(self.rates)
+    /// Its highest rates.
+    #[must_use]
+    pub fn rates(&self) -> Rates {
+        self.rates
     }
 
-    /// What is asked for.
+    /// The options of the run.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.options
@@ -162,7 +117,7 @@ impl Laboratory {
         self.device.is_software()
     }
 
-    /// A scene at 30 Hz, or at another step from frame to frame; motion is [`FORMATS`]'s.
+    /// A scene with `step_ns` from frame to frame and colour in `hdr`. Motion has the format of [`FORMATS`].
     pub fn feed(&self, kind: SceneKind, size: (u32, u32), hdr: HdrFormat, step_ns: i64) -> Result<Feed> {
         let scene = kind.scene(size.0, size.1);
         let mut renderers = self.renderers.borrow_mut();
@@ -183,13 +138,14 @@ impl Laboratory {
         self.feed(kind, size, FORMATS.0, FRAME_NS)
     }
 
-    /// Whether a row of this name is asked for.
+    /// Whether the options select a row of this name.
     #[must_use]
     pub fn wants(&self, row: &str) -> bool {
         row.contains(&self.options.only)
     }
 
-    /// Intervals for a timing: many on a GPU, few where an interval takes a tenth of a second.
+    /// Number of intervals of a timing: many on a GPU, few on a software device, where an interval takes a tenth of a
+    /// second.
     #[must_use]
     pub fn amount(&self) -> Amount {
         let (warm_up, timed) = match (self.is_software(), self.options.quick) {
@@ -201,7 +157,17 @@ impl Laboratory {
         Amount { frames: 1 + warm_up + timed, warm_up, passes: 1, keep: 0 }
     }
 
-    /// Goes through rows with a bar.
+    /// Measures the clock anew.
+    pub(crate) fn watch_clock(&self) -> Result<()> {
+        self.clock.borrow_mut().watch()
+    }
+
+    /// Removes the progress bar.
+    pub(crate) fn finish(&self) {
+        self.progress.finish_and_clear();
+    }
+
+    /// Measures rows one after another and shows a progress bar.
     pub fn rows<T, R>(
         &self,
         what: &str,
@@ -222,77 +188,4 @@ impl Laboratory {
             })
             .collect()
     }
-}
-
-/// Runs the parts that are asked for. `after` is given the report after each, so that what is measured is
-/// kept whatever becomes of the rest.
-pub fn run(laboratory: &Laboratory, mut after: impl FnMut(&Report) -> Result<()>) -> Result<Report> {
-    let asked = &laboratory.options.parts;
-    let parts: Vec<Part> = match asked.is_empty() {
-        true => Part::value_variants().to_vec(),
-        false => asked.clone(),
-    };
-    let info = laboratory.device.info();
-    let mut report = Report {
-        device: info.name.clone(),
-        kind: info.kind.to_owned(),
-        driver: info.driver.clone(),
-        quick: laboratory.options.quick,
-        tracy: cfg!(feature = "tracy"),
-        rates: laboratory.rates,
-        clock: laboratory.clock().report(),
-        parts: serde_json::Map::new(),
-        documents: Vec::new(),
-    };
-    for part in parts {
-        let outcome = parts::run(laboratory, part).with_context(|| format!("part `{}`", part.name()))?;
-        report.parts.insert(part.name(), outcome.figures);
-        report.documents.push((part, outcome.document));
-        laboratory.clock.borrow_mut().watch()?;
-        report.clock = laboratory.clock().report();
-        after(&report)?;
-    }
-    laboratory.progress.finish_and_clear();
-    let messages = laboratory.device.validation_messages();
-    ensure!(messages.is_empty(), "the validation layer objects:\n{}", messages.join("\n"));
-    Ok(report)
-}
-
-/// Writes `bench.json`, `bench.md` and the plots into a folder and gives their paths.
-pub fn write(report: &Report, folder: &Path) -> Result<Vec<PathBuf>> {
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))?;
-    let mut files = vec![
-        (folder.join("bench.json"), serde_json::to_string_pretty(report)?),
-        (folder.join("bench.md"), markdown(report)),
-    ];
-    for (_, document) in &report.documents {
-        files.extend(document.plots().map(|(name, svg)| (folder.join(name), svg.clone())));
-    }
-    for (path, text) in &files {
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(files.into_iter().map(|(path, _)| path).collect())
-}
-
-/// The whole report as Markdown.
-#[must_use]
-pub fn markdown(report: &Report) -> String {
-    let clock = &report.clock;
-    let mut text = format!(
-        "# Laboratory\n\n{}, {}{}. Memory {:.0} GB/s, arithmetic {:.2} TFLOP/s (both measured). The clock {} \
-         (the same work took {:.1} to {:.1} us).\n",
-        report.device,
-        report.driver,
-        if report.quick { ", quick" } else { "" },
-        report.rates.bytes_per_s / 1e9,
-        report.rates.operations_per_s / 1e12,
-        if clock.steady { "was steady" } else { "WAS NOT STEADY: figures of different parts do not compare" },
-        clock.reference_us.iter().copied().fold(f64::INFINITY, f64::min),
-        clock.reference_us.iter().copied().fold(0.0, f64::max),
-    );
-    for (_, document) in &report.documents {
-        text.push('\n');
-        text.push_str(&document.markdown());
-    }
-    text
 }

@@ -1,11 +1,11 @@
-//! The laboratory: what the engine costs and how far it is from the truth, measured by one body of code for
-//! `esaac bench` and `cargo bench`.
+//! The laboratory measures what the engine costs and how far its events are from the truth. `esaac bench` and `cargo
+//! bench` run the same code.
 //!
-//! A [`Laboratory`] holds the device and what is asked for; each [`Part`] measures one thing and gives an
-//! [`Outcome`]: plain structs for `bench.json`, a document in Markdown, plots in SVG. [`run`] runs parts,
-//! [`write()`] writes what they gave. [`calibrate`] fits a sensor to a recording.
+//! A [`Laboratory`] holds the device and the options of a run. Each [`Part`] measures one thing and returns an
+//! [`Outcome`]: figures for `bench.json`, a document in Markdown, plots in SVG. [`run`] runs parts, [`write()`] writes
+//! their results into a folder, and [`results`] keeps them in a page with a section for each device.
 
-pub mod calibrate;
+pub mod amount;
 pub mod clock;
 pub mod document;
 pub mod floor;
@@ -15,13 +15,16 @@ pub mod measure;
 pub mod paper;
 mod parts;
 pub mod plot;
-pub mod recording;
+pub mod report;
+pub mod results;
 pub mod scenes;
+pub mod sequence;
 pub mod statistics;
 pub mod streams;
 #[cfg(feature = "tracy")]
 pub mod tracy_peer;
 pub mod truth;
-pub mod tumble;
 
-pub use laboratory::{Laboratory, Options, Outcome, Part, Report, run, write};
+pub use document::Outcome;
+pub use laboratory::{Laboratory, Options, Part};
+pub use report::{Report, markdown, run, write};

@@ -1,5 +1,6 @@
-//! A stand: one rig, one feed, and what its ticks cost.
+//! A stand measures the ticks of one rig with one feed.
 
+use crate::amount::Amount;
 use crate::floor::{self, Rates};
 use crate::laboratory::Laboratory;
 use crate::scenes::Feed;
@@ -10,25 +11,13 @@ use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, SensorModel};
 use serde::Serialize;
 
-/// How much is measured.
-#[derive(Clone, Copy, Debug)]
-pub struct Amount {
-    /// Frames of a pass, at most as many as the feed has; the first ends no interval.
-    pub frames: usize,
-    /// Intervals at the start of the first pass that are not timed: pipelines compile, buffers grow.
-    pub warm_up: usize,
-    /// Passes; each starts anew.
-    pub passes: usize,
-    /// Events are kept of the first pass's intervals up to this one.
-    pub keep: usize,
-}
-
-/// What a tick costs.
+/// Cost of a tick.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Timing {
     /// GPU time of a tick, microseconds.
     pub gpu_us: Spread,
-    /// Its mean, microseconds: what intervals cost of which some are much dearer than others.
+    /// Mean GPU time, microseconds. It fits better than the median where a few intervals cost much more than the
+    /// others.
     pub gpu_mean_us: f64,
     /// Medians of the first and of the second half of the ticks, microseconds.
     pub gpu_halves_us: [f64; 2],
@@ -42,23 +31,23 @@ pub struct Timing {
     pub events_per_pixel: f64,
     /// Sub-steps a block of 8x8.
     pub substeps_per_block: f64,
-    /// Bytes that the stages go through, megabytes: a count.
+    /// Megabytes that the stages read and write: a count, not a measurement.
     pub moved_mb: f64,
-    /// The least that the device could need, microseconds.
+    /// Lower bound on the time, microseconds.
     pub floor_us: f64,
 }
 
-/// A run: its cost, and the events of camera 0 that were kept.
+/// Result of a run.
 pub struct Run {
-    /// Cost.
+    /// Cost of its ticks.
     pub timing: Timing,
-    /// Events.
+    /// Events of camera 0 in the intervals that [`Amount::keep`] selects.
     pub events: Vec<Event>,
-    /// Medians of the stages, microseconds, if they were stamped.
+    /// Median time of each stage, microseconds; empty without time stamps between stages.
     pub stages_us: Vec<(&'static str, f64)>,
 }
 
-/// A rig of equal cameras and what feeds it.
+/// A rig of equal cameras with its feed.
 pub struct Stand<'l> {
     laboratory: &'l Laboratory,
     rig: Rig,
@@ -68,7 +57,7 @@ pub struct Stand<'l> {
 }
 
 impl<'l> Stand<'l> {
-    /// Cameras of one sensor.
+    /// A rig of cameras with the same sensor.
     pub fn new(
         laboratory: &'l Laboratory,
         sensor: &SensorModel,
@@ -81,10 +70,10 @@ impl<'l> Stand<'l> {
             |camera| CameraConfig { sensor: sensor.clone(), camera, hdr: formats.0, motion: Some(formats.1) };
         let configs: Vec<CameraConfig> = (0..cameras as u32).map(config).collect();
         let rig = Rig::with_options(laboratory.device(), &configs, options)?;
-        Ok(Stand { rates: laboratory.rates()?, laboratory, rig, feed, formats })
+        Ok(Stand { rates: laboratory.rates(), laboratory, rig, feed, formats })
     }
 
-    /// Another sensor of the same size; compiled kernels are kept.
+    /// Changes the sensor to another one of the same size. Compiled kernels stay.
     pub fn set_sensor(&mut self, sensor: &SensorModel) -> Result<()> {
         for camera in 0..self.rig.len() {
             self.rig.set_sensor(camera, sensor.clone())?;
@@ -92,7 +81,7 @@ impl<'l> Stand<'l> {
         Ok(())
     }
 
-    /// Other frames of the same size.
+    /// Changes the feed to another one of the same size.
     pub fn set_feed(&mut self, feed: Feed) {
         self.feed = feed;
     }
@@ -103,12 +92,12 @@ impl<'l> Stand<'l> {
         &self.rig
     }
 
-    /// What the driver tells about the kernels of the last run.
+    /// The driver's statistics on the kernels of the last run.
     pub fn kernel_statistics(&self) -> Result<Vec<(&'static str, KernelStatistics)>> {
         Ok(self.rig.kernel_statistics()?)
     }
 
-    /// Runs and measures.
+    /// Runs `amount` and measures it.
     pub fn run(&mut self, amount: Amount) -> Result<Run> {
         let frames = self.feed.frames().map_or(amount.frames, |there| there.min(amount.frames));
         let mut seen = Seen::default();
@@ -162,7 +151,7 @@ impl<'l> Stand<'l> {
     }
 }
 
-/// What ticks showed.
+/// Measurements of the timed ticks.
 #[derive(Default)]
 struct Seen {
     gpu_us: Vec<f64>,
@@ -179,9 +168,10 @@ impl Seen {
             stage.0 = name;
             stage.1.push(ns as f64 / 1e3);
         }
-        self.gpu_us.push(tick.gpu_ns() as f64 / 1e3);
+        let gpu_ns = tick.gpu_ns().expect("a device that is measured tells times");
+        self.gpu_us.push(gpu_ns as f64 / 1e3);
         self.packet_us.push(tick.submit_to_packet_ns as f64 / 1e3);
-        self.events += tick.packets.iter().map(|p| p.len() as f64).sum::<f64>();
+        self.events += tick.events.iter().map(|&events| f64::from(events)).sum::<f64>();
         self.substeps += tick.diagnostics.iter().map(|d| d.substeps as f64).sum::<f64>();
     }
 

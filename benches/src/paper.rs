@@ -1,7 +1,7 @@
-//! What the paper reports (its table of allocated GPU memory and the range of its figure of times), measured
-//! on an NVIDIA RTX 4060.
+//! Figures of the paper: its table of allocated GPU memory, and the range of its figure of times. The paper measured
+//! them on an NVIDIA RTX 4060.
 
-/// The paper's sensors, in its order; presets of these names have their sizes.
+/// The paper's sensors, in its order. Presets of the same names have the same sizes.
 pub const SENSORS: [&str; 5] = ["dvs128", "davis240", "atis", "davis346", "genx320"];
 
 /// The paper's interpolation factors.
@@ -16,6 +16,6 @@ pub const MEMORY_MB: [[[f64; 2]; 3]; 5] = [
     [[324.2, 324.6], [349.2, 349.7], [399.3, 399.7]],
 ];
 
-/// Least and greatest milliseconds per interval over all sensors and factors: gray, Bayer. The paper prints
-/// the cells as a figure only.
+/// Least and greatest milliseconds per interval over all sensors and factors: gray, Bayer. The paper shows the single
+/// values only as a plot.
 pub const TIME_MS: [[f64; 2]; 2] = [[6.98, 27.28], [7.58, 29.16]];

@@ -7,10 +7,10 @@ use plotters::prelude::*;
 /// Width and height of a plot.
 const SIZE_PX: (u32, u32) = (980, 520);
 
-/// Room for the legend at its right.
+/// Width of the legend at the plot's right.
 const LEGEND_PX: u32 = 220;
 
-/// Colours that those who see few colours can tell apart (Okabe and Ito).
+/// Colours that colour-blind readers can tell apart (the palette of Okabe and Ito).
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -22,16 +22,16 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 0, 0),
 ];
 
-/// Points of one kind.
+/// Points that share a colour and a name.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// For the legend.
+    /// Name in the legend.
     pub name: String,
     /// Points, in order.
     pub points: Vec<(f64, f64)>,
     /// Whether a line joins them.
     pub line: bool,
-    /// Whether each has a mark.
+    /// Whether each point has a mark.
     pub marks: bool,
 }
 
@@ -60,15 +60,15 @@ impl Series {
 pub struct Axes<'a> {
     /// Title.
     pub title: &'a str,
-    /// What runs to the right, with its unit.
+    /// Title of the horizontal axis, with its unit.
     pub x: &'a str,
-    /// What runs up.
+    /// Title of the vertical axis, with its unit.
     pub y: &'a str,
-    /// Which axes are logarithmic: points at or below zero are left out there.
+    /// Whether x and y are logarithmic. A logarithmic axis leaves out points at or below zero.
     pub logarithmic: (bool, bool),
 }
 
-/// Draws series.
+/// Draws series and returns the SVG.
 pub fn draw(axes: Axes<'_>, series: &[Series]) -> Result<String> {
     let (log_x, log_y) = axes.logarithmic;
     let shown = |p: &&(f64, f64)| {
@@ -113,7 +113,7 @@ fn failed(error: impl std::fmt::Display) -> anyhow::Error {
     anyhow!("plot: {error}")
 }
 
-/// The range of values with some room.
+/// The range of the values, with a margin.
 fn range(values: impl Iterator<Item = f64>, logarithmic: bool) -> (f64, f64) {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     if logarithmic {
@@ -160,7 +160,7 @@ where
     Ok(())
 }
 
-/// Names of the series beside the chart, where they hide nothing.
+/// Draws the names of the series beside the chart, where they hide no points.
 fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, series: &[Series]) -> Result<()> {
     let x = (SIZE_PX.0 - LEGEND_PX) as i32 + 12;
     for (index, s) in series.iter().enumerate() {
@@ -173,7 +173,7 @@ fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, series: &[
     Ok(())
 }
 
-/// A figure at an axis: whole numbers as such.
+/// Formats a figure at an axis. Whole numbers have no decimals.
 fn tick(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e7 {
         format!("{value:.0}")

@@ -1,5 +1,5 @@
-//! Where frames come from: scenes rendered on the device, stored frames, and patterns whose motion, change
-//! and moving share are set one by one.
+//! Sources of frames: scenes rendered on the device, stored frames, and patterns whose motion, brightness change and
+//! moving share can be set one by one.
 
 use anyhow::Result;
 use esaac_engine::{FrameBytes, Rig};
@@ -12,27 +12,27 @@ pub const FRAME_NS: i64 = 33_333_333;
 
 /// Frames of every camera of a rig.
 pub enum Feed {
-    /// A scene, rendered for each camera, at these nanoseconds from frame to frame.
+    /// A scene, rendered for each camera. The number is the time from frame to frame, in nanoseconds.
     Scene(Rc<RefCell<Renderer>>, Box<Scene>, i64),
-    /// The same stored frames for every camera: their times, colours and vectors.
+    /// Stored frames, the same for every camera.
     Stored(Vec<StoredFrame>),
-    /// A pattern, uploaded.
+    /// A pattern, computed and uploaded by the host, the same for every camera.
     Pattern(Pattern),
 }
 
 /// A frame in memory.
 #[derive(Clone, Debug)]
 pub struct StoredFrame {
-    /// Time.
+    /// Time, nanoseconds.
     pub t_ns: i64,
-    /// Colour.
+    /// Colour image, in the format of the feed.
     pub hdr: Vec<u8>,
-    /// Motion.
+    /// Motion image, if there is one.
     pub motion: Option<Vec<u8>>,
 }
 
 impl Feed {
-    /// Frames that there are, if they end.
+    /// Number of frames; `None` for a feed without end.
     #[must_use]
     pub fn frames(&self) -> Option<usize> {
         match self {
@@ -41,7 +41,7 @@ impl Feed {
         }
     }
 
-    /// Writes frame `index` into the inputs of every camera of a rig and gives its time.
+    /// Writes frame `index` into the inputs of every camera of a rig and returns its time in nanoseconds.
     pub fn put(&mut self, rig: &mut Rig, index: usize) -> Result<i64> {
         match self {
             Feed::Scene(renderer, scene, step_ns) => {
@@ -80,17 +80,17 @@ fn upload(rig: &mut Rig, hdr: &[u8], motion: Option<&[u8]>) -> Result<()> {
     Ok(())
 }
 
-/// A log-sinusoid that moves to the right in the upper part of the image and stands still in the rest.
-/// f16x4 colour and f32x2 motion.
+/// A sinusoid in log intensity that moves to the right in the upper part of the image and stands still in the rest.
+/// Its colour is f16x4, its motion f32x2.
 #[derive(Clone, Copy, Debug)]
 pub struct Pattern {
     /// Columns and rows.
     pub size: (u32, u32),
-    /// Motion from frame to frame.
+    /// Motion from frame to frame, pixels.
     pub motion_px: f64,
-    /// Share of rows that move, in whole blocks.
+    /// Share of rows that move, 0 to 1, rounded to whole blocks.
     pub moving: f64,
-    /// Wavelength.
+    /// Wavelength, pixels.
     pub wavelength_px: f64,
 }
 
@@ -136,7 +136,7 @@ impl Pattern {
 
 /// A gray texel of four f16.
 fn encode(value: f64) -> [u8; 8] {
-    let half = esaac_tests::frames::half_bytes(value);
+    let half = half::f16::from_f64(value).to_le_bytes();
     let mut texel = [0; 8];
     texel.chunks_exact_mut(2).for_each(|bytes| bytes.copy_from_slice(&half));
     texel

@@ -1,8 +1,8 @@
-//! Figures of samples.
+//! Statistics of samples.
 
 use serde::Serialize;
 
-/// The value that a share `q` (0 to 1) of the values does not exceed, by nearest rank; 0 for none.
+/// The quantile `q` (0 to 1) of the values, by nearest rank; 0 for no values.
 #[must_use]
 pub fn quantile(values: &[f64], q: f64) -> f64 {
     let mut sorted = values.to_vec();
@@ -11,13 +11,13 @@ pub fn quantile(values: &[f64], q: f64) -> f64 {
     sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
-/// Half of the values are at most this.
+/// The median, by nearest rank; 0 for no values.
 #[must_use]
 pub fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// Mean; 0 for none.
+/// The mean; 0 for no values.
 #[must_use]
 pub fn mean(values: &[f64]) -> f64 {
     if values.is_empty() { 0.0 } else { values.iter().sum::<f64>() / values.len() as f64 }
@@ -28,16 +28,16 @@ pub fn mean(values: &[f64]) -> f64 {
 pub struct Spread {
     /// Median.
     pub median: f64,
-    /// A quarter of the values are at most this.
+    /// Quantile .25.
     pub lower_quartile: f64,
-    /// Three quarters of them.
+    /// Quantile .75.
     pub upper_quartile: f64,
-    /// 99% of them.
+    /// Quantile .99.
     pub p99: f64,
 }
 
 impl Spread {
-    /// Of some values.
+    /// The spread of some values.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
         Spread {
@@ -48,7 +48,7 @@ impl Spread {
         }
     }
 
-    /// Distance of the quartiles as a share of the median.
+    /// Distance between the quartiles as a share of the median; 0 if the median is 0.
     #[must_use]
     pub fn relative(&self) -> f64 {
         if self.median == 0.0 { 0.0 } else { (self.upper_quartile - self.lower_quartile) / self.median }
@@ -75,16 +75,6 @@ pub fn order(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<_> =
         points.iter().filter(|p| p.0 > 0.0 && p.1 > 0.0).map(|p| (p.0.ln(), p.1.ln())).collect();
     line(&logs).map(|(slope, _)| -slope)
-}
-
-/// Pearson's correlation; 0 where one of the two does not vary.
-#[must_use]
-pub fn correlation(points: &[(f64, f64)]) -> f64 {
-    let (mx, my) = (mean_of(points, |p| p.0), mean_of(points, |p| p.1));
-    let sum = |of: &dyn Fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>();
-    let (sxx, syy) = (sum(&|p| (p.0 - mx).powi(2)), sum(&|p| (p.1 - my).powi(2)));
-    let sxy = sum(&|p| (p.0 - mx) * (p.1 - my));
-    if sxx * syy > 0.0 { sxy / (sxx * syy).sqrt() } else { 0.0 }
 }
 
 /// Kolmogorov-Smirnov distance of two samples: the largest difference of their distribution functions.
@@ -135,8 +125,6 @@ mod tests {
         assert_eq!(line(&[(1.0, 5.0), (1.0, 9.0)]), None);
         let second: Vec<(f64, f64)> = [8.0, 16.0, 32.0].map(|n| (n, 7.0 / (n * n))).to_vec();
         assert!((order(&second).unwrap() - 2.0).abs() < 1e-12);
-        assert!((correlation(&[(0.0, 1.0), (1.0, 3.0), (2.0, 5.0)]) - 1.0).abs() < 1e-12);
-        assert_eq!(correlation(&[(0.0, 1.0), (0.0, 3.0)]), 0.0);
     }
 
     #[test]

@@ -1,13 +1,13 @@
-//! Streams with known faults: what every comparator has to see.
+//! Streams with known faults, to test the comparators with.
 
 use esaac_model::Polarity;
 use esaac_model::packet::Event;
 
 /// A fault: its name and a copy of a stream that has it. The copy is in time order.
 pub struct Fault {
-    /// What is wrong.
+    /// What is wrong with the copy.
     pub name: &'static str,
-    /// Makes it so, on a sensor of this many columns.
+    /// Makes the copy. The number is the sensor's width, in pixels.
     pub apply: fn(&[Event], u32) -> Vec<Event>,
 }
 
@@ -20,7 +20,7 @@ fn each(events: &[Event], change: impl Fn(usize, Event) -> Option<Event>) -> Vec
     sorted(events.iter().enumerate().filter_map(|(i, e)| change(i, *e)).collect())
 }
 
-/// Known faults, each small enough to be overlooked by a coarse measure.
+/// Known faults. Each is so small that a coarse measure would overlook it.
 pub const FAULTS: [Fault; 7] = [
     Fault {
         name: "polarities swapped",

@@ -1,4 +1,4 @@
-//! As much of a profiler as it takes to be one: the handshake of Tracy's protocol, and reading what comes.
+//! The least of a Tracy profiler: it makes the protocol's handshake and reads the stream.
 
 use anyhow::{Context, Result, bail, ensure};
 use std::io::{Read, Write};
@@ -8,30 +8,30 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Version of the protocol of the client that is linked in.
+/// Version of the protocol that the linked client speaks.
 const PROTOCOL: u32 = 82;
 
-/// What a profiler says first.
+/// The first bytes of a profiler.
 const GREETING: &[u8] = b"TracyPrf";
 
-/// Answer to a greeting in the client's own version.
+/// The client's answer to a greeting in its own version.
 const WELCOME: u8 = 1;
 
-/// Bytes of the client's introduction, and of what it adds when it has waited for a profiler.
+/// Bytes of the client's introduction, and of its addition for a profiler that connects on demand.
 const INTRODUCTION: usize = 1170;
 const ON_DEMAND: usize = 16;
 
-/// The first of the ports that a client may listen on, unless `TRACY_PORT` says otherwise, and how many.
+/// Ports that a client may listen on: the first one and their number. `TRACY_PORT` overrides them.
 const PORTS: (u16, u16) = (8086, 20);
 
-/// Largest block of the stream, unpacked.
+/// Largest block of the stream, in unpacked bytes.
 const BLOCK_BYTES: usize = 256 * 1024;
 
-/// A profiler that is connected and reads.
+/// A connected profiler. A thread reads its stream.
 pub struct Peer {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<Result<Vec<u8>>>,
-    /// Name of the program, as it introduces itself.
+    /// Name of the client's program, from its introduction.
     pub program: String,
 }
 
@@ -55,9 +55,9 @@ impl Peer {
         Ok(Peer { stop, thread, program })
     }
 
-    /// Goes and gives all that came, unpacked.
+    /// Disconnects and returns everything it read, unpacked.
     pub fn read(self) -> Result<Vec<u8>> {
-        // What the client holds back leaves it within some milliseconds.
+        // The client sends what it has buffered within some milliseconds.
         std::thread::sleep(Duration::from_millis(200));
         self.stop.store(true, Ordering::Relaxed);
         match self.thread.join() {
@@ -66,20 +66,21 @@ impl Peer {
         }
     }
 
-    /// Goes and gives the bytes that came.
+    /// Disconnects and returns the number of bytes it read.
     pub fn finish(self) -> Result<usize> {
         Ok(self.read()?.len())
     }
 }
 
-/// A connection that has been welcomed.
+/// Connects to the client and makes the handshake.
 fn find() -> Result<TcpStream> {
     let asked = std::env::var("TRACY_PORT").ok().and_then(|port| port.parse::<u16>().ok());
     let ports = match asked {
         Some(port) => port..port + 1,
         None => PORTS.0..PORTS.0 + PORTS.1,
     };
-    // Another program on this machine may have a client too; ours answers to our own name.
+    // Another program on this machine may have a client too, and may answer. The caller then fails in
+    // `wait_until_connected`, because this process's client is not connected.
     let started = Instant::now();
     while started.elapsed() < Duration::from_secs(10) {
         for port in ports.clone() {
@@ -114,7 +115,7 @@ fn wait_until_connected() -> Result<()> {
     bail!("the client has answered, but is not connected: it is another program's")
 }
 
-/// Reads blocks of LZ4, each with what came before as its dictionary.
+/// Reads blocks of LZ4. Each block uses the bytes before it as its dictionary.
 fn drain(mut stream: TcpStream, stop: &AtomicBool) -> Result<Vec<u8>> {
     stream.set_read_timeout(Some(Duration::from_millis(50)))?;
     let mut packed: Vec<u8> = Vec::new();

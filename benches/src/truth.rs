@@ -1,11 +1,11 @@
-//! Exact events of a scene, and how far a stream is from them.
+//! Exact events of a scene, and the distance of a stream from them.
 
 use esaac_model::SensorModel;
 use esaac_model::packet::Event;
 use esaac_oracle::metrics::{Comparison, MATCH_WINDOW_NS, compare};
 use esaac_scene::{Scene, exact_events};
 
-/// Two events of one pixel and polarity within this time match.
+/// Two events of the same pixel and polarity match if their times differ by no more than this.
 pub const MATCH_WINDOW_US: f64 = MATCH_WINDOW_NS as f64 * 1e-3;
 
 /// Exact events of some pixels of a scene.
@@ -17,12 +17,12 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Of at most `pixels` pixels, evenly spread, in `(t0_ns, t1_ns]`.
+    /// Computes the exact events of at most `pixels` pixels, evenly spread, in `(t0_ns, t1_ns]`.
     #[must_use]
     pub fn of_scene(scene: &Scene, sensor: &SensorModel, pixels: usize, (t0_ns, t1_ns): (i64, i64)) -> Self {
         let pixels = subset(sensor.width, sensor.height, pixels);
         let exact = exact_events(scene, sensor, &pixels, t0_ns, t1_ns);
-        // A comparison of pixels in a row, one for each of the subset.
+        // The comparison sees the subset as one row of pixels.
         let mut column_of = vec![None; sensor.pixels()];
         for (column, &(x, y)) in (0_u16..).zip(&pixels) {
             column_of[(y * sensor.width + x) as usize] = Some(column);
@@ -32,19 +32,19 @@ impl Truth {
         Truth { pixels: pixels.len(), width: sensor.width, column_of, events }
     }
 
-    /// Pixels that are compared.
+    /// Number of compared pixels.
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.pixels
     }
 
-    /// Exact events of those pixels.
+    /// Number of exact events of the compared pixels.
     #[must_use]
     pub fn events(&self) -> usize {
         self.events.len()
     }
 
-    /// Holds a camera's events against it; those of other pixels are left out.
+    /// Compares a camera's events with the truth. Events of other pixels do not count.
     #[must_use]
     pub fn compare(&self, events: impl IntoIterator<Item = Event>) -> Comparison {
         let tested = events.into_iter().filter_map(|event| {
@@ -55,8 +55,8 @@ impl Truth {
     }
 }
 
-/// At most `pixels` pixels, evenly spread; the step is coprime to no size in particular, so rows are shifted
-/// against each other.
+/// At most `pixels` pixels, evenly spread in row-major order. The step is rarely a divisor of the width, so most rows
+/// get other columns than the row above.
 fn subset(width: u32, height: u32, pixels: usize) -> Vec<(u32, u32)> {
     let all = width as usize * height as usize;
     let count = all.min(pixels);

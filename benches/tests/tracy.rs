@@ -1,4 +1,4 @@
-//! The profiler's side: a handshake with the client that is linked in, and what comes over it.
+//! A profiler connects to the linked client and reads zones, plots and messages.
 #![cfg(feature = "tracy")]
 
 use esaac_benches::tracy_peer::Peer;
@@ -26,7 +26,7 @@ fn a_profiler_is_welcomed_and_gets_stages_messages_and_the_devices_name() {
         let hdr: Vec<u8> = (0..32 * 16).flat_map(|_| texel).flat_map(f32::to_le_bytes).collect();
         rig.upload(0, &FrameBytes { hdr: &hdr, motion: None }).unwrap();
         let tick = rig.step(&[i64::from(index) * 1_000_000]).unwrap();
-        stages = tick.stage_ns.iter().map(|(stage, _)| *stage).filter(|stage| *stage != "again").collect();
+        stages = tick.stage_ns.iter().map(|(stage, _)| *stage).filter(|stage| *stage != "retry").collect();
     }
     let came = peer.read().unwrap();
     let holds = |text: &str| came.windows(text.len()).any(|bytes| bytes == text.as_bytes());

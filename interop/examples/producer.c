@@ -7,7 +7,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
 #include <vulkan/vulkan.h>
@@ -62,6 +64,46 @@ static VkBuffer import(VkDevice device, int fd, uint32_t usage, const struct esa
     return buffer;
 }
 
+/* A file of the engine's as a buffer here: mapped, and the mapping given to the driver. The file can be closed then. */
+static VkBuffer import_host(VkDevice device, int fd, uint32_t usage, const struct esaac_image_memory *memory) {
+    struct stat file;
+    if (fstat(fd, &file) || (uint64_t)file.st_size != memory->allocation_bytes) FAIL("the engine's file is not as long as it says");
+    void *mapping = mmap(NULL, memory->allocation_bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    if (mapping == MAP_FAILED) FAIL("the engine's file cannot be mapped");
+    close(fd);
+    const VkExternalMemoryHandleTypeFlagBits type = VK_EXTERNAL_MEMORY_HANDLE_TYPE_HOST_ALLOCATION_BIT_EXT;
+    VkExternalMemoryBufferCreateInfo external = {VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO, NULL, type};
+    VkBufferCreateInfo buffer_info = {VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO, &external, .size = memory->bytes, .usage = usage};
+    VkBuffer buffer;
+    VK(vkCreateBuffer(device, &buffer_info, NULL, &buffer));
+    VkMemoryRequirements required;
+    vkGetBufferMemoryRequirements(device, buffer, &required);
+    PFN_vkGetMemoryHostPointerPropertiesEXT ask = (PFN_vkGetMemoryHostPointerPropertiesEXT)vkGetDeviceProcAddr(device, "vkGetMemoryHostPointerPropertiesEXT");
+    VkMemoryHostPointerPropertiesEXT properties = {.sType = VK_STRUCTURE_TYPE_MEMORY_HOST_POINTER_PROPERTIES_EXT};
+    VK(ask(device, type, mapping, &properties));
+    const uint32_t types = required.memoryTypeBits & properties.memoryTypeBits;
+    if (!types || required.size > memory->allocation_bytes) FAIL("the driver does not take the engine's file");
+    uint32_t first = 0;
+    while (!(types >> first & 1)) first++;
+    VkMemoryAllocateFlagsInfo flags = {VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO, NULL, VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT, 0};
+    VkImportMemoryHostPointerInfoEXT pointer = {VK_STRUCTURE_TYPE_IMPORT_MEMORY_HOST_POINTER_INFO_EXT, &flags, type, mapping};
+    VkMemoryAllocateInfo info = {VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, &pointer, memory->allocation_bytes, first};
+    VkDeviceMemory bound;
+    VK(vkAllocateMemory(device, &info, NULL, &bound));
+    VK(vkBindBufferMemory(device, buffer, bound, 0));
+    return buffer;
+}
+
+/* Whether the device has an extension. */
+static int has(VkPhysicalDevice physical, const char *name) {
+    static VkExtensionProperties all[1024];
+    uint32_t count = 1024;
+    if (vkEnumerateDeviceExtensionProperties(physical, NULL, &count, all) < 0) return 0;
+    for (uint32_t i = 0; i < count; i++)
+        if (!strcmp(all[i].extensionName, name)) return 1;
+    return 0;
+}
+
 /* Takes a buffer from the engine (EXTERNAL) or gives it back. */
 static void hand_over(VkCommandBuffer commands, VkBuffer buffer, uint32_t from, uint32_t to) {
     VkBufferMemoryBarrier barrier = {VK_STRUCTURE_TYPE_BUFFER_MEMORY_BARRIER, NULL, VK_ACCESS_TRANSFER_WRITE_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, from, to, buffer, 0, VK_WHOLE_SIZE};
@@ -91,8 +133,17 @@ int main(int argc, char **argv) {
     VkDeviceQueueCreateInfo queue_info = {VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, NULL, 0, family, 1, &priority};
     /* The ring's buffers have device addresses. */
     VkPhysicalDeviceVulkan12Features features = {VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES, .bufferDeviceAddress = VK_TRUE};
-    const char *extensions[] = {VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME};
-    VkDeviceCreateInfo device_info = {VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &features, 0, 1, &queue_info, 0, NULL, 1, extensions, NULL};
+    const char *extensions[2];
+    uint32_t extension_count = 0, memories = 0;
+    if (has(all[chosen], VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME)) {
+        extensions[extension_count++] = VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME;
+        memories |= ESAAC_MEMORY_EXPORTED;
+    }
+    if (has(all[chosen], VK_EXT_EXTERNAL_MEMORY_HOST_EXTENSION_NAME)) {
+        extensions[extension_count++] = VK_EXT_EXTERNAL_MEMORY_HOST_EXTENSION_NAME;
+        memories |= ESAAC_MEMORY_HOST;
+    }
+    VkDeviceCreateInfo device_info = {VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &features, 0, 1, &queue_info, 0, NULL, extension_count, extensions, NULL};
     VkDevice device;
     VK(vkCreateDevice(all[chosen], &device_info, NULL, &device));
     VkQueue queue;
@@ -102,7 +153,7 @@ int main(int argc, char **argv) {
     snprintf(address.sun_path, sizeof address.sun_path, "%s", argv[1]);
     int sock = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
     if (sock < 0 || connect(sock, (struct sockaddr *)&address, sizeof address)) FAIL("nobody serves at %s", argv[1]);
-    struct esaac_hello hello = {.camera = camera, .memories = ESAAC_MEMORY_EXPORTED, .timelines = ESAAC_TIMELINE_CARRIED};
+    struct esaac_hello hello = {.camera = camera, .memories = memories, .timelines = ESAAC_TIMELINE_CARRIED};
     memcpy(hello.device_uuid, id.deviceUUID, 16);
     memcpy(hello.driver_uuid, id.driverUUID, 16);
     send_message(sock, &hello, ESAAC_HELLO, sizeof hello);
@@ -117,7 +168,8 @@ int main(int argc, char **argv) {
     uint64_t values[ESAAC_MAX_SLOTS] = {0};
     for (uint32_t slot = 0; slot < ring.slots; slot++)
         for (uint32_t image = 0; image < images; image++)
-            buffers[slot][image] = import(device, fds[slot * images + image], ring.buffer_usage, image ? &ring.motion : &ring.hdr);
+            buffers[slot][image] = (ring.memory == ESAAC_MEMORY_HOST ? import_host : import)(
+                device, fds[slot * images + image], ring.buffer_usage, image ? &ring.motion : &ring.hdr);
 
     VkCommandPoolCreateInfo pool_info = {VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, NULL, VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT, family};
     VkCommandPool pool;
@@ -151,6 +203,6 @@ int main(int argc, char **argv) {
     }
     struct esaac_header bye;
     send_message(sock, &bye, ESAAC_BYE, sizeof bye);
-    printf("%u frames\n", frames);
+    printf("%u frames by memory %u\n", frames, ring.memory);
     return 0; /* the process takes buffers, memory and device with it */
 }

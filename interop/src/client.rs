@@ -1,4 +1,4 @@
-//! A producer's side of the protocol, whatever its device is: greeting, slots, frames, goodbye.
+//! A producer's side of the protocol: HELLO, slots, frames, BYE. It is the same for Vulkan and CUDA.
 
 use crate::error::InteropError;
 use crate::ring::Images;
@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What a frame cost before it was in its slot.
+/// Copies that were made of a frame before it was in its slot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Copies {
     /// On the device.
@@ -29,7 +29,7 @@ pub(crate) struct Descriptors {
     pub timelines: Vec<OwnedFd>,
 }
 
-/// What a producer says of itself first.
+/// What a producer says in its HELLO.
 pub(crate) struct Greeting {
     pub device_uuid: [u8; 16],
     pub driver_uuid: [u8; 16],
@@ -44,7 +44,7 @@ pub(crate) struct Greeting {
     pub timeout: Duration,
 }
 
-/// A connection that has its offer: what every kind of producer has of it.
+/// A connection that has its ring: what producers of every kind have in common.
 pub struct Client {
     socket: Socket,
     offer: RingOffer,
@@ -57,7 +57,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects and greets; what the engine offers is checked against what was said.
+    /// Connects, sends HELLO and checks that the engine's offer fits to it.
     pub(crate) fn greet(path: &Path, greeting: &Greeting) -> Result<(Self, Descriptors), InteropError> {
         let (width_px, height_px) = greeting.size_px.unwrap_or((0, 0));
         let timeout = greeting.timeout;
@@ -116,9 +116,9 @@ impl Client {
         Ok(Descriptors { memory: fds, timelines })
     }
 
-    /// Tells the engine why this side closes; the error again.
+    /// Tells the engine why this side closes, and returns the error.
     pub(crate) fn give_up(&self, error: InteropError) -> InteropError {
-        // The engine's log shall say why; if it is gone there is no one to tell.
+        // For the engine's log. If the engine is gone there is nobody to tell.
         let _ = self.socket.send(&Message::Refusal(Refusal::new(error.code(), &error.words())), &[]);
         error
     }
@@ -165,7 +165,8 @@ impl Client {
         }
     }
 
-    /// A slot to write; waits for the engine to give one back. `heard` is told of each that it gives.
+    /// Returns a slot to write; if none is free, waits until the engine gives one back. `heard` is called for
+    /// each slot that comes back.
     pub(crate) fn slot(
         &mut self,
         mut heard: impl FnMut(u32, u64) -> Result<(), InteropError>,
@@ -181,7 +182,7 @@ impl Client {
             let left = deadline.saturating_duration_since(Instant::now());
             let limit = self.timeout;
             let received = self.socket.receive_within(left, "a free slot").map_err(|error| match error {
-                // The whole wait rather than what was left of it.
+                // The error shall name the whole time, not what was left of it.
                 InteropError::Timeout { what, .. } => InteropError::Timeout { what, limit },
                 error => error,
             })?;
@@ -255,7 +256,7 @@ impl Client {
     }
 }
 
-/// Sends; an engine that has closed the connection may have said why.
+/// Sends a message. If the engine has closed the connection, the error is the reason that it gave.
 fn tell(socket: &Socket, message: &Message) -> Result<(), InteropError> {
     socket.send(message, &[]).map_err(|error| reason(socket, error))
 }

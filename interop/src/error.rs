@@ -14,10 +14,10 @@ pub enum InteropError {
     /// The engine's.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// A message that is none.
+    /// Bytes that are no valid message.
     #[error("message: {0}")]
     Wire(#[from] WireError),
-    /// The peer, or this side on the peer's behalf, has refused.
+    /// One side has refused to go on: the peer said so, or this side is about to tell the peer.
     #[error("refused ({code:?}): {text}")]
     Refused {
         /// Why.
@@ -77,7 +77,7 @@ pub enum InteropError {
         /// What that means, and what to do.
         hint: &'static str,
     },
-    /// Memory of another process that is not what was said of it.
+    /// Memory of another process that is not as long as was said.
     #[error("`{name}` has {actual} bytes, expected {expected}")]
     Size {
         /// Which buffer.
@@ -114,7 +114,7 @@ pub enum InteropError {
         /// What it is.
         actual: String,
     },
-    /// A timeline that does not go up by the rule.
+    /// A timeline that does not have the value that comes next.
     #[error("slot {slot}: timeline value {actual}, expected {expected}")]
     Value {
         /// Slot.
@@ -135,7 +135,7 @@ impl InteropError {
         move |source| InteropError::System { call, source }
     }
 
-    /// The same in words for a peer, which adds the code itself.
+    /// The text that is sent to the peer, beside the code.
     #[must_use]
     pub fn words(&self) -> String {
         match self {
@@ -144,7 +144,7 @@ impl InteropError {
         }
     }
 
-    /// What a peer is told when this is why it is turned away.
+    /// The code that is sent to the peer.
     #[must_use]
     pub fn code(&self) -> ErrorCode {
         match self {

@@ -1,5 +1,5 @@
-//! Images of optimal tiling that another process sees, each with memory dedicated to it. Their layout is
-//! `GENERAL` whenever they change hands.
+//! Vulkan images with optimal tiling that two processes share, each with dedicated memory. Whenever ownership
+//! changes, their layout is `GENERAL`.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 const HANDLE: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
 
-/// What both sides must name alike of an image.
+/// Properties of an image that must be the same on both sides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ImageKind {
     pub format: vk::Format,
@@ -95,7 +95,7 @@ pub(crate) struct SharedImage {
 }
 
 impl SharedImage {
-    /// Without memory.
+    /// Makes the image, without memory.
     fn unbound(device: &Arc<Device>, kind: ImageKind) -> Result<Self, InteropError> {
         let mut external = vk::ExternalMemoryImageCreateInfo::default().handle_types(HANDLE);
         let info = vk::ImageCreateInfo::default()
@@ -137,7 +137,7 @@ impl SharedImage {
         Ok(self)
     }
 
-    /// An image whose memory leaves as a file descriptor, in layout `GENERAL`.
+    /// Makes an image in layout `GENERAL` whose memory can be exported.
     pub(crate) fn exportable(
         device: &Arc<Device>,
         name: &str,
@@ -168,8 +168,8 @@ impl SharedImage {
         Ok(image)
     }
 
-    /// The peer's image here, which is given back: this side's driver shall know its layout, and before the
-    /// first frame there is nothing in it to lose.
+    /// Imports the peer's image and hands it back at once. This moves it to layout `GENERAL` for this side's
+    /// driver. Its content is lost, but before the first frame it has none.
     pub(crate) fn import(
         device: &Arc<Device>,
         name: &str,
@@ -204,7 +204,7 @@ impl SharedImage {
         Ok(())
     }
 
-    /// A descriptor of its memory, which stays ours too.
+    /// A descriptor of its memory. This side keeps the memory too.
     pub(crate) fn export(&self) -> Result<OwnedFd, InteropError> {
         export_memory(&self.device, self.memory)
     }
@@ -245,10 +245,11 @@ impl SharedImage {
 
 impl Drop for SharedImage {
     fn drop(&mut self) {
-        // SAFETY: whoever owns an image waits for the device before dropping it; both handles are ours.
-        unsafe {
-            self.device.raw().destroy_image(self.raw, None);
-            self.device.raw().free_memory(self.memory, None);
-        }
+        let (raw, memory) = (self.raw, self.memory);
+        // SAFETY: nothing pending uses the image: its owner has waited, or `retire` does. Both handles are ours.
+        self.device.retire(move |device| unsafe {
+            device.raw().destroy_image(raw, None);
+            device.raw().free_memory(memory, None);
+        });
     }
 }

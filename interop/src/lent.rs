@@ -1,5 +1,6 @@
-//! A descriptor on its way into a driver. A driver that takes it owns it from then on; one that refuses
-//! must leave it, but some close it all the same, and a number closed twice may be another file's by then.
+//! A descriptor that is given to a driver. If the import succeeds the driver owns it. If the import fails the
+//! driver must not close it, but some drivers do. Closing it a second time could then close another file that
+//! has got the same number.
 
 #![expect(unsafe_code, reason = "a descriptor whose owner is a driver's to decide")]
 
@@ -20,12 +21,12 @@ impl Lent {
         Ok(Lent { number: Some(copy.into_raw_fd()), original })
     }
 
-    /// For the driver.
+    /// The number to give to the driver.
     pub(crate) fn number(&self) -> RawFd {
         self.number.expect("lent until it is taken")
     }
 
-    /// The driver has it.
+    /// The driver has taken it.
     pub(crate) fn taken(mut self) {
         self.number = None;
     }

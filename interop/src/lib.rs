@@ -1,12 +1,12 @@
-//! Frames from other processes: a renderer writes into memory that the engine reads where it lies.
+//! Frames from other processes: a renderer writes into memory that the engine reads in place.
 //!
-//! A [`Server`] listens on a Unix socket, one connection a camera. It shares a [`Ring`] of buffers with
-//! each producer, hands over what arrives and gives slots back; a [`Service`] steps a rig with that. A
-//! [`Producer`] is the other side. What both say is in [`wire`], for authors of producers in `README.md`
-//! of this crate; what the engine's side accepts is [`session`], without sockets or devices.
+//! A [`Server`] listens on a Unix socket, with one connection for each camera. It shares a [`Ring`] of buffers
+//! with each producer, receives frames and gives slots back. A [`Service`] steps a rig with these frames. A
+//! [`Producer`] is the other side of the link.
 //!
-//! Which memory and which timelines two devices can share is asked of the drivers ([`Support`]) before
-//! anything is made.
+//! [`wire`] defines the messages; the `README.md` of this crate explains them to authors of producers.
+//! [`session`] decides which messages the engine accepts, without sockets or devices. [`Support`] asks the
+//! drivers what two devices can share before anything is made.
 
 mod client;
 pub mod cuda;
@@ -31,7 +31,7 @@ pub use client::{Client, Copies};
 pub use error::InteropError;
 pub use producer::{Producer, ProducerOptions};
 pub use ring::{Images, Ring, Slot};
-pub use server::{CameraTerms, LinkCounts, Outcome, Ready, Server, ServerOptions};
+pub use server::{CameraTerms, ConnectionCounts, LinkCounts, Outcome, Ready, Server, ServerOptions};
 pub use service::{Service, ServiceTick};
 pub use support::Support;
 pub use timeline::{CarriedTimeline, ExportedTimeline, SharedTimeline};

@@ -1,5 +1,5 @@
-//! Buffers that another process sees: exported, imported, or made of the host's memory. Each has memory
-//! of its own, dedicated to it, as drivers want it of memory that is shared.
+//! Buffers that two processes share: exported, imported, or in memory of the host. Each has an allocation of
+//! its own, since drivers want shared memory dedicated to one buffer.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -16,14 +16,14 @@ use std::sync::Arc;
 
 /// A buffer in shared memory.
 pub(crate) struct SharedBuffer {
-    /// Before what its memory is made of, so that it goes first.
+    /// Declared before `host`, so that it is dropped before the memory that it uses.
     buffer: Buffer,
     host: Option<HostMemory>,
     /// What the peer must know of its memory.
     described: ImageMemory,
 }
 
-/// A raw buffer that is destroyed unless it is taken on.
+/// A raw buffer without memory. It is destroyed unless `bind` succeeds.
 struct Raw<'a> {
     device: &'a Arc<Device>,
     raw: vk::Buffer,
@@ -106,21 +106,17 @@ impl SharedBuffer {
         Ok(SharedBuffer { buffer, host: None, described })
     }
 
-    /// A file descriptor of an exportable buffer's memory, and the memory stays ours too.
-    pub(crate) fn export(&self, device: &Device) -> Result<OwnedFd, InteropError> {
-        if let Some(host) = &self.host {
-            return host.fd().try_clone_to_owned().map_err(|_| InteropError::System {
-                call: "fcntl F_DUPFD_CLOEXEC",
-                source: rustix::io::Errno::MFILE,
-            });
-        }
-        let Some(memory) = self.buffer.adopted_memory() else {
-            return Err(InteropError::Unsupported {
-                device: device.info().name.clone(),
-                reason: format!("`{}` is not made to be shared", self.buffer.name()),
-            });
+    /// A file descriptor of this buffer's memory for the peer. The memory stays ours too. Memory of the host
+    /// gives its descriptor away, so it is exported once.
+    pub(crate) fn export(&mut self, device: &Device) -> Result<OwnedFd, InteropError> {
+        let exported = match &mut self.host {
+            Some(host) => host.take_fd(),
+            None => self.buffer.adopted_memory().map(|memory| export_memory(device, memory)).transpose()?,
         };
-        export_memory(device, memory)
+        exported.ok_or_else(|| InteropError::Unsupported {
+            device: device.info().name.clone(),
+            reason: format!("`{}` has no descriptor to give away", self.buffer.name()),
+        })
     }
 
     /// The peer's exported memory as a buffer here.
@@ -134,8 +130,8 @@ impl SharedBuffer {
         let handle = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
         let raw = Raw::new(device, bytes, handle)?;
         let requirements = raw.requirements();
-        // The size is the buffer's own, and the memory dedicated to it; or it is more (CUDA allocates in
-        // large pieces) and the buffer its beginning.
+        // Either the allocation is exactly as long as the buffer and dedicated to it; or it is longer, since
+        // CUDA allocates in large pieces, and the buffer lies at its beginning.
         let dedicates = told.allocation_bytes == requirements.size;
         let fits =
             dedicates || (told.allocation_bytes > requirements.size && !Support::of(device).dedicated_only);
@@ -155,7 +151,7 @@ impl SharedBuffer {
         Ok(SharedBuffer { buffer, host: None, described: *told })
     }
 
-    /// A buffer in memory of the host that the peer maps too.
+    /// A buffer in memory of the host that both processes map.
     pub(crate) fn on_host(
         device: &Arc<Device>,
         name: &str,
@@ -171,7 +167,7 @@ impl SharedBuffer {
         let granule = alignment.max(rustix::param::page_size() as u64);
         let host = match peers {
             Some((fd, told)) => {
-                // The other side's driver may round to more than this one, but not to less.
+                // The other driver may round up to more than this one does.
                 let expected = bytes.next_multiple_of(granule);
                 if told.bytes != bytes || told.allocation_bytes % granule != 0 {
                     let actual = if told.bytes == bytes { told.allocation_bytes } else { told.bytes };
@@ -262,7 +258,7 @@ pub(crate) fn export_memory(device: &Device, memory: vk::DeviceMemory) -> Result
     Ok(fd)
 }
 
-/// What helps where memory is short.
+/// Hint for errors when memory is short.
 pub(crate) const NO_ROOM: &str =
     "memory is short: give the camera fewer `slots` or a smaller size, or free memory";
 
@@ -301,7 +297,7 @@ pub(crate) fn import_memory(
             call: "vkAllocateMemory",
             result: result.to_string(),
             hint: match result {
-                // The software driver's word for memory that it has no room to map, too.
+                // The software driver returns this too if it has no address space to map the memory.
                 vk::Result::ERROR_INVALID_EXTERNAL_HANDLE => {
                     "it is no memory of this driver, or there is no room for it (fewer `slots`, a smaller camera)"
                 }
@@ -313,7 +309,7 @@ pub(crate) fn import_memory(
     Ok(memory)
 }
 
-/// The device's own memory among `allowed`, or else the first.
+/// The first memory type of `allowed` that is local to the device; if there is none, the first of `allowed`.
 pub(crate) fn device_local_type(device: &Device, allowed: u32) -> u32 {
     // SAFETY: the physical device is this instance's.
     let memory = unsafe { device.instance().get_physical_device_memory_properties(device.physical()) };
@@ -325,13 +321,13 @@ pub(crate) fn device_local_type(device: &Device, allowed: u32) -> u32 {
         .map_or(allowed.trailing_zeros(), |(index, _)| index)
 }
 
-/// Where exported memory is a file (the software driver's is), its other owner could shrink it and have
-/// this process killed at the next access. Where it is none, there is nothing to seal.
+/// Forbids a file to shrink. The software driver's exported memory is a file: if the peer made it shorter, the
+/// next access would kill this process. Other drivers' memory is no file, and then this does nothing.
 fn seal(fd: BorrowedFd<'_>) {
     let _ = fcntl_add_seals(fd, SealFlags::SHRINK);
 }
 
-/// A file that is given for memory must be long enough and stay so.
+/// Checks that a file that is given for memory is long enough and cannot shrink.
 fn check_file(name: &str, fd: BorrowedFd<'_>, bytes: u64) -> Result<(), InteropError> {
     let stat = fstat(fd).map_err(InteropError::system("fstat"))?;
     if FileType::from_raw_mode(stat.st_mode) != FileType::RegularFile {

@@ -1,5 +1,5 @@
-//! Shared memory belongs to one side at a time: commands that take it from the other side and give it
-//! back. What is taken as an image is copied to the buffer that the engine reads.
+//! Shared memory belongs to one side at a time. These commands take it from the other side and give it back.
+//! If it is an image, taking it also copies it to the buffer that the engine reads.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -21,7 +21,7 @@ const ACCESSES: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
         | vk::AccessFlags2::TRANSFER_WRITE.as_raw(),
 );
 
-/// Which way memory changes hands.
+/// Direction of a change of ownership.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Way {
     /// From the other side to this device's queue.
@@ -63,7 +63,7 @@ impl Way {
     }
 }
 
-/// Recorded commands that hand `planes` over; they may be submitted again and again.
+/// Records commands that hand `planes` over. They can be submitted any number of times.
 pub(crate) fn hand_over(device: &Arc<Device>, planes: &[&Plane], way: Way) -> Result<Commands, InteropError> {
     let (mut buffers, mut images) = (Vec::new(), Vec::new());
     for plane in planes {
@@ -73,7 +73,7 @@ pub(crate) fn hand_over(device: &Arc<Device>, planes: &[&Plane], way: Way) -> Re
         }
     }
     let commands = Commands::new(device)?;
-    commands.record(|commands| {
+    let record = |commands| {
         let info =
             vk::DependencyInfo::default().buffer_memory_barriers(&buffers).image_memory_barriers(&images);
         // SAFETY: `commands` is being recorded on this device; buffers and images outlive it (all are a
@@ -86,7 +86,10 @@ pub(crate) fn hand_over(device: &Arc<Device>, planes: &[&Plane], way: Way) -> Re
                 }
             }
         }
-    })?;
+    };
+    // SAFETY: the buffer was just made, so nothing is pending. What it names is the slot's, as it is itself, and a slot
+    // is nobody else's while its commands run.
+    unsafe { commands.record(record) }?;
     Ok(commands)
 }
 

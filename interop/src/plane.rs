@@ -1,5 +1,5 @@
-//! One image of a slot: a buffer that the engine reads where it lies, or an image of optimal tiling, of
-//! which the engine makes a buffer.
+//! One image of a slot: either a buffer that the engine reads in place, or a Vulkan image with optimal tiling
+//! that the engine copies to a buffer first.
 
 use crate::error::InteropError;
 use crate::image::{ImageKind, SharedImage};
@@ -21,7 +21,7 @@ pub(crate) enum Plane {
 }
 
 impl Plane {
-    /// Memory of this side's: `kind` is one of the memory bits.
+    /// Makes memory on this side. `kind` is one of the memory bits.
     pub(crate) fn own(
         device: &Arc<Device>,
         name: &str,
@@ -37,7 +37,7 @@ impl Plane {
         })
     }
 
-    /// The peer's memory.
+    /// Imports the peer's memory.
     pub(crate) fn peers(
         device: &Arc<Device>,
         name: &str,
@@ -62,7 +62,7 @@ impl Plane {
         })
     }
 
-    /// Where its texels lie row by row, if they do on this side.
+    /// The buffer with its texels row by row, if this side has one.
     pub(crate) fn texels(&self) -> Option<&Buffer> {
         match self {
             Plane::Buffer(buffer) => Some(buffer.buffer()),
@@ -84,7 +84,7 @@ impl Plane {
         }
     }
 
-    pub(crate) fn export(&self, device: &Device) -> Result<OwnedFd, InteropError> {
+    pub(crate) fn export(&mut self, device: &Device) -> Result<OwnedFd, InteropError> {
         match self {
             Plane::Buffer(buffer) => buffer.export(device),
             Plane::Image { image, .. } => image.export(),

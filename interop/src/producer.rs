@@ -1,11 +1,11 @@
-//! A producer on a Vulkan device: connects a camera, renders into slots, tells of frames.
+//! A producer on a Vulkan device: it connects a camera, renders into slots and announces the frames.
 
 use crate::client::{Client, Copies, Descriptors, Greeting};
 use crate::error::InteropError;
 use crate::ring::{Ring, Slot, Source, import_timelines, make_timelines};
 use crate::support::Support;
 use crate::wire;
-use esaac_engine::{Around, Device};
+use esaac_engine::{Device, SubmitHooks};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,7 +30,7 @@ impl Default for ProducerOptions {
         ProducerOptions {
             camera: 0,
             size_px: None,
-            // Memory of its own is for those who say that they render there.
+            // BROUGHT and IMAGES only suit producers that render into such memory, so they must ask for them.
             memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST,
             timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
             timeout: Duration::from_secs(10),
@@ -74,33 +74,33 @@ impl Producer {
         &self.client
     }
 
-    /// A slot to write; waits for the engine to give one back.
+    /// Returns a slot to write. If none is free it waits until the engine gives one back.
     pub fn slot(&mut self) -> Result<u32, InteropError> {
         let ring = &self.ring;
         self.client.slot(|slot, value| ring.slot(slot).timeline().heard(value))
     }
 
-    /// Calls `render` with what must go around the submission that writes the slot: it takes the buffers
-    /// over, waits until the engine has read them, and signals that they are written.
+    /// Calls `render` with the hooks for the submission that writes the slot. They take the buffers over, wait
+    /// until the engine has read them, and signal that they are written.
     pub fn write<E>(
         &self,
         slot: u32,
-        render: impl FnOnce(&Slot, &Around<'_>) -> Result<(), E>,
+        render: impl FnOnce(&Slot, &SubmitHooks<'_>) -> Result<(), E>,
     ) -> Result<(), E> {
         let place = self.ring.slot(slot);
         let (timeline, value) = (place.timeline().timeline(), self.client.value(slot));
         let given_back = [(timeline, value)];
-        let around = Around {
+        let hooks = SubmitHooks {
             before: &[place.acquire()],
             after: &[place.release()],
-            // A slot that was never written need not come back.
+            // The first write of a slot has nothing to wait for.
             waits: if value == 0 { &[] } else { &given_back },
             signals: &[(timeline, value + 1)],
         };
-        render(place, &around)
+        render(place, &hooks)
     }
 
-    /// Tells the engine of the frame in a slot whose writing has been submitted.
+    /// Announces the frame in a slot. Its writing must have been submitted.
     pub fn publish(&mut self, slot: u32, t_ns: i64, copies: Copies) -> Result<(), InteropError> {
         let value = self.client.value(slot) + 1;
         self.ring.slot(slot).timeline().settle(value, self.client.timeout())?;
@@ -129,9 +129,10 @@ fn ring(device: &Arc<Device>, client: &Client, descriptors: Descriptors) -> Resu
         let (kind, fds) = (offer.memory, descriptors.memory);
         Source::Peer { kind, fds, hdr: offer.hdr, motion: offer.motion }
     };
-    let ring = Ring::new(device, offer.camera, images, source, timelines)?;
+    let mut ring = Ring::new(device, offer.camera, images, source, timelines)?;
     if client.brings() {
-        client.bring(ring.described(), &ring.export_memory(device)?)?;
+        let memory = ring.export_memory(device)?;
+        client.bring(ring.described(), &memory)?;
     }
     Ok(ring)
 }

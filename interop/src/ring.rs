@@ -1,4 +1,4 @@
-//! The buffers that one camera's producer and the engine share, slot by slot.
+//! The ring: the slots that one camera's producer and the engine share, each with buffers for one frame.
 
 use crate::error::InteropError;
 use crate::image::{ImageKind, hdr_format, motion_format};
@@ -13,7 +13,7 @@ use esaac_model::{HdrFormat, MotionFormat};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
 
-/// What a camera's images are.
+/// Size and formats of a camera's images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Images {
     /// Columns.
@@ -39,7 +39,7 @@ impl Images {
         self.motion.map_or(0, |motion| self.bytes(motion.texel_bytes()))
     }
 
-    /// Images a slot.
+    /// Number of images in a slot.
     #[must_use]
     pub fn count(&self) -> usize {
         1 + usize::from(self.motion.is_some())
@@ -70,7 +70,7 @@ impl Images {
     }
 }
 
-/// One frame's place.
+/// Memory for one frame, and the timeline that orders its use.
 pub struct Slot {
     hdr: Plane,
     motion: Option<Plane>,
@@ -93,7 +93,7 @@ pub(crate) enum Source {
     Peer { kind: u32, fds: Vec<OwnedFd>, hdr: ImageMemory, motion: ImageMemory },
 }
 
-/// A count for each slot, made here.
+/// Makes a timeline for each slot.
 pub(crate) fn make_timelines(
     device: &Arc<Device>,
     slots: u32,
@@ -111,7 +111,7 @@ pub(crate) fn make_timelines(
         .collect()
 }
 
-/// A count for each slot, the peer's.
+/// Imports the peer's timelines, one for each slot.
 pub(crate) fn import_timelines(
     device: &Arc<Device>,
     fds: Vec<OwnedFd>,
@@ -121,7 +121,7 @@ pub(crate) fn import_timelines(
         .collect()
 }
 
-/// Descriptors of timelines, where they are shared.
+/// Descriptors of the timelines that can be shared.
 pub(crate) fn export_timelines(timelines: &[Box<dyn SharedTimeline>]) -> Result<Vec<OwnedFd>, InteropError> {
     let fds: Result<Vec<_>, _> = timelines.iter().map(|timeline| timeline.export()).collect();
     Ok(fds?.into_iter().flatten().collect())
@@ -146,7 +146,7 @@ impl Slot {
         Some((self.hdr.image()?, self.motion.as_ref().and_then(Plane::image)))
     }
 
-    /// The slot's count.
+    /// The slot's timeline.
     #[must_use]
     pub fn timeline(&self) -> &dyn SharedTimeline {
         &*self.timeline
@@ -166,7 +166,7 @@ impl Slot {
 }
 
 impl Ring {
-    /// A slot for each timeline.
+    /// Makes a ring with a slot for each timeline.
     pub(crate) fn new(
         device: &Arc<Device>,
         camera: u32,
@@ -205,7 +205,10 @@ impl Ring {
         Ok(Ring { slots: all })
     }
 
-    /// A slot; panics if there is none of this number, which messages are checked for.
+    /// The slot of this number.
+    ///
+    /// # Panics
+    /// If there is none. Messages are checked for it before they come here.
     #[must_use]
     pub fn slot(&self, slot: u32) -> &Slot {
         &self.slots[slot as usize]
@@ -217,7 +220,7 @@ impl Ring {
         self.slots.len()
     }
 
-    /// Whether it has none.
+    /// Whether it has no slots.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.slots.is_empty()
@@ -237,9 +240,9 @@ impl Ring {
         [first.hdr.described(), motion]
     }
 
-    /// Descriptors of all images' memory, slot by slot.
-    pub(crate) fn export_memory(&self, device: &Device) -> Result<Vec<OwnedFd>, InteropError> {
-        let planes = self.slots.iter().flat_map(|slot| [Some(&slot.hdr), slot.motion.as_ref()]);
+    /// Descriptors of all images' memory, slot by slot, for the peer; once.
+    pub(crate) fn export_memory(&mut self, device: &Device) -> Result<Vec<OwnedFd>, InteropError> {
+        let planes = self.slots.iter_mut().flat_map(|slot| [Some(&mut slot.hdr), slot.motion.as_mut()]);
         planes.flatten().map(|plane| plane.export(device)).collect()
     }
 }

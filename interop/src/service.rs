@@ -1,22 +1,22 @@
-//! A rig fed by producers in other processes.
+//! A rig whose frames come from producers in other processes.
 
 use crate::error::InteropError;
 use crate::server::{CameraTerms, LinkCounts, Outcome, Ready, Server, ServerOptions};
-use esaac_engine::{Around, FrameInput, Rig, Tick, zone};
+use esaac_engine::{FrameInput, Rig, SubmitHooks, Tick, zone};
 use esaac_model::MAX_INTERVAL_NS;
 use std::time::Duration;
 
-/// What one tick gave, and which cameras had a frame in it.
+/// The result of one tick, and which cameras had a frame in it.
 pub struct ServiceTick<'a> {
     /// The engine's.
     pub tick: Tick<'a>,
     /// Time of each camera's frame.
     pub t_ns: Vec<Option<i64>>,
-    /// Whether the frame was a camera's first, or first after a break: it ends no interval.
+    /// Whether the frame was a camera's first, or its first after a break. Such a frame gives no events.
     pub first: Vec<bool>,
 }
 
-/// Steps a rig with the frames that a server hands over.
+/// Steps a rig with the frames that a server receives.
 pub struct Service {
     rig: Rig,
     server: Server,
@@ -31,8 +31,7 @@ impl Service {
         Service { last_ns: vec![None; rig.len()], rig, server, resets: 0 }
     }
 
-    /// Opens a server for a rig at `path`: `slots` a camera, and each camera's choice for frames that come
-    /// faster than they are stepped.
+    /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
     pub fn open(
         rig: Rig,
         path: &std::path::Path,
@@ -66,18 +65,18 @@ impl Service {
         self.server.counts()
     }
 
-    /// How often a camera started anew: another producer, or a gap in time that dropped frames have left.
+    /// How often a camera started anew: for another producer, or after dropped frames had left a gap in time.
     #[must_use]
     pub fn resets(&self) -> u64 {
         self.resets
     }
 
-    /// Steps the cameras whose frames are there; `None` if none came within `limit`.
+    /// Steps the cameras whose frames are written. Returns `None` if no frame came within `limit`.
     pub fn tick(&mut self, limit: Duration) -> Result<Option<ServiceTick<'_>>, InteropError> {
         self.tick_checked(limit, |_| {})
     }
 
-    /// As [`Service::tick`], with a look at each frame before it is stepped.
+    /// As [`Service::tick`], and calls `look` for each frame before it is stepped.
     pub fn tick_checked(
         &mut self,
         limit: Duration,
@@ -105,7 +104,7 @@ impl Service {
         Ok(Some(ServiceTick { tick, t_ns, first }))
     }
 
-    /// Takes note of frames that are there: which are a camera's first, or its first after a break.
+    /// Resets the cameras that start anew, and returns for which cameras the frame is the first.
     fn ingest(&mut self, ready: &[Ready]) -> Result<Vec<bool>, InteropError> {
         let _zone = zone!("ingest");
         let mut first = vec![false; self.rig.len()];
@@ -124,8 +123,9 @@ impl Service {
     }
 }
 
-/// Steps a rig with frames that are there: takes their buffers over, waits for their timelines on the
-/// device too, and signals that they are read.
+/// Steps a rig with frames that are there: takes their buffers over and hands them back. The submission
+/// neither waits for nor signals a timeline that a producer can set: the server has seen that the frames are
+/// written, and signals that they are read once the device is done.
 fn step<'a>(
     rig: &'a mut Rig,
     ready: &[Ready],
@@ -133,10 +133,6 @@ fn step<'a>(
 ) -> Result<Tick<'a>, InteropError> {
     let before: Vec<_> = ready.iter().map(|frame| frame.slot().acquire()).collect();
     let after: Vec<_> = ready.iter().map(|frame| frame.slot().release()).collect();
-    let waits: Vec<_> =
-        ready.iter().map(|frame| (frame.slot().timeline().timeline(), frame.value())).collect();
-    let signals: Vec<_> =
-        ready.iter().map(|frame| (frame.slot().timeline().timeline(), frame.value() + 1)).collect();
-    let around = Around { before: &before, after: &after, waits: &waits, signals: &signals };
-    Ok(rig.step_frames(frames, &around)?)
+    let hooks = SubmitHooks { before: &before, after: &after, ..SubmitHooks::default() };
+    Ok(rig.step_frames(frames, &hooks)?)
 }

@@ -1,5 +1,5 @@
-//! The engine's side of the protocol without sockets, memory or devices: what may come when, and which
-//! values a slot's timeline takes. Every message of a peer passes here before anything is done.
+//! The engine's side of the protocol, without sockets, memory or devices: which message may come when, and
+//! which value a slot's timeline has next. Every message of a peer is checked here before it has any effect.
 
 use crate::error::InteropError;
 use crate::ring::Images;
@@ -7,7 +7,7 @@ use crate::wire::{self, Brought, ErrorCode, FrameNotice, Hello, ImageMemory, Mes
 use esaac_engine::{DeviceChoice, EngineError};
 use esaac_model::frame;
 
-/// Times beyond this are no times: it leaves room for every sum.
+/// Largest frame time to either side of zero. The sum or difference of two still fits into 64 bits.
 const MAX_T_NS: i64 = 1 << 62;
 
 /// What the engine offers for one camera, from its rig and its device.
@@ -61,7 +61,7 @@ pub enum Action {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// The producer's memory is awaited.
+    /// The engine waits for the producer's memory.
     Bringing,
     Streaming,
     Ended,
@@ -73,9 +73,28 @@ pub struct Session {
     camera: u32,
     images: Images,
     state: State,
-    /// Value of each slot's timeline: even while the producer has it.
+    /// Value of each slot's timeline. It is even while the slot is the producer's.
     values: Vec<u64>,
     last_ns: Option<i64>,
+}
+
+/// Whether a frame that was told of with the value `told` is written, if its slot's timeline has `reached` a
+/// value. A shared timeline says what its producer lets it say: a value beyond what was told is an error of
+/// that producer.
+pub fn is_written(slot: u32, told: u64, reached: u64) -> Result<bool, InteropError> {
+    if reached > told {
+        return Err(InteropError::Value { slot, expected: told, actual: reached });
+    }
+    Ok(reached == told)
+}
+
+/// Whether the engine may signal `value` on a slot's timeline that has `reached` a value: only right after
+/// the producer's.
+pub fn may_release(slot: u32, value: u64, reached: u64) -> Result<(), InteropError> {
+    if reached.checked_add(1) == Some(value) {
+        return Ok(());
+    }
+    Err(InteropError::Value { slot, expected: value - 1, actual: reached })
 }
 
 fn refused(code: ErrorCode, text: String) -> InteropError {
@@ -90,7 +109,7 @@ pub fn hello(message: &Message) -> Result<&Hello, InteropError> {
     }
 }
 
-/// What this producer and the engine can both use.
+/// Chooses the best memory and timeline that both sides have.
 pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
     let actual = (hello.width_px, hello.height_px);
     let expected = (terms.images.width_px, terms.images.height_px);
@@ -107,7 +126,7 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
     let same_driver = hello.driver_uuid == terms.driver_uuid || hello.driver_uuid == wire::NO_DRIVER;
     let same_device = hello.device_uuid == terms.device_uuid && same_driver;
     let both = hello.memories & terms.memories;
-    // A producer that brings memory renders there; the engine's own serves it only by a copy.
+    // The best first. A producer that offers its own memory renders there; any other would cost it a copy.
     let kinds = [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED, wire::MEMORY_HOST];
     let usable = |kind: &&u32| both & **kind != 0 && (same_device || **kind == wire::MEMORY_HOST);
     let Some(&memory) = kinds.iter().find(usable) else {
@@ -149,7 +168,7 @@ pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
     Ok(Agreement { memory, timeline })
 }
 
-/// A device, and its driver if it has one.
+/// UUID of a device, and of its driver if it has one, in words.
 fn names(device: [u8; 16], driver: [u8; 16]) -> String {
     let device = DeviceChoice::Uuid(device);
     if driver == wire::NO_DRIVER {
@@ -171,7 +190,7 @@ impl Session {
         }
     }
 
-    /// What a message with so many descriptors means now.
+    /// Checks a message that came with `fds` descriptors, and says what the engine must do.
     pub fn receive(&mut self, message: &Message, fds: usize) -> Result<Action, InteropError> {
         match (self.state, message) {
             (State::Bringing, Message::Brought(brought)) => {
@@ -206,7 +225,7 @@ impl Session {
         }
     }
 
-    /// Gives a slot back that a frame came in; the value that its timeline takes.
+    /// Gives a slot back to the producer and returns the next value of its timeline.
     ///
     /// # Panics
     /// If the slot is the producer's already: the engine gives back what it was given.
@@ -217,7 +236,7 @@ impl Session {
         *value
     }
 
-    /// Slots that the engine has.
+    /// Number of slots that the engine holds.
     #[must_use]
     pub fn held(&self) -> usize {
         self.values.iter().filter(|value| *value % 2 == 1).count()

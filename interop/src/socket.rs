@@ -1,4 +1,5 @@
-//! Unix sockets of packets: one message a packet, descriptors beside it, never a wait without an end.
+//! Unix sockets of type `SOCK_SEQPACKET`: each packet is one message, with descriptors beside it. Every wait
+//! has a limit.
 
 use crate::error::InteropError;
 use crate::wire::{ErrorCode, MAX_BYTES, MAX_FDS, Message};
@@ -21,7 +22,51 @@ pub(crate) struct Socket {
     fd: OwnedFd,
 }
 
-/// What came: the packet, and the descriptors beside it.
+/// Who is at the other end, as the kernel says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Credentials {
+    pub user: u32,
+    pub process: i32,
+}
+
+/// What a look for a new connection gave.
+pub(crate) enum Accepted {
+    /// Nobody waits.
+    Nobody,
+    /// A connection.
+    One(Socket, Credentials),
+    /// Somebody waits, but the system has no descriptor or memory for a connection now.
+    NoRoom(Errno),
+}
+
+/// What an error of `accept4` means for the listener.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum AcceptError {
+    /// Nobody waits.
+    Nobody,
+    /// This connection is gone or the call was interrupted; look again.
+    Again,
+    /// The system is short of something; look again later.
+    NoRoom,
+    /// The listener itself is broken.
+    Broken,
+}
+
+impl AcceptError {
+    fn of(errno: Errno) -> Self {
+        match errno {
+            Errno::AGAIN => AcceptError::Nobody,
+            Errno::INTR | Errno::CONNABORTED => AcceptError::Again,
+            Errno::BADF | Errno::FAULT | Errno::INVAL | Errno::NOTSOCK | Errno::OPNOTSUPP => {
+                AcceptError::Broken
+            }
+            // MFILE, NFILE, NOBUFS and NOMEM pass; so may whatever else the kernel says of one connection.
+            _ => AcceptError::NoRoom,
+        }
+    }
+}
+
+/// A packet and the descriptors that came with it.
 pub(crate) struct Received {
     pub bytes: Vec<u8>,
     pub fds: Vec<OwnedFd>,
@@ -66,7 +111,7 @@ impl Socket {
         Ok(Socket { fd })
     }
 
-    /// Sends a message; the peer must have room for it.
+    /// Sends a message. It is an error if the peer's queue is full.
     pub(crate) fn send(&self, message: &Message, fds: &[BorrowedFd<'_>]) -> Result<(), InteropError> {
         let bytes = message.to_bytes(fds.len());
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_FDS))];
@@ -90,15 +135,15 @@ impl Socket {
     /// The next packet, if there is one.
     pub(crate) fn receive(&self) -> Result<Option<Received>, InteropError> {
         match self.receive_once() {
-            // The peer has left messages unread when it closed. Linux says that first, once, and only then
-            // gives what the peer had sent before: its reasons.
+            // If the peer closed without reading all its messages, Linux reports that once, before it delivers
+            // what the peer had sent. The last of these may say why it closed.
             Err(InteropError::PeerGone) => self.receive_once(),
             other => other,
         }
     }
 
     fn receive_once(&self) -> Result<Option<Received>, InteropError> {
-        // One byte more than any message, so that a longer one is seen to be longer.
+        // One byte more than the longest message, to notice a longer one.
         let mut bytes = [0_u8; MAX_BYTES + 1];
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_FDS + 1))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
@@ -129,7 +174,7 @@ impl Socket {
         Ok(Some(Received { bytes: bytes[..got.bytes].to_vec(), fds }))
     }
 
-    /// The next packet, for which it waits.
+    /// Waits for the next packet.
     pub(crate) fn receive_within(
         &self,
         limit: Duration,
@@ -153,25 +198,33 @@ impl Socket {
     }
 }
 
-/// Waits until one of `fds` has something to read or is closed; which of them.
+/// Before the next look when the kernel has no memory for one.
+const SHORTAGE: Duration = Duration::from_millis(10);
+
+/// Waits until one of `fds` can be read or is closed, and says which.
 pub(crate) fn wait_readable(fds: &[BorrowedFd<'_>], limit: Duration) -> Result<Vec<bool>, InteropError> {
     let mut polled: Vec<PollFd<'_>> =
         fds.iter().map(|fd| PollFd::from_borrowed_fd(*fd, PollFlags::IN)).collect();
-    let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
-    match poll(&mut polled, Some(&limit)) {
+    let timeout = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
+    match poll(&mut polled, Some(&timeout)) {
         Ok(_) | Err(Errno::INTR) => Ok(polled.iter().map(|fd| !fd.revents().is_empty()).collect()),
+        // The kernel is short of memory for a moment: as if nothing had come.
+        Err(Errno::NOMEM | Errno::AGAIN) => {
+            std::thread::sleep(limit.min(SHORTAGE));
+            Ok(vec![false; fds.len()])
+        }
         Err(source) => Err(InteropError::System { call: "poll", source }),
     }
 }
 
-/// A socket that producers connect to; its file goes with it.
+/// The socket that producers connect to. Its file is removed with it.
 pub(crate) struct Listener {
     fd: OwnedFd,
     path: PathBuf,
 }
 
 impl Listener {
-    /// Makes the socket, for this user alone. What a dead engine has left at `path` is replaced.
+    /// Makes the socket, for this user alone. It replaces the file that a dead engine has left at `path`.
     pub(crate) fn bind(path: &Path) -> Result<Self, InteropError> {
         let address = address(path)?;
         let folder = match path.parent() {
@@ -194,22 +247,32 @@ impl Listener {
         let fd = new_socket()?;
         bind(&fd, &address).map_err(|error| fault(path, error.to_string()))?;
         let listener = Listener { fd, path: path.to_owned() };
-        // Nobody can have connected yet: it does not listen.
+        // The socket does not listen yet, so nobody can have connected before this.
         rustix::fs::chmod(path, Mode::RUSR | Mode::WUSR).map_err(|error| fault(path, error.to_string()))?;
         listen(&listener.fd, 16).map_err(|error| fault(path, error.to_string()))?;
         Ok(listener)
     }
 
-    /// The next connection and its user, if there is one.
-    pub(crate) fn accept(&self) -> Result<Option<(Socket, u32)>, InteropError> {
+    /// The next connection and who it is from, if somebody waits.
+    pub(crate) fn accept(&self) -> Result<Accepted, InteropError> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        let fd = match accept_with(&self.fd, flags) {
-            Ok(fd) => fd,
-            Err(Errno::AGAIN | Errno::INTR | Errno::CONNABORTED) => return Ok(None),
-            Err(source) => return Err(InteropError::System { call: "accept4", source }),
-        };
-        let peer = sockopt::socket_peercred(&fd).map_err(InteropError::system("getsockopt SO_PEERCRED"))?;
-        Ok(Some((Socket { fd }, peer.uid.as_raw())))
+        loop {
+            let accepted = accept_with(&self.fd, flags)
+                .and_then(|fd| sockopt::socket_peercred(&fd).map(|peer| (Socket { fd }, peer)));
+            match accepted {
+                Ok((socket, peer)) => {
+                    let peer =
+                        Credentials { user: peer.uid.as_raw(), process: peer.pid.as_raw_nonzero().get() };
+                    return Ok(Accepted::One(socket, peer));
+                }
+                Err(source) => match AcceptError::of(source) {
+                    AcceptError::Nobody => return Ok(Accepted::Nobody),
+                    AcceptError::Again => {}
+                    AcceptError::NoRoom => return Ok(Accepted::NoRoom(source)),
+                    AcceptError::Broken => return Err(InteropError::System { call: "accept4", source }),
+                },
+            }
+        }
     }
 
     pub(crate) fn as_fd(&self) -> BorrowedFd<'_> {
@@ -223,7 +286,7 @@ impl Drop for Listener {
     }
 }
 
-/// Removes the socket of an engine that is gone; anything else at `path` is an error.
+/// Removes the socket of an engine that is gone. Anything else at `path` is an error.
 fn clear_way(path: &Path, address: &SocketAddrUnix) -> Result<(), InteropError> {
     let Ok(stat) = rustix::fs::lstat(path) else { return Ok(()) };
     if FileType::from_raw_mode(stat.st_mode) != FileType::Socket {
@@ -232,5 +295,24 @@ fn clear_way(path: &Path, address: &SocketAddrUnix) -> Result<(), InteropError> 
     match connect(&new_socket()?, address) {
         Err(Errno::CONNREFUSED) => rustix::fs::unlink(path).map_err(|error| fault(path, error.to_string())),
         _ => Err(fault(path, "another engine serves there; choose another path".to_owned())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_broken_listener_ends_the_service() {
+        for errno in [Errno::MFILE, Errno::NFILE, Errno::NOBUFS, Errno::NOMEM, Errno::PERM] {
+            assert_eq!(AcceptError::of(errno), AcceptError::NoRoom, "{errno}");
+        }
+        for errno in [Errno::INTR, Errno::CONNABORTED] {
+            assert_eq!(AcceptError::of(errno), AcceptError::Again, "{errno}");
+        }
+        for errno in [Errno::BADF, Errno::INVAL, Errno::NOTSOCK] {
+            assert_eq!(AcceptError::of(errno), AcceptError::Broken, "{errno}");
+        }
+        assert_eq!(AcceptError::of(Errno::AGAIN), AcceptError::Nobody);
     }
 }

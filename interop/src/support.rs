@@ -98,7 +98,7 @@ impl Support {
              another device"
                 .to_owned()
         } else {
-            format!("it can {}, and is allowed {}", memory_names(able), memory_names(allowed))
+            format!("it can share {}, and {} is allowed", memory_names(able), memory_names(allowed))
         };
         Err(InteropError::Unsupported { device: device.to_owned(), reason })
     }
@@ -125,6 +125,20 @@ impl Support {
     #[must_use]
     pub fn timelines(&self) -> u32 {
         TIMELINE_CARRIED | bit(self.share_timeline, TIMELINE_EXPORTED)
+    }
+}
+
+/// Memories that do not let a hostile producer harm the engine, or all if producers are trusted.
+///
+/// Mesa's software driver shares memory as an anonymous file that begins with the driver's own notes: how long
+/// the mapping is and where the texels begin. It reads them again when the memory is freed. The peer has the
+/// same file mapped, so no check before the import helps; a changed length has the driver unmap whatever lies
+/// behind. With memory of the host the engine maps the file itself and the driver is given an address.
+pub(crate) fn safe_memories(is_software: bool, trusts_producers: bool) -> u32 {
+    if is_software && !trusts_producers {
+        MEMORY_HOST
+    } else {
+        MEMORY_EXPORTED | MEMORY_HOST | MEMORY_BROUGHT | MEMORY_IMAGES
     }
 }
 
@@ -165,6 +179,14 @@ mod tests {
     }
 
     #[test]
+    fn a_software_driver_shares_only_memory_of_the_host_with_producers_that_are_not_trusted() {
+        assert_eq!(safe_memories(true, false), MEMORY_HOST);
+        for (is_software, trusts) in [(true, true), (false, true), (false, false)] {
+            assert_eq!(safe_memories(is_software, trusts), ALL, "{is_software} {trusts}");
+        }
+    }
+
+    #[test]
     fn a_device_that_can_share_nothing_is_told_what_it_lacks() {
         let nothing = Support::default().offers("card", ALL).unwrap_err().to_string();
         assert!(nothing.starts_with("device card cannot share memory"), "{nothing}");
@@ -174,6 +196,6 @@ mod tests {
         );
         let host = Support { host_alignment: Some(4096), ..Support::default() };
         let other = host.offers("card", MEMORY_EXPORTED).unwrap_err().to_string();
-        assert!(other.ends_with("it can HOST, and is allowed EXPORTED"), "{other}");
+        assert!(other.ends_with("it can share HOST, and EXPORTED is allowed"), "{other}");
     }
 }

@@ -1,9 +1,8 @@
-//! The order between two processes: a count for each slot. Odd values are the producer's ("frame k of
-//! this slot is written": 2k + 1), even ones the engine's ("it is read": 2k + 2).
+//! The order between two processes: each slot has a timeline that counts up. The producer sets odd values:
+//! 2k + 1 means that frame k of this slot is written. The engine sets even ones: 2k + 2 means that it is read.
 //!
-//! Each side has a timeline semaphore either way, so submissions wait and signal alike. Where the
-//! semaphore itself is shared nothing else is needed. Where drivers cannot share it, each side has one
-//! of its own, finishes its work before it says so, and sets the value that the other says.
+//! Each side has a timeline semaphore. If the driver can share it, both have the same one. If not, each side
+//! has its own: it finishes its work before it sends a message, and sets the value that the other side sends.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -15,15 +14,15 @@ use rustix::fd::{FromRawFd, OwnedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// One slot's count as both sides see it.
+/// The timeline of one slot.
 pub trait SharedTimeline: Send + Sync {
-    /// What submissions wait for and signal.
+    /// The semaphore of this side.
     fn timeline(&self) -> &Timeline;
 
-    /// What must be so before the peer may be told of `value`, which is this side's and under way.
+    /// Waits for what must be done before the peer may be told of `value`, which this side has submitted.
     fn settle(&self, value: u64, timeout: Duration) -> Result<(), InteropError>;
 
-    /// The peer says over the socket that it has reached, or will reach, `value`.
+    /// Takes note of a message: the peer has reached, or will reach, `value`.
     fn heard(&self, value: u64) -> Result<(), InteropError>;
 
     /// A descriptor for the peer, if the semaphore itself is shared.

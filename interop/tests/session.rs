@@ -1,7 +1,7 @@
 //! The engine's side of the protocol under every sequence of messages that a generator can think of.
 
 use esaac_interop::Images;
-use esaac_interop::session::{Action, Agreement, Session, Terms, agree};
+use esaac_interop::session::{Action, Agreement, Session, Terms, agree, hello, is_written, may_release};
 use esaac_interop::wire::{
     self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Message, Refusal, Released, RingOffer,
 };
@@ -226,4 +226,283 @@ fn a_producer_on_another_device_shares_the_hosts_memory_or_is_told_both_names() 
     let nothing = Hello { memories: 0, ..other };
     let text = agree(&nothing, &terms(3)).unwrap_err().to_string();
     assert!(text.contains("the producer has none, the engine EXPORTED, HOST, BROUGHT, IMAGES"), "{text}");
+}
+
+/// A producer that has everything, on the engine's device.
+fn producer() -> Hello {
+    let Terms { device_uuid, driver_uuid, memories, timelines, .. } = terms(3);
+    Hello { device_uuid, driver_uuid, memories, timelines, ..Hello::default() }
+}
+
+/// CUDA knows its device, but no Vulkan driver.
+#[test]
+fn a_producer_without_a_vulkan_driver_is_on_the_device_that_it_names() {
+    let cuda = Hello { driver_uuid: wire::NO_DRIVER, ..producer() };
+    for memory in [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED] {
+        let agreed = agree(&Hello { memories: memory, ..cuda }, &terms(3)).unwrap();
+        assert_eq!(agreed, Agreement { memory, timeline: wire::TIMELINE_EXPORTED });
+    }
+    let elsewhere = Hello { device_uuid: [3; 16], memories: wire::MEMORY_EXPORTED, ..cuda };
+    let error = agree(&elsewhere, &terms(3)).unwrap_err();
+    assert_eq!(error.code(), ErrorCode::Device);
+    let text = error.to_string();
+    assert!(text.contains("03030303-0303-0303-0303-030303030303, the engine on"), "{text}");
+    assert!(text.contains("with driver 02020202-0202-0202-0202-020202020202"), "{text}");
+}
+
+#[test]
+fn another_driver_of_the_same_device_shares_the_hosts_memory_alone() {
+    let other = Hello { driver_uuid: [8; 16], ..producer() };
+    let expected = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
+    assert_eq!(agree(&other, &terms(3)).unwrap(), expected);
+    let exported = Hello { memories: wire::MEMORY_EXPORTED, ..other };
+    let error = agree(&exported, &terms(3)).unwrap_err();
+    assert_eq!(error.code(), ErrorCode::Device);
+    assert!(error.to_string().contains("with driver 08080808"), "{error}");
+    // Timelines are a driver's own too.
+    let exported = Hello { timelines: wire::TIMELINE_EXPORTED, ..other };
+    assert_eq!(agree(&exported, &terms(3)).unwrap_err().code(), ErrorCode::Unsupported);
+}
+
+#[test]
+fn the_best_memory_and_timeline_of_both_are_taken() {
+    let order = [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED, wire::MEMORY_HOST];
+    for first in 0..order.len() {
+        let memories = order[first..].iter().sum();
+        assert_eq!(agree(&Hello { memories, ..producer() }, &terms(3)).unwrap().memory, order[first]);
+        // The engine's side limits it alike.
+        let engine = Terms { memories, ..terms(3) };
+        assert_eq!(agree(&producer(), &engine).unwrap().memory, order[first]);
+    }
+    assert_eq!(agree(&producer(), &terms(3)).unwrap().timeline, wire::TIMELINE_EXPORTED);
+    let carried = Hello { timelines: wire::TIMELINE_CARRIED, ..producer() };
+    assert_eq!(agree(&carried, &terms(3)).unwrap().timeline, wire::TIMELINE_CARRIED);
+    let none = agree(&Hello { timelines: 4, ..producer() }, &terms(3)).unwrap_err();
+    assert_eq!(none.code(), ErrorCode::Unsupported);
+    assert!(none.to_string().contains("the producer has none, the engine CARRIED, EXPORTED"), "{none}");
+    let none = agree(&Hello { memories: 16, ..producer() }, &terms(3)).unwrap_err();
+    assert_eq!(none.code(), ErrorCode::Unsupported);
+}
+
+#[test]
+fn a_producer_renders_the_rig_s_size_or_leaves_it_open() {
+    for (width_px, height_px) in [(0, 0), (12, 9)] {
+        agree(&Hello { width_px, height_px, ..producer() }, &terms(3)).unwrap();
+    }
+    for (width_px, height_px) in [(12, 0), (0, 9), (12, 8), (13, 9), (9, 12), (u32::MAX, u32::MAX)] {
+        let error = agree(&Hello { width_px, height_px, ..producer() }, &terms(3)).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::Camera);
+        assert!(error.to_string().contains(&format!("12x9 px in the rig, the producer renders {width_px}x")));
+    }
+}
+
+#[test]
+fn only_a_greeting_comes_first() {
+    assert!(hello(&Message::Hello(producer())).is_ok());
+    for message in [Message::Bye(Header::default()), Message::Accepted(Header::default())] {
+        let error = hello(&message).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::Protocol);
+        assert!(error.to_string().contains("came first, expected HELLO"), "{error}");
+    }
+}
+
+fn session(memory: u32) -> Session {
+    Session::new(&terms(3), Agreement { memory, timeline: wire::TIMELINE_CARRIED })
+}
+
+fn notice(slot: u32, value: u64, t_ns: i64) -> Message {
+    Message::Frame(FrameNotice { slot, value, t_ns, ..FrameNotice::default() })
+}
+
+#[test]
+fn allocations_are_as_long_as_their_buffers_or_a_little_longer() {
+    // Large enough that twice the image is more than the small allocation that is always allowed.
+    let images = Images { width_px: 1024, height_px: 1024, ..IMAGES };
+    let large = Terms { images, ..terms(1) };
+    let agreement = Agreement { memory: wire::MEMORY_BROUGHT, timeline: wire::TIMELINE_CARRIED };
+    let (hdr, motion) = (images.hdr_bytes(), images.motion_bytes());
+    assert_eq!((hdr, motion), (8 << 20, 4 << 20));
+    let brings = |bytes: [u64; 2], allocations: [u64; 2], fds: usize| {
+        let memory = |i: usize| ImageMemory {
+            bytes: bytes[i],
+            allocation_bytes: allocations[i],
+            ..ImageMemory::default()
+        };
+        let brought = Brought { hdr: memory(0), motion: memory(1), ..Brought::default() };
+        Session::new(&large, agreement).receive(&Message::Brought(brought), fds)
+    };
+    let right = [hdr, motion];
+    for allocations in [right, [2 * hdr, motion], [hdr, 2 * motion]] {
+        brings(right, allocations, 2).unwrap();
+    }
+    for allocations in [[hdr - 1, motion], [2 * hdr + 1, motion], [hdr, motion - 1], [hdr, 2 * motion + 1]] {
+        assert_eq!(brings(right, allocations, 2).unwrap_err().code(), ErrorCode::Memory, "{allocations:?}");
+    }
+    for bytes in [[hdr - 1, motion], [hdr + 1, motion], [hdr, motion - 1], [hdr, motion + 1]] {
+        assert_eq!(
+            brings(bytes, [2 * hdr, 2 * motion], 2).unwrap_err().code(),
+            ErrorCode::Memory,
+            "{bytes:?}"
+        );
+    }
+    for fds in [0, 1, 3] {
+        assert_eq!(brings(right, right, fds).unwrap_err().code(), ErrorCode::Protocol);
+    }
+    // A small image may lie in a page, or in what CUDA allocates at least.
+    let small = |allocation_bytes| {
+        let hdr = ImageMemory { bytes: IMAGES.hdr_bytes(), allocation_bytes, ..ImageMemory::default() };
+        let motion = ImageMemory { bytes: IMAGES.motion_bytes(), ..hdr };
+        let brought = Brought { hdr, motion, ..Brought::default() };
+        session(wire::MEMORY_BROUGHT).receive(&Message::Brought(brought), 6)
+    };
+    small(4 << 20).unwrap();
+    assert_eq!(small((4 << 20) + 1).unwrap_err().code(), ErrorCode::Memory);
+    // Without motion nothing is asked of it.
+    let without = Terms { images: Images { motion: None, ..images }, ..large };
+    let memory = ImageMemory { bytes: hdr, allocation_bytes: hdr, ..ImageMemory::default() };
+    let brought = Brought { hdr: memory, ..Brought::default() };
+    Session::new(&without, agreement).receive(&Message::Brought(brought), 1).unwrap();
+}
+
+#[test]
+fn times_reach_to_their_bounds_and_no_further() {
+    const MOST: i64 = 1 << 62;
+    for t_ns in [-MOST, MOST] {
+        session(wire::MEMORY_HOST).receive(&notice(0, 1, t_ns), 0).unwrap();
+    }
+    for t_ns in [-MOST - 1, MOST + 1, i64::MIN, i64::MAX] {
+        let error = session(wire::MEMORY_HOST).receive(&notice(0, 1, t_ns), 0).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::Time);
+    }
+    for (t_ns, is_right) in
+        [(1, true), (MAX_INTERVAL_NS, true), (MAX_INTERVAL_NS + 1, false), (0, false), (-1, false)]
+    {
+        let mut session = session(wire::MEMORY_HOST);
+        session.receive(&notice(0, 1, 0), 0).unwrap();
+        let second = session.receive(&notice(1, 1, t_ns), 0);
+        assert_eq!(
+            second.map_err(|error| error.code()).err(),
+            (!is_right).then_some(ErrorCode::Time),
+            "{t_ns}"
+        );
+    }
+}
+
+#[test]
+fn slots_are_the_producer_s_and_the_engine_s_in_turn() {
+    let mut session = session(wire::MEMORY_HOST);
+    assert_eq!(session.held(), 0);
+    for (slot, value, code) in [
+        (3, 1, ErrorCode::Protocol),
+        (0, 0, ErrorCode::Value),
+        (0, 2, ErrorCode::Value),
+        (0, 3, ErrorCode::Value),
+    ] {
+        assert_eq!(session.receive(&notice(slot, value, 0), 0).unwrap_err().code(), code);
+    }
+    session.receive(&notice(2, 1, 0), 0).unwrap();
+    assert_eq!(session.held(), 1);
+    // It has not been given back.
+    assert_eq!(session.receive(&notice(2, 3, 1), 0).unwrap_err().code(), ErrorCode::Protocol);
+    assert_eq!((session.release(2), session.held()), (2, 0));
+    assert_eq!(session.receive(&notice(2, 1, 1), 0).unwrap_err().code(), ErrorCode::Value);
+    session.receive(&notice(2, 3, 1), 0).unwrap();
+    assert_eq!(session.release(2), 4);
+}
+
+#[test]
+#[should_panic(expected = "slot 1 is the producer's")]
+fn the_engine_gives_back_only_what_it_was_given() {
+    session(wire::MEMORY_HOST).release(1);
+}
+
+#[test]
+fn nothing_comes_after_a_goodbye_and_no_message_has_descriptors_that_nobody_asked_for() {
+    let bye = Message::Bye(Header::default());
+    for memory in [wire::MEMORY_HOST, wire::MEMORY_BROUGHT] {
+        assert_eq!(session(memory).receive(&bye, 1).unwrap_err().code(), ErrorCode::Protocol);
+        let mut session = session(memory);
+        assert_eq!(session.receive(&bye, 0).unwrap(), Action::End);
+        for message in [bye, notice(0, 1, 0), Message::Brought(Brought::default())] {
+            let error = session.receive(&message, 0).unwrap_err();
+            assert_eq!(error.code(), ErrorCode::Protocol);
+            assert!(error.to_string().ends_with("came after BYE"), "{error}");
+        }
+    }
+    assert_eq!(
+        session(wire::MEMORY_HOST).receive(&notice(0, 1, 0), 1).unwrap_err().code(),
+        ErrorCode::Protocol
+    );
+    let error = session(wire::MEMORY_BROUGHT).receive(&notice(0, 1, 0), 0).unwrap_err();
+    assert!(error.to_string().ends_with("FRAME came while BROUGHT was awaited"), "{error}");
+    let error = session(wire::MEMORY_HOST).receive(&Message::Brought(Brought::default()), 6).unwrap_err();
+    assert!(error.to_string().ends_with("BROUGHT came between frames"), "{error}");
+    let gone = Message::Refusal(Refusal::new(ErrorCode::Time, "no clock"));
+    let error = session(wire::MEMORY_HOST).receive(&gone, 0).unwrap_err();
+    assert_eq!((error.code(), error.words()), (ErrorCode::Time, "the producer says: no clock".to_owned()));
+}
+
+/// A shared timeline says what the peer lets it say.
+#[test]
+fn a_timeline_beyond_what_was_told_is_an_error() {
+    assert!(!is_written(0, 3, 2).unwrap() && !is_written(0, 3, 0).unwrap());
+    assert!(is_written(0, 3, 3).unwrap());
+    for reached in [4, 5, u64::MAX] {
+        let error = is_written(1, 3, reached).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::Value);
+        assert_eq!(error.to_string(), format!("slot 1: timeline value {reached}, expected 3"));
+    }
+    may_release(1, 4, 3).unwrap();
+    for reached in [0, 2, 4, 5, u64::MAX] {
+        let error = may_release(1, 4, reached).unwrap_err();
+        assert_eq!(error.to_string(), format!("slot 1: timeline value {reached}, expected 3"));
+    }
+}
+
+/// The protocol's numbers, as producers in other languages have them.
+#[test]
+fn headers_are_those_of_version_1() {
+    let messages = [
+        (Message::Hello(Hello::default()), 1_u16, 72_u32, "HELLO"),
+        (Message::Ring(RingOffer::default()), 2, 144, "RING"),
+        (Message::Brought(Brought::default()), 3, 64, "BROUGHT"),
+        (Message::Accepted(Header::default()), 4, 16, "ACCEPTED"),
+        (Message::Frame(FrameNotice::default()), 5, 48, "FRAME"),
+        (Message::Released(Released::default()), 6, 32, "RELEASED"),
+        (Message::Bye(Header::default()), 7, 16, "BYE"),
+        (Message::Refusal(Refusal::new(ErrorCode::Busy, "")), 8, 280, "ERROR"),
+    ];
+    for (message, kind, bytes, name) in messages {
+        let sent = message.to_bytes(2);
+        let expected = [
+            &b"ESIP"[..],
+            &1_u16.to_ne_bytes(),
+            &kind.to_ne_bytes(),
+            &bytes.to_ne_bytes(),
+            &2_u32.to_ne_bytes(),
+        ];
+        assert_eq!(&sent[..16], expected.concat(), "{name}");
+        assert_eq!((sent.len(), message.name()), (bytes as usize, name));
+        // A header that lies about its size.
+        let mut lying = sent.clone();
+        lying[8] ^= 1;
+        let error = Message::parse(&lying, 2).unwrap_err();
+        assert_eq!(error.to_string(), format!("{name} of {} bytes, expected {bytes}", bytes ^ 1));
+        assert_eq!(error.code(), ErrorCode::Protocol);
+        for fds in [1, 3] {
+            let error = Message::parse(&sent, fds).unwrap_err().to_string();
+            assert_eq!(error, format!("{name} with {fds} descriptors, expected 2"));
+        }
+    }
+    let mut none = Message::Bye(Header::default()).to_bytes(0);
+    for kind in [0, 9] {
+        none[6] = kind;
+        let error = Message::parse(&none, 0).unwrap_err().to_string();
+        assert_eq!(error, format!("message kind {kind}, expected 1 to 8"));
+    }
+    none[4] = 2;
+    assert_eq!(Message::parse(&none, 0).unwrap_err().code(), ErrorCode::Version);
+    assert_eq!((wire::MAX_FDS, wire::MAX_BYTES), (48, 280));
+    assert_eq!(wire::memory_names(15), "EXPORTED, HOST, BROUGHT, IMAGES");
+    assert_eq!(wire::timeline_names(2), "EXPORTED");
 }

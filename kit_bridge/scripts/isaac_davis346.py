@@ -1,9 +1,11 @@
-"""Isaac Sim, standalone: a DAVIS346 on a moving camera, its events recorded and published.
+"""Isaac Sim, standalone: a DAVIS346 on a moving camera. Its events are recorded and published.
 
     ./python.sh kit_bridge/scripts/isaac_davis346.py --seconds 5 --record out/
 
-Not run where this project is built: there is no Isaac Sim. What it takes of Kit's interface is what the extension's
-tests imitate (`kit_bridge/tests/stand_ins`).
+It ends with an error if the camera cannot be attached or the recording cannot be written.
+
+Not run where this project is built: there is no Isaac Sim. It uses those parts of Kit's interface that the
+extension's tests imitate (`kit_bridge/tests/stand_ins`).
 """
 
 import argparse
@@ -63,9 +65,11 @@ def main():
 
     bridge, stage = begin(APP.update, record=ARGUMENTS.record)
     place = build(stage)
-    bridge.attach(stage)
+    attached = bridge.attach(stage)
     for problem in bridge.problems:
         print("problem:", problem)
+    if not attached:
+        raise SystemExit("error: no camera is attached, so there is nothing to record")
     timeline = omni.timeline.get_timeline_interface()
     timeline.play()
     for index in range(int(60 * ARGUMENTS.seconds)):
@@ -78,5 +82,7 @@ def main():
     bridge.detach()
 
 
-main()
-APP.close()
+try:
+    main()
+finally:
+    APP.close()

@@ -1,8 +1,10 @@
-"""Replicator: a data set of event recordings, in DSEC's layout, over scenes that are shuffled from run to run.
+"""Replicator: a data set of event recordings in DSEC's layout. The scene changes from one recording to the next.
 
     ./python.sh kit_bridge/scripts/replicator_dataset.py --out dataset/ --recordings 20
 
-Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. Not run where this project is built.
+Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`.
+
+Not run where this project is built: there is no Isaac Sim.
 """
 
 import argparse
@@ -29,7 +31,7 @@ EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
 
 
 def shuffle(stage, draw):
-    """Boxes of random place, size, colour and speed under random light; returns what moves."""
+    """Puts boxes of random place, size, colour and speed under random light. Returns those that move."""
     stage.RemovePrim("/scene")
     UsdLux.DomeLight.Define(stage, "/scene/light").CreateIntensityAttr(10 ** draw.uniform(2, 3.5))
     moving = []
@@ -60,7 +62,8 @@ def main():
     draw, timeline = random.Random(ARGUMENTS.seed), omni.timeline.get_timeline_interface()
     for number in range(ARGUMENTS.recordings):
         moving = shuffle(stage, draw)
-        bridge.attach(stage)
+        if not bridge.attach(stage):
+            raise SystemExit("error: " + "; ".join(bridge.problems))
         (feed,) = bridge.feeds
         folder = ARGUMENTS.out / f"{number:04}"
         recorder = Recorder(folder, feed.spec, suffix=".h5")
@@ -71,11 +74,15 @@ def main():
                 place.Set(at + speed * (index / 60))
             APP.update()
         timeline.stop()
+        # The next recording begins at time 0.
+        APP.update()
         bridge.detach()
         (folder / "scene_camera.h5").rename(folder / "events.h5")
         (folder / "sensor.toml").write_text(feed.spec.sensor.to_toml())
         print(f"{folder}: {feed.frames} frames, {feed.events} events")
 
 
-main()
-APP.close()
+try:
+    main()
+finally:
+    APP.close()

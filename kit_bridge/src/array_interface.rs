@@ -1,4 +1,4 @@
-//! What NumPy's and CUDA's array interfaces have in common.
+//! Reads the dictionary that NumPy's and CUDA's array interfaces share.
 
 use crate::error::Fault;
 use crate::image::{Element, compact, wrong_dtype};
@@ -11,7 +11,7 @@ use std::borrow::Cow;
 /// Address, elements, shape, strides in bytes.
 pub type Parsed = (usize, Element, Vec<usize>, Vec<isize>);
 
-/// Reads one.
+/// Reads an array interface.
 pub fn parse<'py>(interface: &Bound<'py, PyDict>, name: &str) -> PyResult<Parsed> {
     let py = interface.py();
     let item = |key: &Bound<'py, PyString>| -> PyResult<Bound<'py, PyAny>> {

@@ -1,51 +1,51 @@
-//! A rig's worth of cameras, and the buffers that CUDA copies their frames into. Rigs hold so many cameras and
-//! no more; who has more has several banks, which step at the same time.
+//! A bank: one rig, and the buffers that CUDA copies its cameras' frames into. A rig holds a limited number of
+//! cameras. If there are more, they are spread over several banks, which step at the same time.
 
 use crate::error::Fault;
 use crate::image::Place;
 use crate::pack::{Texel, Tiles};
+use esaac_engine::MAX_CAMERAS;
 use esaac_engine::{
-    Around, CameraConfig, Device, FrameBytes, FrameInput, InputBuffers, PacketPlace, Rig, RigOptions,
+    CameraConfig, Device, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, SubmitHooks,
 };
 use esaac_interop::cuda::{CudaBuffer, CudaLink};
 use esaac_model::SensorModel;
-use esaac_model::layout::MAX_CAMERAS;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// What a camera's images are.
+/// Formats of a camera's colour and motion images.
 pub type Format = (Texel, Option<Texel>);
 
 /// The images of a step.
 pub struct Frames {
-    /// One for all cameras of a tiled renderer, else one a camera; `None` for a camera without a frame.
+    /// One entry for all cameras of a tiled renderer, else one for each camera; `None` for a camera without a frame.
     pub images: Vec<Option<(Tiles, Option<Tiles>)>>,
-    /// Whether it is one for all.
+    /// Whether the one entry is for all cameras.
     pub tiled: bool,
 }
 
 impl Frames {
-    /// A camera's images, and which of them is its own.
+    /// A camera's images, and its index among them.
     pub fn of(&self, camera: usize) -> Option<(&Tiles, Option<&Tiles>, usize)> {
         let (at, index) = if self.tiled { (0, camera) } else { (camera, 0) };
         self.images[at].as_ref().map(|(hdr, motion)| (hdr, motion.as_ref(), index))
     }
 }
 
-/// Whole images that CUDA copies to: of colour, of motion.
+/// Buffers that CUDA copies whole images to: colour and motion.
 type Copied = [Option<CudaBuffer>; 2];
 
 /// Cameras in one rig.
 pub struct Bank {
     /// The rig.
     pub rig: Rig,
-    /// Cameras of it, among all.
+    /// Numbers of its cameras among all cameras.
     pub cameras: Range<usize>,
     copied: Vec<Copied>,
     scratch: Vec<u8>,
 }
 
-/// Copies that frames took.
+/// How often frames were copied.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Copies {
     /// Images that passed through the host.
@@ -60,10 +60,8 @@ impl Bank {
         device: &Arc<Device>,
         sensors: &[SensorModel],
         formats: &[Format],
-        packets_on_device: bool,
+        options: RigOptions,
     ) -> Result<Vec<Self>, Fault> {
-        let packets = if packets_on_device { PacketPlace::OnDevice } else { PacketPlace::Owned };
-        let options = RigOptions { packets, ..RigOptions::default() };
         let mut banks = Vec::new();
         for first in (0..sensors.len()).step_by(MAX_CAMERAS) {
             let cameras = first..sensors.len().min(first + MAX_CAMERAS);
@@ -82,7 +80,7 @@ impl Bank {
         Ok(banks)
     }
 
-    /// Brings the frames of this bank's cameras to where its rig reads them.
+    /// Copies the frames of this bank's cameras to where its rig reads them.
     pub fn bring(
         &mut self,
         frames: &Frames,
@@ -133,14 +131,14 @@ impl Bank {
         Ok(self.rig.upload(own, &FrameBytes { hdr, motion })?)
     }
 
-    /// Steps the cameras that have a time with what was brought.
+    /// Steps the cameras that have a time, with the frames that were copied.
     pub fn step(&mut self, frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
         let Bank { rig, cameras, copied, .. } = self;
         let own = &t_ns[cameras.clone()];
         if frames.tiled && on_device(frames, cameras.start) {
             let times: Vec<i64> = own.iter().flatten().copied().collect();
             let inputs = inputs(&copied[0]).expect("tiles were copied");
-            rig.step_tiles(&times, inputs, &Around::default())?;
+            rig.step_tiles(&times, inputs, &SubmitHooks::default())?;
             return Ok(());
         }
         let inputs: Vec<Option<FrameInput<'_>>> = cameras
@@ -151,7 +149,7 @@ impl Bank {
                 own[index].map(|t_ns| FrameInput { t_ns, inputs })
             })
             .collect();
-        rig.step_frames(&inputs, &Around::default())?;
+        rig.step_frames(&inputs, &SubmitHooks::default())?;
         Ok(())
     }
 }
@@ -166,7 +164,7 @@ fn inputs(copied: &Copied) -> Option<InputBuffers<'_>> {
         .map(|hdr| InputBuffers { hdr: hdr.buffer(), motion: motion.as_ref().map(CudaBuffer::buffer) })
 }
 
-/// Has images of `count` cameras copied into a buffer for them, which is made the first time.
+/// Copies the images of `count` cameras into their buffer, which is made at the first time.
 fn copy(
     link: &CudaLink,
     tiles: &Tiles,
@@ -180,12 +178,12 @@ fn copy(
         None => target.insert(link.buffer(tiles.name(), bytes)?),
     };
     if let Place::Cuda { after: Some(stream) } = tiles.place() {
-        // SAFETY: a stream of the device's primary context, by the word of whoever gave the array.
+        // SAFETY: the array's producer says that this is a stream of the device's primary context.
         #[expect(unsafe_code, reason = "CUDA's edge")]
         unsafe { link.follow(stream) }?;
     }
     if let Some(texture) = tiles.texture() {
-        // SAFETY: a handle of the primary context, by the word of whoever gave it.
+        // SAFETY: the caller says that this is a handle of the primary context.
         #[expect(unsafe_code, reason = "CUDA's edge")]
         unsafe { link.copy_texture(tiles.name(), texture, tiles.size_px(), tiles.texel().hdr(), target) }?;
         return Ok(1);
@@ -193,7 +191,7 @@ fn copy(
     let rows = tiles.rows(first, count);
     let copies = rows.len() as u64;
     for (rows, offset) in rows {
-        // SAFETY: the array's owner vouches for its shape, and is kept until the step is over.
+        // SAFETY: the array's owner guarantees its shape, and the array is kept until the step is over.
         #[expect(unsafe_code, reason = "CUDA's edge")]
         unsafe { link.copy(tiles.name(), rows, target, offset) }?;
     }

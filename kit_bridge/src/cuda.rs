@@ -1,4 +1,4 @@
-//! The device as CUDA sees it: copies in, and blocks of memory that go out as tensors and come back.
+//! CUDA's side of the device: it copies frames in, and lends memory blocks to tensors.
 
 use crate::error::Fault;
 use crate::process::OwnProcess;
@@ -7,21 +7,21 @@ use esaac_interop::cuda::{CudaBuffer, CudaLink};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Blocks that wait to be used again; more are freed.
+/// Most blocks that are kept for reuse. Others are freed.
 const SPARE_BLOCKS: usize = 8;
 
-/// One device for CUDA and the engine.
+/// The engine's device as CUDA sees it.
 pub struct CudaSide {
-    /// Blocks that nobody reads, but that pending work may.
+    /// Blocks that no tensor views any more. Pending work may still read them.
     spare: Mutex<VecDeque<CudaBuffer>>,
     link: Mutex<CudaLink>,
     /// CUDA's number of the device.
     pub ordinal: i32,
-    /// The link's stream.
+    /// Handle of the link's stream.
     pub stream: u64,
 }
 
-/// Memory that tensors view; it goes back when the last of them is gone.
+/// Memory that tensors view. It may be reused when the last of them is gone.
 pub struct Block {
     memory: OwnProcess<(Option<CudaBuffer>, Arc<CudaSide>)>,
     pointer: u64,
@@ -40,11 +40,11 @@ impl CudaSide {
         self.link.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A block of at least `bytes`, which no pending work reads.
+    /// A block of at least `bytes` that no pending work reads.
     pub fn block(self: &Arc<Self>, bytes: u64) -> Result<Block, Fault> {
         let used = {
             let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-            // The smallest that is large enough, and not one many times too large.
+            // The smallest that is large enough, unless it is many times too large.
             let fits = |buffer: &CudaBuffer| {
                 (bytes..=bytes.saturating_mul(4).max(1 << 20)).contains(&buffer.buffer().bytes())
             };
@@ -54,11 +54,11 @@ impl CudaSide {
         };
         let buffer = match used {
             Some(buffer) => {
-                // Its last reader is gone from Python, but what it had enqueued may still run.
+                // No tensor views it, but work that was enqueued before may still read it.
                 self.link().settle()?;
                 buffer
             }
-            // A little more than is asked for: packets differ in length.
+            // A little more than needed, so that a somewhat longer packet fits too.
             None => self.link().buffer("tensors", bytes + bytes / 4)?,
         };
         Ok(Block { pointer: buffer.pointer(), memory: OwnProcess::new((Some(buffer), Arc::clone(self))) })
@@ -80,16 +80,16 @@ impl Block {
 
 impl Drop for Block {
     fn drop(&mut self) {
-        // Another process has neither the memory nor the device.
+        // A forked process has neither the memory nor the device.
         if let Ok((memory, side)) = self.memory.get_mut()
             && let Some(buffer) = memory.take()
         {
             let mut spare = side.spare.lock().unwrap_or_else(PoisonError::into_inner);
             spare.push_back(buffer);
-            // What has waited longest is of a size that nobody asks for any more.
+            // The oldest block has a size that is no longer asked for.
             let left_over = if spare.len() > SPARE_BLOCKS { spare.pop_front() } else { None };
             drop(spare);
-            // Memory is not freed under work that reads it.
+            // Pending work may read it, so wait before it is freed.
             if left_over.is_some()
                 && let Err(error) = side.link().settle()
             {

@@ -1,8 +1,9 @@
-//! Devices: which there are, and the one that cameras share unless another is asked for.
+//! Lists devices, and opens them. Cameras on the same device share it.
 
 use crate::error::Fault;
 use crate::process::OwnProcess;
-use esaac_cli::device_choice::{DeviceArgument, uuid_text};
+use esaac_cli::arguments::DeviceArgument;
+use esaac_cli::device_choice::uuid_text;
 use esaac_engine::{Device, DeviceChoice, Validation, list_devices};
 use esaac_interop::cuda::cuda_devices;
 use pyo3::prelude::*;
@@ -12,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 /// Open devices of this process, by UUID.
 static OPEN: Mutex<Vec<(u32, DeviceChoice, Weak<Device>)>> = Mutex::new(Vec::new());
 
-/// A device as Python names it: nothing for the best, a number or UUID of `devices()`, or `cuda:N`.
+/// The device that Python names: None for the best, a number or UUID of `devices()`, or `cuda:N`.
 fn choice(named: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
     let from_environment = std::env::var("ESAAC_DEVICE").ok().filter(|name| !name.is_empty());
     let name = match named {
@@ -36,12 +37,12 @@ fn choice(named: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
     Ok(choice)
 }
 
-/// Opens a device, or takes the open one.
+/// Opens a device, or shares it if it is open.
 pub fn open(py: Python<'_>, named: Option<&Bound<'_, PyAny>>) -> PyResult<OwnProcess<Arc<Device>>> {
     let (choice, here) = (choice(named)?, std::process::id());
     let device = py.detach(|| {
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
-        // What a parent process left in the list is not this one's.
+        // After fork() the list still has the parent's devices.
         open.retain(|(owner, _, device)| *owner == here && device.strong_count() > 0);
         let known = open.iter().find(|(_, made_by, _)| *made_by == choice);
         if let Some(device) = known.and_then(|(_, _, device)| device.upgrade()) {
@@ -54,12 +55,12 @@ pub fn open(py: Python<'_>, named: Option<&Bound<'_, PyAny>>) -> PyResult<OwnPro
     Ok(OwnProcess::new(device))
 }
 
-/// Every Vulkan device of this machine: number, name, kind, UUID, driver, whether it is enough, and CUDA's
-/// number of it.
+/// Every Vulkan device of this machine: number, name, kind, UUID, driver, whether the engine can use it, and
+/// its number in CUDA.
 #[pyfunction]
 pub fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     let list = py.detach(list_devices).map_err(Fault::from)?;
-    // A machine without CUDA has Vulkan devices all the same.
+    // Vulkan devices are listed on machines without CUDA too.
     let cuda = cuda_devices().unwrap_or_default();
     list.iter()
         .map(|info| {

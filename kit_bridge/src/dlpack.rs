@@ -1,4 +1,4 @@
-//! DLPack's structures, as its header has them, and the capsules that carry them.
+//! The structures of DLPack's header, and the Python capsules that hold them.
 
 #![expect(unsafe_code, reason = "DLPack's edge")]
 
@@ -52,7 +52,7 @@ pub struct DlType {
 pub struct DlTensor {
     /// Memory.
     pub data: *mut c_void,
-    /// Where that is.
+    /// Device of that memory.
     pub device: DlDevice,
     /// Axes.
     pub ndim: i32,
@@ -71,19 +71,19 @@ pub struct DlTensor {
 pub struct DlManaged {
     /// The tensor.
     pub tensor: DlTensor,
-    /// Its owner's own.
+    /// Private to the tensor's producer.
     pub context: *mut c_void,
-    /// Called once by whoever has taken it.
+    /// The consumer calls this once.
     pub deleter: Option<unsafe extern "C" fn(*mut DlManaged)>,
 }
 
 const NAME: &CStr = c"dltensor";
 const USED: &CStr = c"used_dltensor";
 
-/// A tensor that somebody has lent.
+/// A tensor borrowed from its producer.
 pub struct Borrowed(*mut DlManaged);
 
-// SAFETY: the tensor may be given back on any thread that holds the interpreter, which `drop` sees to.
+// SAFETY: the tensor may be given back on any thread that holds the interpreter's lock, and `drop` takes it.
 unsafe impl Send for Borrowed {}
 // SAFETY: it is only read while it is shared.
 unsafe impl Sync for Borrowed {}
@@ -91,14 +91,14 @@ unsafe impl Sync for Borrowed {}
 impl Borrowed {
     /// Takes a tensor out of its capsule.
     pub fn take(capsule: &Bound<'_, PyAny>) -> PyResult<Self> {
-        // SAFETY: any object may be asked; a capsule of this name holds a DLManagedTensor.
+        // SAFETY: the check takes any object, and a capsule of this name holds a DLManagedTensor.
         unsafe {
             if ffi::PyCapsule_IsValid(capsule.as_ptr(), NAME.as_ptr()) == 0 {
                 let message = "__dlpack__ gave no capsule named `dltensor`".to_owned();
                 return Err(Fault::Frame(message).into());
             }
             let managed = ffi::PyCapsule_GetPointer(capsule.as_ptr(), NAME.as_ptr()).cast::<DlManaged>();
-            // From here on the deleter is ours to call.
+            // From here on we must call the deleter.
             if ffi::PyCapsule_SetName(capsule.as_ptr(), USED.as_ptr()) != 0 {
                 return Err(PyErr::fetch(capsule.py()));
             }
@@ -116,7 +116,7 @@ impl Borrowed {
 impl Drop for Borrowed {
     fn drop(&mut self) {
         Python::attach(|_| {
-            // SAFETY: it was taken, so the deleter is ours to call, once.
+            // SAFETY: the tensor was taken, so we call its deleter, once.
             unsafe {
                 if let Some(deleter) = (*self.0).deleter {
                     deleter(self.0);
@@ -126,7 +126,7 @@ impl Drop for Borrowed {
     }
 }
 
-/// What a lent tensor points at.
+/// Memory that a lent tensor points at.
 struct Lent<T> {
     shape: Vec<i64>,
     strides: Vec<i64>,
@@ -161,7 +161,7 @@ pub fn lend<T: Send + 'static>(
     };
     let managed =
         Box::into_raw(Box::new(DlManaged { tensor, context: lent.cast(), deleter: Some(give_back::<T>) }));
-    // SAFETY: the pointer is not null and stays until the capsule or its taker gives it back.
+    // SAFETY: the pointer is not null, and valid until the capsule or its consumer gives it back.
     unsafe {
         let capsule = ffi::PyCapsule_New(managed.cast(), NAME.as_ptr(), Some(drop_capsule));
         if capsule.is_null() {
@@ -185,7 +185,7 @@ unsafe extern "C" fn give_back<T>(managed: *mut DlManaged) {
 /// # Safety
 /// Called by Python with a capsule of [`lend`]'s.
 unsafe extern "C" fn drop_capsule(capsule: *mut ffi::PyObject) {
-    // SAFETY: a capsule that keeps its name was not taken, so its tensor is ours to give back.
+    // SAFETY: a capsule with its first name was not taken, so we give its tensor back.
     unsafe {
         if ffi::PyCapsule_IsValid(capsule, NAME.as_ptr()) != 0 {
             let managed = ffi::PyCapsule_GetPointer(capsule, NAME.as_ptr()).cast::<DlManaged>();

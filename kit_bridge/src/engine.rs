@@ -1,5 +1,5 @@
-//! `Engine`: cameras that step together, behind a lock and without the interpreter's while they do.
-//! `esaac/cameras.py` gives it the faces that users see.
+//! `Engine`: cameras that step together. A lock of its own guards them, so the interpreter's lock is free while they
+//! step. `esaac/cameras.py` wraps it in the classes that users see.
 
 use crate::bank::Frames;
 use crate::cuda::CudaSide;
@@ -10,7 +10,7 @@ use crate::packet::PyPacket;
 use crate::process::OwnProcess;
 use crate::saved::NamedFormat;
 use crate::sensor::PySensor;
-use crate::state::{Events, State};
+use crate::state::{Events, Packets, State};
 use crate::{device, form, image, report, saved};
 use esaac_engine::{Device, Representation};
 use esaac_model::SensorModel;
@@ -18,13 +18,16 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Cameras in one process.
+/// Cameras of one process.
 #[pyclass(module = "esaac._native", frozen)]
 pub struct Engine {
     inner: OwnProcess<Inner>,
+    /// Packets of the last step. If Python raises an interrupt when a step returns, the caller does not get the
+    /// returned packets and finds them here.
+    last: Mutex<Vec<Py<PyPacket>>>,
     size_px: Vec<(u32, u32)>,
     tiled: bool,
-    packets_on_cuda: bool,
+    packets: Packets,
 }
 
 struct Inner {
@@ -40,7 +43,7 @@ impl Inner {
         work(state.as_mut().ok_or(Fault::Closed("the camera"))?)
     }
 
-    /// The device as CUDA sees it, looked for the first time.
+    /// CUDA's side of the device, opened at the first call.
     fn side(&self) -> Result<Arc<CudaSide>, Fault> {
         let mut side = lock(&self.side);
         if side.is_none() {
@@ -65,32 +68,26 @@ impl Engine {
         sensors: Vec<PyRef<'_, PySensor>>,
         device: Option<&Bound<'_, PyAny>>,
         packets: &str,
+        packet_ring: Option<u32>,
         tiled: bool,
     ) -> PyResult<Self> {
         let sensors: Vec<SensorModel> = sensors.iter().map(|sensor| sensor.0.clone()).collect();
         if sensors.is_empty() {
             return Err(Fault::Argument("no sensors, expected at least one".to_owned()).into());
         }
-        let packets_on_cuda = match packets {
-            "host" => false,
-            "cuda" => true,
-            other => {
-                let message = format!("packets is `{other}`, expected `host` or `cuda`");
-                return Err(Fault::Argument(message).into());
-            }
-        };
+        let packets = place(packets, packet_ring)?;
         let device = Arc::clone(device::open(py, device)?.get()?);
         let size_px = sensors.iter().map(|s| (s.width, s.height)).collect();
-        let state = Mutex::new(Some(State::new(&device, sensors, packets_on_cuda)));
+        let state = Mutex::new(Some(State::new(&device, sensors, packets, tiled)));
         let inner = Inner { state, side: Mutex::default(), device };
-        if packets_on_cuda {
-            // Better to learn now that there is no CUDA than after the first frame.
+        if packets == Packets::Cuda {
+            // Fail now if there is no CUDA, and not after the first frame.
             py.detach(|| inner.side())?;
         }
-        Ok(Engine { inner: OwnProcess::new(inner), size_px, tiled, packets_on_cuda })
+        Ok(Engine { inner: OwnProcess::new(inner), last: Mutex::default(), size_px, tiled, packets })
     }
 
-    /// Steps all cameras with one array an image; the time is that of all, or there is one for each.
+    /// Steps all cameras with one array of colour and one of motion. `t_ns` is one time, or one for each camera.
     #[pyo3(signature = (hdr, motion, t_ns, stream))]
     fn step_tiles(
         &self,
@@ -104,7 +101,10 @@ impl Engine {
         let cameras = self.tiled.then_some(self.size_px.len());
         let images = self.images(py, &(hdr, motion), cameras, self.size_px[0], stream)?;
         let frames = Frames { images: vec![Some(images)], tiled: true };
-        PyPacket::together(py, self.step_frames(py, &frames, t_ns)?)
+        let packet =
+            PyPacket::together(py, self.step_frames(py, &frames, t_ns)?, self.packets != Packets::Host)?;
+        self.keep(vec![packet.clone_ref(py)]);
+        Ok(packet)
     }
 
     /// Steps the cameras that have a frame.
@@ -130,7 +130,15 @@ impl Engine {
             })
             .collect::<PyResult<_>>()?;
         let frames = Frames { images, tiled: false };
-        PyPacket::each(py, self.step_frames(py, &frames, t_ns)?)
+        let packets = PyPacket::each(py, self.step_frames(py, &frames, t_ns)?)?;
+        self.keep(packets.iter().map(|packet| packet.clone_ref(py)).collect());
+        Ok(packets)
+    }
+
+    /// Packets of the last step; none before the first.
+    #[getter]
+    fn last(&self, py: Python<'_>) -> Vec<Py<PyPacket>> {
+        lock(&self.last).iter().map(|packet| packet.clone_ref(py)).collect()
     }
 
     fn form(&self, py: Python<'_>, bins: Option<u32>) -> PyResult<Vec<Py<PyAny>>> {
@@ -141,7 +149,7 @@ impl Engine {
         }
         let inner = self.inner.get()?;
         let form = py.detach(|| {
-            let side = if self.packets_on_cuda { Some(inner.side()?) } else { None };
+            let side = if self.packets == Packets::Cuda { Some(inner.side()?) } else { None };
             inner.with(|state| state.form(what, side.as_ref()))
         })?;
         let planes = bins.unwrap_or(2) as usize;
@@ -169,7 +177,7 @@ impl Engine {
         self.call(py, move |state| state.reset(&cameras))
     }
 
-    /// Counts of the last step a camera, and what all share.
+    /// Counts of the last step for each camera, and those that all share.
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<(Vec<Bound<'py, PyDict>>, Bound<'py, PyDict>)> {
         let (counts, times_ns, copies) =
             self.call(py, |state| Ok((state.diagnostics(), state.times_ns(), state.copies)))?;
@@ -192,7 +200,7 @@ impl Engine {
         report::device(py, self.inner.get()?.device.info())
     }
 
-    /// What the validation layer has said, if it watches (`ESAAC_VALIDATION=1`).
+    /// Messages of the validation layer, if it is on (`ESAAC_VALIDATION=1`).
     fn validation_messages(&self) -> PyResult<Vec<String>> {
         Ok(self.inner.get()?.device.validation_messages())
     }
@@ -240,13 +248,16 @@ impl Engine {
 
     fn step_frames(&self, py: Python<'_>, frames: &Frames, t_ns: Vec<Option<i64>>) -> PyResult<Events> {
         let inner = self.inner.get()?;
-        let events = py.detach(|| {
+        Ok(py.detach(|| {
             let side = lock(&inner.side).clone();
             inner.with(|state| state.step(frames, &t_ns, side.as_ref()))
-        })?;
-        // An interrupt that came meanwhile is raised here, after a whole step.
-        py.check_signals()?;
-        Ok(events)
+        })?)
+    }
+
+    fn keep(&self, packets: Vec<Py<PyPacket>>) {
+        let before = std::mem::replace(&mut *lock(&self.last), packets);
+        // Dropping may run Python code, so the lock is free by now.
+        drop(before);
     }
 
     fn images(
@@ -272,7 +283,32 @@ impl Engine {
     }
 }
 
-/// A time for each of `count` cameras, of one for all or of any sequence of as many.
+/// Least number of mapped buffer sets, and the default: a step writes one while `last` keeps another.
+const PACKET_RING: u32 = 2;
+
+/// The place that Python names for packets.
+fn place(packets: &str, ring: Option<u32>) -> Result<Packets, Fault> {
+    let place = match packets {
+        "host" => Packets::Host,
+        "mapped" => Packets::Mapped { ring: ring.unwrap_or(PACKET_RING) },
+        "cuda" => Packets::Cuda,
+        other => {
+            let message = format!("packets is `{other}`, expected `host`, `mapped` or `cuda`");
+            return Err(Fault::Argument(message));
+        }
+    };
+    match (place, ring) {
+        (Packets::Mapped { .. }, Some(ring)) if !(PACKET_RING..=64).contains(&ring) => {
+            Err(Fault::Argument(format!("packet_ring is {ring}, expected {PACKET_RING} to 64")))
+        }
+        (Packets::Host | Packets::Cuda, Some(ring)) => Err(Fault::Argument(format!(
+            "packet_ring is {ring} and packets is `{packets}`, expected packets=\"mapped\" with it"
+        ))),
+        _ => Ok(place),
+    }
+}
+
+/// A time for each of `count` cameras, from one number for all or a sequence of `count`.
 fn times(t_ns: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Option<i64>>> {
     let not_one = match t_ns.extract::<i64>() {
         Ok(t_ns) => return Ok(vec![Some(t_ns); count]),

@@ -1,4 +1,4 @@
-//! Rust's errors as Python's exceptions, which `esaac.errors` declares.
+//! Turns Rust's errors into the exceptions of `esaac.errors`.
 
 use esaac_engine::EngineError;
 use esaac_interop::InteropError;
@@ -7,12 +7,12 @@ use esaac_ros::PublishError;
 use pyo3::PyErr;
 use pyo3::prelude::*;
 
-/// What can go wrong in a call, before it is Python's to handle.
+/// An error in Rust, before it becomes an exception.
 #[derive(Debug)]
 pub enum Fault {
     /// A sensor's parameter.
     Sensor(SensorError),
-    /// A frame: its arrays, its time.
+    /// A frame's arrays or time.
     Frame(String),
     /// The device or its driver.
     Device(String),
@@ -22,7 +22,7 @@ pub enum Fault {
     Forked { owner: u32, here: u32 },
     /// An argument that is out of range.
     Argument(String),
-    /// ROS 2: no network, a recording that cannot be written.
+    /// ROS 2: there is no network, or a recording cannot be written.
     Ros(String),
 }
 

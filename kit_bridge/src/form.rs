@@ -6,7 +6,7 @@ use esaac_engine::Representation;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 
-/// A form's memory as arrays of these shapes, one after the other. Counts are int32, what is weighed is float32.
+/// Arrays of these shapes from a form's memory, one after the other. Event frames are int32, voxel grids float32.
 pub fn arrays(
     py: Python<'_>,
     form: &Form,

@@ -1,7 +1,7 @@
-//! Arrays that callers hand over: where they lie, what they hold. Nothing is copied here.
+//! Reads address, shape and type of the arrays that callers give. Nothing is copied.
 //!
-//! On the host whatever NumPy sees without a copy (the buffer protocol, `__array_interface__`, `__array__`). On
-//! a CUDA device DLPack, whose producer orders its stream before ours, or `__cuda_array_interface__`.
+//! On the host: whatever NumPy takes without a copy (the buffer protocol, `__array_interface__`, `__array__`). On a
+//! CUDA device: DLPack, whose producer lets our stream wait for its own, or `__cuda_array_interface__`.
 
 #![expect(unsafe_code, reason = "DLPack's edge")]
 
@@ -30,7 +30,7 @@ pub enum Element {
 }
 
 impl Element {
-    /// Bytes of one.
+    /// Bytes of one element.
     pub fn bytes(self) -> usize {
         match self {
             Element::F16 => 2,
@@ -40,14 +40,14 @@ impl Element {
     }
 }
 
-/// Where an array lies.
+/// The memory that an array is in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// In memory that the processor reads.
     Host,
     /// On a CUDA device.
     Cuda {
-        /// What its producer has put into this stream comes first; `None` if that is seen to.
+        /// Wait for the work in this stream before reading; `None` if there is none to wait for.
         after: Option<u64>,
     },
 }
@@ -58,17 +58,17 @@ pub struct Image {
     pub name: &'static str,
     /// Address of the first element.
     pub pointer: usize,
-    /// Where that is.
+    /// Memory that the address is in.
     pub place: Place,
     /// Type of its elements.
     pub element: Element,
     /// Elements along each axis.
     pub shape: Vec<usize>,
-    /// Bytes from element to element along each axis.
+    /// Bytes from one element to the next along each axis.
     pub strides: Vec<isize>,
-    /// In CUDA's own layout, which has no addresses: the pointer is of nothing then.
+    /// A texture in CUDA's own layout. It has no address, so `pointer` means nothing then.
     pub texture: Option<Texture>,
-    /// Sees to it that the memory stays.
+    /// Keeps the memory alive.
     _owner: Owner,
 }
 
@@ -77,15 +77,15 @@ enum Owner {
     Dlpack(#[expect(dead_code, reason = "kept, not read")] Borrowed),
 }
 
-/// What a call knows of the device, and of streams on it.
+/// The engine's device and the streams that matter to a call.
 pub struct Streams<'a> {
     /// CUDA's number of the engine's device.
     pub ordinal: i32,
     /// Its name.
     pub device: &'a str,
-    /// Ours, which producers are asked to order their work before.
+    /// Our stream, which must wait for the producers' work.
     pub ours: u64,
-    /// The caller's word for where the arrays are written.
+    /// The stream that the caller says the arrays are written in.
     pub callers: Option<u64>,
 }
 
@@ -100,7 +100,7 @@ impl Streams<'_> {
 }
 
 impl Image {
-    /// Looks at an array. `streams` is called when it lies on a CUDA device.
+    /// Reads an array. `streams` is called if it is on a CUDA device.
     pub fn of<'a>(
         array: &Bound<'_, PyAny>,
         name: &'static str,
@@ -191,7 +191,7 @@ impl Image {
         })
     }
 
-    /// `written` is the stream that the array's library works in, where that is known.
+    /// `written` is the stream that the array's library uses, if that is known.
     fn by_cuda_array_interface(
         array: &Bound<'_, PyAny>,
         interface: &Bound<'_, PyAny>,
@@ -206,8 +206,8 @@ impl Image {
             Some(stream) if !stream.is_none() => Some(stream.extract()?),
             _ => None,
         };
-        // Version 2 of the interface knows no streams, and version 3 says with None that none is to be waited
-        // for; the legacy default stream comes after all others that are not told otherwise.
+        // Version 2 of the interface names no stream. In version 3 None says that there is none to wait for. The
+        // legacy default stream waits for all others that were not made to be independent.
         let after = streams.callers.or(written).or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
         Ok(Image {
             name,
@@ -224,7 +224,7 @@ impl Image {
     fn by_dlpack(array: &Bound<'_, PyAny>, name: &'static str, streams: &Streams) -> PyResult<Self> {
         let py = array.py();
         let arguments = PyDict::new(py);
-        // Where the stream is known, the producer need not order anything.
+        // If the stream is known, the producer need not synchronise.
         match streams.callers {
             Some(_) => arguments.set_item(intern!(py, "stream"), -1)?,
             None => arguments.set_item(intern!(py, "stream"), streams.ours)?,
@@ -282,7 +282,7 @@ impl Image {
     }
 }
 
-/// An array on another GPU than the engine's.
+/// The error for an array on another GPU than the engine's.
 pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault {
     Fault::Frame(format!(
         "{name} lies on cuda:{actual}, expected cuda:{expected}, the engine's device {device}; make the camera \
@@ -290,12 +290,12 @@ pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault 
     ))
 }
 
-/// An array where neither the host nor CUDA reads.
+/// The error for memory that neither the host nor CUDA reads.
 fn nowhere(name: &str, kind: i32) -> Fault {
     Fault::Frame(format!("{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"))
 }
 
-/// CUDA's name for it where a null pointer says "no stream".
+/// CUDA's handle of the legacy default stream where 0 would mean "no stream".
 pub const LEGACY_DEFAULT_STREAM: u64 = 1;
 
 /// The module `numpy`.
@@ -304,13 +304,13 @@ pub fn numpy(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     Ok(NUMPY.get_or_try_init(py, || py.import("numpy").map(Bound::unbind))?.bind(py))
 }
 
-/// Elements that are none of ours.
+/// The error for a type of elements that is not supported.
 pub fn wrong_dtype(name: &str, actual: &str) -> Fault {
     let expected = if name == "motion" { "float16 or float32" } else { "float16, float32 or uint8 (sRGB)" };
     Fault::Frame(format!("{name} has dtype {actual}, expected {expected}"))
 }
 
-/// Strides of an array without gaps, rows first.
+/// Strides of a row-major array without gaps.
 pub fn compact(shape: &[usize], element_bytes: usize) -> Vec<isize> {
     let mut strides = vec![0; shape.len()];
     let mut next = element_bytes as isize;

@@ -1,7 +1,8 @@
-//! The native half of the Python package `esaac`. What users see is in `python/esaac`, with its types and its
-//! documentation in `__init__.pyi`.
+//! The native part of the Python package `esaac`. Users import the classes of `python/esaac`; their types and
+//! documentation are in `__init__.pyi`.
 
 mod array_interface;
+mod axes;
 mod bank;
 mod cuda;
 mod device;
@@ -10,6 +11,8 @@ mod engine;
 mod error;
 mod form;
 mod image;
+mod join;
+mod mapped;
 mod pack;
 mod packet;
 mod process;
@@ -24,18 +27,18 @@ mod texture;
 mod torch;
 mod warp;
 
-use esaac_cli::event_file::{EventColumns, write_npz};
+use esaac_formats::event_file::{EventColumns, write_npz};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 
-/// Runs the command `esaac` with these arguments, the first of them the program's name, and returns its exit
-/// code. `program` starts this command once more, for processes that it needs.
+/// Runs the command `esaac` and returns its exit code. The first of `arguments` is the program's name. `program` is a
+/// command line that starts the command again: some of its parts run as processes of their own.
 #[pyfunction]
 fn run_command(py: Python<'_>, arguments: Vec<String>, program: Vec<String>) -> u8 {
     py.detach(|| esaac_cli::program::run(&arguments, &program))
 }
 
-/// Writes events as `esaac simulate` does.
+/// Writes events to a file of the same format as `esaac simulate`.
 #[pyfunction]
 fn save_npz(
     path: std::path::PathBuf,

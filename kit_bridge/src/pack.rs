@@ -1,4 +1,4 @@
-//! From arrays to the engine's formats: what an array's shape and type make of it, and its way into memory.
+//! Chooses the engine's format for an array by its shape and type, and copies it there.
 
 #![expect(unsafe_code, reason = "arrays of other libraries")]
 
@@ -7,7 +7,7 @@ use crate::image::{Element, Image, Place};
 use esaac_interop::cuda::{Rows, Texture};
 use esaac_model::{HdrFormat, MotionFormat};
 
-/// Images of one kind, one a camera: `[cameras][rows][columns][channels]` of an array.
+/// An array as images of one kind, one for each camera: `[cameras][rows][columns][channels]`.
 pub struct Tiles {
     image: Image,
     height: usize,
@@ -17,7 +17,7 @@ pub struct Tiles {
     strides: [isize; 4],
 }
 
-/// What an image is for the engine.
+/// Format of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Texel {
     /// Channels that the engine's format has.
@@ -32,7 +32,7 @@ impl Texel {
         self.channels * self.element.bytes()
     }
 
-    /// The engine's name for a colour of this kind.
+    /// The engine's format for such colours.
     pub fn hdr(self) -> HdrFormat {
         match self.element {
             Element::F16 => HdrFormat::F16x4,
@@ -41,7 +41,7 @@ impl Texel {
         }
     }
 
-    /// The engine's name for motion of this kind.
+    /// The engine's format for such motion vectors.
     pub fn motion(self) -> MotionFormat {
         match (self.element, self.channels) {
             (Element::F16, _) => MotionFormat::F16x2,
@@ -52,7 +52,7 @@ impl Texel {
 }
 
 impl Tiles {
-    /// Sees an array as one image (`cameras` is `None`) or as one for each camera.
+    /// Takes an array as one image (`cameras` is `None`) or as one for each camera.
     pub fn of(image: Image, cameras: Option<usize>, size_px: (u32, u32)) -> Result<Self, Fault> {
         let (width, height) = (size_px.0 as usize, size_px.1 as usize);
         let name = image.name;
@@ -93,7 +93,7 @@ impl Tiles {
         Ok(tiles)
     }
 
-    /// Where the array lies.
+    /// The memory that the array is in.
     pub fn place(&self) -> Place {
         self.image.place
     }
@@ -103,7 +103,7 @@ impl Tiles {
         self.image.pointer as u64
     }
 
-    /// The texture that it is, if it is one.
+    /// The texture, if it is one.
     pub fn texture(&self) -> Option<Texture> {
         self.image.texture
     }
@@ -118,7 +118,7 @@ impl Tiles {
         self.image.name
     }
 
-    /// What the engine takes it for. Four floats of motion stay four, as renderers lay them out so.
+    /// The engine's format for it. Motion of four floats keeps all four, since that is how renderers store it.
     pub fn texel(&self) -> Texel {
         let element = self.image.element;
         let channels = match self.image.name {
@@ -129,24 +129,24 @@ impl Tiles {
         Texel { channels, element }
     }
 
-    /// Channels from pixel to pixel, which a view of some of them leaves as they are.
+    /// Channels from one pixel to the next. A view of some channels does not change this.
     fn pixel_channels(&self) -> usize {
         let per_pixel = self.strides[2] / self.image.element.bytes() as isize;
         if self.strides[2] > 0 && per_pixel == 4 { 4 } else { self.channels }
     }
 
-    /// The bytes of a camera's image where they are already what the engine takes.
+    /// The bytes of a camera's image, if they are in the engine's format already.
     pub fn as_bytes(&self, camera: usize) -> Option<&[u8]> {
         let texel = self.texel().bytes();
         let strides = [(self.width * texel) as isize, texel as isize, self.image.element.bytes() as isize];
         (self.channels == self.texel().channels && self.strides[1..] == strides).then(|| {
-            // SAFETY: the array's owner vouches for shape and strides, and is kept by the image; who writes
-            // to it while a step reads it gets a torn frame, as with any array.
+            // SAFETY: the array's owner guarantees shape and strides, and the image keeps the array. If somebody
+            // writes to it during a step, the frame is torn, as with any array.
             unsafe { std::slice::from_raw_parts(self.at(camera), self.height * self.width * texel) }
         })
     }
 
-    /// Writes a camera's image as the engine takes it; any strides will do.
+    /// Writes a camera's image in the engine's format, whatever its strides are.
     pub fn pack(&self, camera: usize, into: &mut Vec<u8>) {
         let (texel, element) = (self.texel(), self.image.element.bytes());
         into.clear();
@@ -157,7 +157,7 @@ impl Tiles {
             for (x, pixel) in row.chunks_exact_mut(texel.bytes()).enumerate() {
                 let offset = y as isize * self.strides[1] + x as isize * self.strides[2];
                 for (channel, value) in pixel.chunks_exact_mut(element).take(used).enumerate() {
-                    // SAFETY: inside the array, by its owner's shape and strides.
+                    // SAFETY: the address is inside the array, by its shape and strides.
                     unsafe {
                         let from = self.at(camera).offset(offset + channel as isize * channel_stride);
                         std::ptr::copy_nonoverlapping(from, value.as_mut_ptr(), element);
@@ -171,7 +171,7 @@ impl Tiles {
         (self.image.pointer as *const u8).wrapping_offset(camera as isize * self.strides[0])
     }
 
-    /// What can be copied on a device: whole channels, and no step backwards.
+    /// Fails if a device cannot copy it: pixels must be contiguous, and no stride negative.
     fn check_on_device(&self) -> Result<(), Fault> {
         let name = self.image.name;
         if self.channels == 1 {
@@ -193,13 +193,13 @@ impl Tiles {
         )))
     }
 
-    /// Copies that bring cameras `first..first + count` into a buffer of whole images, and where each goes.
+    /// The copies of cameras `first..first + count` into a buffer of whole images, each with its offset there.
     pub fn rows(&self, first: usize, count: usize) -> Vec<(Rows, u64)> {
         let (texel, element) = (self.texel().bytes(), self.image.element.bytes());
         let image_bytes = self.image_bytes();
         let pixel = self.strides[2] as usize;
         let row = self.strides[1] as usize;
-        // Of a view of some channels the last pixel's others may lie outside the array.
+        // In a view of some channels, the other channels of the last pixel may be outside the array.
         let unused =
             if pixel == texel { texel - self.channels.min(self.texel().channels) * element } else { 0 };
         let pointer = |camera: usize| self.pointer() + camera as u64 * self.strides[0] as u64;
@@ -240,7 +240,7 @@ impl Tiles {
         }
     }
 
-    /// Bytes of a camera's image as the engine takes it.
+    /// Bytes of a camera's image in the engine's format.
     pub fn image_bytes(&self) -> usize {
         self.height * self.width * self.texel().bytes()
     }

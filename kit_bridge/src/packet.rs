@@ -1,10 +1,13 @@
-//! Events as Python sees them: arrays of NumPy that own the engine's vectors, or tensors on a CUDA device.
+//! Events for Python: NumPy arrays that own their memory or view the device's, or tensors on a CUDA device.
 
 use crate::cuda::Block;
+use crate::join::joined;
+use crate::mapped::{self, Mapped};
 use crate::state::Events;
 use crate::tensor::{Kind, Tensor};
-use esaac_model::Packet;
-use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
+use esaac_engine::HeldPackets;
+use esaac_model::{Packet, PacketView};
+use numpy::{Element, IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -14,15 +17,14 @@ use std::sync::Arc;
 /// Events of a camera, or of the cameras of a tiled renderer: see `esaac/__init__.pyi`.
 #[pyclass(name = "Packet", module = "esaac", frozen)]
 pub struct PyPacket {
-    #[pyo3(get)]
-    x: Py<PyAny>,
-    #[pyo3(get)]
-    y: Py<PyAny>,
-    #[pyo3(get)]
-    p: Py<PyAny>,
+    x: PyOnceLock<Py<PyAny>>,
+    y: PyOnceLock<Py<PyAny>>,
+    p: PyOnceLock<Py<PyAny>>,
     t_ns: PyOnceLock<Py<PyAny>>,
-    /// What `t_ns` is made of when it is asked for.
+    /// `t_ns` is computed from these at the first use.
     t_offset_ns: Option<Py<PyArray1<u32>>>,
+    /// Several cameras' packets in mapped memory. A column of all is joined at its first use.
+    mapped: Option<Py<Mapped>>,
     #[pyo3(get)]
     offsets: Option<Py<PyAny>>,
     events: usize,
@@ -43,10 +45,26 @@ pub struct PyPacket {
 #[pymethods]
 impl PyPacket {
     #[getter]
+    fn x(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        self.column(py, &self.x, |packet, part| part.copy_from_slice(packet.x))
+    }
+
+    #[getter]
+    fn y(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        self.column(py, &self.y, |packet, part| part.copy_from_slice(packet.y))
+    }
+
+    #[getter]
+    fn p(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        self.column(py, &self.p, |packet, part| part.copy_from_slice(packet.polarity))
+    }
+
+    #[getter]
     fn t_ns(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let Some(offsets) = &self.t_offset_ns else { return self.column(py, &self.t_ns, times) };
         let make = || -> PyResult<Py<PyAny>> {
-            let offsets = self.t_offset_ns.as_ref().expect("a packet without times has offsets").bind(py);
-            let times = offsets.readonly().as_slice()?.iter().map(|&t| self.base_ns + i64::from(t)).collect();
+            let offsets = offsets.bind(py).readonly();
+            let times = offsets.as_slice()?.iter().map(|&t| self.base_ns + i64::from(t)).collect();
             Ok(PyArray1::from_vec(py, times).into_any().unbind())
         };
         Ok(self.t_ns.get_or_try_init(py, make)?.clone_ref(py))
@@ -73,15 +91,19 @@ impl PyPacket {
         if !(0..count).contains(&index) {
             return Err(PyIndexError::new_err(format!("camera {camera} of {count}")));
         }
-        let (first, last) = (offsets[index as usize] as isize, offsets[index as usize + 1] as isize);
-        let part = PySlice::new(py, first, last, 1);
-        let cut = |array: &Py<PyAny>| Ok::<_, PyErr>(array.bind(py).get_item(&part)?.unbind());
+        let (first, last) = (offsets[index as usize], offsets[index as usize + 1]);
+        if let Some(memory) = &self.mapped {
+            return Self::in_place(memory.bind(py), index as usize);
+        }
+        let part = PySlice::new(py, first as isize, last as isize, 1);
+        let cut = |array: Py<PyAny>| Ok::<_, PyErr>(known(py, array.bind(py).get_item(&part)?.unbind()));
         Ok(PyPacket {
-            x: cut(&self.x)?,
-            y: cut(&self.y)?,
-            p: cut(&self.p)?,
-            t_ns: known(py, cut(&self.t_ns(py)?)?),
+            x: cut(self.x(py)?)?,
+            y: cut(self.y(py)?)?,
+            p: cut(self.p(py)?)?,
+            t_ns: cut(self.t_ns(py)?)?,
             t_offset_ns: None,
+            mapped: None,
             offsets: None,
             events: (last - first) as usize,
             ..*self
@@ -95,23 +117,81 @@ impl PyPacket {
 }
 
 impl PyPacket {
-    /// A packet of the engine's, whose vectors become the arrays.
-    fn of_one(py: Python<'_>, packet: Packet) -> Self {
+    /// A column: the array, which is joined from the cameras' mapped columns if it is not there yet.
+    fn column<T: Element + Clone + Default>(
+        &self,
+        py: Python<'_>,
+        known: &PyOnceLock<Py<PyAny>>,
+        fill: impl Fn(&PacketView<'_>, &mut [T]) + Sync,
+    ) -> PyResult<Py<PyAny>> {
+        let make = || -> PyResult<Py<PyAny>> {
+            let memory = self.mapped.as_ref().expect("a column that is not there is in mapped memory");
+            let packets = memory.get().views()?;
+            Ok(py.detach(|| joined(&packets, &fill)).into_pyarray(py).into_any().unbind())
+        };
+        Ok(known.get_or_try_init(py, make)?.clone_ref(py))
+    }
+
+    /// A packet of these arrays (x, y, polarity) with the numbers of `header`.
+    fn of_arrays(
+        py: Python<'_>,
+        [x, y, p]: [Py<PyAny>; 3],
+        t_offset_ns: Py<PyArray1<u32>>,
+        header: &PacketView<'_>,
+        events: usize,
+    ) -> Self {
         PyPacket {
-            events: packet.len(),
-            x: packet.x.into_pyarray(py).into_any().unbind(),
-            y: packet.y.into_pyarray(py).into_any().unbind(),
-            p: packet.polarity.into_pyarray(py).into_any().unbind(),
+            x: known(py, x),
+            y: known(py, y),
+            p: known(py, p),
             t_ns: PyOnceLock::new(),
-            t_offset_ns: Some(packet.t_offset_ns.into_pyarray(py).unbind()),
+            t_offset_ns: Some(t_offset_ns),
+            mapped: None,
             offsets: None,
-            base_ns: packet.base_ns,
-            watermark_ns: packet.watermark_ns,
-            sequence: packet.sequence,
-            dropped: packet.dropped,
-            width: packet.width_px,
-            height: packet.height_px,
+            ..Self::of_header(header, events)
         }
+    }
+
+    fn of_header(header: &PacketView<'_>, events: usize) -> Self {
+        PyPacket {
+            x: PyOnceLock::new(),
+            y: PyOnceLock::new(),
+            p: PyOnceLock::new(),
+            t_ns: PyOnceLock::new(),
+            t_offset_ns: None,
+            mapped: None,
+            offsets: None,
+            events,
+            base_ns: header.base_ns,
+            watermark_ns: header.watermark_ns,
+            sequence: header.sequence,
+            dropped: header.dropped,
+            width: header.width_px,
+            height: header.height_px,
+        }
+    }
+
+    /// A packet whose vectors become the arrays.
+    fn of_one(py: Python<'_>, packet: Packet) -> Self {
+        let (header, events) = (headed(&packet), packet.len());
+        let columns = [
+            packet.x.into_pyarray(py).into_any().unbind(),
+            packet.y.into_pyarray(py).into_any().unbind(),
+            packet.polarity.into_pyarray(py).into_any().unbind(),
+        ];
+        Self::of_arrays(py, columns, packet.t_offset_ns.into_pyarray(py).unbind(), &header.view(), events)
+    }
+
+    /// One camera's packet, as views of mapped memory.
+    fn in_place(memory: &Bound<'_, Mapped>, camera: usize) -> PyResult<Self> {
+        let packet = memory.get().view(camera)?;
+        let columns = [
+            mapped::array(memory, packet.x).into_any().unbind(),
+            mapped::array(memory, packet.y).into_any().unbind(),
+            mapped::array(memory, packet.polarity).into_any().unbind(),
+        ];
+        let offsets = mapped::array(memory, packet.t_offset_ns).unbind();
+        Ok(Self::of_arrays(memory.py(), columns, offsets, &packet, packet.len()))
     }
 
     /// A packet for each camera.
@@ -119,6 +199,11 @@ impl PyPacket {
         match events {
             Events::Host(packets) => {
                 packets.into_iter().map(|packet| Py::new(py, Self::of_one(py, packet))).collect()
+            }
+            Events::Mapped(held) => {
+                let cameras = held.iter().map(HeldPackets::len).sum();
+                let memory = Bound::new(py, Mapped::new(held))?;
+                (0..cameras).map(|camera| Py::new(py, Self::in_place(&memory, camera)?)).collect()
             }
             Events::Cuda { block, headers, counts } => {
                 let all: usize = counts.iter().map(|&n| n as usize).sum();
@@ -129,105 +214,114 @@ impl PyPacket {
                     .map(|(header, &count)| {
                         let tensors = tensors(py, &block, all, before, count as usize)?;
                         before += count as usize;
-                        Py::new(py, Self::of_tensors(py, tensors, header, count as usize, None))
+                        Py::new(py, Self::of_tensors(py, tensors, &header.view(), count as usize, None))
                     })
                     .collect()
             }
         }
     }
 
-    /// One packet of all cameras, one camera after the other.
-    pub fn together(py: Python<'_>, events: Events) -> PyResult<Py<PyPacket>> {
+    /// One packet of all cameras, one camera after the other. Mapped packets become views if `in_place`, else copies
+    /// that do not keep the engine's memory.
+    pub fn together(py: Python<'_>, events: Events, in_place: bool) -> PyResult<Py<PyPacket>> {
         match events {
-            Events::Host(mut packets) if packets.len() == 1 => {
-                Py::new(py, Self::of_one(py, packets.swap_remove(0)))
+            // There is one camera: packets of several are mapped, so that they are copied only once.
+            Events::Host(mut packets) => Py::new(py, Self::of_one(py, packets.swap_remove(0))),
+            Events::Mapped(held) => {
+                let memory = Bound::new(py, Mapped::new(held))?;
+                let packets = memory.get().views()?;
+                if !in_place {
+                    return Py::new(py, Self::copied(py, &packets));
+                }
+                if packets.len() == 1 {
+                    return Py::new(py, Self::in_place(&memory, 0)?);
+                }
+                let offsets = offsets(packets.iter().map(PacketView::len)).into_pyarray(py);
+                let packet = PyPacket {
+                    offsets: Some(offsets.into_any().unbind()),
+                    mapped: Some(memory.clone().unbind()),
+                    ..Self::of_header(&common(&packets), packets.iter().map(PacketView::len).sum())
+                };
+                Py::new(py, packet)
             }
-            Events::Host(packets) => Py::new(py, Self::joined(py, packets)),
             Events::Cuda { block, headers, counts } => {
                 let all = counts.iter().map(|&n| n as usize).sum();
                 let tensors = tensors(py, &block, all, 0, all)?;
                 let offsets = (counts.len() > 1).then(|| offsets(counts.iter().map(|&n| n as usize)));
                 let offsets = offsets.map(|offsets| offsets.into_pyarray(py).into_any().unbind());
+                let headers: Vec<PacketView<'_>> = headers.iter().map(Packet::view).collect();
                 Py::new(py, Self::of_tensors(py, tensors, &common(&headers), all, offsets))
             }
         }
     }
 
-    fn joined(py: Python<'_>, packets: Vec<Packet>) -> Self {
-        let all = packets.iter().map(Packet::len).sum();
-        let header = common(&packets);
-        let starts = offsets(packets.iter().map(Packet::len));
-        let (mut x, mut y) = (Vec::with_capacity(all), Vec::with_capacity(all));
-        let (mut p, mut t_ns) = (Vec::with_capacity(all), Vec::with_capacity(all));
-        py.detach(|| {
-            for packet in &packets {
-                x.extend_from_slice(&packet.x);
-                y.extend_from_slice(&packet.y);
-                p.extend_from_slice(&packet.polarity);
-                t_ns.extend(packet.t_offset_ns.iter().map(|&t| packet.base_ns + i64::from(t)));
-            }
+    /// Cameras' packets copied into arrays, one camera after the other.
+    fn copied(py: Python<'_>, packets: &[PacketView<'_>]) -> Self {
+        let (x, y, p, t_ns) = py.detach(|| {
+            (
+                joined(packets, |packet, part| part.copy_from_slice(packet.x)),
+                joined(packets, |packet, part| part.copy_from_slice(packet.y)),
+                joined(packets, |packet, part| part.copy_from_slice(packet.polarity)),
+                joined(packets, times),
+            )
         });
+        let starts = offsets(packets.iter().map(PacketView::len)).into_pyarray(py);
         PyPacket {
-            x: x.into_pyarray(py).into_any().unbind(),
-            y: y.into_pyarray(py).into_any().unbind(),
-            p: p.into_pyarray(py).into_any().unbind(),
+            x: known(py, x.into_pyarray(py).into_any().unbind()),
+            y: known(py, y.into_pyarray(py).into_any().unbind()),
+            p: known(py, p.into_pyarray(py).into_any().unbind()),
             t_ns: known(py, t_ns.into_pyarray(py).into_any().unbind()),
-            t_offset_ns: None,
-            offsets: Some(starts.into_pyarray(py).into_any().unbind()),
-            events: all,
-            base_ns: header.base_ns,
-            watermark_ns: header.watermark_ns,
-            sequence: header.sequence,
-            dropped: header.dropped,
-            width: header.width_px,
-            height: header.height_px,
+            offsets: Some(starts.into_any().unbind()),
+            ..Self::of_header(&common(packets), packets.iter().map(PacketView::len).sum())
         }
     }
 
     fn of_tensors(
         py: Python<'_>,
         tensors: [Py<PyAny>; 4],
-        header: &Packet,
+        header: &PacketView<'_>,
         events: usize,
         offsets: Option<Py<PyAny>>,
     ) -> Self {
         let [t_ns, x, y, p] = tensors;
         PyPacket {
-            x,
-            y,
-            p,
+            x: known(py, x),
+            y: known(py, y),
+            p: known(py, p),
             t_ns: known(py, t_ns),
-            t_offset_ns: None,
             offsets,
-            events,
-            base_ns: header.base_ns,
-            watermark_ns: header.watermark_ns,
-            sequence: header.sequence,
-            dropped: header.dropped,
-            width: header.width_px,
-            height: header.height_px,
+            ..Self::of_header(header, events)
         }
     }
 }
 
+/// Times of a packet's events.
+fn times(packet: &PacketView<'_>, part: &mut [i64]) {
+    for (t_ns, &offset) in part.iter_mut().zip(packet.t_offset_ns) {
+        *t_ns = packet.base_ns + i64::from(offset);
+    }
+}
+
+/// A packet without its events.
+fn headed(packet: &Packet) -> Packet {
+    Packet { x: Vec::new(), y: Vec::new(), t_offset_ns: Vec::new(), polarity: Vec::new(), ..*packet }
+}
+
 fn known(py: Python<'_>, value: Py<PyAny>) -> PyOnceLock<Py<PyAny>> {
     let lock = PyOnceLock::new();
-    // It is new, so nothing is in it.
+    // The lock is new and empty, so this cannot fail.
     let _ = lock.set(py, value);
     lock
 }
 
-/// What holds of all packets: the earliest base, the earliest watermark, all drops.
-fn common(packets: &[Packet]) -> Packet {
-    let first = packets.first().cloned().unwrap_or_default();
-    Packet {
+/// A header for packets together: the earliest base, the earliest watermark, the sum of all drops.
+fn common<'a>(packets: &[PacketView<'a>]) -> PacketView<'a> {
+    let first = packets.first().copied().unwrap_or_default();
+    PacketView {
         base_ns: packets.iter().map(|p| p.base_ns).min().unwrap_or(0),
         watermark_ns: packets.iter().map(|p| p.watermark_ns).min().unwrap_or(0),
         dropped: packets.iter().map(|p| p.dropped).sum(),
-        sequence: first.sequence,
-        width_px: first.width_px,
-        height_px: first.height_px,
-        ..Packet::default()
+        ..first
     }
 }
 
@@ -241,7 +335,7 @@ fn offsets(counts: impl Iterator<Item = usize>) -> Vec<i64> {
     offsets
 }
 
-/// Times, columns, rows and polarities of `count` events after `before`, of `all` in a block.
+/// Times, columns, rows and polarities of `count` events from number `before` on, of `all` events in a block.
 fn tensors(
     py: Python<'_>,
     block: &Arc<Block>,

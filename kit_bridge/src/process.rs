@@ -1,27 +1,27 @@
-//! What belongs to the process that made it: a child of fork() has copies of handles, not of what they name.
+//! Values that belong to one process. A child of fork() has copies of the handles, but not of the GPU's objects.
 
 use crate::error::Fault;
 use std::mem::ManuallyDrop;
 
-/// A value that is used and dropped in its own process only.
+/// A value that is used and dropped only in the process that made it.
 pub struct OwnProcess<T> {
     value: ManuallyDrop<T>,
     owner: u32,
 }
 
 impl<T> OwnProcess<T> {
-    /// This process's.
+    /// A value of this process.
     pub fn new(value: T) -> Self {
         OwnProcess { value: ManuallyDrop::new(value), owner: std::process::id() }
     }
 
-    /// The value, unless this is another process.
+    /// The value; an error in another process.
     pub fn get(&self) -> Result<&T, Fault> {
         let here = std::process::id();
         if here == self.owner { Ok(&self.value) } else { Err(Fault::Forked { owner: self.owner, here }) }
     }
 
-    /// The same, to change it.
+    /// As [`OwnProcess::get`], to change it.
     pub fn get_mut(&mut self) -> Result<&mut T, Fault> {
         self.get()?;
         Ok(&mut self.value)

@@ -1,4 +1,4 @@
-//! What the engine tells of itself, as Python's dictionaries and arrays.
+//! Counts, times, memory and APS frames as Python's dictionaries and arrays.
 
 use crate::bank::Copies;
 use esaac_cli::device_choice::uuid_text;
@@ -10,7 +10,7 @@ use pyo3::types::PyDict;
 /// Time, bits, pixels.
 pub type Aps = (i64, u32, Py<PyAny>);
 
-/// What a camera's last step counted.
+/// Counts of a camera's last step.
 pub fn counts<'py>(py: Python<'py>, counts: &Diagnostics) -> PyResult<Bound<'py, PyDict>> {
     let row = PyDict::new(py);
     let values = serde_json::to_value(counts).expect("a struct of numbers");
@@ -20,7 +20,7 @@ pub fn counts<'py>(py: Python<'py>, counts: &Diagnostics) -> PyResult<Bound<'py,
     Ok(row)
 }
 
-/// What all cameras share: times of the last step, copies so far.
+/// Numbers that all cameras share: times of the last step, and copies so far.
 pub fn shared(
     py: Python<'_>,
     [gpu_ns, submit_to_packet_ns, step_ns]: [u64; 3],
@@ -42,7 +42,7 @@ pub fn aps(py: Python<'_>, frame: ApsFrame) -> PyResult<Aps> {
     Ok((frame.t_ns, frame.bits, pixels.unbind()))
 }
 
-/// Memory of one purpose.
+/// Memory in use for one purpose.
 pub fn memory<'py>(py: Python<'py>, entry: &MemoryUse) -> PyResult<Bound<'py, PyDict>> {
     let row = PyDict::new(py);
     row.set_item("camera", entry.camera)?;
@@ -52,7 +52,7 @@ pub fn memory<'py>(py: Python<'py>, entry: &MemoryUse) -> PyResult<Bound<'py, Py
     Ok(row)
 }
 
-/// A camera's device.
+/// The device of a camera.
 pub fn device<'py>(py: Python<'py>, info: &DeviceInfo) -> PyResult<Bound<'py, PyDict>> {
     let row = PyDict::new(py);
     row.set_item("name", &info.name)?;

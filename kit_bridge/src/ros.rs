@@ -1,5 +1,5 @@
-//! `RosPublisher`: a rig's topics of ROS 2, sent and recorded without the interpreter's lock. `esaac/ros.py` gives
-//! it the face that users see, and arrays that lie as they are needed here.
+//! `RosPublisher`: sends and records a rig's ROS 2 topics without the interpreter's lock. `esaac/ros.py` wraps it in
+//! the class that users see, and gives it contiguous arrays.
 
 use crate::error::Fault;
 use crate::process::OwnProcess;
@@ -21,7 +21,7 @@ pub fn check_ros_names(topic: &str, frame_id: Option<&str>) -> PyResult<()> {
     Ok(checked.map_err(|error| Fault::Argument(error.to_string()))?)
 }
 
-/// A camera as `esaac.ros.Camera` has it.
+/// The fields of `esaac.ros.Camera`.
 #[derive(FromPyObject)]
 struct Camera {
     name: String,
@@ -34,7 +34,7 @@ struct Camera {
     frame_id: Option<String>,
 }
 
-/// What `esaac.ros.Publisher` was asked for.
+/// The options of `esaac.ros.Publisher`.
 #[derive(FromPyObject)]
 struct Options {
     namespace: String,
@@ -72,7 +72,7 @@ impl RosPublisher {
         let rig = options.rig()?;
         let plans = cameras.clone();
         let publisher = py.detach(|| {
-            // Names are wrong with a network or without, and before a file is made.
+            // Check names first: no network is needed for that, and no file is made in vain.
             esaac_ros::Plan::new(&plans, &rig).map_err(|error| Fault::Argument(error.to_string()))?;
             let bag = options.record.as_deref().map(BagWriter::create).transpose().map_err(ros)?;
             let transport = if options.network { Some(options.open()?) } else { None };
@@ -100,13 +100,13 @@ impl RosPublisher {
         })
     }
 
-    /// Tells a camera's parameters again: they have changed.
+    /// Publishes a camera's parameters again after they have changed.
     fn set_sensor(&self, py: Python<'_>, camera: usize, sensor: PyRef<'_, PySensor>) -> PyResult<()> {
         let sensor = sensor.0.clone();
         self.with(py, move |publisher| Ok(publisher.set_sensor(camera, &sensor)?))
     }
 
-    /// Time may go back with the next tick.
+    /// Allows the next tick to be earlier than the last.
     fn restart(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |publisher| {
             publisher.restart();
@@ -114,17 +114,17 @@ impl RosPublisher {
         })
     }
 
-    /// What has happened that people should know.
+    /// Messages for the user since the last call.
     fn notices(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         self.with(py, |publisher| Ok(publisher.notices()))
     }
 
-    /// What was sent, as JSON.
+    /// Counts of what was sent, as JSON.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
         self.with(py, |publisher| Ok(json(&publisher.summary())))
     }
 
-    /// Sends what waits and ends; what was sent, as JSON. Nothing the second time.
+    /// Sends what is queued and ends. Returns counts of what was sent as JSON, and None at a second call.
     fn close(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let publisher = self.publisher.get()?;
         Ok(py.detach(|| {

@@ -1,5 +1,5 @@
-//! What one tick publishes, as Python hands it over: arrays that are held against what their camera was announced
-//! with, and read where they lie.
+//! The arrays that Python gives for one tick. They are checked against the camera that was announced, and read in
+//! place.
 
 use crate::error::Fault;
 use esaac_model::{Intensity, PacketView, SensorModel};
@@ -18,6 +18,7 @@ struct Events<'py> {
     watermark_ns: i64,
     sequence: u64,
     dropped: u64,
+    host_copies: u32,
 }
 
 /// An APS frame.
@@ -42,7 +43,7 @@ pub struct Part<'py> {
     imu: Vec<Sample>,
 }
 
-/// The same without the interpreter.
+/// The same, usable without the interpreter's lock.
 pub struct Borrowed<'a> {
     camera: usize,
     events: Option<PacketView<'a>>,
@@ -53,7 +54,7 @@ pub struct Borrowed<'a> {
 }
 
 impl Part<'_> {
-    /// The arrays, held against what the camera was announced with.
+    /// The arrays, checked against the camera that was announced.
     pub fn borrow(&self, cameras: &[CameraPlan]) -> Result<Borrowed<'_>, Fault> {
         let expected = cameras.len();
         let plan = cameras
@@ -87,7 +88,7 @@ impl Part<'_> {
     }
 }
 
-/// The elements of an image of a camera's size, rows first.
+/// The elements of an image of a camera's size, row-major.
 fn image<'a, T: numpy::Element, D: numpy::ndarray::Dimension>(
     plan: &CameraPlan,
     what: &str,
@@ -105,7 +106,7 @@ fn image<'a, T: numpy::Element, D: numpy::ndarray::Dimension>(
     flat(what, array.as_slice())
 }
 
-/// `esaac/ros.py` hands over arrays without gaps.
+/// `esaac/ros.py` gives contiguous arrays.
 fn flat<'a, T>(what: &str, slice: Result<&'a [T], numpy::AsSliceError>) -> Result<&'a [T], Fault> {
     slice.map_err(|_| Fault::Frame(format!("{what} has gaps, expected a contiguous array")))
 }
@@ -123,8 +124,7 @@ impl Events<'_> {
             t_offset_ns: flat("t_offset_ns", self.t_offset_ns.as_slice())?,
             polarity: flat("p", self.p.as_slice())?,
             dropped: self.dropped,
-            // From where the device wrote them into the packet that Python holds.
-            host_copies: 1,
+            host_copies: self.host_copies,
         };
         let lengths = [view.x.len(), view.y.len(), view.polarity.len()];
         if lengths.iter().any(|&length| length != view.len()) {
@@ -144,7 +144,7 @@ impl Aps<'_> {
 }
 
 impl Borrowed<'_> {
-    /// Into a tick's messages.
+    /// Adds this part to a tick's messages.
     pub fn add(&self, tick: &mut TickMessages<'_>) {
         if let Some(events) = &self.events {
             tick.events(self.camera, events);

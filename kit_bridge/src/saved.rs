@@ -1,4 +1,4 @@
-//! A saved state as Python keeps it: banks of bytes, and what its cameras' frames are in words.
+//! A saved state for Python: the banks' bytes, and the formats of the cameras' frames in words.
 
 use crate::bank::Format;
 use crate::error::Fault;
@@ -11,10 +11,10 @@ use pyo3::types::{PyBytes, PyDict};
 /// Element and channels of an image.
 type Named = (String, usize);
 
-/// Of a camera's colour, and of its motion.
+/// Formats of a camera's colour and motion.
 pub type NamedFormat = (Named, Option<Named>);
 
-/// The parts, by the names that [`from_python`] takes them by.
+/// The parts of a state, by name.
 pub fn to_python<'py>(py: Python<'py>, saved: &Saved) -> PyResult<Bound<'py, PyDict>> {
     let of = |texel: &Texel| (element_name(texel.element), texel.channels);
     let formats: Vec<_> =
@@ -27,7 +27,7 @@ pub fn to_python<'py>(py: Python<'py>, saved: &Saved) -> PyResult<Bound<'py, PyD
     Ok(parts)
 }
 
-/// A state of the parts of one.
+/// A state from its parts.
 pub fn from_python(
     formats: Vec<NamedFormat>,
     last_ns: Vec<Option<i64>>,

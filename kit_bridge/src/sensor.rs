@@ -1,4 +1,4 @@
-//! `SensorModel`: the model's parameters as attributes, all of them from its one list.
+//! `SensorModel`: the parameters of the model's list as attributes.
 
 use crate::error::Fault;
 use esaac_model::presets::preset;
@@ -7,13 +7,13 @@ use pyo3::exceptions::PyAttributeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 
-/// What an event camera is: see `esaac/__init__.pyi`.
+/// Parameters of an event camera: see `esaac/__init__.pyi`.
 #[pyclass(name = "SensorModel", module = "esaac", frozen)]
 #[derive(Clone)]
 pub struct PySensor(pub SensorModel);
 
 impl PySensor {
-    /// A sensor as callers name it: a `SensorModel`, a preset's name, or the default.
+    /// The sensor that a caller names: a `SensorModel`, a preset's name, or None for the default.
     pub fn named(given: Option<&Bound<'_, PyAny>>) -> PyResult<SensorModel> {
         let Some(given) = given else { return Ok(SensorModel::default()) };
         if let Ok(sensor) = given.cast::<PySensor>() {
@@ -36,7 +36,7 @@ impl PySensor {
         })
     }
 
-    /// The sensor with a profile and parameters laid over it, validated.
+    /// The sensor with a profile, then parameters, replacing its own; validated.
     pub fn with(
         mut sensor: SensorModel,
         profile: Option<&str>,
@@ -67,7 +67,7 @@ impl PySensor {
     }
 }
 
-/// A value as the model's own parser takes it.
+/// A value as text for the model's parser.
 fn text(parameter: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     let wrong = || {
         let kind = value.get_type().name().map_or_else(|_| "?".to_owned(), |n| n.to_string());
@@ -86,7 +86,7 @@ fn text(parameter: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     if value.is_instance_of::<PyFloat>() {
         return Ok(value.repr()?.to_cow()?.into_owned());
     }
-    // NumPy's scalars and the like.
+    // NumPy's scalars, for example.
     match value.call_method0("item") {
         Ok(item) if !item.get_type().is(value.get_type()) => text(parameter, &item),
         _ => Err(wrong().into()),

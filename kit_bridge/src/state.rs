@@ -4,35 +4,56 @@ use crate::bank::{Bank, Copies, Format, Frames};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
 use crate::image::{Place, elsewhere};
-use esaac_engine::{ApsFrame, Device, Diagnostics, MemoryUse, Representation, Share};
+use esaac_engine::{
+    ApsFrame, Device, Diagnostics, HeldPackets, MemoryUse, PacketPlace, Representation, RigOptions, Share,
+    Tick,
+};
 use esaac_model::{Packet, SensorModel, frame};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Everything that a step needs.
+/// Where packets go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packets {
+    /// Memory of their own on the host.
+    Host,
+    /// They stay in the memory that the device writes, of which there are `ring` sets.
+    Mapped {
+        /// Sets of buffers that are written in turn.
+        ring: u32,
+    },
+    /// Memory of CUDA's.
+    Cuda,
+}
+
+/// Cameras, their frames' formats, and their last times.
 pub struct State {
     banks: Vec<Bank>,
     formats: Vec<Format>,
-    /// Sensors as they are now.
+    /// The present sensors.
     pub sensors: Vec<SensorModel>,
     last_ns: Vec<Option<i64>>,
-    packets_on_cuda: bool,
+    packets: Packets,
+    /// Whether the packets of all cameras are joined into one.
+    together: bool,
     /// Copies so far.
     pub copies: Copies,
-    /// Time that the last step took here: copies, the device, the packets.
+    /// Time of the last step: copies, device and packets.
     step_ns: u64,
     device: Arc<Device>,
 }
 
-/// Where a step's events are.
+/// The events of a step.
 pub enum Events {
-    /// A packet a camera.
+    /// One packet for each camera.
     Host(Vec<Packet>),
-    /// All of them in one block, in the layout of [`Representation::Gathered`], and the packets' headers.
+    /// Packets where the device wrote them, in order of cameras.
+    Mapped(Vec<HeldPackets>),
+    /// All events in one block, in the layout of [`Representation::Gathered`], and the packets' headers.
     Cuda { block: Arc<Block>, headers: Vec<Packet>, counts: Vec<u32> },
 }
 
-/// A form of the last step's events, of all cameras.
+/// Event frames or voxel grids of the last step, of all cameras.
 pub enum Form {
     /// For NumPy.
     Host(Vec<u8>),
@@ -42,23 +63,24 @@ pub enum Form {
 
 /// What `save` gives and `restore` takes.
 pub struct Saved {
-    /// A state a bank.
+    /// One state for each bank.
     pub banks: Vec<Vec<u8>>,
-    /// What each camera's frames are.
+    /// Formats of each camera's frames.
     pub formats: Vec<Format>,
     /// Time of each camera's last frame.
     pub last_ns: Vec<Option<i64>>,
 }
 
 impl State {
-    /// Cameras that have seen nothing yet; what their frames are, their first ones tell.
-    pub fn new(device: &Arc<Device>, sensors: Vec<SensorModel>, packets_on_cuda: bool) -> Self {
+    /// Cameras that have seen nothing yet. Their first frames set the formats.
+    pub fn new(device: &Arc<Device>, sensors: Vec<SensorModel>, packets: Packets, tiled: bool) -> Self {
         State {
+            together: tiled && sensors.len() > 1,
             banks: Vec::new(),
             formats: Vec::new(),
             last_ns: vec![None; sensors.len()],
             sensors,
-            packets_on_cuda,
+            packets,
             copies: Copies::default(),
             step_ns: 0,
             device: Arc::clone(device),
@@ -104,9 +126,14 @@ impl State {
     }
 
     fn events(&mut self, side: Option<&Arc<CudaSide>>) -> Result<Events, Fault> {
-        let counts: Vec<u32> = self.banks.iter().flat_map(|bank| bank.rig.events()).copied().collect();
+        if self.in_place() {
+            let held = |bank: &Bank| bank.rig.last_tick().hold().expect("the rig keeps packets in place");
+            return Ok(Events::Mapped(self.banks.iter().map(held).collect()));
+        }
+        let counts: Vec<u32> =
+            self.banks.iter().flat_map(|bank| bank.rig.last_tick().events).copied().collect();
         let packets: Vec<Packet> = self.banks.iter_mut().flat_map(|bank| bank.rig.take_packets()).collect();
-        if !self.packets_on_cuda {
+        if self.packets == Packets::Host {
             return Ok(Events::Host(packets));
         }
         let side = side.expect("packets on a device come with its side");
@@ -114,12 +141,27 @@ impl State {
         Ok(Events::Cuda { block, headers: packets, counts })
     }
 
-    /// A form of the last step's events, where packets are.
+    /// Whether rigs leave packets where the device wrote them.
+    fn in_place(&self) -> bool {
+        self.packets != Packets::Cuda && (self.together || self.packets != Packets::Host)
+    }
+
+    fn rig_options(&self) -> RigOptions {
+        let (packets, packet_ring) = match self.packets {
+            Packets::Cuda => (PacketPlace::OnDevice, 1),
+            Packets::Mapped { ring } => (PacketPlace::InPlace, ring),
+            Packets::Host if self.in_place() => (PacketPlace::InPlace, 1),
+            Packets::Host => (PacketPlace::Owned, 1),
+        };
+        RigOptions { packets, packet_ring, ..RigOptions::default() }
+    }
+
+    /// Event frames or voxel grids of the last step, in the same memory as packets.
     pub fn form(&mut self, what: Representation, side: Option<&Arc<CudaSide>>) -> Result<Form, Fault> {
         if self.banks.is_empty() {
             return Err(Fault::Argument("no frame has been stepped yet".to_owned()));
         }
-        if self.packets_on_cuda {
+        if self.packets == Packets::Cuda {
             let side = side.expect("packets on a device come with its side");
             return Ok(Form::Cuda(self.form_on_cuda(what, side)?));
         }
@@ -141,7 +183,7 @@ impl State {
         Ok(Arc::new(block))
     }
 
-    /// The first frames say what each camera's are; the others are held against that.
+    /// The first frames set each camera's formats; later ones must have the same.
     fn check_formats(&mut self, frames: &Frames) -> Result<(), Fault> {
         let given = |camera: usize| {
             frames.of(camera).map(|(hdr, motion, _)| (hdr.texel(), motion.map(|m| m.texel())))
@@ -151,7 +193,7 @@ impl State {
             let formats = formats.ok_or_else(|| {
                 Fault::Frame("the first step needs a frame of every camera: they tell the formats".to_owned())
             })?;
-            self.banks = Bank::all(&self.device, &self.sensors, &formats, self.packets_on_cuda)?;
+            self.banks = Bank::all(&self.device, &self.sensors, &formats, self.rig_options())?;
             self.formats = formats;
             return Ok(());
         }
@@ -168,11 +210,11 @@ impl State {
         Ok(())
     }
 
-    /// Frames on a device are on the engine's.
+    /// Frames on a CUDA device must be on the engine's.
     fn check_devices(&self, frames: &Frames, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
         for (hdr, motion) in frames.images.iter().flatten() {
             for tiles in [Some(hdr), motion.as_ref()].into_iter().flatten() {
-                // A texture has no address to ask for; its context is asked when it is copied.
+                // A texture has no address. Its context is checked when it is copied.
                 let addressed = tiles.texture().is_none();
                 if let (Place::Cuda { .. }, Some(side), true) = (tiles.place(), side, addressed) {
                     let actual = side.link().device_of(tiles.pointer())?;
@@ -207,7 +249,7 @@ impl State {
         }))
     }
 
-    /// Forgets what cameras saw.
+    /// Lets cameras begin anew.
     pub fn reset(&mut self, cameras: &[usize]) -> Result<(), Fault> {
         for &camera in cameras {
             if let Some((bank, own)) = self.bank(camera)? {
@@ -238,21 +280,31 @@ impl State {
         Ok(())
     }
 
-    /// What the last step counted, a camera.
+    /// Counts of the last step for each camera.
     pub fn diagnostics(&self) -> Vec<Diagnostics> {
-        self.banks.iter().flat_map(|bank| bank.rig.diagnostics()).copied().collect()
+        self.banks.iter().flat_map(|bank| bank.rig.last_tick().diagnostics).copied().collect()
     }
 
-    /// APS frames of the last step, a camera.
+    /// APS frames of the last step, one for each camera.
     pub fn aps(&self) -> Vec<Option<ApsFrame>> {
-        self.banks.iter().flat_map(|bank| bank.rig.aps()).cloned().collect()
+        let of = |tick: &Tick<'_>, camera: usize| {
+            let frame = tick.aps[camera].clone()?;
+            Some(ApsFrame { pixels: tick.aps_pixels(camera).to_vec(), ..frame })
+        };
+        let of_bank = |bank: &Bank| {
+            let tick = bank.rig.last_tick();
+            (0..bank.rig.len()).map(|camera| of(&tick, camera)).collect::<Vec<_>>()
+        };
+        self.banks.iter().flat_map(of_bank).collect()
     }
 
-    /// GPU time of the last step, the longest where several banks ran at once; the time from submit to packet,
-    /// likewise; and that of the whole step.
+    /// Times of the last step: the GPU's, from submit to packet, and the whole. Of several banks, which run at once,
+    /// the longest counts.
     pub fn times_ns(&self) -> [u64; 3] {
         let longest = |of: fn(&Bank) -> u64| self.banks.iter().map(of).max().unwrap_or(0);
-        let rigs = [longest(|bank| bank.rig.gpu_ns()), longest(|bank| bank.rig.submit_to_packet_ns())];
+        // 0 where the device tells no times.
+        let gpu_ns = longest(|bank| bank.rig.last_tick().gpu_ns().unwrap_or(0));
+        let rigs = [gpu_ns, longest(|bank| bank.rig.last_tick().submit_to_packet_ns)];
         [rigs[0], rigs[1], self.step_ns]
     }
 
@@ -284,7 +336,7 @@ impl State {
         if expected != actual || expected != saved.last_ns.len() {
             return Err(Fault::Argument(format!("saved state of {actual} cameras, expected {expected}")));
         }
-        let mut banks = Bank::all(&self.device, &self.sensors, &saved.formats, self.packets_on_cuda)?;
+        let mut banks = Bank::all(&self.device, &self.sensors, &saved.formats, self.rig_options())?;
         if banks.len() != saved.banks.len() {
             let message = format!("saved state of {} rigs, expected {}", saved.banks.len(), banks.len());
             return Err(Fault::Argument(message));
@@ -305,7 +357,7 @@ fn describe((hdr, motion): Format) -> String {
     }
 }
 
-/// Steps all banks, each on a thread of its own: they wait for the device most of the time.
+/// Steps all banks at once, each on its own thread, which mostly waits for the device.
 fn step_all(banks: &mut [Bank], frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
     if let [bank] = banks {
         return bank.step(frames, t_ns);

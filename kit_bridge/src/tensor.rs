@@ -1,12 +1,13 @@
-//! Arrays on a CUDA device that Python's libraries take over where they lie.
+//! Arrays on a CUDA device, which other libraries view by DLPack or CUDA's array interface.
 
+use crate::axes::{self, NoPart};
 use crate::cuda::Block;
 use crate::dlpack::{self, DlDevice, DlType};
 use crate::error::Fault;
 use crate::image::numpy;
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PySlice, PyTuple};
+use pyo3::types::{PyDict, PyIterator, PyList, PySlice, PyTuple};
 use std::sync::Arc;
 
 /// Type of a tensor's elements.
@@ -57,7 +58,32 @@ impl Tensor {
     }
 
     fn elements(&self) -> usize {
-        self.shape.iter().product()
+        axes::elements(&self.shape)
+    }
+
+    fn part(&self, (start, shape): axes::Part) -> Tensor {
+        let offset = self.offset + (start * self.kind.bytes) as u64;
+        Tensor::new(&self.block, offset, self.kind, shape)
+    }
+
+    fn refused(&self, refusal: NoPart) -> PyErr {
+        match refusal {
+            NoPart::Element => PyTypeError::new_err(format!(
+                "{} is on a CUDA device: copy it to the host with .numpy(), or view it there with torch.from_dlpack, \
+                 cupy.from_dlpack or jax.dlpack.from_dlpack",
+                self.name()
+            )),
+            NoPart::Outside { index, length } => {
+                PyIndexError::new_err(format!("index {index} into {}, expected below {length}", self.name()))
+            }
+            NoPart::Step(step) => {
+                PyIndexError::new_err(format!("step {step}, expected 1: a slice of a tensor is contiguous"))
+            }
+        }
+    }
+
+    fn name(&self) -> String {
+        format!("an esaac.Tensor of shape {:?}", self.shape)
     }
 }
 
@@ -83,7 +109,7 @@ impl Tensor {
         Ok(format!("cuda:{}", self.block.memory()?.1.ordinal))
     }
 
-    /// The events are written when `step` returns, so no stream has anything to wait for.
+    /// The data are written before the call returns that gave the tensor, so no stream has to wait.
     #[pyo3(signature = (*, stream=None, max_version=None, dl_device=None, copy=None))]
     fn __dlpack__(
         &self,
@@ -111,14 +137,14 @@ impl Tensor {
 
     #[getter]
     fn __cuda_array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        // That it is this process's is asked for here too.
+        // Fails in a forked process.
         self.block.memory()?;
         let interface = PyDict::new(py);
         interface.set_item("version", 3)?;
         interface.set_item("typestr", self.kind.typestr)?;
         interface.set_item("shape", self.shape(py)?)?;
         interface.set_item("strides", py.None())?;
-        // Nothing has to be read from where there is nothing.
+        // An empty array has no address.
         let pointer = if self.elements() == 0 { 0 } else { self.pointer() };
         interface.set_item("data", (pointer, false))?;
         interface.set_item("stream", py.None())?;
@@ -150,26 +176,33 @@ impl Tensor {
     }
 
     fn __getitem__(&self, key: &Bound<'_, PyAny>) -> PyResult<Tensor> {
-        let length = self.__len__();
-        let row = self.shape[1..].iter().product::<usize>() * self.kind.bytes;
-        let (start, shape) = if let Ok(slice) = key.cast::<PySlice>() {
-            let indices = slice.indices(length as isize)?;
-            if indices.step != 1 {
-                return Err(PyIndexError::new_err("a tensor is cut into neighbours only (step 1)"));
+        let part = match key.cast::<PySlice>() {
+            Ok(slice) => {
+                let indices = slice.indices(self.__len__() as isize)?;
+                axes::slice(&self.shape, indices.start, indices.stop, indices.step)
             }
-            let count = (indices.stop - indices.start).max(0) as usize;
-            let shape: Vec<usize> = [count].iter().chain(&self.shape[1..]).copied().collect();
-            (indices.start as usize, shape)
-        } else {
-            let index: isize = key.extract()?;
-            let index = if index < 0 { index + length as isize } else { index };
-            if index < 0 || index as usize >= length || self.shape.len() < 2 {
-                let message = format!("index {index} into a tensor of shape {:?}", self.shape);
-                return Err(PyIndexError::new_err(message));
-            }
-            (index as usize, self.shape[1..].to_vec())
+            Err(_) => axes::at(&self.shape, key.extract()?),
         };
-        Ok(Tensor::new(&self.block, self.offset + (start * row) as u64, self.kind, shape))
+        part.map(|part| self.part(part)).map_err(|refusal| self.refused(refusal))
+    }
+
+    /// Without this, Python would ask for elements by index, and take the first IndexError for the end.
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        if self.shape.len() < 2 {
+            return Err(self.refused(NoPart::Element));
+        }
+        let parts = (0..self.__len__() as isize)
+            .map(|index| axes::at(&self.shape, index).map(|part| self.part(part)))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|refusal| self.refused(refusal))?;
+        PyList::new(py, parts)?.try_iter()
+    }
+
+    /// NumPy calls this. Copying from the device must be asked for, so this is an error.
+    #[pyo3(signature = (dtype=None, copy=None))]
+    fn __array__(&self, dtype: Option<&Bound<'_, PyAny>>, copy: Option<bool>) -> PyResult<Py<PyAny>> {
+        let _ = (dtype, copy);
+        Err(self.refused(NoPart::Element))
     }
 
     fn __repr__(&self) -> PyResult<String> {

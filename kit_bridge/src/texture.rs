@@ -1,4 +1,4 @@
-//! `CudaTexture`: a renderer's image where the renderer has it, in CUDA's own layout.
+//! `CudaTexture`: a renderer's image in CUDA's own layout.
 
 use crate::error::Fault;
 use crate::image::Element;
@@ -16,7 +16,7 @@ pub struct CudaTexture {
     pub shape: [usize; 3],
     /// Type of a channel.
     pub element: Element,
-    /// Stream that it is written in.
+    /// Stream that the renderer writes it in.
     pub stream: Option<u64>,
 }
 

@@ -1,5 +1,5 @@
-//! What is particular to torch's tensors: asked of torch's own functions in C. DLPack's protocol is Python there,
-//! and takes microseconds a tensor.
+//! A faster way for torch's tensors: it calls torch's functions in C. Torch's DLPack protocol is Python code that
+//! takes microseconds for each tensor.
 
 use crate::image;
 use pyo3::intern;
@@ -7,17 +7,17 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-/// Torch, once somebody has handed over a tensor of it.
+/// Functions of torch, loaded with the first tensor.
 pub struct Torch {
     tensor: Py<PyType>,
     to_dlpack: Py<PyAny>,
     current_stream: Py<PyAny>,
-    /// Whether that is the function which gives a handle at once.
+    /// Whether `current_stream` gives the handle itself, not an object.
     raw: bool,
 }
 
 impl Torch {
-    /// Torch, if an array is its tensor. Of subclasses only themselves know how they are lent.
+    /// Torch, if the array is its tensor. Subclasses may lend themselves in another way, so they do not count.
     pub fn of(array: &Bound<'_, PyAny>) -> PyResult<Option<&'static Self>> {
         static TORCH: PyOnceLock<Torch> = PyOnceLock::new();
         let (py, kind) = (array.py(), array.get_type());
@@ -32,7 +32,7 @@ impl Torch {
     fn load(tensor: Bound<'_, PyType>) -> PyResult<Self> {
         let py = tensor.py();
         let to_dlpack = py.import("torch.utils.dlpack")?.getattr("to_dlpack")?.unbind();
-        // Compiled kernels of torch and Triton ask the same; without it a stream's object is made to be asked.
+        // Torch's compiled kernels and Triton use this function. Without it a stream object is made for each call.
         let raw = py.import("torch")?.getattr("_C")?.getattr_opt("_cuda_getCurrentRawStream")?;
         let (raw, current_stream) = match raw {
             Some(function) => (true, function),
@@ -41,8 +41,8 @@ impl Torch {
         Ok(Torch { tensor: tensor.unbind(), to_dlpack, current_stream: current_stream.unbind(), raw })
     }
 
-    /// A tensor's capsule of DLPack, on whatever stream it is written. None is given for one that needs a
-    /// gradient: it is the protocol's to refuse.
+    /// A tensor's DLPack capsule, without synchronising streams. None for a tensor that needs a gradient: the
+    /// protocol refuses it with an error of its own.
     pub fn lend<'py>(&self, tensor: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let py = tensor.py();
         if tensor.getattr(intern!(py, "requires_grad"))?.is_truthy()? {
@@ -51,7 +51,7 @@ impl Torch {
         Ok(Some(self.to_dlpack.bind(py).call1((tensor,))?))
     }
 
-    /// The stream that torch puts a device's work into now.
+    /// Torch's current stream of a device.
     pub fn stream(&self, py: Python<'_>, ordinal: i32) -> PyResult<u64> {
         let current = self.current_stream.bind(py).call1((ordinal,))?;
         let current = if self.raw { current } else { current.getattr("cuda_stream")? };

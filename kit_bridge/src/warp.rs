@@ -1,14 +1,14 @@
-//! What is particular to Warp's arrays, which are Isaac Sim's. Warp's way through DLPack is Python and ctypes; its
-//! array interface is kept with the array, and knows no stream.
+//! A faster way for the arrays of Warp, which Isaac Sim uses. Warp's DLPack is slow Python code. Its array interface is
+//! quick but names no stream, so the stream is found here.
 
 use crate::image;
 use pyo3::intern;
 use pyo3::prelude::*;
 
-/// The stream that Warp puts work of an array's device into now, if it is an array of Warp's on a CUDA device.
+/// Warp's current stream of an array's device, if it is an array of Warp's on a CUDA device.
 pub fn stream_of(array: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
     let (py, kind) = (array.py(), array.get_type());
-    // Before Warp 1.10, and since.
+    // The module before Warp 1.10, and since.
     let ours = |module: Bound<'_, _>| module == "warp.types" || module == "warp._src.types";
     if !kind.name().is_ok_and(|name| name == "array") || !kind.module().is_ok_and(ours) {
         return Ok(None);

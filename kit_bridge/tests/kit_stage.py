@@ -6,6 +6,8 @@ import pathlib
 import carb
 import carb.settings
 import omni.kit.app
+import omni.timeline
+import omni.ui
 import omni.usd
 from omni.replicator import core as rep
 from pxr import Gf, Sdf, Usd, UsdGeom
@@ -16,6 +18,7 @@ from esaac_sim.schema import register
 
 EXTENSION = pathlib.Path(__file__).parents[1] / "exts/esaac.sim"
 APP = omni.kit.app.get_app()
+TIMELINE = omni.timeline.get_timeline_interface()
 # As the extension does when it starts: USD asks for schemas once.
 register()
 KINDS = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, str: Sdf.ValueTypeNames.Token}
@@ -23,8 +26,10 @@ KINDS = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, str: Sdf.Va
 
 @contextlib.contextmanager
 def fresh_stage():
-    """The self-test is off."""
+    """An empty stage but for a cube and a camera; the timeline is stopped and the self-test off."""
     rep.reset()
+    TIMELINE.reset()
+    omni.ui.reset()
     carb.LINES.clear()
     settings = carb.settings.get_settings()
     settings.clear()
@@ -51,6 +56,8 @@ def camera(stage, path, **attributes):
 
 
 def move(stage, frames, first=0, speed=0.02):
+    """Plays `frames` updates in which the cube moves on."""
+    TIMELINE.play()
     place = stage.GetPrimAtPath("/cube").GetAttribute("xformOp:translate")
     for index in range(first, first + frames):
         place.Set(Gf.Vec3d(-0.5 + speed * index, 0.2, 0))

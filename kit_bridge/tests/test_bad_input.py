@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 import pytest
-from conftest import FRAME_NS, assert_same, bars, run
+from conftest import FRAME_NS, assert_same, bars, join, run
 
 import esaac
 
@@ -120,7 +120,7 @@ def test_devices_are_listed_and_wrong_ones_refused():
         camera(device="best")
     with pytest.raises(esaac.ArgumentError, match="cuda:N"):
         camera(device="cuda:x")
-    with pytest.raises(esaac.ArgumentError, match="`host` or `cuda`"):
+    with pytest.raises(esaac.ArgumentError, match="`host`, `mapped` or `cuda`"):
         camera(packets="gpu")
 
 
@@ -184,36 +184,69 @@ def test_the_interpreter_is_free_while_the_device_works():
     assert during >= 2
 
 
-def test_an_interrupt_is_raised_after_a_whole_step():
-    expected = run(camera(), count=6)
-    cam, packets = camera(), []
+def interrupted(camera, step, count):
+    """Packets of `count` steps, each of which a real signal may interrupt, and how many were."""
+    packets, interrupts = [], 0
+    for index in range(count):
+        # Early ones come before the device works, late ones after the step.
+        signal.setitimer(signal.ITIMER_REAL, 0.0002 + 0.0015 * (index % 8))
+        while True:
+            try:
+                packet = step(index)
+                signal.setitimer(signal.ITIMER_REAL, 0)
+                break
+            except KeyboardInterrupt:
+                interrupts += 1
+                packet = camera.last_packet
+                if packet is not None and packet.watermark_ns == FRAME_NS * index:
+                    break
+        packets.append(packet)
+    return packets, interrupts
 
+
+@pytest.fixture
+def alarm_is_an_interrupt():
     def interrupt(*_):
         raise KeyboardInterrupt
 
     old = signal.signal(signal.SIGALRM, interrupt)
-    interrupts = 0
-    try:
-        for index in range(6):
-            signal.setitimer(signal.ITIMER_REAL, 0.0005)
-            try:
-                packets.append(cam.step(*bars(40, 24, index), t_ns=FRAME_NS * index))
-                signal.setitimer(signal.ITIMER_REAL, 0)
-            except KeyboardInterrupt:
-                interrupts += 1
-                # The step may be done or not begun; the camera knows, and neither state is broken.
-                cam.reset()
-                return_to = index
-                packets.clear()
-                cam = camera()
-                signal.setitimer(signal.ITIMER_REAL, 0)
-                for again in range(return_to + 1):
-                    packets.append(cam.step(*bars(40, 24, again), t_ns=FRAME_NS * again))
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, old)
-    assert interrupts > 0
-    np.testing.assert_array_equal(np.concatenate([p.x for p in packets]), expected[0])
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, old)
+
+
+def test_an_interrupt_loses_no_packet(alarm_is_an_interrupt):
+    def big():
+        return esaac.EventCamera("dvs128", width=320, height=240, contrast_on=0.15, contrast_off=0.15)
+
+    frames = [bars(320, 240, index) for index in range(16)]
+    alone = big()
+    expected = join([alone.step(*frame, t_ns=FRAME_NS * index) for index, frame in enumerate(frames)])
+    cam = big()
+    packets, interrupts = interrupted(
+        cam, lambda index: cam.step(*frames[index], t_ns=FRAME_NS * index), len(frames)
+    )
+    assert interrupts >= 4
+    assert_same(join(packets), expected)
+    assert [packet.sequence for packet in packets] == list(range(len(frames)))
+
+
+def test_the_last_packet_is_what_the_last_step_returned_and_outlives_the_camera():
+    cam = camera()
+    assert cam.last_packet is None
+    for index in range(2):
+        packet = cam.step(*bars(40, 24, index), t_ns=FRAME_NS * index)
+        assert cam.last_packet is packet
+    with pytest.raises(esaac.FrameError):
+        cam.step(*bars(40, 24, 2), t_ns=0)
+    cam.close()
+    assert cam.last_packet is packet and len(packet) > 100
+    sensor = esaac.SensorModel("dvs128", width=40, height=24)
+    rig, tiled = esaac.Rig([sensor, sensor]), esaac.TiledEventCamera(sensor, 2)
+    assert rig.last_packets == [] and tiled.last_packet is None
+    hdr, motion = np.stack([HDR] * 2), np.stack([MOTION] * 2)
+    packets, packet = rig.step([(HDR, MOTION)] * 2, 0), tiled.step(hdr, motion, t_ns=0)
+    assert rig.last_packets == packets and tiled.last_packet is packet
 
 
 def test_a_forked_child_is_told_and_harms_nothing():

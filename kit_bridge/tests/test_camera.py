@@ -129,6 +129,23 @@ def test_a_saved_run_goes_on_as_one():
         camera().restore(first.save())
 
 
+@pytest.mark.parametrize(("before", "after"), [("cubic", "bilinear"), ("bilinear", "cubic")])
+def test_a_camera_whose_taps_have_changed_takes_its_own_state_back(before, after):
+    cam = camera(taps=before)
+    cam.step(*bars(40, 24, 0), t_ns=0)
+    cam.sensor = cam.sensor.replace(taps=after)
+    steps = lambda indices: [cam.step(*bars(40, 24, index), t_ns=FRAME_NS * index) for index in indices]
+    steps(range(1, 3))
+    state = cam.save()
+    expected = join(steps(range(3, 5)))
+    cam.restore(state)
+    assert_same(join(steps(range(3, 5))), expected)
+    fresh = camera(taps=after)
+    fresh.restore(state)
+    cam.restore(fresh.save())
+    assert_same(join(steps(range(3, 5))), expected)
+
+
 def test_sensors_change_between_steps():
     cam = camera()
     cam.step(*bars(40, 24, 0), t_ns=0)

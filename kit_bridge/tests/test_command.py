@@ -21,7 +21,7 @@ def command(*arguments):
 @pytest.fixture(scope="module")
 def tumble():
     """The path-traced sequence that all suites share."""
-    folder = pathlib.Path(__file__).parents[2].resolve() / "../shared/sequences/tumble"
+    folder = pathlib.Path(__file__).parents[2].resolve() / "tests/data/tumble"
     assert folder.is_dir(), f"{folder} is missing"
     return folder.resolve()
 

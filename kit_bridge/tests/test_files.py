@@ -1,5 +1,11 @@
 """Files of events, read back by libraries that know nothing of this one."""
 
+import contextlib
+import os
+import pathlib
+import resource
+import tempfile
+
 import aedat
 import faery
 import h5py
@@ -137,3 +143,86 @@ def test_a_run_that_fails_leaves_no_file(tmp_path, recording):
             events.write(recording[1][1])
             raise RuntimeError("on the way")
     assert not (tmp_path / "events.npz").exists()
+
+
+@contextlib.contextmanager
+def full_disk():
+    """No file may grow beyond a few bytes: writes fail on the way, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextlib.contextmanager
+def unwritable_folder():
+    """A folder that this user may not write to. Root may write everywhere, so it becomes somebody else."""
+    folder = pathlib.Path(tempfile.mkdtemp())
+    folder.chmod(0o555)
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield folder
+    finally:
+        if root:
+            os.seteuid(0)
+        assert not list(folder.iterdir())
+        folder.rmdir()
+
+
+def read_times(path):
+    if path.suffix == ".npz":
+        return np.load(path)["t"] // 1000
+    if path.suffix == ".h5":
+        return esaac.files.load_dsec(path)[2] // 1000
+    if path.suffix == ".aedat4":
+        packets = [packet["events"]["t"] for packet in aedat.Decoder(path) if "events" in packet]
+        return np.concatenate(packets)
+    t = decode_evt3(path)[0]
+    return t - t[0]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".aedat4", ".raw"])
+def test_a_full_disk_costs_no_events_and_spoils_no_earlier_file(tmp_path, recording, suffix):
+    sensor, packets = recording
+    path = tmp_path / f"events{suffix}"
+    path.write_bytes(b"an earlier recording")
+    events = esaac.EventWriter(path, sensor)
+    for packet in packets:
+        events.write(packet)
+    with full_disk(), pytest.raises(OSError):
+        events.close()
+    assert not events.closed and path.read_bytes() == b"an earlier recording"
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    events.close()
+    assert events.closed
+    expected = np.concatenate([packet.t_ns for packet in packets]) // 1000
+    times = read_times(path)
+    np.testing.assert_array_equal(times - times[0], expected - expected[0])
+    with pytest.raises(esaac.ArgumentError, match="closed"):
+        events.write(packets[1])
+
+
+def test_a_recording_that_cannot_be_written_may_go_elsewhere(tmp_path, recording):
+    sensor, packets = recording
+    (tmp_path / "gone").mkdir()
+    events = esaac.EventWriter(tmp_path / "gone/events.npz", sensor)
+    events.write(packets[1])
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(OSError, match="no folder"):
+        events.close()
+    with pytest.raises(esaac.ArgumentError, match=r"\.csv"):
+        events.close(tmp_path / "events.csv")
+    events.close(tmp_path / "events.h5")
+    assert len(read_times(events.path)) == len(packets[1]) == len(events)
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(tmp_path, recording):
+    with unwritable_folder() as folder:
+        with pytest.raises(PermissionError, match=f"user [0-9]+ cannot write recordings there.*{folder}"):
+            esaac.EventWriter(folder / "events.npz", recording[0])
+    with pytest.raises(FileNotFoundError, match="missing"):
+        esaac.EventWriter(tmp_path / "missing/events.npz", recording[0])

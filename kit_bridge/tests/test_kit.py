@@ -1,25 +1,27 @@
 """The extension `esaac.sim` on real USD stages and real Warp arrays, with stand-ins for Kit (see `stand_ins`)."""
 
 import asyncio
+import types
 
 import carb
 import carb.settings
 import numpy as np
 import omni.kit.menu.utils
-import omni.timeline
 import omni.ui
 import pytest
 import warp as wp
-from kit_stage import APP, EXTENSION, bridge, camera, fresh_stage, move
+from kit_stage import APP, EXTENSION, TIMELINE, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
 from pxr import Plug, Sdf, UsdGeom
 
 import esaac
 from esaac_sim import self_test, sinks
 from esaac_sim.bridge import SETTINGS
+from esaac_sim.closing import CloseError
 from esaac_sim.extension import Extension
 from esaac_sim.frames import FrameUnusable, frame_of
 from esaac_sim.schema import API, SchemaError, cameras, spec_of
+from esaac_sim.standalone import begin
 
 
 @pytest.fixture
@@ -176,8 +178,11 @@ def checked(stage, **faults):
     carb.settings.get_settings().set(SETTINGS + "self_test", True)
     rep.faults.__dict__.update(faults)
     running = bridge()
-    asyncio.run(running.self_test(APP, stage))
+    before = TIMELINE.is_playing(), TIMELINE.is_stopped(), TIMELINE.get_current_time()
+    assert asyncio.run(running.self_test(APP, stage))
     assert not stage.GetPrimAtPath("/EsaacSelfTest") and not rep._PRODUCTS
+    assert (TIMELINE.is_playing(), TIMELINE.is_stopped()) == before[:2]
+    assert TIMELINE.is_playing() or TIMELINE.get_current_time() == before[2]
     return running, {check.name: check for check in running.checks}
 
 
@@ -188,6 +193,75 @@ def test_the_self_test_passes_on_a_renderer_that_keeps_its_word(stage):
     asyncio.run(running.self_test(APP, stage))
     assert running.attach(stage) == 1 and not running.problems
     running.detach()
+
+
+@pytest.mark.parametrize("before", ["stopped", "paused", "playing"])
+def test_the_self_test_plays_the_timeline_and_leaves_it_as_it_was(stage, before):
+    if before != "stopped":
+        move(stage, 3)
+    if before == "paused":
+        TIMELINE.pause()
+        APP.update()
+        assert not TIMELINE.is_playing() and TIMELINE.get_current_time() > 0
+    _, checks = checked(stage)
+    assert len(checks) == 5 and all(check.holds for check in checks.values()), checks
+
+
+def test_a_self_test_that_somebody_stops_is_made_again(stage):
+    carb.settings.get_settings().set(SETTINGS + "self_test", True)
+    running = bridge()
+    updates = iter(range(1000))
+
+    class Impatient:
+        async def next_update_async(self):
+            if next(updates) == 4:
+                TIMELINE.stop()
+            APP.update()
+
+    assert not asyncio.run(running.self_test(Impatient(), stage))
+    assert TIMELINE.is_stopped() and not running.checks and "stopped" in carb.LINES[-1][1]
+    assert not stage.GetPrimAtPath("/EsaacSelfTest") and not rep._PRODUCTS
+    assert asyncio.run(running.self_test(APP, stage))
+    assert len(running.checks) == 5 and all(check.holds for check in running.checks)
+
+
+def test_a_replicator_that_does_not_capture_on_play_is_told(stage):
+    rep.orchestrator.set_capture_on_play(False)
+    running, checks = checked(stage)
+    assert "capture on play" in checks["frames"].message and running.attach(stage) == 0
+
+
+def test_standalone_scripts_begin_with_a_passed_self_test_and_a_stopped_timeline(stage):
+    loop = asyncio.new_event_loop()
+    asyncio.set_event_loop(loop)
+    try:
+        rep.orchestrator.set_capture_on_play(False)
+        running, begun = begin(lambda: loop.run_until_complete(asyncio.sleep(0)), self_test=True)
+    finally:
+        asyncio.set_event_loop(None)
+        loop.close()
+    assert len(running.checks) == 5 and all(check.holds for check in running.checks), running.checks
+    assert begun is stage and TIMELINE.is_stopped()
+    assert running.attach(stage) == 1 and not running.problems
+    move(stage, 6)
+    assert running.feeds[0].frames == 4
+    running.detach()
+
+
+def test_attaching_by_hand_while_the_timeline_stands_keeps_the_cameras(stage):
+    async def session():
+        carb.settings.get_settings().set(SETTINGS + "self_test", True)
+        extension = Extension()
+        extension.on_startup("esaac.sim")
+        assert await extension.attach() == 1
+        assert TIMELINE.is_stopped() and all(check.holds for check in extension.bridge.checks)
+        APP.update()
+        assert extension.bridge.attached
+        move(stage, 6)
+        assert extension.bridge.feeds[0].frames == 4
+        extension.on_shutdown()
+
+    asyncio.run(session())
 
 
 def test_wrong_motion_vectors_switch_the_synthesis(stage):
@@ -243,6 +317,79 @@ def test_recordings_are_files_when_the_run_ends(stage, tmp_path):
     assert len(np.load(tmp_path / "camera.npz")["t"]) == events > 100
 
 
+class Broken:
+    """A sink that cannot be closed."""
+
+    def __call__(self, feed, packet):
+        pass
+
+    def close(self):
+        raise RuntimeError("cannot close")
+
+
+def test_a_recording_that_fails_keeps_its_events_and_spoils_nothing_else(stage, tmp_path):
+    camera(stage, "/second", sensor="dvs128", overrides="width = 64\nheight = 48")
+    settings = carb.settings.get_settings()
+    settings.set("/rtx/post/aa/op", 3)
+    settings.set(SETTINGS + "record", str(tmp_path / "first"))
+    running = bridge()
+    assert running.attach(stage) == 2
+    first, second = running.feeds
+    second.sinks[0] = sinks.Recorder(tmp_path / "second", second.spec)
+    first.sinks.insert(0, Broken())
+    move(stage, 12)
+    (tmp_path / "first").rmdir()
+    with pytest.raises(CloseError, match="RuntimeError: cannot close; OSError: .*no folder") as caught:
+        running.detach()
+    assert len(caught.value.exceptions) == 2
+    # Everything else is closed and saved.
+    assert first.camera.closed and second.camera.closed and not running.attached and not rep._PRODUCTS
+    assert settings.get("/rtx/post/aa/op") == 3
+    assert len(np.load(tmp_path / "second/second.npz")["t"]) == second.events > 50
+    # The events of the other are not lost.
+    assert [len(recorder) for recorder in running.unsaved] == [first.events]
+    assert running.save_unsaved() == 1 and "no folder" in running.problems[-1]
+    settings.set(SETTINGS + "record", str(tmp_path))
+    assert running.save_unsaved() == 0 and running.unsaved == []
+    assert len(np.load(tmp_path / "camera.npz")["t"]) == first.events > 50
+
+
+def test_a_folder_that_cannot_be_written_is_told_when_cameras_attach(stage, tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path / "file"))
+    running = bridge()
+    assert running.attach(stage) == 0 and str(tmp_path / "file") in running.problems[0]
+    assert not running.attached and not rep._PRODUCTS
+    running.detach()
+
+
+def test_the_window_saves_again_what_could_not_be_saved_at_stop(stage, tmp_path):
+    async def session():
+        folder = tmp_path / "recordings"
+        carb.settings.get_settings().set(SETTINGS + "record", str(folder))
+        extension = Extension()
+        extension.on_startup("esaac.sim")
+        extension.show()
+        await extension.attach()
+        move(stage, 12)
+        events = extension.bridge.feeds[0].events
+        folder.rmdir()
+        TIMELINE.stop()
+        APP.update()
+        APP.update()
+        shown = extension.window._problems.text
+        assert "no folder" in shown and f"not saved: {events} events of {folder}/camera.npz" in shown
+        folder.mkdir()
+        (again,) = (button for button in omni.ui.BUTTONS if button.text == "Save again")
+        again.click()
+        APP.update()
+        assert "not saved" not in extension.window._problems.text
+        assert len(np.load(folder / "camera.npz")["t"]) == events > 50
+        extension.on_shutdown()
+
+    asyncio.run(session())
+
+
 def test_a_fault_in_a_sink_ends_nothing(stage):
     running = bridge()
     running.attach(stage)
@@ -250,6 +397,11 @@ def test_a_fault_in_a_sink_ends_nothing(stage):
     feed.sinks.append(lambda feed, packet: 1 / 0)
     move(stage, 6)
     assert feed.frames == 4 and feed.faults == 4 and "division by zero" in feed.message
+    feed.sinks[-1] = types.SimpleNamespace(restart=lambda: 1 / 0)
+    rep._FRAME = 0
+    move(stage, 1)
+    # The restart failed, and so did the call: this sink cannot be called.
+    assert feed.gaps == 1 and feed.frames == 5 and feed.faults == 6
     running.detach()
 
 
@@ -269,7 +421,8 @@ def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
         extension.on_startup("esaac.sim")
         item = omni.kit.menu.utils.MENUS["Window"][-1]
         assert item.name == "Event cameras"
-        omni.timeline.get_timeline_interface().play()
+        TIMELINE.play()
+        APP.update()
         assert await extension._task == 1
         item.onclick_fn()
         APP.update()
@@ -289,7 +442,8 @@ def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
         assert feed.camera.sensor.contrast_on == 0.5
         slider.model.edit(99.0)
         assert "contrast_on" in feed.message and feed.camera.sensor.contrast_on == 0.5
-        omni.timeline.get_timeline_interface().stop()
+        TIMELINE.stop()
+        APP.update()
         assert not extension.bridge.attached and feed.camera.closed
         APP.update()
         extension.on_shutdown()

@@ -99,7 +99,12 @@ def test_environments_are_cameras_of_one_publisher():
         (["a"], {"events": "csv"}, esaac.ArgumentError, "`csv`, expected one of packed, plain, evt3, mono"),
         (["a"], {"policy": "drop"}, esaac.ArgumentError, "`drop`, expected latest or lossless"),
         (["a"], {"time": "utc"}, esaac.ArgumentError, "`utc`, expected sim or wall"),
-        (["a"], {"qos": {"event": "reliable"}}, esaac.ArgumentError, "`event`, which is no topic"),
+        (
+            ["a"],
+            {"qos": {"event": "reliable"}},
+            esaac.ArgumentError,
+            "quality of service for `event`, expected one of the topics: all, clock",
+        ),
         (["a"], {"qos": {"events": "quick"}}, esaac.ArgumentError, "`quick` is not one of"),
         (["a"], {"domain": 999}, esaac.RosError, "999"),
         (["a"], {"interface": "nonesuch0"}, esaac.RosError, "nonesuch0"),

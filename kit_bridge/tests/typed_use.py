@@ -16,12 +16,13 @@ def use() -> None:
         camera.sensor = sensor
         count: int = camera.statistics["substeps"] + len(packet) + packet.watermark_ns
         aps: esaac.ApsFrame | None = camera.aps
+        last: esaac.Packet | None = camera.last_packet
         camera.voxel_grid(bins=5)
         state: bytes = camera.save()
         camera.restore(state)
     rig = esaac.Rig([sensor, "dvs128"])
-    packets: list[esaac.Packet] = rig.step([(frame, None), None], [0, None])
-    tiled = esaac.TiledEventCamera("dvs128", 64, width=64, height=64)
+    packets: list[esaac.Packet] = rig.step([(frame, None), None], [0, None]) or rig.last_packets
+    tiled = esaac.TiledEventCamera("dvs128", 64, packets="mapped", packet_ring=3, width=64, height=64)
     tiled.reset([1, 2])
     with esaac.EventWriter("events.npz", sensor) as events:
         events.write(packets[0])
@@ -37,4 +38,4 @@ def use() -> None:
     try:
         esaac.SensorModel(substeps=65)
     except esaac.SensorError as error:
-        print(error.parameter, error.expected, error.actual, rate, names, count, aps, uses, cuda, lines)
+        print(error.parameter, error.expected, error.actual, rate, names, count, aps, uses, cuda, lines, last)

@@ -1,8 +1,8 @@
-//! Common Data Representation, version 1, little endian: the bytes that ROS 2 sends and records.
+//! Common Data Representation (CDR), version 1, little endian: the bytes that ROS 2 sends and records.
 //!
-//! A message is four bytes of header (`00 01 00 00`) and its fields, each aligned to its own size,
-//! counted from behind the header. Sequences and strings have a `u32` length before them; a string's
-//! counts its closing zero.
+//! A message is a header of four bytes (`00 01 00 00`) and then its fields. Each number is aligned to its own
+//! size, counted from the end of the header. Sequences and strings begin with a `u32` length. A string's
+//! length includes its closing zero.
 
 use bytemuck::{NoUninit, cast_slice};
 
@@ -10,9 +10,9 @@ use bytemuck::{NoUninit, cast_slice};
 pub const HEADER: [u8; 4] = [0, 1, 0, 0];
 
 #[cfg(not(target_endian = "little"))]
-compile_error!("whole arrays are written as they lie in memory, which must be little endian");
+compile_error!("arrays are copied from memory as they are, which must be little endian");
 
-/// Writes fields in order into a buffer that already exists, so that nothing is copied afterwards.
+/// Writes fields in order into the buffer that is sent and recorded.
 pub struct CdrWriter<'a> {
     out: &'a mut Vec<u8>,
 }
@@ -46,11 +46,6 @@ impl<'a> CdrWriter<'a> {
         self.number([value])
     }
 
-    /// `uint16`.
-    pub fn u16(&mut self, value: u16) -> &mut Self {
-        self.number(value.to_le_bytes())
-    }
-
     /// `int32`.
     pub fn i32(&mut self, value: i32) -> &mut Self {
         self.number(value.to_le_bytes())
@@ -76,12 +71,12 @@ impl<'a> CdrWriter<'a> {
         self.number(value.to_le_bytes())
     }
 
-    /// `float64[N]`: an array of fixed length has no length before it.
+    /// `float64[N]`. An array of fixed length does not begin with its length.
     pub fn f64s(&mut self, values: &[f64]) -> &mut Self {
         values.iter().fold(self, |writer, &value| writer.f64(value))
     }
 
-    /// `string`; what follows a zero character could not be read back and is left out.
+    /// `string`. It ends before its first zero character, because readers end there too.
     pub fn string(&mut self, value: &str) -> &mut Self {
         let value = value.split('\0').next().unwrap_or_default();
         self.u32(length(value.len() + 1));
@@ -90,7 +85,7 @@ impl<'a> CdrWriter<'a> {
         self
     }
 
-    /// A sequence of numbers, as they lie in memory.
+    /// A sequence of numbers.
     pub fn sequence<T: NoUninit>(&mut self, values: &[T]) -> &mut Self {
         self.u32(length(values.len()));
         if !values.is_empty() {
@@ -100,7 +95,7 @@ impl<'a> CdrWriter<'a> {
         self
     }
 
-    /// A sequence of `bytes` bytes that `fill` appends.
+    /// A sequence of bytes that `fill` appends.
     pub fn bytes_with(&mut self, fill: impl FnOnce(&mut Vec<u8>)) -> &mut Self {
         self.u32(0);
         let start = self.out.len();
@@ -110,26 +105,26 @@ impl<'a> CdrWriter<'a> {
         self
     }
 
-    /// Makes room for what is known to come, so that the buffer grows once.
+    /// Reserves room for `bytes` more bytes, so that the buffer grows once.
     pub fn reserve(&mut self, bytes: usize) -> &mut Self {
         self.out.reserve(bytes);
         self
     }
 
-    /// The next struct of a sequence starts where its first field, of `bytes` bytes, may.
+    /// Pads to a multiple of `bytes`, the alignment of what [`CdrWriter::raw`] appends next.
     pub fn align_to(&mut self, bytes: usize) -> &mut Self {
         self.align(bytes);
         self
     }
 
-    /// Appends bytes that are encoded already.
+    /// Appends bytes that are already encoded.
     pub fn raw(&mut self, bytes: &[u8]) -> &mut Self {
         self.out.extend_from_slice(bytes);
         self
     }
 }
 
-/// A length as it is sent; messages of 4 GiB cannot be.
+/// A length as it is sent. CDR has no messages of 4 GiB or more.
 fn length(count: usize) -> u32 {
     u32::try_from(count).expect("a message is less than 4 GiB")
 }
@@ -151,8 +146,24 @@ mod tests {
             &[0, 0, 0, 0],
             &[2, 0, 0, 0, 3, 0, 4, 0],
         ];
-        // The i64 stands at 16 behind the header, where it may: 8 + 4 + 3 padded by one.
+        // The i64 begins 16 bytes behind the header: 8 + 4 + 3, padded by one.
         assert_eq!(out, expected.concat());
+    }
+
+    #[test]
+    fn elements_of_a_sequence_are_aligned_and_an_empty_one_has_no_padding() {
+        let mut out = Vec::new();
+        CdrWriter::new(&mut out).sequence(&[1.5_f64]).sequence::<f64>(&[]).u8(7);
+        let expected: &[&[u8]] =
+            &[&[0, 1, 0, 0], &[1, 0, 0, 0], &[0; 4], &1.5_f64.to_le_bytes(), &[0; 4], &[7]];
+        assert_eq!(out, expected.concat());
+    }
+
+    #[test]
+    fn a_string_ends_before_a_zero_character() {
+        let mut out = Vec::new();
+        CdrWriter::new(&mut out).string("ab\0cd").u8(7);
+        assert_eq!(out, [0, 1, 0, 0, 3, 0, 0, 0, b'a', b'b', 0, 7]);
     }
 
     #[test]

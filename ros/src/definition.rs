@@ -1,5 +1,5 @@
-//! Message definitions: the `.msg` texts, parsed. Everything that depends on a type's fields (its type
-//! hash, its schema in a bag, the encoding of `SensorModel`) follows from these texts.
+//! Parses message definitions (`.msg` files). Type hashes, schemas in recordings and the encoding of
+//! `SensorModel` follow from them.
 
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -17,16 +17,16 @@ pub enum Base {
     Message(String),
 }
 
-/// How many of it a field holds.
+/// Number of elements in a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
     /// One.
     One,
-    /// Exactly so many.
+    /// This number.
     Array(u64),
     /// Any number.
     Sequence,
-    /// At most so many.
+    /// At most this number.
     Bounded(u64),
 }
 
@@ -55,7 +55,7 @@ const PRIMITIVES: &[&str] = &[
     "float32", "float64",
 ];
 
-/// Fields of the message `name` (`pkg/msg/Name`) from its text; constants and comments hold none.
+/// The fields of the message `name` (`pkg/msg/Name`). Constants and comments are skipped.
 pub fn parse(name: &str, text: &str) -> Result<Vec<Field>, DefinitionError> {
     let package = name.split('/').next().unwrap_or_default();
     let mut fields = Vec::new();
@@ -114,10 +114,10 @@ fn base(package: &str, kind: &str) -> Option<Base> {
     })
 }
 
-/// Texts of messages by name, for those that a type refers to.
+/// Definitions by message name.
 pub type Texts = BTreeMap<String, String>;
 
-/// Every message that `name` holds, directly or not, and `name` itself, with their fields.
+/// The fields of the message `name` and of every message that it contains, directly or not.
 pub fn closure(name: &str, texts: &Texts) -> Result<BTreeMap<String, Vec<Field>>, DefinitionError> {
     let mut found = BTreeMap::new();
     let mut wanted = vec![name.to_owned()];

@@ -1,6 +1,6 @@
-//! Messages of ROS, encoded straight into the buffer that is sent and recorded.
+//! Encodes ROS messages, straight into the buffer that is sent and recorded.
 //!
-//! Axes and units follow REP 103, frames REP 105, images REP 118, IMUs REP 145.
+//! Axes and units follow REP 103, frames REP 105, depth images REP 118, IMUs REP 145.
 
 use crate::cdr::CdrWriter;
 use crate::definition::{self, Base};
@@ -16,7 +16,7 @@ pub struct Header<'a> {
     pub frame_id: &'a str,
 }
 
-/// Writes a `builtin_interfaces/Time`: seconds round down, nanoseconds are never negative.
+/// Writes a `builtin_interfaces/Time`. Seconds round down, so nanoseconds are never negative.
 pub(crate) fn time(cdr: &mut CdrWriter<'_>, t_ns: i64) {
     const SECOND_NS: i64 = 1_000_000_000;
     let seconds = t_ns.div_euclid(SECOND_NS);
@@ -31,20 +31,20 @@ impl Header<'_> {
     }
 }
 
-/// Pixels of an image and what ROS calls them.
+/// Size and encoding of an image.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
     /// Columns.
     pub width_px: u32,
     /// Rows.
     pub height_px: u32,
-    /// Name of the encoding: `rgb8`, `mono8`, `32FC1` ...
+    /// ROS's name of the encoding: `rgb8`, `mono8`, `32FC1` ...
     pub encoding: &'a str,
     /// Bytes of a pixel.
     pub pixel_bytes: u32,
 }
 
-/// `sensor_msgs/Image`; `pixels` appends rows without gaps.
+/// `sensor_msgs/Image`. `pixels` appends the rows, without padding between them.
 pub fn image(out: &mut Vec<u8>, header: Header<'_>, image: Image<'_>, pixels: impl FnOnce(&mut Vec<u8>)) {
     let step = image.width_px * image.pixel_bytes;
     let mut cdr = CdrWriter::new(out);
@@ -62,8 +62,7 @@ pub struct Intrinsics {
     pub centre_px: [f64; 2],
 }
 
-/// `sensor_msgs/CameraInfo`. Without intrinsics K and P are zero, which by convention says that the
-/// camera is not calibrated.
+/// `sensor_msgs/CameraInfo`. Without intrinsics K and P are zero, ROS's sign of an uncalibrated camera.
 pub fn camera_info(
     out: &mut Vec<u8>,
     header: Header<'_>,
@@ -81,23 +80,23 @@ pub fn camera_info(
     let mut cdr = CdrWriter::new(out);
     header.write(&mut cdr);
     cdr.u32(size_px.1).u32(size_px.0).string("plumb_bob").sequence(&[0.0_f64; 5]);
-    // No binning and the whole image.
+    // No binning; the region of interest is the whole image.
     cdr.f64s(&k).f64s(&r).f64s(&p).u32(0).u32(0).u32(0).u32(0).u32(0).u32(0).bool(false);
 }
 
-/// What an IMU measures in the body frame: x forward, y left, z up.
+/// An IMU sample in the body frame: x forward, y left, z up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Imu {
     /// Time, nanoseconds.
     pub t_ns: i64,
     /// Angular rate, rad/s.
     pub angular_rate_rad_s: [f64; 3],
-    /// Specific force, m/s^2: 9.81 upwards at rest.
+    /// Specific force, m/s^2; at rest it is 9.81 upwards.
     pub specific_force_m_s2: [f64; 3],
 }
 
-/// `sensor_msgs/Imu` without an orientation, whose covariance says so (REP 145). The samples are exact:
-/// zero covariance, which means unknown.
+/// `sensor_msgs/Imu`. A first covariance of -1 means that there is no orientation (REP 145). The other
+/// covariances are zero, which means unknown.
 pub fn imu(out: &mut Vec<u8>, frame_id: &str, sample: &Imu) {
     let mut cdr = CdrWriter::new(out);
     Header { stamp_ns: sample.t_ns, frame_id }.write(&mut cdr);
@@ -113,8 +112,8 @@ pub fn clock(out: &mut Vec<u8>, t_ns: i64) {
     time(&mut CdrWriter::new(out), t_ns);
 }
 
-/// `tf2_msgs/TFMessage` with the turn from each body frame (x forward, y left, z up) to the camera's optical
-/// frame in it (z forward, x right, y down), as REP 103 has them. Both have one origin.
+/// `tf2_msgs/TFMessage` with the rotation from each body frame (x forward, y left, z up) to its camera's
+/// optical frame (z forward, x right, y down), as REP 103 defines them. Both frames have the same origin.
 pub fn optical_frames(out: &mut Vec<u8>, stamp_ns: i64, frames: &[(&str, &str)]) {
     let mut cdr = CdrWriter::new(out);
     cdr.u32(frames.len() as u32);
@@ -124,10 +123,10 @@ pub fn optical_frames(out: &mut Vec<u8>, stamp_ns: i64, frames: &[(&str, &str)])
     }
 }
 
-/// `esaac_msgs/SensorModel`: the parameters that its definition lists, by their names.
+/// `esaac_msgs/SensorModel`: the sensor's parameters, in the order of the message's definition.
 pub fn sensor_model(out: &mut Vec<u8>, header: Header<'_>, sensor: &SensorModel) {
     let name = MessageType::SensorModel.name();
-    let fields = definition::parse(name, &texts()[name]).expect("the built-in definitions are whole");
+    let fields = definition::parse(name, &texts()[name]).expect("the built-in definitions are complete");
     let values = serde_json::to_value(sensor).expect("a sensor is plain data");
     let mut cdr = CdrWriter::new(out);
     header.write(&mut cdr);
@@ -152,13 +151,13 @@ pub fn sensor_model(out: &mut Vec<u8>, header: Header<'_>, sensor: &SensorModel)
 /// One `diagnostic_msgs/DiagnosticStatus`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Status {
-    /// Whether there is something to see to.
+    /// Whether the user should look into it.
     pub warn: bool,
-    /// What it is about.
+    /// Subject.
     pub name: String,
-    /// One line for people.
+    /// One line of text.
     pub message: String,
-    /// Figures.
+    /// Names and values.
     pub values: Vec<(&'static str, String)>,
 }
 
@@ -198,7 +197,10 @@ mod tests {
         let mut out = Vec::new();
         clock(&mut out, -1);
         assert_eq!(out[4..], [255, 255, 255, 255, 0xff, 0xc9, 0x9a, 0x3b]);
-        clock(&mut out, i64::MAX);
-        assert_eq!(out[4..8], i32::MAX.to_le_bytes());
+        // Seconds beyond 32 bits stay at the limit.
+        for (t_ns, seconds) in [(i64::MAX, i32::MAX), (i64::MIN, i32::MIN)] {
+            clock(&mut out, t_ns);
+            assert_eq!(out[4..8], seconds.to_le_bytes());
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Event packets in the formats that are published, and their division into smaller ones.
+//! Encodes event packets, after [`Split`] has divided them into messages.
 
 use crate::cdr::CdrWriter;
 use crate::encode::Header;
@@ -7,7 +7,7 @@ use esaac_model::PacketView;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// How events are published.
+/// The message type and encoding of events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EventFormat {
     /// `esaac_msgs/PackedEventPacket`: arrays, nanoseconds, 9 bytes an event.
@@ -21,11 +21,11 @@ pub enum EventFormat {
     Mono,
 }
 
-/// Largest sensor whose coordinates `evt3` has room for, pixels a side.
+/// `evt3` has 11 bits for a coordinate.
 const EVT3_SIDE_PX: u32 = 2048;
 
 impl EventFormat {
-    /// Names, as flags have them.
+    /// Names for flags.
     pub const NAMES: [(&'static str, EventFormat); 4] = [
         ("packed", EventFormat::Packed),
         ("plain", EventFormat::Plain),
@@ -33,7 +33,7 @@ impl EventFormat {
         ("mono", EventFormat::Mono),
     ];
 
-    /// Its type.
+    /// The message type.
     #[must_use]
     pub fn message(self) -> MessageType {
         match self {
@@ -49,12 +49,12 @@ impl EventFormat {
         if self == EventFormat::Evt3 { EVT3_SIDE_PX } else { u32::from(u16::MAX) / 2 + 1 }
     }
 
-    /// Bytes that an event takes at the most.
+    /// Most bytes of an event.
     fn event_bytes(self) -> usize {
         match self {
             EventFormat::Packed => 9,
             EventFormat::Plain => 16,
-            // Time high, time low, row, column.
+            // evt3: time high, time low, row and column, two bytes each.
             EventFormat::Evt3 | EventFormat::Mono => 8,
         }
     }
@@ -72,18 +72,18 @@ impl FromStr for EventFormat {
     }
 }
 
-/// How a packet is divided.
+/// How a packet is divided into messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Split {
-    /// One message for each so many nanoseconds from the packet's base on, with events or without; 0 for
-    /// one message.
+    /// Time that a message covers, nanoseconds from the packet's base on. A slice without events is a message
+    /// too. 0: no limit.
     pub slice_ns: u32,
-    /// Most bytes of a message's events; 0 for any number. Never less than one event.
+    /// Most bytes of a message's events, but at least one event. 0: no limit.
     pub max_bytes: u32,
 }
 
 impl Split {
-    /// The parts of a packet in order of time: the whole of it, in one message or several.
+    /// Divides a packet into one or more parts, in order of time. Together they are the whole packet.
     pub fn parts<'a>(self, packet: &PacketView<'a>, format: EventFormat) -> Vec<PacketView<'a>> {
         let mut parts = Vec::new();
         let most = match self.max_bytes {
@@ -96,7 +96,7 @@ impl Split {
                 let end = range.end.min(start.saturating_add(most));
                 let mut part = packet.part(start..end);
                 part.dropped = 0;
-                // More events of the same instant may follow in the next part.
+                // The next part may begin with events of the same instant, so this one ends before it.
                 part.watermark_ns = match end < range.end {
                     true => packet.base_ns + i64::from(packet.t_offset_ns[end]) - 1,
                     false => end_ns,
@@ -114,14 +114,14 @@ impl Split {
         parts
     }
 
-    /// Events of each slice of time, and until when it goes.
+    /// Events and end of each slice of time.
     fn slices(self, packet: &PacketView<'_>) -> Vec<(Range<usize>, i64)> {
         let slice_ns = i64::from(self.slice_ns);
         let span_ns = packet.watermark_ns - packet.base_ns;
-        if slice_ns == 0 || span_ns <= slice_ns {
+        if slice_ns == 0 {
             return vec![(0..packet.len(), packet.watermark_ns)];
         }
-        // Slices of equal length, so that the last one ends with the packet.
+        // Slices of equal length; the last one ends with the packet.
         let count = (span_ns as f64 / slice_ns as f64).round().max(1.0) as i64;
         let mut start = 0;
         (1..=count)
@@ -137,7 +137,7 @@ impl Split {
     }
 }
 
-/// What a packet says beside its events.
+/// The fields of a packet before its events.
 #[derive(Clone, Copy, Debug)]
 pub struct PacketHead<'a> {
     /// Stamp and frame.
@@ -165,19 +165,19 @@ pub fn encode(out: &mut Vec<u8>, format: EventFormat, head: &PacketHead<'_>, pac
             plain(&mut cdr, packet);
         }
         EventFormat::Mono => {
-            // Times count from the base, which is never before 0 in a simulation.
+            // Times count from the base, which is never negative in a simulation.
             cdr.u64(packet.base_ns as u64).string("mono").bool(false);
             cdr.bytes_with(|out| mono(out, packet));
         }
         EventFormat::Evt3 => {
-            // The encoding has times of its own.
+            // The encoding contains absolute times.
             cdr.u64(0).string("evt3").bool(false).bytes_with(|out| evt3(out, packet));
         }
     }
 }
 
-/// Time in eight bytes, column and row in two each, polarity in one, and three up to where the next time may
-/// start, which the last event does without.
+/// Eight bytes of time, two of the column, two of the row and one of the polarity. Three bytes of padding
+/// align the next event; the last event has none.
 fn plain(cdr: &mut CdrWriter<'_>, packet: &PacketView<'_>) {
     let last = packet.len().saturating_sub(1);
     for i in 0..packet.len() {
@@ -193,7 +193,8 @@ fn plain(cdr: &mut CdrWriter<'_>, packet: &PacketView<'_>) {
     }
 }
 
-/// Bits 0 to 31 nanoseconds since the base, 32 to 47 column, 48 to 62 row, 63 polarity.
+/// A word of 64 bits for each event: nanoseconds since the base (bits 0 to 31), column (32 to 47), row (48 to
+/// 62), polarity (63).
 fn mono(out: &mut Vec<u8>, packet: &PacketView<'_>) {
     for i in 0..packet.len() {
         let place = u64::from(packet.x[i]) << 32 | u64::from(packet.y[i]) << 48;
@@ -202,9 +203,9 @@ fn mono(out: &mut Vec<u8>, packet: &PacketView<'_>) {
     }
 }
 
-/// Words of 16 bits with their kind in the upper four: row 0, column with polarity 2, time low 6 and high
-/// 8, which together are 24 bits of microseconds. What has not changed is not said again, but every
-/// packet begins with the time and says a row before its first column.
+/// Words of 16 bits. The upper four are the kind: 0 row, 2 column and polarity, 6 and 8 the lower and upper
+/// 12 bits of the time in microseconds. An unchanged time or row is not repeated within a packet. Every
+/// packet begins with its time.
 fn evt3(out: &mut Vec<u8>, packet: &PacketView<'_>) {
     const ROW: u16 = 0x0;
     const COLUMN: u16 = 0x2;
@@ -217,7 +218,7 @@ fn evt3(out: &mut Vec<u8>, packet: &PacketView<'_>) {
         [t_us >> 12, t_us].map(|bits| (bits & 0xfff) as u16)
     };
     if packet.is_empty() {
-        // Readers count the turns of the 24 bits, and must not miss one where nothing happens.
+        // The 24 bits of time overflow every 17 s. Readers count the overflows, also while nothing happens.
         let [now_high, now_low] = halves(packet.watermark_ns);
         word(HIGH, now_high);
         word(LOW, now_low);
@@ -271,12 +272,50 @@ mod tests {
     }
 
     #[test]
+    fn slices_are_as_long_as_asked_for_as_nearly_as_they_fill_the_packet() {
+        let ends_of = |span_ns: i64| {
+            let packet = Packet { base_ns: 1000, watermark_ns: 1000 + span_ns, ..Packet::default() };
+            ends(Split { slice_ns: 30, ..Split::default() }, &packet)
+        };
+        assert_eq!(ends_of(100), [(0, 1033), (0, 1066), (0, 1100)]);
+        assert_eq!(ends_of(110), [(0, 1027), (0, 1055), (0, 1082), (0, 1110)]);
+        assert_eq!([ends_of(30), ends_of(7)], [[(0, 1030)], [(0, 1007)]]);
+    }
+
+    #[test]
     fn parts_of_few_bytes_say_up_to_when_they_are_complete() {
         let packet = packet(&[5, 5, 5, 9], 20);
         let split = Split { max_bytes: 18, ..Split::default() };
         assert_eq!(ends(split, &packet), [(2, 4), (2, 20)]);
         assert_eq!(ends(Split { max_bytes: 1, ..split }, &packet).len(), 4);
         assert_eq!(ends(split, &self::packet(&[], 20)), [(0, 20)]);
+    }
+
+    #[test]
+    fn an_event_has_the_bytes_that_splitting_counts_with() {
+        // The time's upper half, its lower half and the row change with every event: the most words of evt3.
+        let bytes = |format: EventFormat, events: u16| {
+            let mut packet = Packet { width_px: 8, height_px: 64, ..Packet::default() };
+            for i in 0..events {
+                let t_ns = i64::from(i) * 4_097_000;
+                packet.push(Event { t_ns, x: i % 8, y: i, polarity: Polarity::On });
+            }
+            let header = Header { stamp_ns: 0, frame_id: "f" };
+            let mut out = Vec::new();
+            let head = PacketHead { header, sequence: 0, sensor_name: "s" };
+            encode(&mut out, format, &head, &packet.view());
+            out.len()
+        };
+        for (_, format) in EventFormat::NAMES {
+            assert_eq!(bytes(format, 48) - bytes(format, 16), 32 * format.event_bytes(), "{format:?}");
+        }
+    }
+
+    #[test]
+    fn a_side_has_as_many_pixels_as_the_coordinate_has_values() {
+        // 11 bits in evt3; 15 bits of mono's row, which the other formats share.
+        let limits = EventFormat::NAMES.map(|(name, format)| (name, format.side_limit_px()));
+        assert_eq!(limits, [("packed", 1 << 15), ("plain", 1 << 15), ("evt3", 1 << 11), ("mono", 1 << 15)]);
     }
 
     #[test]
@@ -293,5 +332,11 @@ mod tests {
         out.clear();
         evt3(&mut out, &packet.view().part(0..0));
         assert_eq!(out.len(), 4, "the time goes on without events");
+        // A nanosecond before zero is the microsecond before zero.
+        let mut before = packet;
+        before.base_ns = -4_096_001;
+        out.clear();
+        evt3(&mut out, &before.view().part(0..1));
+        assert_eq!(out[..4], [0xff, 0x8f, 0xff, 0x6f]);
     }
 }

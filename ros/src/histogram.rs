@@ -1,10 +1,10 @@
-//! Durations counted in classes of constant relative width: quantiles of any number of values from a
-//! few kilobytes.
+//! Counts durations in bins of constant relative width, so that a few kilobytes hold the quantiles of any
+//! number of values.
 
-/// Classes an octave; a quantile is off by 3% at the most.
+/// Bins per octave. A quantile is off by at most 3%.
 const PER_OCTAVE: u64 = 16;
 
-/// How often which duration was.
+/// Counts of durations.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Histogram {
     counts: Vec<u64>,
@@ -22,19 +22,20 @@ impl Histogram {
         self.total += 1;
     }
 
-    /// Values counted.
+    /// Number of values.
     #[must_use]
     pub fn len(&self) -> u64 {
         self.total
     }
 
-    /// Whether none was.
+    /// Whether there are no values.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.total == 0
     }
 
-    /// The value that this share (0 to 1) of all does not exceed, nanoseconds; 0 if there are none.
+    /// The value that this share (0 to 1) of all values does not exceed, nanoseconds. 0 if there are no
+    /// values.
     #[must_use]
     pub fn quantile(&self, share: f64) -> u64 {
         let rank = ((share * self.total as f64).ceil() as u64).max(1);
@@ -49,7 +50,7 @@ impl Histogram {
     }
 }
 
-/// The lowest values have a class each; above, the leading bit and the four that follow it are the class.
+/// The lowest values have a class each. Above them the leading bit and the next four bits make the class.
 fn class(ns: u64) -> usize {
     if ns < PER_OCTAVE {
         return ns as usize;

@@ -1,6 +1,6 @@
-//! What this machine's network does to large messages.
+//! Limits of this machine's network that make large messages get lost.
 
-/// Receive buffer that a message of 4 MB needs. Stock Linux allows 208 KiB.
+/// Receive buffer for a message of 4 MB. By default Linux allows 208 KiB.
 pub const ADVISED_RECEIVE_BUFFER_BYTES: u64 = 4 << 20;
 
 /// Largest receive buffer that a program may ask for (`net.core.rmem_max`), bytes.
@@ -9,14 +9,14 @@ pub fn receive_buffer_limit_bytes() -> Option<u64> {
     std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?.trim().parse().ok()
 }
 
-/// Datagrams that this machine has thrown away since it started because a program's receive buffer was
-/// full, whichever program it was.
+/// Datagrams that this machine has discarded since it started because the receive buffer of any program was
+/// full.
 #[must_use]
 pub fn datagrams_lost() -> Option<u64> {
     lost(&std::fs::read_to_string("/proc/net/snmp").ok()?)
 }
 
-/// The figure in `/proc/net/snmp`: a line of names and one of numbers.
+/// The count in `/proc/net/snmp`, which has a line of names above a line of numbers.
 fn lost(snmp: &str) -> Option<u64> {
     let mut lines = snmp.lines().filter(|line| line.starts_with("Udp: "));
     let (names, numbers) = (lines.next()?, lines.next()?);

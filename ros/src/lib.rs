@@ -1,12 +1,12 @@
 //! ROS 2 topics of simulated event cameras, on machines with ROS 2 and without.
 //!
-//! [`RigPublisher`] takes what a tick of the engine gave, encodes each message once, straight into the
-//! buffer that is sent and recorded, and hands the tick to a thread of its own. The thread sends by a
-//! [`Transport`] and writes a recording ([`BagWriter`]) from the same bytes. [`CycloneTransport`] is the
-//! embedded one; with the feature `zenoh` there is a second, and with `rclrs` a node of the sourced ROS 2, whose
-//! parameters ([`SensorParameters`]) change sensors live. [`replay`](replay::replay) sends a recording again.
+//! [`RigPublisher`] takes the results of an engine tick and encodes each message once. Its own thread then
+//! sends the bytes with a [`Transport`] and writes the same bytes to a recording ([`BagWriter`]). There are
+//! three transports: the built-in [`CycloneTransport`], Zenoh (feature `zenoh`), and a node of the sourced
+//! ROS 2 (feature `rclrs`). The parameters of that node ([`SensorParameters`]) change sensors while the rig
+//! runs. [`replay`](replay::replay) publishes a recording again.
 //!
-//! Knows packets and sensors (`esaac-model`), and neither Vulkan nor the engine.
+//! This crate uses packets and sensors (`esaac-model`). It does not use Vulkan or the engine.
 
 pub mod bag;
 pub mod cdr;
@@ -23,6 +23,7 @@ pub mod parameters;
 pub mod payload;
 pub mod plan;
 pub mod qos;
+mod queue;
 #[cfg(feature = "rclrs")]
 pub mod rclrs;
 pub mod replay;

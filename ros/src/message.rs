@@ -1,4 +1,4 @@
-//! The types that are published, and their definitions.
+//! The message types that are published, and their definitions.
 
 use crate::definition::{self, Texts};
 use crate::type_hash;
@@ -11,7 +11,7 @@ macro_rules! texts {
     };
 }
 
-/// Every definition, ours and those of ROS that ours are made of.
+/// Every definition: ours, and those of ROS that they contain.
 const TEXTS: &[(&str, &str)] = texts! {
     "builtin_interfaces": "Time", in "definitions/builtin_interfaces";
     "diagnostic_msgs": "DiagnosticArray" "DiagnosticStatus" "KeyValue", in "definitions/diagnostic_msgs";
@@ -25,14 +25,14 @@ const TEXTS: &[(&str, &str)] = texts! {
     "tf2_msgs": "TFMessage", in "definitions/tf2_msgs";
 };
 
-/// The texts, by name.
+/// The definitions, by message name.
 #[must_use]
 pub fn texts() -> &'static Texts {
     static TABLE: OnceLock<Texts> = OnceLock::new();
     TABLE.get_or_init(|| TEXTS.iter().map(|&(name, text)| (name.to_owned(), text.to_owned())).collect())
 }
 
-/// A type that is published.
+/// A message type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MessageType {
     /// `esaac_msgs/msg/PackedEventPacket`.
@@ -58,7 +58,7 @@ pub enum MessageType {
 }
 
 impl MessageType {
-    /// All of them.
+    /// All types.
     pub const ALL: [MessageType; 10] = [
         MessageType::PackedEventPacket,
         MessageType::EventPacket,
@@ -92,13 +92,13 @@ impl MessageType {
     /// Type hash, `RIHS01_...`.
     #[must_use]
     pub fn type_hash(self) -> String {
-        type_hash::type_hash(self.name(), texts()).expect("the built-in definitions are whole")
+        type_hash::type_hash(self.name(), texts()).expect("the built-in definitions are complete")
     }
 
-    /// Definition with those of all types that it holds, as a bag's schema has it.
+    /// The definition with those of all types that it contains, as recordings store it.
     #[must_use]
     pub fn schema(self) -> String {
-        definition::schema(self.name(), texts()).expect("the built-in definitions are whole")
+        definition::schema(self.name(), texts()).expect("the built-in definitions are complete")
     }
 }
 

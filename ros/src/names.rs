@@ -1,8 +1,8 @@
-//! Names as ROS 2 allows them, and as DDS has them.
+//! Checks names by the rules of ROS 2, and translates them to names on DDS.
 
 use thiserror::Error;
 
-/// A name that ROS 2 would refuse.
+/// A name that ROS 2 does not allow.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{what} `{name}` {reason}")]
 pub struct NameError {
@@ -11,10 +11,10 @@ pub struct NameError {
     reason: &'static str,
 }
 
-/// Longest topic name on DDS; two characters go to its prefix `rt`.
+/// Longest topic name on DDS without its prefix `rt`.
 const MAX_TOPIC: usize = 255 - 2;
 
-/// Whether `token` is a word of letters, digits and single underscores that starts with a letter or one.
+/// Checks that `token` has letters, digits and single underscores only and does not start with a digit.
 fn check_token(token: &str) -> Result<(), &'static str> {
     let mut characters = token.chars();
     match characters.next() {
@@ -43,7 +43,7 @@ pub fn check_topic(name: &str) -> Result<(), NameError> {
     absolute("topic", name)
 }
 
-/// Checks a namespace; `/` is the outermost.
+/// Checks a namespace; `/` is the root.
 pub fn check_namespace(name: &str) -> Result<(), NameError> {
     if name == "/" { Ok(()) } else { absolute("namespace", name) }
 }
@@ -76,7 +76,7 @@ pub fn dds_topic(name: &str) -> String {
     format!("rt{name}")
 }
 
-/// Type on DDS: `pkg/msg/Name` is `pkg::msg::dds_::Name_`. `None` for what is no type's name.
+/// Type on DDS: `pkg/msg/Name` is `pkg::msg::dds_::Name_`. `None` if `name` is not a type's name.
 #[must_use]
 pub fn dds_type(name: &str) -> Option<String> {
     match name.split('/').collect::<Vec<_>>()[..] {

@@ -1,22 +1,22 @@
-//! Sensors whose parameters others change while a rig runs. A change is checked against the model when it is
-//! asked for, and reaches the rig between two ticks.
+//! Sensor parameters that other nodes change while a rig runs. A change is checked when a node asks for it,
+//! and the rig takes it over between two ticks. A change that the rig refuses is undone.
 
 use crate::plan::CameraPlan;
 use esaac_model::SensorModel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Where parameters are kept for others to see, such as those of a ROS 2 node.
+/// Shows parameters to other nodes.
 pub trait ParameterStore: Send {
-    /// Shows `sensor`'s parameters again: the last changes to this camera were not taken.
+    /// Shows the parameters of `sensor` again, after a change to this camera was refused.
     fn put_back(&self, camera: usize, sensor: &SensorModel);
 }
 
-/// The sensors as others want them; clones share them.
+/// The sensors that other nodes ask for. Clones share them.
 #[derive(Clone, Debug)]
 pub struct WantedSensors(Arc<Mutex<Vec<SensorModel>>>);
 
 impl WantedSensors {
-    /// The sensors of `cameras` as they are.
+    /// Starts with the sensors of `cameras`.
     #[must_use]
     pub fn new(cameras: &[CameraPlan]) -> Self {
         WantedSensors(Arc::new(Mutex::new(cameras.iter().map(|camera| camera.sensor.clone()).collect())))
@@ -42,26 +42,27 @@ impl WantedSensors {
         Ok(sensor)
     }
 
-    /// Whether `parameter` of `camera` may become `value`, by itself; if not, what the model says.
+    /// Checks whether `parameter` of `camera` may become `value` while the others stay. The error is the
+    /// model's.
     pub fn check(&self, camera: usize, parameter: &str, value: &str) -> Result<(), String> {
         self.with(camera, parameter, value).map(drop)
     }
 
-    /// Wants `parameter` of `camera` to be `value` from the next tick on. What stands against it together with
-    /// other changes is found then.
+    /// Asks for `parameter` of `camera` to be `value` from the next tick on. [`SensorParameters::apply`]
+    /// checks it together with the other changes.
     pub fn set(&self, camera: usize, parameter: &str, value: &str) {
-        // It was checked; what is wrong by now is so together with another change, and `apply` sees it.
+        // `check` has accepted it. Together with another change it may be wrong, which `apply` finds.
         let _ = self.lock()[camera].set(parameter, value);
     }
 
-    /// The sensor as it is wanted.
+    /// The sensor that is asked for.
     #[must_use]
     pub fn sensor(&self, camera: usize) -> SensorModel {
         self.lock()[camera].clone()
     }
 }
 
-/// Parameters of a rig's sensors, as they are and as others want them.
+/// The parameters of a rig's sensors: current ones and those that other nodes ask for.
 pub struct SensorParameters {
     names: Vec<String>,
     current: Vec<SensorModel>,
@@ -70,7 +71,7 @@ pub struct SensorParameters {
 }
 
 impl SensorParameters {
-    /// The sensors of `cameras`, whose changes come by `wanted` and are shown by `store`.
+    /// The sensors of `cameras`. Changes come from `wanted`; `store` shows them.
     #[must_use]
     pub fn new(cameras: &[CameraPlan], wanted: WantedSensors, store: Box<dyn ParameterStore>) -> Self {
         SensorParameters {
@@ -81,8 +82,9 @@ impl SensorParameters {
         }
     }
 
-    /// Hands every sensor that is to change to `change`, between two ticks. Returns what people should know:
-    /// changes that the model or `change` refused, which are undone.
+    /// Hands every changed sensor to `change`; call it between two ticks. `change` must change everything or,
+    /// if it returns an error, nothing. Returns a notice for each camera whose changes the model or `change`
+    /// refused; these changes are undone.
     pub fn apply(
         &mut self,
         mut change: impl FnMut(usize, &SensorModel) -> Result<(), String>,
@@ -118,7 +120,7 @@ mod tests {
     /// Camera and mismatch of what was put back.
     type PutBack = Arc<Mutex<Vec<(usize, f64)>>>;
 
-    /// Remembers it.
+    /// Remembers what was put back.
     struct Shown(PutBack);
 
     impl ParameterStore for Shown {

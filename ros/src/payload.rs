@@ -1,5 +1,5 @@
-//! Encoded messages that own their bytes. One buffer is filled once, and the wire and the bag both read
-//! it where it lies; when the last of them lets go, its storage is filled again.
+//! Encoded messages. A message is encoded into a buffer once; the transport and the recording share that
+//! buffer. When both have dropped it, the next message reuses its memory.
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::convert::Infallible;
@@ -17,7 +17,7 @@ pub struct Payload {
 }
 
 impl Payload {
-    /// A payload of its own, whose storage goes nowhere afterwards.
+    /// A payload whose memory is not reused.
     #[must_use]
     pub fn new(bytes: Vec<u8>) -> Self {
         Payload::with(bytes, None, None)
@@ -47,20 +47,20 @@ impl Deref for Payload {
 impl Drop for Payload {
     fn drop(&mut self) {
         if let Some(home) = &self.home {
-            // A full pool means that there are buffers enough.
+            // A full pool has enough buffers.
             let _ = home.try_send(std::mem::take(&mut self.padded));
         }
     }
 }
 
-/// What the messages of a tick have in common: as long as one of them is held, so is the tick.
+/// Every message of a tick has a clone of the tick's hold. The tick is held while one of them is.
 #[derive(Clone)]
-pub struct Hold(#[expect(dead_code, reason = "its end is what counts")] Sender<Infallible>);
+pub struct Hold(#[expect(dead_code, reason = "dropping it is the signal")] Sender<Infallible>);
 
-/// Tells when nobody holds a message of a tick any more.
+/// Signals that nobody holds a message of a tick any more.
 pub struct Release(Receiver<Infallible>);
 
-/// Both sides of a tick's messages.
+/// A hold and the release that it delays.
 #[must_use]
 pub fn hold() -> (Hold, Release) {
     let (hold, release) = bounded(0);
@@ -68,29 +68,29 @@ pub fn hold() -> (Hold, Release) {
 }
 
 impl Release {
-    /// Waits until all messages are gone; false if some are still held after so long.
+    /// Waits until nobody holds a message. Returns false if that takes longer than `limit`.
     #[must_use]
     pub fn wait(&self, limit: Duration) -> bool {
         matches!(self.0.recv_timeout(limit), Err(RecvTimeoutError::Disconnected))
     }
 }
 
-/// Storage of one topic's messages, which goes round. Each topic has its own, since all buffers of a common one
-/// would grow to the largest message.
+/// Buffers of one topic's messages, for reuse. Every topic has its own pool: in a common pool all buffers
+/// would grow to the size of the largest message.
 pub struct Pool {
     home: Sender<Vec<u8>>,
     free: Receiver<Vec<u8>>,
 }
 
 impl Pool {
-    /// Keeps at most `buffers` that are free.
+    /// Keeps at most `buffers` free buffers.
     #[must_use]
     pub fn new(buffers: usize) -> Self {
         let (home, free) = bounded(buffers);
         Pool { home, free }
     }
 
-    /// A payload that `encode` wrote into storage of an earlier one, where there is some.
+    /// A payload that `encode` writes, into the memory of an earlier one if there is a free buffer.
     pub fn fill(&self, hold: Option<Hold>, encode: impl FnOnce(&mut Vec<u8>)) -> Arc<Payload> {
         let mut bytes = self.free.try_recv().unwrap_or_default();
         bytes.clear();

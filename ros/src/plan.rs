@@ -1,4 +1,4 @@
-//! Which topics a rig has, with their types and qualities, checked before anything is made.
+//! The topics of a rig, with names, types and quality of service, checked before anything is created.
 
 use crate::encode::Intrinsics;
 use crate::events::{EventFormat, Split};
@@ -16,13 +16,13 @@ pub struct Topic {
     pub name: String,
     /// Type, `pkg/msg/Name`.
     pub type_name: String,
-    /// Type hash, where it is known.
+    /// Type hash, if it is known.
     pub type_hash: Option<String>,
-    /// Definition with all that it refers to.
+    /// Definition, with those of all types that it contains.
     pub schema: String,
     /// Quality of service offered.
     pub qos: Qos,
-    /// How long a message may wait for subscribers that have not fetched the earlier ones; 0 never waits.
+    /// How long a message waits for subscribers that have not fetched earlier ones. 0: it never waits.
     pub patience: Duration,
 }
 
@@ -39,54 +39,55 @@ impl Topic {
     }
 }
 
-/// A camera to be published.
+/// A camera that is published.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPlan {
     /// Its part of the namespace.
     pub name: String,
     /// Its sensor.
     pub sensor: SensorModel,
-    /// Its intrinsics, where they are known.
+    /// Its intrinsics, if they are known.
     pub intrinsics: Option<Intrinsics>,
     /// Whether colour images of it are published.
     pub image: bool,
     /// Whether depth images of it are published.
     pub depth: bool,
-    /// Whether an IMU goes with it.
+    /// Whether IMU samples of it are published.
     pub imu: bool,
     /// Division of its packets.
     pub split: Split,
-    /// Frame id of what it publishes; the namespace's words and `optical_frame` by default.
+    /// Its optical frame. By default the words of its namespace and `optical_frame`.
     pub frame_id: Option<String>,
 }
 
-/// What happens to a tick while those before it still wait to be sent.
+/// What happens to a tick while earlier ones wait to be sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
-    /// The oldest tick that waits is dropped and counted.
+    /// A full queue drops and counts the oldest tick. Messages that are sent once (`sensor`, `/tf_static`)
+    /// move on to the next tick.
     #[default]
     Latest,
-    /// The next tick waits until there is room, and topics keep more for slow subscribers. What the device
-    /// works on goes on.
+    /// A full queue makes the simulation wait, and topics keep longer histories for slow subscribers. Work
+    /// that the device has begun goes on.
     Lossless,
 }
 
-/// Names and choices of a rig.
+/// Options of a rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigOptions {
     /// Namespace of all cameras.
     pub namespace: String,
     /// Name of the node.
     pub node: String,
-    /// Event messages.
+    /// Message type and encoding of events.
     pub events: EventFormat,
-    /// What gives way.
+    /// What happens when messages wait.
     pub policy: Policy,
-    /// Ticks that may wait.
+    /// Number of ticks that may wait.
     pub queue_ticks: usize,
-    /// Stamps are times of the simulation, and `/clock` is published; else they are wall-clock times.
+    /// Whether stamps are simulation times, with `/clock` published; otherwise they are wall-clock times.
     pub sim_time: bool,
-    /// Changes of quality of service, by the topic's name within the camera's namespace, or `all`.
+    /// Changes of quality of service, by the topic's name in the camera's namespace, or `all`.
     pub qos: Vec<(String, QosChange)>,
 }
 
@@ -104,16 +105,16 @@ impl Default for RigOptions {
     }
 }
 
-/// What of a plan cannot be.
+/// Why a plan is not possible.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PlanError {
     /// A name.
     #[error(transparent)]
     Name(#[from] NameError),
-    /// Two cameras with one name.
+    /// Two cameras have the same name.
     #[error("two cameras are named `{0}`, expected a name for each")]
     Twice(String),
-    /// A sensor too large for an encoding.
+    /// A sensor is too large for the encoding of events.
     #[error(
         "camera `{camera}` has {actual} px on a side, expected at most {expected} for this event message"
     )]
@@ -122,23 +123,23 @@ pub enum PlanError {
         camera: String,
         /// Limit.
         expected: u32,
-        /// Side.
+        /// Longer side.
         actual: u32,
     },
-    /// Quality of service for a topic that is not there.
-    #[error("quality of service for `{given}`, which is no topic here; there are: all, {}", topics.join(", "))]
+    /// Quality of service for an unknown topic.
+    #[error("quality of service for `{given}`, expected one of the topics: all, {}", topics.join(", "))]
     UnknownTopic {
         /// Name given.
         given: String,
-        /// Names that there are.
+        /// Known names.
         topics: Vec<&'static str>,
     },
-    /// No room for a tick.
+    /// The queue has no room for a tick.
     #[error("a queue of 0 ticks, expected 1 or more")]
     NoQueue,
 }
 
-/// Numbers of a camera's topics in the plan's list.
+/// A camera's topics, by their numbers in the plan. An image comes with its camera info.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct CameraTopics {
     pub events: usize,
@@ -163,7 +164,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Lays out the topics of `cameras`.
+    /// Plans the topics of `cameras`.
     pub fn new(cameras: &[CameraPlan], options: &RigOptions) -> Result<Self, PlanError> {
         names::check_namespace(&options.namespace)?;
         names::check_node(&options.node)?;
@@ -202,16 +203,17 @@ impl Plan {
 /// End of an optical frame's name (REP 103).
 const OPTICAL: &str = "_optical_frame";
 
-/// Images that wait for a subscriber that is slow.
+/// History of images.
 const IMAGES: u32 = 5;
-/// IMU samples of a few ticks at 1 kHz.
+/// History of IMU samples: a few ticks at 1 kHz.
 const IMU_SAMPLES: u32 = 200;
-/// Event packets of a second at 960 a second; drivers of cameras keep as many.
+/// History of event packets: a second at 960 Hz, as camera drivers have it.
 const PACKETS: u32 = 1000;
 
-/// A lossless rig keeps so many times more for a subscriber that is slow,
+/// Factor of a lossless rig's histories, for slow subscribers.
 const LOSSLESS_DEPTH: u32 = 100;
-/// and waits so long for one that has not fetched half a gigabyte. One that is dead is forgotten by then.
+/// How long a lossless rig waits for a subscriber that has half a gigabyte to fetch. DDS forgets a dead one
+/// earlier.
 const PATIENCE: Duration = Duration::from_secs(12);
 
 struct Layout<'a> {

@@ -4,39 +4,39 @@ use std::fmt::Write as _;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Whether lost samples are sent again.
+/// Whether lost messages are sent again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reliability {
-    /// They are.
+    /// Yes.
     Reliable,
-    /// They are not.
+    /// No.
     BestEffort,
 }
 
-/// Whether late subscribers get what was sent before.
+/// Whether late subscribers get earlier messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
-    /// They do, as much as the history holds.
+    /// Yes, as many as the history holds.
     TransientLocal,
-    /// They do not.
+    /// No.
     Volatile,
 }
 
-/// A topic's quality of service, as a publisher offers it.
+/// The quality of service that a publisher offers.
 ///
-/// Defaults follow REP 2003: sensor data is published reliably, which subscribers of either kind match,
-/// with a short history, so that a subscriber that stalls holds back nobody else.
+/// Defaults follow REP 2003. Sensor data is published reliably, so reliable and best-effort subscribers both
+/// match. The history is short, so a stalled subscriber does not hold back the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Qos {
     /// Reliability.
     pub reliability: Reliability,
     /// Durability.
     pub durability: Durability,
-    /// Samples kept for subscribers that lost or have not read them; at least 1.
+    /// Number of messages kept for subscribers that lost or have not read them; at least 1.
     pub depth: u32,
 }
 
-/// A quality of service that cannot be understood.
+/// A quality of service that cannot be parsed.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "quality of service `{given}`: `{word}` is not one of reliable, best_effort, volatile, \
@@ -57,13 +57,13 @@ impl Qos {
         Qos { reliability: Reliability::Reliable, durability: Durability::Volatile, depth }
     }
 
-    /// Reliable, and the last sample is there for those who come late.
+    /// Reliable; late subscribers get the last message.
     #[must_use]
     pub const fn latched() -> Self {
         Qos { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1 }
     }
 
-    /// As rosbag2 writes what a publisher offered; the numbers are rmw's.
+    /// The format in which rosbag2 writes it, with rmw's numbers.
     #[must_use]
     pub fn to_rosbag_yaml(self) -> String {
         let reliability = if self.reliability == Reliability::Reliable { 1 } else { 2 };
@@ -81,11 +81,11 @@ impl Qos {
         yaml
     }
 
-    /// Reads what [`Qos::to_rosbag_yaml`] or rosbag2 wrote, in numbers or in words; what is not said is as
-    /// in `self`.
+    /// Reads what [`Qos::to_rosbag_yaml`] or rosbag2 wrote, in numbers or in words. Missing keys are as in
+    /// `self`.
     #[must_use]
     pub fn with_rosbag_yaml(mut self, yaml: &str) -> Self {
-        // The first profile counts; its keys are the lines up to the next dash.
+        // The first profile counts; it ends before the next dash.
         for line in yaml.trim_start().trim_start_matches('-').split("\n-").next().unwrap_or_default().lines()
         {
             let Some((key, value)) = line.trim().split_once(':') else { continue };
@@ -102,7 +102,7 @@ impl Qos {
     }
 }
 
-/// Words laid over a default: `best_effort,depth:10`.
+/// Changes to a quality of service, for example `best_effort,depth:10`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct QosChange {
     reliability: Option<Reliability>,
@@ -111,7 +111,7 @@ pub struct QosChange {
 }
 
 impl QosChange {
-    /// What results from `qos`.
+    /// `qos` with the changes.
     #[must_use]
     pub fn apply(self, qos: Qos) -> Qos {
         Qos {

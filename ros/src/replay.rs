@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
-/// Time between looks for notices.
+/// Time between two polls for notices.
 const NOTICES: Duration = Duration::from_secs(1);
 
 /// Why a recording cannot be published.
@@ -19,7 +19,7 @@ pub enum ReplayError {
     /// The network.
     #[error(transparent)]
     Transport(#[from] TransportError),
-    /// A pace that is none.
+    /// The rate is not a number above 0.
     #[error("rate {0}, expected a number above 0")]
     Rate(f64),
 }
@@ -27,9 +27,9 @@ pub enum ReplayError {
 /// How a recording is published.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReplayOptions {
-    /// Pace: 2 is twice as fast.
+    /// Speed; 2 is twice as fast.
     pub rate: f64,
-    /// How long subscribers may take to find the topics before the first message.
+    /// Time that subscribers have to find the topics before the first message.
     pub delay: Duration,
 }
 
@@ -48,15 +48,15 @@ pub struct Replayed {
     pub sent: u64,
     /// Messages that the transport refused.
     pub failed: u64,
-    /// Time from the first message to the last as recorded, nanoseconds.
+    /// Recorded time from the first to the last message, nanoseconds.
     pub recorded_ns: u64,
-    /// The recording has no end: its writer was stopped.
+    /// Whether the recording's end is missing, because its writer was stopped.
     pub truncated: bool,
-    /// Messages that are none of ROS 2, which were left out.
+    /// Channels that were skipped because their messages are not ROS 2's.
     pub foreign: Vec<String>,
 }
 
-/// Publishes `bag` until its end or until `stop` says so; `watch` sees every notice.
+/// Publishes `bag` until its end or until `stop` returns true. `watch` gets every notice.
 pub fn replay(
     mut bag: BagReader,
     transport: &mut dyn Transport,

@@ -1,10 +1,11 @@
-//! What the publisher counts: nothing is lost without being counted here and told to subscribers.
+//! Counts what the publisher sends and loses. Every lost message is counted here and appears on
+//! `/diagnostics`.
 
 use crate::encode::Status;
 use crate::histogram::Histogram;
 use crate::plan::Plan;
+use crate::queue::Dropped;
 use crate::transport::Transport;
-use crate::worker::Batch;
 use serde::Serialize;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -20,7 +21,7 @@ struct Counts {
     subscribers: AtomicU64,
 }
 
-/// Counters that the rig's thread and the publisher's share.
+/// Counters that the rig's thread and the publisher's thread share.
 #[derive(Debug)]
 pub(crate) struct Statistics {
     transport: Option<String>,
@@ -35,63 +36,63 @@ pub(crate) struct Statistics {
     tick_ns: Mutex<Histogram>,
 }
 
-/// Copies of a packet's bytes after the device wrote them, beyond the system's own.
+/// How often a packet's bytes are copied between the device's memory and the system calls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Copies {
-    /// Before the packet was given to the publisher: 0 where all were views of the memory that the device
-    /// wrote, 1 where some were packets that own their events.
+    /// Before the publisher gets the packet: 0 if every packet was a view of the device's memory, 1 if some
+    /// owned their events.
     pub packet: u32,
-    /// Into the buffer that is sent: the encoding itself.
+    /// By encoding, into the buffer that is sent.
     pub encode: u32,
-    /// From there to the system's socket.
+    /// From that buffer to the system's socket.
     pub wire: u32,
-    /// From there into the recording's chunk.
+    /// From that buffer into the recording's chunk.
     pub bag: u32,
 }
 
-/// What became of a topic's messages.
+/// Counts of a topic's messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct TopicSummary {
     /// Name.
     pub topic: String,
     /// Messages sent.
     pub sent: u64,
-    /// Bytes of them.
+    /// Bytes sent.
     pub bytes: u64,
     /// Messages that the transport refused.
     pub failed: u64,
-    /// Messages dropped before they were sent, because the queue was full.
+    /// Messages that were dropped because the queue was full.
     pub dropped: u64,
     /// Messages recorded.
     pub recorded: u64,
-    /// Subscribers when last looked.
+    /// Subscribers at the last poll, once a second.
     pub subscribers: u64,
 }
 
-/// What became of all messages.
+/// Counts of all messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Summary {
-    /// Transport, if there is one.
+    /// Name of the transport, if there is one.
     pub transport: Option<String>,
     /// By topic.
     pub topics: Vec<TopicSummary>,
     /// Ticks dropped because the queue was full.
     pub dropped_ticks: u64,
-    /// How often time went back.
+    /// How often the simulation's time went back.
     pub time_resets: u64,
-    /// Copies of a message.
+    /// Copies of a packet's bytes.
     pub copies: Copies,
-    /// Median of the encoding of a packet or a part of one, nanoseconds.
+    /// Median time to encode an event message, nanoseconds.
     pub encode_p50_ns: u64,
-    /// 99th percentile of it.
+    /// 99th percentile of the same.
     pub encode_p99_ns: u64,
-    /// Median of the call that publishes a message, nanoseconds.
+    /// Median time of the call that publishes a message, nanoseconds.
     pub publish_p50_ns: u64,
-    /// 99th percentile of it.
+    /// 99th percentile of the same.
     pub publish_p99_ns: u64,
-    /// Median from the last byte encoded to the tick sent and recorded, nanoseconds.
+    /// Median time from the end of a tick's encoding until it is sent and recorded, nanoseconds.
     pub tick_p50_ns: u64,
-    /// 99th percentile of it.
+    /// 99th percentile of the same.
     pub tick_p99_ns: u64,
 }
 
@@ -113,13 +114,13 @@ impl Summary {
         self.sum(|topic| topic.recorded)
     }
 
-    /// Messages that nobody got, dropped or refused.
+    /// Messages that were dropped, or refused by the transport.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.sum(|topic| topic.dropped + topic.failed)
     }
 
-    /// One line for people.
+    /// One line of text.
     #[must_use]
     pub fn to_text(&self) -> String {
         let Copies { packet, encode, wire, bag } = self.copies;
@@ -176,25 +177,25 @@ impl Statistics {
         self.wire_copies.store(copies, Relaxed);
     }
 
-    pub fn count_sent(&self, topic: usize, bytes: usize, took: Duration, sent: bool) {
+    pub fn count_sent(&self, topic: usize, bytes: usize, took: Duration) {
         let counts = &self.topics[topic];
-        if sent {
-            counts.sent.fetch_add(1, Relaxed);
-            counts.bytes.fetch_add(bytes as u64, Relaxed);
-        } else {
-            counts.failed.fetch_add(1, Relaxed);
-        }
+        counts.sent.fetch_add(1, Relaxed);
+        counts.bytes.fetch_add(bytes as u64, Relaxed);
         lock(&self.publish_ns).add(ns(took));
+    }
+
+    pub fn count_failed(&self, topic: usize) {
+        self.topics[topic].failed.fetch_add(1, Relaxed);
     }
 
     pub fn count_recorded(&self, topic: usize) {
         self.topics[topic].recorded.fetch_add(1, Relaxed);
     }
 
-    pub fn count_dropped(&self, batch: &Batch) {
-        self.dropped_ticks.fetch_add(1, Relaxed);
-        for outgoing in &batch.messages {
-            self.topics[outgoing.topic].dropped.fetch_add(1, Relaxed);
+    pub fn count_dropped(&self, dropped: &Dropped) {
+        self.dropped_ticks.fetch_add(dropped.ticks, Relaxed);
+        for message in &dropped.messages {
+            self.topics[message.topic].dropped.fetch_add(1, Relaxed);
         }
     }
 
@@ -242,7 +243,7 @@ impl Statistics {
         }
     }
 
-    /// The same for `/diagnostics`: the publisher as a whole, and each topic that lost something.
+    /// The counts for `/diagnostics`: of the whole publisher, and of each topic that lost messages.
     pub fn statuses(&self, plan: &Plan, node: &str) -> Vec<Status> {
         let summary = self.summary(plan);
         let lost = summary.lost();

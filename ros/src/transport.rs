@@ -1,5 +1,5 @@
-//! Where messages go. A transport takes encoded messages, so that the same bytes reach every transport and
-//! the bag.
+//! The interface of transports. A transport sends encoded messages, so that every transport and the recording
+//! get the same bytes.
 
 use crate::payload::Payload;
 use crate::plan::Topic;
@@ -18,7 +18,7 @@ pub enum TransportError {
     Topic {
         /// Topic.
         topic: String,
-        /// What stands against it.
+        /// Why.
         reason: String,
     },
     /// A message was not sent.
@@ -31,38 +31,37 @@ pub enum TransportError {
     },
 }
 
-/// A way to subscribers.
+/// Sends messages to subscribers.
 pub trait Transport: Send {
-    /// Its name, for people.
+    /// Its name, for the report.
     fn name(&self) -> String;
 
-    /// Copies that it has made of a message so far after [`Transport::publish`] was called, before the system's
-    /// own.
+    /// How often a message's bytes are copied between [`Transport::publish`] and the system call, as far as
+    /// known.
     fn copies(&self) -> u32;
 
     /// Announces a topic. Topics are numbered from 0 in this order.
     fn advertise(&mut self, topic: &Topic) -> Result<(), TransportError>;
 
-    /// Sends a message on topic number `topic`; waits no longer than the topic's patience. A small message may
-    /// share a datagram with those that follow it on the topic, and leaves with [`Transport::flush`] at the
-    /// latest.
+    /// Sends a message on topic number `topic`. Waits no longer than the topic's patience. A small message
+    /// may wait for others to share its datagram; [`Transport::flush`] sends it at the latest.
     fn publish(&mut self, topic: usize, message: &Arc<Payload>) -> Result<(), TransportError>;
 
-    /// Sends what waits for more messages.
+    /// Sends messages that wait for others.
     fn flush(&mut self) {}
 
     /// Subscribers of topic number `topic` now.
     fn subscribers(&self, topic: usize) -> usize;
 
-    /// What has happened since the last call that people should know, such as subscribers whose quality of
-    /// service cannot be met.
+    /// Messages for the user since the last call, for example about a subscriber whose quality of service
+    /// cannot be met.
     fn notices(&mut self) -> Vec<String>;
 
-    /// Waits until reliable subscribers have all that was sent, at most so long.
+    /// Waits until reliable subscribers have all messages, at most `limit`.
     fn drain(&mut self, limit: Duration);
 
-    /// Whether it holds a message until reliable subscribers have it, so that how far they are can be told
-    /// without a wait. Others are drained now and then by those who want to lose nothing.
+    /// Whether it keeps a message's buffer until reliable subscribers have the message. A lossless rig then
+    /// sees how far they are without waiting; other transports it has to drain.
     fn holds_messages(&self) -> bool {
         false
     }

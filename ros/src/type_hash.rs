@@ -1,15 +1,15 @@
-//! ROS 2 type hashes (`RIHS01`, REP 2016): SHA-256 over a type's description in canonical JSON.
+//! ROS 2 type hashes (`RIHS01`, REP 2016): SHA-256 of a type's description as canonical JSON.
 
 use crate::definition::{Base, DefinitionError, Extent, Field, Texts, closure};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 
-/// Distances of `type_interfaces/msg/FieldType` from the plain type.
+/// `type_interfaces/msg/FieldType` numbers arrays and sequences at these distances from the element's type.
 const ARRAY: u32 = 48;
 const BOUNDED: u32 = 96;
 const SEQUENCE: u32 = 144;
 
-/// `RIHS01_...` of the message `name`, from the texts of it and of all that it holds.
+/// `RIHS01_...` of the message `name`, from its definition and those of all messages that it contains.
 pub fn type_hash(name: &str, texts: &Texts) -> Result<String, DefinitionError> {
     let types = closure(name, texts)?;
     let mut json = format!("{{\"type_description\": {}", description(name, &types[name]));
@@ -24,7 +24,7 @@ pub fn type_hash(name: &str, texts: &Texts) -> Result<String, DefinitionError> {
 }
 
 fn description(name: &str, fields: &[Field]) -> String {
-    // A struct without members cannot be in C; the generators give it one.
+    // C has no empty structs, so ROS's generators add a member.
     let empty = [Field {
         name: "structure_needs_at_least_one_member".to_owned(),
         base: Base::Primitive("uint8"),
@@ -58,7 +58,7 @@ fn field(field: &Field) -> String {
     )
 }
 
-/// Numbers of `type_interfaces/msg/FieldType`; `char` is an unsigned byte in a `.msg`.
+/// Numbers of `type_interfaces/msg/FieldType`. In a `.msg`, `char` is an unsigned byte.
 fn primitive(name: &str) -> u32 {
     match name {
         "int8" => 2,
@@ -73,7 +73,7 @@ fn primitive(name: &str) -> u32 {
         "float64" => 11,
         "bool" => 15,
         "byte" => 16,
-        other => unreachable!("`{other}` is no primitive of the parser"),
+        other => unreachable!("the parser knows no primitive `{other}`"),
     }
 }
 

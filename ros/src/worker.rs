@@ -1,34 +1,17 @@
-//! The publisher's thread: sends ticks and records them, counts, and tells once a second how it goes.
+//! The publisher's thread: sends and records ticks, counts messages, and publishes diagnostics once a second.
 
 use crate::bag::{BagError, BagWriter};
 use crate::encode;
 use crate::payload::{Payload, Release};
 use crate::plan::Plan;
+use crate::queue::{Batch, Outgoing, Popped, TickReceiver};
 use crate::statistics::Statistics;
 use crate::transport::Transport;
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
-use std::collections::VecDeque;
+use crossbeam_channel::Sender;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-
-/// One encoded message.
-pub(crate) struct Outgoing {
-    pub topic: usize,
-    /// Time in the bag.
-    pub log_ns: u64,
-    pub message: Arc<Payload>,
-}
-
-/// All messages of one tick.
-pub(crate) struct Batch {
-    pub stamp_ns: i64,
-    /// When the last of them was encoded.
-    pub encoded: Instant,
-    pub messages: Vec<Outgoing>,
-    /// Tells when nobody holds one of them any more.
-    pub release: Release,
-}
 
 /// What the thread works with.
 pub(crate) struct Worker {
@@ -37,20 +20,31 @@ pub(crate) struct Worker {
     pub transport: Option<Box<dyn Transport>>,
     pub bag: Option<BagWriter>,
     pub statistics: Arc<Statistics>,
-    pub tell: Sender<String>,
-    pub queue: Receiver<Batch>,
-    /// A lossless rig is at most so many ticks ahead of its subscribers, so that one that is slow slows it
-    /// down instead of being left behind.
+    /// Where notices for the user go.
+    pub notices: Sender<String>,
+    pub queue: TickReceiver,
+    /// The number of ticks that a lossless rig may be ahead of its subscribers. A slow subscriber then slows
+    /// the rig down and misses nothing. `None` for a rig that never waits.
     pub ticks_ahead: Option<usize>,
+    pub states: UnsentStates,
 }
 
-/// Time between diagnostics.
+/// States that the transport refused. They are sent again before each tick and with the diagnostics, until
+/// the transport takes them or a newer state of the same topic replaces them.
+#[derive(Default)]
+pub(crate) struct UnsentStates {
+    by_topic: BTreeMap<usize, Arc<Payload>>,
+    /// Topics whose failure the user has been told of.
+    reported: BTreeSet<usize>,
+}
+
+/// Time between two diagnostics messages.
 const DIAGNOSTICS: Duration = Duration::from_secs(1);
 
-/// How long subscribers may take to fetch the last messages, where topics have no patience of their own.
+/// How long subscribers may take to fetch the last messages, if no topic is more patient.
 const DRAIN: Duration = Duration::from_secs(2);
 
-/// Starts it. It ends when nobody can queue any more.
+/// Starts the thread. It ends when the queue's sender is gone and every tick has been sent.
 pub(crate) fn start(worker: Worker) -> std::io::Result<JoinHandle<Result<(), BagError>>> {
     std::thread::Builder::new().name("ros publisher".to_owned()).spawn(move || worker.run())
 }
@@ -58,36 +52,63 @@ pub(crate) fn start(worker: Worker) -> std::io::Result<JoinHandle<Result<(), Bag
 impl Worker {
     fn run(mut self) -> Result<(), BagError> {
         let mut recording = Ok(());
-        let mut told = Instant::now();
+        let mut reported = Instant::now();
         let mut last: Option<(i64, u64)> = None;
         let mut ahead = VecDeque::new();
         loop {
-            match self.queue.recv_timeout(DIAGNOSTICS.saturating_sub(told.elapsed())) {
-                Ok(batch) => {
-                    let log_ns = batch.messages.iter().map(|m| m.log_ns).max();
-                    last = Some((batch.stamp_ns, log_ns.unwrap_or_default()));
-                    for outgoing in &batch.messages {
-                        self.send(outgoing, &mut recording);
-                    }
-                    self.flush();
-                    self.statistics.count_tick(batch.encoded.elapsed());
-                    drop(batch.messages);
+            match self.queue.pop(DIAGNOSTICS.saturating_sub(reported.elapsed())) {
+                Popped::Tick(batch) => {
+                    let messages = batch.states.iter().chain(&batch.samples);
+                    last = Some((batch.stamp_ns, messages.map(|m| m.log_ns).max().unwrap_or_default()));
+                    self.send_tick(&batch, &mut recording);
+                    // `keep_pace` waits for the release of messages: this thread must not hold them.
+                    drop((batch.states, batch.samples));
                     ahead.push_back(batch.release);
                     self.keep_pace(&mut ahead);
                 }
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break,
+                Popped::Nothing => {}
+                Popped::Closed => break,
             }
-            if told.elapsed() >= DIAGNOSTICS {
-                told = Instant::now();
-                self.tell(last, &mut recording);
+            if reported.elapsed() >= DIAGNOSTICS {
+                reported = Instant::now();
+                self.report(last, &mut recording);
             }
         }
-        self.tell(last, &mut recording);
+        self.send_states_again();
+        for (topic, _) in std::mem::take(&mut self.states.by_topic) {
+            self.statistics.count_failed(topic);
+        }
+        self.report(last, &mut recording);
         self.drain();
         match self.bag.take() {
             Some(bag) => recording.and(bag.finish()),
             None => recording,
+        }
+    }
+
+    fn send_tick(&mut self, batch: &Batch, recording: &mut Result<(), BagError>) {
+        for state in &batch.states {
+            if self.states.by_topic.remove(&state.topic).is_some() {
+                // The newer state replaces the one that could not be sent.
+                self.statistics.count_failed(state.topic);
+            }
+        }
+        self.send_states_again();
+        for state in &batch.states {
+            self.send_state(state.topic, &state.message);
+            self.record(state, recording);
+        }
+        for sample in &batch.samples {
+            self.send_sample(sample);
+            self.record(sample, recording);
+        }
+        self.flush();
+        self.statistics.count_tick(batch.encoded.elapsed());
+    }
+
+    fn send_states_again(&mut self) {
+        for (topic, message) in std::mem::take(&mut self.states.by_topic) {
+            self.send_state(topic, &message);
         }
     }
 
@@ -102,9 +123,9 @@ impl Worker {
         self.plan.topics.iter().map(|topic| topic.patience).max().unwrap_or_default().max(DRAIN)
     }
 
-    /// Waits where the ticks sent are too far `ahead` of what subscribers have. The last ones may be on their
-    /// way meanwhile: a wait for all would take an answer's time, and what queues up in it would be sent at
-    /// once, more than receive buffers hold.
+    /// Waits if the sent ticks are too far `ahead` of what subscribers have. It waits for the oldest tick
+    /// only: waiting for all of them would cost a round trip, and the ticks that queue up meanwhile would be
+    /// sent in one burst, which is more than receive buffers hold.
     fn keep_pace(&mut self, ahead: &mut VecDeque<Release>) {
         let Some(most) = self.ticks_ahead else { return ahead.clear() };
         if ahead.len() < most {
@@ -118,12 +139,12 @@ impl Worker {
             }
         };
         if !arrived {
-            // All has been done for these.
+            // The wait for these ticks is over, whether they arrived or not.
             ahead.clear();
         }
     }
 
-    /// Waits until subscribers have all, or have been given the time for it.
+    /// Waits until subscribers have all messages, or have had the time to fetch them.
     fn drain(&mut self) {
         let patience = self.patience();
         if let Some(transport) = &mut self.transport {
@@ -131,35 +152,49 @@ impl Worker {
         }
     }
 
-    fn send(&mut self, outgoing: &Outgoing, recording: &mut Result<(), BagError>) {
-        if let Some(transport) = &mut self.transport {
-            let started = Instant::now();
-            let sent = transport.publish(outgoing.topic, &outgoing.message);
-            self.statistics.count_sent(
-                outgoing.topic,
-                outgoing.message.len(),
-                started.elapsed(),
-                sent.is_ok(),
-            );
-        }
-        if let Some(bag) = &mut self.bag {
-            match bag.write(outgoing.topic, outgoing.log_ns, &outgoing.message) {
-                Ok(()) => self.statistics.count_recorded(outgoing.topic),
-                Err(error) => {
-                    let _ = self.tell.send(format!("recording stopped: {error}"));
-                    *recording = Err(error);
-                    // What was written stays; subscribers go on getting what is sent.
-                    self.bag = None;
+    /// Sends a state, and keeps it for later if the transport refuses it.
+    fn send_state(&mut self, topic: usize, message: &Arc<Payload>) {
+        let Some(transport) = &mut self.transport else { return };
+        let started = Instant::now();
+        match transport.publish(topic, message) {
+            Ok(()) => self.statistics.count_sent(topic, message.len(), started.elapsed()),
+            Err(error) => {
+                self.states.by_topic.insert(topic, Arc::clone(message));
+                if self.states.reported.insert(topic) {
+                    let _ = self.notices.send(format!("{error}; trying again until it is sent"));
                 }
             }
         }
     }
 
-    /// Diagnostics on the wire and in the bag, notices to whoever asks.
-    fn tell(&mut self, last: Option<(i64, u64)>, recording: &mut Result<(), BagError>) {
+    fn send_sample(&mut self, sample: &Outgoing) {
+        let Some(transport) = &mut self.transport else { return };
+        let started = Instant::now();
+        match transport.publish(sample.topic, &sample.message) {
+            Ok(()) => self.statistics.count_sent(sample.topic, sample.message.len(), started.elapsed()),
+            Err(_) => self.statistics.count_failed(sample.topic),
+        }
+    }
+
+    fn record(&mut self, outgoing: &Outgoing, recording: &mut Result<(), BagError>) {
+        let Some(bag) = &mut self.bag else { return };
+        match bag.write(outgoing.topic, outgoing.log_ns, &outgoing.message) {
+            Ok(()) => self.statistics.count_recorded(outgoing.topic),
+            Err(error) => {
+                let _ = self.notices.send(format!("recording stopped: {error}"));
+                *recording = Err(error);
+                // The file keeps what was written; subscribers still get what is sent.
+                self.bag = None;
+            }
+        }
+    }
+
+    /// Publishes and records diagnostics, and passes the transport's notices on.
+    fn report(&mut self, last: Option<(i64, u64)>, recording: &mut Result<(), BagError>) {
+        self.send_states_again();
         if let Some(transport) = &mut self.transport {
             for notice in transport.notices() {
-                let _ = self.tell.send(notice);
+                let _ = self.notices.send(notice);
             }
             self.statistics.set_wire_copies(transport.copies());
             for topic in 0..self.plan.topics.len() {
@@ -171,7 +206,9 @@ impl Worker {
         let mut bytes = Vec::new();
         encode::diagnostics(&mut bytes, stamp_ns, "esaac", &statuses);
         let message = Arc::new(Payload::new(bytes));
-        self.send(&Outgoing { topic: self.plan.diagnostics, log_ns, message }, recording);
+        let diagnostics = Outgoing { topic: self.plan.diagnostics, log_ns, message };
+        self.send_sample(&diagnostics);
+        self.record(&diagnostics, recording);
         self.flush();
     }
 }

@@ -1,4 +1,4 @@
-//! The engine held against the oracle: sequences pixel by pixel, ties, times.
+//! Compares the engine with the oracle: sequences of polarities pixel by pixel, ties, times.
 
 use crate::frames::Sequence;
 use crate::run::{Step, events, oracle, oracle_events};
@@ -11,37 +11,37 @@ use esaac_oracle::Interval;
 use esaac_oracle::cross::PixelConstants;
 use std::cell::LazyCell;
 
-/// Times agree to this (the figure), nanoseconds.
+/// Tolerance of event times, nanoseconds (a requirement).
 pub const TIME_TOLERANCE_NS: f64 = 2_000.0;
 
-/// How far a log intensity of the engine may be from the oracle's, nepers: the engine computes in f32,
-/// where the log of an intensity of 1e5 has an ulp of 1e-6 and a warp's position in the image one of
-/// 4e-6 pixels; suite `stages` holds it to this. An event of a slope `s` moves by this over `s`, and two
-/// thresholds this close to a level are a tie.
+/// How far a log intensity of the engine may be from the oracle's, nepers. The engine computes in f32: there the log of
+/// an intensity of 1e5 has an ulp of 1e-6, and a position in the image one of 4e-6 pixels. Suite `stages` asserts this
+/// tolerance. On a slope `s` it moves an event by the tolerance over `s`. A level this close to a threshold is a tie.
 pub const LEVEL_TOLERANCE_LOG: f64 = 1e-5;
 
-/// What a comparison found.
+/// Result of a comparison.
 #[derive(Clone, Debug, Default)]
 pub struct Agreement {
     /// Pixels compared.
     pub pixels: usize,
     /// Events of the oracle.
     pub events: usize,
-    /// Pixels with another sequence of polarities, or, where events have the times of samples, with an event that a
-    /// tie moved to another sample.
+    /// Pixels with another sequence of polarities. With time stamps at samples, also pixels with an event that a tie
+    /// moved to another sample.
     pub differing: usize,
-    /// Those of them that no threshold within [`LEVEL_TOLERANCE_LOG`] explains, in words.
+    /// Descriptions of differing pixels that no tie explains: no level comes within [`LEVEL_TOLERANCE_LOG`] of a
+    /// threshold.
     pub unexplained: Vec<String>,
-    /// Events whose time is further off than [`TIME_TOLERANCE_NS`] and the slope allow, in words.
+    /// Descriptions of events whose time differs by more than [`TIME_TOLERANCE_NS`] and the slope allow.
     pub late: Vec<String>,
-    /// Events within [`TIME_TOLERANCE_NS`] whatever their slope.
+    /// Events within [`TIME_TOLERANCE_NS`], regardless of their slope.
     pub prompt: usize,
     /// Events whose times were compared.
     pub timed: usize,
 }
 
 impl Agreement {
-    /// Sums two comparisons.
+    /// Adds the counts of another comparison.
     pub fn add(&mut self, other: Agreement) {
         self.pixels += other.pixels;
         self.events += other.events;
@@ -73,20 +73,20 @@ fn polarities(events: &[(i64, Polarity)]) -> impl Iterator<Item = Polarity> + '_
     events.iter().map(|e| e.1)
 }
 
-/// Whether two streams of a pixel are the same, polarities and times.
+/// Whether two streams of a pixel have the same polarities, and the same times within the tolerance.
 fn same_times(sensor: &SensorModel, a: &[(i64, Polarity)], b: &[(i64, Polarity)]) -> bool {
     let tolerance_ns = TIME_TOLERANCE_NS as u64 + u64::from(sensor.timestamp_quantum_ns - 1);
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.1 == b.1 && a.0.abs_diff(b.0) <= tolerance_ns)
 }
 
-/// Compares a run of the engine's with the oracle's on the same frames.
+/// Compares a run of the engine with the oracle on the same frames.
 #[must_use]
 pub fn compare(sensor: &SensorModel, camera: u32, sequence: &Sequence, steps: &[Step]) -> Agreement {
     let intervals = oracle(sensor, camera, sequence);
     compare_streams(sensor, camera, sequence, &intervals, &events(steps))
 }
 
-/// The same for given streams.
+/// As [`compare`], for given streams.
 #[must_use]
 pub fn compare_streams(
     sensor: &SensorModel,
@@ -106,7 +106,7 @@ pub fn compare_streams(
         if polarities(expected).eq(polarities(actual)) {
             let late_before = got.late.len();
             light.compare_times(pixel, expected, actual, &mut got);
-            // Where events have the times of samples, a tie moves one from a sample to the next.
+            // With time stamps at samples, a tie moves an event to the next sample.
             if sensor.timestamps == Timestamps::AtSample
                 && got.late.len() > late_before
                 && perturbed.iter().any(|run| same_times(sensor, &run[pixel], actual))
@@ -135,8 +135,8 @@ fn show(events: &[(i64, Polarity)]) -> String {
     events.iter().map(one).collect::<Vec<_>>().join(" ")
 }
 
-/// The oracle with thresholds moved by the tolerance, each up, down or not: where one of them gives
-/// another sequence, some level came within the tolerance of a threshold.
+/// Runs the oracle with thresholds moved by the tolerance: each of ON and OFF up, down or not at all. If such a run
+/// gives another sequence, some level came within the tolerance of a threshold: a tie.
 fn perturbed_runs(sensor: &SensorModel, camera: u32, sequence: &Sequence) -> Vec<PixelEvents> {
     let moves = [-LEVEL_TOLERANCE_LOG, 0.0, LEVEL_TOLERANCE_LOG];
     let pairs = moves.into_iter().flat_map(|on| moves.into_iter().map(move |off| (on, off)));
@@ -151,14 +151,14 @@ fn perturbed_runs(sensor: &SensorModel, camera: u32, sequence: &Sequence) -> Vec
         .collect()
 }
 
-/// A stretch in which a pixel's log intensity is straight.
+/// A stretch of time in which a pixel's log intensity is linear.
 struct Stretch {
     start_ns: i64,
     end_ns: i64,
     slope_per_ns: f64,
 }
 
-/// Log intensity of every pixel over time, as the oracle has it.
+/// Log intensity of every pixel over time, according to the oracle.
 struct Light<'a> {
     sensor: &'a SensorModel,
     camera: u32,
@@ -179,7 +179,7 @@ impl<'a> Light<'a> {
         (sum * self.sensor.exposure_gain + self.sensor.log_offset).ln()
     }
 
-    /// Straight stretches of a pixel's log intensity plus its leak.
+    /// The stretches of a pixel's log intensity plus its leak.
     fn stretches(&self, pixel: usize) -> Vec<Stretch> {
         let key = PixelKey { seed: self.sensor.seed, camera: self.camera, pixel: pixel as u32 };
         let leak_per_ns = PixelConstants::draw(self.sensor, key).leak_log_per_ns;
@@ -201,8 +201,9 @@ impl<'a> Light<'a> {
         stretches
     }
 
-    /// A crossing moves by the error of the level over its slope. Where the reference is set anew from the
-    /// light of an instant, that instant's error counts as an error of the level from then on.
+    /// Compares event times. A crossing moves by the level's error over its slope. If the reference is set from the
+    /// level of an instant (refractory period, shot noise), the error at that instant adds to the error of the level
+    /// from then on.
     fn compare_times(
         &self,
         pixel: usize,
@@ -218,7 +219,7 @@ impl<'a> Light<'a> {
         let sets_anew = sensor.refractory_ns > 0 || sensor.shot_noise_rate_hz > 0.0;
         let spread_ns = jitter_bound_ns(sensor.latency_jitter_ns) + i64::from(sensor.timestamp_quantum_ns);
         let latency_ns = i64::from(sensor.latency_ns);
-        // At most a quantum lies between stamps of times that are next to each other.
+        // Flooring moves the stamps of two neighbouring times apart by at most one quantum.
         let quantum_ns = f64::from(sensor.timestamp_quantum_ns - 1);
         let mut level_error = LEVEL_TOLERANCE_LOG;
         for (e, a) in expected.iter().zip(actual) {

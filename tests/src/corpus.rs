@@ -1,4 +1,4 @@
-//! The corpus: hard cases as data, which the oracle and the engine both run.
+//! The corpus: hard cases as data. The oracle and the engine run the same cases.
 
 use crate::frames::{Frame, Sequence};
 use crate::run::{Step, engine_of_many_on, events, oracle, oracle_events};
@@ -15,13 +15,13 @@ struct File {
     case: Vec<Case>,
 }
 
-/// A case: a sensor, frames and what must come of them.
+/// A case: a sensor, its frames and the expected result.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Case {
     /// Name.
     pub name: String,
-    /// What goes wrong elsewhere.
+    /// The fault that the case guards against.
     pub about: String,
     /// Sensor parameters that differ from [`SensorModel::default`]; synthesis `linear` unless given.
     #[serde(default)]
@@ -35,26 +35,27 @@ pub struct Case {
     /// Frame times, nanoseconds.
     #[serde(default)]
     pub times_ns: Vec<i64>,
-    /// In place of `times_ns`: the first and the step between them; as many as there are levels.
+    /// In place of `times_ns`: the first frame time and the step between frames, for as many frames as there are
+    /// levels.
     #[serde(default)]
     pub clock_ns: Option<[i64; 2]>,
     /// Gray level of each pixel in each frame, `[frame][pixel]`; a shorter list repeats its last entry.
     pub levels: Vec<Vec<f64>>,
-    /// How often the levels are gone through after the first frame.
+    /// How many times the sequence goes through the levels after the first frame.
     #[serde(default = "once")]
     pub repeat: usize,
-    /// Events of pixels.
+    /// Expected events, of one pixel or of all together.
     #[serde(default)]
     pub expect: Vec<Expectation>,
-    /// Pixels that were invalid in each frame.
+    /// Expected number of invalid pixels in each frame.
     #[serde(default)]
     pub invalid_pixels: Option<Vec<u64>>,
-    /// Pixels that had no valid level yet after each frame.
+    /// Expected number of pixels without any valid level so far, after each frame.
     #[serde(default)]
     pub unarmed_pixels: Option<Vec<u64>>,
 }
 
-/// What a level is.
+/// Unit of a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
@@ -65,14 +66,14 @@ pub enum Unit {
     Log,
 }
 
-/// What a pixel sends.
+/// Events expected of a pixel, or of all pixels together.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expectation {
-    /// `y * width + x`; all pixels together if it is not given.
+    /// Pixel, `y * width + x`. Without it, the expectation is about all pixels together.
     #[serde(default)]
     pub pixel: Option<usize>,
-    /// `+` and `-` in order.
+    /// Polarities in time order, as `+` and `-`.
     #[serde(default)]
     pub polarities: Option<String>,
     /// Least and greatest number of ON events.
@@ -84,7 +85,7 @@ pub struct Expectation {
     /// Times, nanoseconds.
     #[serde(default)]
     pub times_ns: Option<Vec<i64>>,
-    /// How far they may be off.
+    /// How far times may differ, nanoseconds.
     #[serde(default)]
     pub tolerance_ns: i64,
 }
@@ -97,7 +98,7 @@ fn once() -> usize {
     1
 }
 
-/// The files of `tests/corpus`: they travel with the programs that run them.
+/// The files of `tests/corpus`, compiled in so that test programs run on machines without the sources.
 pub const FILES: [(&str, &str); 4] = [
     ("invalid.toml", include_str!("../corpus/invalid.toml")),
     ("light.toml", include_str!("../corpus/light.toml")),
@@ -115,17 +116,17 @@ pub fn cases() -> Vec<Case> {
     FILES.into_iter().flat_map(read).collect()
 }
 
-/// What a run gives, whoever ran it.
+/// Result of running a case, by the oracle or by the engine.
 pub struct Outcome {
     /// Events of all pixels in time order.
     pub events: Vec<Event>,
-    /// Pixels that were invalid in each frame.
+    /// Number of invalid pixels in each frame.
     pub invalid_pixels: Vec<u64>,
-    /// Pixels that had no valid level yet after each frame.
+    /// Number of pixels without any valid level so far, after each frame.
     pub unarmed_pixels: Vec<u64>,
 }
 
-/// Each case through the oracle.
+/// Runs each case through the oracle.
 #[must_use]
 pub fn by_oracle(cases: &[Case]) -> Vec<Outcome> {
     let run = |case: &Case| {
@@ -139,20 +140,20 @@ pub fn by_oracle(cases: &[Case]) -> Vec<Outcome> {
     cases.iter().map(run).collect()
 }
 
-/// Each case through the engine: all are cameras of one rig, each with times of its own.
+/// Runs all cases through the engine, as cameras of one rig with frame times of their own.
 #[must_use]
-pub fn by_engine(device: &Arc<Device>, cases: &[Case]) -> Vec<Outcome> {
+pub fn by_engine(device: &Arc<Device>, cases: &[Case], options: RigOptions) -> Vec<Outcome> {
     let cameras: Vec<_> = cases.iter().map(|case| (case.sensor(), case.sequence())).collect();
     let outcome = |steps: &Vec<Step>| Outcome {
         events: events(steps),
         invalid_pixels: steps.iter().map(|s| s.diagnostics.invalid_pixels).collect(),
         unarmed_pixels: steps.iter().map(|s| s.diagnostics.unarmed_pixels).collect(),
     };
-    engine_of_many_on(device, &cameras, RigOptions::default()).iter().map(outcome).collect()
+    engine_of_many_on(device, &cameras, options).iter().map(outcome).collect()
 }
 
 impl Case {
-    /// The sensor, one row of as many pixels as there are levels.
+    /// The sensor: one row, with a pixel for each level.
     #[must_use]
     pub fn sensor(&self) -> SensorModel {
         let width = self.levels.iter().map(Vec::len).max().expect("a case has levels");
@@ -164,7 +165,7 @@ impl Case {
         SensorModel::from_toml(&table.to_string()).unwrap_or_else(|e| panic!("{}: {e}", self.name))
     }
 
-    /// The frames, with motion zero where the sensor's synthesis asks for it.
+    /// The frames. They have zero motion if the sensor's synthesis needs motion.
     #[must_use]
     pub fn sequence(&self) -> Sequence {
         let sensor = self.sensor();
@@ -199,7 +200,7 @@ impl Case {
         }
     }
 
-    /// Holds all that a run gave against what the case expects; the error says where they differ.
+    /// Compares the result of a run with all that the case expects. The error says where they differ.
     pub fn judge(&self, outcome: &Outcome) -> Result<(), String> {
         for expected in &self.expect {
             let of_pixel: Vec<(i64, Polarity)> = outcome
@@ -223,7 +224,7 @@ impl Case {
 }
 
 impl Expectation {
-    /// Holds events of one pixel, `(time, polarity)` in time order, against the expectation.
+    /// Compares events, `(time, polarity)` in time order, with the expectation. The error says where they differ.
     pub fn judge(&self, events: &[(i64, Polarity)]) -> Result<(), String> {
         let which = self.pixel.map_or("all pixels".to_owned(), |pixel| format!("pixel {pixel}"));
         let signs: String = events.iter().map(|e| if e.1 == Polarity::On { '+' } else { '-' }).collect();
@@ -244,25 +245,5 @@ impl Expectation {
             return Ok(());
         }
         Err(format!("{which}: times {actual:?} ns, expected {times_ns:?} within {}", self.tolerance_ns))
-    }
-
-    /// The expectation in words, for reports.
-    #[must_use]
-    pub fn describe(&self) -> String {
-        let mut words = vec![self.pixel.map_or("all".to_owned(), |pixel| format!("px {pixel}"))];
-        if let Some(polarities) = &self.polarities {
-            words.push(if polarities.is_empty() { "none".to_owned() } else { format!("`{polarities}`") });
-        }
-        for (name, range) in [("ON", self.on), ("OFF", self.off)] {
-            match range {
-                Some([least, greatest]) if least == greatest => words.push(format!("{least} {name}")),
-                Some([least, greatest]) => words.push(format!("{least} to {greatest} {name}")),
-                None => {}
-            }
-        }
-        if self.times_ns.is_some() {
-            words.push(format!("times within {} ns", self.tolerance_ns));
-        }
-        words.join(" ")
     }
 }

@@ -1,4 +1,4 @@
-//! Frames in CUDA's memory, for the suite that runs where CUDA is.
+//! Frames in CUDA memory, for the suite that needs CUDA.
 
 #![expect(unsafe_code, reason = "CUDA's edge")]
 
@@ -11,7 +11,7 @@ fn check(result: CUresult) {
     assert_eq!(result, CUresult::CUDA_SUCCESS);
 }
 
-/// Makes a device's primary context this thread's, for as long as the thread lives.
+/// Makes a device's primary context current on this thread, for as long as the thread lives.
 pub fn use_device(ordinal: i32) {
     let (mut device, mut context) = (0, std::ptr::null_mut());
     // SAFETY: `cuda_devices` has initialised the driver; the context is retained until the process ends.
@@ -22,7 +22,7 @@ pub fn use_device(ordinal: i32) {
     }
 }
 
-/// An image on the device with room after each row.
+/// An image in CUDA memory, with padding after each row.
 pub struct CudaImage {
     pointer: u64,
     row_bytes: usize,
@@ -31,7 +31,7 @@ pub struct CudaImage {
 }
 
 impl CudaImage {
-    /// Uploads rows that are tightly packed.
+    /// Uploads tightly packed rows.
     #[must_use]
     pub fn new(bytes: &[u8], rows: usize, padding_bytes: usize) -> Self {
         let row_bytes = bytes.len() / rows;
@@ -49,13 +49,13 @@ impl CudaImage {
         CudaImage { pointer, row_bytes, rows, stride_bytes }
     }
 
-    /// For the producer.
+    /// The image as the producer takes it.
     #[must_use]
     pub fn strided(&self) -> Strided {
         Strided { pointer: self.pointer, stride_bytes: self.stride_bytes }
     }
 
-    /// Writes the image to `target` in the stream, as a renderer would that renders there.
+    /// Copies the image to `target` in the stream, in place of a renderer that writes there.
     pub fn render_to(&self, target: u64, stream: u64) {
         let on_device = sys::CUmemorytype::CU_MEMORYTYPE_DEVICE;
         let copy = sys::CUDA_MEMCPY2D {
@@ -94,20 +94,20 @@ pub fn finish(stream: u64) {
     check(unsafe { sys::cuStreamSynchronize(stream as sys::CUstream) });
 }
 
-/// A timeline of the engine's that a stream of CUDA signals.
+/// A timeline of the engine that a CUDA stream signals.
 pub struct CudaSignal {
     raw: sys::CUexternalSemaphore,
     stream: sys::CUstream,
 }
 
 impl CudaSignal {
-    /// Imports what the engine exports.
+    /// Imports a timeline that the engine exported.
     #[must_use]
     pub fn import(fd: OwnedFd) -> Self {
         let description = sys::CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC {
             type_:
                 sys::CUexternalSemaphoreHandleType::CU_EXTERNAL_SEMAPHORE_HANDLE_TYPE_TIMELINE_SEMAPHORE_FD,
-            // A driver that takes it owns it; if it does not, the test fails.
+            // If the import succeeds, the driver owns the descriptor. If it fails, the test fails.
             handle: sys::CUDA_EXTERNAL_SEMAPHORE_HANDLE_DESC_st__bindgen_ty_1 { fd: fd.into_raw_fd() },
             flags: 0,
             reserved: [0; 16],
@@ -122,7 +122,7 @@ impl CudaSignal {
         CudaSignal { raw, stream }
     }
 
-    /// Has the stream set `value`.
+    /// Enqueues a signal of `value` in the stream.
     pub fn signal(&self, value: u64) {
         // SAFETY: all zero is a valid value of this plain struct.
         let mut parameters: sys::CUDA_EXTERNAL_SEMAPHORE_SIGNAL_PARAMS = unsafe { std::mem::zeroed() };
@@ -131,7 +131,7 @@ impl CudaSignal {
         check(unsafe { sys::cuSignalExternalSemaphoresAsync(&self.raw, &parameters, 1, self.stream) });
     }
 
-    /// Has the stream write an image, and then set `value` if there is one.
+    /// Enqueues writing an image, and then a signal of `value` if there is one.
     pub fn write(&self, image: &CudaImage, value: Option<u64>) {
         let words = image.stride_bytes * image.rows / 4;
         // SAFETY: the stream is alive, the image as long as said, and it lives until the stream is done.

@@ -3,8 +3,8 @@
 use esaac_engine::{Device, DeviceChoice, Validation};
 use std::sync::{Arc, LazyLock};
 
-/// The device that all tests of a process share: the best, or the one of `ESAAC_DEVICE` (an index);
-/// with the validation layer where `ESAAC_VALIDATION` is set, as the test script does.
+/// The device that all tests of a process share: the best one, or the one with the index in `ESAAC_DEVICE`. The
+/// validation layer is on where `ESAAC_VALIDATION` is set, as by the test script.
 pub static DEVICE: LazyLock<Arc<Device>> = LazyLock::new(|| {
     let choice = match std::env::var("ESAAC_DEVICE") {
         Ok(index) => DeviceChoice::Index(index.parse().expect("ESAAC_DEVICE is a device's index")),
@@ -14,7 +14,7 @@ pub static DEVICE: LazyLock<Arc<Device>> = LazyLock::new(|| {
         .expect("a Vulkan device; `esaac doctor` says what is missing")
 });
 
-/// Fails if the validation layer has spoken since the process began.
+/// Fails if the validation layer has reported anything since the process began.
 #[track_caller]
 pub fn assert_silent() {
     let messages = DEVICE.validation_messages();

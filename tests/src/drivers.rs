@@ -1,41 +1,60 @@
-//! Drivers that nobody has here: a test in a process of its own, over a layer that takes something away from the
-//! driver that is there, or on several devices.
+//! Simulates other drivers. A test runs in a process of its own, with a Vulkan layer that hides features of the
+//! installed driver, or with several devices.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Set in the process of its own; its value is the test's name.
+/// Environment variable that is set in a test's own process. Its value is the test's name.
 const ALONE: &str = "ESAAC_TEST_ALONE";
 
 const LAYER: &str = "VK_LAYER_ESAAC_other_driver";
 
-/// What such a process finds.
+/// The driver that the test's own process shall find.
 #[derive(Default)]
 pub struct OtherDriver<'a> {
-    /// Device extensions that the driver has not.
+    /// Device extensions that the layer hides.
     pub lacks: &'a [&'a str],
-    /// Bytes that imports of memory may take in all before the device is full.
+    /// Total bytes of memory imports that succeed before the device reports that it is full.
     pub import_bytes: Option<u64>,
-    /// The software driver twice, as two devices with UUIDs of their own.
+    /// Shows the software driver twice, as two devices with different UUIDs.
     pub twice: bool,
 }
 
-/// Runs the test of this name once more in a process of its own, which must pass. There it returns true.
+/// Runs the test of this name again in a process of its own, where it must pass. Returns true in that process and false
+/// in the calling one.
 ///
 /// # Panics
-/// If it fails there, with all that it said.
+/// If the test fails in its own process. The message holds its output.
 #[must_use]
 pub fn in_a_process_of_its_own(test: &str, driver: Option<&OtherDriver<'_>>) -> bool {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    again(test, |command| {
+        if let Some(driver) = driver {
+            driver.set_up(folder.path(), command);
+        }
+    })
+}
+
+/// The same without the validation layer, for tests of the process's memory: the layer keeps some for each object that
+/// there ever was.
+///
+/// # Panics
+/// If the test fails in its own process. The message holds its output.
+#[must_use]
+pub fn in_a_process_without_the_layer(test: &str) -> bool {
+    again(test, |command| {
+        command.env_remove("ESAAC_VALIDATION");
+    })
+}
+
+fn again(test: &str, set_up: impl FnOnce(&mut Command)) -> bool {
     if std::env::var_os(ALONE).is_some_and(|name| name == *test) {
         return true;
     }
-    let folder = tempfile::tempdir().expect("a temporary folder");
     let mut command = Command::new(std::env::current_exe().expect("this program"));
     command.args(["--exact", test, "--nocapture"]).env(ALONE, test);
-    if let Some(driver) = driver {
-        driver.set_up(folder.path(), &mut command);
-    }
+    set_up(&mut command);
     let output = command.output().expect("this program, once more");
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
@@ -80,7 +99,7 @@ impl OtherDriver<'_> {
     }
 }
 
-/// The manifest of Mesa's software driver, wherever this machine has it.
+/// Path of the manifest of Mesa's software driver.
 fn software_driver() -> PathBuf {
     let named = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().filter_map(std::env::var_os);
     let named: Vec<PathBuf> =

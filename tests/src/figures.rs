@@ -1,4 +1,4 @@
-//! Figures that suites print.
+//! Time measurements that suites print.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,26 +10,26 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// None yet.
+    /// An empty set.
     #[must_use]
     pub const fn new() -> Self {
         Figures { ns: Vec::new() }
     }
 
-    /// One more.
+    /// Adds a time.
     pub fn add(&mut self, time: Duration) {
         self.add_ns(time.as_nanos() as u64);
     }
 
-    /// One more, nanoseconds.
+    /// Adds a time in nanoseconds.
     pub fn add_ns(&mut self, ns: u64) {
         self.ns.push(ns);
     }
 
-    /// The time that a share `q` of all does not exceed, microseconds.
+    /// Quantile: the time that a share `q` (0 to 1) of all does not exceed, microseconds.
     ///
     /// # Panics
-    /// Without a time.
+    /// If no time was added.
     #[must_use]
     pub fn quantile_us(&self, q: f64) -> f64 {
         let mut sorted = self.ns.clone();

@@ -1,4 +1,4 @@
-//! Frames for the engine and the oracle: of the analytic scenes, or of values given pixel by pixel.
+//! Frames for the engine and the oracle, from the analytic scenes or from values of single pixels.
 
 use esaac_model::{HdrFormat, MotionFormat, SensorModel};
 use esaac_oracle::Frame as OracleFrame;
@@ -30,7 +30,7 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// What the oracle is given.
+    /// Frame `index` for the oracle.
     #[must_use]
     pub fn oracle_frame(&self, index: usize) -> OracleFrame<'_> {
         let frame = &self.frames[index];

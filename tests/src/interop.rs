@@ -1,5 +1,5 @@
-//! Both ends of the link in one process: a producer that uploads frames into slots, an engine that checks
-//! what arrives by a checksum of its own device.
+//! Both ends of the link in one process: a producer that uploads frames into slots, and an engine that checks what
+//! arrives by checksums computed on its device.
 
 #![expect(unsafe_code, reason = "copies between buffers are recorded by hand")]
 
@@ -20,20 +20,23 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// The device once more, as another process would open it.
+/// Opens the device under test a second time, as another process would.
 #[must_use]
 pub fn other_device() -> Arc<Device> {
     Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), Validation::from_env()).expect("the device again")
 }
 
-/// Fails if the validation layer has spoken about a device.
+/// Fails if the validation layer has reported anything about `device`.
 #[track_caller]
 pub fn assert_device_silent(device: &Device) {
     let messages = device.validation_messages();
     assert!(messages.is_empty(), "the validation layer says:\n{}", messages.join("\n"));
 }
 
-/// Waits until something is so, ten seconds at most.
+/// Waits until `is_so` returns true.
+///
+/// # Panics
+/// After ten seconds; `what` names the condition.
 #[track_caller]
 pub fn until(what: &str, is_so: impl Fn() -> bool) {
     let started = Instant::now();
@@ -43,7 +46,7 @@ pub fn until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
-/// A socket's place in a folder of its own.
+/// A path for a socket, in a temporary folder of its own.
 pub struct Place {
     folder: TempDir,
 }
@@ -62,22 +65,22 @@ impl Place {
     }
 }
 
-/// Images that producers send again and again.
+/// Number of images that producers send in turn.
 pub const IMAGES: usize = 12;
 
-/// Those images, for a sensor: of a flight, with motion.
+/// [`IMAGES`] images of the flight scene for a sensor, with motion.
 #[must_use]
 pub fn flight(sensor: &SensorModel) -> Sequence {
     let size = (sensor.width, sensor.height);
     scene(SceneKind::Flight, size, &times(0, IMAGES), HdrFormat::F16x4, MotionFormat::F32x4)
 }
 
-/// Images of a flight there and back, which can be sent round and round without a jump.
+/// Images of a flight forth and back, which can repeat without a jump.
 #[must_use]
 pub fn there_and_back(sensor: &SensorModel, count: usize) -> Sequence {
     let there = times(0, count / 2 + 1);
     let back = there[1..there.len() - 1].iter().rev();
-    // The last of the round comes before its first, whose motion leads back to it.
+    // The motion of a round's first image leads back to its last.
     let mut round = vec![there[1]];
     round.extend(there.iter().chain(back));
     let size = (sensor.width, sensor.height);
@@ -86,7 +89,7 @@ pub fn there_and_back(sensor: &SensorModel, count: usize) -> Sequence {
     sequence
 }
 
-/// What a camera's images are.
+/// Size and formats of a camera's images.
 #[must_use]
 pub fn images(config: &CameraConfig) -> Images {
     Images {
@@ -103,7 +106,7 @@ pub fn lossless(config: &CameraConfig) -> CameraTerms {
     CameraTerms { images: images(config), slots: 3, latest: false }
 }
 
-/// A service of cameras, each with its number.
+/// A service of several cameras, numbered in order.
 #[must_use]
 pub fn service(
     path: &Path,
@@ -119,7 +122,13 @@ pub fn service(
     Service::open(rig, path, &terms, options).expect("a service")
 }
 
-/// A server without a rig, for what happens before frames.
+/// Options that allow every means of sharing memory, also on a software driver.
+#[must_use]
+pub fn trusting() -> ServerOptions {
+    ServerOptions { trusts_producers: true, ..ServerOptions::default() }
+}
+
+/// A server without a rig, for tests of what happens before the first frame.
 pub fn server(path: &Path, config: &CameraConfig, options: ServerOptions) -> Result<Server, InteropError> {
     Server::open(&DEVICE, path, &[lossless(config)], options)
 }
@@ -150,7 +159,7 @@ impl Uploader {
         Ok(Uploader { device: Arc::clone(device), producer, staging, commands: Commands::new(device)? })
     }
 
-    /// Writes a frame into a free slot and tells of it at time `t_ns`.
+    /// Writes a frame into a free slot and announces it with time `t_ns`.
     pub fn send(&mut self, frame: &Frame, t_ns: i64) -> Result<(), InteropError> {
         let slot = self.producer.slot()?;
         self.staging[0].write(0, &frame.hdr);
@@ -159,8 +168,8 @@ impl Uploader {
         }
         let (device, staging, commands) = (&self.device, &self.staging, &self.commands);
         let images = self.producer.client().images();
-        self.producer.write(slot, |place, around| {
-            commands.record(|commands| match place.images() {
+        self.producer.write(slot, |place, hooks| {
+            let record = |commands| match place.images() {
                 None => {
                     let inputs = place.inputs();
                     let targets = [Some(inputs.hdr), inputs.motion.filter(|_| frame.motion.is_some())];
@@ -180,14 +189,16 @@ impl Uploader {
                         render_to_image(device, commands, source, target, images);
                     }
                 }
-            })?;
-            device.run_around(commands, around)
+            };
+            // SAFETY: the last submission was waited for, and this one is, below; meanwhile the slot is ours.
+            unsafe { commands.record(record) }?;
+            device.run_with_hooks(commands, hooks)
         })?;
         self.producer.publish(slot, t_ns, Copies { device: 1, host: 1 })
     }
 }
 
-/// Records a copy of rows that are tightly packed to an image, as a renderer would draw it.
+/// Records a copy of tightly packed rows to an image, in place of a renderer's drawing.
 fn render_to_image(
     device: &Device,
     commands: vk::CommandBuffer,
@@ -207,7 +218,7 @@ fn render_to_image(
     unsafe { device.raw().cmd_copy_buffer_to_image(commands, source.raw(), target, layout, &region) };
 }
 
-/// Sums of buffers, made on the device under test.
+/// Computes checksums of buffers on the device under test.
 pub struct Checksum {
     kernel: Kernel,
     sums: Buffer,
@@ -225,14 +236,17 @@ impl Default for Checksum {
 }
 
 impl Checksum {
-    /// The first `bytes` of a buffer.
+    /// Checksum of the first `bytes` of a buffer.
     pub fn of(&mut self, buffer: &Buffer, bytes: usize) -> [u32; 2] {
         let words = (bytes / 4) as u32;
         self.sums.write(0, &[0_u32; 2]);
-        self.kernel.bind(&[buffer, &self.sums]);
+        // SAFETY: the last submission was waited for.
+        unsafe { self.kernel.bind(&[buffer, &self.sums]) };
         DEVICE
             .run_once(|commands| {
-                self.kernel.record(commands, &words.to_le_bytes(), [words.div_ceil(64), 1, 1]);
+                // SAFETY: both buffers live until the submission is waited for, and hold what the kernel reads and
+                // writes.
+                unsafe { self.kernel.record(commands, &words.to_le_bytes(), [words.div_ceil(64), 1, 1]) };
                 let barrier = [vk::MemoryBarrier2::default()
                     .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
                     .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)

@@ -1,5 +1,5 @@
-//! What the suites share: a device that the validation layer watches, frames, runs through the engine
-//! and the oracle, and how far the two may be apart.
+//! Shared by the test suites: a device watched by the validation layer, frames, runs through the engine and the oracle,
+//! and the comparison of the two.
 
 pub mod agreement;
 pub mod corpus;
@@ -11,5 +11,11 @@ pub mod frames;
 pub mod interop;
 pub mod pairs;
 pub mod peer;
+pub mod recording;
 pub mod run;
 pub mod sequence;
+
+/// The Rust example of the guide.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/guide/rust.md")]
+pub struct RustGuide;

@@ -1,13 +1,14 @@
-//! Few combinations that hold every pair of values: faults that it takes two parameters to show are found without
-//! trying all values of all with all others.
+//! Pairwise testing: a small set of combinations in which every pair of values of two parameters occurs. It finds
+//! faults that need two parameters to show, without testing every combination.
 
 use std::collections::BTreeSet;
 
-/// A parameter and the values that it takes in turn.
+/// A parameter and its values.
 pub type Choice = (&'static str, &'static [&'static str]);
 
-/// Combinations, of each choice's value by its number, in which every two values of every two choices meet.
-/// Greedy: each begins with a pair that is still missing, and takes what adds most of the others.
+/// Combinations in which every two values of every two choices occur together. A combination holds the index of each
+/// choice's value. Greedy: each combination begins with a missing pair, then takes for every other choice the value
+/// that completes most missing pairs.
 #[must_use]
 pub fn every_pair(choices: &[Choice]) -> Vec<Vec<usize>> {
     let values = |choice: usize| 0..choices[choice].1.len();
@@ -29,7 +30,7 @@ pub fn every_pair(choices: &[Choice]) -> Vec<Vec<usize>> {
                 };
                 row.iter().filter(|taken| missing.contains(&pair(taken))).count()
             };
-            // The earlier of two that add as much.
+            // `max_by_key` returns the last maximum; `rev` makes the earlier of two equal values win.
             let best = values(choice).rev().max_by_key(|&value| adds(value)).expect("a choice has values");
             row.push((choice, best));
         }
@@ -60,7 +61,7 @@ mod tests {
                 assert_eq!(met.len(), CHOICES[a].1.len() * CHOICES[b].1.len(), "{a} and {b}");
             }
         }
-        // Twelve hold the two longest choices alone, 48 would be all.
+        // The two longest choices need twelve combinations by themselves. All combinations would be 48.
         assert!((12..=15).contains(&rows.len()), "{}", rows.len());
     }
 }

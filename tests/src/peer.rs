@@ -1,4 +1,4 @@
-//! A peer that says what a test makes it say: packets by hand, well formed or not.
+//! A peer of the interop socket that sends whatever a test wants, well formed or not.
 
 use crate::device::DEVICE;
 use esaac_interop::wire::{
@@ -15,7 +15,7 @@ use std::io::{IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
 use std::path::Path;
 
-/// A connection without manners.
+/// A connection that enforces no protocol.
 pub struct Peer {
     fd: OwnedFd,
 }
@@ -32,7 +32,7 @@ pub fn greeting() -> Hello {
     }
 }
 
-/// The same of a producer that brings its memory.
+/// A greeting as from [`greeting`], of a producer that brings its own memory.
 #[must_use]
 pub fn bringing() -> Hello {
     Hello { memories: MEMORY_BROUGHT, ..greeting() }
@@ -42,9 +42,21 @@ impl Peer {
     /// Connects.
     #[must_use]
     pub fn connect(path: &Path) -> Self {
+        let peer = Peer::unconnected();
+        peer.connect_to(path);
+        peer
+    }
+
+    /// Opens the socket without connecting it.
+    #[must_use]
+    pub fn unconnected() -> Self {
         let fd = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None).unwrap();
-        connect(&fd, &SocketAddrUnix::new(path).unwrap()).expect("the engine listens");
         Peer { fd }
+    }
+
+    /// Connects a socket from [`Peer::unconnected`].
+    pub fn connect_to(&self, path: &Path) {
+        connect(&self.fd, &SocketAddrUnix::new(path).unwrap()).expect("the engine listens");
     }
 
     /// Sends bytes as they are.
@@ -52,7 +64,7 @@ impl Peer {
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(2 * MAX_FDS))];
         let mut control = SendAncillaryBuffer::new(&mut space);
         assert!(fds.is_empty() || control.push(SendAncillaryMessage::ScmRights(fds)));
-        // An engine that has closed the connection already has answered already.
+        // The result does not matter: if the engine has closed the connection, it has sent its answer before.
         let _ = sendmsg(&self.fd, &[IoSlice::new(bytes)], &mut control, SendFlags::NOSIGNAL);
     }
 
@@ -73,7 +85,8 @@ impl Peer {
         let mut control = RecvAncillaryBuffer::new(&mut space);
         let mut next =
             || recvmsg(&self.fd, &mut [IoSliceMut::new(&mut bytes)], &mut control, RecvFlags::CMSG_CLOEXEC);
-        // An engine that closes without having read all is told of first, its last words come after.
+        // If the engine closed without reading everything, the first call returns that error and the second the last
+        // message.
         let count = match next().or_else(|_| next()) {
             Ok(received) if received.bytes > 0 => received.bytes,
             _ => return None,
@@ -89,7 +102,7 @@ impl Peer {
         Some((Message::parse(&bytes[..count], fds.len()).expect("the engine speaks well"), fds))
     }
 
-    /// The engine's last words: it refuses, and closes the connection.
+    /// The engine's refusal, after which it closes the connection.
     #[must_use]
     pub fn refusal(&self) -> Refusal {
         let mut last = None;

@@ -1,4 +1,4 @@
-//! The same frames through the engine and through the oracle.
+//! Runs the same frames through the engine and through the oracle.
 
 use crate::device::{DEVICE, assert_silent};
 use crate::frames::Sequence;
@@ -8,7 +8,7 @@ use esaac_model::{Packet, SensorModel};
 use esaac_oracle::{Interval, Oracle};
 use std::sync::Arc;
 
-/// One camera's share of a tick.
+/// Result of one camera in one tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// Events.
@@ -49,7 +49,8 @@ pub fn steps(rig: &mut Rig, sequence: &Sequence, range: std::ops::Range<usize>) 
     range.map(|index| step(rig, sequence, index)).collect()
 }
 
-/// A whole sequence through a rig of one camera, watched by the validation layer until the rig is gone.
+/// Runs a whole sequence through a rig of one camera. Fails if the validation layer reports anything, up to the rig's
+/// destruction.
 #[must_use]
 pub fn engine_with(sensor: &SensorModel, sequence: &Sequence, options: RigOptions) -> Vec<Step> {
     let mut rig = rig(sensor, sequence, options);
@@ -59,14 +60,14 @@ pub fn engine_with(sensor: &SensorModel, sequence: &Sequence, options: RigOption
     got
 }
 
-/// The same with default options.
+/// As [`engine_with`], with default options.
 #[must_use]
 pub fn engine(sensor: &SensorModel, sequence: &Sequence) -> Vec<Step> {
     engine_with(sensor, sequence, RigOptions::default())
 }
 
-/// Several cameras in one rig, each at its own times and until its frames are over; `[camera][frame]`.
-/// They are numbered from 0, and so is their noise. Watched by the validation layer until the rig is gone.
+/// Runs several cameras in one rig, each at its own times until its frames end. Returns `[camera][frame]`. Cameras are
+/// numbered from 0, also in random draws. Fails if the validation layer reports anything, up to the rig's destruction.
 #[must_use]
 pub fn engine_of_many(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Step>> {
     let got = engine_of_many_on(&DEVICE, cameras, options);
@@ -74,7 +75,7 @@ pub fn engine_of_many(cameras: &[(SensorModel, Sequence)], options: RigOptions) 
     got
 }
 
-/// As [`engine_of_many`], on a device of the caller's.
+/// As [`engine_of_many`], on the given device.
 #[must_use]
 pub fn engine_of_many_on(
     device: &Arc<Device>,
@@ -113,7 +114,7 @@ pub fn engine_of_many_on(
     got
 }
 
-/// A whole sequence through the oracle with samples kept; `camera` is its number in random draws.
+/// Runs a whole sequence through the oracle, with samples kept. `camera` is its number in random draws.
 #[must_use]
 pub fn oracle(sensor: &SensorModel, camera: u32, sequence: &Sequence) -> Vec<Interval> {
     let mut oracle = Oracle::new(sensor.clone(), camera).unwrap_or_else(|e| panic!("{sensor:?}: {e}"));

@@ -1,62 +1,58 @@
-//! The path-traced sequence, as frames for the engine and the oracle.
+//! The path-traced sequence `tests/data/tumble`: frames for the engine, and the true events.
 
-use exr::prelude::{Vec2, read_first_flat_layer_from_file};
+use esaac_formats::exr_frame::{ChannelNames, FrameLayout, read_frame};
+use esaac_formats::truth_file;
+use esaac_model::packet::Event;
+use esaac_model::{HdrFormat, MotionFormat};
 use std::path::{Path, PathBuf};
 
 /// A key frame.
 pub struct Key {
     /// Time.
     pub t_ns: i64,
-    /// f32 x 4.
+    /// Colour, f32x4.
     pub hdr: Vec<u8>,
-    /// f32 x 2.
+    /// Motion, f32x2.
     pub motion: Vec<u8>,
 }
 
 /// Columns and rows.
 pub const SIZE: (u32, u32) = (240, 180);
 
-/// The folder; a missing one fails the test.
-#[must_use]
-pub fn folder() -> PathBuf {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/sequences/tumble");
-    assert!(folder.is_dir(), "the tumble sequence is missing: expected {}", folder.display());
-    folder
+/// Key frames per second.
+const KEY_HZ: f64 = 30.0;
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/tumble")
 }
 
-/// Channels of an EXR file, in the order asked for.
-#[must_use]
-pub fn read<const N: usize>(path: &Path, names: [&str; N]) -> [Vec<f32>; N] {
-    try_read(path, names).unwrap_or_else(|e| panic!("{e}"))
-}
-
-/// As [`read`], with a message where it cannot be read.
-pub fn try_read<const N: usize>(path: &Path, names: [&str; N]) -> Result<[Vec<f32>; N], String> {
-    let said = |what: String| format!("{}: {what}", path.display());
-    let image = read_first_flat_layer_from_file(path).map_err(|e| said(e.to_string()))?;
-    let size = image.layer_data.size;
-    if size != Vec2(SIZE.0 as usize, SIZE.1 as usize) {
-        return Err(said(format!("{}x{} px, expected {}x{} px", size.0, size.1, SIZE.0, SIZE.1)));
-    }
-    let mut channels = [const { Vec::new() }; N];
-    for (channel, name) in channels.iter_mut().zip(names) {
-        let list = &image.layer_data.channel_data.list;
-        let found = list.iter().find(|c| c.name.to_string() == name);
-        let found = found.ok_or_else(|| said(format!("no channel {name}")))?;
-        *channel = found.sample_data.values_as_f32().collect();
-    }
-    Ok(channels)
-}
-
-/// Key frame `k` at 30 Hz.
+/// Key frame `k`.
 #[must_use]
 pub fn key(k: usize) -> Key {
-    let [r, g, b, x, y] =
-        read(&folder().join(format!("key_{k:04}.exr")), ["R", "G", "B", "motion.X", "motion.Y"]);
-    let bytes = |texels: Vec<f32>| texels.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let layout = FrameLayout {
+        width_px: SIZE.0,
+        height_px: SIZE.1,
+        names: ChannelNames {
+            colour: ["R", "G", "B"].map(str::to_owned),
+            motion: ["motion.X", "motion.Y"].map(str::to_owned),
+        },
+        hdr: HdrFormat::F32x4,
+        motion: Some(MotionFormat::F32x2),
+        motion_factors: [1.0; 2],
+    };
+    let images = read_frame(&folder().join(format!("key_{k:04}.exr")), &layout)
+        .unwrap_or_else(|e| panic!("key frame {k}: {e:#}"));
     Key {
-        t_ns: (k as f64 * 1e9 / 30.0).round() as i64,
-        hdr: bytes((0..r.len()).flat_map(|i| [r[i], g[i], b[i], 1.0]).collect()),
-        motion: bytes((0..r.len()).flat_map(|i| [x[i], y[i]]).collect()),
+        t_ns: (k as f64 * 1e9 / KEY_HZ).round() as i64,
+        hdr: images.hdr,
+        motion: images.motion.expect("the layout has motion"),
     }
+}
+
+/// True events, from renderings at 960 Hz, in time order.
+#[must_use]
+pub fn true_events() -> Vec<Event> {
+    let truth = truth_file::read(&folder().join("truth.npz")).unwrap_or_else(|e| panic!("{e:#}"));
+    assert_eq!((truth.sensor.width, truth.sensor.height), SIZE);
+    truth.events
 }

@@ -1,4 +1,4 @@
-//! Adaptive sub-steps against as many as there may be everywhere: how far events may differ.
+//! Adaptive sub-steps compared with the largest number everywhere: how far events may differ.
 
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy};
 use esaac_oracle::metrics::compare;
@@ -9,22 +9,22 @@ use esaac_tests::run::{Step, engine_of_many, events};
 
 const SIZE: (u32, u32) = (75, 61);
 
-/// What may differ at most on a scene.
+/// Largest differences allowed on a scene.
 struct Bound {
     scene: SceneKind,
     /// Victor-Purpura distance per event, 1 ms of shift costing as much as an event.
     victor_purpura: f64,
-    /// 99% of the events that match.
+    /// 99th percentile of the time error of matched events.
     time_p99_us: f64,
-    /// Sub-steps taken, as a share of the fixed ones: what it is good for.
+    /// Sub-steps taken, as a share of the fixed ones: the saving.
     substeps: f64,
 }
 
-/// Adaptive sub-steps aim at half a pixel of motion each and are straight in the log: where light bends
-/// within one, by an eighth of the bend. On the steepest texture of these scenes that moves the time of
-/// an event by a tenth of a millisecond on average, of an interval of 33 ms, and sends the same events. A
-/// change without motion is blended in the log, where the number of sub-steps makes no difference but
-/// that of rounding.
+/// Adaptive sub-steps aim at half a pixel of motion each, and log intensity is linear within one. Where the light
+/// curves within a sub-step, the level is off by up to an eighth of its second difference over the sub-step. On the
+/// steepest texture of these scenes that moves events by a tenth of a millisecond on average, of an interval of 33 ms,
+/// and their number stays the same. A change without motion is blended in the log, where the number of sub-steps
+/// changes nothing but rounding.
 const BOUNDS: [Bound; 4] = [
     Bound { scene: SceneKind::Flight, victor_purpura: 0.15, time_p99_us: 750.0, substeps: 0.25 },
     Bound { scene: SceneKind::Edge, victor_purpura: 0.12, time_p99_us: 550.0, substeps: 0.4 },
@@ -55,7 +55,7 @@ fn adaptive_substeps_stay_within_their_bound() {
         let [fixed, adaptive] = [&pair[0], &pair[1]];
         let got = compare(SIZE, events(fixed), events(adaptive));
         let substeps = |run: &[Step]| run.iter().map(|step| step.diagnostics.substeps).sum::<u64>() as f64;
-        // Blocks that are skipped take none, in either.
+        // Skipped blocks take no sub-steps under either policy.
         let share = substeps(adaptive) / substeps(fixed).max(1.0);
         println!("{:?}: {share:.3} of the sub-steps, {got:?}", bound.scene);
         let within = got.victor_purpura <= bound.victor_purpura

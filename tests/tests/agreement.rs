@@ -1,4 +1,4 @@
-//! The comparison that the suites rest on finds what is wrong with known-bad streams.
+//! The comparison that the suites rely on finds the faults of known-bad streams.
 
 use esaac_model::packet::Event;
 use esaac_model::substeps::substep_end_ns;
@@ -24,7 +24,7 @@ fn frames() -> Sequence {
     scene(SceneKind::Lamp, SIZE, &times(0, 8), HdrFormat::F32x4, MotionFormat::F32x2)
 }
 
-/// Compares the oracle's events with what `spoil` makes of them.
+/// Compares the oracle's events with the same events after `spoil` has changed them.
 fn against(spoil: impl FnOnce(&mut Vec<Event>)) -> Agreement {
     let (sensor, frames) = (sensor(), frames());
     let intervals = oracle(&sensor, 0, &frames);
@@ -64,7 +64,7 @@ fn an_event_at_the_neighbour_is_not_explained() {
 
 #[test]
 fn one_late_event_is_found() {
-    // The lamp goes on by nepers in an interval: a slope at which the tolerance is some microseconds.
+    // The lamp rises by some nepers in an interval. On that slope the tolerance is some microseconds.
     let got = against(|events| events[500].t_ns += 60_000);
     assert_eq!((got.differing, got.late.len()), (0, 1), "{got:?}");
     assert!(got.prompt_share() < 1.0);
@@ -90,7 +90,7 @@ fn a_tie_is_explained_and_a_miss_is_not() {
 
 #[test]
 fn a_tie_at_a_sample_is_explained_and_another_sample_is_not() {
-    // The second of four sub-steps ends `beyond` the threshold.
+    // The level at the end of the second of four sub-steps is `beyond` the threshold.
     let rise = |beyond: f64| {
         let sensor = SensorModel {
             width: 1,

@@ -1,9 +1,9 @@
-//! Every input that the engine cannot take is an error that names what was expected and what came.
+//! Every input that the engine cannot accept gives an error that names the expected and the actual value.
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    Around, CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, InputBuffers,
-    MemoryLocation, Rig, RigOptions, Validation,
+    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, InputBuffers, MemoryLocation,
+    Rig, RigOptions, SubmitHooks, Validation,
 };
 use esaac_model::{FrameError, HdrFormat, Intensity, MotionFormat, SensorError, SensorModel, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -19,7 +19,7 @@ fn frames(sensor: &SensorModel, count: usize) -> Sequence {
     gray(sensor, &times(0, count), |frame, pixel| (1 + pixel + 40 * (frame % 2)) as f32)
 }
 
-/// Asserts that the error's text holds every word given.
+/// Asserts that the result is an error whose text contains all given words.
 #[track_caller]
 fn assert_names<T>(result: Result<T, EngineError>, words: &[&str]) -> EngineError {
     let Err(error) = result else { panic!("no error, expected one that names {words:?}") };
@@ -65,7 +65,7 @@ fn buffers_of_others_that_are_too_small() {
     let (whole, short) = (buffer(12 * 9 * 16), buffer(160));
     let mut step = |hdr, motion| {
         let inputs = Some(InputBuffers { hdr, motion });
-        rig.step_frames(&[Some(FrameInput { t_ns: 0, inputs })], &Around::default()).map(|_| ())
+        rig.step_frames(&[Some(FrameInput { t_ns: 0, inputs })], &SubmitHooks::default()).map(|_| ())
     };
     assert_names(step(&short, Some(&whole)), &["camera 0", "hdr", "160 bytes", "1728"]);
     assert_names(step(&whole, Some(&short)), &["camera 0", "motion", "160 bytes", "432"]);
@@ -113,7 +113,7 @@ fn time_that_does_not_advance_or_jumps() {
     }
     assert_names(rig.step(&[1, 2]).map(|_| ()), &["2 frames for 1 cameras"]);
     assert_names(rig.step(&[]).map(|_| ()), &["0 frames for 1 cameras"]);
-    // As if nothing had been asked.
+    // The refused call must leave no trace.
     let second = step(&mut rig, &frames, 2);
     assert_eq!(second.packet, engine(&sensor, &frames)[2].packet);
     assert_silent();
@@ -196,8 +196,8 @@ fn memory_that_cannot_be_had() {
 #[test]
 fn cameras_that_are_too_much_for_one_rig() {
     let sensor = SensorModel {
-        width: 8192,
-        height: 8192,
+        width: 2048,
+        height: 2048,
         intensity: Intensity::BayerRggb,
         synthesis: Synthesis::Motion,
         ..SensorModel::default()
@@ -208,7 +208,8 @@ fn cameras_that_are_too_much_for_one_rig() {
         motion: Some(MotionFormat::F16x2),
         ..camera(&self::sensor(), 0, &frames(&self::sensor(), 1))
     };
-    let error = assert_names(Rig::new(&DEVICE, &[config]), &["`planes`", "4294967295", "rigs of their own"]);
+    let error =
+        assert_names(Rig::new(&DEVICE, &vec![config; 12]), &["`planes`", "4294967295", "rigs of their own"]);
     assert!(matches!(error, EngineError::OutOfMemory { .. }), "{error:?}");
 }
 
@@ -248,7 +249,7 @@ fn saved_states_that_do_not_fit() {
         assert_names(one.restore(bytes), words);
     }
 
-    // Other rigs, each of which says what is other about it.
+    // Restoring into other rigs fails, and each error names the difference.
     let other_sensor = SensorModel { seed: 5, ..base.clone() };
     let mut other = rig(&other_sensor, &frames, RigOptions::default());
     assert_names(other.restore(&saved), &["camera 0", "another sensor"]);
@@ -256,7 +257,7 @@ fn saved_states_that_do_not_fit() {
     let mut two = Rig::new(&DEVICE, &[config.clone(), config]).unwrap();
     assert_names(two.restore(&saved), &["1 cameras, expected 2"]);
 
-    // After all that, a good one is taken up.
+    // After the refused states, a valid one is restored.
     one.restore(&saved).unwrap();
     assert_eq!(step(&mut one, &frames, 3).packet, expected);
     assert!(!expected.is_empty());

@@ -1,6 +1,7 @@
-//! The hard cases and the faults of others in `tests/corpus`: one body runs each through the oracle and
-//! through the engine.
+//! The hard cases in `tests/corpus`, many of them faults of other simulators. Each runs through the oracle and through
+//! the engine.
 
+use esaac_engine::RigOptions;
 use esaac_model::Polarity;
 use esaac_model::packet::Event;
 use esaac_tests::corpus::{Case, FILES, Outcome, by_engine, by_oracle, cases};
@@ -35,7 +36,7 @@ fn the_oracle_holds_every_case() {
 
 #[test]
 fn the_engine_holds_every_case() {
-    check_all("engine", |cases| by_engine(&DEVICE, cases));
+    check_all("engine", |cases| by_engine(&DEVICE, cases, RigOptions::default()));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The engine against the float64 oracle: the same events at every pixel, every mode and effect.
+//! Compares the engine with the float64 oracle: the same events at every pixel, in every mode and with every effect.
 
 use esaac_engine::RigOptions;
 use esaac_model::{
@@ -11,20 +11,20 @@ use esaac_tests::frames::{scene, times};
 use esaac_tests::pairs::{Choice, every_pair};
 use esaac_tests::run::{Step, engine_of_many};
 
-/// Share of pixels with the oracle's very sequence (the figure), over all cases of a test.
+/// Least share of pixels with the oracle's sequence of polarities, over all cases of a test (a requirement).
 const SAME_SHARE: f64 = 0.9999;
 
-/// A share of one in ten thousand takes as many pixels: of fewer, one may differ.
+/// Pixels needed to measure a share of one in ten thousand. With fewer pixels, one may differ.
 const POOL_PX: usize = 10_000;
 
-/// Share of events within 2 us whatever their slope: what is later lies on slopes so flat that the last
-/// bits of the light decide.
+/// Least share of events within 2 us, regardless of their slope. The others lie on slopes so flat that the last bits of
+/// the light decide their time.
 const PROMPT_SHARE: f64 = 0.99;
 
-/// Frames of a run: three intervals, so that vectors of the frame before and gathered detail count.
+/// Frames of a run. Three intervals, so that the motion of the frame before and gathered detail take effect.
 const FRAMES: usize = 4;
 
-/// Far from zero, where single precision would show.
+/// Time of the first frame: far from zero, where times in single precision would be wrong.
 const FIRST_NS: i64 = 20_000_000_007;
 
 const FORMATS: [(HdrFormat, MotionFormat); 3] = [
@@ -33,11 +33,11 @@ const FORMATS: [(HdrFormat, MotionFormat); 3] = [
     (HdrFormat::F32x4, MotionFormat::F32x4),
 ];
 
-/// Odd sizes: blocks cut off on both sides, one of them smaller than a block.
+/// Odd sizes: the image cuts blocks off at the right and at the bottom. One size is narrower than a block.
 const SIZES: [(u32, u32); 4] = [(45, 37), (37, 45), (61, 23), (7, 50)];
 
-/// Runs one kernel permutation on every scene given, as cameras of one rig, adaptive and fixed in turn,
-/// over sizes and formats. Whatever differs is explained; how much may differ is for [`check_share`].
+/// Runs one kernel permutation on all given scenes, as cameras of one rig. Sub-step policy, size and format vary from
+/// camera to camera. Asserts that every difference is explained. [`check_share`] asserts how many there may be.
 fn check(sensor: &SensorModel, scenes: &[SceneKind]) -> Agreement {
     let policies = [SubstepPolicy::Adaptive, SubstepPolicy::Fixed];
     let cameras: Vec<_> = scenes
@@ -148,7 +148,8 @@ fn every_effect_alone() {
     let effects = [
         ("contrast_mismatch", "0.04"),
         ("refractory_ns", "3000000"),
-        // Of still pixels no event falls on the run's last nanosecond, where it would be in one stream only.
+        // Chosen so that no leak event of a still pixel falls on the run's last nanosecond, where rounding could remove
+        // it from one of the streams.
         ("leak_rate_hz", "23"),
         ("shot_noise_rate_hz", "50"),
         ("latency_ns", "40000000"),
@@ -158,8 +159,7 @@ fn every_effect_alone() {
     ];
     check_share(effects.map(|(parameter, value)| {
         println!("{parameter} = {value}");
-        // What a pixel does with the light does not depend on where that comes from: the cheapest to
-        // compile of the syntheses that have sub-steps.
+        // An effect does not depend on the synthesis. `linear` compiles fastest of those that have sub-steps.
         let mut sensor = SensorModel { synthesis: Synthesis::Linear, ..clean() };
         sensor.set(parameter, value).expect("a valid effect");
         check(&sensor, &SceneKind::ALL)
@@ -188,7 +188,7 @@ fn all_effects_together() {
     check_share(sensors.map(|sensor| check(&sensor, &SceneKind::ALL)));
 }
 
-/// What a kernel's code depends on, and effects that act on each other.
+/// Parameters that select a kernel's code, and effects that interact.
 const CHOICES: [Choice; 14] = [
     ("synthesis", &["motion", "linear", "paper", "none"]),
     ("intensity", &["gray", "luminance", "bayer_rggb"]),

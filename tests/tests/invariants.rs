@@ -1,4 +1,4 @@
-//! What holds whatever the frames: integration, symmetry, continuation, independence.
+//! Properties that hold for all frames: integration, symmetry, continuation, independence.
 
 use esaac_engine::{CameraConfig, FrameBytes, Rig, RigOptions};
 use esaac_model::packet::Event;
@@ -10,18 +10,19 @@ use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{FRAME_NS, Sequence, gray, intensity_of, scene, times};
 use esaac_tests::run::{camera, engine, engine_of_many, events, rig, step, steps};
 
-/// Noise of a run in steps of other lengths: hazards are sums of f32, rounded to 2^-27 once an interval.
-/// At the lowest hazard here, 2.5 a second, some hundred roundings and an ulp of a hazard of 30 are this.
+/// Difference of shot-event times between runs with intervals of different lengths, nanoseconds. Hazards are sums of
+/// f32, rounded to 2^-27 once per interval. At the lowest hazard here, 2.5 per second, this covers some hundred
+/// roundings and an ulp of a hazard of 30.
 const NOISE_TIME_TOLERANCE_NS: i64 = 2_000;
 
-/// Drift after a million events, as a share of the threshold (the figure).
+/// Largest drift of the reference after a million events, as a share of the threshold (a requirement).
 const DRIFT_SHARE: f64 = 0.01;
 
 fn sensor((width, height): (u32, u32)) -> SensorModel {
     SensorModel { width, height, synthesis: Synthesis::Linear, substeps: 8, ..SensorModel::default() }
 }
 
-/// Every effect on.
+/// A sensor with every effect on.
 fn loud(size: (u32, u32)) -> SensorModel {
     SensorModel {
         contrast_mismatch: 0.03,
@@ -170,7 +171,7 @@ fn noise_depends_neither_on_substeps_nor_on_the_frame_rate() {
         })
         .collect();
     let options = RigOptions::default();
-    // One number for all, since it is part of the noise.
+    // Each camera runs alone as number 0, because noise depends on the camera's number.
     let runs: Vec<Vec<Event>> = cameras
         .iter()
         .map(|camera| events(&engine_of_many(std::slice::from_ref(camera), options)[0]))
@@ -197,7 +198,7 @@ fn a_still_scene_is_silent_for_an_hour() {
     let base = sensor(size);
     let cameras = [
         base.clone(),
-        // An exposure keeps every block from being skipped.
+        // With an APS exposure no block is skipped.
         SensorModel { aps_exposure_ns: 1_000_000, substep_policy: esaac_model::SubstepPolicy::Fixed, ..base },
     ];
     let frames = gray(&cameras[0], &[0], |_, pixel| 0.0003 * (pixel * pixel) as f32);
@@ -206,7 +207,7 @@ fn a_still_scene_is_silent_for_an_hour() {
     for number in 0..2 {
         rig.upload(number, &FrameBytes { hdr: &frames.frames[0].hdr, motion: None }).unwrap();
     }
-    // An hour of the longest intervals; the inputs stay where they are.
+    // One hour in intervals of the longest length. The input buffers stay as they are.
     for second in 0..=3600_i64 {
         let tick = rig.step(&[second * 1_000_000_000; 2]).unwrap();
         assert!(tick.packets.iter().all(Packet::is_empty), "after {second} s");
@@ -229,7 +230,7 @@ fn a_reference_does_not_drift_in_a_million_events() {
         log_offset: 1e-4,
         ..sensor((3, 1))
     };
-    // Between -5 and 5, and at last slowly upwards: when the next event comes says where the reference is.
+    // The level swings between -5 and 5 and rises slowly at last. The time of the next event reveals the reference.
     let last_rise = 3.0 * CONTRAST;
     let low = |pixel: usize| -5.0 + 0.01 * pixel as f64;
     let level = |frame: usize, pixel: usize| match frame {
@@ -353,7 +354,7 @@ fn cameras_of_one_rig_are_as_if_alone() {
         .map(|(number, sensor)| {
             let (hdr, motion) = formats[number % 2];
             let size = (sensor.width, sensor.height);
-            // Lengths and rates of their own: some cameras have no frame while others do.
+            // Each camera has its own number of frames, so that in some ticks only some cameras have a frame.
             let times_ns = times(1_000_000 * number as i64, 3 + number);
             (sensor, scene(SceneKind::Hdr, size, &times_ns, hdr, motion))
         })
@@ -397,7 +398,7 @@ fn one_rig_may_have_cameras_of_one_and_of_two_transfers() {
 fn skipped_blocks_would_have_sent_nothing() {
     let size = (61, 50);
     let frames = scene(SceneKind::Lamp, size, &times(0, 6), HdrFormat::F32x4, MotionFormat::F32x2);
-    // Light that stops: a spot that is lit in some frames only, and holds that end in still stretches.
+    // A spot that is lit in few frames. Refractory periods then end while the light is still.
     let spot = gray(&sensor(size), &times(0, 12), |frame, pixel| {
         let lit = frame == 2 || frame == 6;
         0.2 + if lit && pixel % 61 < 20 { 0.01 * (pixel % 61) as f32 } else { 0.0 }

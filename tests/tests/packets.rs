@@ -1,6 +1,6 @@
-//! The packet contract: order, completeness, one and the same stream whatever happens underneath.
+//! The contract of packets: order, completeness, and the same stream however buffers, bins and batches are arranged.
 
-use esaac_engine::{Around, FrameInput, InputBuffers, MemoryLocation, Rig, RigOptions};
+use esaac_engine::{FrameInput, InputBuffers, MemoryLocation, Rig, RigOptions, SubmitHooks};
 use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
@@ -21,7 +21,7 @@ fn sensor() -> SensorModel {
     }
 }
 
-/// Light that changes everywhere: tens of events a pixel.
+/// Light that changes everywhere: tens of events per pixel.
 fn busy(frames: usize) -> Sequence {
     scene(SceneKind::Hdr, SIZE, &times(0, frames), HdrFormat::F32x4, MotionFormat::F32x2)
 }
@@ -30,7 +30,7 @@ fn lamp(frames: usize) -> Sequence {
     scene(SceneKind::Lamp, SIZE, &times(-100_000_001, frames), HdrFormat::F32x4, MotionFormat::F32x2)
 }
 
-/// Whatever the sensor, a stream of packets keeps this.
+/// Asserts what holds for the packets of every sensor.
 fn check_contract(sensor: &SensorModel, sequence: &Sequence, steps: &[Step]) {
     let mut last: Option<(Event, i64)> = None;
     for (index, (step, frame)) in steps.iter().zip(&sequence.frames).enumerate() {
@@ -58,7 +58,7 @@ fn check_contract(sensor: &SensorModel, sequence: &Sequence, steps: &[Step]) {
     }
 }
 
-/// Kinds of stamps, and so of bins: free times, few times, times of samples.
+/// Sensors whose time stamps need different bins: free times, few different times, times of samples.
 fn stampings() -> Vec<SensorModel> {
     let at_sample = |substeps, substep_policy| SensorModel {
         timestamps: Timestamps::AtSample,
@@ -95,7 +95,7 @@ fn every_kind_of_stamp_sorts() {
 fn delays_carry_over_and_lose_nothing() {
     let delays = [(1, 0), (20_000_000, 0), (0, 3_000_000), (90_000_000, 9_000_000), (999_999_999, 0)];
     let (busy_frames, still_frames) = (4, 33);
-    // Enough frames after the light has stopped for the longest delay to end.
+    // After the light has stopped, enough frames follow for the longest delay to end.
     let mut frames = busy(busy_frames);
     for k in busy_frames..busy_frames + still_frames {
         let mut frame = frames.frames[busy_frames - 1].clone();
@@ -158,9 +158,9 @@ fn runs_are_bit_identical() {
     assert_silent();
 }
 
-/// Bytes that a rig's bins have room for.
-fn room_bytes(rig: &Rig) -> u64 {
-    rig.memory().iter().filter(|used| used.purpose == "rooms").map(|used| used.bytes).sum()
+/// Bytes of a rig's bin storage.
+fn bin_storage_bytes(rig: &Rig) -> u64 {
+    rig.memory().iter().filter(|used| used.purpose == "bin_storage").map(|used| used.bytes).sum()
 }
 
 #[test]
@@ -168,29 +168,29 @@ fn bins_without_room_give_the_same_packet_as_those_that_have_grown() {
     let sensor = SensorModel { contrast_on: 0.008, contrast_off: 0.008, contrast_mismatch: 0.002, ..loud() };
     let frames = busy(5);
     let mut grown = rig(&sensor, &frames, RigOptions::default());
-    let at_first = room_bytes(&grown);
+    let at_first = bin_storage_bytes(&grown);
     for index in 0..4 {
         step(&mut grown, &frames, index);
     }
-    assert!(room_bytes(&grown) > at_first, "{at_first} bytes had room for all");
+    assert!(bin_storage_bytes(&grown) > at_first, "{at_first} bytes had room for all");
     let saved = grown.save().expect("a state");
     let expected = step(&mut grown, &frames, 4).packet;
     let mut fresh = rig(&sensor, &frames, RigOptions::default());
-    assert_eq!(room_bytes(&fresh), at_first);
+    assert_eq!(bin_storage_bytes(&fresh), at_first);
     fresh.restore(&saved).expect("a state of such a rig");
-    let spilled = step(&mut fresh, &frames, 4);
-    assert!(spilled.packet == expected, "{} events, expected {}", spilled.packet.len(), expected.len());
-    assert!(room_bytes(&fresh) > at_first, "a bin had room for all");
+    let overflow = step(&mut fresh, &frames, 4);
+    assert!(overflow.packet == expected, "{} events, expected {}", overflow.packet.len(), expected.len());
+    assert!(bin_storage_bytes(&fresh) > at_first, "a bin had room for all");
     drop((grown, fresh));
     assert_silent();
 }
 
-/// A rig with many bins has them sorted in larger groups than a small one.
+/// A rig with many bins sorts them in larger groups than a small rig.
 #[test]
 fn packets_are_the_same_in_a_rig_of_many_cameras() {
     const CAMERAS: u32 = 64;
     let sequence = busy(2);
-    // From more events than a group takes at once to hardly any.
+    // The cameras' events range from more than a group sorts at once to hardly any.
     let cameras: Vec<_> = (0..CAMERAS)
         .map(|number| {
             let threshold = 0.05 * 1.08_f64.powi(number as i32);
@@ -226,7 +226,7 @@ fn a_small_buffer_grows_and_gives_the_same_packets() {
     assert_silent();
 }
 
-/// A row of pixels with more events than a list has room for makes its part of a strip run again, and no other.
+/// A row with more events than the event queue holds makes its own sub-tile run again, and no other.
 #[test]
 fn rows_with_many_events_leave_the_others_alone() {
     const STEPS: u32 = 6;
@@ -247,14 +247,14 @@ fn rows_with_many_events_leave_the_others_alone() {
         latency_jitter_ns: 50_000,
         ..calm.clone()
     };
-    // Every fifth row of the second strip swings by eighty thresholds, the others by none to three.
+    // From the second tile on, every fifth row swings by eighty thresholds. The other pixels swing by none to three.
     let swing = |pixel: usize| match (pixel % 70, pixel / 70) {
         (32.., row) if row % 5 == 2 => 8.04,
         (column, row) => 0.11 * ((row + column / 9) % 4) as f64,
     };
     for sensor in [calm, noisy] {
         let frames = gray(&sensor, &times(0, 5), |frame, pixel| {
-            // Nowhere near a whole number of thresholds.
+            // Levels stay away from whole numbers of thresholds, where f32 and f64 could differ.
             intensity_of(
                 &sensor,
                 -1.0 - 0.013 * frame as f64 + if frame % 2 == 1 { swing(pixel) } else { 0.0 },
@@ -321,7 +321,7 @@ fn the_cap_keeps_the_earliest_and_counts_the_rest() {
     assert_silent();
 }
 
-/// A sensor to be shown flashes, with enough pixels for bins that are too large for one workgroup.
+/// A sensor for [`flashes`], with so many pixels that bins are too large for one workgroup.
 fn wide() -> SensorModel {
     SensorModel {
         width: 160,
@@ -329,20 +329,20 @@ fn wide() -> SensorModel {
         synthesis: Synthesis::Linear,
         contrast_on: 0.2,
         contrast_off: 0.2,
-        // Coarser than what f32 and f64 may be apart.
+        // Coarser than the difference between f32 and f64.
         timestamp_quantum_ns: 1000,
         ..sensor()
     }
 }
 
-/// The whole image changes at once, and again in each interval, then rests: every pixel crosses at the
-/// same few instants. No level lies on a threshold of 0.1 or 0.2.
+/// The whole image changes at once in each interval, and rests at last. All pixels cross at the same few instants. No
+/// level lies on a threshold of 0.1 or 0.2.
 fn flashes(sensor: &SensorModel) -> Sequence {
     const LEVELS_LOG: [f64; 5] = [-1.0, 0.27, -0.87, 0.51, 0.51];
     gray(sensor, &times(0, LEVELS_LOG.len()), |frame, _| intensity_of(sensor, LEVELS_LOG[frame]))
 }
 
-/// Packets are the oracle's in every field; the cameras have no noise.
+/// Asserts that packets equal the oracle's in every field. The cameras must have no noise.
 #[track_caller]
 fn check_against_oracle(cameras: &[(SensorModel, Sequence)], runs: &[Vec<Step>]) {
     for ((sensor, sequence), steps) in cameras.iter().zip(runs) {
@@ -368,14 +368,14 @@ fn a_flash_sorts_like_any_other_packet() {
         ..wide()
     };
     let sensors = [
-        // Several times more events in a pixel than a strip has room for.
+        // More events per pixel than there is room for in a tile.
         SensorModel { contrast_on: 0.1, contrast_off: 0.1, ..free.clone() },
-        // Several events of a pixel and polarity at one time: equal keys.
+        // Several events of one pixel and polarity at the same time, which have equal sort keys.
         at_sample(1),
         at_sample(10_000_000),
         SensorModel { max_events_per_interval: 100_001, ..free.clone() },
         SensorModel { width: 127, height: 61, ..free.clone() },
-        // Bins of a size between what is ranked and what `merge` has to sort.
+        // Bins of a middle size: too large to be ranked, too small for `merge`.
         SensorModel { width: 31, height: 29, ..free.clone() },
         SensorModel { width: 240, height: 180, ..free },
     ];
@@ -409,7 +409,7 @@ fn what_is_late_of_a_flash_comes_in_the_packets_after() {
 
 #[test]
 fn a_flash_beside_a_calm_camera_while_both_grow() {
-    // The calm camera has fewer frames: it rests in the last ticks.
+    // The calm camera has fewer frames, so that it takes no part in the last ticks.
     let calm = (sensor(), lamp(4));
     let delayed = SensorModel { latency_ns: 20_000_000, ..wide() };
     let cameras = [(wide(), flashes(&wide())), (delayed.clone(), flashes(&delayed)), calm];
@@ -445,7 +445,7 @@ fn frames_may_lie_elsewhere_each_time() {
     let frames = busy(4);
     let expected = engine_with(&sensor(), &frames, RigOptions::default());
     let mut rig = rig(&sensor(), &frames, RigOptions::default());
-    // All stay alive, so that each has an address of its own.
+    // All buffers stay alive, so that each has a different address.
     let mut buffers = Vec::new();
     for (index, (frame, expected)) in frames.frames.iter().zip(&expected).enumerate() {
         let buffer = |image: &str, bytes: &[u8]| {
@@ -459,7 +459,7 @@ fn frames_may_lie_elsewhere_each_time() {
         let (hdr, motion) = (buffer("hdr", &frame.hdr), buffer("motion", motion));
         let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion) };
         let input = FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) };
-        let tick = rig.step_frames(&[Some(input)], &Around::default()).expect("a frame in time");
+        let tick = rig.step_frames(&[Some(input)], &SubmitHooks::default()).expect("a frame in time");
         assert_eq!(tick.packets[0], expected.packet, "frame {index}");
         buffers.extend([hdr, motion]);
     }

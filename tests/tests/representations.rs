@@ -1,9 +1,9 @@
-//! Forms of packets that the device makes, against the packets themselves and the oracle.
+//! Representations of packets computed on the device, compared with the packets themselves and with the oracle.
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    Around, FrameBytes, InputBuffers, MemoryLocation, PacketPlace, Representation, Rig, RigOptions, Share,
-    Tick,
+    FrameBytes, InputBuffers, MemoryLocation, PacketPlace, Representation, Rig, RigOptions, Share,
+    SubmitHooks, Tick,
 };
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, Synthesis};
 use esaac_oracle::represent::{event_frame, voxel_grid};
@@ -18,7 +18,7 @@ const SIZES: [(u32, u32); 3] = [(37, 23), (24, 16), (8, 8)];
 const FRAMES: usize = 3;
 
 fn sensor((width, height): (u32, u32)) -> SensorModel {
-    // What the packets are of does not matter here: the cheapest kernels will do.
+    // The content of the packets does not matter here, so the fastest kernels will do.
     let synthesis = Synthesis::Linear;
     SensorModel {
         width,
@@ -67,7 +67,7 @@ fn cast<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
     bytemuck::pod_collect_to_vec(bytes)
 }
 
-/// The packets of all cameras as the device writes them.
+/// The packets of all cameras in the layout in which the device writes them.
 fn gathered(packets: &[Packet]) -> Vec<u8> {
     let all = || packets.iter().flat_map(Packet::iter);
     let mut bytes: Vec<u8> = all().flat_map(|e| e.t_ns.to_le_bytes()).collect();
@@ -96,7 +96,7 @@ fn packets_of_all_cameras_are_gathered_one_after_the_other_in_full() {
 #[test]
 fn packets_kept_on_the_device_are_those_that_the_host_would_have() {
     let (mut host, sequences) = rig_of_three(RigOptions::default());
-    // Buffers that are too small at first grow where they lie.
+    // Buffers that are too small at first, so that they grow on the device.
     let options = RigOptions { packets: PacketPlace::OnDevice, initial_events: 64, ..RigOptions::default() };
     let (mut on_device, _) = rig_of_three(options);
     for index in 0..FRAMES {
@@ -115,7 +115,7 @@ fn packets_kept_on_the_device_are_those_that_the_host_would_have() {
 #[test]
 fn packets_and_aps_frames_seen_in_place_are_those_that_are_copied() {
     let (mut owning, sequences) = rig_of_three(RigOptions::default());
-    // Buffers that are too small at first: those of one camera grow when another's packet is there already.
+    // Buffers that are too small at first: those of one camera grow while another camera's packet lies there already.
     let options = RigOptions { packets: PacketPlace::InPlace, initial_events: 64, ..RigOptions::default() };
     let (mut in_place, _) = rig_of_three(options);
     let mut grown = 0;
@@ -191,7 +191,7 @@ fn tiles_in_one_buffer_are_the_cameras_frames() {
     let configs: Vec<_> = (0..count as u32).map(|number| camera(&sensor(size), number, &frames)).collect();
     let mut apart = Rig::new(&DEVICE, &configs).expect("a rig");
     let mut tiled = Rig::new(&DEVICE, &configs).expect("a rig");
-    // Each camera sees another part of the sequence, so that none can pass for another.
+    // Each camera gets other frames of the sequence, so that mixed-up cameras are found.
     for index in 0..2 {
         let of_camera = |number: usize| &frames.frames[(index + number) % FRAMES];
         let tiles = |image: fn(&esaac_tests::frames::Frame) -> &[u8]| {
@@ -212,9 +212,10 @@ fn tiles_in_one_buffer_are_the_cameras_frames() {
         let expected = apart.step(&times_ns).expect("a tick").packets.to_vec();
         let (hdr, motion) = (tiles(|f| &f.hdr), tiles(|f| f.motion.as_deref().expect("motion")));
         let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion) };
-        tiled.step_tiles(&times_ns, inputs, &Around::default()).expect("a tick");
+        tiled.step_tiles(&times_ns, inputs, &SubmitHooks::default()).expect("a tick");
         assert_eq!(tiled.take_packets(), expected, "frame {index}");
-        let error = tiled.step_tiles(&times_ns[1..], inputs, &Around::default()).map(|_| ()).unwrap_err();
+        let error =
+            tiled.step_tiles(&times_ns[1..], inputs, &SubmitHooks::default()).map(|_| ()).unwrap_err();
         assert!(error.to_string().contains("2 frames for 3 cameras"), "{error}");
     }
     drop((apart, tiled));

@@ -1,4 +1,4 @@
-//! Each stage of the engine against the oracle's of the same name: ingest, plan, synthesis, APS.
+//! Compares each stage of the engine with the oracle's stage of the same name: ingest, plan, synthesis, APS.
 
 use esaac_engine::{FrameBytes, Rig, RigOptions};
 use esaac_model::intensity::weights;
@@ -12,10 +12,10 @@ use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, scene, times};
 use esaac_tests::run::{Step, camera, engine_of_many, oracle};
 
-/// An APS pixel rounds to the nearest count; f32 may fall on the other side of a half.
+/// An APS pixel is rounded to the nearest count. Near a half, f32 may round to the other side.
 const APS_TOLERANCE_COUNTS: u16 = 1;
 
-/// Share of APS pixels that must be equal: a half is rare.
+/// Least share of equal APS pixels. Values near a half are rare.
 const APS_EQUAL_SHARE: f64 = 0.99;
 
 fn keep() -> RigOptions {
@@ -31,7 +31,7 @@ fn sensor(
     SensorModel { width, height, synthesis, taps, intensity, substeps: 16, ..SensorModel::default() }
 }
 
-/// Level error of the worst pixel and sub-step, where both have as many sub-steps.
+/// Largest level error over all pixels and sub-steps, nepers. Engine and oracle must have equally many sub-steps.
 fn worst_level(sensor: &SensorModel, intervals: &[Interval], steps: &[Step]) -> f64 {
     let of_interval = |(interval, step): (&Interval, &Step)| {
         let samples = interval.samples.as_ref().expect("runs keep samples");
@@ -41,7 +41,7 @@ fn worst_level(sensor: &SensorModel, intervals: &[Interval], steps: &[Step]) -> 
     intervals.iter().zip(steps).skip(1).map(of_interval).fold(0.0, f64::max)
 }
 
-/// The same of one interval.
+/// As [`worst_level`], for one interval.
 fn worst_level_of(sensor: &SensorModel, samples: &Samples, substeps_q24: &[Vec<i32>]) -> f64 {
     let mut worst = 0.0_f64;
     for pixel in 0..sensor.pixels() {
@@ -118,14 +118,14 @@ fn synthesis_and_plan() {
 
 #[test]
 fn transfers_may_change_between_ticks() {
-    // Of the second camera; the first stays at one.
+    // Transfers of the second camera. The first camera stays at one.
     const TRANSFERS: [u32; 7] = [1, 1, 2, 2, 1, 2, 1];
     let size = (45, 37);
     let frames =
         scene(SceneKind::Flight, size, &times(0, TRANSFERS.len()), HdrFormat::F32x4, MotionFormat::F32x2);
     let mut worst = 0.0_f64;
     for intensity in [Intensity::Luminance, Intensity::BayerRggb] {
-        // As many sub-steps everywhere: beyond a block's last, what a rig keeps is nobody's.
+        // The same number of sub-steps everywhere: beyond a block's last sub-step the kept values are undefined.
         let base = SensorModel {
             substep_policy: SubstepPolicy::Fixed,
             ..sensor(size, Synthesis::Motion, Taps::Cubic, intensity)
@@ -147,7 +147,7 @@ fn transfers_may_change_between_ticks() {
             let Some(samples) = interval.samples else { continue };
             let [one, changed] = [0, 1].map(|number| rig.substeps_q24(number).expect("the rig keeps them"));
             worst = worst.max(worst_level_of(&base, &samples, &changed));
-            // What the second transfer did is gone with its interval.
+            // The second transfer must have no effect beyond its own interval.
             let taken = ..=base.substeps as usize;
             assert_eq!(one[taken] != changed[taken], transfers == 2, "{intensity:?}, frame {index}");
         }
@@ -156,7 +156,7 @@ fn transfers_may_change_between_ticks() {
     assert_silent();
 }
 
-/// A frame with NaN, infinities, negative values and a pixel that never is valid.
+/// Frames with NaN, infinities, negative values and pixels that never are valid.
 fn broken(sensor: &SensorModel) -> Sequence {
     const BAD: [f32; 4] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.5];
     gray(sensor, &times(0, 4), |frame, pixel| match pixel % 11 {
@@ -188,7 +188,7 @@ fn ingest_holds_and_counts_invalid_pixels() {
             assert!((0..sensor.pixels()).filter(|pixel| pixel % 11 == 3).all(silent));
             assert!(expected.invalid_pixels > 0 && expected.unarmed_pixels > 0);
         }
-        // Levels of pixels that hold a value; what one without any holds is nobody's business.
+        // Compares levels of pixels that have had a valid value. Those of other pixels are undefined.
         for (interval, step) in intervals.iter().zip(steps).skip(1) {
             let (samples, levels) =
                 (interval.samples.as_ref().expect("kept"), step.substeps_q24.as_ref().expect("kept"));
@@ -273,9 +273,9 @@ fn aps() {
     let variants = [
         base.clone(),
         SensorModel { intensity: Intensity::BayerRggb, aps_bits: 16, ..base.clone() },
-        // Beyond the interval's end: cut there.
+        // The exposure exceeds the interval and ends with it.
         SensorModel { aps_exposure_ns: 500_000_000, aps_bits: 8, ..base.clone() },
-        // Nothing left: no frame.
+        // The exposure starts after the interval: no frame.
         SensorModel { aps_start_ns: 40_000_000, ..base },
     ];
     let frames = scene(SceneKind::Lamp, size, &times(0, 4), HdrFormat::F32x4, MotionFormat::F32x2);
@@ -287,7 +287,7 @@ fn aps() {
             assert_eq!(expected.is_some(), actual.is_some(), "frame {frame} of {sensor:?}");
             let (Some(expected), Some(actual)) = (expected, actual) else { continue };
             let off: Vec<u16> = expected.iter().zip(actual).map(|(a, b)| a.abs_diff(*b)).collect();
-            // Sixteen bits are near the f32 of an intensity.
+            // One count of sixteen bits is near the precision of an intensity in f32.
             let tolerance = APS_TOLERANCE_COUNTS << sensor.aps_bits.saturating_sub(14);
             assert!(off.iter().all(|&d| d <= tolerance), "frame {frame}: {:?}", off.iter().max());
             let equal = off.iter().filter(|&&d| d == 0).count() as f64 / off.len() as f64;

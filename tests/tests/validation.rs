@@ -1,5 +1,5 @@
-//! The validation layer would have spoken: each kind of fault that the suites rely on it to find is
-//! committed once, on a device of its own, and is found; the same without the fault is silent.
+//! The validation layer finds each kind of fault that the suites rely on it for. Each test commits one such fault on a
+//! device of its own, and asserts that the layer reports it. The same code without the fault is silent.
 
 #![expect(unsafe_code, reason = "faults that the engine's own interface does not let one commit")]
 
@@ -10,7 +10,7 @@ use esaac_tests::device::DEVICE;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The device under test once more, watched whatever the environment says.
+/// Opens the device under test again, always with the validation layer.
 fn watched() -> Arc<Device> {
     let device = Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), Validation::On)
         .expect("the validation layer, which is a package of the test set-up");
@@ -22,7 +22,7 @@ fn assert_silent(device: &Device) {
     assert_eq!(device.validation_messages(), [""; 0], "before any fault");
 }
 
-/// Fails unless the layer has said one of `words`.
+/// Fails unless the layer has reported one of `words`.
 #[track_caller]
 fn assert_reported(device: &Device, words: &[&str]) {
     let messages = device.validation_messages();
@@ -39,7 +39,8 @@ fn kernel(device: &Arc<Device>, name: &str, buffers: &[&Buffer], push_bytes: u32
     let words = compile(&source, &[], &[], Optimise::Yes).expect("a kernel that compiles");
     let kernel = Kernel::new(device, name, &words, buffers.len() as u32, push_bytes, &[])
         .expect("a kernel that builds");
-    kernel.bind(buffers);
+    // SAFETY: the kernel was just made, so nothing uses it; the buffers outlive it.
+    unsafe { kernel.bind(buffers) };
     kernel
 }
 
@@ -65,7 +66,8 @@ fn write_then_copy(device: &Arc<Device>, with_barrier: bool) {
     let write = kernel(device, "write", &[&between], 4);
     let copy = kernel(device, "copy", &[&between, &last], 0);
     let record = |commands| {
-        write.record(commands, &0_u32.to_le_bytes(), ONE);
+        // SAFETY: the buffers outlive the submission, which is waited for.
+        unsafe { write.record(commands, &0_u32.to_le_bytes(), ONE) };
         if with_barrier {
             let barriers = [vk::MemoryBarrier2::default()
                 .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
@@ -76,7 +78,8 @@ fn write_then_copy(device: &Arc<Device>, with_barrier: bool) {
             // SAFETY: `commands` is being recorded on this device.
             unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
         }
-        copy.record(commands, &[], ONE);
+        // SAFETY: as above.
+        unsafe { copy.record(commands, &[], ONE) };
     };
     device.run_once(record).expect("two dispatches of one thread");
 }
@@ -96,11 +99,14 @@ fn a_write_out_of_bounds_is_reported() {
     let small = buffer(&device, "small");
     let write = kernel(&device, "write", &[&small], 4);
     let write_at = |index: u32| {
-        device.run_once(|commands| write.record(commands, &index.to_le_bytes(), ONE)).expect("one thread");
+        // SAFETY: the buffer outlives the submission, which is waited for. A write beyond it is what is tested; it
+        // hits the rest of the buffer's own memory block.
+        let record = |commands| unsafe { write.record(commands, &index.to_le_bytes(), ONE) };
+        device.run_once(record).expect("one thread");
     };
     write_at(3);
     assert_silent(&device);
-    // The first element past the buffer's end; what lies there is the rest of its own memory block.
+    // Writes the first element past the buffer's end. The rest of the buffer's own memory block lies there.
     write_at(4);
     assert_reported(&device, &["out of bounds", "OOB", "highest byte accessed"]);
 }

@@ -1,18 +1,18 @@
-//! What the engine lets one choose between two frames.
+//! The engine's choices for the synthesis between two frames.
 
 use esaac_model::{SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps};
 
-/// A choice of how to fill the gap between frames.
+/// One choice.
 pub(super) struct Choice {
     pub name: String,
     pub family: &'static str,
     pub sensor: SensorModel,
-    /// Whether its frames are f32.
+    /// Whether its frames are f32, not f16.
     pub wide: bool,
     pub is_default: bool,
 }
 
-/// Every choice, at one sensor.
+/// Every choice, for one sensor.
 pub(super) fn choices(base: &SensorModel, quick: bool) -> Vec<Choice> {
     let mut choices = Vec::new();
     let counts: &[u32] = if quick { &[8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };

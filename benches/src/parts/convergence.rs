@@ -1,10 +1,11 @@
 //! Error against the number of sub-steps.
 
+use crate::amount::Amount;
 use crate::cells;
-use crate::document::{Document, short};
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
-use crate::measure::{Amount, Stand};
+use crate::laboratory::Laboratory;
+use crate::measure::Stand;
 use crate::plot::{Axes, Series, draw};
 use crate::scenes::FRAME_NS;
 use crate::statistics::order;
@@ -15,14 +16,14 @@ use esaac_model::{HdrFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
 use esaac_scene::SceneKind;
 use serde::Serialize;
 
-/// Sub-steps; the order is fitted from [`FITTED_FROM`] on.
+/// Numbers of sub-steps. The fit of the order uses those from [`FITTED_FROM`] on.
 const COUNTS: [u32; 7] = [1, 2, 4, 8, 16, 32, 64];
 const FITTED_FROM: u32 = 8;
 
-/// Of them with `--quick`.
+/// With `--quick`, only this many of [`COUNTS`].
 const QUICK_COUNTS: usize = 6;
 
-/// Intervals compared.
+/// Number of compared intervals.
 const INTERVALS: usize = 3;
 
 fn size(laboratory: &Laboratory) -> (u32, u32) {
@@ -37,16 +38,16 @@ fn counts(laboratory: &Laboratory) -> &'static [u32] {
 struct Curve {
     scene: &'static str,
     name: &'static str,
-    /// `[n, mean error of the times in us, Victor-Purpura per event]`
+    /// `(n, mean time error in us, Victor-Purpura distance per event)`
     points: Vec<(u32, f64, f64)>,
     /// Order of the time error, fitted from 8 sub-steps on.
     order: Option<f64>,
 }
 
-/// What stands between two key frames.
+/// How the brightness between two key frames is made.
 #[derive(Clone, Copy)]
 enum Between {
-    /// Frames rendered at N times the rate.
+    /// Frames rendered at n times the rate.
     Exact,
     /// A synthesis from key frames.
     Synthesis(Synthesis, Taps, u32),

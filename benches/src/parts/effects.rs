@@ -1,10 +1,10 @@
-//! Cost of each sensor effect. An effect that is off must cost what an engine without it would.
+//! Cost of each sensor effect. An effect that is off must cost nothing.
 
-use super::{clean, noisy};
+use super::sensors::{clean, noisy};
 use crate::cells;
-use crate::document::{Document, short};
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
+use crate::laboratory::Laboratory;
 use crate::measure::{Stand, Timing};
 use anyhow::Result;
 use esaac_engine::RigOptions;
@@ -15,17 +15,19 @@ use serde::Serialize;
 #[derive(Serialize)]
 struct Row {
     name: &'static str,
-    /// The effect on, microseconds.
+    /// Time with the effect on, microseconds.
     on_us: f64,
-    /// Against the clean sensor.
+    /// Relative cost: time with the effect over the clean sensor's, minus one.
     cost: f64,
-    /// Switched on and off again, microseconds.
+    /// Time after the effect was on and is off again, microseconds.
     off_us: f64,
-    /// The clean sensor measured beside it, microseconds.
+    /// Time of the clean sensor, measured right after it, microseconds.
     absent_us: f64,
-    /// Noise: the greatest of the quartiles' distances and of what the clean sensor differs from itself.
+    /// Noise, relative: the largest of the distances between quartiles and of the difference between the clean sensor's
+    /// two runs.
     spread: f64,
-    /// Whether the kernels after switching off are those that the clean sensor has.
+    /// Whether the kernels after switching off include all kernels of the clean sensor; `None` if the driver has no
+    /// statistics.
     same_kernels: Option<bool>,
     events_per_pixel: f64,
 }
@@ -45,7 +47,7 @@ const EFFECTS: [(&str, Change); 10] = [
     ("two transfers", |s| s.transfers = 2),
 ];
 
-/// More than these of the median apart is a difference, if the spread is smaller.
+/// Least relative difference of medians that counts as one, if the spread is smaller.
 const NOISE: f64 = 0.03;
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
@@ -65,9 +67,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         let on = switched.run(amount)?.timing;
         switched.set_sensor(&base)?;
         let off = switched.run(amount)?.timing;
-        // Beside it once more, so that what else goes on at the machine is in both.
+        // Measure the clean sensor again now, so that other load of the machine is in both times.
         let again = absent.run(amount)?.timing;
-        // Those of both sensors: the clean one's must be among them, each as it is without the effect.
+        // The rig has compiled kernels for both sensors. The clean sensor's kernels must be among them, unchanged.
         let there = switched.kernel_statistics()?;
         let same_kernels = (kernels.iter().any(|(_, told)| !told.is_empty()))
             .then(|| kernels.iter().all(|kernel| there.contains(kernel)));

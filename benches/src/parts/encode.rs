@@ -1,10 +1,10 @@
-//! Packets into messages of ROS 2: encoded from where the device wrote them, against a copy first.
+//! Packets into messages of ROS 2: encoded in place, where the device wrote them, and encoded from a copy.
 
-use super::clean;
+use super::sensors::clean;
 use crate::cells;
-use crate::document::{Document, short};
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
+use crate::laboratory::Laboratory;
 use crate::scenes::FRAME_NS;
 use crate::statistics::Spread;
 use anyhow::Result;
@@ -21,16 +21,16 @@ use std::time::Instant;
 struct Row {
     sensor: &'static str,
     format: &'static str,
-    /// Events of a packet, and bytes of its message.
+    /// Mean events of a packet and mean bytes of its message.
     events: f64,
     bytes: f64,
-    /// The packet copied, and the message encoded from the copy, microseconds.
+    /// Time to copy the packet and encode the message from the copy, microseconds.
     copied_us: Spread,
-    /// The message encoded from where the device wrote the packet, microseconds.
+    /// Time to encode the message in place, microseconds.
     in_place_us: Spread,
 }
 
-/// Ticks of each kind that are timed, and those before.
+/// Number of timed ticks of each kind.
 const TICKS: usize = 100;
 const SOFTWARE_TICKS: usize = 12;
 const QUICK_TICKS: usize = 3;
@@ -50,7 +50,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     Ok(Outcome { figures: serde_json::json!({ "rows": rows }), document })
 }
 
-/// Ticks by turns of both kinds. Each packet is read once, since what has been read lies in the cache.
+/// Times ticks of both kinds by turns. Each packet is read only once, because a second reading would find it in the
+/// cache.
 fn measure(
     laboratory: &Laboratory,
     sensor: &'static str,
@@ -99,7 +100,7 @@ fn measure(
     Ok(Row { sensor, format: name, events: a_tick(events), bytes: a_tick(bytes), copied_us, in_place_us })
 }
 
-/// Into storage that is there already, as a rig with packets of its own does.
+/// Copies into storage that is already allocated, as a rig does with `PacketPlace::Owned`.
 fn copy(view: &PacketView<'_>, packet: &mut Packet) {
     packet.clear();
     packet.t_offset_ns.extend_from_slice(view.t_offset_ns);

@@ -1,15 +1,17 @@
 //! Speed against error: every choice is a point.
 
 use super::choices::{Choice, choices};
-use crate::document::{Document, short};
+use crate::amount::Amount;
+use crate::cells;
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
 use crate::frontier::frontier;
-use crate::laboratory::{Laboratory, Outcome};
-use crate::measure::{Amount, Stand, Timing};
+use crate::laboratory::Laboratory;
+use crate::measure::{Stand, Timing};
 use crate::plot::{Axes, Series, draw};
 use crate::scenes::{FRAME_NS, Feed};
+use crate::sequence::Sequence;
 use crate::truth::Truth;
-use crate::{cells, tumble};
 use anyhow::Result;
 use esaac_engine::RigOptions;
 use esaac_model::packet::Event;
@@ -43,19 +45,20 @@ struct SceneFigures {
     pixels_compared: usize,
     true_events: usize,
     default_on_frontier: bool,
-    /// Cheapest choice that is as good as the default, if the default is not on the frontier.
+    /// Choices that are better than the default; empty if the default is on the frontier.
     better_than_default: Vec<String>,
     points: Vec<Point>,
 }
 
-/// Distances below this are equal: half of what another sampling seed of the renderer moves them by.
+/// Victor-Purpura distances that differ by less count as equal. Another sampling seed of the renderer moves them by
+/// twice as much.
 const ERROR_BAND: f64 = 0.005;
 
-/// Times below this share are equal; part `stability` measures it.
+/// Times that differ by a smaller share count as equal. Part `stability` measures this noise.
 const TIME_BAND: f64 = 0.03;
 
-/// Quartiles further apart than this, as a share of the median, are of intervals that differ, or of a device that was
-/// not ours alone.
+/// Largest distance between quartiles, as a share of the median, of an even run. In an uneven run the intervals differ,
+/// or other programs used the device.
 const EVEN_SPREAD: f64 = 0.3;
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
@@ -84,16 +87,13 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         show(&mut document, &figures)?;
         all.push(figures);
     }
-    let folder = &laboratory.options().tumble;
-    if folder.is_dir() {
-        let figures = path_traced(laboratory)?;
-        show(&mut document, &figures)?;
-        all.push(figures);
-    } else {
-        document.say(&format!(
-            "**Sequence `tumble` is left out:** there is no folder {}; `--tumble DIR` names it.",
-            folder.display()
-        ));
+    match &laboratory.options().sequence {
+        Some(folder) => {
+            let figures = rendered(laboratory, &Sequence::open(folder)?)?;
+            show(&mut document, &figures)?;
+            all.push(figures);
+        }
+        None => document.say("**A rendered sequence is left out:** `--sequence DIR` names one."),
     }
     Ok(Outcome { figures: serde_json::to_value(all)?, document })
 }
@@ -130,7 +130,7 @@ fn measure(
     Ok(points)
 }
 
-/// Holds each choice's events against the truth, on as many threads as there are.
+/// Compares each choice's events with the truth, on all threads of the machine.
 fn judged(
     measured: Vec<(Vec<Event>, Timing, Choice)>,
     judge: impl Fn(Vec<Event>) -> Comparison + Sync,
@@ -184,17 +184,15 @@ fn analytic(laboratory: &Laboratory, kind: SceneKind) -> Result<SceneFigures> {
     Ok(figures(kind.name(), (width, height), (truth.pixels(), truth.events()), points))
 }
 
-/// There are hundreds of points: half of what a row elsewhere gets.
+/// Half of the timed intervals of other parts, because there are hundreds of points.
 fn amount(laboratory: &Laboratory, intervals: usize) -> Amount {
     let amount = laboratory.amount();
     let timed = (amount.frames - amount.warm_up).div_ceil(2);
     Amount { frames: (amount.warm_up + timed).max(intervals + 1), keep: intervals, ..amount }
 }
 
-fn path_traced(laboratory: &Laboratory) -> Result<SceneFigures> {
-    let folder = &laboratory.options().tumble;
-    let truth = tumble::truth(folder)?;
-    let base = tumble::sensor();
+fn rendered(laboratory: &Laboratory, sequence: &Sequence) -> Result<SceneFigures> {
+    let (base, truth) = (&sequence.truth.sensor, &sequence.truth.events);
     let size = (base.width, base.height);
     let timed = laboratory.amount();
     let most = match (laboratory.is_software(), laboratory.options().quick) {
@@ -202,13 +200,13 @@ fn path_traced(laboratory: &Laboratory) -> Result<SceneFigures> {
         (true, false) => 2,
         (false, _) => 8,
     };
-    let passes = timed.frames.div_ceil(tumble::INTERVALS).min(most);
-    let frames = tumble::INTERVALS + 1;
-    let amount = Amount { frames, warm_up: 1, passes, keep: tumble::INTERVALS };
-    let feed = |hdr| Ok(Feed::Stored(tumble::frames(folder, hdr == HdrFormat::F32x4)?));
+    let passes = timed.frames.div_ceil(sequence.intervals()).min(most);
+    let frames = sequence.intervals() + 1;
+    let amount = Amount { frames, warm_up: 1, passes, keep: sequence.intervals() };
+    let feed = |hdr| Ok(Feed::Stored(sequence.frames(hdr)?));
     let judge = |events: Vec<Event>| compare(size, truth.iter().copied(), events);
-    let points = measure(laboratory, "tumble", &base, amount, feed, judge)?;
-    Ok(figures("tumble", size, (base.pixels(), truth.len()), points))
+    let points = measure(laboratory, &sequence.name, base, amount, feed, judge)?;
+    Ok(figures(&sequence.name, size, (base.pixels(), truth.len()), points))
 }
 
 fn figures(

@@ -1,10 +1,10 @@
 //! Memory per resolution.
 
-use super::{MODES, noisy};
+use super::sensors::{MODES, noisy};
 use crate::cells;
-use crate::document::{Document, short};
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
+use crate::laboratory::Laboratory;
 use crate::paper::{FACTORS, MEMORY_MB, SENSORS};
 use anyhow::Result;
 use esaac_engine::{CameraConfig, Rig};
@@ -20,11 +20,11 @@ struct Row {
     device_mb: f64,
     host_mb: f64,
     paper_mb: Option<f64>,
-    /// Megabytes of each purpose, device memory, all cameras.
+    /// Device memory of all cameras, in megabytes for each purpose.
     purposes_mb: Vec<(String, f64)>,
 }
 
-/// Rigs whose buffers a machine without a GPU would have to hold in its own memory are left to GPUs.
+/// Most pixels of a rig on a software device, whose buffers lie in the machine's own memory.
 const SOFTWARE_PIXELS: usize = 8 * 1280 * 720;
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
@@ -37,7 +37,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
             }
         }
     }
-    // A rig's lattices are 4 GiB at the most: 48 HD cameras with Bayer.
+    // A rig's half-pel frames are at most 4 GiB. 48 HD cameras with Bayer just fit.
     for (sensor, most) in [("vga", 64), ("hd", 48)] {
         for cameras in [1, 8, most] {
             for (mode, intensity) in MODES {

@@ -2,21 +2,20 @@
 
 mod choices;
 mod convergence;
+mod day;
 mod effects;
 mod encode;
 mod frontier;
-mod hard_cases;
 mod memory;
 mod real_sensor;
 mod scale;
+mod sensors;
 mod stability;
 mod time;
 
-use crate::document::short;
-use crate::laboratory::{Laboratory, Outcome, Part};
+use crate::document::Outcome;
+use crate::laboratory::{Laboratory, Part};
 use anyhow::Result;
-use esaac_model::presets::preset;
-use esaac_model::{Intensity, Profile, SensorModel};
 
 /// Runs one part.
 pub(crate) fn run(laboratory: &Laboratory, part: Part) -> Result<Outcome> {
@@ -28,29 +27,8 @@ pub(crate) fn run(laboratory: &Laboratory, part: Part) -> Result<Outcome> {
         Part::Scale => scale::run(laboratory),
         Part::Effects => effects::run(laboratory),
         Part::Encode => encode::run(laboratory),
-        Part::HardCases => hard_cases::run(laboratory),
+        Part::Day => day::run(laboratory),
         Part::RealSensor => real_sensor::run(laboratory),
         Part::Stability => stability::run(laboratory),
     }
 }
-
-/// A preset without noise.
-fn clean(name: &str) -> SensorModel {
-    preset(name).expect("a preset")
-}
-
-/// A preset with every effect on.
-fn noisy(name: &str) -> SensorModel {
-    let mut sensor = clean(name);
-    Profile::Noisy.apply(&mut sensor);
-    sensor
-}
-
-/// Stages and their microseconds, for a cell.
-fn stages(stages_us: &[(&'static str, f64)]) -> String {
-    let each: Vec<String> = stages_us.iter().map(|(name, us)| format!("{name} {}", short(*us))).collect();
-    each.join(", ")
-}
-
-/// Both modes of the paper.
-const MODES: [(&str, Intensity); 2] = [("gray", Intensity::Gray), ("bayer", Intensity::BayerRggb)];

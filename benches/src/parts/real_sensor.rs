@@ -1,19 +1,19 @@
-//! Against a real sensor: a recording's frames simulated, and the streams compared, with how far the recording
-//! is from itself beside each figure.
+//! Simulated events against a real sensor's. The part simulates a recording's frames and compares the two streams.
+//! Beside each figure stands its floor: the difference between two halves of the recording itself.
 
-use crate::calibrate::{Fit, estimate, fit, simulate};
 use crate::cells;
-use crate::document::{Document, short};
-use crate::laboratory::{Laboratory, Outcome};
-use crate::recording::{Recording, aedat4};
+use crate::document::{Document, Outcome, short};
+use crate::laboratory::Laboratory;
 use crate::statistics::{kolmogorov_smirnov, mean, wasserstein};
 use anyhow::Result;
+use esaac_calibrate::{Fit, estimate, fit, simulate};
+use esaac_formats::recording::{Recording, aedat4};
 use esaac_model::packet::Event;
 use esaac_model::presets::LOG_OFFSET_HDR;
 use esaac_model::{Polarity, SensorModel};
 use serde::Serialize;
 
-/// What can be said of a stream alone.
+/// Statistics of one stream.
 struct Stream {
     events: usize,
     on_off_ratio: f64,
@@ -22,23 +22,23 @@ struct Stream {
     stamps_per_ms: f64,
 }
 
-/// A stream against the recording.
+/// A stream compared with the recording.
 #[derive(Serialize)]
 struct Row {
     stream: String,
     events: usize,
     on_off_ratio: f64,
-    /// Events over the recording's.
+    /// Number of events over the recording's.
     count_ratio: f64,
-    /// Kolmogorov-Smirnov distance of the rates of pixels.
+    /// Kolmogorov-Smirnov distance of the pixels' event rates.
     rate_ks: f64,
-    /// Mean of ln(rate + 1 Hz) less the recording's.
+    /// Mean of ln(rate + 1 Hz) minus the recording's mean.
     rate_log_ratio: f64,
-    /// First Wasserstein distance of ln of the time between events of a pixel.
+    /// First Wasserstein distance of ln(time between two events of a pixel).
     gap_w1_log: f64,
-    /// Different time stamps in a millisecond, mean over those that have events.
+    /// Mean number of different time stamps in a millisecond, over milliseconds that have events.
     stamps_per_ms: f64,
-    /// Correlation of the change of log(APS) with signed counts.
+    /// Correlation of the change of log APS with `C_on n_on - C_off n_off`.
     aps_correlation: f64,
     fitted_on: f64,
     fitted_off: f64,
@@ -46,14 +46,10 @@ struct Row {
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     let mut document = Document::new("Against a real sensor");
-    let path = &laboratory.options().recording;
-    if !path.is_file() {
-        document.say(&format!(
-            "**Left out:** there is no recording {}; `--recording FILE.aedat4` names one.",
-            path.display()
-        ));
+    let Some(path) = &laboratory.options().recording else {
+        document.say("**Left out:** `--recording FILE.aedat4` names a recording.");
         return Ok(Outcome { figures: serde_json::Value::Null, document });
-    }
+    };
     let recording = aedat4::read(path)?;
     let fit = fit(laboratory.device(), &recording, LOG_OFFSET_HDR)?;
     let mut rows = Vec::new();
@@ -82,7 +78,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     Ok(Outcome { figures, document })
 }
 
-/// The default sensor on the recording's size.
+/// The default sensor with the recording's size.
 fn uncalibrated(fit: &Fit) -> SensorModel {
     let fitted = &fit.sensor;
     SensorModel {
@@ -95,12 +91,12 @@ fn uncalibrated(fit: &Fit) -> SensorModel {
     }
 }
 
-/// Pixels like the white and the black fields of a chessboard: both see the same scene.
+/// Splits events by pixel, like the white and the black fields of a chessboard. Both halves see the same scene.
 fn checkerboard(events: &[Event]) -> (Vec<Event>, Vec<Event>) {
     events.iter().partition(|e| (e.x + e.y) % 2 == 0)
 }
 
-/// The recording with light on the white fields only.
+/// The recording's frames with only the white fields valid. NaN marks the others.
 fn half_of(recording: &Recording) -> Recording {
     let width = recording.width_px as usize;
     let mut half = recording.clone();
@@ -130,7 +126,7 @@ fn stream(recording: &Recording, events: &[Event]) -> Stream {
         let pixel = usize::from(event.y) * width + usize::from(event.x);
         counts[pixel] += 1;
         if let Some(last) = last_ns[pixel].replace(event.t_ns) {
-            // Two in a microsecond are a microsecond apart at most.
+            // The recording's clock ticks in microseconds, so shorter gaps count as one microsecond.
             gaps_log.push(((event.t_ns - last).max(1_000) as f64).ln());
         }
         let ms = |t_ns: i64| t_ns.div_euclid(1_000_000);
@@ -147,7 +143,8 @@ fn stream(recording: &Recording, events: &[Event]) -> Stream {
     }
 }
 
-/// Rates of the pixels that a half has: those without events of the other half are no pixels of its own.
+/// Compares `events` with `against`. If the two are the halves of a chessboard, each half's rates include its own
+/// pixels only.
 fn row(name: &str, recording: &Recording, events: &[Event], against: &[Event]) -> Result<Row> {
     let (tested, real) = (stream(recording, events), stream(recording, against));
     let is_half = tested.events + real.events == recording.events_between_frames().len();

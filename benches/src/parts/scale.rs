@@ -1,27 +1,28 @@
-//! Time must follow the work: cameras, pixels, sub-steps, events, motion, share of the image that moves.
+//! Time against the amount of work: cameras, pixels, sub-steps, events, motion, moving share of the image.
 
-use super::{clean, noisy, stages};
+use super::sensors::{clean, noisy, stages};
+use crate::amount::Amount;
 use crate::cells;
-use crate::document::{Document, short};
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
-use crate::measure::{Amount, Run, Stand, Timing};
+use crate::laboratory::Laboratory;
+use crate::measure::{Run, Stand, Timing};
 use crate::plot::{Axes, Series, draw};
 use crate::scenes::{Feed, Pattern};
 use crate::statistics::order;
 use anyhow::Result;
-use esaac_engine::RigOptions;
+use esaac_engine::{PacketPlace, RigOptions};
 use esaac_model::{SensorModel, SubstepPolicy};
 use esaac_scene::SceneKind;
 use serde::Serialize;
 
-/// One thing that grows while the rest stays.
+/// Measurements in which one quantity grows and the others stay.
 #[derive(Serialize)]
 struct Sweep {
     name: &'static str,
     unit: &'static str,
     points: Vec<Point>,
-    /// Exponent of the time over the last half of the points: 1 is proportional.
+    /// Exponent of the time over the last half of the points; 1 means proportional.
     exponent: Option<f64>,
 }
 
@@ -67,7 +68,69 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     for sweep in &sweeps {
         show(&mut document, sweep)?;
     }
-    Ok(Outcome { figures: serde_json::to_value(&sweeps)?, document })
+    let mut readable = Vec::new();
+    if laboratory.wants(READABLE) {
+        readable =
+            laboratory.rows(READABLE, readable_cases(laboratory), |case| until_readable(laboratory, case))?;
+        show_readable(&mut document, &readable);
+    }
+    Ok(Outcome { figures: serde_json::json!({ "sweeps": sweeps, "readable": readable }), document })
+}
+
+/// Name of the sweep over readable packets, for `--only`.
+const READABLE: &str = "readable";
+
+/// How long after its submission a tick's packets can be read.
+#[derive(Serialize)]
+struct Readable {
+    cameras: usize,
+    packets: &'static str,
+    gpu_us: f64,
+    submit_to_packet_us: f64,
+    ratio: f64,
+    million_events: f64,
+}
+
+fn readable_cases(laboratory: &Laboratory) -> Vec<(usize, PacketPlace)> {
+    let cameras = if laboratory.is_software() { [1, 2] } else { [8, 64] };
+    let places = [PacketPlace::InPlace, PacketPlace::Owned];
+    cameras.iter().flat_map(|&cameras| places.map(|place| (cameras, place))).collect()
+}
+
+fn until_readable(laboratory: &Laboratory, (cameras, packets): (usize, PacketPlace)) -> Result<Readable> {
+    let sensor = noisy(if laboratory.is_software() { "dvs128" } else { "vga" });
+    let feed = laboratory.scene(SceneKind::Flight, (sensor.width, sensor.height))?;
+    let options = RigOptions { packets, ..RigOptions::default() };
+    let mut stand = Stand::new(laboratory, &sensor, cameras, FORMATS, feed, options)?;
+    let amount = laboratory.amount();
+    let timing = stand.run(Amount { frames: 11 + amount.warm_up, keep: 0, ..amount })?.timing;
+    let (gpu_us, packet_us) = (timing.gpu_us.median, timing.packet_us.median);
+    Ok(Readable {
+        cameras,
+        packets: if packets == PacketPlace::Owned { "owned" } else { "in place" },
+        gpu_us,
+        submit_to_packet_us: packet_us,
+        ratio: packet_us / gpu_us,
+        million_events: timing.events * 1e-6,
+    })
+}
+
+fn show_readable(document: &mut Document, rows: &[Readable]) {
+    document.heading(READABLE);
+    document.say("From the submission of a tick to packets that can be read: in place, or copied out.");
+    let head =
+        cells!["cameras", "packets", "GPU us", "submit to packet us", "ratio", "million events a tick"];
+    let row = |r: &Readable| {
+        cells![
+            r.cameras,
+            r.packets,
+            short(r.gpu_us),
+            short(r.submit_to_packet_us),
+            short(r.ratio),
+            short(r.million_events)
+        ]
+    };
+    document.table(&std::iter::once(head).chain(rows.iter().map(row)).collect::<Vec<_>>());
 }
 
 /// Size of the patterns.
@@ -113,14 +176,14 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         let sensor = SensorModel { substeps, substep_policy: SubstepPolicy::Fixed, ..base.clone() };
         on_pattern(f64::from(substeps), sensor, pattern)
     };
-    // The log intensity of a pixel goes up and down by 2 a wavelength: 4 a wave's way, so many thresholds.
+    // With an amplitude of 1, the log intensity of a pixel rises by 2 and falls by 2 in each wavelength: 4 in all.
     let rise_log = 4.0 * 1.0 * pattern.motion_px / pattern.wavelength_px;
     let eventful = |wanted: f64| {
         let contrast = if wanted == 0.0 { 5.0 } else { rise_log / wanted };
         let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..base.clone() };
         on_pattern(wanted, sensor, pattern)
     };
-    // The same events whatever the speed: the wavelength grows with the motion.
+    // The wavelength grows with the motion, so the number of events is the same at each speed.
     let moved = |motion_px: f64| {
         let wavelength_px = 12.0 * motion_px.max(1.0);
         let contrast = rise_log * (motion_px / pattern.motion_px).clamp(0.1, 1.0);
@@ -129,7 +192,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
     };
     let (dense_width, dense_height) = if software { (160, 120) } else { (1280, 720) };
     let dense = |wanted: f64| {
-        // What a threshold of .2 sees, on the whole.
+        // In this scene a threshold of .2 gives some .4 events a pixel.
         let contrast = 0.2 * 0.4 / wanted;
         let (width, height) = (dense_width, dense_height);
         let sensor =
@@ -162,7 +225,7 @@ fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
     let options = RigOptions { stage_times: true, ..RigOptions::default() };
     let mut stand = Stand::new(laboratory, &case.sensor, case.cameras, FORMATS, feed, options)?;
     let amount = laboratory.amount();
-    // Rendering for hundreds of cameras takes longer than what is measured.
+    // Time fewer frames of many cameras: rendering for hundreds of cameras takes longer than the measurement.
     let timed = if case.cameras > 16 { 10 } else { amount.frames - 1 - amount.warm_up };
     let amount = Amount { frames: 1 + amount.warm_up + timed, ..amount };
     stand.run(amount)

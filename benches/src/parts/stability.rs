@@ -1,10 +1,9 @@
-//! The bench itself: how much the same version differs from itself, and whether the comparators see what is
-//! wrong.
+//! The bench itself: how much two runs of the same version differ, and whether the comparators see known faults.
 
-use super::noisy;
-use crate::document::{Document, short};
+use super::sensors::noisy;
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
+use crate::laboratory::Laboratory;
 use crate::measure::Stand;
 use crate::scenes::FRAME_NS;
 #[cfg(feature = "tracy")]
@@ -19,7 +18,7 @@ use esaac_oracle::metrics::{Comparison, compare};
 use esaac_scene::{SceneKind, all_pixels, exact_events};
 use serde::Serialize;
 
-/// Rounds of the same measurement; fewer with `--quick`.
+/// Rounds of the same measurement.
 const ROUNDS: usize = 7;
 const QUICK_ROUNDS: usize = 3;
 
@@ -28,9 +27,9 @@ struct Band {
     sensor: String,
     /// Median GPU time of each round, microseconds.
     rounds_us: Vec<f64>,
-    /// The largest difference of two rounds as a share of the least: differences below it mean nothing.
+    /// Largest difference of two rounds as a share of the least time. Smaller differences mean nothing.
     noise_band: f64,
-    /// The same of the host's median time from submit to packet.
+    /// The same for the host's median time from submit to packet.
     packet_noise_band: f64,
 }
 
@@ -43,7 +42,7 @@ struct Seen {
     time_mean_us: f64,
     same_sequence: f64,
     exact_channels: f64,
-    /// Measures that are off by more than a hundredth of their range.
+    /// Measures that show the fault by more than a hundredth of their range.
     seen_by: Vec<&'static str>,
 }
 
@@ -114,7 +113,7 @@ fn flight(laboratory: &Laboratory, sensor: &SensorModel) -> Result<measure::Timi
     Ok(stand.run(laboratory.amount())?.timing)
 }
 
-/// What the comparators say of each known fault; an error if one of the faults goes unseen.
+/// Runs the comparators on each known fault. Fails if no measure sees a fault.
 fn faults() -> Result<Vec<Seen>> {
     let sensor = SensorModel { width: 64, height: 48, ..SensorModel::default() };
     let size = (sensor.width, sensor.height);
@@ -158,15 +157,14 @@ fn judge(fault: &'static str, got: Comparison) -> Seen {
     }
 }
 
-/// What the zones of the profiler cost: nothing where they are not built in.
+/// The cost of the profiler's zones. Without the feature there are none.
 #[cfg(not(feature = "tracy"))]
 fn tracy(_: &Laboratory, document: &mut Document) -> Result<Option<()>> {
     document.say("Built without the feature `tracy`: there is no zone, plot or message in the program.");
     Ok(None)
 }
 
-/// What the zones of the profiler cost, where they are built in: medians with no profiler and with one, of rounds by
-/// turns in one rig.
+/// The cost of the profiler's zones: medians without and with a connected profiler, of rounds by turns in one rig.
 #[cfg(feature = "tracy")]
 #[derive(Serialize)]
 struct Profiled {

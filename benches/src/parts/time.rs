@@ -1,11 +1,12 @@
 //! Time per interval.
 
-use super::{MODES, clean, noisy, stages};
+use super::sensors::{MODES, clean, noisy, stages};
+use crate::amount::Amount;
 use crate::cells;
-use crate::document::{Document, short};
+use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
-use crate::laboratory::{Laboratory, Outcome};
-use crate::measure::{Amount, Run, Stand, Timing};
+use crate::laboratory::Laboratory;
+use crate::measure::{Run, Stand, Timing};
 use crate::paper::{FACTORS, SENSORS, TIME_MS};
 use crate::plot::{Axes, Series, draw};
 use anyhow::Result;
@@ -14,11 +15,11 @@ use esaac_model::{Intensity, SensorModel, Taps};
 use esaac_scene::SceneKind;
 use serde::Serialize;
 
-/// Rows of the fast taps, beside those of the default ones.
+/// Rows with bilinear taps, in addition to those with the default taps.
 const BILINEAR_MODES: [(&str, Intensity); 2] =
     [("gray, bilinear", Intensity::Gray), ("bayer, bilinear", Intensity::BayerRggb)];
 
-/// Rows of a sensor with every effect off, which is what a user has who asks for none.
+/// The sensor of the rows with every effect off, as a preset is by default.
 const CLEAN_SENSOR: &str = "davis346";
 const CLEAN_MODES: [(&str, Intensity, Taps); 4] = [
     ("gray, clean", Intensity::Gray, Taps::Cubic),
@@ -37,7 +38,8 @@ struct Row {
     #[serde(flatten)]
     timing: Timing,
     stages_us: Vec<(&'static str, f64)>,
-    /// Median of the GPU time of ticks whose packets stay on the device; none on a processor, which has no bus.
+    /// Median GPU time of ticks whose packets stay on the device, microseconds. `None` on a software device, which has
+    /// no bus.
     on_device_us: Option<f64>,
 }
 
@@ -73,7 +75,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         format!("{cameras} x {} x{} {mode}", s.name, s.substeps)
     };
     cases.retain(|case| laboratory.wants(&name(case)));
-    // Rows of one size share rigs: a software driver takes seconds to compile for each.
+    // Rows of one size share rigs, because a software driver takes seconds to compile for a new one.
     let mut stands: Option<Stands<'_>> = None;
     let rows = laboratory.rows("time", cases, |(sensor, mode, cameras)| {
         let fits = |s: &Stands<'_>| s.size == (sensor.width, sensor.height) && s.cameras == cameras;
@@ -87,13 +89,13 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     Ok(Outcome { figures: serde_json::to_value(&rows)?, document })
 }
 
-/// A rig without stamps between stages and one with, for stamps cost time of their own; and one that leaves its
+/// Three rigs: one without time stamps between stages, one with them, because they cost time, and one that leaves its
 /// packets on the device.
 struct Stands<'l> {
     size: (u32, u32),
     cameras: usize,
     plain: Stand<'l>,
-    /// None on a processor, where stamps cost nothing that one could see.
+    /// `None` on a software device, where time stamps cost too little to show.
     stamped: Option<Stand<'l>>,
     on_device: Option<Stand<'l>>,
 }
@@ -143,7 +145,7 @@ impl<'l> Stands<'l> {
 }
 
 impl Row {
-    /// With packets to the host / on the device.
+    /// Formats the time with packets to the host, and after a slash with packets on the device.
     fn times(&self) -> String {
         let on_device = self.on_device_us.map(|us| format!(" / {}", short(us)));
         short(self.timing.gpu_us.median) + &on_device.unwrap_or_default()

@@ -14,12 +14,12 @@ pub struct Calibration {
     pub stamp: u64,
     /// The host's time.
     pub host: Instant,
-    /// How far the two may be apart.
+    /// Upper bound of the time between the two readings.
     pub deviation: Duration,
 }
 
 impl Device {
-    /// Reads both clocks; `None` where the device cannot.
+    /// Reads both clocks; `None` if the device cannot read them together.
     pub fn calibrate(&self) -> Result<Option<Calibration>, EngineError> {
         let Some(calibrated) = self.calibrated() else { return Ok(None) };
         let infos = [vk::CalibratedTimestampInfoEXT::default().time_domain(vk::TimeDomainEXT::DEVICE)];
@@ -32,7 +32,8 @@ impl Device {
         Ok(Some(Calibration { stamp: stamps[0], host: before + half, deviation }))
     }
 
-    /// The host's time of a raw time stamp that lies before a calibration.
+    /// The host's time of a raw time stamp that is older than the calibration; `None` if the host's clock cannot
+    /// represent it.
     #[must_use]
     pub fn host_time(&self, calibration: &Calibration, stamp: u64) -> Option<Instant> {
         let ago = Duration::from_nanos(self.timestamp_span_ns(stamp, calibration.stamp));

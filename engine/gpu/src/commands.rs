@@ -3,10 +3,13 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::device::Device;
+use crate::devices::TIMESTAMPS;
 use crate::error::{Call, EngineError};
+use crate::faults::FaultPoint;
 use crate::timing;
 use ash::vk;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A command buffer, the only one of its pool.
 #[derive(Clone, Copy)]
@@ -33,9 +36,16 @@ impl Pooled {
         }
     }
 
-    fn record(self, device: &Device, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
+    /// # Safety
+    /// As of [`Commands::record`].
+    unsafe fn record(
+        self,
+        device: &Device,
+        record: impl FnOnce(vk::CommandBuffer),
+    ) -> Result<(), EngineError> {
+        device.fault(FaultPoint::Record).call("vkBeginCommandBuffer")?;
         let raw = device.raw();
-        // SAFETY: the pool's only buffer is not pending: its owner has waited.
+        // SAFETY: the pool's only buffer is not pending, as the caller guarantees.
         unsafe { raw.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }
             .call("vkResetCommandPool")?;
         // SAFETY: as above.
@@ -47,7 +57,8 @@ impl Pooled {
     }
 
     fn destroy(self, device: &ash::Device) {
-        // SAFETY: its owner has waited for the buffer's last submission.
+        // SAFETY: the buffer is not pending: its owner has waited for its last submission, or has left this to
+        // `Device::retire`.
         unsafe { device.destroy_command_pool(self.pool, None) };
     }
 }
@@ -56,12 +67,18 @@ impl Pooled {
 pub struct Commands {
     device: Arc<Device>,
     pooled: Pooled,
+    /// Whether a submission of them is abandoned (see [`crate::retire`]).
+    abandoned: AtomicBool,
 }
 
 impl Commands {
-    /// None recorded yet.
+    /// A command buffer in which nothing is recorded yet.
     pub fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
-        Ok(Commands { pooled: Pooled::new(device)?, device: Arc::clone(device) })
+        Ok(Commands {
+            pooled: Pooled::new(device)?,
+            device: Arc::clone(device),
+            abandoned: AtomicBool::new(false),
+        })
     }
 
     /// Vulkan handle.
@@ -70,30 +87,48 @@ impl Commands {
         self.pooled.raw
     }
 
-    /// Records anew what `record` says; the buffer is not pending.
-    pub fn record(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
-        self.pooled.record(&self.device, record)
+    /// Whether the commands may be recorded and submitted. After a failed wait they may still run: the error is
+    /// [`EngineError::Abandoned`].
+    pub fn check(&self) -> Result<(), EngineError> {
+        if self.abandoned.load(Ordering::Acquire) { Err(EngineError::Abandoned) } else { Ok(()) }
+    }
+
+    fn abandon(&self) {
+        self.abandoned.store(true, Ordering::Release);
+    }
+
+    /// Discards what is recorded and records with `record`.
+    ///
+    /// # Safety
+    /// The buffer is not pending: the caller has waited for every submission of it. (After a failed wait, recording is
+    /// refused; see [`Commands::check`].) The handles that `record` uses live until the last submission has finished,
+    /// and nothing else uses them while one runs.
+    pub unsafe fn record(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
+        self.check()?;
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.pooled.record(&self.device, record) }
     }
 }
 
 impl Drop for Commands {
     fn drop(&mut self) {
-        self.pooled.destroy(self.device.raw());
+        let pooled = self.pooled;
+        self.device.retire(move |device| pooled.destroy(device.raw()));
     }
 }
 
-/// What a submission needs that is waited for at once. A device keeps some: making a fence alone takes
-/// half a millisecond of some drivers.
-pub(crate) struct Errand {
+/// Command buffer and fence of a one-shot submission, for which the host waits at once. A device keeps them for the
+/// next one: some drivers take half a millisecond to make a fence.
+pub(crate) struct OneShot {
     pooled: Pooled,
     fence: vk::Fence,
 }
 
-impl Errand {
+impl OneShot {
     fn new(device: &Device) -> Result<Self, EngineError> {
         let pooled = Pooled::new(device)?;
         match timing::new_fence(device) {
-            Ok(fence) => Ok(Errand { pooled, fence }),
+            Ok(fence) => Ok(OneShot { pooled, fence }),
             Err(error) => {
                 pooled.destroy(device.raw());
                 Err(error)
@@ -103,36 +138,54 @@ impl Errand {
 
     pub(crate) fn destroy(self, device: &ash::Device) {
         self.pooled.destroy(device);
-        // SAFETY: what was given it is waited for.
+        // SAFETY: nothing pending signals it, as for the commands.
         unsafe { device.destroy_fence(self.fence, None) };
     }
 }
 
-/// What goes around a submission: commands before and after, and values of timelines that it waits for
-/// and signals. Commands are not pending anywhere else.
+/// Additions to a submission: commands before and after its own, and timeline values that it waits for and signals.
+/// The commands must not be pending anywhere else.
 #[derive(Clone, Copy, Default)]
-pub struct Around<'a> {
-    /// Run first.
+pub struct SubmitHooks<'a> {
+    /// Commands that run before the submission's own.
     pub before: &'a [&'a Commands],
-    /// Run last.
+    /// Commands that run after the submission's own.
     pub after: &'a [&'a Commands],
-    /// Reached before anything runs.
+    /// Timelines and the values that they must reach before anything runs.
     pub waits: &'a [(&'a crate::timeline::Timeline, u64)],
-    /// Reached once all has run.
+    /// Timelines and the values that they are set to once everything has run.
     pub signals: &'a [(&'a crate::timeline::Timeline, u64)],
 }
 
+impl SubmitHooks<'_> {
+    /// The commands of the hooks, in the order in which they run.
+    fn commands(&self) -> impl Iterator<Item = &Commands> {
+        self.before.iter().chain(self.after).copied()
+    }
+
+    pub(crate) fn check(&self) -> Result<(), EngineError> {
+        self.commands().try_for_each(Commands::check)
+    }
+
+    /// Marks the commands as abandoned: the wait for a submission with these hooks has failed.
+    pub(crate) fn abandon(&self) {
+        self.commands().for_each(Commands::abandon);
+    }
+}
+
 impl Device {
-    /// Records with `record`, submits and waits: for set-up and producers, not for the hot path.
+    /// Records with `record`, submits and waits. For set-up and producers, not for the hot path.
     pub fn run_once(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
-        self.errand(|errand| {
-            errand.pooled.record(self, record)?;
-            self.submit(errand.pooled.raw, &Around::default(), errand.fence)
+        self.one_shot(|one_shot| {
+            // SAFETY: this call alone has the buffer, whose last submission has finished. `one_shot` waits for this
+            // submission; if the wait fails, it is abandoned and `Device::retire` destroys nothing that it may use.
+            unsafe { one_shot.pooled.record(self, record) }?;
+            self.submit(one_shot.pooled.raw, &SubmitHooks::default(), one_shot.fence)
         })
     }
 
-    /// As [`Device::run_once`], with GPU time stamps around it: nanoseconds from the first command's start
-    /// to the end of the last. For measurements of the device itself.
+    /// As [`Device::run_once`], with GPU time stamps: returns the nanoseconds from the start of the first command to
+    /// the end of the last. For measurements of the device itself; an error if its queue has no clock.
     pub fn time_once(self: &Arc<Self>, record: impl FnOnce(vk::CommandBuffer)) -> Result<u64, EngineError> {
         let timer = timing::StageTimer::new(self, 2)?;
         self.run_once(|commands| {
@@ -141,26 +194,43 @@ impl Device {
             record(commands);
             timer.record(commands, 1);
         })?;
-        timer.span_ns(0)
+        timer.span_ns(0)?.ok_or_else(|| EngineError::MissingCapability {
+            device: self.info().name.clone(),
+            missing: TIMESTAMPS.to_owned(),
+        })
     }
 
-    /// Submits commands with what goes around them, and waits.
-    pub fn run_around(&self, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
-        self.errand(|errand| self.submit(commands.raw(), around, errand.fence))
+    /// Submits commands with hooks, and waits.
+    pub fn run_with_hooks(&self, commands: &Commands, hooks: &SubmitHooks<'_>) -> Result<(), EngineError> {
+        commands.check()?;
+        self.one_shot(|one_shot| self.submit(commands.raw(), hooks, one_shot.fence)).inspect_err(|error| {
+            if error.leaves_work() {
+                commands.abandon();
+                hooks.abandon();
+            }
+        })
     }
 
-    fn errand(&self, submit: impl FnOnce(&Errand) -> Result<(), EngineError>) -> Result<(), EngineError> {
-        let kept = self.errands().pop();
-        let errand = match kept {
-            Some(errand) => errand,
-            None => Errand::new(self)?,
+    fn one_shot(&self, submit: impl FnOnce(&OneShot) -> Result<(), EngineError>) -> Result<(), EngineError> {
+        let kept = self.one_shots().pop();
+        let one_shot = match kept {
+            Some(one_shot) => one_shot,
+            None => OneShot::new(self)?,
         };
-        let submitted = submit(&errand);
-        if submitted.is_ok() {
-            // A fence that does not come is the device's yet, and stays.
-            timing::wait_for(self, errand.fence)?;
+        if let Err(error) = submit(&one_shot) {
+            // The queue has not taken the submission, so that its fence and commands are free.
+            self.one_shots().push(one_shot);
+            return Err(error);
         }
-        self.errands().push(errand);
-        submitted
+        match timing::wait_for(self, one_shot.fence) {
+            Ok(()) => {
+                self.one_shots().push(one_shot);
+                Ok(())
+            }
+            Err(error) => {
+                self.retire(move |device| one_shot.destroy(device.raw()));
+                Err(error)
+            }
+        }
     }
 }

@@ -1,13 +1,15 @@
-//! An open device: its queue, its allocator, and what is submitted to it.
+//! An open device: its queue, its allocator, and submission.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use crate::commands::{Around, Errand};
+use crate::commands::{OneShot, SubmitHooks};
 use crate::devices::{CALIBRATED, DeviceChoice, DeviceInfo, STATISTICS, choose, devices};
 use crate::error::{Call, EngineError};
+use crate::faults::{FaultPoint, Faults};
 use crate::instance::{Instance, Validation};
 use crate::memory::Buffer;
 use crate::pipeline::Pipelines;
+use crate::retire::Retired;
 use crate::timeline::Timeline;
 use ash::{ext, khr, vk};
 use gpu_allocator::MemoryLocation;
@@ -15,8 +17,9 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
-/// Extensions for memory and semaphores that other processes share, each enabled where it is present.
+/// Extensions for memory and semaphores shared with other processes, each enabled if it is present.
 const SHARING: [&CStr; 3] =
     [khr::external_memory_fd::NAME, khr::external_semaphore_fd::NAME, ext::external_memory_host::NAME];
 
@@ -25,8 +28,10 @@ pub struct Device {
     raw: ash::Device,
     physical: vk::PhysicalDevice,
     allocator: ManuallyDrop<Mutex<Allocator>>,
+    retired: Retired,
+    faults: Faults,
     queue: Mutex<vk::Queue>,
-    errands: Mutex<Vec<Errand>>,
+    one_shots: Mutex<Vec<OneShot>>,
     pipelines: Pipelines,
     queue_family: u32,
     timestamp_period_ns: f64,
@@ -35,13 +40,39 @@ pub struct Device {
     unified_memory: bool,
     statistics: Option<khr::pipeline_executable_properties::Device>,
     calibrated: Option<ext::calibrated_timestamps::Device>,
+    most_groups: u32,
     info: DeviceInfo,
-    instance: Instance,
+    instance: ManuallyDrop<Instance>,
 }
 
+/// Capabilities that a test takes from a device, to see how the engine runs on a lesser one.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Restrictions {
+    /// Whether its queue has no clock.
+    pub no_timestamps: bool,
+    /// Most workgroups of a dispatch along x; 0 for the device's own limit.
+    pub most_groups: u32,
+}
+
+/// How long a device that is being closed waits for abandoned submissions. After that it stays open, with everything
+/// that they may use.
+const CLOSING: Duration = Duration::from_secs(10);
+
 impl Device {
-    /// Opens a device.
+    /// Opens a device. An error if there is no driver, or if the chosen device does not exist or lacks a required
+    /// capability.
     pub fn open(choice: DeviceChoice, validation: Validation) -> Result<Arc<Self>, EngineError> {
+        Device::open_restricted(choice, validation, Restrictions::default())
+    }
+
+    /// As [`Device::open`], with capabilities taken away: for tests.
+    #[doc(hidden)]
+    pub fn open_restricted(
+        choice: DeviceChoice,
+        validation: Validation,
+        restrictions: Restrictions,
+    ) -> Result<Arc<Self>, EngineError> {
         let instance = Instance::new(validation)?;
         let devices = devices(&instance)?;
         if devices.is_empty() {
@@ -54,7 +85,10 @@ impl Device {
             .iter()
             .position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
             .expect("a suitable device has a compute queue") as u32;
-        let timestamp_bits = families[queue_family as usize].timestamp_valid_bits;
+        let timestamp_bits = match restrictions.no_timestamps {
+            true => 0,
+            false => families[queue_family as usize].timestamp_valid_bits,
+        };
 
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default()
@@ -107,10 +141,10 @@ impl Device {
             buffer_device_address: true,
             allocation_sizes: gpu_allocator::AllocationSizes::new(4 << 20, 4 << 20),
         })
-        .map_err(|e| EngineError::OutOfMemory {
-            name: "allocator".to_owned(),
-            bytes: 0,
-            reason: e.to_string(),
+        .map_err(|e| {
+            // SAFETY: the device has no objects yet.
+            unsafe { raw.destroy_device(None) };
+            EngineError::OutOfMemory { name: "allocator".to_owned(), bytes: 0, reason: e.to_string() }
         })?;
         // SAFETY: `physical` comes from this instance.
         let (memory, properties) = unsafe {
@@ -124,56 +158,62 @@ impl Device {
         Ok(Arc::new(Device {
             physical,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
+            retired: Retired::default(),
+            faults: Faults::default(),
             raw,
             queue: Mutex::new(queue),
-            errands: Mutex::default(),
+            one_shots: Mutex::default(),
             pipelines: Pipelines::default(),
             queue_family,
             timestamp_period_ns: f64::from(properties.limits.timestamp_period),
             timestamp_mask: if timestamp_bits >= 64 { u64::MAX } else { (1 << timestamp_bits) - 1 },
+            most_groups: match restrictions.most_groups {
+                0 => properties.limits.max_compute_work_group_count[0],
+                most => most,
+            },
             most_texels: u64::from(properties.limits.max_texel_buffer_elements),
             unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
             statistics,
             calibrated,
             info,
-            instance,
+            instance: ManuallyDrop::new(instance),
         }))
     }
 
-    /// Whether the validation layer watches.
+    /// Whether the validation layer is on.
     pub(crate) fn is_validated(&self) -> bool {
         self.instance.is_validated()
     }
 
-    /// What asks for a pipeline's registers and sizes, where the driver tells them.
+    /// Functions that read a pipeline's registers and sizes, if the driver has them.
     pub(crate) fn statistics(&self) -> Option<&khr::pipeline_executable_properties::Device> {
         self.statistics.as_ref()
     }
 
-    /// What reads both clocks, where the device can.
+    /// Functions that read both clocks, if the device has them.
     pub(crate) fn calibrated(&self) -> Option<&ext::calibrated_timestamps::Device> {
         self.calibrated.as_ref()
     }
 
-    /// What it is.
+    /// Name, driver and capabilities.
     #[must_use]
     pub fn info(&self) -> &DeviceInfo {
         &self.info
     }
 
-    /// Vulkan device, for other recorders on it.
+    /// Vulkan device, for code that records commands of its own.
     #[must_use]
     pub fn raw(&self) -> &ash::Device {
         &self.raw
     }
 
-    /// What the device was made from.
+    /// Vulkan physical device.
     #[must_use]
     pub fn physical(&self) -> vk::PhysicalDevice {
         self.physical
     }
 
-    /// Vulkan instance, for questions about the physical device and for extensions.
+    /// Vulkan instance, for queries of the physical device and for extensions.
     #[must_use]
     pub fn instance(&self) -> &ash::Instance {
         self.instance.raw()
@@ -185,18 +225,37 @@ impl Device {
         self.queue_family
     }
 
-    /// Whether it is a processor that stands in for a GPU.
+    /// Whether the device is a software driver, which runs on the processor.
     #[must_use]
     pub fn is_software(&self) -> bool {
         self.info.kind == "software"
     }
 
-    /// Texels that a view of a buffer shows at the most.
+    /// Most texels that a view of a buffer shows.
     pub(crate) fn most_texels(&self) -> u64 {
         self.most_texels
     }
 
-    /// Whether the host reads the device's own memory at full speed, so that nothing need be copied.
+    /// Most workgroups of a dispatch along x.
+    pub(crate) fn most_groups(&self) -> u32 {
+        self.most_groups
+    }
+
+    /// Whether the queue has a clock. Without one, GPU times are absent.
+    #[must_use]
+    pub fn has_timestamps(&self) -> bool {
+        self.timestamp_mask != 0
+    }
+
+    pub(crate) fn retired(&self) -> &Retired {
+        &self.retired
+    }
+
+    pub(crate) fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Whether the host reads the device's own memory at full speed, so that copies are needless.
     #[must_use]
     pub fn unified_memory(&self) -> bool {
         self.unified_memory
@@ -214,7 +273,7 @@ impl Device {
         ((stamp & self.timestamp_mask) as f64 * self.timestamp_period_ns) as i64
     }
 
-    /// What the validation layer has said so far; empty when it is off.
+    /// The validation layer's messages so far; empty if it is off.
     #[must_use]
     pub fn validation_messages(&self) -> Vec<String> {
         self.instance.messages()
@@ -224,17 +283,18 @@ impl Device {
         self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What is kept for work that is waited for at once.
-    pub(crate) fn errands(&self) -> MutexGuard<'_, Vec<Errand>> {
-        self.errands.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Idle command buffers and fences for one-shot submissions.
+    pub(crate) fn one_shots(&self) -> MutexGuard<'_, Vec<OneShot>> {
+        self.one_shots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What has been compiled on it.
+    /// Pipelines compiled on the device.
     pub(crate) fn pipelines(&self) -> &Pipelines {
         &self.pipelines
     }
 
-    /// A named buffer; storage and transfer usage are always included.
+    /// Allocates a named buffer of at least `bytes` bytes; storage and transfer usage are always included.
+    /// [`EngineError::OutOfMemory`] if there is no memory.
     pub fn allocate(
         self: &Arc<Self>,
         name: &str,
@@ -251,20 +311,22 @@ impl Device {
     pub(crate) fn submit(
         &self,
         commands: vk::CommandBuffer,
-        around: &Around<'_>,
+        hooks: &SubmitHooks<'_>,
         fence: vk::Fence,
     ) -> Result<(), EngineError> {
-        let commands: Vec<_> = around
+        hooks.check()?;
+        self.fault(FaultPoint::Submit).call("vkQueueSubmit")?;
+        let commands: Vec<_> = hooks
             .before
             .iter()
             .map(|c| c.raw())
             .chain([commands])
-            .chain(around.after.iter().map(|c| c.raw()))
+            .chain(hooks.after.iter().map(|c| c.raw()))
             .collect();
         let split = |at: &[(&Timeline, u64)]| -> (Vec<vk::Semaphore>, Vec<u64>) {
             at.iter().map(|(timeline, value)| (timeline.raw(), *value)).unzip()
         };
-        let ((waits, wait_values), (signals, signal_values)) = (split(around.waits), split(around.signals));
+        let ((waits, wait_values), (signals, signal_values)) = (split(hooks.waits), split(hooks.signals));
         let stages = vec![vk::PipelineStageFlags::ALL_COMMANDS; waits.len()];
         let mut values = vk::TimelineSemaphoreSubmitInfo::default()
             .wait_semaphore_values(&wait_values)
@@ -279,23 +341,30 @@ impl Device {
             submit = submit.push_next(&mut values);
         }
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the queue is held exclusively; the command buffers are recorded and not pending, the
-        // fence unsignalled, the semaphores alive until the fence is (the caller waits for it).
+        // SAFETY: the queue is held exclusively; the command buffers are recorded and not pending (the contract of
+        // `Commands::record`), the fence is unsignalled and not pending (`wait_for` leaves it so, or abandons it).
+        // What the submission uses lives until it has finished: the caller waits, and if that fails, `retire` does.
         unsafe { self.raw.queue_submit(*queue, &[submit], fence) }.call("vkQueueSubmit")
     }
 }
 
 impl Drop for Device {
     fn drop(&mut self) {
-        for errand in self.errands().drain(..).collect::<Vec<_>>() {
-            errand.destroy(&self.raw);
+        if !self.settle(CLOSING) {
+            eprintln!("esaac: {} still runs what was abandoned; it stays open", self.info.name);
+            return;
+        }
+        for one_shot in self.one_shots().drain(..).collect::<Vec<_>>() {
+            one_shot.destroy(&self.raw);
         }
         self.pipelines.destroy(&self.raw);
-        // SAFETY: buffers, kernels and rigs hold an Arc, so they are gone; the allocator goes before
-        // the device that its blocks belong to, and is not used again.
+        // SAFETY: buffers, kernels and rigs hold an Arc, so they are gone, and what they left to `retire` was
+        // destroyed above. The allocator goes before the device that its blocks belong to, the device before its
+        // instance, and none is used again.
         unsafe {
             ManuallyDrop::drop(&mut self.allocator);
             self.raw.destroy_device(None);
+            ManuallyDrop::drop(&mut self.instance);
         }
     }
 }

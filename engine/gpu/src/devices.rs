@@ -1,4 +1,4 @@
-//! The Vulkan devices of this machine: what each is, has and lacks, and the choice of one.
+//! The Vulkan devices of this machine: their capabilities, and the choice of one.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -13,10 +13,13 @@ pub(crate) const STATISTICS: &str = "pipelineExecutableInfo";
 /// The capability that [`crate::Device::calibrate`] needs.
 pub(crate) const CALIBRATED: &str = "VK_EXT_calibrated_timestamps";
 
+/// The capability that GPU times need.
+pub(crate) const TIMESTAMPS: &str = "timestamps";
+
 /// Which device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// The first that is enough, discrete before integrated before software.
+    /// The first suitable one: discrete before integrated before virtual before any other.
     Best,
     /// By position in [`list_devices`].
     Index(usize),
@@ -43,14 +46,14 @@ impl std::fmt::Display for DeviceChoice {
     }
 }
 
-/// Something that a device has or lacks.
+/// A feature, limit or extension that a device has or lacks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Capability {
-    /// Vulkan's name.
+    /// Vulkan's name, or a description.
     pub name: &'static str,
     /// Whether the engine needs it.
     pub required: bool,
-    /// Whether it is there.
+    /// Whether the device has it.
     pub present: bool,
 }
 
@@ -75,9 +78,9 @@ pub struct DeviceInfo {
     pub memory_bytes: u64,
     /// Lanes of a subgroup.
     pub subgroup_size: u32,
-    /// What it has and lacks.
+    /// Capabilities that the engine needs or uses, present or not.
     pub capabilities: Vec<Capability>,
-    /// Whether it is enough.
+    /// Whether it has every required capability.
     pub suitable: bool,
 }
 
@@ -127,6 +130,11 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
     let version = core.api_version;
     let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
     let compute = families.iter().any(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    // `Device::open` takes the queue from the first family that computes.
+    let stamps = families
+        .iter()
+        .find(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
+        .is_some_and(|f| f.timestamp_valid_bits > 0);
     let needs = |name, present| Capability { name, required: true, present };
     let likes = |name, present| Capability { name, required: false, present };
     let capabilities = vec![
@@ -149,7 +157,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         needs("32 KiB of shared memory", core.limits.max_compute_shared_memory_size >= 32 * 1024),
         needs("17 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 17),
         likes("timelineSemaphore", f12.timeline_semaphore == vk::TRUE),
-        likes("timestamps", core.limits.timestamp_compute_and_graphics == vk::TRUE),
+        likes(TIMESTAMPS, stamps),
         likes("VK_KHR_external_memory_fd", has(ash::khr::external_memory_fd::NAME)),
         likes("VK_KHR_external_semaphore_fd", has(ash::khr::external_semaphore_fd::NAME)),
         likes("VK_EXT_external_memory_host", has(ext::external_memory_host::NAME)),
@@ -193,7 +201,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
     }
 }
 
-/// What the instance's drivers give.
+/// The devices of the instance's drivers.
 pub(crate) fn devices(instance: &Instance) -> Result<Vec<(vk::PhysicalDevice, DeviceInfo)>, EngineError> {
     // SAFETY: the instance is alive.
     let physical =
@@ -201,7 +209,8 @@ pub(crate) fn devices(instance: &Instance) -> Result<Vec<(vk::PhysicalDevice, De
     Ok(physical.into_iter().enumerate().map(|(index, p)| (p, describe(instance.raw(), p, index))).collect())
 }
 
-/// Every Vulkan device of this machine; an empty list if there is a loader but no driver.
+/// Every Vulkan device of this machine; an empty list if there is a loader but no driver, an error if there is no
+/// loader.
 pub fn list_devices() -> Result<Vec<DeviceInfo>, EngineError> {
     match Instance::new(Validation::Off) {
         Ok(instance) => Ok(devices(&instance)?.into_iter().map(|(_, info)| info).collect()),
@@ -210,7 +219,7 @@ pub fn list_devices() -> Result<Vec<DeviceInfo>, EngineError> {
     }
 }
 
-/// The device that is meant, if there is one and it is enough.
+/// The chosen device; an error if it does not exist or is not suitable.
 pub(crate) fn choose(
     choice: DeviceChoice,
     devices: Vec<(vk::PhysicalDevice, DeviceInfo)>,

@@ -1,7 +1,8 @@
-//! What can go wrong in the engine.
+//! Errors of the engine.
 
 use ash::vk;
 use esaac_model::{FrameError, SensorError};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Every error of this crate.
@@ -15,26 +16,26 @@ pub enum EngineError {
         "no Vulkan driver is installed; the software one comes with: apt-get install mesa-vulkan-drivers"
     )]
     NoDriver,
-    /// Drivers, but no device that is enough.
+    /// Drivers, but no device with every required capability.
     #[error("no Vulkan device is sufficient: {0}")]
     NoSuitableDevice(String),
     /// The device asked for does not exist.
     #[error("no Vulkan device {wanted}; there are: {present}")]
     NoSuchDevice {
-        /// What was asked for.
+        /// The choice, in words.
         wanted: String,
-        /// What there is.
+        /// The devices that exist.
         present: String,
     },
-    /// A device lacks something.
+    /// A device lacks a capability.
     #[error("device {device} lacks {missing}, which the engine needs")]
     MissingCapability {
         /// Device name.
         device: String,
-        /// What it lacks.
+        /// Names of the missing capabilities.
         missing: String,
     },
-    /// The validation layer was asked for and is not installed.
+    /// Validation is on and the layer is not installed.
     #[error(
         "the Vulkan validation layer is not installed; install it with: apt-get install vulkan-validationlayers"
     )]
@@ -47,14 +48,14 @@ pub enum EngineError {
         /// Its result.
         result: vk::Result,
     },
-    /// Memory could not be had.
+    /// An allocation failed, or is larger than a rig's buffers may be.
     #[error("no device memory for {bytes} bytes of `{name}`: {reason}")]
     OutOfMemory {
-        /// Allocation.
+        /// Name of the allocation.
         name: String,
         /// Size asked for.
         bytes: u64,
-        /// The allocator's words.
+        /// The allocator's message.
         reason: String,
     },
     /// A bad sensor.
@@ -100,20 +101,62 @@ pub enum EngineError {
         /// Camera asked for.
         actual: usize,
     },
-    /// Saved state that does not fit.
+    /// Saved state that is damaged or belongs to other cameras.
     #[error("saved state: {0}")]
     Snapshot(String),
-    /// Kernels under development that cannot take the place of those that run: the compiler's words, or
-    /// in what they differ from the Rust layouts.
+    /// Kernels under development that cannot replace the running ones: the compiler's message, or how they differ
+    /// from the Rust layouts.
     #[cfg(feature = "shaderc")]
     #[error("{0}")]
     Kernels(String),
-    /// The device did not finish.
+    /// The device did not finish in time; the number is the limit in seconds.
     #[error("the device did not finish within {0} s")]
     Timeout(u64),
+    /// Commands that may still run, because a wait for them has failed.
+    #[error("these commands may still run, since a wait for them has failed; make new ones")]
+    Abandoned,
+    /// A camera's dispatches are larger than the device allows.
+    #[error(
+        "camera {camera} needs {actual} workgroups side by side, and {device} takes at most {expected}; make the camera smaller"
+    )]
+    TooManyGroups {
+        /// Camera number in the rig.
+        camera: usize,
+        /// Device name.
+        device: String,
+        /// `maxComputeWorkGroupCount[0]`.
+        expected: u32,
+        /// What the camera needs.
+        actual: u32,
+    },
+    /// The events of a tick did not fit, however often the buffers grew; the number counts the retries.
+    #[error("a tick did not end after {0} retries, which grow the event buffers to what it asks for")]
+    Endless(u32),
+    /// A tick failed after the device had begun it, so that the cameras' state on the device is half updated.
+    #[error(
+        "this rig has failed within a tick and takes no more steps ({why}); close it, make a new one and restore the state saved last, or start afresh"
+    )]
+    Lost {
+        /// What failed.
+        why: Arc<EngineError>,
+    },
 }
 
-/// Names the call whose result it was.
+impl EngineError {
+    /// Whether a submission may still run, because the wait for it has failed. (The error of a failed wait names
+    /// `vkWaitForFences`, or is a time-out.)
+    pub(crate) fn leaves_work(&self) -> bool {
+        self.is_device_lost()
+            || matches!(self, EngineError::Timeout(_) | EngineError::Vulkan { call: "vkWaitForFences", .. })
+    }
+
+    /// Whether the device itself is gone.
+    pub(crate) fn is_device_lost(&self) -> bool {
+        matches!(self, EngineError::Vulkan { result: vk::Result::ERROR_DEVICE_LOST, .. })
+    }
+}
+
+/// Names the Vulkan call that a result comes from.
 pub(crate) trait Call<T> {
     fn call(self, call: &'static str) -> Result<T, EngineError>;
 }

@@ -1,4 +1,4 @@
-//! Vulkan's instance, and what the validation layer says if it watches.
+//! Vulkan's instance, and the messages of the validation layer if it is on.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -9,12 +9,13 @@ use std::sync::{Mutex, PoisonError};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Whether the validation layer watches.
+/// Whether the validation layer is on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Validation {
-    /// No.
+    /// Off.
     Off,
-    /// Core checks, GPU-assisted checks and synchronisation checks; see [`crate::Device::validation_messages`].
+    /// On, with core checks, GPU-assisted checks and synchronisation checks. Messages are kept: see
+    /// [`crate::Device::validation_messages`].
     On,
 }
 
@@ -31,7 +32,7 @@ impl Validation {
 
 type Messages = Mutex<Vec<String>>;
 
-/// Vulkan's instance, with what the validation layer says if it watches.
+/// Vulkan's instance, with the messages of the validation layer.
 pub(crate) struct Instance {
     entry: ash::Entry,
     raw: ash::Instance,
@@ -39,7 +40,7 @@ pub(crate) struct Instance {
     messages: Box<Messages>,
 }
 
-/// Collects what the validation layer says.
+/// Collects the messages of the validation layer.
 ///
 /// # Safety
 /// Called by the loader with a valid callback struct and the `Messages` registered with it.
@@ -127,7 +128,7 @@ impl Instance {
         self.debug.is_some()
     }
 
-    /// What the validation layer has said so far.
+    /// The validation layer's messages so far.
     pub(crate) fn messages(&self) -> Vec<String> {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -1,30 +1,15 @@
-//! What holds kernels and Rust together: which kernels there are, and that what each says of itself is
-//! what Rust uses. The build script checks those that it embeds, a kernel folder those that it compiles.
+//! Checks that the reflection of each kernel agrees with the layouts that Rust uses. The build script checks the
+//! kernels that it embeds, a kernel folder those that it compiles.
 
 use esaac_kernels::Reflection;
-use esaac_model::layout::{
-    BINDINGS, CAMERAS, COUNTERS, CROSS_THREADS, Camera, Counters, GpuStruct, INGEST_THREADS, Push,
-    SORT_THREADS, Slice, TEXELS,
+use esaac_layout::{
+    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GpuStruct, KernelInfo, Push, Slice, TEXELS,
 };
+use std::collections::BTreeMap;
 
-/// Kernels by stage name.
-pub const STAGES: &[&str] =
-    &["ingest", "enhance", "carry", "cross", "sort", "merge", "gather", "event_frame", "voxel_grid"];
-
-/// Threads of a stage's workgroup: what the number of workgroups in a dispatch is worked out for.
-fn threads(stage: &str) -> u32 {
-    match stage {
-        // A pixel of a strip, or of a part of it, each.
-        "cross" => CROSS_THREADS,
-        "ingest" | "enhance" => INGEST_THREADS,
-        "sort" => SORT_THREADS,
-        _ => 256,
-    }
-}
-
-/// Every offset, slot and stride in a kernel that was not optimised is the one that Rust uses; else
-/// the difference in words. (The optimiser strips the names that this needs.)
-pub fn check(stage: &str, words: &[u32]) -> Result<(), String> {
+/// Checks every offset, slot and stride of a kernel against the one that Rust uses; the error describes the first
+/// difference. The kernel must not be optimised: the optimiser removes the names that the check needs.
+pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
     let reflection = esaac_kernels::reflect(words).map_err(|e| e.to_string())?;
     for binding in &reflection.bindings {
         let expected = BINDINGS
@@ -39,7 +24,7 @@ pub fn check(stage: &str, words: &[u32]) -> Result<(), String> {
         let expected = TEXELS.iter().find(|t| t.slot == slot).map(|t| t.name);
         same(&format!("texel buffer {slot}"), Some(name.as_str()), expected)?;
     }
-    // A kernel walks the table of cameras, or the packets that they left.
+    // A kernel reads the table of cameras or, if it works on packets, the slices of them.
     if reflection.structs.contains_key(Slice::NAME) {
         check_struct::<Slice>(&reflection)?;
     } else {
@@ -47,13 +32,32 @@ pub fn check(stage: &str, words: &[u32]) -> Result<(), String> {
         same("stride of `cameras`", table, Some(size_of::<Camera>() as u32))?;
         check_struct::<Camera>(&reflection)?;
     }
-    same("workgroup", reflection.workgroup, [threads(stage), 1, 1])?;
+    same("workgroup", reflection.workgroup, [kernel.threads, 1, 1])?;
+    check_constants(kernel, &reflection)?;
     same("push constants", reflection.push_bytes, size_of::<Push>() as u32)?;
     check_struct::<Push>(&reflection)?;
     if reflection.bindings.iter().any(|b| b.slot as usize == COUNTERS) {
         check_struct::<Counters>(&reflection)?;
     }
     Ok(())
+}
+
+/// Checks that the kernel declares every specialisation constant of its lists with its id, name and type, and no
+/// other.
+fn check_constants(kernel: &KernelInfo, reflection: &Reflection) -> Result<(), String> {
+    let actual: BTreeMap<u32, (&str, &str)> = reflection
+        .specialisation
+        .iter()
+        .map(|(&id, constant)| (id, (constant.name.as_str(), constant.ty)))
+        .collect();
+    let names: Vec<(u32, String, &str)> = kernel
+        .constants
+        .iter()
+        .flat_map(|list| list.constants)
+        .map(|c| (c.id, c.glsl_name().unwrap_or_default(), c.ty.glsl()))
+        .collect();
+    let expected = names.iter().map(|(id, name, ty)| (*id, (name.as_str(), *ty))).collect();
+    same("specialisation constants", actual, expected)
 }
 
 fn check_struct<T: GpuStruct>(reflection: &Reflection) -> Result<(), String> {

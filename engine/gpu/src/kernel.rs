@@ -1,58 +1,53 @@
-//! Kernels, the buffers they are bound to, and recording.
+//! Kernels, the buffers that they are bound to, and recording.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::device::Device;
 use crate::error::{Call, EngineError};
+use crate::faults::FaultPoint;
 use crate::memory::Buffer;
 use crate::pipeline::{Pipeline, Source};
 use ash::vk;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The engine's kernels, compiled by the build script: stage name and SPIR-V.
+/// The engine's kernels, compiled by the build script: name and SPIR-V.
 pub mod stages {
-    macro_rules! stages {
-        ($($konst:ident = $name:literal;)*) => {
-            $(#[doc = concat!("SPIR-V of `", $name, "`.")]
-            pub const $konst: (&str, &[u8]) =
-                ($name, include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv")));)*
-            /// Every kernel.
-            pub const ALL: &[(&str, &[u8])] = &[$($konst,)*];
-        };
-    }
-    stages! {
-        INGEST = "ingest";
-        ENHANCE = "enhance";
-        CARRY = "carry";
-        CROSS = "cross";
-        SORT = "sort";
-        MERGE = "merge";
-        GATHER = "gather";
-        EVENT_FRAME = "event_frame";
-        VOXEL_GRID = "voxel_grid";
-    }
+    include!(concat!(env!("OUT_DIR"), "/kernels.rs"));
 }
 
-/// A descriptor set of buffers, set 0, slots from 0 on.
+/// Descriptor sets of one layout, each bound as set 0 with slots from 0 on. One of them is selected: kernels are bound
+/// to it and recorded with it.
 pub struct BindingSet {
     device: Arc<Device>,
     layout: vk::DescriptorSetLayout,
     pool: vk::DescriptorPool,
-    set: vk::DescriptorSet,
+    sets: Vec<vk::DescriptorSet>,
+    selected: AtomicUsize,
     kinds: Vec<vk::DescriptorType>,
 }
 
 impl BindingSet {
-    /// Room for `slots` storage buffers.
+    /// One set of `slots` storage buffers.
     pub fn new(device: &Arc<Device>, slots: u32) -> Result<Arc<Self>, EngineError> {
         BindingSet::with_kinds(device, vec![vk::DescriptorType::STORAGE_BUFFER; slots as usize])
     }
 
-    /// Room for a buffer of each kind.
+    /// One set with a buffer of each kind, slot by slot.
     pub fn with_kinds(
         device: &Arc<Device>,
         kinds: Vec<vk::DescriptorType>,
     ) -> Result<Arc<Self>, EngineError> {
+        BindingSet::with_sets(device, kinds, 1)
+    }
+
+    /// `count` sets with a buffer of each kind, slot by slot.
+    pub(crate) fn with_sets(
+        device: &Arc<Device>,
+        kinds: Vec<vk::DescriptorType>,
+        count: u32,
+    ) -> Result<Arc<Self>, EngineError> {
+        device.fault(FaultPoint::Descriptors).call("vkAllocateDescriptorSets")?;
         let bindings: Vec<_> = (0..)
             .zip(&kinds)
             .map(|(slot, &kind)| {
@@ -71,26 +66,40 @@ impl BindingSet {
             device: Arc::clone(device),
             layout,
             pool: vk::DescriptorPool::null(),
-            set: vk::DescriptorSet::null(),
+            sets: Vec::new(),
+            selected: AtomicUsize::new(0),
             kinds,
         };
         let sizes: Vec<_> =
-            this.kinds.iter().map(|&ty| vk::DescriptorPoolSize { ty, descriptor_count: 1 }).collect();
-        let info = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
+            this.kinds.iter().map(|&ty| vk::DescriptorPoolSize { ty, descriptor_count: count }).collect();
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(count).pool_sizes(&sizes);
         // SAFETY: as above.
         this.pool =
             unsafe { device.raw().create_descriptor_pool(&info, None) }.call("vkCreateDescriptorPool")?;
-        let layouts = [layout];
+        let layouts = vec![layout; count as usize];
         let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(this.pool).set_layouts(&layouts);
-        // SAFETY: the pool was made for exactly this set.
-        this.set =
-            unsafe { device.raw().allocate_descriptor_sets(&info) }.call("vkAllocateDescriptorSets")?[0];
+        // SAFETY: the pool was made for exactly these sets.
+        this.sets =
+            unsafe { device.raw().allocate_descriptor_sets(&info) }.call("vkAllocateDescriptorSets")?;
         Ok(Arc::new(this))
     }
 
-    /// Binds `buffers` to the slots from 0 on; to a slot of texels, a buffer's view of them. No recorded command buffer
-    /// that uses the set may be submitted again before it is recorded anew.
-    pub fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
+    /// Selects the set that kernels are bound to and recorded with from then on.
+    pub(crate) fn select(&self, set: usize) {
+        assert!(set < self.sets.len(), "set {set} of {}", self.sets.len());
+        self.selected.store(set, Ordering::Relaxed);
+    }
+
+    fn set(&self) -> vk::DescriptorSet {
+        self.sets[self.selected.load(Ordering::Relaxed)]
+    }
+
+    /// Binds `buffers` to the slots from 0 on; a slot of texels gets the buffer's texel view.
+    ///
+    /// # Safety
+    /// No submission that uses the set is pending, and no command buffer recorded with it is submitted before it is
+    /// recorded anew. The buffers live until the last submission that uses the set has finished.
+    pub unsafe fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
         let infos: Vec<_> = buffers
             .into_iter()
             .map(|b| {
@@ -104,7 +113,7 @@ impl BindingSet {
             .enumerate()
             .map(|(slot, ((buffer, texels), &kind))| {
                 let write = vk::WriteDescriptorSet::default()
-                    .dst_set(self.set)
+                    .dst_set(self.set())
                     .dst_binding(slot as u32)
                     .descriptor_type(kind);
                 match kind {
@@ -113,32 +122,34 @@ impl BindingSet {
                 }
             })
             .collect();
-        // SAFETY: set and buffers are alive; the set is not in use by pending work (callers wait).
+        // SAFETY: set and buffers are alive; nothing pending uses the set, as the caller guarantees.
         unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) };
     }
 }
 
 impl Drop for BindingSet {
     fn drop(&mut self) {
-        // SAFETY: pipelines that use the set are gone or idle; null handles are ignored.
-        unsafe {
-            self.device.raw().destroy_descriptor_pool(self.pool, None);
-            self.device.raw().destroy_descriptor_set_layout(self.layout, None);
-        }
+        let (pool, layout) = (self.pool, self.layout);
+        // SAFETY: nothing pending uses the sets: their owner has waited, or `retire` does. A null handle is ignored.
+        self.device.retire(move |device| unsafe {
+            device.raw().destroy_descriptor_pool(pool, None);
+            device.raw().destroy_descriptor_set_layout(layout, None);
+        });
     }
 }
 
-/// What a driver tells about compiled code: names and values.
+/// A driver's statistics of compiled code: names and values.
 pub type KernelStatistics = Vec<(String, f64)>;
 
 /// A compute pipeline with its bindings. Kernels of the same code, constants and slots share the device's one pipeline.
 pub struct Kernel {
     bindings: Arc<BindingSet>,
     pub(crate) pipeline: Pipeline,
+    push_bytes: u32,
 }
 
 impl Kernel {
-    /// A kernel with bindings of its own.
+    /// A kernel with `storage_bindings` storage buffers of its own; `specialisation[i]` is constant id `i`.
     pub fn new(
         device: &Arc<Device>,
         name: &str,
@@ -168,16 +179,19 @@ impl Kernel {
             specialisation,
         };
         let pipeline = bindings.device.pipelines().get(&bindings.device, &source)?;
-        Ok(Kernel { bindings: Arc::clone(bindings), pipeline })
+        Ok(Kernel { bindings: Arc::clone(bindings), pipeline, push_bytes })
     }
 
-    /// Binds buffers to the kernel's slots; see [`BindingSet::bind`].
-    pub fn bind(&self, buffers: &[&Buffer]) {
-        self.bindings.bind(buffers.iter().copied());
+    /// Binds buffers to the kernel's slots.
+    ///
+    /// # Safety
+    /// As of [`BindingSet::bind`].
+    pub unsafe fn bind(&self, buffers: &[&Buffer]) {
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.bindings.bind(buffers.iter().copied()) };
     }
 
-    /// What the driver tells about the compiled code (registers, shared memory, sizes); nothing where it
-    /// does not tell.
+    /// The driver's statistics of the compiled code (registers, shared memory, sizes); empty if the driver has none.
     pub fn statistics(&self) -> Result<KernelStatistics, EngineError> {
         let Some(pipelines) = self.bindings.device.statistics() else {
             return Ok(Vec::new());
@@ -204,11 +218,17 @@ impl Kernel {
             .collect())
     }
 
-    /// Records a dispatch.
-    pub fn record(&self, commands: vk::CommandBuffer, push: &[u8], groups: [u32; 3]) {
+    /// Records a dispatch of `groups` workgroups. Panics if `push` does not have the size that the kernel was made for.
+    ///
+    /// # Safety
+    /// `commands` is being recorded on the kernel's device. Kernel and bound buffers live, and stay bound, until the
+    /// last submission of the commands has finished. Meanwhile nothing else uses the buffers, unless barriers or waits
+    /// order it. The kernel's code stays within the buffers, whatever they hold.
+    pub unsafe fn record(&self, commands: vk::CommandBuffer, push: &[u8], groups: [u32; 3]) {
+        assert_eq!(push.len(), self.push_bytes as usize, "bytes of push constants");
         let device = self.bindings.device.raw();
-        // SAFETY: `commands` is being recorded on this device; pipeline, layout and set are alive as
-        // long as the kernel; `push` has the size the layout was made for (checked by validation).
+        // SAFETY: `commands` is being recorded on this device, as the caller guarantees; pipeline, layout and set
+        // are alive as long as the kernel; `push` has the size that the layout was made for.
         unsafe {
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, self.pipeline.raw);
             device.cmd_bind_descriptor_sets(
@@ -216,7 +236,7 @@ impl Kernel {
                 vk::PipelineBindPoint::COMPUTE,
                 self.pipeline.layout,
                 0,
-                &[self.bindings.set],
+                &[self.bindings.set()],
                 &[],
             );
             if !push.is_empty() {
@@ -233,14 +253,14 @@ impl Kernel {
     }
 }
 
-/// How kernels get at buffers.
+/// Every way in which kernels access buffers.
 const READ_OR_WRITTEN: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
     vk::AccessFlags2::SHADER_STORAGE_READ.as_raw()
         | vk::AccessFlags2::SHADER_SAMPLED_READ.as_raw()
         | vk::AccessFlags2::SHADER_STORAGE_WRITE.as_raw(),
 );
 
-/// What kernels wrote before is visible to kernels after.
+/// Makes what kernels before the barrier write visible to kernels after it.
 pub(crate) fn record_barrier(device: &Device, commands: vk::CommandBuffer) {
     let barriers = [vk::MemoryBarrier2::default()
         .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
@@ -252,7 +272,7 @@ pub(crate) fn record_barrier(device: &Device, commands: vk::CommandBuffer) {
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
 }
 
-/// What was filled or written before is visible to kernels after.
+/// Makes what transfers and kernels before the barrier write visible to kernels after it.
 pub(crate) fn record_barrier_from_transfer(device: &Device, commands: vk::CommandBuffer) {
     let written = vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE;
     let barriers = [vk::MemoryBarrier2::default()
@@ -265,7 +285,7 @@ pub(crate) fn record_barrier_from_transfer(device: &Device, commands: vk::Comman
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };
 }
 
-/// The last barrier of a tick: what the device wrote is visible to the host.
+/// The last barrier of a tick: makes what the device writes visible to the host.
 pub(crate) fn record_host_barrier(device: &Device, commands: vk::CommandBuffer) {
     let barriers = [vk::MemoryBarrier2::default()
         .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER)

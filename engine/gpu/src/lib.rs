@@ -1,7 +1,7 @@
 //! The engine: rendered frames in, time-ordered event packets out, on any Vulkan 1.3 device.
 //!
-//! A [`Rig`] holds cameras of different sensors and steps all of them with one submission. What the
-//! kernels do is in `glsl/`; what they mean is in the model crate's documentation.
+//! A [`Rig`] holds cameras of different sensors and steps all of them with one submission. The kernels are in `glsl/`;
+//! the model crate's documentation describes the model that they compute.
 
 #[macro_use]
 #[doc(hidden)]
@@ -11,6 +11,7 @@ mod commands;
 mod device;
 mod devices;
 mod error;
+mod faults;
 mod instance;
 #[cfg(feature = "shaderc")]
 mod interface;
@@ -19,24 +20,32 @@ mod kernel;
 mod kernel_folder;
 mod memory;
 mod pipeline;
+mod policy;
+mod retire;
 mod rig;
 mod timeline;
 mod timing;
 
 pub use ash;
 pub use calibration::Calibration;
-pub use commands::{Around, Commands};
+pub use commands::{Commands, SubmitHooks};
 pub use device::Device;
+#[doc(hidden)]
+pub use device::Restrictions;
 pub use devices::{Capability, DeviceChoice, DeviceInfo, list_devices};
 pub use error::EngineError;
+pub use esaac_layout::MAX_CAMERAS;
+#[doc(hidden)]
+pub use faults::{FaultHook, FaultPoint};
 pub use gpu_allocator::MemoryLocation;
 pub use instance::Validation;
 pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
 #[cfg(feature = "shaderc")]
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
+pub use policy::{KernelPolicy, KernelSet};
 pub use rig::{
-    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, InputBuffers, PacketPlace, Representation,
-    Rig, RigOptions, Share, StageSpan, Tick,
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, HeldPackets, InputBuffers, PacketPlace,
+    Representation, Rig, RigOptions, Share, StageSpan, Tick,
 };
 pub use timeline::Timeline;

@@ -4,6 +4,7 @@
 
 use crate::device::Device;
 use crate::error::{Call, EngineError};
+use crate::faults::FaultPoint;
 use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
@@ -13,21 +14,21 @@ use std::sync::Arc;
 /// Bytes of device or host memory in use for one purpose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryUse {
-    /// Camera in the rig, `None` for what all share.
+    /// Camera in the rig; `None` for memory that all cameras share.
     pub camera: Option<usize>,
-    /// What for.
+    /// Name of the buffer.
     pub purpose: String,
-    /// How much.
+    /// Size.
     pub bytes: u64,
-    /// Whether it lies in host memory, outside the device's own.
+    /// Whether it lies in host memory rather than the device's own.
     pub on_host: bool,
 }
 
-/// Who the memory of a buffer comes from.
+/// Where the memory of a buffer comes from.
 enum Memory {
     None,
     Managed(Allocation),
-    /// Made by other means, the buffer's alone.
+    /// Allocated elsewhere and owned by the buffer alone.
     Adopted(vk::DeviceMemory),
 }
 
@@ -46,7 +47,7 @@ pub struct Buffer {
 /// A buffer as kernels see it by texel fetch.
 struct Texels {
     view: vk::BufferView,
-    /// Whether it shows all of the buffer: devices show a limited number of texels.
+    /// Whether the view covers the whole buffer: devices limit the number of texels.
     whole: bool,
 }
 
@@ -59,6 +60,11 @@ impl Buffer {
         location: MemoryLocation,
     ) -> Result<Self, EngineError> {
         let bytes = bytes.next_multiple_of(16).max(16);
+        device.fault(FaultPoint::Allocate).map_err(|result| EngineError::OutOfMemory {
+            name: name.to_owned(),
+            bytes,
+            reason: result.to_string(),
+        })?;
         let info = vk::BufferCreateInfo::default()
             .size(bytes)
             .usage(usage | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS);
@@ -92,10 +98,12 @@ impl Buffer {
                 allocation_scheme: AllocationScheme::GpuAllocatorManaged,
             })
             .map_err(|e| EngineError::OutOfMemory { name: name.to_owned(), bytes, reason: e.to_string() })?;
-        // SAFETY: the memory was allocated for these requirements and is bound once.
-        unsafe { device.raw().bind_buffer_memory(raw, allocation.memory(), allocation.offset()) }
-            .call("vkBindBufferMemory")?;
+        // SAFETY: the allocation is this buffer's and freed after it.
+        let (memory, offset) = (unsafe { allocation.memory() }, allocation.offset());
+        // From here on the buffer's `drop` frees the allocation.
         buffer.memory = Memory::Managed(allocation);
+        // SAFETY: the memory was allocated for these requirements and is bound once.
+        unsafe { device.raw().bind_buffer_memory(raw, memory, offset) }.call("vkBindBufferMemory")?;
         // SAFETY: the buffer is bound and was created with the device-address usage.
         buffer.address = unsafe {
             device.raw().get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
@@ -103,11 +111,11 @@ impl Buffer {
         Ok(buffer)
     }
 
-    /// Takes over a buffer whose memory was made by other means: exported, imported.
+    /// Takes over a buffer whose memory was allocated elsewhere, such as exported or imported memory.
     ///
     /// # Safety
-    /// `raw` and `memory` were made by `device`, are bound to each other and owned by nobody else; the
-    /// buffer has at least `bytes` and was made for storage and device addresses.
+    /// `raw` and `memory` were made by `device`, are bound to each other and have no other owner; the buffer has at
+    /// least `bytes` bytes and was made for storage and device addresses.
     #[must_use]
     pub unsafe fn adopt(
         device: &Arc<Device>,
@@ -130,7 +138,7 @@ impl Buffer {
         }
     }
 
-    /// The buffer, readable as texels of `texel_bytes` each as well; it was made with `UNIFORM_TEXEL_BUFFER`.
+    /// Adds a view of the buffer as texels of `texel_bytes` each. The buffer was made with `UNIFORM_TEXEL_BUFFER`.
     pub(crate) fn with_texels(mut self, format: vk::Format, texel_bytes: u64) -> Result<Self, EngineError> {
         let shown = self.bytes.min(self.device.most_texels() * texel_bytes);
         let info = vk::BufferViewCreateInfo::default().buffer(self.raw).format(format).range(shown);
@@ -140,7 +148,7 @@ impl Buffer {
         Ok(self)
     }
 
-    /// View of the buffer's texels; null without one.
+    /// View of the buffer's texels; null if it has none.
     pub(crate) fn texels(&self) -> vk::BufferView {
         self.texels.as_ref().map_or(vk::BufferView::null(), |t| t.view)
     }
@@ -156,7 +164,7 @@ impl Buffer {
         self.raw
     }
 
-    /// Its memory, if that was made by other means (see [`Buffer::adopt`]).
+    /// Its memory, if that was allocated elsewhere (see [`Buffer::adopt`]).
     #[must_use]
     pub fn adopted_memory(&self) -> Option<vk::DeviceMemory> {
         match self.memory {
@@ -171,7 +179,7 @@ impl Buffer {
         self.address
     }
 
-    /// Bytes.
+    /// Size in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.bytes
@@ -183,41 +191,40 @@ impl Buffer {
         &self.name
     }
 
-    /// Whether the host can read and write it through [`Buffer::mapped`].
+    /// Whether the host can [read](Buffer::read) and [write](Buffer::write) it.
     #[must_use]
     pub fn is_mapped(&self) -> bool {
         self.mapped().is_some()
     }
 
-    /// Whether its memory is the host's rather than the device's own.
+    /// Whether it lies in host memory rather than the device's own.
     #[must_use]
     pub fn on_host(&self) -> bool {
         self.location == MemoryLocation::GpuToCpu && !self.device.unified_memory()
     }
 
-    /// The bytes, if the host can see them; the caller sees to it that the device is not at them.
-    #[must_use]
-    pub fn mapped(&self) -> Option<&[u8]> {
+    /// The bytes, if the host can access them. That the device does not access them at the same time is part of the
+    /// contract of recording commands that use the buffer ([`crate::Commands::record`], [`crate::Kernel::record`]).
+    fn mapped(&self) -> Option<&[u8]> {
         let Memory::Managed(allocation) = &self.memory else { return None };
         allocation.mapped_slice().map(|s| &s[..self.bytes as usize])
     }
 
-    /// The bytes, writable.
-    #[must_use]
-    pub fn mapped_mut(&mut self) -> Option<&mut [u8]> {
+    /// The bytes for writing, if the host can access them.
+    fn mapped_mut(&mut self) -> Option<&mut [u8]> {
         let bytes = self.bytes as usize;
         let Memory::Managed(allocation) = &mut self.memory else { return None };
         allocation.mapped_slice_mut().map(|s| &mut s[..bytes])
     }
 
-    /// Elements `first..first + count` as `T`; panics if they are not mapped or outside.
+    /// Elements `first..first + count` as `T`. Panics if the buffer is not mapped or the elements lie outside.
     #[must_use]
     pub fn read<T: Pod>(&self, first: usize, count: usize) -> &[T] {
         let bytes = self.mapped().expect("only buffers that the host can see are read");
         bytemuck::cast_slice(&bytes[first * size_of::<T>()..(first + count) * size_of::<T>()])
     }
 
-    /// Writes elements from `first` on; panics if they are not mapped or outside.
+    /// Writes elements from `first` on. Panics if the buffer is not mapped or the elements lie outside.
     pub fn write<T: Pod>(&mut self, first: usize, elements: &[T]) {
         let bytes = self.mapped_mut().expect("only buffers that the host can see are written");
         let target = &mut bytes[first * size_of::<T>()..(first + elements.len()) * size_of::<T>()];
@@ -227,20 +234,26 @@ impl Buffer {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
-        // SAFETY: whoever owns a buffer waits for the device before dropping it; the handles are ours.
-        unsafe {
-            self.device.raw().destroy_buffer_view(self.texels(), None);
-            self.device.raw().destroy_buffer(self.raw, None);
-        }
-        match std::mem::replace(&mut self.memory, Memory::None) {
-            Memory::None => {}
-            Memory::Managed(allocation) => {
-                if let Err(error) = self.device.allocator().free(allocation) {
-                    eprintln!("esaac: freeing `{}`: {error}", self.name);
-                }
+        let (raw, view) = (self.raw, self.texels());
+        let memory = std::mem::replace(&mut self.memory, Memory::None);
+        let name = std::mem::take(&mut self.name);
+        self.device.retire(move |device| {
+            // SAFETY: nothing pending uses the buffer: its owner has waited, or `retire` does. The buffer owned the
+            // handles alone.
+            unsafe {
+                device.raw().destroy_buffer_view(view, None);
+                device.raw().destroy_buffer(raw, None);
             }
-            // SAFETY: the memory is this buffer's alone, and the buffer is gone.
-            Memory::Adopted(memory) => unsafe { self.device.raw().free_memory(memory, None) },
-        }
+            match memory {
+                Memory::None => {}
+                Memory::Managed(allocation) => {
+                    if let Err(error) = device.allocator().free(allocation) {
+                        eprintln!("esaac: freeing `{name}`: {error}");
+                    }
+                }
+                // SAFETY: the buffer owned the memory alone, and is destroyed.
+                Memory::Adopted(memory) => unsafe { device.raw().free_memory(memory, None) },
+            }
+        });
     }
 }

@@ -1,4 +1,4 @@
-//! Compute pipelines. Each is compiled once a device, for all the rigs that come and go on it, and lives as long.
+//! Compute pipelines. Each is compiled once per device, shared by all its rigs, and lives as long as the device.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -9,27 +9,27 @@ use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A pipeline and the layout it is bound with, alive as long as the device.
+/// A pipeline and its layout, alive as long as the device.
 #[derive(Clone, Copy)]
 pub(crate) struct Pipeline {
     pub raw: vk::Pipeline,
     pub layout: vk::PipelineLayout,
 }
 
-/// What a pipeline is compiled from.
+/// Everything that a pipeline is compiled from.
 pub(crate) struct Source<'a> {
     pub stage: &'a str,
     pub spirv: &'a [u32],
-    /// What is bound to set 0, slot by slot.
+    /// Kinds of the descriptors of set 0, slot by slot.
     pub slots: &'a [vk::DescriptorType],
-    /// A layout of those slots; which of the layouts that say the same does not matter.
+    /// A layout of those slots. Any of several equal layouts will do, so it is not part of the key.
     pub set_layout: vk::DescriptorSetLayout,
     pub push_bytes: u32,
     /// Constant id `i` is `specialisation[i]`.
     pub specialisation: &'a [u32],
 }
 
-/// What tells one pipeline from another.
+/// Identifies a pipeline: equal keys share one.
 #[derive(PartialEq, Eq, Hash)]
 struct Key {
     stage: String,
@@ -58,13 +58,13 @@ impl Key {
 pub(crate) struct Pipelines(Mutex<HashMap<Key, Pipeline>>);
 
 impl Pipelines {
-    /// The pipeline of `source`, compiled if no one has asked for it before.
+    /// The pipeline of `source`, compiled at its first use.
     pub(crate) fn get(&self, device: &Device, source: &Source<'_>) -> Result<Pipeline, EngineError> {
         let key = Key::of(source);
         if let Some(&pipeline) = self.all().get(&key) {
             return Ok(pipeline);
         }
-        // Compiled without the lock, so that two threads compile side by side what differs.
+        // Compiled without the lock, so that two threads can compile different pipelines at once.
         let compiled = compile(device, source)?;
         let kept = *self.all().entry(key).or_insert(compiled);
         if kept.raw != compiled.raw {
@@ -73,7 +73,7 @@ impl Pipelines {
         Ok(kept)
     }
 
-    /// Destroys them all; nothing that was recorded with them runs any more.
+    /// Destroys all pipelines. The caller makes sure that no commands that use them run.
     pub(crate) fn destroy(&self, device: &ash::Device) {
         self.all().drain().for_each(|(_, pipeline)| pipeline.destroy(device));
     }
@@ -85,7 +85,7 @@ impl Pipelines {
 
 impl Pipeline {
     fn destroy(self, device: &ash::Device) {
-        // SAFETY: nothing pending uses them (the caller sees to it); a null handle is ignored.
+        // SAFETY: nothing pending uses the handles, as the caller guarantees; a null handle is ignored.
         unsafe {
             device.destroy_pipeline(self.raw, None);
             device.destroy_pipeline_layout(self.layout, None);

@@ -1,7 +1,7 @@
-//! Zones, plots, messages and frame marks for the Tracy profiler. Without the feature `tracy` nothing of it is
-//! in the program; with it, nothing is sent until a profiler connects from this machine.
+//! Zones, plots, messages and frame marks for the Tracy profiler. Without the feature `tracy` none of this code is in
+//! the program; with it, nothing is sent until a profiler connects from this machine.
 
-/// A zone of the calling thread: from here to the end of the scope of what it gives.
+/// A zone of the calling thread, which ends when the returned value is dropped.
 #[cfg(feature = "tracy")]
 #[macro_export]
 #[doc(hidden)]
@@ -11,7 +11,7 @@ macro_rules! zone {
     };
 }
 
-/// A zone of the calling thread: from here to the end of the scope of what it gives.
+/// A zone of the calling thread, which ends when the returned value is dropped.
 #[cfg(not(feature = "tracy"))]
 #[macro_export]
 #[doc(hidden)]
@@ -29,27 +29,18 @@ pub use on::*;
 #[cfg(not(feature = "tracy"))]
 mod off {
     use crate::device::Device;
-    use crate::error::EngineError;
     use crate::memory::MemoryUse;
-    use crate::timing::StageTimer;
     use esaac_model::Packet;
 
-    /// No zone.
+    /// Stands for a zone; does nothing.
     pub struct NoZone;
 
-    /// No zones of the device.
+    /// Stands for the zones of the device; does nothing.
     #[derive(Default)]
     pub struct GpuZones(());
 
     impl GpuZones {
-        pub(crate) fn show(
-            &mut self,
-            _: &Device,
-            _: &StageTimer,
-            _: &[(&'static str, u64)],
-        ) -> Result<(), EngineError> {
-            Ok(())
-        }
+        pub(crate) fn show(&mut self, _: &Device, _: &[u64], _: &[(&'static str, u64)]) {}
     }
 
     pub(crate) fn tick(_: &[u32], _: &[Packet], _: u64, _: impl FnOnce() -> Vec<MemoryUse>) {}
@@ -60,7 +51,6 @@ mod on {
     use crate::device::Device;
     use crate::error::EngineError;
     use crate::memory::MemoryUse;
-    use crate::timing::StageTimer;
     use esaac_model::Packet;
     use std::time::{Duration, Instant};
     pub use tracy_client;
@@ -69,7 +59,7 @@ mod on {
     /// The two clocks drift apart by less than a microsecond in this time.
     const CALIBRATED_FOR: Duration = Duration::from_millis(100);
 
-    /// The device's stages as zones on a clock that is the host's.
+    /// The device's stages as zones on the host's clock.
     #[derive(Default)]
     pub struct GpuZones {
         context: Option<GpuContext>,
@@ -77,31 +67,24 @@ mod on {
     }
 
     impl GpuZones {
-        /// Shows the stages of a tick that is done.
-        pub(crate) fn show(
-            &mut self,
-            device: &Device,
-            timer: &StageTimer,
-            stages: &[(&'static str, u64)],
-        ) -> Result<(), EngineError> {
+        /// Shows the stages of a finished tick, from the raw time stamps around them. Shows none if the device cannot
+        /// read its clock together with the host's.
+        pub(crate) fn show(&mut self, device: &Device, raw: &[u64], stages: &[(&'static str, u64)]) {
             if !Client::is_connected() {
-                return Ok(());
+                return;
             }
-            let Some(context) = self.context(device)? else { return Ok(()) };
-            let mut raw = [0_u64; 16];
-            timer.read_raw(0, &mut raw[..stages.len() + 1])?;
+            let Ok(Some(context)) = self.context(device) else { return };
             for (&(stage, _), pair) in stages.iter().zip(raw.windows(2)) {
-                // None while 32767 zones wait for their times, which none of these do.
+                // Fails only while 32767 zones wait for their times. These get theirs at once.
                 if let Ok(mut span) = context.span_alloc(stage, stage, "glsl", 0) {
                     span.end_zone();
                     span.upload_timestamp_start(device.timestamp_ns(pair[0]));
                     span.upload_timestamp_end(device.timestamp_ns(pair[1]));
                 }
             }
-            Ok(())
         }
 
-        /// The device's context, its clock set by the host's; `None` where the device does not tell both.
+        /// The device's context, its clock set by the host's; `None` if the device cannot read both clocks together.
         fn context(&mut self, device: &Device) -> Result<Option<GpuContext>, EngineError> {
             if self.context.is_some() && self.calibrated.is_some_and(|at| at.elapsed() < CALIBRATED_FOR) {
                 return Ok(self.context.clone());

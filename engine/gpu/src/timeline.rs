@@ -1,4 +1,4 @@
-//! A timeline semaphore: a count that only goes up, which submissions and the host wait for and signal.
+//! A timeline semaphore: a counter that only grows, which submissions and the host can wait for and signal.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -8,10 +8,10 @@ use ash::vk;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The host spins this long before it sleeps between looks.
+/// How long the host spins before it sleeps between readings.
 const SPIN: Duration = Duration::from_micros(200);
 
-/// Between two looks once it sleeps.
+/// How long it sleeps between two readings.
 const NAP: Duration = Duration::from_micros(50);
 
 /// A timeline semaphore.
@@ -21,7 +21,7 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// A timeline at 0, exportable by these handle types.
+    /// A timeline at 0, exportable by these handle types. An error if the device has no timeline semaphores.
     pub fn new(
         device: &Arc<Device>,
         exported: vk::ExternalSemaphoreHandleTypeFlags,
@@ -49,21 +49,21 @@ impl Timeline {
         self.raw
     }
 
-    /// Value reached.
+    /// The current value.
     pub fn value(&self) -> Result<u64, EngineError> {
         // SAFETY: the semaphore is alive.
         unsafe { self.device.raw().get_semaphore_counter_value(self.raw) }.call("vkGetSemaphoreCounterValue")
     }
 
-    /// Sets the value from the host: above the present one and below any that a submission will signal.
+    /// Sets the value from the host. It must be above the current one and below any that a submission will signal.
     pub fn signal(&self, value: u64) -> Result<(), EngineError> {
         let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
-        // SAFETY: the semaphore is alive; a value that breaks the rule is the driver's to refuse.
+        // SAFETY: the semaphore is alive; the driver refuses a value that breaks the rule.
         unsafe { self.device.raw().signal_semaphore(&info) }.call("vkSignalSemaphore")
     }
 
-    /// Whether `value` is reached within `timeout`. It looks at the counter rather than block in the
-    /// driver, whose wait on a shared timeline wakes late.
+    /// Waits for `value`; returns whether it is reached within `timeout`. Polls the counter, because the driver's own
+    /// wait on a shared timeline wakes late.
     pub fn wait(&self, value: u64, timeout: Duration) -> Result<bool, EngineError> {
         let started = Instant::now();
         loop {
@@ -85,7 +85,8 @@ impl Timeline {
 
 impl Drop for Timeline {
     fn drop(&mut self) {
-        // SAFETY: whoever owns a timeline waits for the submissions that use it.
-        unsafe { self.device.raw().destroy_semaphore(self.raw, None) };
+        let raw = self.raw;
+        // SAFETY: nothing pending uses it: its owner has waited for the submissions that do, or `retire` does.
+        self.device.retire(move |device| unsafe { device.raw().destroy_semaphore(raw, None) });
     }
 }

@@ -1,40 +1,50 @@
-//! When things happen: a fence that the host waits on, and GPU time stamps.
+//! Fences that the host waits for, and GPU time stamps.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::device::Device;
 use crate::error::{Call, EngineError};
+use crate::faults::FaultPoint;
 use ash::vk;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A wait gives up after this long: a device that hangs must not hang the simulation for ever.
+/// Time-out of a wait: a device that hangs must not hang the simulation for ever.
 const TIMEOUT_S: u64 = 60;
 
-/// The host spins this long before it sleeps; a blocking wait costs about 20 us more.
+/// How long the host spins before it sleeps: a blocking wait costs about 20 us more.
 const SPIN: Duration = Duration::from_micros(300);
 
-/// What the host waits on.
+/// A fence that the host waits for.
 pub(crate) struct Fence {
     device: Arc<Device>,
     raw: vk::Fence,
 }
 
-/// A fence that is its maker's to destroy.
+/// A new fence; the caller destroys it.
 pub(crate) fn new_fence(device: &Device) -> Result<vk::Fence, EngineError> {
     // SAFETY: the device is alive.
     unsafe { device.raw().create_fence(&vk::FenceCreateInfo::default(), None) }.call("vkCreateFence")
 }
 
-/// Waits for the submission that was given the fence, and makes it ready for the next one: spins a little
-/// on a real GPU, then sleeps.
+/// Waits for the fence's submission, and resets the fence for the next one. After an error the submission is abandoned
+/// (see [`crate::retire`]) and the fence must not be used for another.
 pub(crate) fn wait_for(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
+    finish(device, fence).inspect_err(|_| device.abandon(fence))
+}
+
+/// Waits: on a GPU it spins first, then it sleeps.
+fn finish(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
     let raw = device.raw();
+    match device.fault(FaultPoint::Wait) {
+        Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(TIMEOUT_S)),
+        result => result.call("vkWaitForFences")?,
+    }
     if !device.is_software() {
         let started = Instant::now();
         while started.elapsed() < SPIN {
             // SAFETY: the fence is alive.
-            if unsafe { raw.get_fence_status(fence) }.call("vkGetFenceStatus")? {
+            if unsafe { raw.get_fence_status(fence) }.call("vkWaitForFences")? {
                 break;
             }
             std::hint::spin_loop();
@@ -45,8 +55,8 @@ pub(crate) fn wait_for(device: &Device, fence: vk::Fence) -> Result<(), EngineEr
         Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(TIMEOUT_S)),
         result => result.call("vkWaitForFences")?,
     }
-    // SAFETY: its submission is done.
-    unsafe { raw.reset_fences(&[fence]) }.call("vkResetFences")
+    // SAFETY: the fence's submission has finished, so that nothing pending signals it.
+    unsafe { raw.reset_fences(&[fence]) }.call("vkWaitForFences")
 }
 
 impl Fence {
@@ -66,81 +76,79 @@ impl Fence {
 
 impl Drop for Fence {
     fn drop(&mut self) {
-        // SAFETY: its owner has waited for every submission that was given it.
-        unsafe { self.device.raw().destroy_fence(self.raw, None) };
+        let raw = self.raw;
+        // SAFETY: nothing pending signals it: its owner has waited, or `retire` does.
+        self.device.retire(move |device| unsafe { device.raw().destroy_fence(raw, None) });
     }
 }
 
-/// GPU time stamps between stages.
+/// GPU time stamps between stages. On a device whose queue has no clock it records nothing.
 pub(crate) struct StageTimer {
     device: Arc<Device>,
-    pool: vk::QueryPool,
+    pool: Option<vk::QueryPool>,
     stamps: u32,
 }
 
 impl StageTimer {
     pub(crate) fn new(device: &Arc<Device>, stamps: u32) -> Result<Self, EngineError> {
-        let info =
-            vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(stamps);
-        // SAFETY: the device is alive.
-        let pool = unsafe { device.raw().create_query_pool(&info, None) }.call("vkCreateQueryPool")?;
+        let pool = if device.has_timestamps() { Some(new_pool(device, stamps)?) } else { None };
         Ok(StageTimer { device: Arc::clone(device), pool, stamps })
     }
 
     pub(crate) fn record_reset(&self, commands: vk::CommandBuffer, stamps: std::ops::Range<u32>) {
-        debug_assert!(stamps.end <= self.stamps);
+        assert!(stamps.end <= self.stamps, "stamps {stamps:?} of {}", self.stamps);
         let count = stamps.end - stamps.start;
-        // SAFETY: `commands` is being recorded on this device; the stamps are the pool's.
-        unsafe { self.device.raw().cmd_reset_query_pool(commands, self.pool, stamps.start, count) };
+        if let Some(pool) = self.pool {
+            // SAFETY: `commands` is being recorded on this device; the stamps lie in the pool, as asserted above.
+            unsafe { self.device.raw().cmd_reset_query_pool(commands, pool, stamps.start, count) };
+        }
     }
 
     pub(crate) fn record(&self, commands: vk::CommandBuffer, stamp: u32) {
-        // SAFETY: `commands` is being recorded on this device and `stamp` is below the pool's size.
-        unsafe {
-            self.device.raw().cmd_write_timestamp2(
-                commands,
-                vk::PipelineStageFlags2::ALL_COMMANDS,
-                self.pool,
-                stamp,
-            );
+        assert!(stamp < self.stamps, "stamp {stamp} of {}", self.stamps);
+        let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
+        if let Some(pool) = self.pool {
+            // SAFETY: `commands` is being recorded on this device; `stamp` lies in the pool, as asserted above.
+            unsafe { self.device.raw().cmd_write_timestamp2(commands, stage, pool, stamp) };
         }
     }
 
-    /// Span between stamp `first` and the next, nanoseconds; the work is done.
-    pub(crate) fn span_ns(&self, first: u32) -> Result<u64, EngineError> {
-        let mut raw = [0_u64; 2];
-        self.read_raw(first, &mut raw)?;
-        Ok(self.device.timestamp_span_ns(raw[0], raw[1]))
+    /// `count` raw stamps from `first` on; `None` if the device has no clock. The work around them has finished.
+    pub(crate) fn read_raw<const N: usize>(
+        &self,
+        first: u32,
+        count: usize,
+    ) -> Result<Option<[u64; N]>, EngineError> {
+        assert!(
+            count <= N && first as usize + count <= self.stamps as usize,
+            "{count} stamps from {first} on"
+        );
+        let Some(pool) = self.pool else { return Ok(None) };
+        let mut raw = [0_u64; N];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        // SAFETY: the stamps lie in the pool, as asserted above; finished work has written them.
+        unsafe { self.device.raw().get_query_pool_results(pool, first, &mut raw[..count], flags) }
+            .call("vkGetQueryPoolResults")?;
+        Ok(Some(raw))
     }
 
-    /// Raw stamps from `first` on; the work is done.
-    pub(crate) fn read_raw(&self, first: u32, raw: &mut [u64]) -> Result<(), EngineError> {
-        // SAFETY: callers ask for stamps of the pool that finished work has written.
-        unsafe {
-            self.device.raw().get_query_pool_results(
-                self.pool,
-                first,
-                raw,
-                vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT,
-            )
-        }
-        .call("vkGetQueryPoolResults")
+    /// Nanoseconds between stamp `first` and the next; `None` if the device has no clock. The work has finished.
+    pub(crate) fn span_ns(&self, first: u32) -> Result<Option<u64>, EngineError> {
+        let raw = self.read_raw::<2>(first, 2)?;
+        Ok(raw.map(|raw| self.device.timestamp_span_ns(raw[0], raw[1])))
     }
+}
 
-    /// Spans between consecutive stamps, nanoseconds, into `spans`; the work is done.
-    pub(crate) fn read(&self, spans: &mut [(&'static str, u64)]) -> Result<(), EngineError> {
-        let mut raw = [0_u64; 16];
-        self.read_raw(0, &mut raw[..spans.len() + 1])?;
-        for (span, pair) in spans.iter_mut().zip(raw.windows(2)) {
-            span.1 = self.device.timestamp_span_ns(pair[0], pair[1]);
-        }
-        Ok(())
-    }
+fn new_pool(device: &Device, stamps: u32) -> Result<vk::QueryPool, EngineError> {
+    let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(stamps);
+    // SAFETY: the device is alive.
+    unsafe { device.raw().create_query_pool(&info, None) }.call("vkCreateQueryPool")
 }
 
 impl Drop for StageTimer {
     fn drop(&mut self) {
-        // SAFETY: its owner has waited for every submission that writes it.
-        unsafe { self.device.raw().destroy_query_pool(self.pool, None) };
+        let Some(pool) = self.pool else { return };
+        // SAFETY: nothing pending writes it: its owner has waited, or `retire` does.
+        self.device.retire(move |device| unsafe { device.raw().destroy_query_pool(pool, None) });
     }
 }

@@ -8,7 +8,17 @@ use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 
-const ALL: [&str; 6] = ["ingest", "enhance", "carry", "cross", "sort", "merge"];
+const ALL: [&str; 9] = [
+    "ingest",
+    "backward_transfer",
+    "deferred",
+    "cross",
+    "sort",
+    "merge",
+    "gather",
+    "event_frame",
+    "voxel_grid",
+];
 
 fn device() -> Arc<Device> {
     Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device")
@@ -84,10 +94,14 @@ impl Copy {
 
     /// Makes `cross` find nothing.
     fn silence(&self) {
-        let head = "void emit(uint at_ns, bool on, uint ordinal) {\n";
-        let text = self.read("cross.comp");
-        assert_eq!(text.matches(head).count(), 1, "cross.comp defines `emit` in another way");
-        self.write("cross.comp", &text.replace(head, &format!("{head}    return;\n")));
+        let head = "void stamp_and_scatter(Camera cam, uint at_ns, uint tag) {\n";
+        let text = self.read("event_sink.glsl");
+        assert_eq!(
+            text.matches(head).count(),
+            1,
+            "event_sink.glsl defines `stamp_and_scatter` in another way"
+        );
+        self.write("event_sink.glsl", &text.replace(head, &format!("{head}    return;\n")));
     }
 }
 
@@ -112,7 +126,7 @@ fn an_untouched_copy_gives_the_events_of_the_embedded_kernels() {
 fn an_edit_counts_from_the_next_tick_on_and_leaves_the_state() {
     let device = device();
     let copy = Copy::new();
-    let original = copy.read("cross.comp");
+    let original = copy.read("event_sink.glsl");
     let mut run = Run::new(&device, Synthesis::Linear);
     let mut folder = copy.open();
     run.tick();
@@ -124,7 +138,7 @@ fn an_edit_counts_from_the_next_tick_on_and_leaves_the_state() {
     assert_eq!(run.rig.reload_kernels(&mut folder).expect("it compiles"), ["cross"]);
     assert!(run.tick().is_empty());
 
-    copy.write("cross.comp", &original);
+    copy.write("event_sink.glsl", &original);
     assert_eq!(run.rig.reload_kernels(&mut folder).expect("it compiles"), ["cross"]);
     assert!(!run.tick().is_empty());
 
@@ -145,11 +159,11 @@ fn a_broken_edit_is_reported_with_its_line_and_the_old_kernels_run_on() {
     run.rig.reload_kernels(&mut folder).expect("they compile");
     run.tick();
 
-    let original = copy.read("cross.comp");
+    let original = copy.read("event_sink.glsl");
     let broken = original.clone() + "\nuint f() { return nonesuch; }\n";
-    copy.write("cross.comp", &broken);
+    copy.write("event_sink.glsl", &broken);
     let message = run.problem(&mut folder);
-    let line = format!("cross.comp:{}: error: 'nonesuch'", broken.lines().count());
+    let line = format!("event_sink.glsl:{}: error: 'nonesuch'", broken.lines().count());
     assert!(message.contains(&line), "no `{line}` in: {message}");
     assert!(!run.tick().is_empty());
     assert!(run.rig.reload_kernels(&mut folder).expect("said once").is_empty());
@@ -157,7 +171,7 @@ fn a_broken_edit_is_reported_with_its_line_and_the_old_kernels_run_on() {
     // A good edit elsewhere waits for the bad one.
     copy.write("sort.comp", &(copy.read("sort.comp") + "// Edited.\n"));
     assert_eq!(run.problem(&mut folder), message);
-    copy.write("cross.comp", &original);
+    copy.write("event_sink.glsl", &original);
     assert_eq!(run.rig.reload_kernels(&mut folder).expect("mended"), ["cross", "sort"]);
     assert!(!run.tick().is_empty());
 
@@ -197,6 +211,6 @@ fn a_folder_must_be_one() {
     let empty = tempfile::tempdir().expect("a temporary folder");
     let mut folder = KernelFolder::open(empty.path()).expect("a folder");
     let message = Run::new(&device(), Synthesis::Linear).problem(&mut folder);
-    assert_eq!(message.lines().count(), ALL.len(), "{message}");
-    assert!(message.contains("ingest.comp: No such file"), "{message}");
+    assert_eq!(message.lines().count(), esaac_layout::KERNELS.len(), "{message}");
+    assert!(message.contains("ingest_gpu.comp: No such file"), "{message}");
 }

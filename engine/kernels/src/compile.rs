@@ -1,4 +1,4 @@
-//! Runs `glslc`, the shaderc project's command-line compiler.
+//! Compilation with `glslc`, the shaderc project's command-line compiler.
 
 use crate::precise::precise;
 use std::path::{Path, PathBuf};
@@ -11,22 +11,22 @@ pub const TARGET_ENV: &str = "vulkan1.2";
 /// Why a kernel did not compile.
 #[derive(Debug, Error)]
 pub enum CompileError {
-    /// No compiler.
+    /// `glslc` cannot be run.
     #[error("glslc cannot be run ({0}); install it with: apt-get install glslc")]
     NoCompiler(std::io::Error),
     /// The linked compiler does not start.
     #[cfg(feature = "shaderc")]
     #[error("the linked shader compiler does not start: {0}")]
     NoLinkedCompiler(String),
-    /// The compiler refused the source.
+    /// The source has errors or warnings.
     #[error("{path}:\n{message}")]
     Source {
         /// File.
         path: PathBuf,
-        /// The compiler's words.
+        /// The compiler's message.
         message: String,
     },
-    /// The output is no SPIR-V.
+    /// The output is too short for SPIR-V, or not whole words.
     #[error("{path}: glslc wrote {bytes} bytes, expected a multiple of 4 above 20")]
     Output {
         /// File.
@@ -39,12 +39,12 @@ pub enum CompileError {
     Unreadable {
         /// File.
         path: PathBuf,
-        /// The reader's words.
+        /// The reader's message.
         message: String,
     },
 }
 
-/// Whether the optimiser runs. It strips names; a kernel that is read back keeps them.
+/// Whether the optimiser runs. It removes names, which [`crate::reflect`] needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Optimise {
     /// For the device.
@@ -53,7 +53,8 @@ pub enum Optimise {
     No,
 }
 
-/// Compiles a compute kernel, its arithmetic as it is written; `defines` are `NAME=VALUE` pairs.
+/// Compiles a compute kernel with `glslc`, so that drivers do not fuse its arithmetic. `defines` are `NAME=VALUE`
+/// pairs.
 pub fn compile(
     source: &Path,
     include_dirs: &[PathBuf],

@@ -1,4 +1,4 @@
-//! The shaderc project's compiler linked into the program: no process, and sources from memory.
+//! Compilation with the shaderc project's compiler linked into the program: without a process, from sources in memory.
 
 use crate::precise::precise;
 use crate::{CompileError, Optimise};
@@ -7,17 +7,17 @@ use shaderc::{
 };
 use std::path::Path;
 
-/// What an `#include` stands for.
+/// The file of an `#include` directive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Include {
-    /// What the compiler calls it in its messages.
+    /// Its name in the compiler's messages.
     pub name: String,
     /// Its text.
     pub text: String,
 }
 
-/// Compiles a compute kernel from memory, as [`crate::compile`] does from a file. `name` stands for it
-/// in the compiler's messages; `include` finds what its `#include` directives ask for, or says why not.
+/// Compiles a compute kernel from memory, as [`crate::compile`] does from a file. `name` is its name in the compiler's
+/// messages; `include` returns the file of an `#include` directive, or the reason why there is none.
 pub fn compile_linked(
     source: &str,
     name: &str,

@@ -1,15 +1,15 @@
-//! The same arithmetic in every kernel.
+//! Makes arithmetic the same in every kernel.
 //!
-//! A driver may fuse a multiplication and an addition, or not, as suits the code around them; then a pixel
-//! walked by one permutation of a kernel sends its event a nanosecond before the same pixel walked by another,
-//! and which one walks it may depend on how full a buffer was. `NoContraction` takes that freedom away: what
-//! is to be fused says `fma`.
+//! A driver may fuse a multiplication and an addition, depending on the code around them. Then one permutation of a
+//! kernel would stamp a pixel's event a nanosecond earlier than another, and which of them walks the pixel may depend
+//! on how full a buffer is. `NoContraction` forbids it; where kernels want a fused operation, they call `fma`.
 
 use rspirv::binary::Assemble;
 use rspirv::dr::{Instruction, Module, Operand};
 use rspirv::spirv::{Decoration, Op};
 
-/// Decorates all floating-point arithmetic of a module; its words, or why it cannot be read.
+/// Decorates all floating-point arithmetic of a module with `NoContraction`. Returns the module's words, or why it
+/// cannot be read.
 pub(crate) fn precise(words: &[u32]) -> Result<Vec<u32>, String> {
     let mut module: Module = rspirv::dr::load_words(words).map_err(|e| e.to_string())?;
     let decorated: Vec<Instruction> = module

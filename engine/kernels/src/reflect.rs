@@ -5,7 +5,7 @@ use rspirv::spirv::{BuiltIn, Decoration, Dim, ExecutionMode, Op, StorageClass};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// SPIR-V that cannot be read.
+/// The SPIR-V cannot be read.
 #[derive(Debug, Error)]
 #[error("SPIR-V cannot be parsed: {0}")]
 pub struct ReflectionError(String);
@@ -32,7 +32,16 @@ pub struct Member {
     pub offset: u32,
 }
 
-/// What a kernel says of itself.
+/// A specialisation constant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Specialisation {
+    /// Name; empty if the constant is the size of a workgroup.
+    pub name: String,
+    /// Type in GLSL: `bool`, `uint`, or `other`.
+    pub ty: &'static str,
+}
+
+/// The interface of a kernel.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reflection {
     /// Workgroup size, specialisation constants at their defaults.
@@ -41,8 +50,8 @@ pub struct Reflection {
     pub bindings: Vec<Binding>,
     /// Structs that have offsets, by name.
     pub structs: BTreeMap<String, Vec<Member>>,
-    /// Specialisation constants: id to name.
-    pub specialisation: BTreeMap<u32, String>,
+    /// Specialisation constants by id.
+    pub specialisation: BTreeMap<u32, Specialisation>,
     /// Bytes of push constants.
     pub push_bytes: u32,
     /// Strides of the arrays in uniform buffers, by slot.
@@ -101,7 +110,8 @@ pub fn reflect(words: &[u32]) -> Result<Reflection, ReflectionError> {
     for (id, spec) in &names.decorations {
         for (decoration, literal) in spec {
             if *decoration == Decoration::SpecId {
-                reflection.specialisation.insert(literal.unwrap_or(u32::MAX), names.name(*id));
+                let constant = Specialisation { name: names.name(*id), ty: constant_type(&module, *id) };
+                reflection.specialisation.insert(literal.unwrap_or(u32::MAX), constant);
             }
         }
     }
@@ -212,6 +222,17 @@ impl<'a> Names<'a> {
                 _ => None,
             })
             .find_map(|member| self.literal(member, Decoration::ArrayStride))
+    }
+}
+
+/// Type of a specialisation constant, in GLSL.
+fn constant_type(module: &Module, id: u32) -> &'static str {
+    let with_id = |id| module.types_global_values.iter().find(|i| i.result_id == Some(id));
+    let ty = with_id(id).and_then(|constant| constant.result_type).and_then(with_id);
+    match ty.map(|ty| (ty.class.opcode, &ty.operands[..])) {
+        Some((Op::TypeBool, _)) => "bool",
+        Some((Op::TypeInt, [Operand::LiteralBit32(32), Operand::LiteralBit32(0)])) => "uint",
+        _ => "other",
     }
 }
 

@@ -1,4 +1,4 @@
-//! Pixel formats of what a renderer hands over, and the checks before anything is read.
+//! Pixel formats of a renderer's images, and the checks that come before an image is read.
 
 use crate::intensity::srgb_to_linear;
 use serde::{Deserialize, Serialize};
@@ -39,7 +39,7 @@ pub enum DepthFormat {
     F32 = 0,
 }
 
-/// What is wrong with a frame.
+/// Why a frame is refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum FrameError {
     /// An image has the wrong number of bytes.
@@ -62,29 +62,29 @@ pub enum FrameError {
         /// Bytes a texel.
         texel_bytes: usize,
     },
-    /// Time does not advance.
+    /// The frame's time is not after that of the previous frame.
     #[error("camera {camera}: frame time {actual_ns} ns is not after the previous frame's {previous_ns} ns")]
     Time {
         /// Camera number.
         camera: u32,
-        /// Previous frame.
+        /// Time of the previous frame, nanoseconds.
         previous_ns: i64,
-        /// This frame.
+        /// Time of this frame, nanoseconds.
         actual_ns: i64,
     },
-    /// Too much time has passed.
+    /// The time since the previous frame exceeds `MAX_INTERVAL_NS`.
     #[error(
         "camera {camera}: gap of {actual_ns} ns since the previous frame, expected at most {expected_ns} ns; reset the camera to start anew"
     )]
     Gap {
         /// Camera number.
         camera: u32,
-        /// Limit.
+        /// Longest gap allowed, nanoseconds.
         expected_ns: i64,
-        /// Gap.
+        /// Gap of this frame, nanoseconds.
         actual_ns: i64,
     },
-    /// `motion` synthesis without motion.
+    /// The synthesis needs motion vectors and the frame has none.
     #[error(
         "camera {camera}: synthesis `{synthesis}` needs motion vectors and the frame has none; give them or use `linear`"
     )]
@@ -94,7 +94,7 @@ pub enum FrameError {
         /// The synthesis asked for.
         synthesis: &'static str,
     },
-    /// A number of cameras other than the rig's.
+    /// The number of frames differs from the number of cameras in the rig.
     #[error("{actual} frames for {expected} cameras")]
     Count {
         /// Cameras of the rig.
@@ -161,7 +161,10 @@ impl DepthFormat {
     }
 }
 
-/// Checks a frame's time against the previous one's.
+/// Checks a frame's time against the previous one's. The first frame (`None` before it) may have any time.
+///
+/// # Errors
+/// `FrameError::Time` if time does not advance, `FrameError::Gap` if the gap exceeds `MAX_INTERVAL_NS`.
 pub fn check_time(camera: u32, previous_ns: Option<i64>, actual_ns: i64) -> Result<(), FrameError> {
     let Some(previous_ns) = previous_ns else { return Ok(()) };
     let gap_ns = actual_ns.saturating_sub(previous_ns);
@@ -174,7 +177,10 @@ pub fn check_time(camera: u32, previous_ns: Option<i64>, actual_ns: i64) -> Resu
     Ok(())
 }
 
-/// Checks an image's byte count.
+/// Checks the size of an image: `actual` bytes for `width_px * height_px` texels of `texel_bytes`.
+///
+/// # Errors
+/// `FrameError::Size` if it differs.
 pub fn check_size(
     camera: u32,
     image: &'static str,

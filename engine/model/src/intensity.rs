@@ -1,11 +1,11 @@
-//! Linear RGB to the scalar that a pixel sees (paper, "Log-Intensity Event Model").
+//! From linear RGB to the scalar intensity of a pixel (paper, section "Log-Intensity Event Model").
 
 use crate::Intensity;
 
 /// Rec. 709 luminance weights of linear R, G, B.
 pub const REC709: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Weights of linear R, G, B in the scalar seen by pixel `(x, y)`.
+/// Weights of linear R, G, B in the intensity of pixel `(x, y)`. They sum to 1.
 #[must_use]
 pub fn weights(intensity: Intensity, x: u32, y: u32) -> [f64; 3] {
     match intensity {
@@ -25,7 +25,7 @@ pub fn bayer_component(x: u32, y: u32) -> usize {
     ((x & 1) + (y & 1)) as usize
 }
 
-/// sRGB byte to linear (IEC 61966-2-1).
+/// Decodes an sRGB byte to linear, 0 to 1 (IEC 61966-2-1).
 #[must_use]
 pub fn srgb_to_linear(byte: u8) -> f64 {
     let encoded = f64::from(byte) / 255.0;

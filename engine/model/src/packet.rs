@@ -1,4 +1,4 @@
-//! What a camera sends for one interval.
+//! Packets: the events of one camera in one interval.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +49,7 @@ pub struct Packet {
     pub dropped: u64,
 }
 
-/// A packet whose events lie somewhere else, or a part of one.
+/// A packet, or part of one, that borrows its events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PacketView<'a> {
     /// Packets of this camera before this one.
@@ -72,8 +72,8 @@ pub struct PacketView<'a> {
     pub polarity: &'a [u8],
     /// Events left out because of the sensor's `max_events_per_interval`.
     pub dropped: u64,
-    /// How often the host has copied the events since the device wrote them: 0 where it wrote them, 1 in a
-    /// [`Packet`].
+    /// How often the host has copied the events since the device wrote them: 0 if they lie where the device wrote
+    /// them, 1 in a [`Packet`].
     pub host_copies: u32,
 }
 
@@ -114,7 +114,10 @@ impl PacketView<'_> {
         }
     }
 
-    /// The events of `range`, with this packet's times; panics beyond the end, as a slice does.
+    /// The events of `range`, with this packet's base time and watermark.
+    ///
+    /// # Panics
+    /// If `range` exceeds the packet, as slicing does.
     #[must_use]
     pub fn part(&self, range: std::ops::Range<usize>) -> Self {
         PacketView {
@@ -127,7 +130,7 @@ impl PacketView<'_> {
     }
 }
 
-/// One event, for those who want them one by one.
+/// One event, sorted by (t, y, x, polarity).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Event {
     /// Time, nanoseconds.
@@ -153,7 +156,7 @@ impl Packet {
         self.t_offset_ns.is_empty()
     }
 
-    /// Its events where they lie.
+    /// A view that borrows the events.
     #[must_use]
     pub fn view(&self) -> PacketView<'_> {
         PacketView {
@@ -177,7 +180,10 @@ impl Packet {
         self.view().on_off()
     }
 
-    /// Event `index`; panics beyond the end, as a slice does.
+    /// Event `index`.
+    ///
+    /// # Panics
+    /// If `index` exceeds the packet, as indexing does.
     #[must_use]
     pub fn event(&self, index: usize) -> Event {
         Event {
@@ -193,7 +199,7 @@ impl Packet {
         (0..self.len()).map(|index| self.event(index))
     }
 
-    /// Appends an event; the caller keeps the order and a time within u32 of the base.
+    /// Appends an event. The caller keeps the order; the event's time must lie within u32 nanoseconds after `base_ns`.
     pub fn push(&mut self, event: Event) {
         self.x.push(event.x);
         self.y.push(event.y);
@@ -201,7 +207,7 @@ impl Packet {
         self.polarity.push(event.polarity as u8);
     }
 
-    /// Empties it and keeps its storage.
+    /// Removes all events and keeps their storage.
     pub fn clear(&mut self) {
         self.x.clear();
         self.y.clear();

@@ -34,13 +34,13 @@ pub const PRESETS: &[Preset] = &[
     Preset { name: "hd", width_px: 1280, height_px: 720, about: "1280x720 (Prophesee IMX636 class)" },
 ];
 
-/// A set of sensor effects by name, laid over a preset.
+/// A named set of sensor effects, applied on top of a preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
     /// No noise, no refractory period, no latency.
     Clean,
-    /// Every effect on, at v2e's "noisy" figures where it has them.
+    /// Every effect on. The values are those of v2e's "noisy" setting where it has them.
     Noisy,
     /// The paper's event model: `log(S + 1)`, its warp, events at sample times, fixed sub-steps.
     Paper,
@@ -80,7 +80,7 @@ impl Profile {
     }
 }
 
-/// The sensor of a preset's name, if there is one.
+/// The sensor of the preset with this name, if there is one.
 #[must_use]
 pub fn preset(name: &str) -> Option<SensorModel> {
     PRESETS.iter().find(|p| p.name == name).map(|p| SensorModel {

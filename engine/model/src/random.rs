@@ -1,8 +1,8 @@
-//! Counter-based random numbers: the same draw on every device, for every tiling and sub-step
-//! count. Everything that a kernel draws while it runs is integer arithmetic; what is drawn once per
-//! pixel (thresholds, leak spread) is computed here in f64 and uploaded.
+//! Counter-based random numbers: the same draw on every device, for every tiling and sub-step count. Kernels draw
+//! with integer arithmetic alone. Draws made once per pixel (thresholds, leak spread) are computed here in f64 and
+//! uploaded.
 
-/// What a draw is for; part of the counter.
+/// Purpose of a draw. It is part of the counter, so that draws of different purposes are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Stream {
@@ -23,7 +23,7 @@ pub enum Stream {
 /// Fractional bits of an exponential draw.
 pub const HAZARD_FRACTION_BITS: u32 = 27;
 
-/// Where a draw stands: which camera, which pixel.
+/// Identifies the pixel of a draw: seed, camera, position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelKey {
     /// The sensor's seed.
@@ -73,18 +73,18 @@ pub const LOG2_COEFFICIENTS_Q30: [i32; 9] = [
     7_940_753,
 ];
 
-/// Exp(1) from one random word, Q5.27, by integer arithmetic alone: `-ln((word | 2) / 2^32)`, so that
-/// the logarithm stays below 2^5.
+/// Exp(1) from one random word, Q5.27, by integer arithmetic alone: `-ln((word | 2) / 2^32)`. Setting bit 1 keeps the
+/// result below 2^5.
 #[must_use]
 pub fn exponential_q27(word: u32) -> u32 {
     let u = word | 2;
     let zeros = u.leading_zeros();
-    // The mantissa less its leading one, Q31.
+    // The mantissa without its leading one, Q31.
     let x = ((u << zeros) & 0x7fff_ffff) as i32;
     let times_x = |value: i32| (((i64::from(value) * i64::from(x)) >> 32) as i32) << 1;
     let polynomial =
         times_x(LOG2_COEFFICIENTS_Q30.iter().rev().fold(0, |sum, &coefficient| times_x(sum) + coefficient));
-    // Its error may carry it past the 1 that a mantissa of 2 would have.
+    // The polynomial's error may push the result above log2(2) = 1.
     let log2_q30 = polynomial.min(1 << 30);
     let minus_log2_q27 = ((zeros + 1) << HAZARD_FRACTION_BITS) - (log2_q30 >> 3) as u32;
     const LN2_Q32: u64 = 2_977_044_472;

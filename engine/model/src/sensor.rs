@@ -1,5 +1,5 @@
-//! The parameters of a sensor: one list that gives the struct, its TOML, the command-line flags and
-//! the printed tables.
+//! The parameters of a sensor. One list defines the struct, its TOML, the command-line flags and the printed
+//! tables.
 
 use crate::MAX_LATENCY_NS;
 use crate::random::jitter_bound_ns;
@@ -21,12 +21,12 @@ pub enum Intensity {
     BayerRggb = 2,
 }
 
-/// Where the intensity between two rendered frames comes from.
+/// How the intensity between two rendered frames is synthesised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
 pub enum Synthesis {
-    /// Both frames warped along the surface's path.
+    /// Both frames warped along the trajectories of surface points.
     Motion = 0,
     /// Blend of the two frames in linear intensity.
     Linear = 1,
@@ -34,6 +34,17 @@ pub enum Synthesis {
     Paper = 2,
     /// One sub-step: log-linear from frame to frame.
     None = 3,
+}
+
+impl Synthesis {
+    /// Every synthesis.
+    pub const ALL: [Synthesis; 4] = [Synthesis::Motion, Synthesis::Linear, Synthesis::Paper, Synthesis::None];
+
+    /// Whether it reads motion vectors.
+    #[must_use]
+    pub fn needs_motion(self) -> bool {
+        matches!(self, Synthesis::Motion | Synthesis::Paper)
+    }
 }
 
 /// Interpolation between pixels of a warped frame.
@@ -58,18 +69,18 @@ pub enum SubstepPolicy {
     Fixed = 1,
 }
 
-/// The time given to a crossing within a sub-step.
+/// The time of a crossing within a sub-step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[repr(u32)]
 pub enum Timestamps {
-    /// Its own, interpolated.
+    /// The crossing's own instant, interpolated within the sub-step.
     Interpolated = 0,
     /// The end of the sub-step.
     AtSample = 1,
 }
 
-/// What is wrong with a sensor.
+/// Why a sensor is refused.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SensorError {
     /// A parameter outside its range.
@@ -77,12 +88,12 @@ pub enum SensorError {
     Range {
         /// Parameter.
         parameter: &'static str,
-        /// What it must be.
+        /// Allowed range.
         expected: String,
-        /// What it is.
+        /// Value given.
         actual: String,
     },
-    /// A name that is no parameter.
+    /// A name that no parameter has.
     #[error("unknown sensor parameter `{0}`; `esaac sensors` lists them")]
     Unknown(String),
     /// A value that a parameter does not take.
@@ -92,7 +103,7 @@ pub enum SensorError {
         parameter: String,
         /// Value given.
         value: String,
-        /// What the parser says.
+        /// The parser's message.
         reason: String,
     },
     /// TOML that cannot be read as a sensor.
@@ -103,7 +114,7 @@ pub enum SensorError {
 /// One parameter, for flags, tables and documentation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameter {
-    /// Field and TOML key; with hyphens the flag.
+    /// Name of the field and TOML key. The command-line flag has hyphens in place of underscores.
     pub name: &'static str,
     /// Unit, empty for counts and choices.
     pub unit: &'static str,
@@ -165,7 +176,10 @@ sensor_model! {
 }
 
 impl SensorModel {
-    /// Reads a sensor from TOML; unknown keys and values out of range are errors.
+    /// Reads a sensor from TOML.
+    ///
+    /// # Errors
+    /// `SensorError::Toml` for unknown keys and text that is not TOML, `SensorError::Range` for values out of range.
     pub fn from_toml(text: &str) -> Result<Self, SensorError> {
         let sensor: SensorModel = toml::from_str(text).map_err(|e| SensorError::Toml(e.to_string()))?;
         sensor.validate()?;
@@ -178,7 +192,11 @@ impl SensorModel {
         toml::to_string(self).expect("a flat struct of numbers and strings is TOML")
     }
 
-    /// Sets one parameter from text, as a command-line flag does. Hyphens count as underscores.
+    /// Sets one parameter from text, as a command-line flag does. Hyphens count as underscores. Does not check the
+    /// range; `validate` does.
+    ///
+    /// # Errors
+    /// `SensorError::Unknown` for a name that no parameter has, `SensorError::Value` for text that cannot be parsed.
     pub fn set(&mut self, parameter: &str, value: &str) -> Result<(), SensorError> {
         let key = parameter.replace('-', "_");
         let mut table = toml::Table::try_from(&*self).expect("a sensor is a table");
@@ -201,13 +219,16 @@ impl SensorModel {
         Ok(())
     }
 
-    /// Pixels.
+    /// Number of pixels.
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// Whether every parameter is in its range; the error names the first that is not.
+    /// Checks that every parameter is in its range.
+    ///
+    /// # Errors
+    /// `SensorError::Range` names the first parameter that is not.
     pub fn validate(&self) -> Result<(), SensorError> {
         fn check<T: std::fmt::Display>(
             parameter: &'static str,

@@ -1,24 +1,24 @@
-//! How an interval is cut into sub-steps, and how events are stamped.
+//! How an interval is cut into sub-steps, and how time stamps are quantised.
 
 use crate::{SensorModel, SubstepPolicy};
 
-/// Side of the square block of pixels that shares one sub-step count and is skipped as one.
+/// Side of a block, pixels. The pixels of a block share one sub-step count and are skipped together.
 pub const BLOCK_PX: u32 = 8;
 
 /// Motion per sub-step that the adaptive policy aims at, pixels.
 pub const SUBSTEP_MOTION_PX: f64 = 0.5;
 
-/// Timing error per sub-step that the adaptive policy aims at where brightness changes: a ramp of
-/// linear intensity differs from its log-linear chord by at most `T |dL| / (8 n^2)`.
+/// Timing error per sub-step that the adaptive policy aims at where brightness changes, nanoseconds. A ramp of linear
+/// intensity over an interval of length `T` in `n` sub-steps differs from its log-linear chord by at most
+/// `T |dL| / (8 n^2)`.
 pub const SUBSTEP_TIME_ERROR_NS: f64 = 50_000.0;
 
 /// Largest sub-step count.
 pub const MAX_SUBSTEPS: u32 = 64;
 
-/// Sub-steps of a block: `motion_px` the largest motion within one block around it (both frames'
-/// fields, 3x3 blocks; finite vectors; 0 for a synthesis that uses none), `change_log` the largest
-/// `|L_k - L_{k-1}|` in it. [`Synthesis::None`](crate::Synthesis::None) has one sub-step whatever this
-/// gives.
+/// Number of sub-steps of a block. `motion_px` is the largest finite motion vector of both frames in the 3x3 blocks
+/// around it, or 0 for a synthesis without motion. `change_log` is the largest `|L_k - L_{k-1}|` in the block itself.
+/// The caller gives [`Synthesis::None`](crate::Synthesis::None) one sub-step in place of this.
 #[must_use]
 pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, interval_ns: f64) -> u32 {
     match sensor.substep_policy {

@@ -1,88 +1,93 @@
-//! The equations of [`Synthesis::Motion`](crate::Synthesis::Motion), and of the taps that it reads
-//! images with.
+//! The equations of [`Synthesis::Motion`](crate::Synthesis::Motion), and of the interpolation with which it reads
+//! images.
 //!
-//! All of it happens in `L = ln(S + log_offset)` (the sensor's own scale, in which an edge is as sharp
-//! going up as going down), per intensity plane; of a mosaic there are three. `a` is the fraction of
-//! the interval, positions are in pixels, `m_k` is frame k's motion field (previous position = position
-//! + motion), read between pixels bilinearly, with a non-finite vector as 0.
+//! Synthesis works in `L = ln(S + log_offset)`, the sensor's own scale, in which an edge is as sharp going up as going
+//! down. Each intensity plane is synthesised by itself; a mosaic has three. `a` is the fraction of the interval.
+//! Positions are in pixels. `m_k` is the motion field of frame k: previous position = position + motion. It is read
+//! bilinearly between pixels, with 0 in place of a non-finite vector.
 //!
-//! **Paths.** The surface point at `q` in frame k was at `q + m`, `m = m_k(q)`, in frame k-1; with
-//! `u = m_{k-1}(q + m)` and `r` the length of the interval before over this one's, its acceleration gives
-//! `c = (u - r m) / (r (1 + r))` (0 without the previous field), and at `a` it is at `q + D`, `D = t ((c -
-//! m) + t c)`, `t = a - 1`. In the first interval `r` is taken as 1, and a `u` of exactly 0 as no
-//! vector: renderers have none to give with their first frame. Each pixel `x` has `(m, c)` of the point
-//! that it shows at `a = 1` (`q = x`) and of the one at `a = 0` ([`PATH_STEPS`] steps of `q = x -
-//! m_k(q)` from `q = x`; its `u` is `m_{k-1}(x)`), and blends the two linearly in `a`. Its sources are
-//! then `q = x - D` in frame k and `p = q + m` in frame k-1.
+//! **Trajectories.** The surface point at `q` in frame k was at `q + m` in frame k-1, with `m = m_k(q)`. Its motion in
+//! the interval before is `u = m_{k-1}(q + m)`. With `r`, the length of the interval before over that of this one, its
+//! curvature is `c = (u - r m) / (r (1 + r))`, or 0 without the previous field. At `a` the point is at `q + D`, where
+//! `D = t ((c - m) + t c)` and `t = a - 1`. In the first interval `r` counts as 1, and a `u` of exactly 0 counts as
+//! missing, because renderers have no motion for their first frame.
 //!
-//! **Lattices.** Each frame gets a lattice of twice its density, entry `(X, Y)` at pixel `(X / 2, Y /
-//! 2)`, whose even entries are the frame. The others come first from the frame itself (cubic,
-//! [`CUBIC_FRAME`]). Then detail is transferred from the other frame's lattice `E'`: `E(x) = v
-//! (E'(x + d) + r(x)) + (1 - v) E_0(x)`, `d` the way to the other frame (`m` of the path at `a = 1`, or
-//! minus `m` of the path at `a = 0`), `r = L - E'(x + d)` at the pixels; `d`, `r` and `v` are bilinear
-//! between them. The first transfer is to frame k from frame k-1; a sensor with two
-//! [`transfers`](crate::SensorModel::transfers) has another one back. `E_0` of frame k-1 is the lattice
-//! that the last interval left of it, so that detail gathers over the frames. The second transfer serves
-//! its own interval only: what is left of frame k is the work of the first.
+//! Each pixel `x` has two pairs `(m, c)`. One is that of the point that it shows at `a = 1`: `q = x`. The other is that
+//! of the point that it shows at `a = 0`: [`TRAJECTORY_STEPS`] fixed-point steps `m = m_k(q)`, `q = x - m`, the first
+//! from `q = x`; its `u` is `m_{k-1}(x)`. The pixel blends the pairs linearly in `a`. It then reads frame k at
+//! `q = x - D` and frame k-1 at `p = q + m`.
 //!
-//! The first transfer reads a pixel and the three entries right of and below it by the taps of four cells that lie
-//! to each other as they do, less than half as many as with a cell of its own for each: the one of `x + d` of the
-//! pixel, and for the entry `(i, j)` away the one `(i, j)` away, at the fraction that its own `x + d` has there,
-//! clamped to [[`CELL_SLACK`] below 0, as much above 1]. Motion at a pixel is what was rendered, so that
-//! `floor(2 d)` is exact and every device finds the same cell. The second transfer's `d` is computed: it gives each
-//! entry a cell of its own.
+//! **Half-pel frames.** Each frame gets a half-pel frame of twice its density. Sample `(X, Y)` lies at pixel
+//! `(X / 2, Y / 2)`, so that the even samples are the frame. The others are interpolated from the frame alone (cubic,
+//! [`CUBIC_FRAME`]), which gives `E_0`. Then detail is transferred from the half-pel frame `E'` of the other frame:
+//! `E(x) = v (E'(x + d) + r(x)) + (1 - v) E_0(x)`. Here `d` is the displacement to the other frame: `m` at `a = 1`, or
+//! `-m` at `a = 0`. `r = L - E'(x + d)` is the residual at the pixels, and `v` the confidence. `d`, `r` and `v` are
+//! bilinear between pixels. The forward transfer takes detail of frame k-1 to frame k. A sensor with two
+//! [`transfers`](crate::SensorModel::transfers) has a backward transfer as well. From the second interval on, `E_0` of
+//! frame k-1 is the half-pel frame that the forward transfer of the interval before made, so that detail gathers over
+//! the frames. The backward transfer serves its own interval only.
 //!
-//! **What a transfer gains and costs.** On the path-traced sequence of the tests, in 32 sub-steps, F1 is
-//! .721 with none, .774 with one and .793 with two; the Victor-Purpura distance is .734, .653 and .622.
-//! Of an interval of 320x320 pixels the first takes 5 us on an NVIDIA H200 in gray and 11 us in Bayer, the second 9 us
-//! and some 12 us.
-//! One is the default, for real time; two are for quality. Other syntheses and
-//! [`Taps::Bilinear`](crate::Taps::Bilinear) have no lattices, and there the parameter does nothing.
+//! The forward transfer reads a pixel and its three half-pel neighbours (right, below, diagonal) from one shared
+//! footprint, with less than half the loads of separate ones. A cell is the square of half-pel samples around a
+//! position. The pixel's position `x + d` lies in one cell. The neighbour `(i, j)` samples away is read with the taps
+//! of the cell that lies `(i, j)` samples from that one. Its fraction in this cell comes from its own `x + d`, clamped
+//! to `[-CELL_SLACK, 1 + CELL_SLACK]` ([`CELL_SLACK`]). A pixel's motion comes straight from the renderer, so that
+//! `floor(2 d)` is exact and every device finds the same cell. In the backward transfer `d` is computed, and each
+//! sample has the cell of its own position.
 //!
-//! **Trust** `v` at a pixel: `clamp(2 - e / TRUST_PX, 0, 1)`, `e` the largest difference of a motion
-//! component to one of the 3x3 pixels around it; 0 if one of them has a non-finite vector; times `max(0,
-//! 1 - o)` with `o` how far `x + d` lies outside the image (pixels, the larger of the two axes).
+//! **Number of transfers.** One transfer is the default, for real time. Two are for quality: the second costs more than
+//! the first and gains less. `docs/design/synthesis.md` lists what each gains. Other syntheses and
+//! [`Taps::Bilinear`](crate::Taps::Bilinear) have no half-pel frames and ignore the parameter.
 //!
-//! **Sample.** `L = (w_0 E_{k-1}(p) + w_1 E_k(q)) / (w_0 + w_1)`, cubic ([`CUBIC_LATTICE`]), `w_0 = (1 -
-//! a) b(p)`, `w_1 = a b(q)`, `b = max(1 - o / EDGE_PX, EDGE_WEIGHT)`; then `S = max(0, exp(L) -
-//! log_offset)`. A pixel whose own vector is non-finite is blended as by `linear`.
+//! **Confidence.** At a pixel, `v = clamp(2 - e / CONFIDENCE_PX, 0, 1) max(0, 1 - o)`. Here `e` is the largest
+//! difference of a motion component to that of one of the 3x3 pixels around, and `o` is how far `x + d` lies outside
+//! the image (pixels, the larger of the two axes). `v` is 0 if one of the 3x3 vectors is non-finite.
 //!
-//! **Taps.** Cubic: Keys' kernel down 4 rows of entries, the inner two of them read by Keys' kernel across 4 entries,
-//! the outer two linearly across 2: the corners cost a quarter of the reads, and are worth a tenth of the time error
-//! in the smoothest scenes and nothing on path-traced frames. The result is clamped to the range of the central 2x2 entries. [`Taps::Bilinear`](crate::Taps::Bilinear) reads the frames themselves, without lattices.
+//! **Sample.** `L = (w_0 E_{k-1}(p) + w_1 E_k(q)) / (w_0 + w_1)`, read cubically ([`CUBIC_HALF_PEL`]), with weights
+//! `w_0 = (1 - a) b(p)` and `w_1 = a b(q)`. `b = max(1 - o / EDGE_PX, EDGE_WEIGHT)`, where `o` is how far the position
+//! lies outside the image. Then `S = max(0, exp(L) - log_offset)`. A pixel whose own vector is non-finite is blended
+//! as by `linear`.
+//!
+//! **Taps.** The cubic kernel is Keys', over 4 rows. The inner two rows are read by Keys' kernel across 4 samples, the
+//! outer two linearly across 2: twelve taps, without the four corners. The result is clamped to the range of the
+//! central 2x2 samples. [`Taps::Bilinear`](crate::Taps::Bilinear) reads the frames themselves, without half-pel frames.
 //! Positions are clamped to the image.
+//!
+//! **What the saved loads cost.** Twelve taps and the shared footprint each make the synthesised level less exact than
+//! sixteen taps around every position. Twelve taps cost accuracy wherever the image moves, most on smooth texture. The
+//! shared footprint costs accuracy near the border of the image and where motion varies; inside the image it costs
+//! nothing under uniform motion. At rest neither costs anything. The test
+//! `cargo test -p esaac-tests --test approximations` measures both.
 
-/// Keys' parameter for lattice entries made from one frame alone.
+/// Keys' parameter for half-pel samples interpolated from one frame alone.
 pub const CUBIC_FRAME: f64 = -1.0;
 
-/// Keys' parameter for reading a lattice.
-pub const CUBIC_LATTICE: f64 = -0.75;
+/// Keys' parameter for reading a half-pel frame.
+pub const CUBIC_HALF_PEL: f64 = -0.75;
 
-/// How far beyond its cell an entry may be read with the cell's taps, entries. It is what motion may differ
-/// between a pixel and the entries beside it before these are read in the wrong place: at a turn of a tenth of a
-/// radian a frame, a lattice read so is 1% less exact than with each entry's own taps, which are more than
-/// twice as many.
+/// How far outside its cell a half-pel sample may be read with the cell's taps, in half-pel samples. It bounds how much
+/// the motion of a half-pel sample may differ from that of its pixel. Beyond it the position is clamped, and the sample
+/// is read in the wrong place. The test `cargo test -p esaac-tests --test approximations` measures what that costs.
 pub const CELL_SLACK: f64 = 0.125;
 
-/// Difference of motion between neighbours at which transferred detail begins to be distrusted; at
-/// twice that it is not used. Pixels.
-pub const TRUST_PX: f64 = 0.5;
+/// Difference of motion between neighbours, pixels, at which the confidence in transferred detail begins to fall. At
+/// twice this difference the confidence is 0.
+pub const CONFIDENCE_PX: f64 = 0.5;
 
 /// Distance outside the image over which a source fades out, pixels.
 pub const EDGE_PX: f64 = 1.0;
 
-/// Least weight of a source outside the image.
+/// Smallest weight of a source outside the image, so that the sum of both weights is never 0.
 pub const EDGE_WEIGHT: f64 = 1e-3;
 
-/// Most transfers an interval. Further ones, to and fro, gain little: on the path-traced sequence of the
-/// tests F1 is .793 with two, .807 with three and .809 with four.
+/// Largest number of transfers in an interval. Further ones, forward and backward in turn, gain little.
 pub const MAX_TRANSFERS: u32 = 2;
 
 /// Fixed-point steps from a pixel to the surface point that it shows at the interval's start.
-pub const PATH_STEPS: u32 = 3;
+pub const TRAJECTORY_STEPS: u32 = 3;
 
-/// Keys' cubic weights of the entries -1, 0, 1, 2 around a position at `fraction` between entries 0
-/// and 1.
+/// Keys' cubic weights of the samples -1, 0, 1, 2 around a position at `fraction` between samples 0 and 1 (Keys,
+/// "Cubic convolution interpolation for digital image processing", 1981). They sum to 1.
 #[inline]
 #[must_use]
 pub fn cubic_weights(fraction: f64, parameter: f64) -> [f64; 4] {
@@ -98,7 +103,7 @@ mod tests {
 
     #[test]
     fn cubic_weights_interpolate_and_sum_to_one() {
-        for parameter in [CUBIC_FRAME, CUBIC_LATTICE, -0.5] {
+        for parameter in [CUBIC_FRAME, CUBIC_HALF_PEL, -0.5] {
             assert_eq!(cubic_weights(0.0, parameter), [0.0, 1.0, 0.0, 0.0]);
             for fraction in [0.1, 0.5, 0.9, 1.0] {
                 let sum: f64 = cubic_weights(fraction, parameter).iter().sum();

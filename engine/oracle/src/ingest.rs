@@ -1,5 +1,5 @@
-//! Stage `ingest`: bytes of a rendered frame to linear RGB times the exposure gain, every pixel
-//! valid or held.
+//! Stage `ingest`: decodes the bytes of a rendered frame to linear RGB times the exposure gain. An invalid pixel keeps
+//! its previous value.
 
 use esaac_model::frame::{check_size, check_time};
 use esaac_model::intensity::{bayer_component, weights};
@@ -14,11 +14,11 @@ pub struct Frame<'a> {
     pub hdr: (HdrFormat, &'a [u8]),
     /// Motion, pixels: previous position = position + motion.
     pub motion: Option<(MotionFormat, &'a [u8])>,
-    /// Depth, metres. Checked, and read by no synthesis so far.
+    /// Depth, metres. Its size is checked; no synthesis reads it.
     pub depth: Option<(DepthFormat, &'a [u8])>,
 }
 
-/// Checks a frame before anything of it is read.
+/// Checks a frame before any of it is read: its time, the sizes of its images, and motion where the synthesis needs it.
 pub fn check(
     sensor: &SensorModel,
     camera: u32,
@@ -42,8 +42,7 @@ pub fn check(
     }
 }
 
-/// One frame in memory: linear RGB times the exposure gain, finite and not negative, with its
-/// motion.
+/// One decoded frame: linear RGB times the exposure gain, finite and not negative, with its motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Columns.
@@ -52,7 +51,7 @@ pub struct Image {
     pub height: usize,
     /// R, G, B of each pixel, scene units.
     pub rgb: Vec<[f64; 3]>,
-    /// Motion of each pixel, pixels, as given (it may be non-finite).
+    /// Motion of each pixel, pixels, as the renderer gave it. It may be non-finite.
     pub motion: Option<Vec<[f64; 2]>>,
 }
 
@@ -68,8 +67,8 @@ impl Image {
         }
     }
 
-    /// The scalar planes that a synthesis works on: one of intensity, or for a mosaic the three
-    /// colours, since it is sampled after a warp.
+    /// The scalar planes that a synthesis works on: one of intensity, or three colours for a mosaic, which is sampled
+    /// after the warp.
     #[must_use]
     pub fn planes(&self, intensity: Intensity) -> Vec<Vec<f64>> {
         match intensity {
@@ -81,7 +80,7 @@ impl Image {
     }
 }
 
-/// Plane of [`Image::planes`] that pixel `(x, y)` reads.
+/// Index in [`Image::planes`] of the plane that pixel `(x, y)` reads.
 #[must_use]
 pub fn plane_of(intensity: Intensity, x: usize, y: usize) -> usize {
     match intensity {
@@ -90,16 +89,16 @@ pub fn plane_of(intensity: Intensity, x: usize, y: usize) -> usize {
     }
 }
 
-/// What became of a frame's pixels.
+/// A decoded frame and which of its pixels are valid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ingested {
-    /// The image, invalid pixels held at the previous image's value.
+    /// The image. Invalid pixels keep the previous image's value.
     pub image: Image,
     /// Whether each pixel was valid in this frame.
     pub valid: Vec<bool>,
 }
 
-/// Decodes a checked frame. An invalid pixel takes its value from `held` (black at the start).
+/// Decodes a checked frame. An invalid pixel takes its value from `held`, the previous image (black at the start).
 #[must_use]
 pub fn ingest(sensor: &SensorModel, held: &Image, frame: &Frame<'_>) -> Ingested {
     let (format, bytes) = frame.hdr;
@@ -110,7 +109,8 @@ pub fn ingest(sensor: &SensorModel, held: &Image, frame: &Frame<'_>) -> Ingested
     ingested
 }
 
-/// Intensities given one by one in place of a frame: gray RGB without a gain, held where invalid.
+/// Builds an image from given intensities in place of a frame: gray RGB without the exposure gain. An invalid pixel
+/// takes its value from `held`.
 #[must_use]
 pub fn ingest_samples(sensor: &SensorModel, held: &Image, intensity: &dyn Fn(usize) -> f64) -> Ingested {
     hold_invalid(sensor, held, &|pixel| [intensity(pixel); 3], 1.0)

@@ -1,12 +1,14 @@
-//! The event camera of [`esaac_model`] in float64 and plain loops: one pixel after the other, no
-//! tiling, no fixed point, nothing shared with a kernel but the model's equations and random draws.
+//! The reference implementation of [`esaac_model`]'s event camera: float64, plain loops, one pixel after the other. It
+//! has no tiles and no fixed point. With the kernels it shares the model's equations and random draws alone.
 //!
-//! One module per stage, named as on the GPU:
-//! [`ingest`] → [`plan`] → [`synthesize`] → [`cross`] → [`stamp`] → [`sort`]. [`Oracle`] runs them;
-//! each can be run alone and compared with the kernel of its name.
+//! Each stage is a module, named as on the GPU: [`ingest`] → [`plan`] → [`synthesize`] → [`cross`] → [`stamp`] →
+//! [`sort`]. [`Oracle`] runs them all. Each can also run alone, to be compared with the kernel of its name.
 //!
-//! [`truth`] turns densely rendered frames into the events that they imply, and [`metrics`] says how
-//! far one stream of events is from another.
+//! The kernels save loads by approximations when they read frames. [`Sampling`] selects whether the oracle makes the
+//! same approximations, to be compared with the kernels, or none.
+//!
+//! [`truth`] computes the events that densely rendered frames imply. [`metrics`] measures how far one stream of events
+//! is from another.
 
 pub mod cross;
 pub mod ingest;
@@ -22,3 +24,4 @@ pub mod truth;
 
 pub use ingest::Frame;
 pub use oracle::{Diagnostics, Interval, Oracle, Samples};
+pub use synthesize::sampling::Sampling;

@@ -1,4 +1,4 @@
-//! The camera: its state, and one interval after the other through the stages.
+//! The camera: its state, and the stages run for one interval after the other.
 
 use crate::cross::{PixelConstants, PixelState, Span, aps, walk};
 use crate::ingest::{self, Frame, Image, Ingested};
@@ -6,14 +6,15 @@ use crate::plan::{Plan, plan};
 use crate::sort::sort;
 use crate::stamp;
 use crate::synthesize::Gap;
-use crate::synthesize::lattice::Lattice;
+use crate::synthesize::half_pel::HalfPelFrame;
+use crate::synthesize::sampling::Sampling;
 use esaac_model::frame::check_time;
 use esaac_model::packet::Event;
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::substep_end_ns;
 use esaac_model::{FrameError, Packet, SensorError, SensorModel};
 
-/// What was amiss in an interval.
+/// Counts of what went wrong or was put off in an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Diagnostics {
     /// Pixels of this frame with a NaN, infinite or negative component.
@@ -22,11 +23,11 @@ pub struct Diagnostics {
     pub invalid_motion_px: u64,
     /// Pixels without a valid value so far.
     pub unarmed_pixels: u64,
-    /// Events that wait for a later packet.
+    /// Events deferred to a later packet.
     pub waiting_events: u64,
 }
 
-/// Intensities at the sub-steps' ends, for comparison stage by stage.
+/// Intensities at the ends of sub-steps, for comparing stage `synthesize` alone.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     starts: Vec<usize>,
@@ -47,16 +48,16 @@ impl Samples {
     }
 }
 
-/// All that one interval gives.
+/// The result of one interval.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Interval {
     /// Events.
     pub packet: Packet,
     /// APS frame, row-major.
     pub aps: Option<Vec<u16>>,
-    /// What was amiss.
+    /// Counts of what went wrong or was put off.
     pub diagnostics: Diagnostics,
-    /// Sub-steps per 8x8 block, row-major; empty for the frame that arms the camera.
+    /// Sub-steps per 8x8 block, row-major. Empty for the first frame, which arms the camera.
     pub substeps_per_block: Vec<u32>,
     /// Intensities, if asked for with [`Oracle::keep_samples`].
     pub samples: Option<Samples>,
@@ -67,21 +68,22 @@ pub struct Interval {
 pub struct Oracle {
     sensor: SensorModel,
     camera: u32,
+    sampling: Sampling,
     constants: Vec<PixelConstants>,
     keep_samples: bool,
     run: Run,
 }
 
-/// What a camera gathers from its first frame on.
+/// State of a camera since its first frame.
 #[derive(Clone, Debug)]
 struct Run {
     /// Times of the first frame and of the latest, nanoseconds.
     times_ns: Option<(i64, i64)>,
     image: Image,
-    /// Length of the interval before, nanoseconds.
+    /// Length of the previous interval, nanoseconds.
     last_interval_ns: Option<u32>,
-    /// What the synthesis of the next interval builds on.
-    history: Option<Vec<Lattice>>,
+    /// Half-pel frames of the last frame, one per plane, which the next interval improves.
+    history: Option<Vec<HalfPelFrame>>,
     /// `None` while a pixel is unarmed.
     pixels: Vec<Option<PixelState>>,
     waiting: Vec<Event>,
@@ -102,7 +104,7 @@ impl Run {
     }
 }
 
-/// Source of the intensities between two frames.
+/// Where the intensities between two frames come from.
 enum Between<'a> {
     Synthesis,
     /// Intensity of a pixel at a time from the interval's start, nanoseconds.
@@ -110,12 +112,18 @@ enum Between<'a> {
 }
 
 impl Oracle {
-    /// A camera that waits for its first frame. `camera` is its number in random draws.
+    /// A camera before its first frame. It reads frames with the engine's approximations. `camera` is its number in
+    /// random draws.
     pub fn new(sensor: SensorModel, camera: u32) -> Result<Self, SensorError> {
+        Oracle::with_sampling(sensor, camera, Sampling::ENGINE)
+    }
+
+    /// A camera as from [`Oracle::new`], with a choice of how frames are read.
+    pub fn with_sampling(sensor: SensorModel, camera: u32, sampling: Sampling) -> Result<Self, SensorError> {
         sensor.validate()?;
         let constants = draw_constants(&sensor, camera);
         let run = Run::new(&sensor);
-        Ok(Oracle { sensor, camera, constants, keep_samples: false, run })
+        Ok(Oracle { sensor, camera, sampling, constants, keep_samples: false, run })
     }
 
     /// The sensor.
@@ -124,12 +132,12 @@ impl Oracle {
         &self.sensor
     }
 
-    /// Whether [`Interval::samples`] is filled from now on.
+    /// Sets whether later steps fill [`Interval::samples`].
     pub fn keep_samples(&mut self, keep: bool) {
         self.keep_samples = keep;
     }
 
-    /// What was drawn for each pixel (`y * width + x`).
+    /// The random draws of each pixel (`y * width + x`).
     #[must_use]
     pub fn constants(&self) -> &[PixelConstants] {
         &self.constants
@@ -141,16 +149,16 @@ impl Oracle {
         self.run.pixels[pixel].as_ref()
     }
 
-    /// The next frame. The first arms the camera and yields an empty packet.
+    /// Steps to the next frame. The first frame arms the camera and yields an empty packet.
     pub fn step(&mut self, frame: &Frame<'_>) -> Result<Interval, FrameError> {
         ingest::check(&self.sensor, self.camera, self.run.times_ns.map(|(_, latest)| latest), frame)?;
         let ingested = ingest::ingest(&self.sensor, &self.run.image, frame);
         Ok(self.advance(frame.t_ns, ingested, &Between::Synthesis))
     }
 
-    /// The next instant, with exact intensities in place of a synthesis: `samples` gives those of a
-    /// pixel (`y * width + x`) at a time from the interval's start, nanoseconds. Every pixel gets the
-    /// sensor's `substeps`. The first call arms the camera with the intensities at time 0.
+    /// Steps to the next instant with exact intensities in place of a synthesis. `samples` returns the intensity of a
+    /// pixel (`y * width + x`) at a time from the interval's start, nanoseconds. Every pixel gets the sensor's
+    /// `substeps`. The first call arms the camera with the intensities at time 0.
     pub fn step_samples(
         &mut self,
         t_ns: i64,
@@ -164,7 +172,7 @@ impl Oracle {
         Ok(self.advance(t_ns, ingested, &Between::Exact(samples)))
     }
 
-    /// Changes parameters between two frames; the size stays.
+    /// Changes parameters between two frames. The size must stay the same.
     pub fn set_sensor(&mut self, sensor: SensorModel) -> Result<(), SensorError> {
         sensor.validate()?;
         for (parameter, expected, actual) in
@@ -186,7 +194,7 @@ impl Oracle {
                 }
             }
         }
-        // A history in other units or of other planes is of no use.
+        // A history of another log offset or of other planes does not fit the next interval's planes.
         if (sensor.log_offset, sensor.intensity) != (self.sensor.log_offset, self.sensor.intensity) {
             self.run.history = None;
         }
@@ -218,7 +226,7 @@ impl Oracle {
             samples: None,
         };
         if self.run.times_ns.is_some() {
-            // The frame's check keeps an interval within MAX_INTERVAL_NS.
+            // The cast is exact: `check_time` keeps an interval within MAX_INTERVAL_NS.
             self.cross_interval(start_ns, (t_ns - start_ns) as u32, &image, between, &mut interval);
         }
         self.arm(&image, &valid, t_ns - epoch_ns);
@@ -234,7 +242,7 @@ impl Oracle {
         interval
     }
 
-    /// Gives every unarmed pixel that is valid now its reference.
+    /// Arms every unarmed pixel that is valid in this frame.
     fn arm(&mut self, image: &Image, valid: &[bool], age_ns: i64) {
         let planes = image.planes(self.sensor.intensity);
         for pixel in 0..self.sensor.pixels() {
@@ -261,7 +269,7 @@ impl Oracle {
         let start = std::mem::replace(&mut self.run.image, Image::black(&self.sensor));
         let sensor = &self.sensor;
         let ratio = self.run.last_interval_ns.map(|last_ns| f64::from(last_ns) / f64::from(interval_ns));
-        let gap = Gap::new(sensor, &start, end, ratio, self.run.history.take());
+        let gap = Gap::new(sensor, &start, end, ratio, self.run.history.take(), self.sampling);
         let plan = match between {
             Between::Synthesis => plan(sensor, &start, end, interval_ns),
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
@@ -318,7 +326,7 @@ fn draw_constants(sensor: &SensorModel, camera: u32) -> Vec<PixelConstants> {
         .collect()
 }
 
-/// Samples of one pixel from its exact intensity; an invalid one repeats the one before.
+/// Samples the exact intensity of one pixel at the ends of sub-steps. An invalid sample repeats the one before.
 fn exact_samples(substeps: u32, interval_ns: u32, exact: &dyn Fn(f64) -> f64, samples: &mut Vec<f64>) {
     samples.clear();
     for i in 0..=substeps {

@@ -28,15 +28,14 @@ impl Plan {
     }
 }
 
-/// Plans an interval of `interval_ns` from the frame at its start to the frame at its end. A motion
-/// vector with a non-finite component does not count, nor does motion that the synthesis does not use.
+/// Chooses the sub-steps of every block in the interval between two frames, `interval_ns` long. Ignores motion vectors
+/// with a non-finite component, and all motion if the synthesis uses none.
 #[must_use]
 pub fn plan(sensor: &SensorModel, start: &Image, end: &Image, interval_ns: u32) -> Plan {
-    let uses_motion = match sensor.synthesis {
-        Synthesis::None => return Plan::uniform(sensor, 1),
-        Synthesis::Linear => false,
-        Synthesis::Motion | Synthesis::Paper => true,
-    };
+    if sensor.synthesis == Synthesis::None {
+        return Plan::uniform(sensor, 1);
+    }
+    let uses_motion = sensor.synthesis.needs_motion();
     let (blocks_x, blocks_y) = blocks(sensor);
     let block = BLOCK_PX as usize;
     let (start_planes, end_planes) = (start.planes(sensor.intensity), end.planes(sensor.intensity));

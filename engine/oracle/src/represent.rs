@@ -1,9 +1,9 @@
-//! Forms of a packet that learning code takes: stages `event_frame` and `voxel_grid`.
+//! Representations of a packet for machine learning: stages `event_frame` and `voxel_grid`.
 
-use esaac_model::layout::VOTE_FRACTION_BITS;
+use esaac_model::VOTE_FRACTION_BITS;
 use esaac_model::{Packet, Polarity};
 
-/// OFF events and ON events of each pixel, `[2][row][column]`.
+/// Number of OFF and of ON events of each pixel, `[2][row][column]`.
 #[must_use]
 pub fn event_frame(packet: &Packet) -> Vec<i32> {
     let pixels = (packet.width_px * packet.height_px) as usize;
@@ -15,9 +15,9 @@ pub fn event_frame(packet: &Packet) -> Vec<i32> {
     counts
 }
 
-/// Votes of +-1, each split between the two of `bins` instants, evenly spaced from `start_ns` to `end_ns`, that
-/// it lies between; `[bin][row][column]`. (Zhu et al., CVPR 2019, equations 1 to 3.) Votes are cut into
-/// 2^-[`VOTE_FRACTION_BITS`].
+/// Voxel grid `[bin][row][column]` (Zhu et al., CVPR 2019, equations 1 to 3). The `bins` instants are evenly spaced
+/// from `start_ns` to `end_ns`. Each event casts a vote of +1 (ON) or -1 (OFF), split linearly between the two instants
+/// around it. Shares of votes are multiples of 2^-[`VOTE_FRACTION_BITS`].
 #[must_use]
 pub fn voxel_grid(packet: &Packet, bins: usize, start_ns: i64, end_ns: i64) -> Vec<f32> {
     let pixels = (packet.width_px * packet.height_px) as usize;

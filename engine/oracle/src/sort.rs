@@ -1,10 +1,10 @@
-//! Stage `sort`: stamped events to a packet.
+//! Stage `sort`: sorts stamped events into a packet.
 
 use esaac_model::Packet;
 use esaac_model::packet::Event;
 
-/// Puts events into `packet`, which has its header, in order of (t, y, x, polarity). With a cap
-/// (`max_events` above 0) the earliest stay and the rest is counted as dropped.
+/// Appends events to `packet`, whose header is set, in the order (t, y, x, polarity). With a cap (`max_events` above 0)
+/// the earliest events are kept; the others are counted as dropped.
 pub fn sort(mut events: Vec<Event>, max_events: u32, packet: &mut Packet) {
     events.sort_unstable();
     if max_events > 0 {

@@ -1,5 +1,5 @@
-//! A sum held as two floats. The leak lets a reference run away from zero for as long as a camera
-//! lives; its distance from the log intensity must not lose digits meanwhile.
+//! A sum held as two floats (double-double). The leak moves a reference away from zero for as long as a camera runs.
+//! Its small difference from the log intensity must not lose digits meanwhile.
 
 /// An unevaluated sum `high + low` (double-double), `|low|` at most half an ulp of `high`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -25,7 +25,7 @@ impl Split {
     /// `self + value`.
     #[must_use]
     pub fn plus(self, value: f64) -> Self {
-        // Knuth's two-sum: the rounding error of the leading addition is kept.
+        // Knuth's two-sum computes the rounding error of the leading addition, which goes into the low part.
         let sum = self.high + value;
         let part = sum - self.high;
         let error = (self.high - (sum - part)) + (value - part) + self.low;

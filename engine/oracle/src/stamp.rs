@@ -1,12 +1,11 @@
-//! Stage `stamp`: when an event leaves the sensor, and in which packet.
+//! Stage `stamp`: the time stamp of an event, and the packet that it belongs to.
 
 use esaac_model::SensorModel;
 use esaac_model::packet::Event;
 use esaac_model::random::{PixelKey, Stream, draw, jitter_ns};
 use esaac_model::substeps::quantise_ns;
 
-/// Time stamp, nanoseconds, of the event that happens at `t_ns` at a pixel that has sent `index`
-/// events before it.
+/// Time stamp, nanoseconds, of the event that happens at `t_ns` at a pixel that has emitted `index` events before it.
 #[must_use]
 pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i64 {
     let jitter = match sensor.latency_jitter_ns {
@@ -17,21 +16,23 @@ pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i
     quantise_ns(t_ns + delay_ns, i64::from(sensor.timestamp_quantum_ns))
 }
 
-/// Takes out of `waiting` the events stamped at or before `end_ns`; the rest waits for a later packet.
+/// Removes the events stamped at or before `end_ns` from `waiting` and returns them. The others stay for a later
+/// packet.
 pub fn due(waiting: &mut Vec<Event>, end_ns: i64) -> Vec<Event> {
     let (due, later) = std::mem::take(waiting).into_iter().partition(|event| event.t_ns <= end_ns);
     *waiting = later;
     due
 }
 
-/// Time that the stamps of an interval beginning at `start_ns` count from: no event of the interval
-/// is stamped earlier.
+/// Base time of the packet of an interval that begins at `start_ns`, nanoseconds. No event of the interval is stamped
+/// earlier.
 #[must_use]
 pub fn base_ns(sensor: &SensorModel, start_ns: i64) -> i64 {
     quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns))
 }
 
-/// Last nanosecond before the earliest stamp that an event after `end_ns` can get.
+/// Watermark of the packet of an interval that ends at `end_ns`: the last nanosecond before the earliest stamp that a
+/// later event can get.
 #[must_use]
 pub fn watermark_ns(sensor: &SensorModel, end_ns: i64) -> i64 {
     quantise_ns(end_ns + 1, i64::from(sensor.timestamp_quantum_ns)) - 1

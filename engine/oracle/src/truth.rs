@@ -1,12 +1,12 @@
-//! Events that densely rendered frames imply: the log intensity runs straight from each frame to the
-//! next, and every crossing counts.
+//! The events that densely rendered frames imply: log intensity is linear in time from each frame to the next, and
+//! every crossing counts.
 
 use crate::oracle::Oracle;
 use esaac_model::packet::Event;
 use esaac_model::{SensorError, SensorModel, SubstepPolicy};
 use thiserror::Error;
 
-/// Why there is no truth.
+/// Why no events could be computed.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum TruthError {
     /// The sensor is not valid.
@@ -27,8 +27,8 @@ pub enum TruthError {
     },
 }
 
-/// Events between the first and the last of `frames`, each a time in nanoseconds and the intensities
-/// of all pixels (`y * width + x`), in order of (t, y, x, polarity).
+/// Events between the first and the last of `frames`, sorted by (t, y, x, polarity). Each frame is a time in
+/// nanoseconds and the intensities of all pixels (`y * width + x`), scene units.
 pub fn events<'a>(
     sensor: &SensorModel,
     camera: u32,
@@ -43,7 +43,7 @@ pub fn events<'a>(
             return Err(TruthError::Size { index, expected: sensor.pixels(), actual: frame.len() });
         }
         let start = previous.unwrap_or(frame);
-        // With one sub-step only the interval's two ends are asked for.
+        // With one sub-step the oracle samples the interval's two ends alone.
         let sample = |pixel: usize, from_start_ns: f64| {
             if from_start_ns > 0.0 { frame[pixel] } else { start[pixel] }
         };

@@ -108,7 +108,7 @@ fn a_mosaic_is_sampled_after_the_warp() {
         SensorModel { synthesis: Synthesis::Paper, intensity: Intensity::BayerRggb, ..sensor(24, 4) };
     let mut oracle = Oracle::new(sensor.clone(), 0).unwrap();
     oracle.keep_samples(true);
-    // Each colour is one value all over: a warped mosaic would mix them.
+    // Each colour is uniform over the image, so that no event may come. Warping a mosaic would mix the colours.
     let flat = hdr(&sensor, |_, _| [1.0, 2.0, 3.0]);
     let moving = motion(&sensor, [-3.3, 0.7]);
     step(&mut oracle, 0, &flat, &moving);
@@ -174,7 +174,7 @@ fn aps_is_the_mean_over_the_exposure_with_motion_blur() {
     let first = step(&mut oracle, 0, &hdr(&sensor, |_, _| [1.0; 3]), &still);
     assert_eq!(first.aps, None);
     let got = step(&mut oracle, 1, &hdr(&sensor, |x, _| [if x == 0 { 1.0 } else { 0.0 }; 3]), &still);
-    // A still pixel at 1, and one that falls from 1 to 0 and is 0.5 on average: times 2 / 4.
+    // The first pixel stays at 1. The second falls from 1 to 0, on average 0.5. Gain over white level is 2 / 4.
     assert_eq!(got.aps, Some(vec![2048, 1024]));
 }
 

@@ -102,7 +102,7 @@ impl CudaLink {
 
     /// A buffer that both sides see.
     pub fn buffer(&self, name: &str, bytes: u64) -> Result<CudaBuffer, InteropError> {
-        let buffer = SharedBuffer::exportable(&self.device, name, buffer_bytes(bytes))?;
+        let mut buffer = SharedBuffer::exportable(&self.device, name, buffer_bytes(bytes))?;
         let fd = buffer.export(&self.device)?;
         let image = CudaImage::import(&self.context, name, fd, &buffer.described())?;
         Ok(CudaBuffer { image, buffer })

@@ -1,12 +1,14 @@
-//! The thread that answers producers: new connections, greetings, rings, and messages that come while the
-//! rig steps.
+//! The hub: the thread that accepts connections, answers HELLO and BROUGHT, makes rings, and reads messages
+//! while the rig steps.
 
+use super::claims::Claim;
 use super::links::{Link, Shared, hush, ring, turn_away};
+use super::pause::Pause;
 use crate::error::InteropError;
 use crate::image::ImageKind;
 use crate::ring::{Images, Ring, Source, export_timelines, make_timelines};
 use crate::session::{Action, Agreement, Session, Terms, agree, hello};
-use crate::socket::{Listener, Received, Socket, wait_readable};
+use crate::socket::{Accepted, Credentials, Listener, Received, Socket, wait_readable};
 use crate::support::BUFFER_USAGE;
 use crate::timeline::SharedTimeline;
 use crate::wire::{self, Brought, ErrorCode, Header, ImageMemory, Message, RingOffer};
@@ -16,19 +18,23 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Between two looks at whether the thread that steps still listens to the producers itself.
+/// How often the hub looks whether the stepping thread still reads the producers' messages.
 const TAKE_OVER: Duration = Duration::from_millis(2);
 
 /// A connection that has no ring yet.
 struct Guest {
+    /// Number of the connection, counted from 0.
+    connection: u64,
     socket: Arc<Socket>,
+    peer: Credentials,
     since: Instant,
-    /// What it is to bring memory for.
+    /// Set from an accepted HELLO on until the producer's memory has come.
     bringing: Option<Bringing>,
 }
 
+/// What a producer that brings its memory has been promised.
 struct Bringing {
-    camera: usize,
+    claim: Claim,
     agreement: Agreement,
     session: Session,
     timelines: Vec<Box<dyn SharedTimeline>>,
@@ -39,12 +45,19 @@ pub(super) struct Hub {
     shared: Arc<Shared>,
     listener: Listener,
     guests: Vec<Guest>,
-    next_id: u64,
+    next_connection: u64,
+    pause: Pause,
 }
 
 impl Hub {
     pub(super) fn new(shared: &Arc<Shared>, listener: Listener) -> Self {
-        Hub { shared: Arc::clone(shared), listener, guests: Vec::new(), next_id: 0 }
+        Hub {
+            shared: Arc::clone(shared),
+            listener,
+            guests: Vec::new(),
+            next_connection: 0,
+            pause: Pause::default(),
+        }
     }
 
     /// Answers until the server is dropped.
@@ -63,7 +76,7 @@ impl Hub {
         self.shared.lock().links.clear();
     }
 
-    /// Waits for something to do and does it; whether to go on.
+    /// Waits for something to do and does it. Returns whether to go on.
     fn turn(&mut self) -> Result<bool, InteropError> {
         let (links, limit) = {
             let mut state = self.shared.lock();
@@ -73,7 +86,7 @@ impl Hub {
             let limit = match (state.links.is_empty(), self.guests.is_empty()) {
                 (true, true) => Duration::from_secs(1),
                 (true, false) => Duration::from_millis(50),
-                // Soon enough to take over once the rig steps.
+                // The hub must take over soon after the rig begins to step.
                 (false, _) => TAKE_OVER,
             };
             if state.listens {
@@ -83,23 +96,26 @@ impl Hub {
                 (state.live_sockets(), limit)
             }
         };
-        let fds: Vec<_> = [self.shared.wake.as_fd(), self.listener.as_fd()]
+        let paused = self.pause.left(Instant::now());
+        let limit = paused.map_or(limit, |left| limit.min(left));
+        let fds: Vec<_> = [self.shared.wake.as_fd()]
             .into_iter()
             .chain(self.guests.iter().map(|guest| guest.socket.as_fd()))
             .chain(links.iter().map(|(_, socket)| socket.as_fd()))
+            .chain(paused.is_none().then(|| self.listener.as_fd()))
             .collect();
         let readable = wait_readable(&fds, limit)?;
         let _zone = zone!("answer producers");
         if readable[0] {
             hush(&self.shared.wake);
         }
-        let (guests, linked) = readable[2..].split_at(self.guests.len());
+        let (guests, others) = readable[1..].split_at(self.guests.len());
+        let (linked, listener) = others.split_at(links.len());
         for ((id, _), _) in links.iter().zip(linked).filter(|(_, readable)| **readable) {
             self.shared.hear(&mut self.shared.lock(), *id);
         }
-        let guests: Vec<bool> = guests.to_vec();
-        self.hear_guests(&guests);
-        if readable[1] {
+        self.hear_guests(guests);
+        if listener.contains(&true) {
             self.welcome()?;
         }
         if std::mem::take(&mut self.shared.lock().changed) {
@@ -108,32 +124,44 @@ impl Hub {
         Ok(true)
     }
 
-    /// Lets a new connection in.
+    /// Accepts the connections that wait.
     fn welcome(&mut self) -> Result<(), InteropError> {
-        while let Some((socket, uid)) = self.listener.accept()? {
-            let own = rustix::process::geteuid().as_raw();
-            let most = 2 * self.shared.terms.len() + 8;
-            let refusal = if uid != own {
-                Some((ErrorCode::User, format!("user {uid}, expected {own}")))
-            } else if self.guests.len() >= most {
-                Some((ErrorCode::Busy, format!("{most} connections are being answered already")))
-            } else {
-                None
-            };
-            match refusal {
-                Some((code, text)) => {
-                    let error = InteropError::Refused { code, text };
-                    turn_away(&socket, &error);
-                    Shared::say(&mut self.shared.lock(), format!("connection: {error}"));
+        loop {
+            let (socket, peer) = match self.listener.accept()? {
+                Accepted::Nobody => return Ok(()),
+                Accepted::One(socket, peer) => (socket, peer),
+                Accepted::NoRoom(errno) => {
+                    let pause = self.pause.begin(Instant::now());
+                    let mut state = self.shared.lock();
+                    state.connections.not_accepted += 1;
+                    let text = format!("connections wait {pause:?}: accept4: {errno}");
+                    state.say(text);
+                    return Ok(());
                 }
-                None => self.guests.push(Guest {
+            };
+            self.pause.forget();
+            let connection = self.next_connection;
+            self.next_connection += 1;
+            self.shared.lock().connections.accepted += 1;
+            match admit(peer, self.guests.len(), self.shared.terms.len()) {
+                Err(error) => self.refuse(&socket, &error),
+                Ok(()) => self.guests.push(Guest {
+                    connection,
                     socket: Arc::new(socket),
+                    peer,
                     since: Instant::now(),
                     bringing: None,
                 }),
             }
         }
-        Ok(())
+    }
+
+    /// Closes a connection that has no ring, and says why to both sides.
+    fn refuse(&self, socket: &Socket, error: &InteropError) {
+        turn_away(socket, error);
+        let mut state = self.shared.lock();
+        state.connections.refused += 1;
+        state.say(format!("connection: {error}"));
     }
 
     /// Messages of connections that have no ring yet.
@@ -148,22 +176,21 @@ impl Hub {
                     None => Ok(true),
                 })
             } else if guest.since.elapsed() > limit {
-                Err(InteropError::Timeout { what: "the producer's greeting", limit })
+                let greeted = guest.bringing.is_some();
+                let what = if greeted { "the producer's memory, BROUGHT," } else { "the producer's HELLO" };
+                Err(InteropError::Timeout { what, limit })
             } else {
                 Ok(true)
             };
             match outcome {
                 Ok(true) => self.guests.push(guest),
                 Ok(false) => {}
-                Err(error) => {
-                    turn_away(&guest.socket, &error);
-                    Shared::say(&mut self.shared.lock(), format!("connection: {error}"));
-                }
+                Err(error) => self.refuse(&guest.socket, &error),
             }
         }
     }
 
-    /// Answers a guest's message; whether it stays one.
+    /// Answers a guest's message. Returns whether it is still a guest.
     fn answer(&mut self, guest: &mut Guest, received: Received) -> Result<bool, InteropError> {
         let message = received.message()?;
         if let Some(mut bringing) = guest.bringing.take() {
@@ -177,17 +204,8 @@ impl Hub {
             };
         }
         let hello = *hello(&message)?;
-        let camera = hello.camera as usize;
-        let refused = |code, text| Err(InteropError::Refused { code, text });
-        let Some(terms) = self.shared.terms.get(camera).copied() else {
-            let cameras = self.shared.terms.len();
-            return refused(ErrorCode::Camera, format!("camera {camera}, the rig has {cameras}"));
-        };
-        let taken = self.shared.lock().links.iter().any(|link| link.camera == camera)
-            || self.guests.iter().any(|g| g.bringing.as_ref().is_some_and(|b| b.camera == camera));
-        if taken {
-            return refused(ErrorCode::Taken, format!("camera {camera} has a producer already"));
-        }
+        let claim = self.shared.claims.take(hello.camera as usize, guest.connection, guest.peer)?;
+        let terms = self.shared.terms[claim.camera()];
         let agreement = agree(&hello, &terms)?;
         let session = Session::new(&terms, agreement);
         let exported = agreement.timeline == wire::TIMELINE_EXPORTED;
@@ -196,19 +214,19 @@ impl Hub {
         if agreement.brings() {
             let images = agreement.memory == wire::MEMORY_IMAGES;
             self.offer(guest, &terms, agreement, wanted(&terms.images, images), &timeline_fds)?;
-            guest.bringing = Some(Bringing { camera, agreement, session, timelines });
+            guest.bringing = Some(Bringing { claim, agreement, session, timelines });
             return Ok(true);
         }
         let source = Source::Own(agreement.memory);
-        let ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
+        let mut ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
         let mut fds = ring.export_memory(&self.shared.device)?;
         fds.extend(timeline_fds);
         self.offer(guest, &terms, agreement, ring.described(), &fds)?;
-        self.link(guest, camera, agreement, session, ring);
+        self.link(guest, claim, agreement, session, ring);
         Ok(false)
     }
 
-    /// Tells a guest its ring.
+    /// Sends a guest the description of its ring.
     fn offer(
         &self,
         guest: &Guest,
@@ -248,25 +266,26 @@ impl Hub {
         brought: &Brought,
         fds: Vec<OwnedFd>,
     ) -> Result<(), InteropError> {
-        let Bringing { camera, agreement, session, timelines } = bringing;
-        let terms = &self.shared.terms[camera];
+        let Bringing { claim, agreement, session, timelines } = bringing;
+        let terms = &self.shared.terms[claim.camera()];
         let Brought { hdr, motion, .. } = *brought;
         let source = Source::Peer { kind: agreement.memory, fds, hdr, motion };
         let ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
         guest.socket.send(&Message::Accepted(Header::default()), &[])?;
-        self.link(guest, camera, agreement, session, ring);
+        self.link(guest, claim, agreement, session, ring);
         Ok(())
     }
 
-    /// A guest has its ring.
-    fn link(&mut self, guest: &Guest, camera: usize, agreement: Agreement, session: Session, ring: Ring) {
+    /// Makes a guest that has its ring a link.
+    fn link(&self, guest: &Guest, claim: Claim, agreement: Agreement, session: Session, ring: Ring) {
         let mut state = self.shared.lock();
-        state.agreed[camera] = Some(agreement);
-        state.counts[camera].connections += 1;
+        state.agreed[claim.camera()] = Some(agreement);
+        state.counts[claim.camera()].connections += 1;
         state.links.push(Link {
-            id: self.next_id,
-            camera,
+            id: guest.connection,
+            claim,
             socket: Arc::clone(&guest.socket),
+            since: Instant::now(),
             session,
             ring: Arc::new(ring),
             pending: VecDeque::new(),
@@ -274,11 +293,25 @@ impl Hub {
             seen: false,
         });
         state.changed = true;
-        self.next_id += 1;
     }
 }
 
-/// What a guest must know of the memory that it is to bring: of images what they are used for.
+/// Whether a new connection may say something: it must be this user's, and there must not be too many
+/// that have no ring yet.
+fn admit(peer: Credentials, guests: usize, cameras: usize) -> Result<(), InteropError> {
+    let (user, own) = (peer.user, rustix::process::geteuid().as_raw());
+    let most = 2 * cameras + 8;
+    let refused = |code, text| Err(InteropError::Refused { code, text });
+    if user != own {
+        refused(ErrorCode::User, format!("user {user}, expected {own}"))
+    } else if guests >= most {
+        refused(ErrorCode::Busy, format!("{most} connections are being answered already"))
+    } else {
+        Ok(())
+    }
+}
+
+/// What a producer must know of the memory that it shall bring: its size, and the usage of images.
 fn wanted(images: &Images, as_images: bool) -> [ImageMemory; 2] {
     let of = |kind: ImageKind| ImageMemory {
         bytes: kind.bytes,
@@ -286,4 +319,22 @@ fn wanted(images: &Images, as_images: bool) -> [ImageMemory; 2] {
         ..ImageMemory::default()
     };
     [of(images.hdr_kind()), images.motion_kind().map_or(ImageMemory::default(), of)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn other_users_and_too_many_connections_are_not_admitted() {
+        let own = rustix::process::geteuid().as_raw();
+        let peer = |user| Credentials { user, process: 1 };
+        assert!(admit(peer(own), 0, 1).is_ok() && admit(peer(own), 9, 1).is_ok());
+        let error = admit(peer(own), 10, 1).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::Busy);
+        assert!(error.to_string().contains("10 connections"), "{error}");
+        let error = admit(peer(own.wrapping_add(1)), 0, 1).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::User);
+        assert!(error.to_string().contains(&format!("expected {own}")), "{error}");
+    }
 }

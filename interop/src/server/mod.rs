@@ -1,29 +1,32 @@
-//! The engine's side of the socket: a thread that answers producers, and what it hands to the one that
-//! steps the rig.
+//! The engine's side of the socket. One thread, the hub, answers producers; another steps the rig.
 //!
-//! What both touch is behind one lock that is never held over a wait or an allocation of the device. The
-//! thread that steps listens to producers itself while it waits for frames, so that nobody is between the
-//! two; the other one listens to them while the rig steps.
+//! Both share a state behind one lock. Nobody holds the lock while it waits or allocates memory of the device.
+//! While the stepping thread waits for frames it reads the producers' messages itself, which is quickest.
+//! While it steps, the hub reads them.
 
+mod claims;
 mod hub;
 mod links;
+mod notices;
+mod pause;
 mod wait;
 
 use crate::error::InteropError;
 use crate::ring::{Images, Ring, Slot};
 use crate::session::{Agreement, Terms};
 use crate::socket::Listener;
-use crate::support::Support;
+use crate::support::{Support, safe_memories};
 use crate::wire::{self, FrameNotice};
+use claims::Claims;
 use esaac_engine::Device;
 use hub::Hub;
 use links::{Shared, State, ring};
+use notices::Notices;
 use rustix::event::{EventfdFlags, eventfd};
-use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// One camera of the rig as producers see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,25 +35,33 @@ pub struct CameraTerms {
     pub images: Images,
     /// Slots of its ring.
     pub slots: u32,
-    /// Whether older frames are dropped for the newest; else the producer waits.
+    /// Whether a newer frame replaces those that were not stepped yet. Otherwise the producer waits.
     pub latest: bool,
 }
 
 /// How a server behaves.
 #[derive(Clone, Copy, Debug)]
 pub struct ServerOptions {
-    /// A connection that has not come to its first frame by then is closed.
+    /// A connection that has not sent what it needs for a ring this long after it was made is closed: HELLO,
+    /// and BROUGHT if it brings memory.
     pub handshake_timeout: Duration,
-    /// A frame that was told of and is not there by then ends its connection.
+    /// A producer whose first FRAME has not come this long after it had its ring is closed: it holds a camera
+    /// that another one may want. It learns its formats from the ring and may build its pipelines after that.
+    pub first_frame_timeout: Duration,
+    /// A frame that is announced by FRAME and not written after this time ends its connection.
     pub frame_timeout: Duration,
-    /// Once a frame is there, how long the other connected cameras are waited for to go in one tick.
+    /// Once a frame is there, how long the tick waits for frames of the other connected cameras.
     pub gather: Duration,
-    /// So long after the last message the thread that steps looks by itself before it sleeps: being woken
-    /// takes tens of microseconds, looking takes a processor. Not on a software device, whose producers
-    /// need the processor.
+    /// How long after the last message the stepping thread polls before it sleeps. Waking up takes tens of
+    /// microseconds; polling keeps a processor busy. On a software device it never polls, because the
+    /// producers need the processor.
     pub spin: Duration,
-    /// Memories that may be used, as bits; the device's abilities are a further limit.
+    /// Kinds of memory that may be used, as bits. What the device cannot share is left out.
     pub memories: u32,
+    /// Whether a software device shares memory by its own descriptors too. Such a driver keeps its notes
+    /// beside the texels, where the peer can overwrite them: a hostile producer can then crash this process.
+    /// Without trust only memory of the host is shared there. GPUs are not affected.
+    pub trusts_producers: bool,
     /// Timelines that may be used, as bits.
     pub timelines: u32,
 }
@@ -59,33 +70,46 @@ impl Default for ServerOptions {
     fn default() -> Self {
         ServerOptions {
             handshake_timeout: Duration::from_secs(5),
+            first_frame_timeout: Duration::from_secs(120),
             frame_timeout: Duration::from_secs(5),
             gather: Duration::from_millis(1),
             spin: Duration::from_micros(500),
             memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES,
+            trusts_producers: false,
             timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
         }
     }
 }
 
-/// What was counted for a camera since the start.
+/// Counts of all connections since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ConnectionCounts {
+    /// Connections that were accepted from the system.
+    pub accepted: u64,
+    /// Those that were closed before they had a ring: other users, bad greetings, cameras that are taken.
+    pub refused: u64,
+    /// How often a connection had to wait because the system had no descriptor or memory for it.
+    pub not_accepted: u64,
+}
+
+/// Counts of one camera since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCounts {
     /// Producers that were given a ring.
     pub connections: u64,
-    /// Producers that said goodbye, and whose frames are all done.
+    /// Producers that sent BYE and whose frames are all done.
     pub finished: u64,
-    /// Producers that went without a word or broke the rules.
+    /// Producers that disappeared without BYE or broke the rules.
     pub lost: u64,
-    /// Frames that were told of.
+    /// Frames announced by FRAME.
     pub frames: u64,
     /// Frames that were stepped.
     pub stepped: u64,
     /// Frames dropped for newer ones.
     pub dropped: u64,
-    /// Frames that went with their producer.
+    /// Frames that were not stepped because their producer was lost.
     pub abandoned: u64,
-    /// Copies on the device of the frames that were stepped: by their producers' word, and the engine's own
+    /// Copies on the device of the frames that were stepped: those that producers report, and the engine's own
     /// of images.
     pub device_copies: u64,
     /// Copies by way of the host.
@@ -101,7 +125,7 @@ pub enum Outcome {
     Dropped,
 }
 
-/// A frame that is there; it goes back with [`Server::release`].
+/// A frame that is written. Give its slot back by [`Server::release`].
 pub struct Ready {
     /// Camera.
     pub camera: usize,
@@ -115,19 +139,19 @@ pub struct Ready {
 }
 
 impl Ready {
-    /// Where it lies.
+    /// The slot that holds it.
     #[must_use]
     pub fn slot(&self) -> &Slot {
         self.ring.slot(self.notice.slot)
     }
 
-    /// Value of its timeline that says that it is written; the next says that it is read.
+    /// Value of the slot's timeline that means "written". The next one means "read".
     #[must_use]
     pub fn value(&self) -> u64 {
         self.notice.value
     }
 
-    /// Copies on the device and by way of the host that the producer made of it.
+    /// Copies that the producer made of it: on the device, and through the host.
     #[must_use]
     pub fn copies(&self) -> (u32, u32) {
         (self.notice.device_copies, self.notice.host_copies)
@@ -141,7 +165,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Makes the socket and answers from now on.
+    /// Makes the socket and starts to answer producers.
     pub fn open(
         device: &Arc<Device>,
         path: &Path,
@@ -149,7 +173,8 @@ impl Server {
         options: ServerOptions,
     ) -> Result<Self, InteropError> {
         let support = Support::of(device);
-        let memories = support.offers(&device.info().name, options.memories)?;
+        let allowed = options.memories & safe_memories(device.is_software(), options.trusts_producers);
+        let memories = support.offers(&device.info().name, allowed)?;
         let terms: Vec<Terms> = (0..)
             .zip(cameras)
             .map(|(camera, c)| Terms {
@@ -160,7 +185,7 @@ impl Server {
                 device_uuid: device.info().uuid,
                 driver_uuid: device.info().driver_uuid,
                 memories: if c.images.are_importable(device) {
-                    memories | options.memories & wire::MEMORY_IMAGES
+                    memories | allowed & wire::MEMORY_IMAGES
                 } else {
                     memories
                 },
@@ -175,6 +200,7 @@ impl Server {
         let shared = Arc::new(Shared {
             device: Arc::clone(device),
             latest: cameras.iter().map(|c| c.latest).collect(),
+            claims: Claims::new(cameras.len()),
             options: ServerOptions {
                 spin: if device.is_software() { Duration::ZERO } else { options.spin },
                 ..options
@@ -183,7 +209,8 @@ impl Server {
                 links: Vec::new(),
                 agreed: vec![None; terms.len()],
                 counts: vec![LinkCounts::default(); terms.len()],
-                notices: VecDeque::new(),
+                connections: ConnectionCounts::default(),
+                notices: Notices::new(Instant::now()),
                 listens: false,
                 changed: false,
                 stopped: false,
@@ -201,7 +228,7 @@ impl Server {
         Ok(Server { shared, thread: Some(thread) })
     }
 
-    /// Gives a frame's slot back to its producer. The device is done with it.
+    /// Gives a frame's slot back to its producer and signals its timeline. The device must be done with it.
     pub fn release(&self, ready: &Ready, outcome: Outcome) -> Result<(), InteropError> {
         let mut state = self.shared.lock();
         let counts = &mut state.counts[ready.camera];
@@ -218,28 +245,40 @@ impl Server {
         Ok(())
     }
 
-    /// What was counted, a camera.
+    /// Counts of each camera.
     #[must_use]
     pub fn counts(&self) -> Vec<LinkCounts> {
         self.shared.lock().counts.clone()
     }
 
-    /// Memory and timelines that each camera's producer uses, or the last one used.
+    /// Memory and timeline of each camera's producer, or of its last one.
     #[must_use]
     pub fn agreements(&self) -> Vec<Option<Agreement>> {
         self.shared.lock().agreed.clone()
     }
 
-    /// Producers connected now.
+    /// Number of producers that have a ring now.
     #[must_use]
     pub fn connected(&self) -> usize {
         self.shared.lock().links.len()
     }
 
-    /// What has happened since this was asked last, in words.
+    /// Counts of all connections.
+    #[must_use]
+    pub fn connections(&self) -> ConnectionCounts {
+        self.shared.lock().connections
+    }
+
+    /// Adds a line to those of [`Server::notices`], within their limits.
+    pub fn say(&self, text: String) {
+        self.shared.lock().say(text);
+    }
+
+    /// Lines for a log about what has happened since the last call. What happens too often is summed up in one
+    /// line.
     #[must_use]
     pub fn notices(&self) -> Vec<String> {
-        self.shared.lock().notices.drain(..).collect()
+        self.shared.lock().notices.take(Instant::now())
     }
 }
 

@@ -1,4 +1,4 @@
-//! The thread that steps waits for frames: it looks for a while, then it sleeps on the producers' sockets.
+//! The stepping thread waits for frames: first it polls, then it sleeps until a socket can be read.
 
 use super::links::hush;
 use super::{Ready, Server};
@@ -9,13 +9,16 @@ use rustix::thread::set_current_timer_slack;
 use std::num::NonZeroU64;
 use std::time::{Duration, Instant};
 
-/// Between two looks at a device's work once it sleeps.
+/// Pause between two looks at a timeline that a device will signal.
 const NAP: Duration = Duration::from_micros(30);
+
+/// The last look at a link without a frame comes this long after its time is over.
+const TICK: Duration = Duration::from_millis(1);
 
 const TIMER_SLACK_NS: NonZeroU64 = NonZeroU64::new(1_000).unwrap();
 
 impl Server {
-    /// Frames that are there, one a camera at most; none if none comes within `limit`.
+    /// Waits for written frames, at most one per camera. The list is empty if none comes within `limit`.
     pub fn wait(&self, limit: Duration) -> Result<Vec<Ready>, InteropError> {
         self.shared.lock().listens = true;
         let ready = self.listen(limit);
@@ -43,7 +46,7 @@ impl Server {
             if heard {
                 last_heard = now;
             }
-            // Asked once: a frame that comes between two questions would be slept over.
+            // Ask once. Were a frame written between two questions, this thread would sleep and miss it.
             let there: Vec<bool> = state.links.iter().map(|link| link.front().is_some()).collect();
             let left = if there.contains(&true) {
                 let since = *first_seen.get_or_insert(now);
@@ -61,12 +64,16 @@ impl Server {
                 }
                 left
             };
+            // Nobody else times the first frames of links while this thread listens.
+            let new = state.links.iter().filter(|link| link.is_new());
+            let first_end = new.map(|link| link.since + options.first_frame_timeout + TICK).min();
+            let left = first_end.map_or(left, |end| left.min(end.saturating_duration_since(now)));
             if now - last_heard < options.spin {
                 drop(state);
                 std::hint::spin_loop();
                 continue;
             }
-            // A semaphore that the producer's device signals wakes nobody.
+            // A semaphore that the producer's device signals does not wake this thread.
             let under_way =
                 state.links.iter().zip(&there).any(|(link, there)| !link.pending.is_empty() && !there);
             let sockets = state.live_sockets();
@@ -76,7 +83,7 @@ impl Server {
                 .chain(sockets.iter().map(|(_, socket)| socket.as_fd()))
                 .collect();
             if under_way {
-                // The kernel may be 50 us late else. A kernel that does not know this is.
+                // By default Linux may wake a thread 50 us late. A kernel without this setting just does that.
                 let _ = set_current_timer_slack(Some(TIMER_SLACK_NS));
             }
             let readable = wait_readable(&fds, if under_way { left.min(NAP) } else { left })?;

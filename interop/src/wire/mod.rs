@@ -295,13 +295,34 @@ impl Refusal {
         refusal
     }
 
-    /// The words, whatever a peer has put there.
+    /// The words on one line, fit for a terminal and a log, whatever a peer has put there: what cannot be
+    /// printed is escaped, so that no text looks like another line or moves the cursor.
     #[must_use]
     pub fn words(&self) -> String {
         let end = (self.text_bytes as usize).min(self.text.len());
-        String::from_utf8_lossy(&self.text[..end]).into_owned()
+        printable(&String::from_utf8_lossy(&self.text[..end]))
     }
 }
+
+/// A text without characters that cannot be printed, cut where it becomes long by being escaped.
+fn printable(text: &str) -> String {
+    let mut printed = String::new();
+    for character in text.chars() {
+        match character {
+            // Only within a string literal would these need it.
+            '"' | '\'' => printed.push(character),
+            _ => printed.extend(character.escape_debug()),
+        }
+        if printed.len() > MAX_PRINTED_BYTES {
+            printed.push_str("...");
+            break;
+        }
+    }
+    printed
+}
+
+/// A text that is escaped becomes longer, but not much longer than this.
+const MAX_PRINTED_BYTES: usize = 512;
 
 #[cfg(test)]
 mod tests {
@@ -313,7 +334,32 @@ mod tests {
         assert_eq!(refusal.words(), "\u{e9}".repeat(128));
         let lying = Refusal { text_bytes: u32::MAX, ..refusal };
         assert_eq!(lying.words().len(), 256);
-        assert_eq!(ErrorCode::from_number(9), ErrorCode::Time);
+    }
+
+    #[test]
+    fn words_of_a_refusal_are_one_bounded_line_of_printable_characters() {
+        let quoted = "the camera's \"size\" of 3\u{b5}m";
+        assert_eq!(Refusal::new(ErrorCode::Camera, quoted).words(), quoted);
+        let hostile = "a\n\x1b[2Jb\r\0\u{202e}c\u{2028}\\";
+        let words = Refusal::new(ErrorCode::Camera, hostile).words();
+        assert_eq!(words, "a\\n\\u{1b}[2Jb\\r\\0\\u{202e}c\\u{2028}\\\\");
+        for filler in ["\u{7f}", "\0", "\u{202e}", "\u{e0001}"] {
+            let words = Refusal::new(ErrorCode::Camera, &filler.repeat(256)).words();
+            assert!(words.len() <= MAX_PRINTED_BYTES + 16, "{} bytes", words.len());
+            assert!(words.chars().all(|c| c.is_ascii_graphic()), "{words}");
+        }
+        // Bytes that are no text.
+        let mut garbage = Refusal::new(ErrorCode::Camera, "");
+        garbage.text = std::array::from_fn(|index| index as u8);
+        garbage.text_bytes = 256;
+        assert!(!garbage.words().chars().any(char::is_control), "{}", garbage.words());
+    }
+
+    #[test]
+    fn codes_read_back_and_unknown_ones_are_internal() {
+        for code in ErrorCode::ALL {
+            assert_eq!(ErrorCode::from_number(code as u32), code);
+        }
         assert_eq!(ErrorCode::from_number(4_000_000_000), ErrorCode::Internal);
     }
 }

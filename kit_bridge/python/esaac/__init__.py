@@ -1,4 +1,4 @@
-"""Event cameras for renderers: HDR frames and motion vectors in, time-ordered events out, on the GPU."""
+"""Event cameras for renderers. They take HDR frames and motion vectors and give time-ordered events, on the GPU."""
 
 from esaac import files
 from esaac._native import CudaTexture, Packet, SensorModel, Tensor, __version__, devices

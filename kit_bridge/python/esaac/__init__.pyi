@@ -1,21 +1,24 @@
-"""Event cameras for renderers: HDR frames and motion vectors in, time-ordered events out, on the GPU.
+"""Event cameras for renderers. They take HDR frames and motion vectors and give time-ordered events, on the GPU.
 
-Arrays are anything that lies in memory and says so: NumPy, torch, Warp, CuPy, JAX, by the buffer protocol,
-`__array_interface__`, DLPack or `__cuda_array_interface__`. On the host they may have any strides. On a CUDA
-device pixels lie one after the other and rows in order (padded rows and views of some channels are fine), and
-nothing of them touches the host.
+Arrays may be of NumPy, torch, Warp, CuPy, JAX, or any library with the buffer protocol, `__array_interface__`, DLPack
+or `__cuda_array_interface__`. On the host they may have any strides. On a CUDA device the pixels of a row must be
+contiguous and the rows in order; padded rows and views of some channels are allowed. Arrays on a CUDA device never
+pass through the host.
 
 * `hdr`: `(height, width, 3 or 4)`, or `(height, width)` on the host; float16 or float32 linear, or uint8 sRGB.
-* `motion`: `(height, width, 2 to 4)`, float16 or float32, pixels, of which the first two count. It leads back:
-  *previous position = position + motion*, x right, y down.
-* `depth` is taken and not used, so that a renderer can hand over what it has.
+* `motion`: `(height, width, 2 to 4)`, float16 or float32, in pixels; the first two channels count. It points back in
+  time: *previous position = position + motion*, x right, y down.
+* `depth` is accepted and not used.
 
-The first frame tells the formats; later ones have the same. Methods may be called from any thread; calls on one
-camera wait for each other, and the interpreter is free while the device works. Ctrl-C is raised after the step
-under way. A camera made before fork() raises `ForkError` in the child.
+The first frame sets the formats; later frames must have the same. Methods may be called from any thread. Calls on one
+camera wait for each other, and the interpreter is free while the device works. A camera made before fork() raises
+`ForkError` in the child.
+
+Ctrl-C never breaks off a step: it is raised before the step begins or once it is over. In the second case the step's
+packet is in `last_packet` (`last_packets` of a `Rig`), though the call has raised `KeyboardInterrupt`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Any, Literal, TypedDict, Union
 
@@ -38,8 +41,20 @@ __version__: str
 Array = Any
 """An array of any library, on the host or on a CUDA device."""
 
-Packets = Literal["host", "cuda"]
-"""Where events go: NumPy arrays, or tensors that stay on the CUDA device."""
+Packets = Literal["host", "mapped", "cuda"]
+"""Where events go.
+
+* `host`: NumPy arrays that own their memory.
+* `mapped`: read-only NumPy arrays over the memory that the device writes. Nothing is copied. An array stays as it is
+  for as long as you keep it, whatever steps follow and even when the camera is closed. Its memory is written again
+  only once nobody keeps a packet or an array of that step.
+* `cuda`: tensors that stay on the CUDA device.
+
+With `mapped`, `packet_ring` buffers (2 by default) are written in turn. While a step runs, the packets of the
+`packet_ring - 1` steps before it may be kept at no cost. (The camera itself keeps the last one, for `last_packet`.)
+For each older one that is kept, a step allocates another buffer, which takes time and memory: copy what you want to
+collect. In a child of fork() mapped arrays cannot be read.
+"""
 
 Profile = Literal["clean", "noisy", "paper"]
 
@@ -63,10 +78,10 @@ def devices() -> list[DeviceEntry]:
     """Every Vulkan device of this machine, and CUDA's number of it."""
 
 class SensorModel:
-    """What an event camera is. Every parameter is an attribute; `SensorModel.parameters()` lists them.
+    """Parameters of an event camera. Each is an attribute; `SensorModel.parameters()` lists them.
 
-    A sensor does not change: `replace` gives another. Wrong values raise `SensorError`, which names the
-    parameter, what was expected and what was given.
+    A sensor cannot be changed: `replace` makes another. Wrong values raise `SensorError`, which names the parameter,
+    what was expected and what was given.
     """
 
     name: str
@@ -107,13 +122,13 @@ class SensorModel:
         profile: Profile | None = None,
         **parameters: Any,
     ) -> None:
-        """A preset by name (`"davis346"` by default) or a sensor; then a profile, then parameters over it."""
+        """A preset (`"davis346"` by default) or a sensor, changed by a profile and then by parameters."""
     @staticmethod
     def from_toml(text: str) -> SensorModel: ...
     def to_toml(self) -> str: ...
     def to_dict(self) -> dict[str, Any]: ...
     def replace(self, *, profile: Profile | None = None, **parameters: Any) -> SensorModel:
-        """The same with some parameters changed."""
+        """A copy with some parameters changed."""
     @staticmethod
     def presets() -> list[tuple[str, int, int, str]]:
         """Name, width, height, description of each."""
@@ -122,10 +137,10 @@ class SensorModel:
         """Name, unit, description of each."""
 
 class Tensor:
-    """An array on a CUDA device, contiguous, for `torch.from_dlpack`, `cupy.asarray`, `jax.dlpack.from_dlpack`.
+    """A contiguous array on a CUDA device, for `torch.from_dlpack`, `cupy.asarray` or `jax.dlpack.from_dlpack`.
 
-    It is written when the call that gave it returns: no stream has to wait. Its memory is the tensor's own for
-    as long as anything views it; it is used again only once all work on the device is done.
+    Its data are complete when the call returns that gave it, so no stream has to wait. Its memory is reused only when
+    nothing views it any more and all work on the device is done.
     """
 
     @property
@@ -148,16 +163,19 @@ class Tensor:
     ) -> Any: ...
     def __dlpack_device__(self) -> tuple[int, int]: ...
     def __len__(self) -> int: ...
-    def __getitem__(self, key: int | slice) -> Tensor: ...
+    def __getitem__(self, key: int | slice) -> Tensor:
+        """A part of the tensor where it lies. One with a single axis has no parts but slices: a number there raises
+        TypeError, and so do `list()` and `np.asarray()`. Copy it with `numpy()` or view it by DLPack."""
+    def __iter__(self) -> Iterator[Tensor]: ...
     def numpy(self) -> NDArray[Any]:
         """A copy on the host."""
 
 class CudaTexture:
-    """A renderer's image in CUDA's own layout, for `step` as `hdr`: one copy on the device, from where it was drawn.
+    """A renderer's image in CUDA's own layout, for `step` as `hdr`. It is copied once, on the device.
 
-    `handle` is a `cudaMipmappedArray_t` or, with `mipmapped=False`, a `cudaArray_t` of four channels, of the device's
-    primary context. Its size and format are checked; that it is such a handle cannot be: a number that is none ends
-    the process. `stream`: where it is written; the default stream else.
+    `handle` is a `cudaMipmappedArray_t` or, with `mipmapped=False`, a `cudaArray_t`, of four channels, in the
+    device's primary context. Its size and format are checked. Whether the number is such a handle cannot be checked:
+    a wrong one ends the process. `stream` is the stream that writes it, by default the default stream.
     """
 
     def __init__(
@@ -176,12 +194,13 @@ class CudaTexture:
 class Packet:
     """Events, sorted by (t, y, x, p) and complete to `watermark_ns`: no later packet has an earlier event.
 
-    With packets on the host the arrays own the engine's memory, without a copy: `x`, `y` uint16, `t_ns` int64
-    (made of `t_offset_ns` uint32 and `base_ns` when it is asked for), `p` uint8, 0 OFF and 1 ON. With packets on
-    a CUDA device they are tensors; there `x` and `y` are int16, which torch can compute with.
+    NumPy arrays are `x`, `y` uint16, `t_ns` int64, `p` uint8 (0 OFF, 1 ON). `t_ns` is made of `t_offset_ns` uint32
+    and `base_ns` when you first ask for it. On a CUDA device the columns are tensors, and `x` and `y` are int16,
+    which torch can compute with.
 
-    A packet of several cameras holds one camera's events after the other; camera i has those from `offsets[i]`
-    to `offsets[i + 1]`, and `packet[i]` is its packet.
+    A packet of several cameras holds one camera's events after the other. Camera i has those from `offsets[i]` to
+    `offsets[i + 1]`, and `packet[i]` is its packet. With `packets="mapped"`, `packet[i]` is in place, and a column of
+    the whole packet is a copy that is made when you first ask for it.
     """
 
     x: Array
@@ -221,8 +240,8 @@ class _Cameras:
 class EventCamera(_Cameras):
     """One event camera.
 
-    `device`: a number or UUID of `devices()`, or `"cuda:N"`; the best by default. `stream`: the CUDA stream that
-    the arrays are written in, where the producer does not say so itself (DLPack's do).
+    `device` is a number or UUID of `devices()`, or `"cuda:N"`; by default the best device. `stream`, of `step`, is
+    the CUDA stream that writes the arrays. It is needed only if the arrays do not tell it themselves, as DLPack's do.
     """
 
     def __init__(
@@ -232,6 +251,7 @@ class EventCamera(_Cameras):
         profile: Profile | None = None,
         device: int | str | None = None,
         packets: Packets = "host",
+        packet_ring: int | None = None,
         **parameters: Any,
     ) -> None: ...
     def step(
@@ -244,19 +264,24 @@ class EventCamera(_Cameras):
         stream: int | None = None,
     ) -> Packet:
         """The events between the last frame and this one; none for the first."""
+    @property
+    def last_packet(self) -> Packet | None:
+        """What the last step returned, for a caller whom an interrupt kept from it. It is the camera's until the
+        next step."""
     sensor: SensorModel
     """Any parameter but the size may be changed between two steps."""
     def reset(self) -> None:
-        """Forgets what was seen: the next frame is the first."""
+        """Begins anew: the next frame is the first."""
     def event_frame(self) -> Array:
-        """OFF and ON events a pixel of the last step: int32 `(2, height, width)`."""
+        """Number of OFF and ON events of each pixel in the last step: int32 `(2, height, width)`."""
     def voxel_grid(self, bins: int = 5) -> Array:
-        """Votes of +-1 split between bins of time, of the last step: float32 `(bins, height, width)`."""
+        """Events of the last step in bins of time: float32 `(bins, height, width)`. Each event adds +1 or -1, split
+        between the two nearest bins."""
     @property
     def aps(self) -> ApsFrame | None: ...
     @property
     def statistics(self) -> dict[str, int]:
-        """Counts of the last step, its GPU time, and copies since the start."""
+        """Counts and GPU time of the last step, and the number of copies since the start."""
 
 class Rig(_Cameras):
     """Cameras of different sensors that step together."""
@@ -267,6 +292,7 @@ class Rig(_Cameras):
         *,
         device: int | str | None = None,
         packets: Packets = "host",
+        packet_ring: int | None = None,
     ) -> None: ...
     def __len__(self) -> int: ...
     def step(
@@ -276,7 +302,10 @@ class Rig(_Cameras):
         *,
         stream: int | None = None,
     ) -> list[Packet]:
-        """Steps the cameras whose frame, `(hdr, motion)` or `hdr`, is not None."""
+        """Steps the cameras whose frame is not None. A frame is `(hdr, motion)` or `hdr`."""
+    @property
+    def last_packets(self) -> list[Packet]:
+        """What the last step returned; empty before the first."""
     @property
     def sensors(self) -> list[SensorModel]: ...
     def set_sensor(self, camera: int, sensor: SensorModel) -> None: ...
@@ -289,9 +318,9 @@ class Rig(_Cameras):
     def statistics(self) -> dict[str, Any]: ...
 
 class TiledEventCamera(_Cameras):
-    """Many cameras alike, one for each environment, as a tiled renderer draws them: `(num_envs, height, width, c)`.
+    """Many equal cameras, one for each environment of a tiled renderer, with arrays `(num_envs, height, width, c)`.
 
-    Each has noise of its own. One call steps all; one packet holds all, with `offsets`.
+    Each has its own noise. One call steps all, and one packet holds the events of all.
     """
 
     def __init__(
@@ -302,6 +331,7 @@ class TiledEventCamera(_Cameras):
         profile: Profile | None = None,
         device: int | str | None = None,
         packets: Packets = "host",
+        packet_ring: int | None = None,
         **parameters: Any,
     ) -> None: ...
     def __len__(self) -> int: ...
@@ -315,9 +345,12 @@ class TiledEventCamera(_Cameras):
         stream: int | None = None,
     ) -> Packet: ...
     @property
+    def last_packet(self) -> Packet | None:
+        """What the last step returned, for a caller whom an interrupt kept from it."""
+    @property
     def sensor(self) -> SensorModel: ...
     def reset(self, envs: Any = None) -> None:
-        """Chosen environments (a sequence or an array of numbers), or all, begin anew."""
+        """Lets some environments (a sequence or an array of numbers), or all, begin anew."""
     def event_frames(self) -> Array:
         """int32 `(num_envs, 2, height, width)`."""
     def voxel_grids(self, bins: int = 5) -> Array:

@@ -7,7 +7,7 @@ from esaac._native import run_command
 
 
 def main():
-    # Ctrl-C ends the command as it does any program; Python's own handler would wait for it.
+    # Ctrl-C ends the command at once. Python's own handler would run only after the command.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     again = [sys.executable, "-m", "esaac"]
     sys.exit(run_command(["esaac", *sys.argv[1:]], again))

@@ -21,10 +21,10 @@ class ApsFrame:
 
 
 class _Cameras:
-    """What every kind of camera can do."""
+    """Methods of every kind of camera."""
 
-    def __init__(self, sensors, device, packets, tiled):
-        self._engine = Engine(sensors, device, packets, tiled)
+    def __init__(self, sensors, device, packets, packet_ring, tiled):
+        self._engine = Engine(sensors, device, packets, packet_ring, tiled)
 
     def close(self):
         """Frees device memory. A second call does nothing; any other call raises `ClosedError`."""
@@ -49,15 +49,19 @@ class _Cameras:
         """Memory in use: a list of `{camera, purpose, bytes, on_host}`; `camera` is None for what all share."""
         return self._engine.memory()
 
+    def _last_packet(self):
+        packets = self._engine.last
+        return packets[0] if packets else None
+
     def save(self):
-        """Everything that the next step depends on, as bytes for `restore`."""
+        """The state that the next step depends on, as bytes for `restore`."""
         parts = self._engine.save()
         banks = parts.pop("banks")
         header = json.dumps({**parts, "banks": [len(bank) for bank in banks]}).encode()
         return b"".join([_MAGIC, len(header).to_bytes(8, "little"), header, *banks])
 
     def restore(self, state):
-        """Takes up a state that cameras with the same sensors have saved."""
+        """Continues from a state that cameras with the same sensors have saved."""
         state = bytes(state)
         if state[:8] != _MAGIC or len(state) < 16:
             raise ArgumentError("this is no saved state of cameras")
@@ -80,13 +84,19 @@ class _Cameras:
 class EventCamera(_Cameras):
     """One event camera. See `__init__.pyi`."""
 
-    def __init__(self, sensor=None, *, profile=None, device=None, packets="host", **parameters):
+    def __init__(
+        self, sensor=None, *, profile=None, device=None, packets="host", packet_ring=None, **parameters
+    ):
         sensor = SensorModel(sensor, profile=profile, **parameters)
-        super().__init__([sensor], device, packets, tiled=False)
+        super().__init__([sensor], device, packets, packet_ring, tiled=False)
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
         del depth
         return self._engine.step_tiles(hdr, motion, t_ns, stream)
+
+    @property
+    def last_packet(self):
+        return self._last_packet()
 
     @property
     def sensor(self):
@@ -117,10 +127,10 @@ class EventCamera(_Cameras):
 
 
 class _Several(_Cameras):
-    """What cameras that step together can do."""
+    """Methods of cameras that step together."""
 
-    def __init__(self, sensors, device, packets, tiled):
-        super().__init__(sensors, device, packets, tiled)
+    def __init__(self, sensors, device, packets, packet_ring, tiled):
+        super().__init__(sensors, device, packets, packet_ring, tiled)
         self._count = len(sensors)
 
     def __len__(self):
@@ -139,9 +149,9 @@ class _Several(_Cameras):
 class Rig(_Several):
     """Cameras of different sensors that step together. See `__init__.pyi`."""
 
-    def __init__(self, sensors, *, device=None, packets="host"):
+    def __init__(self, sensors, *, device=None, packets="host", packet_ring=None):
         sensors = [SensorModel(sensor) for sensor in sensors]
-        super().__init__(sensors, device, packets, tiled=False)
+        super().__init__(sensors, device, packets, packet_ring, tiled=False)
 
     def step(self, frames, t_ns, *, stream=None):
         given = []
@@ -159,6 +169,10 @@ class Rig(_Several):
         times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
         given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
         return self._engine.step(given, times, stream)
+
+    @property
+    def last_packets(self):
+        return self._engine.last
 
     @property
     def sensors(self):
@@ -180,17 +194,31 @@ class Rig(_Several):
 class TiledEventCamera(_Several):
     """Many cameras alike, one for each environment. See `__init__.pyi`."""
 
-    def __init__(self, sensor=None, num_envs=1, *, profile=None, device=None, packets="host", **parameters):
+    def __init__(
+        self,
+        sensor=None,
+        num_envs=1,
+        *,
+        profile=None,
+        device=None,
+        packets="host",
+        packet_ring=None,
+        **parameters,
+    ):
         if not 1 <= num_envs <= 65536:
             raise ArgumentError(f"num_envs is {num_envs}, expected 1 to 65536")
         sensor = SensorModel(sensor, profile=profile, **parameters)
-        super().__init__([sensor] * num_envs, device, packets, tiled=True)
+        super().__init__([sensor] * num_envs, device, packets, packet_ring, tiled=True)
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
         del depth
-        # Arrays of times, of whatever library and on whatever device, in one go.
+        # An array of times, of any library and on any device, becomes a list in one call.
         times = t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
         return self._engine.step_tiles(hdr, motion, times, stream)
+
+    @property
+    def last_packet(self):
+        return self._last_packet()
 
     @property
     def sensor(self):

@@ -1,4 +1,4 @@
-"""What can go wrong. Every exception of this package is an `EsaacError`, and one of Python's own kinds too."""
+"""The exceptions of this package. Each is an `EsaacError`, and one of Python's own kinds too."""
 
 
 class EsaacError(Exception):
@@ -6,7 +6,7 @@ class EsaacError(Exception):
 
 
 class SensorError(EsaacError, ValueError):
-    """A sensor's parameter is wrong: `parameter` names it, `expected` and `actual` say how."""
+    """A parameter of a sensor is wrong. `parameter` names it; `expected` and `actual` say what is wrong."""
 
     def __init__(self, message, parameter=None, expected=None, actual=None):
         super().__init__(message)
@@ -16,7 +16,7 @@ class SensorError(EsaacError, ValueError):
 
 
 class FrameError(EsaacError, ValueError):
-    """A frame is wrong: type, shape, strides or device of an array, or its time."""
+    """A frame is wrong: an array's type, shape, strides or device, or the frame's time."""
 
 
 class ArgumentError(EsaacError, ValueError):
@@ -24,7 +24,7 @@ class ArgumentError(EsaacError, ValueError):
 
 
 class DeviceError(EsaacError, RuntimeError):
-    """There is no device that will do, or it failed."""
+    """No suitable device was found, or the device failed."""
 
 
 class ClosedError(EsaacError, RuntimeError):
@@ -32,8 +32,8 @@ class ClosedError(EsaacError, RuntimeError):
 
 
 class RosError(EsaacError, RuntimeError):
-    """ROS 2: there is no network to publish on, or a recording that cannot be written."""
+    """ROS 2: there is no network to publish on, or the recording cannot be written."""
 
 
 class ForkError(EsaacError, RuntimeError):
-    """Use of a parent's camera in a forked process."""
+    """A camera of the parent process was used in a forked child."""

@@ -1,10 +1,14 @@
-"""Events to files, by suffix: `.npz` (as `esaac simulate` writes), `.h5` (layout of the DSEC data set),
-`.aedat4`, `.raw` (EVT3).
+"""Writes events to files. The suffix chooses the format: `.npz` (as `esaac simulate` writes it), `.h5` (layout of the
+DSEC data set), `.aedat4` or `.raw` (EVT3).
 
-HDF5 needs `h5py`, AEDAT4 and EVT3 need `faery`; both are optional: `pip install esaac[hdf5,aedat4]`.
+HDF5 needs `h5py`, AEDAT4 and EVT3 need `faery`. Both are optional: `pip install esaac[hdf5,aedat4]`.
 """
 
+import contextlib
+import io
+import os
 import pathlib
+import tempfile
 
 import numpy as np
 
@@ -19,23 +23,23 @@ class EventWriter:
 
     >>> with EventWriter("events.h5", camera.sensor) as events:
     ...     events.write(camera.step(hdr, motion, t_ns=t_ns))
+
+    A folder that is missing or cannot be written raises `OSError` at once. If writing fails in the end, on a full
+    disk for example, the events stay: free some space and call `close` again, or `close("elsewhere.h5")`.
     """
 
     def __init__(self, path, sensor):
-        self.path = pathlib.Path(path)
-        if self.path.suffix not in SUFFIXES:
-            expected = ", ".join(SUFFIXES)
-            raise ArgumentError(f"{self.path.name} ends in `{self.path.suffix}`, expected one of {expected}")
         if not isinstance(sensor, SensorModel):
             raise ArgumentError(f"sensor is a {type(sensor).__name__}, expected a SensorModel")
-        # What is missing is better learnt before the simulation than after.
-        {".h5": _h5py, ".hdf5": _h5py, ".aedat4": _faery, ".raw": _faery}.get(self.path.suffix, bool)()
+        self.path = _checked(path)
+        # Better to fail before the simulation than after it.
+        _probe(self.path.parent)
         self.sensor = sensor
         self._parts, self._events = [], 0
         self._closed = False
 
     def write(self, packet):
-        """Adds a packet, wherever its events lie."""
+        """Adds a packet. Its events may be on the host or on a device."""
         if self._closed:
             raise ArgumentError(f"{self.path} is written and closed")
         if packet.offsets is not None:
@@ -48,39 +52,41 @@ class EventWriter:
     def __len__(self):
         return self._events
 
-    def close(self):
-        """Writes the file."""
+    @property
+    def closed(self):
+        return self._closed
+
+    def close(self, path=None):
+        """Writes the file, to another `path` if one is given. After an error the events are still there."""
         if self._closed:
             return
-        self._closed = True
+        path = self.path if path is None else _checked(path)
         types = (np.uint16, np.uint16, np.int64, np.uint8)
         columns = [
             np.ascontiguousarray(np.concatenate([part[i] for part in self._parts] or [np.empty(0)]), dtype)
             for i, dtype in enumerate(types)
         ]
-        self._parts = []
-        save(self.path, *columns, sensor=self.sensor)
+        save(path, *columns, sensor=self.sensor)
+        self.path, self._parts, self._closed = path, [], True
 
     def __enter__(self):
         return self
 
     def __exit__(self, kind, *_):
-        # What a failed run has gathered is no record of it.
+        # The events of a failed run are no recording.
         if kind is None:
             self.close()
 
 
 def save(path, x, y, t_ns, p, *, sensor):
-    """Writes events, in order of time, as `path`'s suffix says."""
-    path = pathlib.Path(path)
+    """Writes events, in order of time, as `path`'s suffix says. The file appears whole or not at all."""
+    path = _checked(path)
     if path.suffix == ".npz":
         save_npz(path, x, y, t_ns, p, sensor.to_toml())
-    elif path.suffix in (".h5", ".hdf5"):
-        _save_dsec(path, x, y, t_ns, p, sensor)
-    elif path.suffix in (".aedat4", ".raw"):
-        _save_by_faery(path, x, y, t_ns, p, sensor)
-    else:
-        raise ArgumentError(f"{path.name}: expected a suffix of {', '.join(SUFFIXES)}")
+        return
+    fill = _save_dsec if path.suffix in (".h5", ".hdf5") else _save_by_faery
+    with _appearing(path) as partial:
+        fill(partial, x, y, t_ns, p, sensor)
 
 
 def load_dsec(path):
@@ -101,7 +107,9 @@ def _save_dsec(path, x, y, t_ns, p, sensor):
     # Event ms_to_idx[ms] is the first at or after that millisecond.
     last_ms = int(relative[-1]) // 1000 + 1 if len(relative) else 0
     index = np.searchsorted(relative, np.arange(last_ms + 1) * 1000).astype(np.uint64)
-    with _h5py().File(path, "w") as file:
+    # In memory first: HDF5 ends the process when a disk is full.
+    image = io.BytesIO()
+    with _h5py().File(image, "w") as file:
         for name, column in (("x", x), ("y", y), ("t", relative.astype(np.uint32)), ("p", p)):
             chunks = (min(len(column), 1 << 16),) if len(column) else None
             compression = "gzip" if len(column) else None
@@ -111,6 +119,7 @@ def _save_dsec(path, x, y, t_ns, p, sensor):
         file["ms_to_idx"] = index
         file["t_offset"] = np.int64(offset_us)
         file.attrs["sensor"] = sensor.to_toml()
+    path.write_bytes(image.getbuffer())
 
 
 def _save_by_faery(path, x, y, t_ns, p, sensor):
@@ -119,14 +128,48 @@ def _save_by_faery(path, x, y, t_ns, p, sensor):
     events["t"], events["x"], events["y"] = t_ns // 1000, x, y
     events["on"] = p != 0
     stream = faery.events_stream_from_array(events, dimensions=(sensor.width, sensor.height))
-    if path.suffix == ".raw":
-        stream.to_file(path, version="evt3", zero_t0=False)
-    else:
-        stream.to_file(path)
+    options = {"version": "evt3", "zero_t0": False} if path.suffix == ".raw" else {}
+    try:
+        stream.to_file(path, **options)
+    except RuntimeError as error:
+        # Faery passes on the system's errors as RuntimeError.
+        raise OSError(f"cannot write {path.name}: {error}") from error
+
+
+def _checked(path):
+    """A path whose suffix names a format, and for which the library is there."""
+    path = pathlib.Path(path)
+    if path.suffix not in SUFFIXES:
+        raise ArgumentError(f"{path.name} ends in `{path.suffix}`, expected one of {', '.join(SUFFIXES)}")
+    {".h5": _h5py, ".hdf5": _h5py, ".aedat4": _faery, ".raw": _faery}.get(path.suffix, bool)()
+    return path
+
+
+def _probe(folder):
+    """Raises `OSError` if no file can be made in a folder."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        who = f"user {os.geteuid()}" if hasattr(os, "geteuid") else "this user"
+        raise type(error)(
+            error.errno, f"{who} cannot write recordings there: {error.strerror}", str(folder)
+        ) from error
+
+
+@contextlib.contextmanager
+def _appearing(path):
+    """A path of the same name in a temporary folder beside `path`. Moved to `path` when it is written."""
+    with tempfile.TemporaryDirectory(prefix=".esaac-", dir=path.parent) as folder:
+        partial = pathlib.Path(folder) / path.name
+        yield partial
+        os.replace(partial, path)
 
 
 def _host(array):
-    return array.numpy() if hasattr(array, "numpy") else array
+    """The array on the host. Mapped packets are copied: the camera wants their memory back."""
+    array = array.numpy() if hasattr(array, "numpy") else array
+    return array if array.flags.writeable else array.copy()
 
 
 def _h5py():

@@ -1,5 +1,5 @@
-"""ROS 2 topics of event cameras, on machines with ROS 2 and without: an embedded Cyclone DDS sends, `record` keeps
-an MCAP file as rosbag2 writes it. See `ros.pyi`."""
+"""Publishes event cameras on ROS 2, on machines with ROS 2 and without. An embedded Cyclone DDS sends; `record`
+writes an MCAP file like rosbag2's. See `ros.pyi`."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ check_names = check_ros_names
 
 @dataclasses.dataclass(frozen=True)
 class Camera:
-    """A camera to be published, and what of it."""
+    """A camera to be published, and which of its topics."""
 
     name: str
     sensor: SensorModel
@@ -37,7 +37,7 @@ class Camera:
 
 @dataclasses.dataclass(frozen=True)
 class Imu:
-    """What an IMU measures, x forward, y left, z up."""
+    """A sample of an IMU: x forward, y left, z up."""
 
     t_ns: int
     angular_rate_rad_s: tuple
@@ -46,7 +46,7 @@ class Imu:
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """What a camera has to say at one time."""
+    """A camera's data at one time."""
 
     packet: object = None
     aps: object = None
@@ -81,6 +81,7 @@ class _Events:
     watermark_ns: int
     sequence: int
     dropped: int
+    host_copies: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,7 +126,7 @@ class Publisher:
                 namespace=namespace,
                 node=node,
                 events=events,
-                # A recording is worth waiting for.
+                # A recording must be complete, so publishing waits for it.
                 lossless=policy == "lossless" or (policy is None and record is not None),
                 sim_time=time == "sim",
                 qos=list((qos or {}).items()),
@@ -198,6 +199,8 @@ def _events(packet):
     offsets = packet.t_offset_ns
     if offsets is None:
         offsets = (_host(packet.t_ns) - packet.base_ns).astype(np.uint32)
+    # Mapped packets are where the device wrote them; others have been copied once.
+    mapped = isinstance(packet.x, np.ndarray) and not packet.x.flags.writeable
     place = lambda column: np.ascontiguousarray(_host(column)).view(np.uint16)
     return _Events(
         x=place(packet.x),
@@ -208,6 +211,7 @@ def _events(packet):
         watermark_ns=packet.watermark_ns,
         sequence=packet.sequence,
         dropped=packet.dropped,
+        host_copies=0 if mapped else 1,
     )
 
 
@@ -219,7 +223,7 @@ def _image_of_depth(depth):
 
 
 def _host(array):
-    """A NumPy array of whatever it is, on a device or here."""
+    """A NumPy array of any array, on a device or on the host."""
     if isinstance(array, np.ndarray):
         return array
     if hasattr(array, "cpu"):

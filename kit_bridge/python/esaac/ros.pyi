@@ -1,16 +1,16 @@
-"""ROS 2 topics of event cameras, on machines with ROS 2 and without.
+"""Publishes event cameras on ROS 2, on machines with ROS 2 and without.
 
     from esaac import ros
 
     with ros.Publisher([ros.Camera("davis", camera.sensor, focal_px=300.0, rgb=True)]) as publisher:
         publisher.publish(t_ns, {"davis": ros.Frame(packet, aps=camera.aps, rgb=image)})
 
-Topics, messages, stamps and qualities of service are those of `esaac demo`: below `/NAMESPACE/NAME` `events`,
-`sensor`, `aps/image_raw`, `image_raw`, `depth/image_raw`, each with its `camera_info`, and `imu`; beside them
-`/clock`, `/tf_static` and `/diagnostics`. An embedded Cyclone DDS sends; `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`,
-`ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_DISTRO` and `CYCLONEDDS_URI` mean what they mean to ROS.
+Topics, messages, stamps and quality of service are those of `esaac demo`. Each camera has, below `/NAMESPACE/NAME`,
+`events`, `sensor`, `imu` and the images `aps/image_raw`, `image_raw` and `depth/image_raw` with their `camera_info`.
+All share `/clock`, `/tf_static` and `/diagnostics`. An embedded Cyclone DDS sends. `ROS_DOMAIN_ID`,
+`ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_DISTRO` and `CYCLONEDDS_URI` work as in ROS.
 
-A thread of its own sends, and the interpreter is free meanwhile.
+Sending happens on a thread of its own, without the interpreter's lock.
 """
 
 import os
@@ -27,10 +27,10 @@ def check_names(topic: str, frame_id: str | None) -> None:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera to be published, and what of it. APS frames are, where the sensor has them.
+    """A camera to be published, and which of its topics. APS frames are published if the sensor has them.
 
     Without `focal_px` (one number or x and y) its `camera_info` says that it is not calibrated. `centre_px` is the
-    middle of the image by default; the centre of the first pixel is (0, 0). `frame_id` is made of the name by
+    middle of the image by default, where (0, 0) is the centre of the first pixel. `frame_id` comes from the name by
     default.
     """
 
@@ -45,7 +45,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Imu:
-    """What an IMU measures in the frame `..._link`: x forward, y left, z up; 9.81 upwards at rest."""
+    """A sample of an IMU in the frame `..._link`: x forward, y left, z up. At rest the force is 9.81 upwards."""
 
     t_ns: int
     angular_rate_rad_s: Sequence[float]
@@ -53,10 +53,10 @@ class Imu:
 
 @dataclass(frozen=True)
 class Frame:
-    """What a camera has to say at one time.
+    """A camera's data at one time.
 
-    `rgb`: uint8 `(height, width, 3 or 4)`. `depth`: metres along the view axis, `(height, width)`; infinite, NaN or
-    not positive where there is none. Arrays of a device are brought to the host.
+    `rgb`: uint8 `(height, width, 3 or 4)`. `depth`: metres along the view axis, `(height, width)`; infinite, NaN
+    or not positive if there is nothing. Arrays on a device are copied to the host.
     """
 
     packet: Packet | None = None
@@ -68,10 +68,11 @@ class Frame:
 class Publisher:
     """Publishes cameras, records them, or both.
 
-    `events`: `packed`, `plain`, `evt3` or `mono`. `policy`: when sending falls behind, `latest` drops the oldest
-    tick and counts it (the default), `lossless` waits (the default with `record`). `time`: stamps are times of the
-    simulation, told on `/clock`, or `wall`. `qos`: as in `{"events": "best_effort,depth:10"}`; `all` is every
-    topic. `slice_ns`, `max_bytes`: smaller messages. `network=False` records only.
+    `events`: `packed`, `plain`, `evt3` or `mono`. `policy`: if sending falls behind, `latest` (the default) drops
+    the oldest tick and counts it, and `lossless` (the default with `record`) waits. `time`: `sim` stamps messages
+    with the simulation's time and publishes it on `/clock`; `wall` uses the system's clock. `qos`: for example
+    `{"events": "best_effort,depth:10"}`; `all` means every topic. `slice_ns` and `max_bytes` limit a message's time
+    and size. `network=False` only records.
     """
 
     def __init__(
@@ -93,19 +94,19 @@ class Publisher:
     ) -> None: ...
     @property
     def topics(self) -> dict[str, str]:
-        """Types by name."""
+        """Each topic's type, by the topic's name."""
     def publish(self, t_ns: int, frames: Mapping[str, Frame]) -> None:
-        """Sends what cameras have at `t_ns`, by name. Cameras may have calls of their own."""
+        """Sends cameras' data of time `t_ns`, by name. A call may have some of the cameras only."""
     def set_sensor(self, name: str, sensor: SensorModel) -> None:
-        """Tells a camera's parameters again: they have changed."""
+        """Publishes a camera's parameters again after they have changed."""
     def restart(self) -> None:
-        """Time may go back with the next call of `publish`."""
+        """Allows the next `publish` to be earlier than the last."""
     def notices(self) -> list[str]:
-        """What has happened since the last call that people should know: subscribers that cannot be served."""
+        """Messages for the user since the last call, for example of subscribers that cannot be served."""
     def summary(self) -> dict[str, Any]:
-        """Messages, bytes, drops and subscribers by topic, and times."""
+        """Counts of messages, bytes, drops and subscribers by topic, and times."""
     def close(self) -> dict[str, Any] | None:
-        """Sends what waits, and ends; the summary. A recording that is not whole raises `RosError`."""
+        """Sends what is queued and ends. Returns the summary. An incomplete recording raises `RosError`."""
     def __enter__(self) -> Publisher: ...
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None

@@ -111,6 +111,21 @@ def many(envs, size, packets="cuda"):
     }
 
 
+def vga(envs, packets):
+    """Packets on the host: how much longer than the GPU's work takes it until they can be read?"""
+    camera = esaac.TiledEventCamera("vga", envs, device="cuda:0", packets=packets)
+    made = frames(480, 640, 6, envs)
+    gpu = []
+
+    def statistics():
+        gpu.append(camera.statistics["gpu_ns"])
+        return camera.statistics
+
+    row = measure(lambda i: camera.step(*made[i % len(made)], t_ns=FRAME_NS * i), statistics, 48, warm=24)
+    gpu_us = sorted(gpu)[len(gpu) // 2] / 1e3
+    return {**row, "gpu_p50_us": gpu_us, "submit_over_gpu": row["submit_p50_us"] / gpu_us}
+
+
 def line(rows, of):
     """`of` as a line over pixels, by least squares of relative errors: at no pixels, per million, largest error."""
     pixels = np.array([row["pixels"] for row in rows]) / 1e6
@@ -147,6 +162,9 @@ def main():
         "320x320 x32, Warp arrays, packets on the host": one("host", None, given=wp.from_torch),
         "320x320 x32, CuPy arrays, packets on the host": one("host", None, given=cupy.from_dlpack),
     }
+    for envs in (8, 64):
+        for packets in ("host", "mapped"):
+            rows[f"{envs} x VGA, packets `{packets}`"] = vga(envs, packets)
     tiles = {f"{envs} of {size}x{size}": many(envs, size) for envs, size in TILES}
     rows |= tiles
     for name, row in rows.items():

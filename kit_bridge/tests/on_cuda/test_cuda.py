@@ -38,7 +38,7 @@ def events(cam, change, count=5):
     return tuple(np.concatenate([packet[i] for packet in packets]) for i in range(4))
 
 
-@pytest.mark.parametrize("packets", ["host", "cuda"])
+@pytest.mark.parametrize("packets", ["host", "mapped", "cuda"])
 def test_torch_tensors_never_touch_the_host_and_give_the_same_bits(packets):
     expected = run(camera(), count=5)
     cam = camera(packets=packets)
@@ -159,6 +159,27 @@ def test_tensors_are_taken_over_where_they_lie_and_outlive_the_step():
     for t_ns, x, expected in kept:
         np.testing.assert_array_equal(t_ns.cpu().numpy(), expected.t_ns)
         np.testing.assert_array_equal(x.cpu().numpy(), expected.x)
+
+
+def test_tensors_do_not_pass_for_empty_where_their_elements_are_asked_for():
+    cam = camera(packets="cuda")
+    for index in range(2):
+        packet = cam.step(*map(cuda, bars(40, 24, index)), t_ns=FRAME_NS * index)
+    assert len(packet) > 100 and len(packet.x) == len(packet)
+    for ask in (list, tuple, iter, np.asarray, np.array, lambda x: x[0], lambda x: x[-1], lambda x: 0 in x):
+        for column in (packet.x, packet.t_ns, packet.p):
+            with pytest.raises(TypeError, match=r"\.numpy\(\), or view it there with torch\.from_dlpack"):
+                ask(column)
+    with pytest.raises(TypeError, match=r"shape \[2, 24, 40\]"):
+        np.asarray(cam.event_frame())
+    frame = cam.event_frame()
+    for own, whole in zip(frame, frame.numpy(), strict=True):
+        np.testing.assert_array_equal(own.numpy(), whole)
+        np.testing.assert_array_equal(own[3:5].numpy(), whole[3:5])
+    with pytest.raises(IndexError, match="index 2 into .* expected below 2"):
+        frame[2]
+    with pytest.raises(IndexError, match="step 2"):
+        packet.x[::2]
 
 
 def _pointer(tensor):

@@ -1,5 +1,5 @@
-//! Recordings as rosbag2 makes them: MCAP files with the profile `ros2`, messages in CDR, definitions in
-//! full, and the quality of service that each topic was offered with.
+//! Recordings in rosbag2's format: MCAP files with the profile `ros2`. They contain CDR messages, complete
+//! definitions, and the quality of service that each topic offered.
 
 mod reader;
 mod writer;
@@ -12,7 +12,7 @@ use thiserror::Error;
 /// Why a recording cannot be written or read.
 #[derive(Debug, Error)]
 pub enum BagError {
-    /// The file cannot be made, written or read.
+    /// The file cannot be created, written or read.
     #[error("recording {path}: {source}")]
     File {
         /// Path.
@@ -20,7 +20,7 @@ pub enum BagError {
         /// Reason.
         source: std::io::Error,
     },
-    /// It is no MCAP file, or a damaged one.
+    /// The file is damaged or not an MCAP file.
     #[error("recording {path}: {source}")]
     Format {
         /// Path.
@@ -28,12 +28,12 @@ pub enum BagError {
         /// Reason.
         source: Box<mcap::McapError>,
     },
-    /// Nothing in it is a message of ROS 2.
+    /// The file has no ROS 2 messages.
     #[error("recording {path} holds no message of ROS 2 (encoding `cdr`); it has: {}", found.join(", "))]
     Foreign {
         /// Path.
         path: String,
-        /// Encodings that it has.
+        /// The encodings in it.
         found: Vec<String>,
     },
 }

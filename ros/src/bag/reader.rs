@@ -1,4 +1,5 @@
-//! Reads a recording from front to back, as far as it goes: one whose writer was killed has no end.
+//! Reads a recording from front to back. A recording whose writer was killed is read up to its last complete
+//! chunk.
 
 use super::{BagError, CDR, QOS_KEY, ROS2MSG};
 use crate::definition::texts_of_schema;
@@ -13,7 +14,7 @@ use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
 
-/// A message as it was recorded.
+/// A recorded message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedMessage {
     /// Number of its topic in [`BagReader::topics`].
@@ -24,7 +25,7 @@ pub struct RecordedMessage {
     pub bytes: Vec<u8>,
 }
 
-/// A record or chunk longer than this is taken for damage.
+/// A longer record or chunk means that the file is damaged.
 const MOST_BYTES: usize = 1 << 30;
 
 struct Schema {
@@ -64,25 +65,25 @@ impl BagReader {
         })
     }
 
-    /// Topics seen so far; a recording by this crate names all before its first message.
+    /// Topics read so far. A recording by this crate has all of them before its first message.
     #[must_use]
     pub fn topics(&self) -> &[Topic] {
         &self.topics
     }
 
-    /// Encodings of messages that were left out, since they are none of ROS 2.
+    /// Encodings and topics of messages that were skipped because they are not ROS 2's.
     #[must_use]
     pub fn foreign(&self) -> Vec<String> {
         self.foreign.iter().cloned().collect()
     }
 
-    /// Whether the file ended in the middle: its writer was stopped before it could finish.
+    /// Whether the end of the file is missing, because its writer was stopped.
     #[must_use]
     pub fn is_truncated(&self) -> bool {
         self.truncated
     }
 
-    /// The error for a recording in which nothing is a message of ROS 2.
+    /// The error for a recording without ROS 2 messages.
     pub(crate) fn without_messages(&self) -> BagError {
         BagError::Foreign { path: self.path.clone(), found: self.foreign() }
     }
@@ -119,7 +120,7 @@ impl BagReader {
         Ok(None)
     }
 
-    /// The file is over and the format is not.
+    /// The file ends before the format does.
     fn cut_short(&mut self) -> Result<Option<RecordedMessage>, BagError> {
         if self.topics.is_empty() && self.schemas.is_empty() {
             return Err(BagError::of(&self.path, mcap::McapError::UnexpectedEof));
@@ -142,7 +143,7 @@ impl BagReader {
             self.foreign.insert(format!("`{}` on {}", channel.message_encoding, channel.topic));
             return;
         };
-        // Only a definition in ROS's own language says what the type's hash is.
+        // The type hash follows from a `.msg` definition, not from other languages.
         let hash = (schema.encoding == ROS2MSG)
             .then(|| type_hash(&schema.name, &texts_of_schema(&schema.name, &schema.text)).ok())
             .flatten();

@@ -10,17 +10,17 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Bytes after which a chunk is closed.
+/// Size at which a chunk is closed.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// Room for the definitions at the file's start and for a chunk's index.
+/// File buffer: large enough for all definitions and for a chunk's index.
 const BUFFER_BYTES: usize = 256 << 10;
 
-/// Age at which a chunk is closed and handed to the system: what is older survives a killed process.
+/// Age at which a chunk is closed and handed to the system. A killed process loses younger messages only.
 const CHUNK_AGE: Duration = Duration::from_secs(1);
 
-/// A recording that is being written. Chunks are gathered in memory and written as a whole, so the file is
-/// readable up to its last chunk at any time.
+/// A recording that is being written. Chunks are collected in memory and written as a whole, so the file is
+/// always readable up to its last chunk.
 pub struct BagWriter {
     path: String,
     writer: Writer<BufWriter<File>>,
@@ -29,7 +29,7 @@ pub struct BagWriter {
 }
 
 impl BagWriter {
-    /// Makes the file; what was there before is lost.
+    /// Creates the file, or overwrites it.
     pub fn create(path: &Path) -> Result<Self, BagError> {
         let name = path.display().to_string();
         let file = File::create(path).map_err(|source| BagError::File { path: name.clone(), source })?;
@@ -44,7 +44,7 @@ impl BagWriter {
         Ok(BagWriter { path: name, writer, channels: Vec::new(), flushed: Instant::now() })
     }
 
-    /// Adds a topic; they are numbered from 0 in this order.
+    /// Adds a topic. Topics are numbered from 0 in this order.
     pub fn add_topic(&mut self, topic: &Topic) -> Result<(), BagError> {
         let fail = |error| BagError::of(&self.path, error);
         let schema =
@@ -58,7 +58,7 @@ impl BagWriter {
         Ok(())
     }
 
-    /// Adds a message on topic number `topic`. After an error the file is what it was at the last chunk.
+    /// Adds a message on topic number `topic`. After an error the file ends with the last complete chunk.
     pub fn write(&mut self, topic: usize, log_ns: u64, message: &[u8]) -> Result<(), BagError> {
         let fail = |error| BagError::of(&self.path, error);
         let (channel_id, sequence) = &mut self.channels[topic];
@@ -80,7 +80,7 @@ impl BagWriter {
     /// Writes the last chunk, the index and the summary.
     pub fn finish(mut self) -> Result<(), BagError> {
         self.writer.finish().map_err(|error| BagError::of(&self.path, error))?;
-        // The file's own buffer may hold bytes yet.
+        // Bytes may be left in the file's buffer.
         let flushed = self.writer.into_inner().flush();
         flushed.map_err(|source| BagError::File { path: self.path, source })
     }

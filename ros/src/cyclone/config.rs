@@ -1,10 +1,10 @@
-//! Where on the network to publish: the choices that ROS 2 reads from the environment, and Cyclone's
-//! configuration that follows from them.
+//! The network to publish on: ROS 2's environment variables, and the configuration of Cyclone DDS that
+//! follows from them.
 
 use crate::transport::TransportError;
 use std::fmt::Write as _;
 
-/// Largest domain id for which ports are left.
+/// Largest domain id; larger ones have no ports.
 pub const MAX_DOMAIN: u32 = 232;
 
 /// The network to publish on.
@@ -12,18 +12,18 @@ pub const MAX_DOMAIN: u32 = 232;
 pub struct NetworkOptions {
     /// Domain, 0 to [`MAX_DOMAIN`].
     pub domain: u32,
-    /// Network interface by its name; Cyclone's choice if none.
+    /// Name of the network interface. `None`: Cyclone chooses.
     pub interface: Option<String>,
-    /// This machine only.
+    /// Whether to stay on this machine.
     pub localhost_only: bool,
     /// Name of the node.
     pub node: String,
-    /// ROS 2 distribution of the subscribers: `humble` and older have another layout of the graph.
+    /// ROS 2 distribution of the subscribers. `humble` and older ones have a different graph message.
     pub distribution: String,
 }
 
 impl NetworkOptions {
-    /// What the environment says, as for every ROS 2 program: `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`,
+    /// Reads ROS 2's environment variables: `ROS_DOMAIN_ID`, `ROS_LOCALHOST_ONLY`,
     /// `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_DISTRO`. `get` reads a variable.
     pub fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Self, TransportError> {
         let set = |name: &str| get(name).filter(|value| !value.is_empty());
@@ -49,20 +49,21 @@ impl NetworkOptions {
         })
     }
 
-    /// Whether the distribution's types have hashes, as all have since Iron.
+    /// Whether the distribution's types have hashes; all have since Iron.
     pub(crate) fn has_type_hashes(&self) -> bool {
         !["foxy", "galactic", "humble"].contains(&self.distribution.as_str())
     }
 
-    /// Bytes of an identity in the ROS graph.
+    /// Size of an entity's identity in the ROS graph.
     pub(super) fn gid_bytes(&self) -> usize {
         if self.has_type_hashes() { 16 } else { 24 }
     }
 
-    /// Cyclone's configuration; `user` is the user's own (`CYCLONEDDS_URI`), which comes last and wins.
+    /// Cyclone's configuration. `user` is the user's own (`CYCLONEDDS_URI`); it comes last and overrides
+    /// ours.
     pub(super) fn xml(&self, user: Option<&str>) -> String {
         let mut general = String::new();
-        // Cyclone refuses an interface that is named twice.
+        // Cyclone refuses a second list of interfaces.
         let users_own = user.is_some_and(|user| user.contains("<NetworkInterface"));
         let loopback = (self.localhost_only && !users_own).then_some("lo");
         let interface = self.interface.as_deref().or(loopback);
@@ -73,9 +74,9 @@ impl NetworkOptions {
         if self.localhost_only {
             general += "<AllowMulticast>false</AllowMulticast>";
         }
-        // The largest datagram: a packet of events is sent in a few calls instead of hundreds.
+        // The largest datagrams: an event packet takes a few system calls instead of hundreds.
         general += "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize>";
-        // A greeting that is lost comes again soon: a demo may be over after the usual 30 s.
+        // A lost discovery message is repeated soon. A demo may end before the default 30 s.
         let mut discovery = "<SPDPInterval>2s</SPDPInterval>\
                              <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
             .to_owned();
@@ -83,9 +84,10 @@ impl NetworkOptions {
             discovery += "<ParticipantIndex>auto</ParticipantIndex>\
                           <Peers><Peer address=\"localhost\"/></Peers>";
         }
-        // A writer holds what its history asks for and never stops for one slow reader. It asks readers what
-        // they have after every tick: by default it asks after 0.1 s without a message, and 30 ticks a second
-        // never leave one. What was lost would then be noticed late, and what has arrived never let go.
+        // A writer keeps its whole history and never stops for one slow reader. A heartbeat asks readers what
+        // they have after every tick. The default is a heartbeat after 0.1 s without a message, and at 30
+        // ticks a second there is no such pause: losses would be found late, and delivered messages kept for
+        // good.
         let internal = "<Watermarks><WhcHigh>512MB</WhcHigh><WhcHighInit>512MB</WhcHighInit>\
                         <WhcAdaptive>false</WhcAdaptive></Watermarks>\
                         <HeartbeatInterval minsched=\"10ms\">10ms</HeartbeatInterval>";

@@ -1,4 +1,4 @@
-//! Handles of Cyclone DDS that are given back when they are dropped.
+//! Handles of Cyclone DDS that are released when they are dropped.
 
 #![expect(unsafe_code, reason = "Cyclone DDS's edge")]
 
@@ -6,7 +6,7 @@ use super::graph::Guid;
 use std::ffi::CStr;
 use std::time::Duration;
 
-/// What a return code means.
+/// The text of a return code.
 pub(super) fn text_of(code: i32) -> String {
     // SAFETY: the library returns a text of its own for every number.
     unsafe { CStr::from_ptr(cyclors::dds_strretcode(code)) }.to_string_lossy().into_owned()
@@ -16,7 +16,7 @@ pub(super) fn text_of(code: i32) -> String {
 pub(super) struct Entity(i32);
 
 impl Entity {
-    /// Takes over what a function of Cyclone returned: a handle, or a code below zero.
+    /// Owns the handle that a function of Cyclone returned. A negative value is an error code.
     pub fn new(returned: i32) -> Result<Self, i32> {
         if returned < 0 { Err(returned) } else { Ok(Entity(returned)) }
     }
@@ -25,7 +25,7 @@ impl Entity {
         self.0
     }
 
-    /// Its identity on DDS.
+    /// The entity's identity on DDS.
     pub fn guid(&self) -> Guid {
         // SAFETY: plain data that the call fills.
         unsafe {
@@ -35,7 +35,7 @@ impl Entity {
         }
     }
 
-    /// Readers that a writer sends to.
+    /// Number of readers that a writer sends to.
     pub fn matched(&self) -> usize {
         // SAFETY: plain data that the call fills.
         unsafe {
@@ -45,8 +45,7 @@ impl Entity {
         }
     }
 
-    /// Readers so far that could not be matched because of their quality of service, and the policy of the
-    /// last of them.
+    /// Number of readers so far whose quality of service did not match, and the policy of the last one.
     pub fn incompatible(&self) -> (u32, &'static str) {
         // SAFETY: plain data that the call fills.
         let status = unsafe {
@@ -65,33 +64,34 @@ impl Entity {
         (status.total_count, policy)
     }
 
-    /// Sends the datagram that a writer has begun.
+    /// Sends the datagram that a writer has begun to fill.
     pub fn flush(&self) {
-        // SAFETY: a call on a live handle. It fails on what is no writer alone.
+        // SAFETY: a call on a live handle. It can only fail if the handle is not a writer.
         let _ = unsafe { cyclors::dds_write_flush(self.0) };
     }
 
-    /// Waits until reliable readers have all.
+    /// Waits until reliable readers have all messages.
     pub fn wait_for_acks(&self, limit: Duration) {
         let limit_ns = i64::try_from(limit.as_nanos()).unwrap_or(i64::MAX);
-        // SAFETY: a call on a live handle. What is not there in time is lost with the writer.
+        // SAFETY: a call on a live handle. After the limit the caller goes on without the missing readers.
         let _ = unsafe { cyclors::dds_wait_for_acks(self.0, limit_ns) };
     }
 }
 
 impl Drop for Entity {
     fn drop(&mut self) {
-        // SAFETY: nobody uses the handle any more. One that went with its parent is refused, which is fine.
+        // SAFETY: nobody uses the handle any more. If its parent was deleted first, the call fails without
+        // effect.
         let _ = unsafe { cyclors::dds_delete(self.0) };
     }
 }
 
-/// Quality of service in Cyclone's hands.
+/// A quality of service that Cyclone allocated.
 pub(super) struct QosHandle(*mut cyclors::dds_qos_t);
 
 impl QosHandle {
     pub fn new() -> Self {
-        // SAFETY: the library ends the process where it has no memory, so this is never null.
+        // SAFETY: the library ends the process if it runs out of memory, so this is never null.
         QosHandle(unsafe { cyclors::dds_create_qos() })
     }
 

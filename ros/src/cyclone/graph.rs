@@ -1,12 +1,12 @@
-//! The ROS graph on DDS: which node owns which writers. Without it `ros2 topic echo` works, but
-//! `ros2 node list` shows nothing and `ros2 topic info -v` no node's name.
+//! The ROS graph on DDS: the message that lists a node's writers. `ros2 node list` and the node names of
+//! `ros2 topic info -v` need it; `ros2 topic echo` does not.
 
 use crate::cdr::CdrWriter;
 use crate::definition::Texts;
 use crate::message::texts;
 use crate::type_hash::type_hash;
 
-/// Topic on DDS; no prefix, since it is no topic of a user.
+/// Topic on DDS. Only topics of users have the prefix `rt`.
 pub(super) const TOPIC: &str = "ros_discovery_info";
 /// Type on DDS.
 pub(super) const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
@@ -17,11 +17,12 @@ pub(super) type Guid = [u8; 16];
 /// Type hash of the message.
 pub(super) fn hash() -> String {
     let all: &Texts = texts();
-    type_hash("rmw_dds_common/msg/ParticipantEntitiesInfo", all).expect("the built-in definitions are whole")
+    type_hash("rmw_dds_common/msg/ParticipantEntitiesInfo", all)
+        .expect("the built-in definitions are complete")
 }
 
-/// `ParticipantEntitiesInfo` of a participant with one node. ROS 2 Humble keeps identities in 24 bytes,
-/// later ones in 16.
+/// `ParticipantEntitiesInfo` of a participant with one node. An identity has 24 bytes in ROS 2 Humble and 16
+/// in later distributions.
 pub(super) fn entities(
     out: &mut Vec<u8>,
     participant: &Guid,

@@ -1,4 +1,4 @@
-//! What Cyclone DDS would print: kept, to explain errors and to be told as notices.
+//! Collects the log lines of Cyclone DDS, for error messages and notices.
 
 #![expect(unsafe_code, reason = "Cyclone DDS's edge")]
 
@@ -6,16 +6,16 @@ use super::entity::text_of;
 use std::ffi::c_void;
 use std::sync::{Mutex, PoisonError};
 
-/// Lines that nobody has asked for yet; what is beyond them is repetition.
+/// Most lines that are kept. Later ones are repetitions.
 const MOST: usize = 64;
 
-/// The library's number for what is about no domain.
+/// The library's domain number for lines that belong to no domain.
 const ANY: u32 = u32::MAX;
 
 static LINES: Mutex<Vec<(u32, String)>> = Mutex::new(Vec::new());
 
 unsafe extern "C" fn sink(_: *mut c_void, data: *const cyclors::dds_log_data_t) {
-    // SAFETY: the library hands over a line of `size` bytes that lives until this returns.
+    // SAFETY: the library passes a line of `size` bytes that lives until this returns.
     let (domain, line) = unsafe {
         let data = &*data;
         (data.domid, std::slice::from_raw_parts(data.message.cast::<u8>(), data.size))
@@ -26,9 +26,9 @@ unsafe extern "C" fn sink(_: *mut c_void, data: *const cyclors::dds_log_data_t) 
     }
 }
 
-/// Takes the lines of this process from here on.
+/// Collects this process's lines from now on, instead of printing them.
 pub(super) fn take_over() {
-    // SAFETY: the function lives for ever and needs no data.
+    // SAFETY: the function is static and uses no data.
     unsafe { cyclors::dds_set_log_sink(Some(sink), std::ptr::null_mut()) }
 }
 
@@ -38,7 +38,7 @@ pub(super) fn take(domain: u32) -> Vec<String> {
     lines.extract_if(.., |(about, _)| *about == domain || *about == ANY).map(|(_, line)| line).collect()
 }
 
-/// A return code with what was printed about the domain.
+/// A return code with the lines about the domain.
 pub(super) fn explain(domain: u32, code: i32) -> String {
     let lines = take(domain);
     match lines.is_empty() {

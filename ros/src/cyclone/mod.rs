@@ -1,5 +1,5 @@
-//! The embedded transport: Cyclone DDS, the C library that ROS 2 itself runs on, linked into the program.
-//! Subscribers see an ordinary ROS 2 node, and no ROS needs to be installed here.
+//! The embedded transport: Cyclone DDS, a C library that ROS 2 itself uses, linked into the program.
+//! Subscribers see an ordinary ROS 2 node, and this machine needs no ROS.
 
 #![expect(unsafe_code, reason = "Cyclone DDS's edge")]
 
@@ -31,25 +31,25 @@ struct Writer {
     incompatible: u32,
 }
 
-// SAFETY: Cyclone's entities may be used from any thread; the type is only handed back to Cyclone.
+// SAFETY: Cyclone's entities may be used from any thread, and `sertype` is only passed back to Cyclone.
 unsafe impl Send for Writer {}
 
 /// A participant with its writers.
 pub struct CycloneTransport {
-    // Dropped in this order: the domain last, and with it all that is left.
+    // Dropped in this order. The domain is last and deletes what is left.
     writers: Vec<Writer>,
     graph: Writer,
     participant: Entity,
     participant_guid: Guid,
     graph_is_stale: bool,
-    /// The writer that has begun a datagram, if one has.
+    /// The writer that has begun a datagram, if any.
     unsent: Option<usize>,
     domain: Entity,
     options: NetworkOptions,
 }
 
 impl CycloneTransport {
-    /// Joins the domain. The user's `CYCLONEDDS_URI` is laid over the built-in configuration.
+    /// Joins the domain. The user's `CYCLONEDDS_URI` overrides the built-in configuration.
     pub fn open(options: NetworkOptions) -> Result<Self, TransportError> {
         let unavailable = |reason: String| TransportError::Unavailable(reason);
         names::check_node(&options.node).map_err(|error| unavailable(error.to_string()))?;
@@ -60,7 +60,8 @@ impl CycloneTransport {
         log::take_over();
         let user = std::env::var("CYCLONEDDS_URI").ok();
         let xml = options.xml(user.as_deref());
-        let xml = CString::new(xml).map_err(|_| unavailable("CYCLONEDDS_URI holds a zero".to_owned()))?;
+        let xml = CString::new(xml)
+            .map_err(|_| unavailable("CYCLONEDDS_URI contains a zero character".to_owned()))?;
         // SAFETY: the text outlives the call.
         let domain = unsafe { cyclors::dds_create_domain(options.domain, xml.as_ptr()) };
         let domain = Entity::new(domain).map_err(|code| {
@@ -73,7 +74,7 @@ impl CycloneTransport {
         })?;
         let qos = QosHandle::new();
         qos.set_user_data("enclave=/;");
-        // SAFETY: the quality lives until the call is over, which copies it.
+        // SAFETY: the call copies the quality of service, which outlives it.
         let participant =
             unsafe { cyclors::dds_create_participant(options.domain, qos.as_ptr(), std::ptr::null()) };
         let participant = Entity::new(participant).map_err(|code| {
@@ -96,20 +97,20 @@ impl CycloneTransport {
         Ok(transport)
     }
 
-    /// Says which writers the node has.
+    /// Publishes the list of the node's writers.
     fn tell_graph(&mut self) {
         let writers: Vec<Guid> = self.writers.iter().map(|writer| writer.guid).collect();
         let mut bytes = Vec::new();
         let gid_bytes = self.options.gid_bytes();
         graph::entities(&mut bytes, &self.participant_guid, &self.options.node, &writers, gid_bytes);
-        // The graph is for people; without it messages are delivered all the same.
+        // Tools show the graph. Messages are delivered without it.
         let _ = write(&self.graph, &Arc::new(Payload::new(bytes)));
         self.graph.entity.flush();
         self.graph_is_stale = false;
     }
 }
 
-/// Makes a topic on DDS and its writer.
+/// Creates a topic on DDS and its writer.
 fn create_writer(
     participant: &Entity,
     dds_topic: &str,
@@ -126,8 +127,8 @@ fn create_writer(
         handle.set_user_data(&format!("typehash={hash};"));
     }
     let mut sertype = sertype::new_sertype(&kind);
-    // SAFETY: all texts and qualities outlive the calls, which copy them; the type goes over to the topic,
-    // which hands back the one that counts.
+    // SAFETY: the calls copy all texts and qualities of service, which outlive them. The topic takes over the
+    // type, and replaces the pointer if it already has an equal one.
     let writer = unsafe {
         let topic = cyclors::dds_create_topic_sertype(
             participant.id(),
@@ -140,7 +141,7 @@ fn create_writer(
         let topic = Entity::new(topic).map_err(fail)?;
         let writer =
             cyclors::dds_create_writer(participant.id(), topic.id(), handle.as_ptr(), std::ptr::null());
-        // A writer holds its topic; this handle on it is needed no longer.
+        // The writer keeps its topic alive, so this handle can go.
         drop(topic);
         Entity::new(writer).map_err(fail)?
     };
@@ -150,7 +151,7 @@ fn create_writer(
 
 fn write(writer: &Writer, message: &Arc<Payload>) -> Result<(), i32> {
     let sample = sertype::new_sample(writer.sertype, message);
-    // SAFETY: writer and type belong together; the sample's one reference goes over to the call.
+    // SAFETY: writer and type belong together, and the call takes over the sample's only reference.
     match unsafe { cyclors::dds_writecdr(writer.entity.id(), sample) } {
         0 => Ok(()),
         code => Err(code),
@@ -170,7 +171,7 @@ impl Transport for CycloneTransport {
         let fail = |reason: String| TransportError::Topic { topic: topic.name.clone(), reason };
         names::check_topic(&topic.name).map_err(|error| fail(error.to_string()))?;
         let kind = names::dds_type(&topic.type_name).ok_or_else(|| {
-            fail(format!("`{}` is no message type, expected pkg/msg/Name", topic.type_name))
+            fail(format!("`{}` is not a message type, expected pkg/msg/Name", topic.type_name))
         })?;
         let dds_topic = names::dds_topic(&topic.name);
         let (hash, qos) = (topic.type_hash.as_deref(), (topic.qos, topic.patience));
@@ -193,7 +194,7 @@ impl Transport for CycloneTransport {
             topic: writer.topic.clone(),
             reason: match code {
                 cyclors::DDS_RETCODE_TIMEOUT => {
-                    "its history is full of what a subscriber has not fetched".to_owned()
+                    "its history is full of messages that a subscriber has not fetched".to_owned()
                 }
                 code => text_of(code),
             },
@@ -271,7 +272,7 @@ impl QosHandle {
 
 impl Drop for CycloneTransport {
     fn drop(&mut self) {
-        // Types are freed with the domain, after the writers that refer to them.
+        // The domain frees the types, so the writers that refer to them go first.
         self.writers.clear();
         let _ = &self.domain;
     }

@@ -1,5 +1,5 @@
-//! Cyclone DDS's view of an encoded message: it reads the payload where it lies. Nothing is copied between
-//! the encoder's buffer and the system's socket, and what is sent again is read from the same place.
+//! Lets Cyclone DDS read encoded messages directly from the encoder's buffer, also when it sends a message
+//! again. There is no copy between that buffer and the system's socket.
 
 #![expect(unsafe_code, reason = "Cyclone DDS's edge")]
 
@@ -15,22 +15,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 unsafe extern "C" {
-    /// Takes one reference more; the library exports it, its binding leaves it out.
+    /// Adds a reference. The library exports this function; its binding does not have it.
     fn ddsi_serdata_ref(serdata: *const ddsi_serdata) -> *mut ddsi_serdata;
 }
 
-/// A message in Cyclone's hands. Cyclone knows the first field only.
+/// A message that Cyclone owns. Cyclone knows the first field only.
 #[repr(C)]
 struct Sample {
     base: ddsi_serdata,
-    /// None for the key of a topic, which has no bytes since the topics have no keys.
+    /// `None` for a topic's key, which is empty because the topics have no keys.
     payload: Option<Arc<Payload>>,
 }
 
-/// A type without keys whose samples are payloads. Cyclone owns it once a topic is made of it.
+/// A type without keys whose samples are payloads. Cyclone owns it once there is a topic of it.
 pub(super) fn new_sertype(type_name: &CStr) -> *mut ddsi_sertype {
-    // SAFETY: all-zero bytes are a valid `ddsi_sertype` (numbers and null pointers), which the call fills;
-    // the tables live for ever, the name is copied.
+    // SAFETY: all-zero bytes are a valid `ddsi_sertype` (numbers and null pointers), which the call fills.
+    // The tables are static and the name is copied.
     unsafe {
         let sertype = Box::into_raw(Box::new(std::mem::zeroed::<ddsi_sertype>()));
         ddsi_sertype_init_flags(
@@ -44,7 +44,7 @@ pub(super) fn new_sertype(type_name: &CStr) -> *mut ddsi_sertype {
     }
 }
 
-/// A sample of `sertype` that holds on to `payload`; whoever gets it owns one reference.
+/// A sample of `sertype` that keeps `payload` alive. The caller owns one reference.
 pub(super) fn new_sample(sertype: *const ddsi_sertype, payload: &Arc<Payload>) -> *mut ddsi_serdata {
     sample(sertype, ddsi_serdata_kind_SDK_DATA, Some(Arc::clone(payload)))
 }
@@ -62,13 +62,13 @@ fn sample(
     }
 }
 
-/// The bytes of a sample that Cyclone handed back.
+/// The bytes of a sample and their number without padding.
 ///
 /// # Safety
 /// `serdata` was made by [`sample`] and has not been freed.
 unsafe fn bytes<'a>(serdata: *const ddsi_serdata) -> (&'a [u8], usize) {
-    // SAFETY: as the caller says; the payload lives as long as the sample, for which Cyclone holds a
-    // reference while it reads.
+    // SAFETY: the caller guarantees a live sample. The payload lives as long as the sample, and Cyclone holds
+    // a reference to the sample while it reads.
     match unsafe { &(*serdata.cast::<Sample>()).payload } {
         Some(payload) => (payload.padded(), payload.len()),
         None => (&[], 0),
@@ -80,11 +80,11 @@ unsafe extern "C" fn eqkey(_: *const ddsi_serdata, _: *const ddsi_serdata) -> bo
 }
 
 unsafe extern "C" fn get_size(serdata: *const ddsi_serdata) -> u32 {
-    // SAFETY: Cyclone calls this with samples of these types only.
+    // SAFETY: Cyclone calls this only with samples of types that `new_sertype` made.
     unsafe { bytes(serdata) }.1 as u32
 }
 
-/// There are no readers of these types in this process, so nothing is ever received.
+/// This process has no readers of these types, so it never receives samples.
 unsafe extern "C" fn from_ser(
     _: *const ddsi_sertype,
     _: ddsi_serdata_kind,
@@ -116,17 +116,18 @@ unsafe extern "C" fn from_sample(
     std::ptr::null_mut()
 }
 
-/// Whether Cyclone has ever asked this process for a copy of a message instead of reading it where it lies.
+/// Whether Cyclone has ever asked this process for a copy of a message instead of reading it in place.
 static COPIED: AtomicBool = AtomicBool::new(false);
 
-/// Copies of a message on its way to the socket.
+/// How often a message is copied on its way to the socket.
 pub(super) fn copies() -> u32 {
     COPIED.load(Ordering::Relaxed).into()
 }
 
 unsafe extern "C" fn to_ser(serdata: *const ddsi_serdata, offset: usize, size: usize, out: *mut c_void) {
     COPIED.fetch_or(size > 0, Ordering::Relaxed);
-    // SAFETY: Cyclone asks for bytes of this sample or its padding to four, and `out` has room for them.
+    // SAFETY: Cyclone asks for bytes of this sample, padded to a multiple of four, and `out` has room for
+    // them.
     unsafe {
         let part = &bytes(serdata).0[offset..offset + size];
         std::ptr::copy_nonoverlapping(part.as_ptr(), out.cast(), size);
@@ -139,7 +140,7 @@ unsafe extern "C" fn to_ser_ref(
     size: usize,
     reference: *mut ddsrt_iovec_t,
 ) -> *mut ddsi_serdata {
-    // SAFETY: as for `to_ser`; the sample is held by one reference more until `to_ser_unref`.
+    // SAFETY: as for `to_ser`. The added reference keeps the sample alive until `to_ser_unref`.
     unsafe {
         let part = &bytes(serdata).0[offset..offset + size];
         (*reference).iov_base = part.as_ptr().cast_mut().cast();
@@ -149,7 +150,7 @@ unsafe extern "C" fn to_ser_ref(
 }
 
 unsafe extern "C" fn to_ser_unref(serdata: *mut ddsi_serdata, _: *const ddsrt_iovec_t) {
-    // SAFETY: gives back the reference that `to_ser_ref` took.
+    // SAFETY: drops the reference that `to_ser_ref` added.
     unsafe { cyclors::ddsi_serdata_unref(serdata) }
 }
 
@@ -163,7 +164,7 @@ unsafe extern "C" fn to_sample(
 }
 
 unsafe extern "C" fn to_untyped(serdata: *const ddsi_serdata) -> *mut ddsi_serdata {
-    // SAFETY: the sample's type is alive; the key made of it has none, as Cyclone wants it.
+    // SAFETY: the sample's type is alive. The untyped key must have no type, as Cyclone requires.
     unsafe {
         let key = sample((*serdata).type_, ddsi_serdata_kind_SDK_KEY, None);
         (*key).type_ = std::ptr::null();
@@ -182,7 +183,7 @@ unsafe extern "C" fn untyped_to_sample(
 }
 
 unsafe extern "C" fn free(serdata: *mut ddsi_serdata) {
-    // SAFETY: the last reference is gone; the sample came from a box.
+    // SAFETY: the last reference is gone, and the sample came from a `Box`.
     drop(unsafe { Box::from_raw(serdata.cast::<Sample>()) });
 }
 
@@ -193,14 +194,14 @@ unsafe extern "C" fn print(
     size: usize,
 ) -> usize {
     if size > 0 {
-        // SAFETY: there is room for one character at least.
+        // SAFETY: there is room for at least one character.
         unsafe { *out = 0 };
     }
     0
 }
 
 unsafe extern "C" fn get_keyhash(_: *const ddsi_serdata, out: *mut ddsi_keyhash, _: bool) {
-    // SAFETY: `out` is a key hash to fill; all-zero is the one of no key.
+    // SAFETY: `out` is a key hash to fill. All zeros mean no key.
     unsafe { out.write_bytes(0, 1) };
 }
 
@@ -226,7 +227,7 @@ static SERDATA_OPS: ddsi_serdata_ops = ddsi_serdata_ops {
 };
 
 unsafe extern "C" fn free_sertype(sertype: *mut ddsi_sertype) {
-    // SAFETY: nobody refers to it any more; it came from a box.
+    // SAFETY: nobody refers to it any more, and it came from a `Box`.
     unsafe {
         ddsi_sertype_fini(sertype);
         drop(Box::from_raw(sertype));
@@ -247,7 +248,7 @@ unsafe extern "C" fn realloc_samples(
 unsafe extern "C" fn free_samples(_: *const ddsi_sertype, _: *mut *mut c_void, _: usize, _: dds_free_op_t) {}
 
 unsafe extern "C" fn equal(_: *const ddsi_sertype, _: *const ddsi_sertype) -> bool {
-    // The name, which Cyclone has compared already, is all that there is.
+    // Cyclone has compared the names already, and types have nothing else.
     true
 }
 
@@ -255,9 +256,9 @@ unsafe extern "C" fn hash(_: *const ddsi_sertype) -> u32 {
     0
 }
 
-/// The table with its pointer, which nobody writes.
+/// The table of functions. A pointer in it keeps it from being `Sync` by itself.
 struct SertypeOps(ddsi_sertype_ops);
-// SAFETY: the only pointer in it is null.
+// SAFETY: the only pointer in it is null and never written.
 unsafe impl Sync for SertypeOps {}
 
 static SERTYPE_OPS: SertypeOps = SertypeOps(ddsi_sertype_ops {

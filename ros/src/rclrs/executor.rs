@@ -1,4 +1,4 @@
-//! The thread on which the node answers others: its parameters' services and the graph.
+//! The thread that serves the node: its parameter services and the ROS graph.
 
 use ::rclrs::{Executor, ExecutorCommands, RclrsErrorFilter, SpinOptions};
 use crossbeam_channel::{Receiver, Sender, unbounded};
@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How often it looks whether to end.
+/// Time between two attempts to stop the thread.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// Spins until it is dropped.
+/// Spins the node until it is dropped.
 pub struct Spinning {
     commands: Arc<ExecutorCommands>,
     over: Arc<AtomicBool>,
@@ -47,7 +47,7 @@ impl Drop for Spinning {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Release);
         let Some(thread) = self.thread.take() else { return };
-        // A halt between two rounds is forgotten; the next one is not.
+        // A halt between two rounds has no effect, so it is repeated.
         while !thread.is_finished() {
             self.commands.halt_spinning();
             std::thread::sleep(LOOK);

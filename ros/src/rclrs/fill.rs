@@ -1,5 +1,5 @@
-//! Fills a message of ROS, whose type is known at run time only, from the CDR bytes that every transport is
-//! given. Arrays and sequences of numbers are copied whole.
+//! Fills a ROS message, whose type is known at run time only, from CDR bytes. Arrays and sequences of numbers
+//! are copied as a whole.
 
 use super::read::{CdrReader, ReadError};
 use ::rclrs::rosidl_runtime_rs::{Sequence, SequenceAlloc};
@@ -9,7 +9,7 @@ use ::rclrs::{
 };
 use bytemuck::{AnyBitPattern, NoUninit};
 
-/// Fills `message` with the fields that `cdr` holds.
+/// Fills `message` with the fields of `cdr`.
 pub fn fill(message: DynamicMessageViewMut<'_>, cdr: &mut CdrReader<'_>) -> Result<(), ReadError> {
     for (_, field) in message.iter_mut() {
         value(field, cdr)?;
@@ -17,7 +17,7 @@ pub fn fill(message: DynamicMessageViewMut<'_>, cdr: &mut CdrReader<'_>) -> Resu
     Ok(())
 }
 
-/// The same for messages within an array or a sequence.
+/// Does the same for the messages of an array or a sequence.
 fn fill_all(messages: &mut [DynamicMessageViewMut<'_>], cdr: &mut CdrReader<'_>) -> Result<(), ReadError> {
     let Some(first) = messages.first() else { return Ok(()) };
     let fields: Vec<String> = first.structure().fields.iter().map(|field| field.name.clone()).collect();

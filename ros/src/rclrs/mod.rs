@@ -1,9 +1,9 @@
-//! A node of a sourced ROS 2, by `rclrs`. It publishes by whichever middleware that ROS runs on, has every
-//! sensor parameter as a parameter of its own, and takes `--ros-args`.
+//! A node of the sourced ROS 2, with `rclrs`. It uses the middleware of that ROS 2, has every sensor
+//! parameter as a node parameter, and accepts `--ros-args`.
 //!
-//! `rclrs` sends no bytes that are encoded already, so each message is filled from them
-//! ([`DynamicPublisher`]), and the middleware encodes it once more: two copies. In return no generated code is
-//! compiled in; a type is found by its name in what is sourced.
+//! `rclrs` cannot send encoded bytes. So each message is filled from them ([`DynamicPublisher`]) and encoded
+//! again by the middleware: two copies. Types are looked up by name in the sourced ROS 2; no generated code
+//! is compiled in.
 
 mod executor;
 mod fill;
@@ -30,11 +30,11 @@ use std::time::Duration;
 /// Where and how the node starts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NodeOptions {
-    /// Domain id; else that of the environment.
+    /// Domain id. `None`: the environment's.
     pub domain: Option<u32>,
     /// Name of the node.
     pub node: String,
-    /// What ROS 2 reads from a command line: `--ros-args` and what follows.
+    /// ROS 2's part of a command line: `--ros-args` and what follows.
     pub arguments: Vec<String>,
 }
 
@@ -42,19 +42,19 @@ struct Writer {
     qos: Qos,
     publisher: DynamicPublisher,
     kind: DynamicMessageMetadata,
-    /// Subscribers that cannot be served, of which was told.
+    /// Number of subscribers with incompatible quality of service that notices have mentioned.
     refused: usize,
 }
 
 /// A node with its publishers.
 pub struct RclrsTransport {
-    // Dropped in this order: what belongs to the node before it, and the thread that serves it last.
+    // Dropped in this order: publishers before their node, and the node's thread last.
     writers: Vec<Writer>,
     node: Node,
     spinning: Spinning,
 }
 
-/// How long the last messages may take to reach subscribers. `rclrs` cannot ask whether they have.
+/// Time for the last messages to reach subscribers. `rclrs` cannot ask whether they arrived.
 const LINGER: Duration = Duration::from_millis(100);
 
 impl RclrsTransport {
@@ -72,13 +72,13 @@ impl RclrsTransport {
         Ok(RclrsTransport { writers: Vec::new(), node, spinning })
     }
 
-    /// Makes every parameter of the cameras' sensors a parameter of the node.
+    /// Declares every parameter of the cameras' sensors as a node parameter.
     pub fn declare_sensors(&self, cameras: &[CameraPlan]) -> Result<SensorParameters, TransportError> {
         parameters::declare(&self.node, cameras)
     }
 }
 
-/// An error with all that is behind it, in one line.
+/// An error and its causes, in one line.
 fn explain(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
@@ -101,7 +101,7 @@ fn profile(qos: Qos) -> QoSProfile {
     }
 }
 
-/// The policy by which a subscriber asks for more than is offered.
+/// The policy in which a subscriber asks for more than is offered.
 fn incompatible(offered: Qos, wanted: &QoSProfile) -> Option<&'static str> {
     if offered.reliability == Reliability::BestEffort && wanted.reliability == QoSReliabilityPolicy::Reliable
     {

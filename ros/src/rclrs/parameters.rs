@@ -1,5 +1,5 @@
-//! Every parameter of every sensor as a parameter of the node, `CAMERA.PARAMETER`. The model decides what a
-//! parameter may be, and `ros2 param set` gets its words where it may not.
+//! Declares every sensor parameter as a node parameter, `CAMERA.PARAMETER`. The sensor model checks values,
+//! and `ros2 param set` shows its error messages.
 
 use crate::parameters::{ParameterStore, SensorParameters, WantedSensors};
 use crate::plan::CameraPlan;
@@ -10,17 +10,17 @@ use esaac_model::{SensorError, SensorModel};
 use serde_json::Value;
 use std::sync::Arc;
 
-/// A parameter of the node, for the store.
+/// A declared parameter of the node.
 trait Declared: Send {
-    /// Shows what `sensor` has.
+    /// Sets it to the value that `sensor` has.
     fn show(&self, sensor: &SensorModel);
 }
 
-/// A value of a parameter as the node keeps it.
+/// A type that the node has for parameters.
 trait Kept: ParameterVariant {
-    /// What the sensor has; `None` where it is of another kind.
+    /// A sensor's value; `None` if it has another type.
     fn of(value: &Value) -> Option<Self>;
-    /// As a flag would have it.
+    /// The value as text, as on the command line.
     fn text(&self) -> String;
 }
 
@@ -62,17 +62,17 @@ struct One<T: ParameterVariant> {
 impl<T: Kept + Send + Sync> Declared for One<T> {
     fn show(&self, sensor: &SensorModel) {
         let Some(value) = T::of(&field(sensor, self.name)) else { return };
-        // It was this before, and is allowed therefore.
+        // The parameter had this value before, so it is valid.
         let _ = self.parameter.set(value);
     }
 }
 
 fn field(sensor: &SensorModel, name: &str) -> Value {
-    let mut fields = serde_json::to_value(sensor).expect("a sensor is numbers and texts");
+    let mut fields = serde_json::to_value(sensor).expect("a sensor consists of numbers and texts");
     fields.get_mut(name).map(Value::take).unwrap_or_default()
 }
 
-/// The node's parameters, by camera.
+/// The declared parameters, by camera.
 struct Store(Vec<Vec<Box<dyn Declared>>>);
 
 impl ParameterStore for Store {
@@ -81,8 +81,8 @@ impl ParameterStore for Store {
     }
 }
 
-/// Declares the parameters of `cameras` on `node`. Values that the command line or a parameter file gives are
-/// wanted from the first tick on.
+/// Declares the parameters of `cameras` on `node`. Values from the command line or a parameter file apply
+/// from the first tick on.
 pub fn declare(node: &Node, cameras: &[CameraPlan]) -> Result<SensorParameters, TransportError> {
     let wanted = WantedSensors::new(cameras);
     let mut store = Vec::new();
@@ -126,7 +126,7 @@ fn unavailable(error: SensorError) -> TransportError {
     TransportError::Unavailable(error.to_string())
 }
 
-/// A parameter that is to be declared.
+/// A parameter to declare.
 struct Target<'a> {
     node: &'a Node,
     wanted: &'a WantedSensors,

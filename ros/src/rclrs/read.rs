@@ -1,53 +1,53 @@
-//! Reads CDR, as far as messages of ROS 2 need it.
+//! Reads CDR, as far as ROS 2 messages need it.
 
 use bytemuck::{AnyBitPattern, NoUninit, cast_slice_mut};
 use thiserror::Error;
 
-/// Bytes that are no message of the type that they are said to be.
+/// Why bytes are not a message of the expected type.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ReadError {
-    /// Another encoding.
+    /// The encoding is not little-endian CDR.
     #[error("the encoding is {0:?}, expected little-endian CDR [0, 1]")]
     Encoding(Vec<u8>),
-    /// Too short.
+    /// The message is too short.
     #[error("the message ends at byte {end}, expected {expected} bytes more from byte {at}")]
     End {
-        /// Where it ends.
+        /// Length of the message.
         end: usize,
-        /// Where the value begins.
+        /// Offset of the value.
         at: usize,
-        /// Bytes of the value.
+        /// Size of the value.
         expected: usize,
     },
-    /// A value that its type does not have.
+    /// A value is invalid.
     #[error("byte {at} is no {expected}")]
     Value {
-        /// Where.
+        /// Offset of the value.
         at: usize,
         /// What it should be.
         expected: &'static str,
     },
-    /// More elements than the type's bound.
+    /// A sequence has more elements than its type allows.
     #[error("{actual} elements, expected at most {expected}")]
     Bound {
         /// Bound.
         expected: usize,
-        /// Elements.
+        /// Number of elements.
         actual: usize,
     },
 }
 
-/// Bytes of the header; alignment counts from behind it.
+/// Size of the header. Alignment counts from its end.
 const HEADER_BYTES: usize = 4;
 
-/// Takes fields in order.
+/// Reads fields in order.
 pub struct CdrReader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> CdrReader<'a> {
-    /// Behind the header of `bytes`.
+    /// Starts behind the header of `bytes`.
     pub fn new(bytes: &'a [u8]) -> Result<Self, ReadError> {
         match bytes.get(..HEADER_BYTES) {
             Some([0, 1, ..]) => Ok(CdrReader { bytes, at: HEADER_BYTES }),
@@ -79,7 +79,7 @@ impl<'a> CdrReader<'a> {
         }
     }
 
-    /// Numbers of an array or a sequence, as they lie in memory.
+    /// The numbers of an array or a sequence.
     pub fn numbers<T: AnyBitPattern + NoUninit>(&mut self, out: &mut [T]) -> Result<(), ReadError> {
         if !out.is_empty() {
             let bytes = self.take(size_of_val(out), size_of::<T>())?;
@@ -88,8 +88,8 @@ impl<'a> CdrReader<'a> {
         Ok(())
     }
 
-    /// Length of a sequence whose elements take `element_bytes` at the least. A length that the rest of the
-    /// message cannot hold is an error before anyone makes room for it.
+    /// The length of a sequence whose elements have at least `element_bytes`. A length that does not fit into
+    /// the rest of the message is an error, so that nobody allocates memory for it.
     pub fn length(&mut self, element_bytes: usize) -> Result<usize, ReadError> {
         let length = self.number::<u32>()? as usize;
         let (end, expected) = (self.bytes.len(), length.saturating_mul(element_bytes));
@@ -104,7 +104,7 @@ impl<'a> CdrReader<'a> {
         let length = self.length(1)?;
         let at = self.at;
         let bytes = self.take(length, 1)?;
-        // Some writers send an empty string without its zero.
+        // Some writers send empty strings without the closing zero.
         let text = bytes.strip_suffix(&[0]).unwrap_or(bytes);
         match std::str::from_utf8(text) {
             Ok(text) if !text.contains('\0') => Ok(text),

@@ -1,11 +1,11 @@
-//! Whether a type of the sourced ROS 2 is the type that a topic's messages are encoded as. Bytes of one type
-//! read as another would be sent without a word.
+//! Checks that the sourced ROS 2 defines a message type as this crate encodes it. Otherwise wrong values
+//! would be sent without an error.
 
 use crate::definition::{self, Base, Extent, Field};
 use ::rclrs::{BaseType, MessageStructure, ValueKind};
 use std::collections::BTreeMap;
 
-/// Says how `structure` differs from the message `name` of `schema`.
+/// Returns an error that says how `structure` differs from the message `name` of `schema`.
 pub fn check(structure: &MessageStructure, name: &str, schema: &str) -> Result<(), String> {
     let texts = definition::texts_of_schema(name, schema);
     let messages = definition::closure(name, &texts).map_err(|error| error.to_string())?;
@@ -63,7 +63,7 @@ fn is_base(theirs: &BaseType, ours: &Base) -> bool {
         (_, Base::Primitive(name)) => {
             let names: &[&str] = match theirs {
                 BaseType::Boolean => &["bool"],
-                // All of them are one byte without a sign.
+                // All are one unsigned byte.
                 BaseType::Octet | BaseType::Char | BaseType::Uint8 => &["byte", "char", "uint8"],
                 BaseType::Int8 => &["int8"],
                 BaseType::Uint16 => &["uint16"],

@@ -1,21 +1,22 @@
-//! Stamps of messages, from the simulation's time or the wall clock's.
+//! Stamps of messages, in simulation time or wall-clock time.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// From times of the simulation to stamps, and to the bag's times, which never go back.
+/// Converts simulation times to stamps, and to the recording's times, which never go back.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct StampClock {
     wall_offset_ns: Option<i64>,
     last_stamp_ns: Option<i64>,
     log_offset_ns: i64,
     restarted: bool,
-    /// How often the simulation's time went back.
+    /// How often the simulation's time has gone back.
     pub resets: u64,
 }
 
 impl StampClock {
-    /// Stamp of a tick at `t_ns`, and whether time goes on with it. Of two cameras one may be behind the
-    /// other; the simulation's time itself goes back only where someone said so, and the wall clock's never.
+    /// The stamp of a tick at `t_ns`, and whether it moves the clock on. A tick may be older than the one
+    /// before: one camera may lag behind another. The clock itself goes back only after
+    /// [`StampClock::restart`], and wall-clock stamps never do.
     pub fn tick(&mut self, t_ns: i64, sim_time: bool) -> (i64, bool) {
         if !sim_time && self.wall_offset_ns.is_none() {
             self.wall_offset_ns = Some(wall_ns() - t_ns);
@@ -28,7 +29,7 @@ impl StampClock {
             if sim_time {
                 self.log_offset_ns += last_ns - stamp_ns;
             } else {
-                // A simulation faster than the wall clock has used up a part of what is to come.
+                // A simulation that runs faster than the wall clock may have used up future stamps.
                 stamp_ns = wall_ns().max(last_ns + 1);
                 self.wall_offset_ns = Some(stamp_ns - t_ns);
             }
@@ -40,22 +41,22 @@ impl StampClock {
         (stamp_ns, goes_on)
     }
 
-    /// The simulation's time may go back with the next tick.
+    /// Allows the simulation's time to go back with the next tick.
     pub fn restart(&mut self) {
         self.restarted = true;
     }
 
-    /// Whether there was no tick yet.
+    /// Whether there has been no tick yet.
     pub fn is_new(&self) -> bool {
         self.last_stamp_ns.is_none()
     }
 
-    /// Stamp of a time of the simulation.
+    /// The stamp of a simulation time.
     pub fn stamp(&self, t_ns: i64) -> i64 {
         t_ns + self.wall_offset_ns.unwrap_or(0)
     }
 
-    /// Time in the bag of a stamp.
+    /// The recording's time of a stamp.
     pub fn log(&self, stamp_ns: i64) -> u64 {
         u64::try_from(stamp_ns + self.log_offset_ns).unwrap_or(0)
     }

@@ -1,5 +1,5 @@
-//! The rig's side of publishing: encodes what a tick gave into buffers that the wire and the bag share, and
-//! hands the tick over to the publisher's thread.
+//! The rig's side of publishing: encodes the results of a tick into buffers that the wire and the bag share,
+//! and hands the tick over to the publisher's thread.
 
 mod clock;
 mod tick;
@@ -9,15 +9,15 @@ pub use tick::{ApsImage, TickMessages};
 use crate::bag::{BagError, BagWriter};
 use crate::payload::Pool;
 use crate::plan::{CameraPlan, Plan, PlanError, Policy, RigOptions};
+use crate::queue::{Batch, Outgoing, TickSender, queue};
 use crate::statistics::{Statistics, Summary};
 use crate::transport::{Transport, TransportError};
-use crate::worker::{self, Batch};
+use crate::worker::{self, UnsentStates, Worker};
 use clock::StampClock;
-use crossbeam_channel::{Receiver, SendTimeoutError, Sender, TrySendError, bounded, unbounded};
+use crossbeam_channel::{Receiver, unbounded};
 use esaac_model::SensorModel;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
 use thiserror::Error;
 
 /// Why a rig cannot be published.
@@ -33,7 +33,7 @@ pub enum PublishError {
     #[error(transparent)]
     Bag(#[from] BagError),
     /// A camera that is not there.
-    #[error("camera {actual}, expected one of {expected}")]
+    #[error("camera {actual}, expected a number below {expected}")]
     NoCamera {
         /// Cameras.
         expected: usize,
@@ -54,16 +54,13 @@ pub struct Sinks {
     pub bag: Option<BagWriter>,
 }
 
-/// How long a full queue is waited for before a look at the thread that empties it.
-const LOOK: Duration = Duration::from_millis(100);
-
-/// Most messages of a topic in a tick as a rule: samples of an IMU at 1 kHz, packets of a 960th second.
+/// Most messages that a topic usually has in a tick: samples of an IMU at 1 kHz, packets of a 960th second.
 const IMU_SAMPLES: usize = 34;
 
 struct CameraState {
     plan: CameraPlan,
     sequence: u64,
-    sensor_told: bool,
+    sensor_is_stale: bool,
 }
 
 /// Publishes a rig.
@@ -73,9 +70,10 @@ pub struct RigPublisher {
     cameras: Vec<CameraState>,
     /// By topic.
     pools: Vec<Pool>,
-    queue: Sender<Batch>,
-    /// The other end of the queue, to take the oldest out where it is full.
-    oldest: Receiver<Batch>,
+    /// States that no tick has taken to the queue yet.
+    states: Vec<Outgoing>,
+    /// `None` once the rig is finished.
+    queue: Option<TickSender>,
     notices: Receiver<String>,
     statistics: Arc<Statistics>,
     worker: Option<JoinHandle<Result<(), BagError>>>,
@@ -95,32 +93,35 @@ impl RigPublisher {
                 bag.add_topic(topic)?;
             }
         }
-        let (queue, oldest) = bounded(options.queue_ticks);
-        let (tell, notices) = unbounded();
+        let (sender, receiver) = queue(options.queue_ticks);
+        let (notify, notices) = unbounded();
         let statistics = Arc::new(Statistics::new(&plan, transport.as_deref(), bag.is_some()));
-        let worker = worker::start(worker::Worker {
+        let worker = worker::start(Worker {
             plan: Arc::clone(&plan),
             node: options.node.clone(),
             transport,
             bag,
             statistics: Arc::clone(&statistics),
-            tell,
-            queue: oldest.clone(),
+            notices: notify,
+            queue: receiver,
             ticks_ahead: (options.policy == Policy::Lossless).then_some(options.queue_ticks),
+            states: UnsentStates::default(),
         })
         .map_err(PublishError::Thread)?;
-        // As many free buffers as a full queue of ticks leaves behind, within reason.
+        // As many free buffers as a full queue of ticks leaves behind, up to a limit.
         let buffers = (options.queue_ticks * IMU_SAMPLES).min(1024);
         let pools = plan.topics.iter().map(|_| Pool::new(buffers)).collect();
-        let cameras =
-            cameras.into_iter().map(|plan| CameraState { plan, sequence: 0, sensor_told: false }).collect();
+        let cameras = cameras
+            .into_iter()
+            .map(|plan| CameraState { plan, sequence: 0, sensor_is_stale: true })
+            .collect();
         Ok(RigPublisher {
             options,
             plan,
             cameras,
             pools,
-            queue,
-            oldest,
+            states: Vec::new(),
+            queue: Some(sender),
             notices,
             statistics,
             worker: Some(worker),
@@ -134,13 +135,18 @@ impl RigPublisher {
         &self.plan
     }
 
-    /// Publishes a camera's parameters again with the next tick: they have changed.
-    pub fn set_sensor(&mut self, camera: usize, sensor: &SensorModel) -> Result<(), PublishError> {
+    /// Fails if there is no such camera.
+    pub fn check_camera(&self, camera: usize) -> Result<(), PublishError> {
         let expected = self.cameras.len();
-        let state =
-            self.cameras.get_mut(camera).ok_or(PublishError::NoCamera { expected, actual: camera })?;
+        if camera < expected { Ok(()) } else { Err(PublishError::NoCamera { expected, actual: camera }) }
+    }
+
+    /// Publishes a camera's changed parameters with the next tick.
+    pub fn set_sensor(&mut self, camera: usize, sensor: &SensorModel) -> Result<(), PublishError> {
+        self.check_camera(camera)?;
+        let state = &mut self.cameras[camera];
         state.plan.sensor = sensor.clone();
-        state.sensor_told = false;
+        state.sensor_is_stale = true;
         Ok(())
     }
 
@@ -166,19 +172,19 @@ impl RigPublisher {
         self.clock.restart();
     }
 
-    /// What has happened that people should know.
+    /// Messages for the user since the last call.
     pub fn notices(&self) -> Vec<String> {
         self.notices.try_iter().collect()
     }
 
-    /// What was sent so far.
+    /// Counts of the messages so far.
     #[must_use]
     pub fn summary(&self) -> Summary {
         self.statistics.summary(&self.plan)
     }
 
-    /// Sends what waits, closes the recording and says how all went. An error is the recording's: it is
-    /// complete up to the message at which it failed.
+    /// Sends the ticks that wait and closes the recording. Returns the counts, the last notices and the
+    /// recording's result. After an error the recording is complete up to the message that failed.
     pub fn finish(mut self) -> (Summary, Vec<String>, Result<(), BagError>) {
         let result = self.stop();
         (self.summary(), self.notices(), result)
@@ -186,7 +192,7 @@ impl RigPublisher {
 
     fn stop(&mut self) -> Result<(), BagError> {
         // The thread ends when the queue has no sender any more.
-        self.queue = bounded(1).0;
+        self.queue = None;
         match self.worker.take().map(JoinHandle::join) {
             None => Ok(()),
             Some(Ok(result)) => result,
@@ -194,37 +200,20 @@ impl RigPublisher {
         }
     }
 
-    /// Waits for room, as long as there is someone to make it.
-    fn enqueue_waiting(&mut self, mut batch: Batch) {
-        while let Err(SendTimeoutError::Timeout(back)) = self.queue.send_timeout(batch, LOOK) {
-            batch = back;
-            if self.worker.as_ref().is_none_or(JoinHandle::is_finished) {
-                return;
-            }
-        }
-    }
-
-    fn enqueue(&mut self, mut batch: Batch) {
-        if self.options.policy == Policy::Lossless {
-            self.enqueue_waiting(batch);
-            return;
-        }
-        loop {
-            match self.queue.try_send(batch) {
-                Ok(()) | Err(TrySendError::Disconnected(_)) => return,
-                Err(TrySendError::Full(back)) => batch = back,
-            }
-            if let Ok(dropped) = self.oldest.try_recv() {
-                self.statistics.count_dropped(&dropped);
-            }
-        }
+    fn enqueue(&mut self, batch: Batch) {
+        let Some(queue) = &self.queue else { return };
+        let dropped = match self.options.policy {
+            Policy::Latest => queue.push_latest(batch),
+            Policy::Lossless => queue.push_waiting(batch),
+        };
+        self.statistics.count_dropped(&dropped);
     }
 }
 
 impl Drop for RigPublisher {
     fn drop(&mut self) {
         if self.worker.is_some() && !std::thread::panicking() {
-            // Without `finish` nobody asks how the recording went.
+            // The caller did not ask for the result by calling `finish`.
             let _ = self.stop();
         }
     }

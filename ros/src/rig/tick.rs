@@ -1,4 +1,4 @@
-//! The messages of a tick, each encoded once, from where its data lie into the buffer that is sent and recorded.
+//! The messages of a tick. Each is encoded once, straight into the buffer that is sent and recorded.
 
 use super::RigPublisher;
 use crate::encode::{self, Header, Image, Imu};
@@ -6,7 +6,7 @@ use crate::events::{self, PacketHead};
 use crate::payload::{self, Hold, Payload, Release};
 use crate::plan::CameraTopics;
 use crate::qos::Durability;
-use crate::worker::{Batch, Outgoing};
+use crate::queue::{Batch, Outgoing};
 use esaac_model::PacketView;
 use std::sync::Arc;
 use std::time::Instant;
@@ -24,22 +24,22 @@ pub struct ApsImage<'a> {
     pub t_ns: i64,
 }
 
-/// When a message leaves among those of its tick: events are what a rig is there for, and nothing waits behind
-/// images.
+/// When a sample leaves within its tick. Events go first, and images last, so that nothing waits behind them.
 #[derive(Clone, Copy)]
 enum Turn {
-    /// Clock, frames, sensors, events.
+    /// Clock and events.
     First,
     Small,
     Images,
 }
 
 /// The messages of one tick.
+#[must_use = "nothing is sent before `send`"]
 pub struct TickMessages<'a> {
     publisher: &'a mut RigPublisher,
     stamp_ns: i64,
-    /// In the order in which they are sent.
-    messages: [Vec<Outgoing>; 3],
+    /// By [`Turn`].
+    samples: [Vec<Outgoing>; 3],
     hold: Hold,
     release: Release,
 }
@@ -47,51 +47,59 @@ pub struct TickMessages<'a> {
 impl<'a> TickMessages<'a> {
     pub(super) fn new(publisher: &'a mut RigPublisher, stamp_ns: i64) -> Self {
         let (hold, release) = payload::hold();
-        TickMessages { publisher, stamp_ns, messages: Default::default(), hold, release }
+        TickMessages { publisher, stamp_ns, samples: Default::default(), hold, release }
     }
 
-    fn add(&mut self, turn: Turn, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
-        // What is latched stays for those who come late.
+    fn encode(&mut self, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) -> Outgoing {
+        // A latched message is kept for late subscribers, so it must not hold its tick.
         let volatile = self.publisher.plan.topics[topic].qos.durability == Durability::Volatile;
         let hold = volatile.then(|| self.hold.clone());
         let message: Arc<Payload> = self.publisher.pools[topic].fill(hold, encode);
-        let log_ns = self.publisher.clock.log(stamp_ns);
-        self.messages[turn as usize].push(Outgoing { topic, log_ns, message });
+        Outgoing { topic, log_ns: self.publisher.clock.log(stamp_ns), message }
+    }
+
+    fn add_sample(&mut self, turn: Turn, topic: usize, stamp_ns: i64, encode: impl FnOnce(&mut Vec<u8>)) {
+        let sample = self.encode(topic, stamp_ns, encode);
+        self.samples[turn as usize].push(sample);
+    }
+
+    /// Adds a message that must arrive. It stays with the publisher until a tick is sent.
+    fn add_state(&mut self, topic: usize, encode: impl FnOnce(&mut Vec<u8>)) {
+        let state = self.encode(topic, self.stamp_ns, encode);
+        self.publisher.states.retain(|older| older.topic != topic);
+        self.publisher.states.push(state);
     }
 
     /// `/clock`, where there is one.
     pub(super) fn clock(&mut self) {
         if let Some(clock) = self.publisher.plan.clock {
             let stamp_ns = self.stamp_ns;
-            self.add(Turn::First, clock, stamp_ns, |out| encode::clock(out, stamp_ns));
+            self.add_sample(Turn::First, clock, stamp_ns, |out| encode::clock(out, stamp_ns));
         }
     }
 
-    /// From each camera's body to its optical frame.
+    /// `/tf_static`: from each camera's body frame to its optical frame.
     pub(super) fn frames(&mut self) {
         let (plan, stamp_ns) = (Arc::clone(&self.publisher.plan), self.stamp_ns);
         let frames: Vec<_> =
             plan.cameras.iter().map(|c| (c.body_frame.as_str(), c.optical_frame.as_str())).collect();
-        let encode = |out: &mut Vec<u8>| encode::optical_frames(out, stamp_ns, &frames);
-        self.add(Turn::First, plan.frames, stamp_ns, encode);
+        self.add_state(plan.frames, |out| encode::optical_frames(out, stamp_ns, &frames));
     }
 
-    /// Parameters of the cameras whose parameters have not been told.
+    /// Parameters of the cameras whose parameters are new or have changed.
     pub(super) fn sensors(&mut self) {
         let plan = Arc::clone(&self.publisher.plan);
         for (camera, topics) in plan.cameras.iter().enumerate() {
             let state = &mut self.publisher.cameras[camera];
-            if !std::mem::replace(&mut state.sensor_told, true) {
+            if std::mem::replace(&mut state.sensor_is_stale, false) {
                 let sensor = state.plan.sensor.clone();
                 let header = Header { stamp_ns: self.stamp_ns, frame_id: &topics.optical_frame };
-                let encode = |out: &mut Vec<u8>| encode::sensor_model(out, header, &sensor);
-                self.add(Turn::First, topics.sensor, header.stamp_ns, encode);
+                self.add_state(topics.sensor, |out| encode::sensor_model(out, header, &sensor));
             }
         }
     }
 
-    /// A camera's events, in one message or in parts. A view of the memory that the device wrote is encoded
-    /// from there.
+    /// A camera's events, in one message or in parts, encoded straight from the packet's memory.
     pub fn events(&mut self, camera: usize, packet: &PacketView<'_>) -> &mut Self {
         let plan = Arc::clone(&self.publisher.plan);
         let Some(topics) = plan.cameras.get(camera) else { return self };
@@ -106,7 +114,7 @@ impl<'a> TickMessages<'a> {
         let parts = split.parts(&shifted, format);
         let last = parts.len().saturating_sub(1);
         for (number, part) in parts.iter().enumerate() {
-            // The last part has the tick's stamp, whatever the sensor's clock makes of its end.
+            // The last part has the tick's stamp, even if the sensor's clock ends the packet elsewhere.
             let stamp_ns = if number == last { self.stamp_ns } else { part.watermark_ns };
             let state = &mut self.publisher.cameras[camera];
             let sequence = state.sequence;
@@ -115,7 +123,9 @@ impl<'a> TickMessages<'a> {
             let header = Header { stamp_ns, frame_id: &topics.optical_frame };
             let head = PacketHead { header, sequence, sensor_name: &sensor_name };
             let began = Instant::now();
-            self.add(Turn::First, topics.events, stamp_ns, |out| events::encode(out, format, &head, part));
+            self.add_sample(Turn::First, topics.events, stamp_ns, |out| {
+                events::encode(out, format, &head, part)
+            });
             self.publisher.statistics.count_encoded(began.elapsed());
         }
         self
@@ -147,12 +157,12 @@ impl<'a> TickMessages<'a> {
         )
     }
 
-    /// A camera's colour image, `rgb8`; `pixels` appends them row by row.
+    /// A camera's colour image, `rgb8`; `pixels` appends the pixels row by row.
     pub fn rgb(&mut self, camera: usize, pixels: impl FnOnce(&mut Vec<u8>)) -> &mut Self {
         self.image_on(camera, |topics| topics.image, self.stamp_ns, "rgb8", 3, pixels)
     }
 
-    /// A camera's depth, metres along the view axis; what has none is NaN on the wire.
+    /// A camera's depth, metres along the view axis. Pixels without depth are NaN on the wire.
     pub fn depth(&mut self, camera: usize, depth_m: &[f32]) -> &mut Self {
         self.image_on(
             camera,
@@ -174,7 +184,9 @@ impl<'a> TickMessages<'a> {
         for sample in samples {
             let Some(topic) = topics.imu else { break };
             let stamped = Imu { t_ns: self.publisher.clock.stamp(sample.t_ns), ..*sample };
-            self.add(Turn::Small, topic, stamped.t_ns, |out| encode::imu(out, &topics.body_frame, &stamped));
+            self.add_sample(Turn::Small, topic, stamped.t_ns, |out| {
+                encode::imu(out, &topics.body_frame, &stamped)
+            });
         }
         self
     }
@@ -197,8 +209,8 @@ impl<'a> TickMessages<'a> {
         let intrinsics = state.plan.intrinsics;
         let header = Header { stamp_ns, frame_id: &topics.optical_frame };
         let shape = Image { width_px, height_px, encoding, pixel_bytes };
-        self.add(Turn::Images, image, stamp_ns, |out| encode::image(out, header, shape, pixels));
-        self.add(Turn::Small, info, stamp_ns, |out| {
+        self.add_sample(Turn::Images, image, stamp_ns, |out| encode::image(out, header, shape, pixels));
+        self.add_sample(Turn::Small, info, stamp_ns, |out| {
             encode::camera_info(out, header, (width_px, height_px), intrinsics);
         });
         self
@@ -206,8 +218,9 @@ impl<'a> TickMessages<'a> {
 
     /// Hands the tick over. With [`Policy::Latest`](crate::Policy::Latest) this never waits.
     pub fn send(self) {
-        let TickMessages { publisher, stamp_ns, messages, release, .. } = self;
-        let messages = messages.into_iter().flatten().collect();
-        publisher.enqueue(Batch { stamp_ns, encoded: Instant::now(), messages, release });
+        let TickMessages { publisher, stamp_ns, samples, release, .. } = self;
+        let samples = samples.into_iter().flatten().collect();
+        let states = std::mem::take(&mut publisher.states);
+        publisher.enqueue(Batch { stamp_ns, encoded: Instant::now(), states, samples, release });
     }
 }

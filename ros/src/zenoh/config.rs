@@ -1,8 +1,9 @@
-//! The session's configuration: that of `rmw_zenoh`, and what the environment says to it.
+//! The session's configuration: the defaults of `rmw_zenoh`, overridden by the environment.
 
 use zenoh::Config;
 
-/// As `rmw_zenoh` has it: peers on this machine, which a router brings together and joins to other machines.
+/// The defaults of `rmw_zenoh`: peers on this machine that a router connects with each other and with other
+/// machines.
 const DEFAULTS: [(&str, &str); 8] = [
     ("mode", r#""peer""#),
     ("connect/endpoints", r#"["tcp/localhost:7447"]"#),
@@ -11,11 +12,11 @@ const DEFAULTS: [(&str, &str); 8] = [
     ("scouting/gossip/enabled", "true"),
     ("scouting/gossip/target", r#"{ router: ["router", "peer"], peer: ["router"] }"#),
     ("scouting/gossip/autoconnect_strategy", r#"{ peer: { to_router: "always", to_peer: "greater-zid" } }"#),
-    // What is latched is kept by its time.
+    // The history of latched messages needs timestamps.
     ("timestamping/enabled", "{ router: true, peer: true, client: true }"),
 ];
 
-/// Reads `ZENOH_SESSION_CONFIG_URI`, a file, and `ZENOH_CONFIG_OVERRIDE`, as in
+/// Reads `ZENOH_SESSION_CONFIG_URI`, the name of a file, and `ZENOH_CONFIG_OVERRIDE`, for example
 /// `mode="client";connect/endpoints=["tcp/host:7447"]`. `get` reads a variable.
 pub(super) fn configuration(get: impl Fn(&str) -> Option<String>) -> Result<Config, String> {
     const FILE: &str = "ZENOH_SESSION_CONFIG_URI";

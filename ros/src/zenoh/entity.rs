@@ -1,5 +1,5 @@
-//! Names on Zenoh as `rmw_zenoh` has them: keys of topics, liveliness tokens that make up the ROS graph, and
-//! the identities that follow from them. After the design document of `rmw_zenoh`.
+//! Names on Zenoh, as the design document of `rmw_zenoh` defines them: keys of topics, liveliness tokens that
+//! make up the ROS graph, and the identities that follow from the tokens.
 
 use crate::names;
 use crate::plan::Topic;
@@ -9,16 +9,16 @@ use twox_hash::XxHash3_128;
 /// Identity of a publisher on the ROS graph.
 pub(super) type Gid = [u8; 16];
 
-/// Where tokens live: wildcards of topics never match it.
+/// The first part of a token's key. Wildcards of topics never match it.
 const ADMIN_SPACE: &str = "@ros2_lv";
 
-/// History that is not said, since it is the default of `rmw_zenoh`.
+/// `rmw_zenoh`'s default history, which tokens leave out.
 const DEFAULT_DEPTH: u32 = 42;
 
-/// What stands for a type's hash where it is not known, as in ROS 2 Humble.
+/// Stands for an unknown type hash, as in ROS 2 Humble.
 const NO_HASH: &str = "TypeHashNotSupported";
 
-/// A topic's type as it stands in keys.
+/// A topic's name and type in keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct TopicKey {
     name: String,
@@ -27,7 +27,8 @@ pub(super) struct TopicKey {
 }
 
 impl TopicKey {
-    /// `None` for what is no type's name. Distributions without type hashes have none in their keys.
+    /// `None` if the topic's type name is not one. `has_hashes`: whether the distribution's types have
+    /// hashes.
     pub fn new(topic: &Topic, has_hashes: bool) -> Option<Self> {
         let hash = topic.type_hash.clone().filter(|_| has_hashes);
         Some(TopicKey {
@@ -37,13 +38,13 @@ impl TopicKey {
         })
     }
 
-    /// Key of the topic's messages: `<domain>/<topic>/<type>/<type hash>`.
+    /// The key of the topic's messages: `<domain>/<topic>/<type>/<type hash>`.
     pub fn messages(&self, domain: u32) -> String {
         format!("{domain}/{}/{}/{}", self.name.trim_matches('/'), self.kind, self.hash)
     }
 }
 
-/// A node: its domain, session and name. It is the only one of its session and has no namespace.
+/// A node. It is the only one of its session and has no namespace.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub domain: u32,
@@ -61,24 +62,24 @@ impl Node {
         format!("{ADMIN_SPACE}/{domain}/{session}/{}/{entity}/{kind}/%/%/{name}", Self::NUMBER)
     }
 
-    /// Token of the node itself.
+    /// The token of the node itself.
     pub fn node_token(&self) -> String {
         self.token(Self::NUMBER, "NN")
     }
 
-    /// Token of its publisher number `entity`, from 1 on.
+    /// The token of its publisher number `entity`, counted from 1.
     pub fn publisher_token(&self, entity: u32, topic: &TopicKey, qos: Qos) -> String {
         let name = topic.name.replace('/', "%");
         format!("{}/{name}/{}/{}/{}", self.token(entity, "MP"), topic.kind, topic.hash, quality(qos))
     }
 }
 
-/// Tokens of all subscriptions of a domain.
+/// A key that matches the tokens of all subscriptions of a domain.
 pub(super) fn subscriptions(domain: u32) -> String {
     format!("{ADMIN_SPACE}/{domain}/*/*/*/MS/**")
 }
 
-/// The topic that a subscription's token is of; `None` for what is no such token.
+/// The topic of a subscription's token. `None` for other tokens.
 pub(super) fn subscribed(token: &str) -> Option<TopicKey> {
     let parts: Vec<&str> = token.split('/').collect();
     match parts[..] {
@@ -90,7 +91,7 @@ pub(super) fn subscribed(token: &str) -> Option<TopicKey> {
 }
 
 impl TopicKey {
-    /// Whether both have one name.
+    /// Whether both have the same name.
     pub fn has_name_of(&self, other: &TopicKey) -> bool {
         self.name == other.name
     }
@@ -102,7 +103,7 @@ impl std::fmt::Display for TopicKey {
     }
 }
 
-/// Quality of service in numbers of rmw, of which defaults are left out:
+/// Quality of service in rmw's numbers, without those that are defaults:
 /// `reliability:durability:history,depth:deadline:lifespan:liveliness,lease`.
 fn quality(qos: Qos) -> String {
     let reliability = if qos.reliability == Reliability::BestEffort { "2" } else { "" };
@@ -111,17 +112,18 @@ fn quality(qos: Qos) -> String {
     format!("{reliability}:{durability}:,{depth}:,:,:,,")
 }
 
-/// Identity of whoever has this token: its hash, lower half first.
+/// The identity of the entity with this token: the token's hash, lower half first.
 pub(super) fn gid(token: &str) -> Gid {
     XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
 }
 
-/// What goes with each message: its number from 1 on, when it was sent, and by whom.
+/// The attachment of a message: its number counted from 1, the time at which it was sent, and the publisher's
+/// identity.
 pub(super) fn attachment(sequence: i64, sent_ns: i64, gid: Gid) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(33);
     bytes.extend(sequence.to_le_bytes());
     bytes.extend(sent_ns.to_le_bytes());
-    // Zenoh's serialisation has the length before an array.
+    // Zenoh's serialisation writes an array's length first.
     bytes.push(gid.len() as u8);
     bytes.extend(gid);
     bytes

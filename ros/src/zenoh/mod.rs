@@ -1,5 +1,5 @@
-//! Topics by Zenoh, as `rmw_zenoh` has them: its nodes see an ordinary node here. Sessions on one machine find
-//! each other by a router (`ros2 run rmw_zenoh_cpp rmw_zenohd`), and send to each other directly.
+//! Publishes on Zenoh in the format of `rmw_zenoh`, whose nodes see an ordinary ROS 2 node. Sessions find
+//! each other through a router (`ros2 run rmw_zenoh_cpp rmw_zenohd`) and then exchange messages directly.
 
 mod config;
 mod entity;
@@ -21,23 +21,24 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 use zenoh_ext::{AdvancedPublisher, AdvancedPublisherBuilderExt, CacheConfig, MissDetectionConfig};
 
-/// How often a latched topic says how many messages it has had, while there are new ones.
+/// Time between two heartbeats of a latched topic that has new messages. A heartbeat lets subscribers find
+/// losses.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
-/// After so long without a router or a peer people are told.
+/// Time without a router or a peer after which there is a notice.
 const ALONE: Duration = Duration::from_secs(2);
 
 struct Publisher {
     topic: String,
     key: TopicKey,
-    // Before the publisher: who is gone from the graph sends no more.
+    // Dropped before the publisher, so that the topic leaves the graph first.
     _token: LivelinessToken,
     publisher: AdvancedPublisher<'static>,
     gid: Gid,
     sequence: i64,
 }
 
-/// Tokens of the domain's subscriptions, and those that nobody has been told of yet.
+/// Tokens of the domain's subscriptions, and those that no notice has mentioned yet.
 #[derive(Default)]
 struct Subscriptions {
     here: BTreeSet<String>,
@@ -57,8 +58,8 @@ pub struct ZenohTransport {
 }
 
 impl ZenohTransport {
-    /// Opens a session. The environment, of which `get` reads a variable, means what it means to `rmw_zenoh`:
-    /// `ZENOH_SESSION_CONFIG_URI` and `ZENOH_CONFIG_OVERRIDE`. The network's interface is theirs to choose.
+    /// Opens a session. It uses `rmw_zenoh`'s environment variables `ZENOH_SESSION_CONFIG_URI` and
+    /// `ZENOH_CONFIG_OVERRIDE`, which also choose the network interface. `get` reads a variable.
     pub fn open(
         options: NetworkOptions,
         get: impl Fn(&str) -> Option<String>,
@@ -119,7 +120,7 @@ impl Subscriptions {
     }
 }
 
-/// A payload as Zenoh reads it: where it lies.
+/// A payload that Zenoh reads in place.
 struct InPlace(Arc<Payload>);
 
 impl AsRef<[u8]> for InPlace {
@@ -134,7 +135,7 @@ impl Transport for ZenohTransport {
     }
 
     fn copies(&self) -> u32 {
-        // Into the batches of the link.
+        // Into the link's batches.
         1
     }
 
@@ -143,14 +144,14 @@ impl Transport for ZenohTransport {
         let failed = |error: zenoh::Error| fail(error.to_string());
         names::check_topic(&topic.name).map_err(|error| fail(error.to_string()))?;
         let key = TopicKey::new(topic, self.options.has_type_hashes()).ok_or_else(|| {
-            fail(format!("`{}` is no message type, expected pkg/msg/Name", topic.type_name))
+            fail(format!("`{}` is not a message type, expected pkg/msg/Name", topic.type_name))
         })?;
         let reliable = topic.qos.reliability == Reliability::Reliable;
         let mut publisher = self
             .session
             .declare_publisher(key.messages(self.options.domain))
-            // Zenoh tells nobody what it drops. A reliable message waits for room, and while it does the queue
-            // of ticks fills up, where what gives way is counted.
+            // Zenoh does not report what it drops. So a reliable message waits for room, and meanwhile the
+            // queue of ticks fills up, which counts what it drops.
             .congestion_control(if reliable { CongestionControl::Block } else { CongestionControl::Drop })
             .reliability(if reliable {
                 zenoh::qos::Reliability::Reliable
@@ -198,7 +199,7 @@ impl Transport for ZenohTransport {
         drop(all);
         let mut notices = Vec::new();
         for subscribed in new.iter().filter_map(|token| entity::subscribed(token)) {
-            // Zenoh matches every quality of service, but no other type.
+            // Zenoh matches any quality of service, but not another type.
             let of_name = self.publishers.iter().find(|publisher| publisher.key.has_name_of(&subscribed));
             if let Some(publisher) = of_name.filter(|publisher| publisher.key != subscribed) {
                 notices.push(format!(
@@ -218,11 +219,11 @@ impl Transport for ZenohTransport {
     }
 
     fn drain(&mut self, _: Duration) {
-        // Nobody acknowledges. What waits is on its way before the session is closed.
+        // Zenoh has no acknowledgements. Closing the session sends what waits.
     }
 
     fn holds_messages(&self) -> bool {
-        // Until they are on their way, which is all that can be known.
+        // Until they are on their way; Zenoh does not tell when they arrive.
         true
     }
 }
@@ -230,7 +231,7 @@ impl Transport for ZenohTransport {
 impl Drop for ZenohTransport {
     fn drop(&mut self) {
         self.publishers.clear();
-        // What cannot be closed is gone already.
+        // An error means that the session is closed already.
         let _ = self.session.close().wait();
     }
 }

@@ -1,5 +1,5 @@
-//! A node of the sourced ROS 2 as others see it. The subscribers are Fast DDS and PyPI's cyclonedds and rosbags;
-//! parameters are set by a client of their services, as `ros2 param set` does.
+//! A node of the sourced ROS 2 as others see it. The subscribers are Fast DDS and PyPI's cyclonedds and
+//! rosbags; parameters are set by a client of their services, as `ros2 param set` does.
 //!
 //! They need a ROS 2 with `esaac_msgs` and `event_camera_msgs`, `RMW_IMPLEMENTATION` of a middleware on DDS,
 //! and an environment that keeps it on loopback. `tools/test.sh` sees to the latter.

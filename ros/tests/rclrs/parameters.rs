@@ -124,6 +124,7 @@ fn a_parameter_that_is_set_reaches_the_rig_and_its_subscribers() {
     assert_eq!(live.get("right.contrast_on").double_value, 0.35);
     live.rig.finish().2.unwrap();
     // The subscriber got the sensor as it was and as it became.
+    reader.wait_until_taken(2);
     let taken = world::taken(&reader.finish());
     let stamps: Vec<i64> = taken.iter().map(|taken| taken.stamp_ns).collect();
     assert_eq!(stamps, [1_000, 2_000]);

@@ -138,6 +138,7 @@ fn both_transports_live_in_one_process() {
     node.publish(0, &message).unwrap();
     embedded.drain(world::PATIENCE);
     node.drain(world::PATIENCE);
+    reader.wait_until_taken(2);
     let mut taken: Vec<_> =
         world::taken(&reader.finish()).iter().map(|taken| (taken.topic, taken.hash)).collect();
     taken.sort_unstable();

@@ -1,4 +1,4 @@
-//! What cannot be: errors that say what was expected.
+//! Wrong input: errors that say what was expected.
 
 use crate::world;
 use esaac_ros::replay::{ReplayOptions, replay};
@@ -46,7 +46,7 @@ fn a_topic_of_no_type_or_of_no_name_is_refused() {
         patience: std::time::Duration::ZERO,
     };
     let error = transport.advertise(&topic("/a", "Image")).unwrap_err().to_string();
-    assert!(error.contains("`Image` is no message type, expected pkg/msg/Name"), "{error}");
+    assert!(error.contains("`Image` is not a message type, expected pkg/msg/Name"), "{error}");
     let error = transport.advertise(&topic("/a b", MessageType::Image.name())).unwrap_err().to_string();
     assert!(error.contains("`/a b`"), "{error}");
 }
@@ -112,12 +112,12 @@ fn quality_that_a_subscriber_cannot_accept_is_told_as_ros_tells_it() {
     let topics: Vec<_> =
         world::topics(&rig).into_iter().filter(|(name, _, _)| name.ends_with("/events")).collect();
     let _subscriber = world::Subscriber::on(domain).start(&topics);
-    let until = std::time::Instant::now() + world::PATIENCE;
     let mut notices = Vec::new();
-    while notices.is_empty() && std::time::Instant::now() < until {
-        std::thread::sleep(std::time::Duration::from_millis(100));
+    let some = || {
         notices = rig.notices();
-    }
+        !notices.is_empty()
+    };
+    world::wait_until(some, || "no notice".to_owned());
     let notice = notices.join("\n");
     assert!(notice.contains("'/esaac/left/events', requesting incompatible QoS"), "{notice}");
     assert!(notice.ends_with("RELIABILITY"), "{notice}");

@@ -1,4 +1,5 @@
-//! Every message type from a rig, at subscribers and in the recording, by the transport under test.
+//! Publishes every message type with the transport under test, and compares what subscribers get with the
+//! recording.
 
 use crate::{WIRE_COPIES, open, world};
 use esaac_model::Packet;
@@ -67,8 +68,10 @@ fn everyone_reads_the_same(format: EventFormat) {
     assert_eq!(copies, WIRE_COPIES);
 
     // Fast DDS took the bytes that are in the recording, in that order.
+    let recorded = recorded(&path);
+    fast.wait_until_taken(recorded.iter().map(|(_, messages)| messages.len()).sum());
     let taken = world::taken(&fast.finish());
-    for (number, (name, messages)) in recorded(&path).iter().enumerate() {
+    for (number, (name, messages)) in recorded.iter().enumerate() {
         let expected: Vec<u64> =
             messages.iter().map(|bytes| world::wire_hash(&Payload::new(bytes.clone()))).collect();
         let actual: Vec<u64> = taken.iter().filter(|t| t.topic == number).map(|t| t.hash).collect();

@@ -1,4 +1,4 @@
-//! Subscribers that stall, come late or die, and queues that are full.
+//! Subscribers that stall, come late or die, full queues and full disks.
 
 use crate::world::{self, Subscriber, Taken};
 use esaac_model::Packet;
@@ -55,10 +55,11 @@ fn a_subscriber_that_stalls_holds_back_neither_publisher_nor_others() {
     packets(&mut rig, &cameras, 5..65);
     signal("-CONT", stalled.id());
     assert_eq!(rig.finish().0.lost(), 0);
-    let events = |lines: &[String]| world::taken(lines).len();
-    assert_eq!(events(&healthy.finish()), 65, "the healthy one has all");
-    // The publisher kept what the stalled one had not fetched, and sent it when it went on.
-    assert_eq!(events(&stalled.finish()), 65, "the stalled one caught up");
+    // The publisher kept what the stalled subscriber had not fetched, and sent it when that one went on.
+    for subscriber in [healthy, stalled] {
+        subscriber.wait_until_taken(65);
+        assert_eq!(world::taken(&subscriber.finish()).len(), 65);
+    }
 }
 
 #[test]
@@ -68,10 +69,12 @@ fn a_subscriber_that_comes_late_gets_what_is_latched_and_all_from_then_on() {
     packets(&mut rig, &cameras, 0..10);
     let late = Subscriber::on(domain).start(&topics);
     late.wait_until_matched(3);
-    // What is latched comes when subscriber and publisher have found each other.
-    std::thread::sleep(Duration::from_millis(500));
+    world::wait_for_subscribers(&rig, &topics);
+    // The sensor and the frames.
+    late.wait_until_taken(2);
     packets(&mut rig, &cameras, 10..20);
     assert_eq!(rig.finish().0.lost(), 0);
+    late.wait_until_taken(12);
     let taken = world::taken(&late.finish());
     let count = |end: &str| {
         let number = topics.iter().position(|(name, _, _)| name.ends_with(end)).unwrap();
@@ -92,6 +95,7 @@ fn a_subscriber_that_dies_is_forgotten() {
     dying.kill();
     packets(&mut rig, &cameras, 10..40);
     assert_eq!(rig.finish().0.lost(), 0);
+    healthy.wait_until_taken(40);
     assert_eq!(world::taken(&healthy.finish()).len(), 40);
 }
 
@@ -120,7 +124,8 @@ fn a_subscriber_that_dies_holds_up_a_lossless_rig_for_a_while_only() {
 fn a_recording_that_outgrows_its_disk_stops_and_the_topics_go_on() {
     const LIMITED: &str = "ESAAC_ROS_LIMITED";
     if std::env::var_os(LIMITED).is_none() {
-        // A limit on files stands for a disk, in a process of its own and without the signal that would end it.
+        // A limit on files stands for a disk, in a process of its own and without the signal that would end
+        // it.
         let test = "faults::a_recording_that_outgrows_its_disk_stops_and_the_topics_go_on";
         let script = "trap '' XFSZ; ulimit -f 2048; exec \"$@\"";
         let mut limited = Command::new("bash");
@@ -165,7 +170,7 @@ fn a_receive_buffer_that_is_too_small_loses_packets_which_are_counted() {
     assert!(lost > 0, "the system counts what `esaac doctor` shows");
 }
 
-/// A transport that takes its time and remembers nothing.
+/// A slow transport.
 struct Slow(Arc<AtomicUsize>);
 
 impl Transport for Slow {

@@ -1,4 +1,4 @@
-//! What `ros2 node list` and `ros2 topic info -v` need: the node, and whose every writer is.
+//! The ROS graph that `ros2 node list` and `ros2 topic info -v` need: the node and its writers.
 
 use crate::world;
 use esaac_ros::qos::{Durability, Reliability};

@@ -1,7 +1,6 @@
-//! What publishing a rig costs, what is lost, and how long messages are on their way: one camera, eight, and
-//! eight with everything beside one whose packets are of a 960th second. `ESAAC_ROS_LOAD_SECONDS=60` makes the
-//! runs as long as they should be to mean something; without it they are short. `--nocapture --test-threads=1`
-//! shows the figures.
+//! Cost, losses and latency of publishing: one camera, eight cameras, and eight cameras with all outputs plus
+//! one with 960 packets per second. The runs are short; `ESAAC_ROS_LOAD_SECONDS=60` makes them long enough for
+//! reliable figures, and `--nocapture --test-threads=1` shows these.
 
 use crate::world::{self, Subscriber, Taken};
 use esaac_model::Packet;
@@ -67,7 +66,7 @@ fn publish(rig: &mut esaac_ros::RigPublisher, cameras: &[CameraPlan], packets: &
     messages.send();
 }
 
-/// What a topic carries, as the table of latencies has it.
+/// The kind of a topic, for the table of latencies.
 fn kind(topic: &str) -> &'static str {
     let kinds = [("/events", "events"), ("/image_raw", "images"), ("/camera_info", "info"), ("/imu", "imu")];
     kinds.iter().find(|(end, _)| topic.ends_with(end)).expect("a topic of a camera").1

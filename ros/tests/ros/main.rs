@@ -1,11 +1,12 @@
-//! Publishing as subscribers see it. The subscribers are Fast DDS and PyPI's cyclonedds and rosbags, which
-//! share no code with this crate; all traffic is on this machine's loopback.
+//! Tests publishing with independent subscribers: Fast DDS, and PyPI's cyclonedds and rosbags. They share no
+//! code with this crate. All traffic stays on loopback.
 
 mod bad_input;
 mod bags;
 mod exchange;
 mod faults;
 mod graph;
+mod latched;
 mod load;
 mod pace;
 mod world;

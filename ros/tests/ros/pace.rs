@@ -1,4 +1,4 @@
-//! How far a rig runs ahead of its subscribers, and what it keeps for them.
+//! How far a rig runs ahead of its subscribers, and how long it keeps their messages.
 
 use crate::world::{self, Subscriber};
 use esaac_ros::{Payload, Plan, Policy, RigOptions, Sinks, Topic, Transport, TransportError};
@@ -37,10 +37,10 @@ fn what_has_arrived_is_let_go_while_more_is_sent() {
     assert!((40..=sent.len()).contains(&taken), "{taken} of {} messages came", sent.len());
 }
 
-/// What a transport still holds: topic and message.
+/// The messages that a transport holds, with their topics.
 type Held = Arc<Mutex<Vec<(usize, Arc<Payload>)>>>;
 
-/// A transport whose subscribers have nothing until the test says so.
+/// A transport whose subscribers get a message when the test removes it.
 struct Holding(Held);
 
 impl Transport for Holding {
@@ -78,10 +78,7 @@ fn a_lossless_rig_is_ahead_of_its_subscribers_by_its_queue_and_no_more() {
     let clock = rig.plan().topics.iter().position(|topic| topic.name == "/clock").unwrap();
     let ticks = || held.lock().unwrap().iter().filter(|(topic, _)| *topic == clock).count();
     let soon = |expected: usize| {
-        let until = Instant::now() + world::PATIENCE;
-        while ticks() != expected && Instant::now() < until {
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        world::wait_until(|| ticks() == expected, || format!("{} ticks, expected {expected}", ticks()));
         // And there it stays.
         std::thread::sleep(Duration::from_millis(100));
         assert_eq!(ticks(), expected);

@@ -84,6 +84,10 @@ struct Listener : DataReaderListener {
             std::printf("%d %zu %016llx %lld %d %u\n", number, bytes.size(), (unsigned long long)hash,
                         (long long)std::chrono::duration_cast<std::chrono::nanoseconds>(now).count(), seconds,
                         nanoseconds);
+            // Without hashes this is a measurement, in which the output may come late.
+            if (hashes) {
+                std::fflush(stdout);
+            }
         }
     }
     void on_subscription_matched(DataReader *, const SubscriptionMatchedStatus &status) override {

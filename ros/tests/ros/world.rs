@@ -1,21 +1,40 @@
-//! A rig of random packets and images, and subscribers in other processes.
+//! A rig of random packets and images; subscribers to it are in [`peer`].
+
+#[path = "peer.rs"]
+mod peer;
+
+pub use peer::*;
 
 use esaac_model::packet::Event;
 use esaac_model::{Packet, Polarity, SensorModel, random};
 use esaac_ros::{ApsImage, BagWriter, CameraPlan, Imu, Intrinsics, Payload, RigOptions, RigPublisher, Sinks};
 #[cfg(feature = "embedded")]
 use esaac_ros::{CycloneTransport, NetworkOptions};
-use std::cell::Cell;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::OnceLock;
+use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// How long anything may take that should take less than a second.
+/// Deadline of everything that should take less than a second.
 pub const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Waits until `is_so`, and fails with what `state` says if that takes too long.
+pub fn wait_until(mut is_so: impl FnMut() -> bool, state: impl FnOnce() -> String) {
+    let until = Instant::now() + PATIENCE;
+    while !is_so() {
+        if Instant::now() >= until {
+            panic!("waited in vain: {}", state());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Waits until the rig has found a subscriber of each topic.
+pub fn wait_for_subscribers(rig: &RigPublisher, topics: &[(String, String, &str)]) {
+    let found = |topic: &esaac_ros::TopicSummary| {
+        topic.subscribers > 0 || topics.iter().all(|(name, _, _)| *name != topic.topic)
+    };
+    wait_until(|| rig.summary().topics.iter().all(found), || format!("{:?}", rig.summary()));
+}
 
 /// A domain that no other test has, and with some luck no other program.
 pub fn domain() -> u32 {
@@ -119,206 +138,6 @@ pub fn hash(bytes: &[u8]) -> u64 {
 /// Hash of a message as it is on the wire: with its padding.
 pub fn wire_hash(message: &Payload) -> u64 {
     hash(message.padded())
-}
-
-/// A process that speaks in lines and ends when its standard input does.
-pub struct Peer {
-    name: String,
-    child: Child,
-    input: Option<ChildStdin>,
-    lines: Receiver<String>,
-    matched: Cell<usize>,
-}
-
-impl Peer {
-    fn spawn(command: &mut Command) -> Self {
-        let mut child = command
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap_or_else(|error| panic!("{command:?}: {error}"));
-        let (input, output) = (child.stdin.take(), child.stdout.take().expect("piped"));
-        let (tell, lines) = channel();
-        std::thread::spawn(move || {
-            BufReader::new(output).lines().map_while(Result::ok).for_each(|line| drop(tell.send(line)));
-        });
-        let name = command.get_program().to_string_lossy().into_owned();
-        Peer { name, child, input, lines, matched: Cell::new(0) }
-    }
-
-    /// Process id.
-    pub fn id(&self) -> u32 {
-        self.child.id()
-    }
-
-    /// Waits for a line that starts so.
-    pub fn wait_for(&self, start: &str) -> String {
-        loop {
-            let line = self.lines.recv_timeout(PATIENCE);
-            let line = line.unwrap_or_else(|_| panic!("no line `{start}` from {}", self.name));
-            if line.starts_with("matched") {
-                self.matched.set(self.matched.get() + 1);
-            }
-            if line.starts_with(start) {
-                return line;
-            }
-        }
-    }
-
-    /// Waits until publishers of so many topics have been found, now or earlier.
-    pub fn wait_until_matched(&self, topics: usize) {
-        while self.matched.get() < topics {
-            self.wait_for("matched");
-        }
-    }
-
-    /// Ends its input and returns the rest of what it said.
-    pub fn finish(mut self) -> Vec<String> {
-        drop(self.input.take());
-        let lines: Vec<String> = std::iter::from_fn(|| self.lines.recv_timeout(PATIENCE).ok()).collect();
-        let status = self.child.wait().expect("it ends");
-        assert!(status.success(), "{status}: {lines:?}");
-        lines
-    }
-
-    /// Kills it without a word.
-    pub fn kill(&mut self) {
-        self.child.kill().expect("it runs");
-        self.child.wait().expect("it ends");
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// How a Fast DDS subscriber is set up.
-pub struct Subscriber {
-    pub domain: u32,
-    pub receive_buffer: usize,
-    pub history: usize,
-    /// Whether it looks at every byte.
-    pub hashes: bool,
-}
-
-impl Subscriber {
-    /// With the recommended receive buffer.
-    pub fn on(domain: u32) -> Self {
-        Subscriber { domain, receive_buffer: 4 << 20, history: 5000, hashes: true }
-    }
-
-    /// Starts it: (topic, type, quality) each.
-    pub fn start(&self, topics: &[(String, String, &str)]) -> Peer {
-        let mut command = Command::new(fastdds_receiver());
-        for number in [self.domain as usize, self.receive_buffer, self.history, self.hashes.into()] {
-            command.arg(number.to_string());
-        }
-        for (topic, kind, qos) in topics {
-            let [package, _, name] = kind.split('/').collect::<Vec<_>>()[..] else { panic!("{kind}") };
-            command.arg(format!("rt{topic}={package}::msg::dds_::{name}_={qos}"));
-        }
-        let peer = Peer::spawn(&mut command);
-        peer.wait_for("ready");
-        peer
-    }
-}
-
-/// A message that the Fast DDS subscriber took.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Taken {
-    pub topic: usize,
-    pub bytes: usize,
-    pub hash: u64,
-    pub at_ns: i64,
-    /// Seconds and nanoseconds of a header's stamp, where the message begins with one.
-    pub stamp_ns: i64,
-}
-
-/// What the Fast DDS subscriber said.
-pub fn taken(lines: &[String]) -> Vec<Taken> {
-    let parse = |line: &String| {
-        let words: Vec<&str> = line.split(' ').collect();
-        let [topic, bytes, hash, at_ns, seconds, nanoseconds] = words[..] else { return None };
-        Some(Taken {
-            topic: topic.parse().ok()?,
-            bytes: bytes.parse().ok()?,
-            hash: u64::from_str_radix(hash, 16).ok()?,
-            at_ns: at_ns.parse().ok()?,
-            stamp_ns: seconds.parse::<i64>().ok()? * 1_000_000_000 + nanoseconds.parse::<i64>().ok()?,
-        })
-    };
-    lines.iter().filter_map(parse).collect()
-}
-
-/// The receiver in C++, compiled once.
-fn fastdds_receiver() -> &'static Path {
-    static BUILT: OnceLock<PathBuf> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros/receiver.cpp");
-        let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("receiver-{}", std::process::id()));
-        let mut compile = Command::new("c++");
-        compile.args(["-O2", "-std=c++17", "-o"]).arg(&program).arg(source).args(["-lfastrtps", "-lfastcdr"]);
-        let output = compile.output().expect("a C++ compiler; tools/test.sh installs it");
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "Fast DDS (libfastrtps-dev; tools/test.sh installs it): {text}");
-        program
-    })
-}
-
-/// A script in Python with cyclonedds and rosbags.
-fn python(script: &str, arguments: &[&str]) -> Command {
-    let fallback = || Path::new(env!("CARGO_TARGET_TMPDIR")).join("../ros-python/bin/python");
-    let python = std::env::var_os("ESAAC_ROS_PYTHON").map_or_else(fallback, PathBuf::from);
-    assert!(python.exists(), "{} is not there; tools/test.sh makes it", python.display());
-    let mut command = Command::new(python);
-    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ros").join(script)).args(arguments);
-    command.env("ESAAC_ROS_SOURCES", env!("CARGO_MANIFEST_DIR")).env_remove("CYCLONEDDS_URI");
-    command
-}
-
-/// The answer of a script that ends by itself.
-fn answer(mut script: Command) -> serde_json::Value {
-    let output = script.output().expect("Python runs");
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{error}");
-    serde_json::from_slice(&output.stdout).expect("JSON")
-}
-
-/// What rosbags says about a recording.
-pub fn check_bag(path: &Path) -> serde_json::Value {
-    answer(python("subscriber.py", &["check", path.to_str().expect("UTF-8")]))
-}
-
-/// The ROS graph once a node has so many writers, where identities have `gid_bytes`.
-pub fn graph(domain: u32, gid_bytes: usize, writers: usize) -> serde_json::Value {
-    answer(python(
-        "graph.py",
-        &[domain as usize, gid_bytes, writers].map(|n| n.to_string()).each_ref().map(|s| &**s),
-    ))
-}
-
-/// A subscriber on PyPI's cyclonedds; its last line is what it makes of what came, beside `bag`.
-pub fn cyclone_subscriber(domain: u32, bag: &Path, topics: &[(String, String, &str)]) -> Peer {
-    let mut command = python("subscriber.py", &["listen", &domain.to_string(), bag.to_str().expect("UTF-8")]);
-    for (topic, kind, qos) in topics {
-        let latched = if qos.contains("transient_local") { "=transient_local" } else { "" };
-        command.arg(format!("{topic}={kind}{latched}"));
-    }
-    let peer = Peer::spawn(&mut command);
-    peer.wait_for("ready");
-    peer
-}
-
-/// A subscriber on PyPI's eclipse-zenoh and a router at `port`; it declares `tokens`.
-#[cfg(feature = "zenoh")]
-pub fn zenoh_subscriber(port: u16, domain: u32, tokens: &[String]) -> Peer {
-    let mut command = python("zenoh_subscriber.py", &[&port.to_string(), &domain.to_string()]);
-    let peer = Peer::spawn(command.args(tokens));
-    peer.wait_for("ready");
-    peer
 }
 
 /// Topics of a plan as subscribers name them, in its order.

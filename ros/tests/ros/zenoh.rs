@@ -1,4 +1,5 @@
-//! Zenoh, as `rmw_zenoh` would see it: an independent session finds this one by a router.
+//! The Zenoh transport, as an independent session sees it that finds the transport's session through a
+//! router.
 
 use crate::world::{self, Peer};
 use esaac_model::Packet;
@@ -11,7 +12,7 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 const INTERVAL_NS: i64 = 33_333_333;
 
@@ -72,10 +73,9 @@ fn an_independent_session_sees_the_node_and_gets_every_byte() {
     let late = |name: &str| name.ends_with("/sensor") || name == "/tf_static";
     rig.tick(0).send();
     let subscriber = world::zenoh_subscriber(port, domain, &[]);
-    for _ in 0..=topics.len() {
-        subscriber.wait_for("token");
-    }
-    std::thread::sleep(Duration::from_secs(1));
+    subscriber.wait_for_lines(topics.len() + 1, "token");
+    // What is latched has come: from here on the two sessions have found each other.
+    subscriber.wait_for_lines(topics.iter().filter(|topic| late(&topic.name)).count(), "message");
     (1..5).for_each(|number| tick(&mut rig, number));
     let (summary, _, recorded) = rig.finish();
     recorded.unwrap();
@@ -121,13 +121,8 @@ fn tokens_say_what_ros_topic_info_shows_and_identities_follow_from_them() {
     let wrong = "%esaac%left%events/esaac_msgs::msg::dds_::PackedEventPacket_/RIHS01_0".to_owned();
     let tokens = [subscription(&right), subscription(&wrong).replace("/9/", "/10/")];
     let subscriber = world::zenoh_subscriber(port, domain, &tokens);
-    for _ in 0..plan.topics.len() + 1 + tokens.len() {
-        subscriber.wait_for("token");
-    }
-    let until = Instant::now() + world::PATIENCE;
-    while publisher.subscribers(topic) == 0 && Instant::now() < until {
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    subscriber.wait_for_lines(plan.topics.len() + 1 + tokens.len(), "token");
+    world::wait_until(|| publisher.subscribers(topic) > 0, || "no subscriber".to_owned());
     assert_eq!(publisher.subscribers(topic), 1, "the one of the right type");
     let notices = publisher.notices().join("\n");
     assert!(
@@ -135,7 +130,7 @@ fn tokens_say_what_ros_topic_info_shows_and_identities_follow_from_them() {
         "{notices}"
     );
     publisher.publish(topic, &Arc::new(Payload::new(vec![0, 1, 0, 0, 7]))).unwrap();
-    std::thread::sleep(Duration::from_millis(500));
+    subscriber.wait_for_lines(1, "message");
     let seen = answer(subscriber);
 
     let mine = |token: &&String| token.contains("/event_cameras");
@@ -164,12 +159,15 @@ fn what_was_sent_last_arrives_though_the_session_is_closed_at_once() {
     let (domain, port) = (world::domain(), port());
     let mut publisher = transport(domain, port);
     let plan = esaac_ros::Plan::new(&[world::camera("left", 32, 24)], &RigOptions::default()).unwrap();
-    let topic = plan.topics.iter().find(|topic| topic.name.ends_with("/events")).unwrap();
+    let of = |end: &str| plan.topics.iter().find(|topic| topic.name.ends_with(end)).unwrap();
+    let topic = of("/events");
     publisher.advertise(topic).unwrap();
+    publisher.advertise(of("/sensor")).unwrap();
     let subscriber = world::zenoh_subscriber(port, domain, &[]);
-    subscriber.wait_for("token");
-    subscriber.wait_for("token");
-    std::thread::sleep(Duration::from_secs(1));
+    // A latched message comes when the two sessions have found each other.
+    publisher.publish(1, &Arc::new(Payload::new(vec![0, 1, 0, 0]))).unwrap();
+    subscriber.wait_for_lines(3, "token");
+    subscriber.wait_for_lines(1, "message");
     for number in 0..50 {
         publisher.publish(0, &Arc::new(Payload::new(vec![number; 300_000]))).unwrap();
     }
@@ -192,7 +190,7 @@ fn what_a_session_cannot_be_opened_with_is_named() {
     let error = open("ZENOH_CONFIG_OVERRIDE", "listen/endpoints=[\"tcp/203.0.113.1:1\"]", None);
     assert!(error.contains("no ROS 2 network") && error.contains("203.0.113.1"), "{error}");
     let mut alone = transport(1, port());
-    std::thread::sleep(Duration::from_millis(2500));
-    assert!(alone.notices().join("\n").contains("rmw_zenohd"));
+    let told = || alone.notices().join("\n").contains("rmw_zenohd");
+    world::wait_until(told, || "no notice of a router that is missing".to_owned());
     assert_eq!(alone.notices(), Vec::<String>::new(), "once");
 }

@@ -4,7 +4,7 @@ zenoh_subscriber.py PORT DOMAIN [TOKEN ...]
 
 Runs a router at PORT and a peer that finds others by it, declares the liveliness TOKENs with SESSION in them
 replaced by its own session, says `ready`, and listens until its standard input ends. It says `token KEY` for
-each token that comes. The answer is one line of JSON: the tokens, and of every key its messages in order,
+each token that comes, and `message KEY` for each message. The answer is one line of JSON: the tokens, and of every key its messages in order,
 each with the SHA-256 of its bytes and its attachment, decoded by Zenoh's own serialisation.
 """
 
@@ -54,6 +54,8 @@ def main():
         attachment = [zenoh.ext.Int64, zenoh.ext.Int64, bytes]
         number, sent_ns, identity = zenoh.ext.z_deserialize(tuple[*attachment], sample.attachment)
         with lock:
+            if not over.is_set():
+                print("message", sample.key_expr, flush=True)
             came.setdefault(str(sample.key_expr), []).append(
                 {
                     "sha256": hashlib.sha256(sample.payload.to_bytes()).hexdigest(),

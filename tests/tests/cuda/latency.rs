@@ -1,5 +1,5 @@
-//! What the link costs beside the same frames in one process: from a frame's write being done to its
-//! packet in host memory. Figures are printed.
+//! Cost of the link compared with the same frames in one process: the time from the end of a frame's write to its
+//! packet in host memory. Prints its figures.
 
 #![expect(unsafe_code, reason = "pointers of CUDA are given by hand")]
 
@@ -21,11 +21,11 @@ use std::time::{Duration, Instant};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// The engine looks for messages all the time, or sleeps at once.
+/// How long the engine spins for messages before it sleeps: practically always, or not at all.
 const LONG: Duration = Duration::from_secs(1);
 const SHORT: Duration = Duration::ZERO;
 
-/// The first ones build kernels and find sizes.
+/// Whether a frame counts. The first ones do not: they compile kernels and grow buffers.
 fn counts(index: usize, frames: usize) -> bool {
     index >= frames.min(100) / 2
 }
@@ -36,7 +36,7 @@ fn noisy(name: &str) -> SensorModel {
     sensor
 }
 
-/// Times of one way of feeding a rig.
+/// Measured times of one way of feeding a rig.
 #[derive(Default)]
 struct Times {
     whole: Figures,
@@ -59,8 +59,8 @@ impl Times {
     }
 }
 
-/// The engine without a link; where there is a device CUDA writes a frame on it before each step, so that
-/// the two share it as they do over the link.
+/// The engine without a link. If a CUDA device is given, CUDA writes a frame on it before each step, so that CUDA and
+/// the engine share the device as they do over the link.
 fn in_process(
     sensor: &SensorModel,
     images: &Sequence,
@@ -97,7 +97,7 @@ fn on_cuda(frame: &Frame, sensor: &SensorModel) -> [CudaImage; 2] {
     [&frame.hdr, frame.motion.as_ref().unwrap()].map(|bytes| CudaImage::new(bytes, rows, 0))
 }
 
-/// Copies frames for all cameras, each time that it is told to; tells when it is done.
+/// Copies frames for all cameras whenever it is asked to, and reports when the copies are done.
 fn produce(
     device: CudaDevice,
     path: &std::path::Path,
@@ -130,7 +130,7 @@ fn produce(
             producers.iter().for_each(|producer| finish(producer.stream()));
             tell.send(Instant::now()).unwrap();
         };
-        // A timeline of the device's says when the writing is done; without one the producer waits.
+        // A shared timeline signals the end of the write. Without one the producer waits for it.
         if timeline == TIMELINE_CARRIED {
             done(&producers);
         }
@@ -156,7 +156,7 @@ fn over_the_link(
     count: usize,
 ) -> Times {
     let place = Place::default();
-    // All cameras go in one tick.
+    // Gathers all cameras into one tick.
     let options = ServerOptions { gather: MINUTE, spin, ..ServerOptions::default() };
     let each = vec![(sensor.clone(), images); cameras];
     let mut fed = service(&place.path(), &each, false, options);
@@ -202,7 +202,7 @@ fn compare(name: &str, cameras: usize, count: usize) {
         fed.print(&name);
         let more_us = fed.whole.quantile_us(0.5) - beside.whole.quantile_us(0.5);
         println!("{name}: {more_us:.1} us more than without a link (p50)");
-        // A sleep too long or a lost wake-up would show here, on any machine.
+        // Far above what any machine needs: it finds a sleep that is too long and a lost wake-up.
         assert!(more_us < 1000.0, "{more_us} us");
     }
     assert_silent();

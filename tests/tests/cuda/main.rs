@@ -1,7 +1,7 @@
-//! A CUDA producer: the same events as in one process, and what the link to it costs. Where there is no
-//! CUDA, or not on the engine's device, every test asserts that this is said clearly instead.
+//! A CUDA producer: it gives the same events as one process, and the suite measures what the link costs. Without CUDA
+//! on the engine's device, every test asserts instead that the error says so clearly.
 //!
-//! `ESAAC_CUDA_FRAMES` is the number of frames (2000); the figures are printed with `--nocapture`.
+//! `ESAAC_CUDA_FRAMES` sets the number of frames (2000 by default). `--nocapture` shows the figures.
 
 mod latency;
 mod present;

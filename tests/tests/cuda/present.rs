@@ -1,4 +1,4 @@
-//! Whether there is CUDA for the device under test.
+//! Finds out whether CUDA supports the device under test.
 
 use esaac_interop::cuda::{CudaDevice, CudaOptions, CudaProducer, cuda_devices};
 use esaac_interop::wire::ErrorCode;
@@ -7,13 +7,13 @@ use esaac_model::{SensorModel, Synthesis};
 use esaac_tests::device::DEVICE;
 use esaac_tests::interop::{Place, flight, service};
 
-/// Frames of a run.
+/// Number of frames of a run.
 pub fn frames() -> usize {
     std::env::var("ESAAC_CUDA_FRAMES").map_or(2000, |n| n.parse().expect("ESAAC_CUDA_FRAMES is a number"))
 }
 
-/// The CUDA device that is the device under test. Otherwise the producer says why there is none for it,
-/// which is asserted here.
+/// The CUDA device that is the device under test. If there is none, asserts that the producer's error says why, and
+/// returns `None`.
 pub fn cuda_or_a_clear_error() -> Option<CudaDevice> {
     let place = Place::default();
     let sensor = SensorModel { width: 9, height: 9, synthesis: Synthesis::None, ..SensorModel::default() };

@@ -1,9 +1,9 @@
-//! The same events as of the frames in process, by each way into a slot and each timeline.
+//! The link gives the same events as the frames in one process, with each way into a slot and each timeline.
 
 #![expect(unsafe_code, reason = "pointers of CUDA are given by hand")]
 
 use crate::present::{cuda_or_a_clear_error, frames};
-use esaac_engine::{Around, FrameBytes, Rig};
+use esaac_engine::{FrameBytes, Rig, SubmitHooks};
 use esaac_interop::cuda::{CudaDevice, CudaOptions, CudaProducer, Strided};
 use esaac_interop::wire::{TIMELINE_CARRIED, TIMELINE_EXPORTED};
 use esaac_interop::{Copies, ServerOptions, Support};
@@ -97,8 +97,8 @@ fn run(device: CudaDevice, way: Way, timeline: u32) {
                 .tick_checked(MINUTE, |ready| {
                     let slot = ready.slot();
                     let waits = [(slot.timeline().timeline(), ready.value())];
-                    let written = Around { waits: &waits, ..Around::default() };
-                    DEVICE.run_around(slot.acquire(), &written).unwrap();
+                    let written = SubmitHooks { waits: &waits, ..SubmitHooks::default() };
+                    DEVICE.run_with_hooks(slot.acquire(), &written).unwrap();
                     let inputs = slot.inputs();
                     seen = vec![
                         checked.of(inputs.hdr, frame.hdr.len()),

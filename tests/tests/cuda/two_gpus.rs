@@ -1,4 +1,5 @@
-//! A producer on another GPU than the engine's. Where there is one GPU only, one that is not there stands for it.
+//! A producer on another GPU than the engine's. On a machine with one GPU, a device that does not exist takes its
+//! place.
 
 use crate::present::cuda_or_a_clear_error;
 use esaac_engine::DeviceChoice;
@@ -35,7 +36,7 @@ fn it_is_refused_and_told_both_names() {
         assert!(text.contains(&name(other.uuid)) && text.contains(&name(DEVICE.info().uuid)), "{text}");
         println!("cuda:{}: {text}", other.ordinal);
     }
-    // Nobody said which: the engine's is found.
+    // Without a choice of device, the producer finds the engine's.
     drop(connect(None).unwrap());
     drop(service);
     assert_silent();

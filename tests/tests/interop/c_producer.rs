@@ -1,12 +1,15 @@
-//! The example producer in C, as its reader would build and run it.
+//! Builds and runs the example producer in C as a user would.
 
 use esaac_engine::{RigOptions, Validation};
 use esaac_interop::ServerOptions;
-use esaac_interop::wire::{Brought, FrameNotice, Header, Hello, ImageMemory, Refusal, Released, RingOffer};
+use esaac_interop::wire::{
+    Brought, FrameNotice, Header, Hello, ImageMemory, MEMORY_EXPORTED, MEMORY_HOST, Refusal, Released,
+    RingOffer,
+};
 use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Frame, Sequence};
-use esaac_tests::interop::{Place, service, until};
+use esaac_tests::interop::{Place, service, trusting, until};
 use esaac_tests::run::engine_with;
 use half::f16;
 use std::path::{Path, PathBuf};
@@ -35,7 +38,7 @@ fn built(folder: &Path) -> PathBuf {
     program
 }
 
-/// What the example renders.
+/// The frames that the example renders.
 fn frames(sensor: &SensorModel) -> Sequence {
     let frames = (0..FRAMES)
         .map(|index| {
@@ -57,11 +60,18 @@ fn frames(sensor: &SensorModel) -> Sequence {
 
 #[test]
 fn its_frames_give_the_events_that_they_must() {
+    // Device memory, and host memory, which is what a software driver shares with a producer that it does not trust.
+    its_frames_arrive(trusting(), MEMORY_EXPORTED);
+    let by_host = ServerOptions { memories: MEMORY_HOST, ..ServerOptions::default() };
+    its_frames_arrive(by_host, MEMORY_HOST);
+}
+
+fn its_frames_arrive(options: ServerOptions, memory: u32) {
     let sensor = SensorModel { width: 21, height: 13, synthesis: Synthesis::None, ..SensorModel::default() };
     let sequence = frames(&sensor);
     let expected = engine_with(&sensor, &sequence, RigOptions::default());
     let place = Place::default();
-    let mut service = service(&place.path(), &[(sensor.clone(), &sequence)], false, ServerOptions::default());
+    let mut service = service(&place.path(), &[(sensor.clone(), &sequence)], false, options);
     let program = built(place.path().parent().unwrap());
     let mut command = Command::new(program);
     command.arg(place.path()).args([FRAMES.to_string(), "0".to_owned(), DEVICE.info().index.to_string()]);
@@ -78,7 +88,8 @@ fn its_frames_give_the_events_that_they_must() {
     }
     let output = child.wait_with_output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && said.contains("40 frames"), "{said}");
+    let done = format!("40 frames by memory {memory}");
+    assert!(output.status.success() && said.contains(&done), "{said}");
     assert!(!said.contains("Validation"), "{said}");
     assert!(events > FRAMES * sensor.pixels(), "{events} events");
     until("its goodbye", || service.counts()[0].finished == 1);
@@ -101,7 +112,7 @@ fn a_refusal_is_printed() {
     assert!(!output.status.success() && said.contains("camera 5, the rig has 1"), "{said}");
 }
 
-/// The header asserts the same sizes when it is compiled.
+/// The C header asserts its sizes when it is compiled. This test asserts that its numbers are those of Rust.
 #[test]
 fn header_and_rust_have_the_same_sizes() {
     let header = std::fs::read_to_string(interop().join("include/esaac_interop.h")).unwrap();

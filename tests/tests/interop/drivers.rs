@@ -1,5 +1,5 @@
-//! Drivers that lack something, and memory that runs short: which way is taken, and what is said where there is
-//! none.
+//! Drivers without some features, and memory that runs short: which way of sharing is chosen, and the error where there
+//! is none.
 
 use crate::connections::one_frame_goes_through;
 use crate::faults::{engine, sensor, sequence};
@@ -14,7 +14,9 @@ use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::drivers::{OtherDriver, in_a_process_of_its_own};
 use esaac_tests::frames::{Sequence, scene, times};
-use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, server, service, until};
+use esaac_tests::interop::{
+    Place, Uploader, assert_device_silent, other_device, server, service, trusting, until,
+};
 use esaac_tests::peer::{Peer, bringing};
 use esaac_tests::run::{camera, engine_with};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -24,8 +26,8 @@ use std::time::Duration;
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// A few frames of a producer on `device`, whose events are those of the same frames in one process; what memory
-/// and timeline they went by.
+/// Sends a few frames from a producer on `device` and asserts that their events are those of the same frames in one
+/// process. Returns the kinds of memory and timeline that the link chose.
 pub fn few_frames_go_through(device: &Arc<Device>, options: &ProducerOptions) -> (u32, u32) {
     let (sensor, sequence) = (sensor(), sequence());
     let expected = engine_with(&sensor, &sequence, RigOptions::default());
@@ -67,7 +69,7 @@ fn without_descriptors_memory_of_the_host_is_shared() {
     let device = other_device();
     let went = few_frames_go_through(&device, &ProducerOptions::default());
     assert_eq!(went, (MEMORY_HOST, TIMELINE_CARRIED));
-    // A producer that insists is told what there is.
+    // A producer that accepts nothing else is refused, and told what the engine offers.
     let place = Place::default();
     let server = engine(&place);
     let peer = Peer::connect(&place.path());
@@ -101,7 +103,7 @@ fn without_any_sharing_the_engine_says_what_the_driver_lacks() {
         "{text}"
     );
     assert!(!place.path().exists(), "a socket that nobody answers");
-    // In its own process the engine works as ever.
+    // Without a link the engine still works.
     assert!(engine_with(&sensor(), &sequence(), RigOptions::default()).len() == 4);
 }
 
@@ -116,7 +118,7 @@ fn large() -> (SensorModel, Sequence) {
 #[test]
 fn a_device_that_is_full_refuses_the_import_and_goes_on() {
     let (sensor, sequence) = (sensor(), sequence());
-    // Room for a slot and a half.
+    // Room for one slot, not for two.
     let one = 12 * 9 * 8;
     let driver = OtherDriver { import_bytes: Some(2 * one), ..OtherDriver::default() };
     let name = "drivers::a_device_that_is_full_refuses_the_import_and_goes_on";
@@ -124,7 +126,7 @@ fn a_device_that_is_full_refuses_the_import_and_goes_on() {
         return;
     }
     let place = Place::default();
-    let server = server(&place.path(), &camera(&sensor, 0, &sequence), ServerOptions::default()).unwrap();
+    let server = server(&place.path(), &camera(&sensor, 0, &sequence), trusting()).unwrap();
     let device = other_device();
     for (memories, side) in
         [(MEMORY_BROUGHT, "the engine imports"), (MEMORY_EXPORTED, "the producer imports")]
@@ -138,7 +140,7 @@ fn a_device_that_is_full_refuses_the_import_and_goes_on() {
         {
             assert!(text.contains(words), "{side}: no `{words}` in: {text}");
         }
-        // The producer may be back with its error before the engine has even taken it in.
+        // The producer may return with its error before the engine has read its message.
         let told = RefCell::new(Vec::new());
         until(side, || {
             told.borrow_mut().extend(server.notices());
@@ -146,7 +148,7 @@ fn a_device_that_is_full_refuses_the_import_and_goes_on() {
         });
         until("its end", || server.connected() == 0);
     }
-    // Memory of the host is no import of a descriptor.
+    // Sharing host memory imports no descriptor.
     let options = ProducerOptions { memories: MEMORY_HOST, ..ProducerOptions::default() };
     drop(Uploader::connect(&device, &place.path(), &options).unwrap());
     assert_device_silent(&device);
@@ -154,7 +156,7 @@ fn a_device_that_is_full_refuses_the_import_and_goes_on() {
     assert_silent();
 }
 
-/// Address space that this process has taken.
+/// Address space in use by this process, bytes.
 fn address_space_bytes() -> u64 {
     let pages: u64 = std::fs::read_to_string("/proc/self/statm")
         .unwrap()
@@ -165,7 +167,8 @@ fn address_space_bytes() -> u64 {
     pages * rustix::param::page_size() as u64
 }
 
-/// The real thing, on the software driver: memory that a peer brings does not fit into the engine's address space.
+/// The same shortage without the layer, on the software driver: memory that a peer brings does not fit into the
+/// engine's address space.
 #[test]
 fn a_process_that_is_full_refuses_the_import_and_goes_on() {
     let name = "drivers::a_process_that_is_full_refuses_the_import_and_goes_on";
@@ -173,18 +176,18 @@ fn a_process_that_is_full_refuses_the_import_and_goes_on() {
         return;
     }
     if DEVICE.info().kind != "software" {
-        // A GPU's memory is no address space of the process; the layer's test is the one for it.
+        // Imported memory of a GPU takes no address space of the process. The test with the layer covers GPUs.
         return;
     }
     let (sensor, sequence) = large();
     let place = Place::default();
-    let server = server(&place.path(), &camera(&sensor, 0, &sequence), ServerOptions::default()).unwrap();
+    let server = server(&place.path(), &camera(&sensor, 0, &sequence), trusting()).unwrap();
     let device = other_device();
     let options = ProducerOptions { memories: MEMORY_BROUGHT, ..ProducerOptions::default() };
     let slot_bytes = 2048 * 1024 * (8 + 4);
     let free = getrlimit(Resource::As);
-    // The producer's three slots are in this process too. What else takes address space differs from run to run, so the
-    // room grows until the producer has its own and the engine lacks some.
+    // The producer's three slots are in this process too. The other use of address space differs from run to run. So
+    // the limit grows until the producer's slots fit and the engine's imports do not.
     let refused = (0..24).find_map(|quarters| {
         let current = Some(address_space_bytes() + (12 + quarters) * slot_bytes / 4);
         setrlimit(Resource::As, Rlimit { current, ..free }).unwrap();

@@ -1,6 +1,6 @@
-//! What the link costs: from a frame's write being done to its packet, against the tick alone. The figures
-//! are printed (`--nocapture`); `ESAAC_LINK_FRAMES` is the number of frames, `ESAAC_LINK_SENSOR` a preset
-//! for them with the noisy profile.
+//! Cost of the link: the time from the end of a frame's write to its packet, compared with the tick alone. Prints its
+//! figures (`--nocapture`). `ESAAC_LINK_FRAMES` sets the number of frames, `ESAAC_LINK_SENSOR` a preset, which gets the
+//! noisy profile.
 
 use crate::frames;
 use esaac_interop::wire::{TIMELINE_CARRIED, TIMELINE_EXPORTED};
@@ -27,7 +27,7 @@ fn sensor() -> SensorModel {
     sensor
 }
 
-/// Renders frames in a producer, each when the last one's packet is there.
+/// Runs a producer that renders each frame once the packet of the last one has arrived.
 fn producer(path: &std::path::Path, timeline: u32, wait: &mpsc::Receiver<()>, tell: &mpsc::Sender<Instant>) {
     let device = other_device();
     let options = ProducerOptions { timelines: timeline, timeout: MINUTES, ..ProducerOptions::default() };
@@ -39,10 +39,10 @@ fn producer(path: &std::path::Path, timeline: u32, wait: &mpsc::Receiver<()>, te
     while wait.recv().is_ok() {
         let slot = producer.slot().unwrap();
         producer
-            .write(slot, |place, around| {
+            .write(slot, |place, hooks| {
                 let inputs = place.inputs();
                 let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None };
-                renderer.render_around(t_ns, Some(t_ns - FRAME_NS), targets, around)?;
+                renderer.render_with_hooks(t_ns, Some(t_ns - FRAME_NS), targets, hooks)?;
                 Ok::<(), RenderError>(())
             })
             .unwrap();
@@ -78,7 +78,7 @@ fn from_the_write_to_the_packet() {
                 let tick = fed.tick(MINUTES).unwrap().expect("the next frame");
                 let (done, submit_ns) = (Instant::now(), tick.tick.submit_to_packet_ns);
                 let written = told.recv().unwrap();
-                // The first ones build kernels and find sizes.
+                // Skips the first frames, which compile kernels and grow buffers.
                 if index >= frames.min(40) / 2 {
                     let span_ns = (done - written).as_nanos() as u64;
                     whole.add_ns(span_ns);
@@ -92,7 +92,7 @@ fn from_the_write_to_the_packet() {
         println!(
             "timelines {timeline}: write done to packet {whole}; of it submit to packet {inside}, the link {link}"
         );
-        // A sleep too long or a lost wake-up would show here, on any machine.
+        // Far above what any machine needs: it finds a sleep that is too long and a lost wake-up.
         assert!(link.quantile_us(0.5) < 50_000.0, "{link}");
     }
     assert_silent();

@@ -1,8 +1,8 @@
-//! Events of a rig fed over the link are those of the same frames in process, bit for bit, by every kind
-//! of memory and timeline that the device has; what arrives in a slot is what was sent.
+//! A rig fed over the link gives the same events as the same frames in one process, bit for bit, with every kind of
+//! memory and timeline of the device. The content of a slot is what was sent.
 
 use crate::frames;
-use esaac_engine::{Around, FrameInput, Rig, RigOptions};
+use esaac_engine::{FrameInput, Rig, RigOptions, SubmitHooks};
 use esaac_interop::wire::{
     MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED, TIMELINE_EXPORTED,
 };
@@ -12,7 +12,7 @@ use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{FRAME_NS, Sequence};
 use esaac_tests::interop::{
     Checksum, IMAGES, Place, Uploader, assert_device_silent, flight, lossless, other_device, server, service,
-    until,
+    trusting, until,
 };
 use esaac_tests::run::{camera, engine_of_many, step};
 use std::time::Duration;
@@ -20,7 +20,7 @@ use std::time::Duration;
 const SECOND: Duration = Duration::from_secs(1);
 
 fn sensor() -> SensorModel {
-    // Every kind of input counts: motion too, and noise. Bilinear taps are quick to build.
+    // The events depend on every input: colour, motion and noise. Bilinear taps compile quickly.
     SensorModel {
         width: 37,
         height: 23,
@@ -38,7 +38,7 @@ fn t_ns(index: usize) -> i64 {
     index as i64 * FRAME_NS
 }
 
-/// The images again and again, at growing times: a run's frames.
+/// The frames of a run: the images repeated, at increasing times.
 fn long(images: &Sequence) -> Sequence {
     let frames = (0..frames(200))
         .map(|index| {
@@ -61,8 +61,8 @@ fn the_driver_shares_memory_by_descriptors_and_by_host_pointers() {
     }
 }
 
-/// Runs over the link, a camera for each pair of memory and timeline, all of one sensor and one noise;
-/// every frame's content is checked where the engine reads it.
+/// Runs over the link with one camera for each pair of memory and timeline. All have the same sensor and the same
+/// noise. Checks the content of every frame where the engine reads it.
 fn over_the_link(kinds: &[(u32, u32)]) {
     let (sensor, checked) = (sensor(), &mut Checksum::default());
     let sequence = long(&flight(&sensor));
@@ -72,8 +72,8 @@ fn over_the_link(kinds: &[(u32, u32)]) {
     let mut fed = Rig::new(&DEVICE, &vec![config.clone(); kinds.len()]).unwrap();
 
     let place = Place::default();
-    // All cameras go in one tick.
-    let options = ServerOptions { gather: 30 * SECOND, ..ServerOptions::default() };
+    // Gathers all cameras into one tick.
+    let options = ServerOptions { gather: 30 * SECOND, ..trusting() };
     let server =
         Server::open(&DEVICE, &place.path(), &vec![lossless(&config); kinds.len()], options).unwrap();
     let mut events = 0;
@@ -86,7 +86,7 @@ fn over_the_link(kinds: &[(u32, u32)]) {
                     camera: number,
                     memories: memory,
                     timelines: timeline,
-                    // The first tick builds kernels, which takes long under the validation layer.
+                    // The first tick compiles kernels, which takes long under the validation layer.
                     timeout: 300 * SECOND,
                     ..ProducerOptions::default()
                 };
@@ -113,7 +113,7 @@ fn over_the_link(kinds: &[(u32, u32)]) {
             let mut frames = vec![None; kinds.len()];
             for ready in &ready {
                 assert_eq!((ready.t_ns, ready.first, ready.copies()), (frame.t_ns, index == 0, (1, 1)));
-                DEVICE.run_around(ready.slot().acquire(), &Around::default()).unwrap();
+                DEVICE.run_with_hooks(ready.slot().acquire(), &SubmitHooks::default()).unwrap();
                 let inputs = ready.slot().inputs();
                 let got = [
                     checked.of(inputs.hdr, frame.hdr.len()),
@@ -124,10 +124,8 @@ fn over_the_link(kinds: &[(u32, u32)]) {
             }
             let after: Vec<_> = ready.iter().map(|r| r.slot().release()).collect();
             let waits: Vec<_> = ready.iter().map(|r| (r.slot().timeline().timeline(), r.value())).collect();
-            let signals: Vec<_> =
-                ready.iter().map(|r| (r.slot().timeline().timeline(), r.value() + 1)).collect();
-            let around = Around { before: &[], after: &after, waits: &waits, signals: &signals };
-            let tick = fed.step_frames(&frames, &around).unwrap();
+            let hooks = SubmitHooks { before: &[], after: &after, waits: &waits, signals: &[] };
+            let tick = fed.step_frames(&frames, &hooks).unwrap();
             for (camera, packet) in tick.packets.iter().enumerate() {
                 assert!(*packet == expected, "frame {index}, camera {camera}: other events");
             }
@@ -142,7 +140,7 @@ fn over_the_link(kinds: &[(u32, u32)]) {
     for (counts, (memory, _)) in server.counts().iter().zip(kinds) {
         let frames = count as u64;
         assert_eq!((counts.lost, counts.stepped, counts.dropped), (0, frames, 0));
-        // The uploader's own copy, and the engine's of two images.
+        // The uploader makes one copy. With shared images the engine makes one more of each of the two images.
         let copies = if *memory == MEMORY_IMAGES { 3 } else { 1 };
         assert_eq!((counts.device_copies, counts.host_copies), (copies * frames, frames));
     }
@@ -165,7 +163,7 @@ fn every_memory_and_every_timeline_gives_the_events_of_one_process() {
 #[test]
 fn timelines_that_cannot_be_exported_are_named() {
     if Support::of(&DEVICE).share_timeline {
-        // The run over the link has used them.
+        // The run over the link covers this.
         return;
     }
     let sensor = sensor();
@@ -233,7 +231,7 @@ fn latest_drops_old_frames_and_counts_them() {
     let mut service = service(&place.path(), &[(sensor.clone(), &sequence)], true, ServerOptions::default());
     let device = other_device();
     let mut uploader = Uploader::connect(&device, &place.path(), &ProducerOptions::default()).unwrap();
-    // Nobody steps: a producer that had to wait would stop after three frames.
+    // The engine does not step. A producer that had to wait for free slots would block after three frames.
     for frame in &sequence.frames {
         uploader.send(frame, frame.t_ns).unwrap();
     }

@@ -1,5 +1,6 @@
-//! Several devices: one is chosen by its UUID, and a producer on another than the engine's goes by the host's
-//! memory or is told both names. Where the machine has two devices those are taken, else the software driver twice.
+//! Several devices. A device is chosen by its UUID. A producer on a device other than the engine's uses host memory, or
+//! is refused with the names of both devices. Uses two devices of the machine if there are two, otherwise the software
+//! driver twice.
 
 use crate::connections::one_frame_goes_through;
 use crate::drivers::few_frames_go_through;

@@ -1,13 +1,13 @@
-//! Events produced against the exact events of an analytic scene.
+//! Compares simulated events with the exact events of an analytic scene.
 
-use crate::event_file::EventColumns;
 use crate::report::AccuracyReport;
 use esaac_benches::truth::Truth;
+use esaac_formats::event_file::EventColumns;
 use esaac_model::packet::Event;
 use esaac_model::{Polarity, SensorModel};
 use esaac_scene::Scene;
 
-/// Pixels compared at most: enough for stable figures, few enough for a short wait.
+/// Most pixels that are compared: enough for stable results, few enough to be quick.
 const PIXELS: usize = 1200;
 
 /// Compares the events in `(t0_ns, t1_ns]` on an even subset of the pixels.

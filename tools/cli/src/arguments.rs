@@ -1,30 +1,8 @@
-//! The command line.
+//! Options that every command has. This module depends on no other module of the program.
 
-use crate::bench::BenchArguments;
-use crate::calibrate::CalibrateArguments;
-use crate::demo::DemoArguments;
-use crate::device_choice::DeviceArgument;
-use crate::render::RenderArguments;
-use crate::replay::ReplayArguments;
-use crate::sensors::SensorsArguments;
-use crate::serve::ServeArguments;
-use crate::simulate::SimulateArguments;
 use clap::builder::FalseyValueParser;
-use clap::{Parser, Subcommand};
-
-/// Event camera simulator: rendered HDR frames in, time-ordered events out.
-#[derive(Parser, Clone, Debug)]
-#[command(name = "esaac", version, after_help = EXIT_CODES)]
-pub struct Arguments {
-    /// What to do.
-    #[command(subcommand)]
-    pub command: Command,
-    /// Options of every command.
-    #[command(flatten)]
-    pub common: CommonArguments,
-}
-
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 error, 2 wrong usage, 3 done but events were dropped.";
+use esaac_engine::DeviceChoice;
+use std::str::FromStr;
 
 /// Options of every command.
 #[derive(clap::Args, Clone, Debug)]
@@ -32,35 +10,45 @@ pub struct CommonArguments {
     /// Print JSON on standard output
     #[arg(long, global = true)]
     pub json: bool,
-    /// Device by number or UUID as `esaac devices` shows them; the best one by default
+    /// Vulkan device, by number or UUID as `esaac devices` lists them [default: the best one]
     #[arg(long, global = true, env = "ESAAC_DEVICE", value_name = "INDEX|UUID")]
     pub device: Option<DeviceArgument>,
-    /// Turn Vulkan's validation layer on
+    /// Turn on Vulkan's validation layer
     #[arg(long, global = true, env = "ESAAC_VALIDATION", value_parser = FalseyValueParser::new())]
     pub validation: bool,
 }
 
-/// The subcommands.
-#[derive(Subcommand, Clone, Debug)]
-pub enum Command {
-    /// Render a built-in scene, simulate it and draw an overview
-    Demo(Box<DemoArguments>),
-    /// Turn a folder of OpenEXR frames into events
-    Simulate(Box<SimulateArguments>),
-    /// Run the engine as a service that renderers in other processes feed
-    Serve(Box<ServeArguments>),
-    /// Render a built-in scene into the memory of a running service
-    Render(RenderArguments),
-    /// Measure speed, accuracy and memory of the engine on this machine
-    Bench(BenchArguments),
-    /// Fit a sensor to a recording of a real one
-    Calibrate(CalibrateArguments),
-    /// Publish a recording again, with its timing
-    Replay(ReplayArguments),
-    /// List the sensor presets with every parameter
-    Sensors(SensorsArguments),
-    /// List the Vulkan devices and whether each is enough
-    Devices,
-    /// Say what is missing on this machine and what mends it
-    Doctor,
+/// Value of `--device`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceArgument(pub DeviceChoice);
+
+impl FromStr for DeviceArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let digits: String = text.chars().filter(|&c| c != '-').collect();
+        if digits.len() == 32 && digits.chars().all(|c| c.is_ascii_hexdigit()) {
+            let byte = |i: usize| u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).expect("hex digits");
+            return Ok(DeviceArgument(DeviceChoice::Uuid(std::array::from_fn(byte))));
+        }
+        match text.parse() {
+            Ok(index) => Ok(DeviceArgument(DeviceChoice::Index(index))),
+            Err(_) => Err("expected a device's number or its UUID of 32 hexadecimal digits".to_owned()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_is_a_number_or_a_uuid() {
+        let uuid: [u8; 16] = std::array::from_fn(|i| i as u8 * 16 + 1);
+        let text = "01112131-4151-6171-8191-a1b1c1d1e1f1";
+        assert_eq!(text.parse(), Ok(DeviceArgument(DeviceChoice::Uuid(uuid))));
+        assert_eq!("1".parse(), Ok(DeviceArgument(DeviceChoice::Index(1))));
+        assert!("best".parse::<DeviceArgument>().is_err());
+        assert!("-1".parse::<DeviceArgument>().is_err());
+    }
 }

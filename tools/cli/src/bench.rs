@@ -3,8 +3,10 @@
 use crate::arguments::CommonArguments;
 use crate::device_choice;
 use crate::outcome::Outcome;
+use crate::version::Build;
 use anyhow::{Context, Result};
-use esaac_benches::{Laboratory, Options, Part, laboratory};
+use esaac_benches::results::{self, Provenance};
+use esaac_benches::{Laboratory, Options, Part, markdown};
 use std::path::PathBuf;
 
 /// Arguments of `bench`.
@@ -22,12 +24,15 @@ pub struct BenchArguments {
     /// Folder for bench.json, bench.md and the plots
     #[arg(long, value_name = "DIR", default_value = "bench")]
     pub out: PathBuf,
-    /// Folder of the path-traced sequence
-    #[arg(long, value_name = "DIR", default_value_os_t = Options::default().tumble)]
-    pub tumble: PathBuf,
+    /// Results file that takes the figures too, into the section of this device; other sections stay
+    #[arg(long, value_name = "FILE.md")]
+    pub write_results: Option<PathBuf>,
+    /// Folder of a rendered sequence with its true events, like tests/data/tumble
+    #[arg(long, value_name = "DIR")]
+    pub sequence: Option<PathBuf>,
     /// Recording of a real sensor
-    #[arg(long, value_name = "FILE.aedat4", default_value_os_t = Options::default().recording)]
-    pub recording: PathBuf,
+    #[arg(long, value_name = "FILE.aedat4")]
+    pub recording: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -38,18 +43,35 @@ pub fn run(arguments: &BenchArguments, common: &CommonArguments) -> Result<Outco
         quick: arguments.quick,
         parts: arguments.parts.clone(),
         only: arguments.only.clone(),
-        tumble: arguments.tumble.clone(),
+        sequence: arguments.sequence.clone(),
         recording: arguments.recording.clone(),
     };
     let laboratory = Laboratory::new(device_choice::open(common)?, options)?;
+    let provenance = Provenance::now(&command(arguments), Build::this().commit);
     let mut files = Vec::new();
     let report = esaac_benches::run(&laboratory, |report| {
         files = esaac_benches::write(report, out)?;
+        if let Some(path) = &arguments.write_results {
+            files.extend(results::write(report, path, &provenance)?);
+        }
         Ok(())
     })?;
     if common.json {
         return Ok(Outcome::complete(serde_json::to_string_pretty(&report)? + "\n"));
     }
     let list: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
-    Ok(Outcome::complete(format!("{}\nFiles: {}\n", laboratory::markdown(&report), list.join(", "))))
+    Ok(Outcome::complete(format!("{}\nFiles: {}\n", markdown(&report), list.join(", "))))
+}
+
+/// The command that measures the same again, on the device that the results name.
+fn command(arguments: &BenchArguments) -> String {
+    let mut words = vec!["esaac bench".to_owned()];
+    let parts = arguments.parts.iter().map(|part| format!("--part {}", part.name()));
+    words.extend(parts);
+    words.extend(arguments.quick.then(|| "--quick".to_owned()));
+    words.extend((!arguments.only.is_empty()).then(|| format!("--only {}", arguments.only)));
+    let path = |flag: &str, path: &Option<PathBuf>| path.as_ref().map(|p| format!("{flag} {}", p.display()));
+    words.extend(path("--sequence", &arguments.sequence));
+    words.extend(path("--recording", &arguments.recording));
+    words.join(" ")
 }

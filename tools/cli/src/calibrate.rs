@@ -4,8 +4,8 @@ use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
 use crate::{device_choice, output_file};
 use anyhow::{Result, ensure};
-use esaac_benches::calibrate::{Fit, fit};
-use esaac_benches::recording::aedat4;
+use esaac_calibrate::{Fit, fit};
+use esaac_formats::recording::aedat4;
 use esaac_model::presets::LOG_OFFSET_HDR;
 use std::path::PathBuf;
 

@@ -16,7 +16,7 @@ pub struct Canvas {
     pub pixels: Vec<Rgb>,
 }
 
-/// Where a text stands relative to its x.
+/// How a text is placed relative to its x.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
     /// x is its left end.
@@ -34,7 +34,7 @@ impl Canvas {
         Canvas { width_px, height_px, pixels: vec![colour; width_px * height_px] }
     }
 
-    /// Fills a rectangle; what lies outside is left out.
+    /// Fills a rectangle, clipped to the canvas.
     pub fn fill(&mut self, (x, y): (usize, usize), (width, height): (usize, usize), colour: Rgb) {
         for row in y..(y + height).min(self.height_px) {
             let start = row * self.width_px;
@@ -43,7 +43,7 @@ impl Canvas {
         }
     }
 
-    /// Copies a picture to `(x, y)`; what lies outside is left out.
+    /// Copies a picture to `(x, y)`, clipped to the canvas.
     pub fn draw(&mut self, (x, y): (usize, usize), picture: &Canvas) {
         for row in 0..picture.height_px.min(self.height_px.saturating_sub(y)) {
             let columns = picture.width_px.min(self.width_px.saturating_sub(x));
@@ -53,7 +53,7 @@ impl Canvas {
         }
     }
 
-    /// Enlarged by a whole factor, each pixel a square.
+    /// The picture enlarged by a whole factor. Each pixel becomes a square.
     #[must_use]
     pub fn enlarged(&self, factor: usize) -> Canvas {
         let (width, height) = (self.width_px * factor, self.height_px * factor);
@@ -63,7 +63,7 @@ impl Canvas {
         Canvas { width_px: width, height_px: height, pixels }
     }
 
-    /// Reduced by a whole factor, each pixel the mean of a square.
+    /// The picture reduced by a whole factor. Each pixel is the mean of a square.
     #[must_use]
     pub fn reduced(&self, factor: usize) -> Canvas {
         let (width, height) = (self.width_px / factor, self.height_px / factor);

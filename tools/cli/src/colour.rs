@@ -1,4 +1,4 @@
-//! From radiance, depth and event counts to colours for the eye.
+//! Turns radiance, depth and event counts into colours.
 
 /// Eight bits each of red, green, blue.
 pub type Rgb = [u8; 3];
@@ -24,7 +24,7 @@ pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// Exposure that puts the geometric mean of `luminances` at middle gray.
+/// The exposure that maps the geometric mean of `luminances` to middle gray.
 #[must_use]
 pub fn exposure(luminances: impl Iterator<Item = f32>) -> f32 {
     const MIDDLE_GRAY: f32 = 0.18;
@@ -36,8 +36,8 @@ pub fn exposure(luminances: impl Iterator<Item = f32>) -> f32 {
     if count == 0 { 1.0 } else { MIDDLE_GRAY / (sum / count as f64).exp() as f32 }
 }
 
-/// Tone-mapped colour: extended Reinhard on the luminance, whose white is `WHITE` times middle gray's
-/// exposure; hue is kept and what leaves the gamut is drawn towards white.
+/// Tone-maps a colour with the extended Reinhard operator on its luminance. Luminances above `WHITE`, in
+/// units of the exposure, are white. The hue is kept; colours outside the gamut move towards white.
 #[must_use]
 pub fn tone_map(radiance: [f32; 3], exposure: f32) -> Rgb {
     const WHITE: f32 = 6.0;
@@ -68,7 +68,7 @@ pub fn events(on: u32, off: u32) -> Rgb {
     })
 }
 
-/// Colour map for depth, 0 near to 1 far: even steps in lightness from pale yellow to black-violet.
+/// Colour map for depth, from 0 (near) to 1 (far): lightness falls evenly from pale yellow to black-violet.
 #[must_use]
 pub fn depth(near_to_far: f32) -> Rgb {
     const STOPS: [Rgb; 11] = [
@@ -89,7 +89,7 @@ pub fn depth(near_to_far: f32) -> Rgb {
     mix(STOPS[index], STOPS[index + 1], position - index as f32)
 }
 
-/// `from` to `to` by `amount`, 0 to 1.
+/// Mixes `from` and `to`; `amount` is the share of `to`, 0 to 1.
 #[must_use]
 pub fn mix(from: Rgb, to: Rgb, amount: f32) -> Rgb {
     std::array::from_fn(|c| {

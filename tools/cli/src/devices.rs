@@ -1,4 +1,4 @@
-//! `esaac devices`: Vulkan devices, what they can do and whether each is enough.
+//! `esaac devices`: lists the Vulkan devices, their capabilities, and whether each one is suitable.
 
 use crate::device_choice::uuid_text;
 use crate::outcome::{Ending, Outcome};

@@ -1,8 +1,8 @@
-//! `esaac doctor`: what is missing on this machine, and the command that mends it.
+//! `esaac doctor`: finds what this machine lacks, and names the command that installs or fixes it.
 
 use crate::arguments::CommonArguments;
 use crate::outcome::{Ending, Outcome};
-use crate::ros_network::{NetworkArguments, TransportName};
+use crate::ros::NetworkArguments;
 use crate::{device_choice, table};
 use anyhow::Result;
 use esaac_engine::{DeviceInfo, EngineError, list_devices};
@@ -13,16 +13,16 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Memory below which a run of any size is in danger.
+/// Free memory below which even a small run may fail.
 const ENOUGH_MEMORY_BYTES: u64 = 512 << 20;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum State {
     Good,
-    /// Missing, and only some uses need it.
+    /// Missing, but only some uses need it.
     Optional,
-    /// Missing, and nothing runs without it.
+    /// Missing, and required.
     Missing,
 }
 
@@ -59,7 +59,7 @@ fn optional(name: &'static str, found: String, mend: &str) -> Check {
     Check { name, state: State::Optional, found, mend: Some(mend.to_owned()) }
 }
 
-/// Loader, driver and device: each is looked at only where the one before is there.
+/// Checks loader, driver and device. Each check needs the one before.
 fn vulkan(devices: Result<Vec<DeviceInfo>, EngineError>) -> Vec<Check> {
     const LOADER: &str = "Vulkan loader";
     const DRIVER: &str = "Vulkan driver";
@@ -117,7 +117,7 @@ fn opened(common: &CommonArguments) -> Vec<Check> {
     }
 }
 
-/// What `esaac serve` can offer to other processes.
+/// What `esaac serve` can share with other processes.
 fn sharing(support: &Support) -> Check {
     const NAME: &str = "sharing with other processes";
     let ways = [
@@ -129,24 +129,24 @@ fn sharing(support: &Support) -> Check {
     if support.engine_memories() == 0 {
         return optional(
             NAME,
-            "the driver has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host".to_owned(),
+            "the driver lacks both VK_KHR_external_memory_fd and VK_EXT_external_memory_host".to_owned(),
             "update the driver, or simulate in one process   (esaac demo --in-process)",
         );
     }
     good(NAME, found.join(", "))
 }
 
-/// Whether a producer in CUDA would find the engine's device.
+/// Whether CUDA has the engine's device, which producers in CUDA need.
 fn cuda(devices: Result<Vec<CudaDevice>, InteropError>, engine: &DeviceInfo) -> Check {
     const NAME: &str = "CUDA (for producers in it)";
     match devices {
-        Err(error) => optional(NAME, error.to_string(), "none needed unless frames come from CUDA"),
+        Err(error) => optional(NAME, error.to_string(), "only needed if frames come from CUDA"),
         Ok(devices) => match devices.iter().find(|device| device.uuid == engine.uuid) {
             Some(device) => good(NAME, format!("device {} is {}", device.ordinal, engine.name)),
             None => optional(
                 NAME,
-                format!("{} devices, and {} is none of them", devices.len(), engine.name),
-                "esaac doctor --device N   (with a device of CUDA's; esaac devices lists all)",
+                format!("{} devices, but not {}", devices.len(), engine.name),
+                "esaac doctor --device N   (choose a device that CUDA has; esaac devices lists all)",
             ),
         },
     }
@@ -182,23 +182,16 @@ fn write_access() -> Check {
     }
 }
 
-/// Whether topics can be published.
+/// Whether topics can be published on the network.
 fn ros_network() -> Check {
     const NAME: &str = "ROS 2 network";
-    let network = NetworkArguments {
-        ros_domain: None,
-        ros_interface: None,
-        ros_node: "doctor".to_owned(),
-        ros_transport: TransportName::default(),
-        ros_args: Vec::new(),
-    };
-    match network.open(&[]) {
+    match NetworkArguments::of_node("doctor").open(&[]) {
         Ok(joined) => good(NAME, joined.transport.name()),
         Err(error) => optional(NAME, error.to_string(), "sudo ip link set lo up   (or see CYCLONEDDS_URI)"),
     }
 }
 
-/// Subscribers on this machine lose parts of large messages where the system allows small buffers only.
+/// Checks the largest receive buffer. Subscribers with small buffers lose parts of large messages.
 fn receive_buffer() -> Check {
     const NAME: &str = "ROS 2 receive buffer";
     receive_buffer_check(NAME, host::receive_buffer_limit_bytes(), host::datagrams_lost().unwrap_or(0))
@@ -223,7 +216,7 @@ fn receive_buffer_check(name: &'static str, limit_bytes: Option<u64>, lost: u64)
                 ),
                 None => "its limit cannot be read".to_owned(),
             },
-            "sudo sysctl -w net.core.rmem_max=4194304   (and let subscribers ask for it, see README)",
+            "sudo sysctl -w net.core.rmem_max=4194304   (and let subscribers ask for it, see docs/guide/ros2.md)",
         ),
     }
 }

@@ -1,8 +1,10 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
-use crate::exr_frame::{ChannelNames, FrameHeader, FrameImages, FrameLayout, read_frame, read_header};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
+use esaac_formats::exr_frame::{
+    ChannelNames, FrameHeader, FrameImages, FrameLayout, read_frame, read_header,
+};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};

@@ -1,4 +1,4 @@
-//! Where a run's kernels come from: embedded ones, or a folder of kernels under development (`--glsl`).
+//! The kernels of a run: the embedded ones, or those of a folder that is being edited (`--glsl`).
 
 use anyhow::Result;
 #[cfg(feature = "shaderc")]
@@ -10,8 +10,8 @@ use std::path::PathBuf;
 /// Option of every command that runs kernels.
 #[derive(clap::Args, Clone, Debug)]
 pub struct KernelArguments {
-    /// Folder of kernels to run in place of the embedded ones; those that are edited meanwhile are
-    /// reloaded (needs a build with `--features shaderc`)
+    /// Folder of kernels to run instead of the embedded ones. Kernels that are edited meanwhile are reloaded.
+    /// Needs a build with `--features shaderc`
     #[arg(long, value_name = "DIR")]
     pub glsl: Option<PathBuf>,
 }
@@ -24,12 +24,12 @@ pub struct KernelSource {
 
 #[cfg(feature = "shaderc")]
 impl KernelSource {
-    /// What the arguments ask for.
+    /// Opens the folder, if there is one.
     pub fn open(arguments: &KernelArguments) -> Result<Self> {
         Ok(KernelSource { folder: arguments.glsl.as_deref().map(KernelFolder::open).transpose()? })
     }
 
-    /// Gives a new rig its kernels; all of them must be right.
+    /// Loads the folder's kernels into a new rig. A kernel that does not compile is an error.
     pub fn load(&mut self, rig: &mut Rig) -> Result<()> {
         if let Some(folder) = &mut self.folder {
             let names = rig.reload_kernels(folder)?;
@@ -38,8 +38,8 @@ impl KernelSource {
         Ok(())
     }
 
-    /// Takes what was edited since the last call. Kernels that are wrong are reported, and those that run
-    /// stay.
+    /// Reloads the kernels that were edited since the last call. If one does not compile, this is reported
+    /// and the old ones stay.
     pub fn refresh(&mut self, rig: &mut Rig, progress: &ProgressBar) {
         let Some(folder) = &mut self.folder else { return };
         match rig.reload_kernels(folder) {
@@ -52,21 +52,21 @@ impl KernelSource {
 
 #[cfg(not(feature = "shaderc"))]
 impl KernelSource {
-    /// What the arguments ask for.
+    /// Fails if there is a folder: this build has no compiler.
     pub fn open(arguments: &KernelArguments) -> Result<Self> {
         anyhow::ensure!(
             arguments.glsl.is_none(),
-            "--glsl needs a shader compiler in the program, which this build lacks; build it with: \
+            "--glsl needs a shader compiler, which this build lacks; build one with: \
              cargo build --release -p esaac-cli --features shaderc"
         );
         Ok(KernelSource {})
     }
 
-    /// Gives a new rig its kernels: it has them.
+    /// Does nothing: a rig has the embedded kernels.
     pub fn load(&mut self, _rig: &mut Rig) -> Result<()> {
         Ok(())
     }
 
-    /// Takes what was edited: embedded kernels are not.
+    /// Does nothing: embedded kernels do not change.
     pub fn refresh(&mut self, _rig: &mut Rig, _progress: &ProgressBar) {}
 }

@@ -1,8 +1,8 @@
 //! The command `esaac` as a library: one module per subcommand, and the parts that they share.
 //!
-//! `main` parses [`arguments::Arguments`], runs one command and turns its [`outcome::Outcome`] into
-//! text on standard output and an exit code. Everything that a person watches goes to standard
-//! error; standard output holds the report alone, so that a program may read it with `--json`.
+//! [`program::run`] parses [`command_line::Arguments`], runs one command and turns its [`outcome::Outcome`]
+//! into text on standard output and an exit code. Progress, warnings and errors go to standard error.
+//! Standard output holds the report alone, so that another program can read it with `--json`.
 
 pub mod accuracy;
 pub mod arguments;
@@ -10,12 +10,13 @@ pub mod bench;
 pub mod calibrate;
 pub mod canvas;
 pub mod colour;
+pub mod command_line;
+#[cfg(test)]
+mod commit;
 pub mod demo;
 pub mod device_choice;
 pub mod devices;
 pub mod doctor;
-pub mod event_file;
-pub mod exr_frame;
 pub mod frame_folder;
 pub mod kernel_source;
 pub mod link_report;
@@ -23,6 +24,7 @@ pub mod motion_convention;
 pub mod outcome;
 pub mod output_file;
 pub mod overview;
+pub mod own_program;
 pub mod pace;
 pub mod program;
 pub mod progress;
@@ -32,10 +34,11 @@ pub mod replay;
 pub mod report;
 pub mod rig_file;
 pub mod ros;
-pub mod ros_network;
 pub mod run_record;
+pub mod scene_argument;
 pub mod sensor_flags;
 pub mod sensors;
 pub mod serve;
 pub mod simulate;
 pub mod table;
+pub mod version;

@@ -1,39 +1,42 @@
-//! How frames came to the engine, for the report.
+//! The report's part about how frames reached the engine.
 
 use esaac_interop::session::Agreement;
 use esaac_interop::{LinkCounts, Server, wire};
 use serde::Serialize;
 
-/// The way of a run's frames.
+/// How a run's frames reached the engine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LinkReport {
     /// Processes: 1, or 2 with the renderer in another.
     pub processes: u32,
-    /// Where shared memory came from; none in one process.
+    /// Who provided the shared memory. `None` in one process.
     pub memory: Option<String>,
-    /// How the processes keep order; none in one process.
+    /// How the processes synchronise. `None` in one process.
     pub timeline: Option<String>,
-    /// Frames stepped, all cameras.
+    /// Frames simulated, all cameras.
     pub frames: u64,
-    /// Frames dropped for newer ones.
+    /// Frames that newer ones replaced.
     pub dropped_frames: u64,
-    /// Copies by way of the host a frame, between what rendered it and what the engine reads.
+    /// Connections that were refused before they had memory to share.
+    pub refused_connections: u64,
+    /// Copies through host memory per frame, between the renderer's image and the engine's.
     pub host_copies: f64,
-    /// Copies on the device a frame.
+    /// Copies on the device per frame.
     pub device_copies: f64,
 }
 
 impl LinkReport {
-    /// Frames that were rendered in this process into the engine's own buffers: nothing was copied.
+    /// Frames that this process rendered into the engine's own buffers, without a copy.
     #[must_use]
     pub fn in_process(frames: u64) -> Self {
         LinkReport { processes: 1, frames, ..LinkReport::default() }
     }
 
-    /// Frames that came by a server.
+    /// Frames that reached a server.
     #[must_use]
     pub fn of(server: &Server) -> Self {
-        LinkReport::counted(&server.counts(), &server.agreements())
+        let refused_connections = server.connections().refused;
+        LinkReport { refused_connections, ..LinkReport::counted(&server.counts(), &server.agreements()) }
     }
 
     fn counted(counts: &[LinkCounts], agreements: &[Option<Agreement>]) -> Self {
@@ -52,12 +55,13 @@ impl LinkReport {
             timeline: names(|agreement| timeline_name(agreement.timeline)),
             frames,
             dropped_frames: sum(|c| c.dropped),
+            refused_connections: 0,
             host_copies: per_frame(sum(|c| c.host_copies)),
             device_copies: per_frame(sum(|c| c.device_copies)),
         }
     }
 
-    /// One line for people.
+    /// One line of text.
     #[must_use]
     pub fn to_text(&self) -> String {
         let way = match (&self.memory, &self.timeline) {
@@ -65,13 +69,13 @@ impl LinkReport {
             _ => "1 process".to_owned(),
         };
         format!(
-            "{way}; {} frames, {} dropped; a frame cost {} host copies and {} device copies",
+            "{way}; {} frames, {} dropped; {} host copies and {} device copies per frame",
             self.frames, self.dropped_frames, self.host_copies, self.device_copies
         )
     }
 }
 
-/// Name of a memory bit.
+/// The name of a memory flag.
 #[must_use]
 pub fn memory_name(memory: u32) -> &'static str {
     match memory {
@@ -83,7 +87,7 @@ pub fn memory_name(memory: u32) -> &'static str {
     }
 }
 
-/// Name of a timeline bit.
+/// The name of a timeline flag.
 #[must_use]
 pub fn timeline_name(timeline: u32) -> &'static str {
     match timeline {

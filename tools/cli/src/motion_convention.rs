@@ -1,4 +1,4 @@
-//! How a renderer writes its motion vectors, and the turn into the engine's convention.
+//! Conventions of motion vectors, and their conversion to the engine's.
 
 use clap::ValueEnum;
 
@@ -23,8 +23,8 @@ pub enum VerticalAxis {
 }
 
 impl MotionConvention {
-    /// Factors of x and y that give the engine's convention: previous position = position + motion,
-    /// y down. `vertical` overrides what the convention implies.
+    /// Factors for x and y that convert to the engine's convention: previous position = position + motion, y
+    /// down. `vertical` overrides the axis that the convention implies.
     #[must_use]
     pub fn factors(self, vertical: Option<VerticalAxis>) -> [f32; 2] {
         let implied = if self == MotionConvention::Blender { VerticalAxis::Up } else { VerticalAxis::Down };

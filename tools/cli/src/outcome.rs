@@ -1,13 +1,13 @@
-//! What a command leaves behind: text for standard output and an exit code.
+//! A command's result: text for standard output and an exit code.
 
-/// How a command that did not fail has ended.
+/// How a command ended that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// As asked.
+    /// Everything was done.
     Complete,
-    /// Something that is needed is missing (`doctor`, `devices`).
+    /// This machine lacks something that is required (`doctor`, `devices`).
     Wanting,
-    /// Finished, but events were dropped.
+    /// Everything was done, but events were dropped.
     EventsDropped,
 }
 
@@ -33,7 +33,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// A command that did as asked.
+    /// The result of a command that did everything.
     #[must_use]
     pub fn complete(text: String) -> Self {
         Outcome { text, ending: Ending::Complete }

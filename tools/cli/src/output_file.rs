@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Writes files that are either complete or not there.
 
 use anyhow::{Context, Result};
 use std::fs::{File, Permissions};
@@ -7,8 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// Fails early, before any work is done, where [`write()`] would fail for want of a folder or of
-/// permission.
+/// Fails before any work is done if [`write()`] would fail because there is no folder or no permission.
 pub fn check(path: &Path) -> Result<()> {
     if !is_special(path) {
         temporary_beside(path).with_context(|| format!("cannot write {}", path.display()))?;
@@ -16,9 +15,8 @@ pub fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Runs `fill` on a temporary file beside `path` and renames it to `path` once every byte is on its
-/// way to the disk; if anything fails, `path` is as it was. A device (`/dev/stdout`) is written
-/// directly.
+/// Runs `fill` on a temporary file beside `path`, flushes it to the disk and renames it to `path`. If
+/// anything fails, `path` stays as it was. A device such as `/dev/stdout` is written directly.
 pub fn write(path: &Path, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
     let written = || -> Result<()> {
         if is_special(path) {
@@ -33,7 +31,7 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -
     written().with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// What `fill` writes to.
+/// The file that `fill` writes.
 pub trait WriteSeek: Write + Seek {}
 impl<T: Write + Seek> WriteSeek for T {}
 
@@ -55,7 +53,7 @@ fn temporary_beside(path: &Path) -> Result<NamedTempFile> {
         _ => PathBuf::from("."),
     };
     anyhow::ensure!(folder.is_dir(), "there is no folder {}", folder.display());
-    // The mode of an ordinary new file; the umask takes its share.
+    // The mode of an ordinary new file, reduced by the umask.
     let temporary = tempfile::Builder::new()
         .prefix(".esaac-")
         .permissions(Permissions::from_mode(0o666))

@@ -20,7 +20,7 @@ const LABEL_PX: usize = 84;
 const TITLE_PX: usize = 96;
 const LEGEND_PX: usize = 64;
 
-/// One instant: the end of an interval and what happened within it.
+/// A row of the picture: a frame, and the events of the interval that it ends.
 #[derive(Clone, Debug, Default)]
 pub struct Instant {
     /// Time of the frame, nanoseconds.
@@ -37,16 +37,16 @@ pub struct Instant {
     pub depth_m: Vec<f32>,
 }
 
-/// Words above the picture.
+/// Text above the picture.
 #[derive(Clone, Debug, Default)]
 pub struct Caption {
-    /// Large.
+    /// In large type.
     pub title: String,
-    /// Small, beneath it.
+    /// In small type, below the title.
     pub subtitle: String,
 }
 
-/// Draws instants, each of `width_px` x `height_px`, as rows from the top.
+/// Draws a row for each instant, from the top. Images have `width_px` x `height_px`.
 #[must_use]
 pub fn draw(caption: &Caption, (width_px, height_px): (usize, usize), instants: &[Instant]) -> Canvas {
     let scale = Scale::for_width(width_px);
@@ -135,7 +135,7 @@ fn draw_depth_legend(canvas: &mut Canvas, x: usize, baseline: usize, width: usiz
     canvas.text(&far, ((x + width) as f32, baseline as f32), Align::Right, 20.0, FAINT);
 }
 
-/// Depths that the colour map spans, evenly in the logarithm.
+/// Range of depths that the colour map covers, on a logarithmic scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct DepthRange {
     near_m: f32,
@@ -143,8 +143,8 @@ struct DepthRange {
 }
 
 impl DepthRange {
-    /// First to 98th percentile of the depths that are depths, so that a background does not eat the
-    /// colours.
+    /// The 1st to the 98th percentile of the valid depths, so that a far background leaves colours for the
+    /// rest.
     fn of(depths_m: impl Iterator<Item = f32>) -> Self {
         let mut sorted: Vec<f32> = depths_m.filter(|d| is_surface(*d)).collect();
         sorted.sort_unstable_by(f32::total_cmp);
@@ -169,7 +169,7 @@ fn is_surface(depth_m: f32) -> bool {
     depth_m > 0.0 && depth_m < 1e4
 }
 
-/// Whole factor between sensor and panel.
+/// The whole factor between the sensor's size and a panel's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scale {
     Enlarge(usize),

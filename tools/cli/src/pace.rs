@@ -1,8 +1,8 @@
-//! Steps that wait for the wall clock, so that people can watch.
+//! Slows a simulation down to the wall clock, so that one can watch it.
 
 use std::time::{Duration, Instant};
 
-/// A simulation's pace.
+/// The pace of a simulation.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     real_time: bool,
@@ -10,14 +10,14 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// At the wall clock's pace, or as fast as it goes.
+    /// The wall clock's pace if `real_time`, else as fast as possible.
     #[must_use]
     pub fn new(real_time: bool) -> Self {
         Pace { real_time, start: None }
     }
 
-    /// Waits until as much time has passed since the first call as lies between its `t_ns` and this one. What
-    /// is late already does not wait.
+    /// Waits until the wall time since the first call equals the simulated time since the first call's
+    /// `t_ns`. Returns at once if that moment has passed.
     pub fn wait(&mut self, t_ns: i64) {
         if self.real_time {
             let (began, first_ns) = *self.start.get_or_insert_with(|| (Instant::now(), t_ns));

@@ -1,33 +1,33 @@
-//! The whole program, for `main` and for whoever else starts it.
+//! The whole program, for `main` and for other programs that start it.
 
-use crate::arguments::{Arguments, Command};
+use crate::command_line::{Arguments, Command};
 use crate::outcome::Outcome;
-use crate::{bench, calibrate, demo, devices, doctor, render, replay, sensors, serve, simulate};
+use crate::version::Build;
+use crate::{bench, calibrate, demo, devices, doctor, own_program, render, replay, sensors, serve, simulate};
 use anyhow::Result;
 use clap::Parser;
+use clap::error::ErrorKind as UsageKind;
 use std::io::{ErrorKind, Write};
-use std::sync::OnceLock;
-
-/// What starts this program once more; nothing for its own file.
-static AGAIN: OnceLock<Vec<String>> = OnceLock::new();
 
 /// Runs the command line `arguments`, of which the first is the program's name, and returns the exit code.
-/// `again` is what starts the program once more, where it is not the file of this process.
+/// `again` are the words that start the program a second time, if the file of this process is another program's.
 #[must_use]
 pub fn run(arguments: &[String], again: &[String]) -> u8 {
-    if !again.is_empty() {
-        // The first word stands: a process is started in one way.
-        let _ = AGAIN.set(again.to_vec());
-    }
-    let arguments = match Arguments::try_parse_from(arguments) {
-        Ok(arguments) => arguments,
+    own_program::set_start(again);
+    let ran = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => command(&arguments),
+        Err(error)
+            if error.kind() == UsageKind::DisplayVersion && arguments.iter().any(|a| a == "--json") =>
+        {
+            version_as_json()
+        }
         Err(error) => {
-            // Where standard output is gone there is nobody to tell.
+            // A closed standard output cannot be reported anywhere.
             let _ = error.print();
             return u8::try_from(error.exit_code()).unwrap_or(2);
         }
     };
-    match command(&arguments).and_then(|outcome| Ok(print(&outcome)?)) {
+    match ran.and_then(|outcome| Ok(print(&outcome)?)) {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -36,12 +36,8 @@ pub fn run(arguments: &[String], again: &[String]) -> u8 {
     }
 }
 
-/// What starts this program once more: a file and its first arguments.
-pub fn again() -> std::io::Result<(String, Vec<String>)> {
-    match AGAIN.get().and_then(|words| words.split_first()) {
-        Some((program, arguments)) => Ok((program.clone(), arguments.to_vec())),
-        None => Ok((std::env::current_exe()?.to_string_lossy().into_owned(), Vec::new())),
-    }
+fn version_as_json() -> Result<Outcome> {
+    Ok(Outcome::complete(serde_json::to_string_pretty(&Build::this())? + "\n"))
 }
 
 fn command(arguments: &Arguments) -> Result<Outcome> {

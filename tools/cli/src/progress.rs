@@ -2,7 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar on standard error, hidden where that is no terminal.
+/// A progress bar on standard error. It is hidden if standard error is not a terminal.
 #[must_use]
 pub fn bar(frames: usize) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {per_sec}, {eta} left")

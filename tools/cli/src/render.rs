@@ -1,11 +1,11 @@
-//! `esaac render`: a renderer of the built-in scenes in a process of its own, which writes straight into
-//! the memory that it shares with the engine.
+//! `esaac render`: renders a built-in scene in its own process, directly into memory that it shares with the
+//! engine.
 
 use crate::arguments::CommonArguments;
-use crate::demo::scene_parser;
 use crate::frame_folder::frame_time_ns;
 use crate::link_report::{memory_name, timeline_name};
 use crate::outcome::Outcome;
+use crate::scene_argument::scene_parser;
 use crate::{device_choice, progress};
 use anyhow::{Context, Result};
 use esaac_engine::Device;
@@ -30,13 +30,13 @@ pub struct RenderArguments {
     /// Frames to render
     #[arg(long, default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     pub frames: u32,
-    /// Frames a second of the scene's time
+    /// Frames per second of simulated time
     #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = rate)]
     pub rate: f64,
-    /// Camera to feed; give it again for more [default: all of the rig]
+    /// Camera to render for; may be given several times [default: all cameras of the rig]
     #[arg(long, value_name = "N")]
     pub camera: Vec<u32>,
-    /// How long the engine may take to answer or to give a slot back
+    /// How long to wait for the engine's answers, and for a free slot
     #[arg(long, value_name = "SECONDS", default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     pub patience: u64,
 }
@@ -48,7 +48,7 @@ fn rate(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What became of a camera's frames.
+/// Counts of a camera's frames.
 #[derive(Clone, Debug, Serialize)]
 struct CameraSummary {
     camera: u32,
@@ -58,7 +58,7 @@ struct CameraSummary {
     dropped: u64,
 }
 
-/// A camera of the engine and what renders for it.
+/// A camera of the engine and its renderer.
 struct Feed {
     producer: Producer,
     renderer: Renderer,
@@ -118,7 +118,7 @@ fn connect(device: &Arc<Device>, arguments: &RenderArguments) -> Result<Vec<Feed
         }
         let images = *producer.client().images();
         let scene = arguments.scene.scene(images.width_px, images.height_px);
-        // A renderer needs a format even where nobody wants its motion.
+        // The renderer needs a format even if the engine takes no motion.
         let motion = images.motion.unwrap_or(MotionFormat::F32x2);
         let renderer = Renderer::new(device, scene, images.hdr, motion)?;
         feeds.push(Feed { producer, renderer });
@@ -131,17 +131,17 @@ impl Feed {
     fn send(&mut self, t_ns: i64, previous_ns: Option<i64>) -> Result<(), FeedError> {
         let slot = self.producer.slot()?;
         let renderer = &mut self.renderer;
-        self.producer.write(slot, |place, around| {
+        self.producer.write(slot, |place, hooks| {
             let inputs = place.inputs();
             let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None };
-            renderer.render_around(t_ns, previous_ns, targets, around)
+            renderer.render_with_hooks(t_ns, previous_ns, targets, hooks)
         })?;
-        // It renders where the engine reads.
+        // No copies: it rendered into the engine's memory.
         Ok(self.producer.publish(slot, t_ns, Copies::default())?)
     }
 }
 
-/// Why a frame was not sent.
+/// Why a frame could not be sent.
 #[derive(Debug, thiserror::Error)]
 enum FeedError {
     #[error(transparent)]

@@ -1,36 +1,43 @@
-//! The renderer of `esaac demo`: this program once more, as `esaac render`.
+//! Starts this program a second time, as `esaac render`.
 
 use crate::arguments::CommonArguments;
-use crate::demo::{DemoArguments, RATE_HZ};
 use crate::device_choice::uuid_text;
-use crate::program;
+use crate::own_program;
 use anyhow::{Context, Result, bail};
 use esaac_engine::Device;
+use esaac_scene::SceneKind;
 use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
-/// A running renderer; it ends with this value.
+/// What it renders.
+#[derive(Clone, Copy, Debug)]
+pub struct RenderJob {
+    /// Scene.
+    pub scene: SceneKind,
+    /// Number of frames.
+    pub frames: u32,
+    /// Frames per second of simulated time.
+    pub rate_hz: f64,
+}
+
+/// A running renderer. Dropping this value ends it.
 pub struct RenderProcess {
     child: Child,
 }
 
 impl RenderProcess {
-    /// Starts it on the same device.
-    pub fn start(
-        socket: &Path,
-        arguments: &DemoArguments,
-        device: &Device,
-        common: &CommonArguments,
-    ) -> Result<Self> {
-        let (program, first_arguments) = program::again().context("this program's own path")?;
+    /// Starts a renderer for the service at `socket`, on the same device.
+    pub fn start(socket: &Path, job: RenderJob, device: &Device, common: &CommonArguments) -> Result<Self> {
+        let (program, first_arguments) = own_program::start().context("this program's own path")?;
         let mut command = Command::new(program);
         command
             .args(first_arguments)
-            .args(["render", "--scene", arguments.scene.name()])
-            .args(["--frames", &arguments.frames.to_string(), "--rate", &RATE_HZ.to_string()])
+            .args(["render", "--scene", job.scene.name()])
+            .args(["--frames", &job.frames.to_string(), "--rate", &job.rate_hz.to_string()])
             .args(["--device", &uuid_text(&device.info().uuid)])
-            // The first tick may build kernels for minutes; an engine that is gone is seen at once.
+            // Kernels may compile for minutes before the first tick. If the engine ends, the renderer sees it
+            // at once.
             .args(["--patience", "3600"])
             .arg("--socket")
             .arg(socket)
@@ -44,7 +51,7 @@ impl RenderProcess {
         Ok(RenderProcess { child })
     }
 
-    /// Fails if it has ended by fault.
+    /// Fails if the renderer has failed, or if the service lost it, which `notices` say.
     pub fn check_alive(&mut self, notices: &[String]) -> Result<()> {
         match self.child.try_wait().context("`esaac render`")? {
             Some(status) if !status.success() => Err(self.fault(status)),
@@ -53,7 +60,7 @@ impl RenderProcess {
         }
     }
 
-    /// Waits for its end.
+    /// Waits until the renderer ends.
     pub fn finish(mut self) -> Result<()> {
         let status = self.child.wait().context("`esaac render`")?;
         if status.success() { Ok(()) } else { Err(self.fault(status)) }
@@ -62,7 +69,7 @@ impl RenderProcess {
     fn fault(&mut self, status: ExitStatus) -> anyhow::Error {
         let mut words = String::new();
         if let Some(error) = &mut self.child.stderr {
-            // What it could say before it ended is all there is.
+            // If this fails, the exit status is all that is known.
             let _ = error.read_to_string(&mut words);
         }
         anyhow::anyhow!("`esaac render` has ended ({status}): {}", words.trim())
@@ -71,7 +78,7 @@ impl RenderProcess {
 
 impl Drop for RenderProcess {
     fn drop(&mut self) {
-        // An ended process cannot be killed, which is as well.
+        // An error means that the process has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,7 +1,7 @@
 //! `esaac replay`: publishes a recording again.
 
 use crate::outcome::Outcome;
-use crate::ros_network::NetworkArguments;
+use crate::ros::NetworkArguments;
 use crate::table;
 use anyhow::{Context, Result};
 use esaac_ros::BagReader;
@@ -18,10 +18,10 @@ pub struct ReplayArguments {
     /// Recording, by `--record` or by rosbag2
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
-    /// Pace; 2 is twice as fast
+    /// Speed; 2 is twice as fast
     #[arg(long, default_value_t = 1.0)]
     pub rate: f64,
-    /// Seconds that subscribers have to find the topics before the first message
+    /// Time that subscribers have to find the topics before the first message, seconds
     #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds)]
     pub delay: f64,
     /// Network.
@@ -48,10 +48,13 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     let stopped = || stop.load(Ordering::Relaxed);
     let replayed = replay(bag, &mut *transport, options, stopped, |notice| eprintln!("{notice}"))?;
     if replayed.truncated {
-        eprintln!("warning: {} has no end; all up to its last chunk was sent", arguments.file.display());
+        eprintln!(
+            "warning: {} has no end; everything up to its last complete chunk was sent",
+            arguments.file.display()
+        );
     }
     for foreign in &replayed.foreign {
-        eprintln!("warning: left out, no message of ROS 2: {foreign}");
+        eprintln!("warning: skipped, not a ROS 2 message: {foreign}");
     }
     if json {
         return Ok(Outcome::complete(serde_json::to_string_pretty(&replayed)? + "\n"));

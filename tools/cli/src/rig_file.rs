@@ -1,4 +1,4 @@
-//! A rig as a file: the cameras that `esaac serve` runs, their formats and their rings.
+//! The rig file of `esaac serve`: cameras, image formats and rings.
 
 use anyhow::{Context, Result, ensure};
 use esaac_engine::CameraConfig;
@@ -8,7 +8,7 @@ use esaac_model::{HdrFormat, MotionFormat, PRESETS, Profile, SensorModel};
 use serde::Deserialize;
 use std::path::Path;
 
-/// The file's own shape.
+/// The file's structure.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
@@ -32,14 +32,14 @@ struct CameraEntry {
     late: Late,
 }
 
-/// What happens to frames that come faster than they are stepped.
+/// What happens to frames that come faster than the engine simulates them.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Late {
     /// The producer waits.
     #[default]
     Lossless,
-    /// Old ones are dropped.
+    /// Newer frames replace them.
     Latest,
 }
 
@@ -51,10 +51,10 @@ fn default_slots() -> u32 {
     DEFAULT_SLOTS
 }
 
-/// One slot that is written, one that is read, one between.
+/// One slot for the producer to write, one for the engine to read, and one that waits.
 pub const DEFAULT_SLOTS: u32 = 3;
 
-/// Cameras of a rig and what their producers are offered.
+/// The cameras of a rig, and what the service offers to their producers.
 #[derive(Clone, Debug, Default)]
 pub struct RigPlan {
     /// For the engine.

@@ -1,12 +1,12 @@
-//! What a run leaves behind, collected interval by interval.
+//! Collects the results of a run, interval by interval.
 
-use crate::event_file::EventColumns;
 use anyhow::Result;
 use esaac_engine::{Diagnostics, Tick};
+use esaac_formats::event_file::EventColumns;
 use esaac_model::PacketView;
 use std::collections::BTreeMap;
 
-/// Everything that the report says about one camera.
+/// The results of one camera.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CameraRecord {
     /// Its events.
@@ -17,7 +17,7 @@ pub struct CameraRecord {
     pub off: u64,
     /// Events left out because of a cap.
     pub dropped: u64,
-    /// Sums of the diagnostics by name.
+    /// Sums of the engine's diagnostics, by name.
     pub diagnostics: BTreeMap<String, u64>,
 }
 
@@ -30,7 +30,7 @@ impl CameraRecord {
     }
 }
 
-/// All intervals of a run.
+/// The results of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RunRecord {
     /// By camera.
@@ -54,14 +54,14 @@ impl RunRecord {
         (0..self.cameras.len()).try_for_each(|camera| self.add_camera(camera, tick, true))
     }
 
-    /// Adds one camera's share of a tick, with its events or their number alone.
+    /// Adds one camera's results of a tick; `keep_events`: with its events, not only their number.
     pub fn add_camera(&mut self, camera: usize, tick: &Tick<'_>, keep_events: bool) -> Result<()> {
         self.add_packet(camera, &tick.view(camera), keep_events);
         self.add_diagnostics(camera, &counters(&tick.diagnostics[camera])?);
         Ok(())
     }
 
-    /// Adds one camera's packet, with its events or their number alone.
+    /// Adds one camera's packet; `keep_events`: with its events, not only their number.
     pub fn add_packet(&mut self, camera: usize, packet: &PacketView<'_>, keep_events: bool) {
         let record = &mut self.cameras[camera];
         record.count(packet);
@@ -81,6 +81,15 @@ impl RunRecord {
         self.submit_to_packet_ns.push(submit_to_packet_ns);
     }
 
+    /// Forgets all timings but the last `keep` intervals', once there are twice as many. A service runs for
+    /// days: at 1000 ticks a second it would else keep some gigabytes of timings a day.
+    pub fn forget_old_timings(&mut self, keep: usize) {
+        let all = self.stages.iter_mut().map(|(_, all)| all).chain([&mut self.submit_to_packet_ns]);
+        for timings_ns in all.filter(|timings_ns| timings_ns.len() >= 2 * keep) {
+            timings_ns.drain(..timings_ns.len() - keep);
+        }
+    }
+
     /// Adds a camera's diagnostics of an interval.
     pub fn add_diagnostics(&mut self, camera: usize, counters: &BTreeMap<String, u64>) {
         let sums = &mut self.cameras[camera].diagnostics;
@@ -96,7 +105,7 @@ impl RunRecord {
     }
 }
 
-/// The engine's counters by their names.
+/// The engine's counters, by name.
 fn counters(diagnostics: &Diagnostics) -> Result<BTreeMap<String, u64>> {
     Ok(serde_json::from_value(serde_json::to_value(diagnostics)?)?)
 }
@@ -120,6 +129,21 @@ mod tests {
         let values: Vec<u64> = (1..=100).rev().collect();
         assert_eq!((quantile(&values, 0.5), quantile(&values, 0.99)), (50, 99));
         assert_eq!((quantile(&[7], 0.5), quantile(&[7], 0.99), quantile(&[], 0.5)), (7, 7, 0));
+    }
+
+    #[test]
+    fn a_service_keeps_its_last_timings_alone() {
+        let mut record = RunRecord::new(1);
+        for interval in 0..1000 {
+            record.add_timing(&[("ingest", interval), ("cross", 2 * interval)], 3 * interval);
+            record.forget_old_timings(10);
+            assert!(record.submit_to_packet_ns.len() < 20);
+        }
+        assert_eq!(record.submit_to_packet_ns.last(), Some(&2997));
+        for (scale, (_, timings_ns)) in (1..).zip(&record.stages) {
+            let last: Vec<u64> = (990..1000).map(|interval| scale * interval).collect();
+            assert!(timings_ns.len() < 20 && timings_ns.ends_with(&last), "{timings_ns:?}");
+        }
     }
 
     #[test]

@@ -1,10 +1,10 @@
-//! Sensor parameters as command-line flags, generated from the model's list.
+//! Command-line flags for sensor parameters, generated from the model's list.
 
 use anyhow::{Context, Result, bail};
 use clap::builder::PossibleValue;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use esaac_model::presets::preset;
-use esaac_model::{PARAMETERS, PRESETS, Profile, SensorModel, Synthesis};
+use esaac_model::{PARAMETERS, PRESETS, Profile, SensorModel};
 use std::path::Path;
 
 /// The flags `--sensor`, `--profile` and one for each parameter, as given.
@@ -12,9 +12,9 @@ use std::path::Path;
 pub struct SensorFlags {
     /// Preset name or TOML file.
     pub sensor: Option<String>,
-    /// Profile laid over it.
+    /// Profile that overrides parts of the sensor.
     pub profile: Option<ProfileName>,
-    /// Explicit parameters in the model's order.
+    /// Parameters given as flags, in the model's order.
     pub explicit: Vec<(&'static str, String)>,
 }
 
@@ -22,20 +22,20 @@ pub struct SensorFlags {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProfileName(pub Profile);
 
-/// A sensor, and what its author said by name rather than by default.
+/// A sensor, and which of its choices the user made explicitly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResolvedSensor {
-    /// The sensor; not yet validated, since its size may still follow the frames.
+    /// The sensor. It is not validated yet, because its size may follow from the frames.
     pub sensor: SensorModel,
-    /// Who fixed width and height, if someone did.
+    /// What fixed width and height, if anything did.
     pub size_from: Option<String>,
-    /// Whether a synthesis that needs motion vectors was asked for by name.
+    /// Whether the user explicitly chose a synthesis that needs motion vectors.
     pub motion_by_name: bool,
 }
 
 impl SensorFlags {
-    /// Lays preset or file, profile and explicit flags over each other, in this order. Without
-    /// `--sensor`, `default` is the base and fixes nothing.
+    /// Applies preset or file, then the profile, then the parameters' flags. Without `--sensor` it starts
+    /// with `default`, which counts as no explicit choice.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
         let mut resolved = match &self.sensor {
             None => ResolvedSensor { sensor: default, size_from: None, motion_by_name: false },
@@ -53,15 +53,9 @@ impl SensorFlags {
                 _ => {}
             }
         }
-        resolved.motion_by_name &= needs_motion(resolved.sensor.synthesis);
+        resolved.motion_by_name &= resolved.sensor.synthesis.needs_motion();
         Ok(resolved)
     }
-}
-
-/// Whether a synthesis reads motion vectors.
-#[must_use]
-pub fn needs_motion(synthesis: Synthesis) -> bool {
-    matches!(synthesis, Synthesis::Motion | Synthesis::Paper)
 }
 
 fn named_sensor(given: &str) -> Result<ResolvedSensor> {
@@ -95,7 +89,7 @@ impl Args for SensorFlags {
             .long("profile")
             .value_name("PROFILE")
             .value_parser(clap::builder::EnumValueParser::<ProfileName>::new())
-            .help("Effects laid over the sensor");
+            .help("Effects of the sensor");
         let sensor =
             Arg::new("sensor").long("sensor").value_name("NAME|FILE.toml").help("Preset or sensor file");
         let parameters = PARAMETERS.iter().map(|parameter| {

@@ -1,4 +1,4 @@
-//! `esaac sensors`: the presets and every parameter.
+//! `esaac sensors`: lists the presets and every parameter.
 
 use crate::outcome::Outcome;
 use crate::table;
@@ -10,9 +10,9 @@ use serde::Serialize;
 /// Arguments of `sensors`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct SensorsArguments {
-    /// Show this preset alone
+    /// Show this preset only
     pub name: Option<String>,
-    /// Print a sensor file, ready to edit
+    /// Print the preset as a sensor file that you can edit
     #[arg(long, requires = "name")]
     pub toml: bool,
 }

@@ -1,7 +1,6 @@
 //! `esaac serve`: the engine as a service that producers in other processes feed.
 
 use crate::arguments::CommonArguments;
-use crate::event_file::write_npz;
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
 use crate::report::{MemoryReport, Report};
@@ -11,6 +10,7 @@ use crate::run_record::RunRecord;
 use crate::{device_choice, output_file, report};
 use anyhow::{Context, Result};
 use esaac_engine::Rig;
+use esaac_formats::event_file::write_npz;
 use esaac_interop::{LinkCounts, ServerOptions, Service, ServiceTick};
 use esaac_model::SensorModel;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -43,6 +43,9 @@ pub struct ServeArguments {
     pub ros: RosArguments,
 }
 
+/// The report's timings are of so many intervals at least, the last ones.
+const TIMINGS: usize = 50_000;
+
 /// How often it looks whether to end.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -65,27 +68,35 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     eprintln!("{} cameras at {}", plan.cameras.len(), arguments.socket.display());
 
     let mut record = RunRecord::new(plan.cameras.len());
-    let (mut first_ns, mut last_ns) = (None, 0);
+    let (mut first_ns, mut last_ns, mut intervals) = (None, 0, 0);
     while !(stop.load(Ordering::Relaxed) || arguments.once && is_over(&service)) {
         ros.change_sensors(service.rig_mut(), &mut sensors);
+        let mut starts = Vec::new();
         if let Some(tick) = service.tick(LOOK)? {
             for (camera, t_ns) in tick.t_ns.iter().enumerate() {
                 if let (Some(t_ns), false) = (t_ns, tick.first[camera]) {
                     record.add_camera(camera, &tick.tick, arguments.out.is_some())?;
                     last_ns = last_ns.max(*t_ns);
                 } else if let Some(t_ns) = t_ns {
+                    starts.push(format!("camera {camera}: first frame, of {t_ns} ns"));
                     first_ns = Some(first_ns.map_or(*t_ns, |first: i64| first.min(*t_ns)));
                 }
             }
             publish(&mut ros, &sensors, &tick);
             record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
+            record.forget_old_timings(TIMINGS);
+            intervals += 1;
         }
-        for notice in service.server().notices() {
-            eprintln!("{notice}");
-        }
+        starts.into_iter().for_each(|line| service.server().say(line));
+        print_notices(&service);
     }
-    for notice in service.server().notices() {
-        eprintln!("{notice}");
+    print_notices(&service);
+    let connections = service.server().connections();
+    if connections.refused + connections.not_accepted > 0 {
+        eprintln!(
+            "{} of {} connections were refused; {} times one had to wait for descriptors or memory",
+            connections.refused, connections.accepted, connections.not_accepted
+        );
     }
     let link = LinkReport::of(service.server());
     let memory = MemoryReport::of(service.rig());
@@ -97,12 +108,19 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     }
     let info = device_choice::report(device.info());
     let mut report = Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &record);
+    report.intervals = intervals;
     report.simulated_ns = first_ns.map_or(0, |first| (last_ns - first).max(0));
     report.set_memory(memory);
     report.link = link;
     report.ros = ros.finish()?;
     report.files = files.iter().map(|file| file.display().to_string()).collect();
     report.outcome(common.json)
+}
+
+fn print_notices(service: &Service) {
+    for notice in service.server().notices() {
+        eprintln!("{notice}");
+    }
 }
 
 /// Packets and APS frames of the cameras that had a frame, those of one time together.

@@ -1,8 +1,6 @@
-//! `esaac simulate`: a folder of OpenEXR frames to an event file.
+//! `esaac simulate`: turns a folder of OpenEXR frames into an event file.
 
 use crate::arguments::CommonArguments;
-use crate::event_file::write_npz;
-use crate::exr_frame::{ChannelNames, FrameLayout};
 use crate::frame_folder::{FolderOptions, FrameFolder};
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
@@ -12,10 +10,12 @@ use crate::pace::Pace;
 use crate::report::{MemoryReport, Report};
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
-use crate::sensor_flags::{ResolvedSensor, SensorFlags, needs_motion};
+use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::{colour, device_choice, output_file, progress, report};
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, Device, FrameBytes, Rig};
+use esaac_formats::event_file::write_npz;
+use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
 use esaac_model::{FrameError, SensorModel, Synthesis};
 use esaac_ros::CameraPlan;
 use std::path::PathBuf;
@@ -30,10 +30,10 @@ pub struct SimulateArguments {
     /// Event file to write
     #[arg(long, value_name = "FILE.npz", default_value = "events.npz")]
     pub out: PathBuf,
-    /// Key frames a second [default: sequence.json's key_rate_hz, else 30]
+    /// Key frames per second [default: key_rate_hz of sequence.json, else 30]
     #[arg(long, value_name = "HZ")]
     pub rate: Option<f64>,
-    /// Names of the key frames, with * and ? [default: key_*.exr, else *.exr]
+    /// Names of the key frames; may contain * and ? [default: key_*.exr, else *.exr]
     #[arg(long, value_name = "PATTERN")]
     pub frames: Option<String>,
     /// Channels of linear red, green and blue
@@ -42,13 +42,13 @@ pub struct SimulateArguments {
     /// Channels of motion [default: motion.X,motion.Y]
     #[arg(long, value_name = "X,Y")]
     pub motion_channels: Option<NameList<2>>,
-    /// What a motion vector means
+    /// Meaning of a motion vector
     #[arg(long, value_enum, default_value = "previous")]
     pub motion_convention: MotionConvention,
-    /// Where a motion vector's y points [default: as the convention has it]
+    /// Direction of a motion vector's y [default: follows from the convention]
     #[arg(long, value_enum)]
     pub motion_y: Option<VerticalAxis>,
-    /// Wait for the wall clock, so that one can watch
+    /// Simulate at the wall clock's speed, so that you can watch
     #[arg(long)]
     pub real_time: bool,
     /// ROS 2.
@@ -62,7 +62,7 @@ pub struct SimulateArguments {
     pub kernels: KernelArguments,
 }
 
-/// As many names as it says, with commas between them.
+/// `N` names, separated by commas.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NameList<const N: usize>(pub [String; N]);
 
@@ -102,7 +102,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
     report.simulated_ns = folder.time_ns(folder.paths.len() - 1);
     report.set_memory(memory);
-    // Decoded on the host, and written from there into the engine's buffers.
+    // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
     report.ros = ros.finish()?;
     let recording = arguments.ros.record.as_ref();
@@ -127,8 +127,8 @@ impl SimulateArguments {
     }
 }
 
-/// The sensor for these frames: its size is theirs, and without motion vectors its synthesis is
-/// `linear`, unless someone asked otherwise.
+/// The sensor for these frames: it has their size, and without motion vectors its synthesis is `linear`. A
+/// sensor that explicitly asks for something else is an error.
 fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
     let ResolvedSensor { mut sensor, size_from, motion_by_name } = resolved;
     let FrameLayout { width_px, height_px, motion, .. } = folder.layout;
@@ -143,7 +143,7 @@ fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
             folder.paths[0].parent().unwrap_or(&folder.paths[0]).display()
         ),
     }
-    if motion.is_none() && needs_motion(sensor.synthesis) {
+    if motion.is_none() && sensor.synthesis.needs_motion() {
         let listed = folder.channels.join(", ");
         let wanted = folder.layout.names.motion.join("` and `");
         if motion_by_name {

@@ -1,6 +1,6 @@
 //! Plain text tables.
 
-/// Columns padded to their widest cell, two spaces apart; the first row is the heading.
+/// Aligns the columns, two spaces apart. The first row is the heading.
 #[must_use]
 pub fn render(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);

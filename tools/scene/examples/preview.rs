@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Narkowicz's filmic curve and the sRGB transfer function's main part.
+/// Tone mapping: Narkowicz's filmic curve, then an approximation of the sRGB transfer function.
 fn tone(radiance: f64) -> u8 {
     let x = 0.75 * radiance;
     let filmic = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14);

@@ -1,4 +1,4 @@
-// Elementary functions of known accuracy: the built-in ones may be off by 2^-11 (sin) or by the device.
+// Elementary functions of known accuracy. The built-in ones may be off by 2^-11 (sin) or differ between devices.
 
 const float TAU = 6.28318530717958647692;
 
@@ -27,7 +27,7 @@ float tanh_exact(float x) {
     return sign(x) * (1.0 - e) / (1.0 + e);
 }
 
-// `max(x, 0)` rounded off within `width` of 0; always positive.
+// Smooth `max(x, 0)`, rounded off within `width` of 0. Always positive.
 float soft_positive(float x, float width) {
     float root = sqrt(x * x + width * width);
     return x >= 0.0 ? 0.5 * (x + root) : 0.5 * width * width / (root - x);

@@ -1,10 +1,10 @@
-// Renders an analytic scene: linear radiance, motion vectors and depth of every pixel centre.
-// Twin of `view.rs`, which evaluates the same formulas in f64.
+// Renders an analytic scene: linear radiance, motion vectors and depth at every pixel centre.
+// `view.rs` evaluates the same formulas in f64.
 //
 // Bindings (set 0): 0 the view (read), 1 colour, 2 motion, 3 depth (written, tightly packed rows).
-// Each invocation writes its own texel and reads nothing that another writes. Deterministic.
-// Loop bounds are read ahead of their loops: a load in a loop's condition makes the validation layer's
-// GPU-assisted instrumentation (1.3.239) emit a module that drivers refuse.
+// Each invocation writes its own texel and reads nothing that another one writes, so that the result is deterministic.
+// Loop bounds are loaded before their loops: with a load in a loop's condition, the validation layer's GPU-assisted
+// instrumentation (1.3.239) emits a module that drivers refuse.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "maths.glsl"
@@ -88,7 +88,7 @@ struct Ray {
 
 struct Hit {
     float coverage;
-    float clear;      // 1 - coverage without its rounding
+    float clear;      // 1 - coverage, computed without cancellation
     vec3 position;
     vec3 normal;
     vec3 dx;

@@ -1,4 +1,4 @@
-//! The camera's path and what an inertial unit fixed to it measures.
+//! The camera's path, and the measurements of an inertial unit fixed to the camera.
 //!
 //! World: right-handed, z up, metres. Body and image: x right, y down, z forward.
 
@@ -8,10 +8,10 @@ use glam::{DMat3, DVec3};
 /// Standard gravity as used by the scenes, m/s^2.
 pub const GRAVITY_M_S2: f64 = 9.81;
 
-/// Pace of the orbit's clock.
+/// Speed of the orbit's clock relative to the scene's.
 const ORBIT_PACE: f64 = 1.7;
 
-/// Where the camera is at an instant, with exact derivatives.
+/// The camera's pose at an instant, with exact derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraState {
     /// Position in the world, metres.
@@ -29,7 +29,7 @@ pub struct CameraState {
 /// An exact inertial sample, body axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
-    /// Specific force, m/s^2: at rest 9.81 upwards.
+    /// Specific force, m/s^2. At rest it is 9.81 upwards.
     pub specific_force_m_s2: DVec3,
     /// Angular rate, rad/s.
     pub angular_rate_rad_s: DVec3,
@@ -42,7 +42,7 @@ pub enum CameraPath {
     Fixed,
     /// Orbit around the flight scene, looking inwards, with the sway of a hand-held flight.
     Orbit,
-    /// The orbit's pose at one time, for ever.
+    /// At rest in the orbit's pose of one time.
     Frozen {
         /// Time of the pose on the orbit, seconds.
         at_s: f64,
@@ -65,7 +65,7 @@ impl CameraPath {
 }
 
 impl CameraState {
-    /// What an ideal inertial unit at the camera's centre measures.
+    /// Measurements of an ideal inertial unit at the camera's centre.
     #[must_use]
     pub fn imu(&self) -> ImuSample {
         let up = DVec3::new(0.0, 0.0, GRAVITY_M_S2);
@@ -113,7 +113,7 @@ mod tests {
 
     /// Step of the numeric differentiation, seconds.
     const STEP_S: f64 = 5e-4;
-    /// Its error: step squared times third derivatives, and rounding over step squared.
+    /// Error of the numeric differentiation: step squared times third derivatives, plus rounding over step squared.
     const TOLERANCE: f64 = 5e-6;
 
     #[test]

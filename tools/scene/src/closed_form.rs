@@ -9,8 +9,8 @@ use esaac_model::packet::{Event, Polarity};
 use std::f64::consts::TAU;
 
 /// Events of a pixel of the `sinusoid` scene in `(t0_ns, t1_ns]`, as
-/// [`exact_events`](crate::exact_events) defines them. None for any other scene, and for a sensor with a
-/// refractory period.
+/// [`exact_events`](crate::exact_events) defines them. `None` for any other scene, and for a sensor with a refractory
+/// period.
 #[must_use]
 pub fn sinusoid_events(
     scene: &Scene,
@@ -104,7 +104,7 @@ impl Sinusoid {
         (self.gain * radiance + self.offset).ln()
     }
 
-    /// Phase at which `L` is `level` between the extrema at turns `h / 2 + 1/4` and `h / 2 + 3/4`.
+    /// Phase in turns at which `L` equals `level`, between the extrema at `h / 2 + 1/4` and `h / 2 + 3/4` turns.
     fn turns_at(&self, level: f64, h: f64) -> f64 {
         let sine = (((level.exp() - self.offset) / self.gain).ln() - self.base_log) / self.amplitude_log;
         let principal = sine.clamp(-1.0, 1.0).asin() / TAU;

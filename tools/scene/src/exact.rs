@@ -1,8 +1,8 @@
 //! Exact events: the crossings of a pixel's log intensity, found on the closed form itself.
 //!
-//! The model's crossing rule with nothing sampled and no noise: the reference starts at the first
-//! frame, moves by one threshold per event, and after a refractory period becomes the log intensity of
-//! that instant. Times are within [`TIME_ERROR_S`] of the crossing of the closed form.
+//! The crossing rule is the model's, without sub-steps and without noise. The reference starts at the log intensity of
+//! the start time, moves by one threshold per event, and is set to the current log intensity at the end of a refractory
+//! period. Times are within [`TIME_ERROR_S`] of the crossing of the closed form.
 
 use crate::scene::{Scene, seconds};
 use crate::view::View;
@@ -10,20 +10,20 @@ use esaac_model::packet::{Event, Polarity};
 use esaac_model::{SensorModel, intensity};
 use std::thread;
 
-/// Bound of the error of an event's time, seconds.
+/// Largest error of an event's time, seconds.
 pub const TIME_ERROR_S: f64 = 2e-9;
 
-/// Samples of the grid that all pixels share, per second. Between two of them the texture moves by a
-/// fraction of a cycle; finer structure is found by halving.
+/// Samples per second of the time grid that all pixels share. Between two samples the texture moves by a fraction of a
+/// cycle. Halving finds finer structure.
 const GRID_HZ: f64 = 960.0;
 
-/// A piece is halved while its middle departs from its chord by more than this, nepers.
+/// A piece of the curve is halved while its middle differs from its chord by more than this, nepers.
 const CURVATURE_LOG: f64 = 0.01;
 
 /// Shortest piece that is halved, seconds.
 const SHORTEST_S: f64 = 1e-6;
 
-/// Log intensity that a pixel of `sensor` has in a view: `L = ln(S + log_offset)`.
+/// Log intensity of a pixel of `sensor` in a view, nepers: `L = ln(S + log_offset)`.
 #[must_use]
 pub fn log_intensity(view: &View, sensor: &SensorModel, x: u32, y: u32) -> f64 {
     let rgb = view.radiance(f64::from(x), f64::from(y));
@@ -38,9 +38,9 @@ pub fn all_pixels(scene: &Scene) -> impl Iterator<Item = (u32, u32)> + use<> {
     (0..height_px).flat_map(move |y| (0..width_px).map(move |x| (x, y)))
 }
 
-/// Events of each pixel in `(t0_ns, t1_ns]`, in time order, the reference being the log intensity at
-/// `t0_ns`. Thresholds, intensity, gain, offset and refractory period are the sensor's; its noise,
-/// mismatch, latency and quantisation are left out. Times are rounded up to whole nanoseconds.
+/// Events of each pixel in `(t0_ns, t1_ns]`, in time order. The reference starts at the log intensity of `t0_ns`.
+/// Thresholds, intensity, gain, offset and refractory period are the sensor's. Noise, mismatch, latency and
+/// quantisation are left out. Times are rounded up to whole nanoseconds.
 #[must_use]
 pub fn exact_events(
     scene: &Scene,
@@ -98,7 +98,7 @@ impl Curve<'_> {
         let coarse: Vec<Point> =
             grid.iter().map(|(t_s, view)| (*t_s, log_intensity(view, self.sensor, self.x, self.y))).collect();
         let first = coarse[0].1;
-        // A curve that stays flat has no events; the grid alone shows it for a still scene.
+        // A flat curve has no events. In a still scene the grid suffices to see that, which saves the refinement.
         if coarse.iter().all(|&(_, log)| log == first) {
             return Vec::new();
         }
@@ -162,8 +162,8 @@ impl Curve<'_> {
         points
     }
 
-    /// Whether the grid around piece `i` leaves room for curvature that matters: where the pixel is at
-    /// rest nothing is spent.
+    /// Whether the curve may bend noticeably in piece `i`, judging by the grid around it. Pixels at rest need no
+    /// halving.
     fn may_bend(&self, coarse: &[Point], i: usize, start: Point, end: Point) -> bool {
         let around = &coarse[i.saturating_sub(3)..(i + 3).min(coarse.len())];
         let (low, high) = around
@@ -173,8 +173,8 @@ impl Curve<'_> {
         high - low > CURVATURE_LOG
     }
 
-    /// Adds the extremum next to every point that stands above or below both of its neighbours, so that
-    /// the curve is monotonic from point to point.
+    /// Adds the extremum next to every point that lies above or below both of its neighbours. Between neighbouring
+    /// points the curve is then monotonic.
     fn with_extrema(&self, points: &[Point]) -> Vec<Point> {
         let mut all = vec![points[0]];
         for triple in points.windows(3) {
@@ -222,7 +222,7 @@ impl Curve<'_> {
         (t_s, sign * log)
     }
 
-    /// Where a monotonic piece reaches `level`, by the Illinois variant of the false position.
+    /// Time at which a monotonic piece reaches `level`, by the Illinois variant of the false-position method.
     fn crossing(&self, start: Point, end: Point, level: f64) -> f64 {
         let (mut low_s, mut low) = (start.0, start.1 - level);
         let (mut high_s, mut high) = (end.0, end.1 - level);
@@ -264,7 +264,7 @@ mod tests {
     use crate::SceneKind;
     use crate::closed_form::sinusoid_events;
 
-    /// Two root finders of errors below [`TIME_ERROR_S`] each, both rounded up to a nanosecond.
+    /// Both root finders have errors below [`TIME_ERROR_S`], and both round up to a nanosecond.
     const CLOSED_FORM_TOLERANCE_NS: i64 = 5;
 
     fn sensor(refractory_ns: u32) -> SensorModel {
@@ -293,7 +293,7 @@ mod tests {
         }
     }
 
-    /// Counts on a grid so dense that linear interpolation is as good as the curve.
+    /// Compares counts with those on a grid so dense that linear interpolation is as good as the curve.
     #[test]
     fn every_scene_agrees_with_dense_sampling() {
         let (t0_ns, t1_ns) = (1_000_000_000, 1_100_000_000);

@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3};
 /// Exposure of the `dark` scene.
 const DARK_EXPOSURE: f64 = 1e-2;
 
-/// Clock of the `still` scene, seconds.
+/// Time at which the clock of the `still` scene is stopped, seconds.
 const STILL_AT_S: f64 = 1.0;
 
 /// Width of the sharpest tile edges, radians of phase.
@@ -314,7 +314,7 @@ fn panel([x, y]: [f64; 2], turned_degrees: f64, half_m: [f64; 2], rgb: [f64; 3])
 fn spinning(centre: DVec3, axis: DVec3, spin_hz: f64) -> Motion {
     let spin_axis = axis.normalize();
     let orientation = DMat3::from_quat(glam::DQuat::from_rotation_arc(DVec3::Z, spin_axis));
-    // The texture's axis leans a little against the axis of the turn, so that bands wobble.
+    // The texture's axis is tilted against the axis of rotation, so that bands wobble.
     let lean = DMat3::from_rotation_x(0.35);
     Motion { orientation: orientation * lean, spin_axis, spin_hz, ..Motion::still(centre) }
 }
@@ -335,7 +335,7 @@ fn square(frequency: [f64; 3], phase_turns: f64, amplitude: [f64; 3]) -> Layer {
     Layer { profile: Profile::Square { edge_rad: EDGE_RAD }, ..sine(frequency, phase_turns, amplitude) }
 }
 
-/// Tiles: the product of two square waves.
+/// A layer of tiles: the product of two square waves.
 fn product(first: [f64; 3], second: [f64; 3], amplitude: [f64; 3]) -> Layer {
     Layer { waves: [wave(first, 0.0), wave(second, 0.0)], ..square(first, 0.0, amplitude) }
 }

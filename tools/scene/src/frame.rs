@@ -1,4 +1,4 @@
-//! Images of the scene, encoded as a renderer hands them over; worked out in f64.
+//! Images of the scene, computed in f64 and encoded in a renderer's formats.
 
 use crate::scene::{Scene, seconds};
 use esaac_model::{HdrFormat, MotionFormat};
@@ -10,13 +10,13 @@ use std::thread;
 pub struct Frame {
     /// Linear colour; alpha is 1. F16 saturates at 65504.
     pub hdr: Vec<u8>,
-    /// Previous position less position, pixels, y down; zero without a previous frame.
+    /// Previous position less position, pixels, y down. Zero without a previous frame.
     pub motion: Vec<u8>,
-    /// Metres along the view axis as f32; infinite for hills and sky.
+    /// Metres along the view axis as f32. Infinite for hills and sky.
     pub depth: Vec<u8>,
 }
 
-/// Renders a frame at `t_ns`, motion towards `previous_t_ns`, without a GPU.
+/// Renders a frame at `t_ns` without a GPU. Motion is towards `previous_t_ns`.
 #[must_use]
 pub fn render_cpu(
     scene: &Scene,

@@ -1,4 +1,4 @@
-//! Functions of time with their first two derivatives, exactly.
+//! Functions of time with their exact first and second derivatives (automatic differentiation).
 
 use std::ops::{Add, Mul, Sub};
 
@@ -14,7 +14,7 @@ pub struct Jet {
 }
 
 impl Jet {
-    /// Time itself.
+    /// The function `t` itself, at `t_s` seconds.
     #[must_use]
     pub fn time(t_s: f64) -> Jet {
         Jet { value: t_s, rate: 1.0, acceleration: 0.0 }

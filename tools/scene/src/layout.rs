@@ -1,4 +1,4 @@
-//! The view as the shader reads it. Field for field the structs of `glsl/render.comp`.
+//! The view in the shader's memory layout. The structs match those of `glsl/render.comp` field for field.
 
 use crate::object::MAX_LAYERS as LAYERS_PER_OBJECT;
 use crate::texture::{Layer, Profile, Wave};
@@ -6,10 +6,10 @@ use crate::view::{View, ViewObject, ViewShape};
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-/// Objects that the shader has room for.
+/// Largest number of objects in the shader's buffer.
 pub const MAX_OBJECTS: usize = 24;
 
-/// Layers that the shader has room for.
+/// Largest number of layers in the shader's buffer.
 pub const MAX_LAYERS: usize = MAX_OBJECTS * LAYERS_PER_OBJECT;
 
 /// Bit of `formats[2]`: motion is written.
@@ -41,7 +41,7 @@ struct ObjectData {
     delta: [[f32; 4]; 3],
 }
 
-/// One frame's worth of numbers for the shader.
+/// The shader's input for one frame.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct ViewData {
@@ -68,7 +68,7 @@ const _: () = assert!(size_of::<LayerData>() == 48 && size_of::<ObjectData>() ==
 const _: () = assert!(size_of::<ViewData>() == 15 * 16 + MAX_OBJECTS * 272 + MAX_LAYERS * 48);
 
 impl ViewData {
-    /// Fills it from a view, with motion towards `previous`; `formats` as the shader reads them.
+    /// Fills the struct from a view, with motion towards `previous`. `formats` are those that the shader reads.
     pub fn fill(&mut self, view: &View, previous: Option<&View>, formats: [u32; 3]) {
         let light = &view.light;
         let lighting = &light.lighting;

@@ -1,10 +1,10 @@
-//! Analytic scenes with two faces: closed-form radiance in f64 ([`Scene`], [`View`], [`exact_events`],
+//! Analytic scenes in two implementations: closed-form radiance in f64 ([`Scene`], [`View`], [`exact_events`],
 //! [`render_cpu`]) and a Vulkan renderer of the same functions ([`Renderer`]).
 //!
-//! Radiance is band-limited: texture fades before it aliases, and every border is a smooth blend over
-//! about two pixels that is part of the scene's definition. Motion and depth are those of the nearest
-//! surface that covers at least half of a pixel. Previous position = position + motion, pixels, y down;
-//! depth is metres along the view axis, infinite for hills and sky. Pixel centres are whole numbers.
+//! Radiance is band-limited. Texture fades before it aliases. Every border is a smooth blend over about two pixels,
+//! which is part of the scene's definition. Motion and depth are those of the nearest surface that covers at least half
+//! of a pixel. Previous position = position + motion, pixels, y down. Depth is in metres along the view axis, infinite
+//! for hills and sky. Pixel centres are at whole numbers.
 
 pub mod camera;
 pub mod cards;

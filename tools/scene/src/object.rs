@@ -1,4 +1,4 @@
-//! What a scene consists of.
+//! Objects of a scene: shape, motion, texture and finish.
 
 use crate::texture::{Layer, Wave};
 use glam::{DMat3, DVec3};
@@ -28,13 +28,13 @@ pub enum Shape {
         /// Amplitude of each wave, sine of elevation.
         amplitudes: [f64; 4],
     },
-    /// Everything behind. Positions on it are unit directions.
+    /// The sky, behind everything. Positions on it are unit directions.
     Sky,
     /// An image plane one metre away; positions on it are pixels from the image's centre.
     Card,
 }
 
-/// A rigid motion: a swinging, drifting centre and a steady turn.
+/// A rigid motion: the centre drifts and swings, the object turns steadily.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Mean position, metres (pixels for a card).
@@ -45,13 +45,13 @@ pub struct Motion {
     pub swings: [(DVec3, f64, f64); 2],
     /// Orientation at time 0.
     pub orientation: DMat3,
-    /// Axis of the turn in the world.
+    /// Axis of rotation, world axes.
     pub spin_axis: DVec3,
     /// Turns per second.
     pub spin_hz: f64,
 }
 
-/// How a surface answers light. Factors of the scene's lights.
+/// How a surface reflects light: one factor for each of the scene's lights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finish {
     /// Ambient light.
@@ -60,9 +60,9 @@ pub struct Finish {
     pub sun: f64,
     /// The lamp.
     pub lamp: f64,
-    /// Light of its own: 1 makes the texture the radiance.
+    /// Emission. With 1 the texture is the radiance.
     pub emission: f64,
-    /// Haze between camera and surface.
+    /// Strength of the haze between camera and surface.
     pub haze: f64,
     /// Strength of the sun's highlight.
     pub gloss: f64,
@@ -75,23 +75,23 @@ pub struct Finish {
 pub struct Object {
     /// Geometry.
     pub shape: Shape,
-    /// Path.
+    /// Motion.
     pub motion: Motion,
     /// Log (nepers) of the mean albedo or radiance, R, G, B.
     pub base_log: DVec3,
-    /// Change of `base_log` towards the zenith; only the sky has one.
+    /// Change of `base_log` towards the zenith, nepers. Only the sky has one.
     pub gradient_log: DVec3,
     /// Texture, at most [`MAX_LAYERS`] layers.
     pub layers: Vec<Layer>,
-    /// Answer to light.
+    /// How the surface reflects light.
     pub finish: Finish,
 }
 
-/// Layers per object.
+/// Largest number of layers per object.
 pub const MAX_LAYERS: usize = 8;
 
 impl Motion {
-    /// At rest.
+    /// An object at rest at `centre`.
     #[must_use]
     pub fn still(centre: DVec3) -> Motion {
         Motion {
@@ -104,7 +104,7 @@ impl Motion {
         }
     }
 
-    /// Origin and axes in the world at `t_s` seconds.
+    /// Origin (metres) and rotation to world axes at `t_s` seconds.
     #[must_use]
     pub fn pose(&self, t_s: f64) -> (DVec3, DMat3) {
         let swing: DVec3 = self
@@ -118,7 +118,7 @@ impl Motion {
 }
 
 impl Finish {
-    /// Dull, lit by everything.
+    /// A matt surface that reflects every light.
     pub const MATT: Finish = Finish {
         ambient: 1.0,
         sun: 1.0,
@@ -129,7 +129,7 @@ impl Finish {
         gloss_sharpness: 1.0,
     };
 
-    /// Light of its own only.
+    /// A surface that emits light and reflects none.
     pub const GLOWING: Finish = Finish {
         ambient: 0.0,
         sun: 0.0,
@@ -140,7 +140,7 @@ impl Finish {
         gloss_sharpness: 1.0,
     };
 
-    /// Matt with a highlight.
+    /// A matt surface with a highlight.
     #[must_use]
     pub fn glossy(gloss: f64, gloss_sharpness: f64) -> Finish {
         Finish { gloss, gloss_sharpness, ..Finish::MATT }

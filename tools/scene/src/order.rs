@@ -1,12 +1,12 @@
-//! Which of two solids can hide the other, and an order in which none is hidden by a later one.
+//! Finds which of two solids can hide the other, and a drawing order in which no solid is hidden by a later one.
 //!
-//! The order changes only where the two do not overlap on the screen, so that it leaves no trace in the
-//! radiance over time.
+//! Two solids change places in the order only while they do not overlap on the screen. So a change of order causes no
+//! jump in the radiance over time.
 
 use crate::view::{ViewObject, ViewShape};
 use glam::DVec3;
 
-/// Sorts solids so that each stands before all that it can hide.
+/// Sorts solids so that each comes before all that it can hide.
 pub(crate) fn front_to_back(solids: &mut [ViewObject]) {
     for place in 0..solids.len() {
         let free = (place..solids.len())
@@ -19,7 +19,8 @@ pub(crate) fn front_to_back(solids: &mut [ViewObject]) {
 /// Whether `a` can hide `b` from the origin.
 fn hides(a: &ViewObject, b: &ViewObject) -> bool {
     match (a.shape, b.shape) {
-        // Along any ray the product of the distances to entry and exit is the power of the origin.
+        // The product of the distances to entry and exit is the same along every ray: the power of the origin with
+        // respect to the sphere. Where spheres overlap on the screen, the smaller power is nearer.
         (ViewShape::Sphere { radius_m: ra }, ViewShape::Sphere { radius_m: rb }) => {
             a.origin.length_squared() - ra * ra < b.origin.length_squared() - rb * rb
         }
@@ -34,7 +35,7 @@ fn hides(a: &ViewObject, b: &ViewObject) -> bool {
     }
 }
 
-/// The plane half-way in the gap between the sphere and its nearest point on the panel parts the two.
+/// The plane half-way between the sphere and its nearest point on the panel separates the two.
 fn panel_hides_sphere(
     centre: DVec3,
     axes: [DVec3; 2],
@@ -52,7 +53,7 @@ fn panel_hides_sphere(
     toward_sphere.dot(middle) > 0.0
 }
 
-/// A panel wholly on one side of the other's plane is parted from it by that plane.
+/// If one panel lies wholly on one side of the other's plane, that plane separates the two.
 fn panel_hides_panel(a: &ViewObject, b: &ViewObject) -> bool {
     if let Some(b_is_behind) = behind(a, b) {
         return b_is_behind;
@@ -63,7 +64,7 @@ fn panel_hides_panel(a: &ViewObject, b: &ViewObject) -> bool {
     a.origin.length_squared() < b.origin.length_squared()
 }
 
-/// Whether `panel` lies beyond the plane of `plane` as seen from the origin; none if it straddles it.
+/// Whether `panel` lies beyond the plane of `plane` as seen from the origin. `None` if it crosses that plane.
 fn behind(plane: &ViewObject, panel: &ViewObject) -> Option<bool> {
     let ViewShape::Panel { normal, offset_m, .. } = plane.shape else { return None };
     let ViewShape::Panel { axes, half_m, .. } = panel.shape else { return None };

@@ -23,7 +23,7 @@ pub enum SceneKind {
     Still,
 }
 
-/// What a scene is made of.
+/// Kind of objects in a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Family {
     /// A patterned image plane.
@@ -32,7 +32,7 @@ pub enum Family {
     World,
 }
 
-/// A name that is no scene.
+/// Error of a name that no scene has.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("unknown scene `{actual}`, expected one of {}", SceneKind::names())]
 pub struct UnknownScene {
@@ -80,7 +80,7 @@ impl SceneKind {
         }
     }
 
-    /// What it is made of.
+    /// Kind of objects in the scene.
     #[must_use]
     pub fn family(self) -> Family {
         match self {
@@ -89,7 +89,7 @@ impl SceneKind {
         }
     }
 
-    /// The scene at an image size of at least 1x1 pixels.
+    /// Builds the scene for an image of `width_px` by `height_px` pixels, each at least 1.
     #[must_use]
     pub fn scene(self, width_px: u32, height_px: u32) -> Scene {
         match self.family() {

@@ -1,4 +1,4 @@
-//! The scene on the GPU: one dispatch a frame writes colour, motion and depth into the engine's inputs.
+//! Renders scenes on the GPU: one dispatch per frame writes colour, motion and depth to the engine's input buffers.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -6,7 +6,7 @@ use crate::layout::{MAX_LAYERS, MAX_OBJECTS, ViewData, WRITES_DEPTH, WRITES_MOTI
 use crate::scene::{Scene, seconds};
 use bytemuck::Zeroable;
 use esaac_engine::ash::vk;
-use esaac_engine::{Around, Buffer, Commands, Device, EngineError, Kernel, MemoryLocation};
+use esaac_engine::{Buffer, Commands, Device, EngineError, Kernel, MemoryLocation, SubmitHooks};
 use esaac_model::{DepthFormat, HdrFormat, MotionFormat};
 use std::sync::Arc;
 use thiserror::Error;
@@ -23,7 +23,7 @@ pub const BINDINGS: u32 = 4;
 /// Why a frame was not rendered.
 #[derive(Debug, Error)]
 pub enum RenderError {
-    /// The device refused.
+    /// The device reported an error.
     #[error(transparent)]
     Engine(#[from] EngineError),
     /// A format that the renderer does not write.
@@ -32,14 +32,14 @@ pub enum RenderError {
         /// What was asked for.
         actual: HdrFormat,
     },
-    /// A scene that the shader has no room for.
+    /// A scene with more objects or layers than the shader's buffer holds.
     #[error("the scene has {actual} {what}, the renderer takes at most {expected}")]
     TooLarge {
-        /// Objects or layers.
+        /// Which: objects or layers.
         what: &'static str,
-        /// Limit.
+        /// Largest number.
         expected: usize,
-        /// How many there are.
+        /// Number in the scene.
         actual: usize,
     },
     /// A buffer that a frame does not fit into.
@@ -54,7 +54,7 @@ pub enum RenderError {
     },
 }
 
-/// Where a frame goes: rows tightly packed, as the engine's input buffers.
+/// Buffers that a frame is written to. Rows are tightly packed, as in the engine's input buffers.
 #[derive(Clone, Copy)]
 pub struct Targets<'a> {
     /// Colour.
@@ -102,7 +102,7 @@ impl Renderer {
         Ok(Renderer { device: Arc::clone(device), scene, hdr, motion, kernel, commands, data, view })
     }
 
-    /// Renders another scene from now on, of any size, with the same pipeline.
+    /// Changes the scene, which may have another size. The pipeline stays the same.
     pub fn set_scene(&mut self, scene: Scene) -> Result<(), RenderError> {
         check(&scene)?;
         self.scene = scene;
@@ -115,25 +115,25 @@ impl Renderer {
         &self.scene
     }
 
-    /// Renders the frame at `t_ns`, motion towards `previous_t_ns` (zero without), and waits. Later
-    /// submissions to the device's queue and the host see what was written.
+    /// Renders the frame at `t_ns` and waits for the device. Motion is towards `previous_t_ns`, or zero without it.
+    /// Later submissions to the device's queue and the host see the written frame.
     pub fn render(
         &mut self,
         t_ns: i64,
         previous_t_ns: Option<i64>,
         targets: Targets<'_>,
     ) -> Result<(), RenderError> {
-        self.render_around(t_ns, previous_t_ns, targets, &Around::default())
+        self.render_with_hooks(t_ns, previous_t_ns, targets, &SubmitHooks::default())
     }
 
-    /// As [`Renderer::render`], with commands and timelines around the submission: for targets that
-    /// another process reads.
-    pub fn render_around(
+    /// As [`Renderer::render`], with commands and timelines around the submission, for targets that another process
+    /// reads.
+    pub fn render_with_hooks(
         &mut self,
         t_ns: i64,
         previous_t_ns: Option<i64>,
         targets: Targets<'_>,
-        around: &Around<'_>,
+        hooks: &SubmitHooks<'_>,
     ) -> Result<(), RenderError> {
         let pixels = u64::from(self.scene.width_px) * u64::from(self.scene.height_px);
         holds("colour", targets.hdr, pixels * self.hdr.texel_bytes() as u64)?;
@@ -151,24 +151,29 @@ impl Renderer {
         *self.data = ViewData::zeroed();
         self.data.fill(&view, previous.as_ref(), [self.hdr as u32, self.motion as u32, writes]);
         self.view.write(0, &[*self.data]);
-        // A slot that is not written still needs a buffer.
+        // A binding needs a buffer even if the shader does not write to it.
         let motion = targets.motion.unwrap_or(targets.hdr);
         let depth = targets.depth.unwrap_or(targets.hdr);
-        self.kernel.bind(&[&self.view, targets.hdr, motion, depth]);
+        self.commands.check()?;
+        // SAFETY: the last submission was waited for, as was just checked, and the commands are recorded again below.
+        unsafe { self.kernel.bind(&[&self.view, targets.hdr, motion, depth]) };
         let groups =
             [self.scene.width_px.div_ceil(WORKGROUP_PX), self.scene.height_px.div_ceil(WORKGROUP_PX), 1];
         let (device, kernel) = (&self.device, &self.kernel);
-        self.commands.record(|commands| {
+        let record = |commands| {
             record_barrier(device, commands, READS_AND_WRITES, vk::AccessFlags2::SHADER_STORAGE_WRITE);
-            kernel.record(commands, &[], groups);
+            // SAFETY: as for the commands, below; each buffer holds its image, as was checked above.
+            unsafe { kernel.record(commands, &[], groups) };
             record_barrier(
                 device,
                 commands,
                 vk::AccessFlags2::SHADER_STORAGE_WRITE,
                 READS_AND_WRITES | vk::AccessFlags2::HOST_READ,
             );
-        })?;
-        Ok(device.run_around(&self.commands, around)?)
+        };
+        // SAFETY: the last submission was waited for; all that the commands use lives until the wait below is over.
+        unsafe { self.commands.record(record) }?;
+        Ok(device.run_with_hooks(&self.commands, hooks)?)
     }
 }
 
@@ -179,7 +184,7 @@ const READS_AND_WRITES: vk::AccessFlags2 = vk::AccessFlags2::from_raw(
         | vk::AccessFlags2::TRANSFER_WRITE.as_raw(),
 );
 
-/// Orders accesses of shaders and copies in earlier commands before those of later ones.
+/// Records a barrier between accesses of shaders and copies in earlier commands and those in later ones.
 fn record_barrier(
     device: &Device,
     commands: vk::CommandBuffer,

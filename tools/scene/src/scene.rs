@@ -1,4 +1,4 @@
-//! A scene: its objects, its light and its camera, at any time.
+//! A scene: objects, light and camera as functions of time.
 
 use crate::camera::{CameraPath, CameraState};
 use crate::object::{Object, Shape};
@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 pub struct Lighting {
     /// Unit vector towards the sun, world axes.
     pub sun_direction: DVec3,
-    /// Sun.
+    /// Light of the sun.
     pub sun_rgb: DVec3,
     /// Ambient light from above.
     pub sky_rgb: DVec3,
@@ -20,19 +20,19 @@ pub struct Lighting {
     pub ground_rgb: DVec3,
     /// Glow around the sun.
     pub halo_rgb: DVec3,
-    /// Its sharpness: `exp(-sharpness (1 - cos angle))`.
+    /// Sharpness of the glow: `exp(-sharpness (1 - cos angle))`.
     pub halo_sharpness: f64,
-    /// The sun's disc.
+    /// Radiance of the sun's disc.
     pub disc_rgb: DVec3,
-    /// Its sharpness.
+    /// Sharpness of the disc, as for the glow.
     pub disc_sharpness: f64,
-    /// Haze.
+    /// Colour of the haze.
     pub haze_rgb: DVec3,
-    /// Distance after which 1/e is left, metres.
+    /// Distance after which the haze leaves 1/e of the light, metres.
     pub haze_m: f64,
-    /// Strength of the lamp, at one metre.
+    /// Light of the lamp at a distance of one metre.
     pub lamp_rgb: DVec3,
-    /// Object that is the lamp.
+    /// Index of the object that is the lamp.
     pub lamp_object: usize,
 }
 
@@ -47,7 +47,7 @@ pub struct Lamp {
     pub rgb: DVec3,
     /// Blinks per second.
     pub rate_hz: f64,
-    /// Steepness of going on and off: larger is more abrupt.
+    /// Steepness of switching on and off: larger is more abrupt.
     pub steepness: f64,
 }
 
@@ -64,7 +64,7 @@ pub struct Scene {
     pub focal_px: f64,
     /// The camera's path.
     pub camera: CameraPath,
-    /// What there is.
+    /// Objects.
     pub objects: Vec<Object>,
     /// Light of the world.
     pub lighting: Lighting,
@@ -72,7 +72,7 @@ pub struct Scene {
     pub lamp: Lamp,
     /// Factor of all radiance.
     pub exposure: f64,
-    /// The scene's clock stands at this time, seconds.
+    /// Time at which the scene's clock is stopped, seconds, if it is.
     pub frozen_at_s: Option<f64>,
 }
 
@@ -99,14 +99,14 @@ impl Lamp {
     pub const NONE: Lamp =
         Lamp { centre_px: DVec3::ZERO, radius_px: 1.0, rgb: DVec3::ZERO, rate_hz: 0.0, steepness: 1.0 };
 
-    /// How far it is lit at `t_s` seconds, 0 to 1.
+    /// Brightness of the lamp at `t_s` seconds, 0 to 1.
     #[must_use]
     pub fn level(&self, t_s: f64) -> f64 {
         0.5 + 0.5 * (self.steepness * crate::texture::sin_turns(self.rate_hz * t_s)).tanh()
     }
 }
 
-/// Seconds from nanoseconds.
+/// Converts nanoseconds to seconds.
 #[must_use]
 pub fn seconds(t_ns: i64) -> f64 {
     t_ns as f64 * 1e-9
@@ -139,7 +139,7 @@ impl Scene {
         self.camera.state(t_s)
     }
 
-    /// The scene in camera axes at a time; take it once for many pixels.
+    /// The scene in camera axes at a time. Computing many pixels of one instant from one view saves work.
     #[must_use]
     pub fn view(&self, t_s: f64) -> View {
         let t_s = self.frozen_at_s.unwrap_or(t_s);
@@ -230,7 +230,7 @@ fn view_object(
     }
 }
 
-/// A wave of an object's axes in camera axes, its phase brought to -0.5 to 0.5.
+/// Converts a wave from an object's axes to camera axes, and reduces its phase to -0.5 to 0.5 turns.
 fn turned_wave(wave: Wave, rotation: DMat3, origin: DVec3) -> Wave {
     let frequency = rotation * wave.frequency;
     let phase = wave.phase_turns - frequency.dot(origin);

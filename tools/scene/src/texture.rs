@@ -1,8 +1,8 @@
 //! Textures: sums of band-limited layers in log radiance, functions of a position in space.
 //!
-//! A layer is the product of two waves. A wave is a sinusoid of the position, or the same pressed
-//! to a square wave whose edges are [`EDGE_PX`] wide on the screen. Where a wave's frequency on the
-//! screen comes near [`CUTOFF_PER_PX`] it fades, so that sampling at pixel centres is right.
+//! A layer is the product of two waves. A wave is a sinusoid of the position, or that sinusoid shaped into a square
+//! wave with edges of half-width [`EDGE_PX`] on the screen. A wave fades where its frequency on the screen comes near
+//! [`CUTOFF_PER_PX`], so that sampling at pixel centres does not alias.
 
 use glam::DVec3;
 use std::f64::consts::TAU;
@@ -13,12 +13,12 @@ pub const EDGE_PX: f64 = 1.0;
 /// Frequency on the screen at which a wave has faded to nothing, cycles per pixel.
 pub const CUTOFF_PER_PX: f64 = 0.25;
 
-/// `phase + frequency . position`, in turns.
+/// A wave's phase as a function of position: `phase + frequency . position`, in turns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
     /// Cycles per unit of position.
     pub frequency: DVec3,
-    /// Turns.
+    /// Phase at the origin, turns.
     pub phase_turns: f64,
 }
 
@@ -41,7 +41,7 @@ pub struct Layer {
     pub waves: [Wave; 2],
     /// How both waves are shaped.
     pub profile: Profile,
-    /// Log radiance (nepers) of R, G, B at value 1.
+    /// Log radiance (nepers) of R, G, B where the product of the waves is 1.
     pub amplitude: DVec3,
 }
 
@@ -78,7 +78,7 @@ impl Wave {
 }
 
 impl Layer {
-    /// Log radiance that this layer adds.
+    /// Log radiance that this layer adds, R, G, B, nepers.
     #[must_use]
     pub fn log_rgb(&self, position: DVec3, footprint: &Footprint) -> DVec3 {
         let value = self.waves[0].value(self.profile, position, footprint)

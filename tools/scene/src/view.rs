@@ -1,8 +1,8 @@
 //! The scene seen from its camera at one instant, and the radiance of a pixel.
 //!
-//! Everything is in the camera's axes (x right, y down, z forward, origin at the centre), worked out
-//! in f64. The shader reads the same numbers as f32 and evaluates the same formulas in the same order.
-//! Pixel coordinates are those of pixel centres: the first pixel is (0, 0).
+//! Everything is in camera axes (x right, y down, z forward, origin at the camera's centre) and computed in f64. The
+//! shader reads the same numbers as f32 and evaluates the same formulas in the same order. Pixel centres are at whole
+//! numbers; the first pixel is (0, 0).
 
 use crate::object::Finish;
 use crate::scene::{Lamp, Lighting};
@@ -12,83 +12,84 @@ use glam::{DMat3, DVec3};
 /// Depth of hills and sky, metres.
 pub const SKY_DEPTH_M: f64 = f64::INFINITY;
 
-/// Beyond this distance from its border an object does not touch a pixel (coverage below 1e-12), pixels.
+/// Distance outside its border beyond which an object does not affect a pixel (coverage below 1e-12), pixels.
 pub const REACH_PX: f64 = 14.0;
 
-/// Light left for surfaces further back below which they are not looked at.
+/// Uncovered share of a pixel below which surfaces further back are ignored.
 pub const OPAQUE: f64 = 1e-10;
 
 /// Half-width of a shadow's edge, metres.
 pub const SHADOW_EDGE_M: f64 = 0.12;
 
-/// Largest footprint that widens a shadow's edge, metres per pixel.
+/// Limit to which a pixel's footprint widens a shadow's edge, metres per pixel.
 pub const SHADOW_FOOTPRINT_M: f64 = 0.3;
 
 /// An object in camera axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewObject {
-    /// Its number in the scene.
+    /// The object's number in the scene.
     pub id: usize,
-    /// Its geometry.
+    /// Geometry.
     pub shape: ViewShape,
-    /// Origin, metres; zero for what is at infinity.
+    /// Origin, metres. Zero for objects at infinity.
     pub origin: DVec3,
-    /// Rotation from its own axes.
+    /// Rotation from the object's own axes to camera axes.
     pub rotation: DMat3,
-    /// Mean log albedo or radiance.
+    /// Log (nepers) of the mean albedo or radiance, R, G, B.
     pub base_log: DVec3,
-    /// Change of it towards the zenith.
+    /// Change of `base_log` towards the zenith, nepers.
     pub gradient_log: DVec3,
-    /// Texture, waves turned into camera axes.
+    /// Texture, with its waves in camera axes.
     pub layers: Vec<Layer>,
-    /// Answer to light.
+    /// How the surface reflects light.
     pub finish: Finish,
 }
 
 /// Geometry in camera axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ViewShape {
-    /// Around the object's origin.
+    /// A sphere around the object's origin.
     Sphere {
         /// Radius, metres.
         radius_m: f64,
     },
-    /// `normal . p = offset_m`, the normal towards the camera.
+    /// A rectangle in the plane `normal . p = offset_m`. The normal points towards the camera.
     Panel {
         /// Unit normal.
         normal: DVec3,
-        /// Metres, negative.
+        /// Offset of the plane, metres. Negative.
         offset_m: f64,
         /// Unit vectors along the sides.
         axes: [DVec3; 2],
         /// Half extents, metres.
         half_m: [f64; 2],
-        /// Dot with a pixel's ray is the distance from each border in pixels, positive inside.
+        /// One vector per border. Its dot product with a pixel's ray is the distance from the border, pixels, positive
+        /// inside.
         borders: [DVec3; 4],
     },
-    /// `up . p = -height_m`.
+    /// The plane `up . p = -height_m`.
     Ground {
-        /// Camera above it, metres.
+        /// Height of the camera above the ground, metres.
         height_m: f64,
-        /// As a panel's.
+        /// The horizon as a border, as for a panel.
         horizon: DVec3,
     },
-    /// At infinity.
+    /// A range of hills at infinity.
     Ridge {
         /// Sine of the mean elevation.
         elevation: f64,
         /// Waves in camera axes.
         waves: [Wave; 4],
-        /// Their amplitudes.
+        /// Amplitude of each wave, sine of elevation.
         amplitudes: [f64; 4],
     },
-    /// At infinity.
+    /// The sky, at infinity.
     Sky,
-    /// In pixels.
+    /// An image plane. Positions on it are in pixels.
     Card,
 }
 
-/// Light of an instant, directions in camera axes.
+/// The light at one instant. Directions are in camera axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewLight {
     /// Up.
@@ -101,13 +102,13 @@ pub struct ViewLight {
     pub lighting: Lighting,
     /// Lamp of a card.
     pub card_lamp: Lamp,
-    /// How far it is lit, 0 to 1.
+    /// How brightly the card's lamp is lit, 0 to 1.
     pub card_lamp_level: f64,
     /// Factor of all radiance.
     pub exposure: f64,
 }
 
-/// The scene at an instant.
+/// The scene at one instant, seen by its camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Image width, pixels.
@@ -116,22 +117,22 @@ pub struct View {
     pub height_px: u32,
     /// Focal length, pixels.
     pub focal_px: f64,
-    /// Objects, each before all that it can hide; the last one hides everything behind it.
+    /// Objects, each before all that it can hide. The last one covers every pixel.
     pub objects: Vec<ViewObject>,
-    /// How many of the first objects are spheres and panels.
+    /// Number of spheres and panels. They are the first objects.
     pub solids: usize,
     /// Light.
     pub light: ViewLight,
 }
 
-/// What a pixel sees.
+/// Radiance and nearest surface of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelSample {
     /// Linear R, G, B.
     pub radiance: DVec3,
     /// Index in [`View::objects`] of the nearest surface that covers at least half of the pixel.
     pub object: usize,
-    /// Where on it, camera axes: metres, a unit direction at infinity, pixels on a card.
+    /// The point on that surface, camera axes: metres, a unit direction at infinity, or pixels on a card.
     pub position: DVec3,
     /// Distance along the view axis, metres.
     pub depth_m: f64,
@@ -161,7 +162,7 @@ struct Hit {
 }
 
 impl View {
-    /// What the pixel at `(x_px, y_px)` sees.
+    /// Samples the pixel at `(x_px, y_px)`.
     #[must_use]
     pub fn sample(&self, x_px: f64, y_px: f64) -> PixelSample {
         let x = x_px - 0.5 * f64::from(self.width_px - 1);
@@ -201,7 +202,7 @@ impl View {
         self.sample(x_px, y_px).radiance.to_array()
     }
 
-    /// How object `index` of this view moves to where it is in `other`.
+    /// Rigid motion of object `index` from this view to `other`.
     #[must_use]
     pub fn displacement(&self, index: usize, other: &View) -> Displacement {
         let here = &self.objects[index];
@@ -389,7 +390,7 @@ impl View {
     }
 }
 
-/// A hit on a surface whose tangent plane has `normal`, with `slope = normal . ray`.
+/// A hit on a surface with the given normal. `slope` is `normal . ray`.
 fn flat_hit(coverage: f64, position: DVec3, normal: DVec3, slope: f64, ray: &Ray) -> Hit {
     let depth_m = position.z;
     let step = depth_m * ray.per_px;
@@ -412,13 +413,13 @@ fn far_hit(ray: &Ray) -> Hit {
     }
 }
 
-/// `max(x, 0)` rounded off within `width` of 0; always positive.
+/// Smooth `max(x, 0)`, rounded off within `width` of 0. Always positive.
 fn soft_positive(x: f64, width: f64) -> f64 {
     let root = (x * x + width * width).sqrt();
     if x >= 0.0 { 0.5 * (x + root) } else { 0.5 * width * width / (root - x) }
 }
 
-/// Light received at a cosine of incidence, reaching softly past the terminator.
+/// Share of light received at a cosine of incidence. It falls smoothly to 0 beyond the terminator.
 fn wrapped(cosine: f64) -> f64 {
     let x = ((cosine + 0.3) / 1.3).max(0.0);
     x * x

@@ -1,4 +1,4 @@
-//! Motion, depth and radiance of the f64 face against each other and against plain geometry.
+//! Compares motion, depth and radiance of the f64 implementation with each other and with plain geometry.
 
 use esaac_scene::view::ViewShape;
 use esaac_scene::{Scene, SceneKind, View};
@@ -8,10 +8,10 @@ const WIDTH_PX: u32 = 173;
 const HEIGHT_PX: u32 = 131;
 const INTERVAL_S: f64 = 1.0 / 30.0;
 
-/// f64 rounding of a projection, pixels.
+/// Tolerance for f64 rounding of a projection, pixels.
 const PROJECTION_TOLERANCE_PX: f64 = 1e-9;
 
-/// Where a point in camera axes is seen.
+/// Pixel at which a point in camera axes is seen.
 fn project(view: &View, p: DVec3) -> [f64; 2] {
     [
         view.focal_px * p.x / p.z + 0.5 * f64::from(view.width_px - 1),
@@ -25,7 +25,7 @@ fn pixels() -> impl Iterator<Item = (f64, f64)> {
         .flat_map(|y| (0..WIDTH_PX).step_by(3).map(move |x| (f64::from(x), f64::from(y))))
 }
 
-/// Carries the seen point to the world, along with its object, and back to the earlier camera.
+/// Takes the seen point to the world, moves it with its object, and projects it to the earlier camera.
 #[test]
 fn motion_is_the_reprojection_of_the_surface_point() {
     let scene = SceneKind::Flight.scene(WIDTH_PX, HEIGHT_PX);
@@ -71,7 +71,7 @@ fn a_seen_point_is_on_its_surface_and_on_the_pixels_ray() {
         let [px, py] = project(&view, p);
         assert!((px - x).abs() < PROJECTION_TOLERANCE_PX && (py - y).abs() < PROJECTION_TOLERANCE_PX);
         match object.shape {
-            // A sphere's limb is rounded off over a pixel.
+            // A sphere's edge is rounded off over a pixel.
             ViewShape::Sphere { radius_m } => {
                 let off_m = ((p - object.origin).length() - radius_m).abs();
                 assert!(off_m < 2.0 * p.z / view.focal_px, "{off_m}");
@@ -92,8 +92,8 @@ fn at_infinity(view: &View, object: usize) -> bool {
     matches!(view.objects[object].shape, ViewShape::Sky | ViewShape::Ridge { .. })
 }
 
-/// Along the motion path a dull surface keeps its radiance. What changes is what may: light on turning
-/// spheres, sharpness with distance, and pixels shared by two surfaces.
+/// Along the motion vector a matt surface nearly keeps its radiance. Exceptions are the light on turning spheres, the
+/// sharpness that changes with distance, and pixels shared by two surfaces.
 #[test]
 fn radiance_along_the_motion_path_is_nearly_constant() {
     let scene = SceneKind::Flight.scene(WIDTH_PX, HEIGHT_PX);
@@ -139,8 +139,8 @@ fn a_card_moves_as_one_and_keeps_its_radiance_exactly() {
     }
 }
 
-/// The log radiance of neighbouring instants and points differs by little: no jump where the order of
-/// objects changes, at borders, or where a surface ends.
+/// The log radiance of neighbouring instants and points differs little: it does not jump where the order of objects
+/// changes, at borders, or where a surface ends.
 #[test]
 fn radiance_is_continuous_in_time_and_space() {
     let scene = SceneKind::Flight.scene(WIDTH_PX, HEIGHT_PX);
@@ -159,8 +159,8 @@ fn radiance_is_continuous_in_time_and_space() {
     }
 }
 
-/// No frequency near that of the pixels: in log radiance the second difference over two pixels stays far
-/// from that of an alternating pattern for nearly all pixels.
+/// Radiance has no frequencies near that of the pixel grid. For nearly all pixels the second difference of log radiance
+/// stays far below that of a pattern that alternates from pixel to pixel.
 #[test]
 fn radiance_is_band_limited() {
     for kind in SceneKind::ALL {

@@ -1,4 +1,4 @@
-//! The shader against the f64 face, and its layout against the Rust structs.
+//! Compares the shader with the f64 implementation, and its memory layout with the Rust structs.
 
 use esaac_engine::ash::vk;
 use esaac_engine::{Buffer, Device, DeviceChoice, MemoryLocation, Validation};
@@ -8,23 +8,23 @@ use esaac_scene::renderer::{BINDINGS, RENDER_SPIRV, RenderError, Renderer, Targe
 use esaac_scene::{Frame, Scene, SceneKind, render_cpu};
 use std::sync::Arc;
 
-/// Largest relative difference of f32 radiance: a ray is known to about 3e-5 px in f32, and log radiance
-/// changes by a few nepers per pixel at most, at the borders of what is brightest.
+/// Largest relative difference of f32 radiance. A ray is exact to about 3e-5 px in f32, and log radiance changes by a
+/// few nepers per pixel at most, at the borders of the brightest objects.
 const RADIANCE_TOLERANCE: f64 = 2e-4;
 
-/// The same for all but one pixel in a hundred, where the radiance is smooth.
+/// Largest relative difference where the radiance is smooth: at all but one pixel in a hundred.
 const SMOOTH_RADIANCE_TOLERANCE: f64 = 1e-5;
 
-/// Difference of f16 radiance: half a unit in the last place, or a whole one where a device truncates.
+/// Largest relative difference of f16 radiance: half a unit in the last place, or a whole one on devices that truncate.
 const F16_TOLERANCE: f64 = 1.0 / 1024.0;
 
-/// Motion differs by rounding in proportion to its size, and absolutely by the ray's.
+/// Tolerance of motion. Rounding of the motion is proportional to its size; that of the ray adds an absolute error.
 const MOTION_TOLERANCE_PX: f64 = 5e-5;
 
-/// Relative difference of depth.
+/// Largest relative difference of depth.
 const DEPTH_TOLERANCE: f64 = 1e-5;
 
-/// Share of pixels whose two surfaces cover half each to rounding, so that either may count as seen.
+/// Largest share of pixels that two surfaces cover half each, up to rounding, so that either may count as the nearest.
 const TIES: f64 = 1e-3;
 
 fn device() -> Arc<Device> {
@@ -184,7 +184,7 @@ fn a_short_buffer_and_a_wrong_format_are_refused() {
 
 #[test]
 fn the_shader_reads_the_structs_that_rust_writes() {
-    // The embedded module is optimised, which drops names; the same source without that keeps them.
+    // The embedded module is optimised, which removes names. Compiled without optimisation it keeps them.
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/glsl/render.comp");
     let compiled = std::process::Command::new("glslc")
         .args(["--target-env=vulkan1.2", source, "-o", "-"])

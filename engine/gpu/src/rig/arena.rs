@@ -1,150 +1,70 @@
-//! Where each camera's data lie in the rig's buffers.
+//! The rig's buffers: one for each purpose, in which every camera has its part.
+//!
+//! Buffers that hold packets come in a ring of sets. Each tick writes the next set, so that a program can hold the
+//! packets of earlier ticks. A set that is still held when its turn comes is left to its holders, and a new one takes
+//! its place.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use super::parameters::plane_words;
-use super::{CameraConfig, CameraState, PacketPlace, RigOptions};
+use super::geometry::{Place, lay_out, total};
+use super::{CameraState, PacketPlace, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::{Buffer, MemoryUse};
 use ash::vk;
-use esaac_model::layout::{self, BINDINGS, Counters, STATE_WORDS, STRIP_BLOCKS, TEXELS};
-use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
+use esaac_layout::{self as layout, BINDINGS, TEXELS};
+use esaac_model::substeps::MAX_SUBSTEPS;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 
-/// A camera's parts, in elements of each buffer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Place {
-    pub slot: u32,
-    pub pixels: u32,
-    /// Words of `planes` that a frame takes, all colour components.
-    pub plane_words: u32,
-    pub blocks_x: u32,
-    pub blocks: u32,
-    /// Strips of four blocks.
-    pub strips: u32,
-    pub bin_count: u32,
-    pub bin_room: u32,
-    pub event_capacity: u32,
-    pub plane_base: u32,
-    pub motion_base: u32,
-    pub state_base: u32,
-    pub block_base: u32,
-    pub bin_base: u32,
-    pub rooms_base: u32,
-    pub event_base: u32,
-    pub aps_base: u32,
-    pub strip_base: u32,
-    has_motion: bool,
-}
+/// Slots of the buffers that hold packets.
+const PACKET_SLOTS: [usize; 5] =
+    [layout::EVENT_T, layout::EVENT_X, layout::EVENT_Y, layout::EVENT_P, layout::APS];
 
-impl Place {
-    /// Elements of each buffer that this camera takes, in the order of the slots; `None` for what is
-    /// shared.
-    fn elements(&self) -> [Option<u64>; BINDINGS.len()] {
-        let mut elements = [None; BINDINGS.len()];
-        let pixels = u64::from(self.pixels);
-        elements[layout::PLANES] = Some(2 * u64::from(self.plane_words));
-        elements[layout::MOTION] = Some(if self.has_motion { 2 * pixels } else { 0 });
-        elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
-        elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
-        elements[layout::BINS] = Some(2 * (u64::from(self.bin_count) + 1));
-        elements[layout::ROOMS] = Some(u64::from(self.bin_count) * u64::from(self.bin_room));
-        for slot in [
-            layout::SPILLED,
-            layout::GATHERED,
-            layout::EVENT_T,
-            layout::EVENT_X,
-            layout::EVENT_Y,
-            layout::EVENT_P,
-        ] {
-            elements[slot] = Some(u64::from(self.event_capacity));
-        }
-        elements[layout::STRIP_ORDER] = Some(u64::from(self.strips));
-        elements[layout::APS] = Some(pixels.next_multiple_of(8));
-        elements
+/// One set of packet buffers, in the order of [`PACKET_SLOTS`].
+pub(super) struct PacketBuffers(Vec<Buffer>);
+
+impl PacketBuffers {
+    fn new(device: &Arc<Device>, places: &[Place], packets: PacketPlace) -> Result<Self, EngineError> {
+        let buffers = PACKET_SLOTS.iter().map(|&slot| allocate(device, slot, total(places, slot), packets));
+        Ok(PacketBuffers(buffers.collect::<Result<_, _>>()?))
+    }
+
+    /// The buffer of a slot; `None` if the slot holds no packets.
+    pub(super) fn get(&self, slot: usize) -> Option<&Buffer> {
+        PACKET_SLOTS.iter().position(|&s| s == slot).map(|index| &self.0[index])
+    }
+
+    fn holds(&self, places: &[Place]) -> bool {
+        let needed = |slot: usize| total(places, slot) * u64::from(BINDINGS[slot].stride);
+        PACKET_SLOTS.iter().zip(&self.0).all(|(&slot, buffer)| buffer.bytes() >= needed(slot))
     }
 }
 
-/// Bins of a camera at the most: each workgroup of `sort` adds them all up.
-const MOST_BINS: u32 = 16_384;
-
-/// And at the least: a bin takes memory, and of small cameras there are many.
-const LEAST_BINS: u32 = 128;
-
-/// Pixels a bin: of what usually comes, a few dozen events, so that ranking them is cheap.
-const BIN_PX: u32 = 64;
-
-/// Events that a bin has room for at first: what [`BIN_PX`] pixels send, one and a half each.
-const BIN_ROOM: u32 = BIN_PX + BIN_PX / 2;
-
-/// Rooms are multiples of this: whole lines of memory.
-const ROOM_STEP: u32 = 16;
-
-/// Places for cameras that start.
-pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
-    let mut places: Vec<Place> = configs
-        .iter()
-        .enumerate()
-        .map(|(slot, config)| {
-            let sensor = &config.sensor;
-            let pixels = sensor.width * sensor.height;
-            let blocks_x = sensor.width.div_ceil(BLOCK_PX);
-            let events =
-                if options.initial_events == 0 { pixels + pixels / 2 } else { options.initial_events };
-            Place {
-                slot: slot as u32,
-                pixels,
-                plane_words: plane_words(sensor),
-                blocks_x,
-                blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
-                strips: blocks_x.div_ceil(STRIP_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
-                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS),
-                bin_room: BIN_ROOM,
-                event_capacity: round_events(events),
-                has_motion: config.motion.is_some(),
-                ..Place::default()
-            }
-        })
-        .collect();
-    lay_out(&mut places);
-    places
-}
-
-/// Capacities are multiples of this, so that arrays of bytes and words begin on whole words.
-fn round_events(events: u32) -> u32 {
-    events.max(64).next_multiple_of(64)
-}
-
-/// Gives every place its bases, one after the other.
-fn lay_out(places: &mut [Place]) {
-    let mut next = [0_u64; BINDINGS.len()];
-    for place in places {
-        let elements = place.elements();
-        let mut take = |slot: usize| {
-            let base = next[slot];
-            next[slot] += elements[slot].unwrap_or(0);
-            // Buffers of so many elements are refused by `allocate`.
-            u32::try_from(base).unwrap_or(u32::MAX)
-        };
-        place.plane_base = take(layout::PLANES);
-        place.motion_base = take(layout::MOTION);
-        place.state_base = take(layout::STATE);
-        place.block_base = take(layout::BLOCKS);
-        place.bin_base = take(layout::BINS);
-        place.rooms_base = take(layout::ROOMS);
-        place.event_base = take(layout::SPILLED);
-        place.aps_base = take(layout::APS);
-        place.strip_base = take(layout::STRIP_ORDER);
-    }
-}
-
-/// The rig's buffers, by binding slot.
+/// The rig's buffers.
 pub(super) struct Arena {
-    pub buffers: Vec<Buffer>,
+    /// By binding slot; `None` for those of packets, which are in the ring.
+    buffers: Vec<Option<Buffer>>,
+    /// Packet sets; `None` for those that no tick has written yet.
+    ring: Vec<Option<Arc<PacketBuffers>>>,
+    /// Index of the set that the last or current tick writes.
+    current: usize,
     pub samples_pixels: usize,
     packets: PacketPlace,
+}
+
+/// New places for cameras and the buffers that they need, planned but not in use yet.
+pub(super) struct Move {
+    places: Vec<Place>,
+    fresh: Vec<(usize, Buffer)>,
+    packets: Option<PacketBuffers>,
+}
+
+impl Move {
+    fn fresh(&self, slot: usize) -> Option<&Buffer> {
+        let packets = || self.packets.as_ref().and_then(|packets| packets.get(slot));
+        self.fresh.iter().find(|(s, _)| *s == slot).map(|(_, buffer)| buffer).or_else(packets)
+    }
 }
 
 impl Arena {
@@ -156,6 +76,9 @@ impl Arena {
         let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
         let buffers = (0..BINDINGS.len())
             .map(|slot| {
+                if PACKET_SLOTS.contains(&slot) {
+                    return Ok(None);
+                }
                 let elements = match slot {
                     layout::CAMERAS => layout::MAX_CAMERAS as u64,
                     layout::REPORT => places.len() as u64,
@@ -166,210 +89,158 @@ impl Arena {
                     layout::SAMPLES => 0,
                     slot => total(places, slot),
                 };
-                allocate(device, slot, elements, options.packets)
+                allocate(device, slot, elements, options.packets).map(Some)
             })
             .collect::<Result<_, _>>()?;
-        Ok(Arena { buffers, samples_pixels, packets: options.packets })
+        let first = Arc::new(PacketBuffers::new(device, places, options.packets)?);
+        let mut ring = vec![Some(first)];
+        ring.resize(options.ring(), None);
+        Ok(Arena { buffers, ring, current: 0, samples_pixels, packets: options.packets })
+    }
+
+    /// The buffer of a slot.
+    pub(super) fn buffer(&self, slot: usize) -> &Buffer {
+        let packets = || self.packet_set().get(slot);
+        self.buffers[slot].as_ref().or_else(packets).expect("every slot has a buffer")
+    }
+
+    /// The table of cameras, for the host to fill while no tick is under way.
+    pub(super) fn camera_table(&mut self) -> &mut Buffer {
+        self.buffers[layout::CAMERAS].as_mut().expect("the table is in no packet set")
+    }
+
+    /// The packet set of the last or current tick.
+    pub(super) fn packet_set(&self) -> &Arc<PacketBuffers> {
+        self.ring[self.current].as_ref().expect("the current set is there")
+    }
+
+    /// Index of that set in the ring.
+    pub(super) fn current(&self) -> usize {
+        self.current
+    }
+
+    /// Advances to the next packet set; allocates it if the present one is held, too small or missing. Returns whether
+    /// it is a new one. On an error nothing has changed.
+    pub(super) fn next_packet_set(
+        &mut self,
+        device: &Arc<Device>,
+        places: &[Place],
+    ) -> Result<bool, EngineError> {
+        let next = (self.current + 1) % self.ring.len();
+        let usable = self.ring[next]
+            .as_mut()
+            .is_some_and(|set| Arc::get_mut(set).is_some_and(|set| set.holds(places)));
+        if !usable {
+            self.ring[next] = Some(Arc::new(PacketBuffers::new(device, places, self.packets)?));
+        }
+        self.current = next;
+        Ok(!usable)
     }
 
     /// Whether kernels reach all of `planes` and `motion` by texel fetch.
     pub(super) fn shows_all_texels(&self) -> bool {
-        TEXELS.iter().all(|t| self.buffers[t.of].shows_all_texels())
+        TEXELS.iter().all(|t| self.buffer(t.of).shows_all_texels())
     }
 
-    /// What the kernels' slots show, in their order.
+    /// The buffers of the kernels' slots, in their order.
     pub(super) fn shown(&self) -> impl Iterator<Item = &Buffer> {
-        self.buffers.iter().chain(TEXELS.iter().map(|t| &self.buffers[t.of]))
+        (0..BINDINGS.len()).chain(TEXELS.iter().map(|t| t.of)).map(|slot| self.buffer(slot))
     }
 
-    /// Zeroes what kernels expect to find zero.
-    pub(super) fn clear(&self, device: &Arc<Device>) -> Result<(), EngineError> {
-        self.zero(device, &[layout::BINS, layout::STATE, layout::BLOCKS, layout::COUNTERS])?;
-        let cameras = self.buffers[layout::COUNTERS].bytes() as usize / (2 * size_of::<Counters>());
-        (0..cameras as u32).try_for_each(|slot| self.clear_counters(device, slot))
-    }
-
-    /// Makes both sets of a camera's counters as they are before its first tick.
-    pub(super) fn clear_counters(&self, device: &Arc<Device>, slot: u32) -> Result<(), EngineError> {
-        let fresh = [Counters { staged_fit: u32::MAX, ..Counters::default() }; 2];
-        let offset = u64::from(slot) * size_of_val(&fresh) as u64;
-        self.upload(device, layout::COUNTERS, offset, bytemuck::cast_slice(&fresh))
-    }
-
-    /// Copies bytes into a buffer through a staging buffer, and waits.
-    pub(super) fn upload(
-        &self,
-        device: &Arc<Device>,
-        slot: usize,
-        offset: u64,
-        bytes: &[u8],
-    ) -> Result<(), EngineError> {
-        let mut staging = device.allocate(
-            "upload",
-            bytes.len() as u64,
-            vk::BufferUsageFlags::empty(),
-            MemoryLocation::CpuToGpu,
-        )?;
-        staging.write(0, bytes);
-        let region = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes.len() as u64 }];
-        device.run_once(|commands| {
-            // SAFETY: `commands` is being recorded; both buffers are alive until the copy is done.
+    /// Records commands that zero buffers.
+    pub(super) fn record_zero(&self, device: &Device, commands: vk::CommandBuffer, slots: &[usize]) {
+        for &slot in slots {
+            // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
             unsafe {
-                device.raw().cmd_copy_buffer(commands, staging.raw(), self.buffers[slot].raw(), &region);
+                device.raw().cmd_fill_buffer(commands, self.buffer(slot).raw(), 0, vk::WHOLE_SIZE, 0);
             }
-        })
+        }
     }
 
-    /// Reads a part of a buffer back through a staging buffer, and waits.
-    pub(super) fn download(
+    /// Plans the move of cameras from `before` to `places`, and allocates its buffers. The arena does not change.
+    pub(super) fn plan(
         &self,
         device: &Arc<Device>,
-        slot: usize,
-        offset: u64,
-        bytes: u64,
-    ) -> Result<Vec<u8>, EngineError> {
-        read_back(device, &self.buffers[slot], offset, bytes)
-    }
-
-    /// Zeroes the bins, after a tick whose set of them is not the one before the next.
-    pub(super) fn clear_bins(&self, device: &Arc<Device>) -> Result<(), EngineError> {
-        self.zero(device, &[layout::BINS])
-    }
-
-    fn zero(&self, device: &Arc<Device>, slots: &[usize]) -> Result<(), EngineError> {
-        device.run_once(|commands| {
-            for &slot in slots {
-                // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
-                unsafe {
-                    device.raw().cmd_fill_buffer(commands, self.buffers[slot].raw(), 0, vk::WHOLE_SIZE, 0);
-                }
-            }
-        })
-    }
-
-    /// Gives the bins of cameras whose last packet spilled much of its events room for the largest
-    /// (`largest_bins[slot]`, 0 for as it was), as far as memory for that is in proportion to the events.
-    pub(super) fn grow_rooms(
-        &mut self,
-        device: &Arc<Device>,
-        cameras: &mut [CameraState],
-        largest_bins: &[u32],
-    ) -> Result<bool, EngineError> {
-        let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
-        let mut grows = false;
-        for (place, &largest) in places.iter_mut().zip(largest_bins) {
-            let most = (2 * place.event_capacity / place.bin_count).max(BIN_ROOM);
-            let room = largest.saturating_add(largest / 4).min(most).next_multiple_of(ROOM_STEP);
-            if room > place.bin_room {
-                place.bin_room = room;
-                grows = true;
-            }
-        }
-        if grows {
-            self.move_to(device, cameras, places)?;
-        }
-        Ok(grows)
-    }
-
-    /// Gives cameras more room for events (`wanted[slot]`, 0 for as it was), keeping what is staged and
-    /// what waits in `gathered`.
-    pub(super) fn grow_events(
-        &mut self,
-        device: &Arc<Device>,
-        cameras: &mut [CameraState],
-        wanted: &[u32],
-    ) -> Result<(), EngineError> {
-        let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
-        for (place, &wanted) in places.iter_mut().zip(wanted) {
-            if wanted > place.event_capacity {
-                place.event_capacity = round_events(wanted.saturating_add(wanted / 4));
-            }
-        }
-        self.move_to(device, cameras, places)
-    }
-
-    /// Gives a camera the planes that its sensor needs now; what they held is lost.
-    pub(super) fn fit_planes(
-        &mut self,
-        device: &Arc<Device>,
-        cameras: &mut [CameraState],
-        camera: usize,
-    ) -> Result<bool, EngineError> {
-        let plane_words = plane_words(&cameras[camera].config.sensor);
-        if plane_words <= cameras[camera].place.plane_words {
-            return Ok(false);
-        }
-        let mut places: Vec<Place> = cameras.iter().map(|c| c.place).collect();
-        places[camera].plane_words = plane_words;
-        self.move_to(device, cameras, places)?;
-        Ok(true)
-    }
-
-    /// Moves cameras to new places: buffers whose layout differs are made anew, and each camera's part
-    /// is copied as far as both have it.
-    fn move_to(
-        &mut self,
-        device: &Arc<Device>,
-        cameras: &mut [CameraState],
+        before: &[Place],
         mut places: Vec<Place>,
-    ) -> Result<(), EngineError> {
-        let before: Vec<Place> = cameras.iter().map(|c| c.place).collect();
+    ) -> Result<Move, EngineError> {
         lay_out(&mut places);
+        let changes =
+            |slot: usize| before.iter().zip(&places).any(|(a, b)| a.elements()[slot] != b.elements()[slot]);
         let mut fresh = Vec::new();
-        for slot in 0..BINDINGS.len() {
-            let same = before.iter().zip(&places).all(|(a, b)| a.elements()[slot] == b.elements()[slot]);
-            if !same {
-                let buffer = allocate(device, slot, total(&places, slot), self.packets)?;
-                fresh.push((slot, buffer));
+        for slot in (0..BINDINGS.len()).filter(|slot| !PACKET_SLOTS.contains(slot) && changes(*slot)) {
+            fresh.push((slot, allocate(device, slot, total(&places, slot), self.packets)?));
+        }
+        let packets = if PACKET_SLOTS.iter().any(|&slot| changes(slot)) {
+            Some(PacketBuffers::new(device, &places, self.packets)?)
+        } else {
+            None
+        };
+        Ok(Move { places, fresh, packets })
+    }
+
+    /// Records the copies of a move: each camera's part, as much of it as fits both places.
+    pub(super) fn record_move(
+        &self,
+        device: &Device,
+        commands: vk::CommandBuffer,
+        before: &[Place],
+        planned: &Move,
+    ) {
+        for (slot, binding) in BINDINGS.iter().enumerate() {
+            let Some(fresh) = planned.fresh(slot) else { continue };
+            let stride = u64::from(binding.stride);
+            let (mut from, mut to) = (0, 0);
+            let mut regions = Vec::new();
+            for (old, new) in before.iter().zip(&planned.places) {
+                let (had, has) = (old.elements()[slot].unwrap_or(0), new.elements()[slot].unwrap_or(0));
+                let size = had.min(has) * stride;
+                if size > 0 {
+                    let (src_offset, dst_offset) = (from * stride, to * stride);
+                    regions.push(vk::BufferCopy { src_offset, dst_offset, size });
+                }
+                from += had;
+                to += has;
+            }
+            if regions.is_empty() {
+                continue;
+            }
+            // SAFETY: `commands` is being recorded; both buffers live until the copy has finished.
+            unsafe {
+                device.raw().cmd_copy_buffer(commands, self.buffer(slot).raw(), fresh.raw(), &regions);
             }
         }
-        device.run_once(|commands| {
-            for (slot, buffer) in &fresh {
-                let stride = u64::from(BINDINGS[*slot].stride);
-                let (mut from, mut to) = (0, 0);
-                let mut regions = Vec::new();
-                for (old, new) in before.iter().zip(&places) {
-                    let (had, has) = (old.elements()[*slot].unwrap_or(0), new.elements()[*slot].unwrap_or(0));
-                    let size = had.min(has) * stride;
-                    if size > 0 {
-                        regions.push(vk::BufferCopy {
-                            src_offset: from * stride,
-                            dst_offset: to * stride,
-                            size,
-                        });
-                    }
-                    from += had;
-                    to += has;
-                }
-                // SAFETY: `commands` is being recorded; both buffers live until the copy is done.
-                unsafe {
-                    device.raw().cmd_copy_buffer(commands, self.buffers[*slot].raw(), buffer.raw(), &regions);
-                }
-            }
-            // The host may read packets that were there before, where they now are.
-            crate::kernel::record_host_barrier(device, commands);
-        })?;
-        for (slot, buffer) in fresh {
-            self.buffers[slot] = buffer;
+        // The host may read the packets in their new place.
+        crate::kernel::record_host_barrier(device, commands);
+    }
+
+    /// Completes a move whose copies have finished.
+    pub(super) fn commit(&mut self, cameras: &mut [CameraState], planned: Move) {
+        for (slot, buffer) in planned.fresh {
+            self.buffers[slot] = Some(buffer);
         }
-        for (camera, place) in cameras.iter_mut().zip(places) {
+        if let Some(packets) = planned.packets {
+            self.ring[self.current] = Some(Arc::new(packets));
+        }
+        for (camera, place) in cameras.iter_mut().zip(planned.places) {
             camera.place = place;
         }
-        Ok(())
     }
 
     /// Memory by camera and purpose.
     pub(super) fn memory(&self, cameras: &[CameraState]) -> Vec<MemoryUse> {
+        let sets = self.ring.iter().flatten().count() as u64;
         let mut uses = Vec::new();
         for (slot, binding) in BINDINGS.iter().enumerate() {
-            let buffer = &self.buffers[slot];
-            let mut shared = buffer.bytes();
+            let buffer = self.buffer(slot);
+            let times = if PACKET_SLOTS.contains(&slot) { sets } else { 1 };
+            let mut shared = buffer.bytes() * times;
             for (number, camera) in cameras.iter().enumerate() {
                 if buffer.bytes() <= 16 {
                     continue;
                 }
                 if let Some(elements) = camera.place.elements()[slot].filter(|&e| e > 0) {
-                    let bytes = elements * u64::from(binding.stride);
+                    let bytes = elements * u64::from(binding.stride) * times;
                     shared = shared.saturating_sub(bytes);
                     uses.push(MemoryUse {
                         camera: Some(number),
@@ -392,33 +263,6 @@ impl Arena {
     }
 }
 
-/// Reads a part of a buffer back through a staging buffer, and waits.
-pub(super) fn read_back(
-    device: &Arc<Device>,
-    buffer: &Buffer,
-    offset: u64,
-    bytes: u64,
-) -> Result<Vec<u8>, EngineError> {
-    if bytes == 0 {
-        return Ok(Vec::new());
-    }
-    let staging =
-        device.allocate("download", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)?;
-    let region = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
-    device.run_once(|commands| {
-        // SAFETY: `commands` is being recorded; both buffers are alive until the copy is done.
-        unsafe {
-            device.raw().cmd_copy_buffer(commands, buffer.raw(), staging.raw(), &region);
-        }
-        crate::kernel::record_host_barrier(device, commands);
-    })?;
-    Ok(staging.read::<u8>(0, bytes as usize).to_vec())
-}
-
-fn total(places: &[Place], slot: usize) -> u64 {
-    places.iter().filter_map(|p| p.elements()[slot]).sum::<u64>()
-}
-
 fn allocate(
     device: &Arc<Device>,
     slot: usize,
@@ -433,7 +277,7 @@ fn allocate(
         {
             (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty())
         }
-        // Kernels write what the host reads straight into its memory.
+        // Kernels write these straight into host memory, where the host reads them.
         layout::EVENT_T
         | layout::EVENT_X
         | layout::EVENT_Y
@@ -447,7 +291,7 @@ fn allocate(
         _ => (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty()),
     };
     let bytes = elements * u64::from(binding.stride);
-    // Kernels count them in 32 bits.
+    // Kernels address a buffer's bytes with 32 bits.
     if bytes > u64::from(u32::MAX) {
         return Err(EngineError::OutOfMemory {
             name: binding.name.to_owned(),

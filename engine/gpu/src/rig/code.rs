@@ -1,29 +1,38 @@
-//! Which SPIR-V a rig's kernels are made of.
+//! The SPIR-V of a rig's kernels.
 
+use super::parameters::Specialised;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel};
-use esaac_model::layout::Push;
+use esaac_layout::Push;
 use std::sync::Arc;
 
 const PUSH_BYTES: u32 = size_of::<Push>() as u32;
 
-/// The embedded kernels, or those that took their place.
+/// The embedded kernels, or those that replace them.
 #[derive(Clone, Default)]
 pub(super) struct Code {
-    /// By stage name.
+    /// Replacements by name of the kernel.
     #[cfg(feature = "shaderc")]
     pub replaced: std::collections::BTreeMap<&'static str, Vec<u32>>,
 }
 
 impl Code {
-    /// A kernel of the rig; `embedded` is one of [`crate::stages`].
+    /// Makes a kernel that has no specialisation constants; `embedded` is one of [`crate::stages`].
+    pub(super) fn plain_kernel(
+        &self,
+        bindings: &Arc<BindingSet>,
+        embedded: (&'static str, &'static [u8]),
+    ) -> Result<Kernel, EngineError> {
+        self.kernel(bindings, &Specialised { kernel: embedded, constants: Vec::new() })
+    }
+
+    /// Makes a kernel with its specialisation constants.
     pub(super) fn kernel(
         &self,
         bindings: &Arc<BindingSet>,
-        embedded: (&str, &[u8]),
-        constants: &[u32],
+        specialised: &Specialised,
     ) -> Result<Kernel, EngineError> {
-        let (name, spirv) = embedded;
+        let ((name, spirv), constants) = (specialised.kernel, &specialised.constants[..]);
         #[cfg(feature = "shaderc")]
         if let Some(words) = self.replaced.get(name) {
             return Kernel::with_bindings(bindings, name, words, PUSH_BYTES, constants);
@@ -43,10 +52,10 @@ mod tests {
     #[test]
     fn what_is_the_same_is_compiled_once() {
         let device = Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device");
-        let pipeline = |embedded, constants: &[u32]| {
+        let pipeline = |kernel, constants: &[u32]| {
             let bindings = BindingSet::with_kinds(&device, slots()).expect("a set");
-            let kernel = Code::default().kernel(&bindings, embedded, constants);
-            kernel.expect("a kernel that compiles").pipeline.raw
+            let specialised = Specialised { kernel, constants: constants.to_vec() };
+            Code::default().kernel(&bindings, &specialised).expect("a kernel that compiles").pipeline.raw
         };
         let sort = pipeline(stages::SORT, &[32, 64, 0]);
         assert_eq!(sort, pipeline(stages::SORT, &[32, 64, 0]), "though the kernel before is gone");

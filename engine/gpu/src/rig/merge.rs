@@ -1,38 +1,49 @@
-//! Packets with bins that `sort` leaves alone: the host, which learns of them after the tick, submits
-//! `merge` for their cameras. It is recorded each time, since the number of passes follows from the packets.
+//! Sorting of heavy packets, which `sort` leaves unsorted. The host learns of them after the tick, and submits `merge`
+//! for their cameras. The commands are recorded each time, since the number of passes depends on the packets.
+
+#![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::Rig;
 use super::record::{MOST_GROUPS, STAMPS};
-use crate::commands::Around;
+use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::kernel::{record_barrier, record_host_barrier};
 use bytemuck::bytes_of;
-use esaac_model::layout::{Push, RUN_EVENTS};
+use esaac_layout::{Push, RUN_EVENTS};
 
-/// Passes over a packet: one that ranks runs, and those that merge them two by two until one is left.
+/// Passes over a packet: one that sorts runs, and those that merge them two by two until one is left.
 fn levels(packet_events: u32) -> u32 {
     1 + packet_events.div_ceil(RUN_EVENTS).max(1).next_power_of_two().ilog2()
 }
 
 impl Rig {
-    /// Sorts the packets of the cameras that have a time in `t_ns`, the largest of `most_events`.
+    /// Sorts the packets of the cameras that have a time in `t_ns`. The largest packet has `most_events` events.
     pub(super) fn merge(&mut self, t_ns: &[Option<i64>], most_events: u32) -> Result<(), EngineError> {
-        self.prepare(t_ns)?;
+        self.prepare_rows(t_ns);
         let cameras = self.cameras.len() as u32;
         let groups = most_events.div_ceil(RUN_EVENTS).min(MOST_GROUPS);
-        self.merging.record(|commands| {
-            self.timer.record_reset(commands, STAMPS..STAMPS + 2);
-            self.timer.record(commands, STAMPS);
+        let timer = &self.timing.timer;
+        let record = |commands| {
+            timer.record_reset(commands, STAMPS..STAMPS + 2);
+            timer.record(commands, STAMPS);
             for level in 0..levels(most_events) {
                 record_barrier(&self.device, commands);
                 let push = Push { level, ..Push::default() };
-                self.kernels.merge.record(commands, bytes_of(&push), [groups, cameras, 1]);
+                // SAFETY: as for the commands, below; the kernel stays within what its camera's row gives it.
+                unsafe {
+                    self.pipelines.kernels.merge.record(commands, bytes_of(&push), [groups, cameras, 1]);
+                }
             }
             record_host_barrier(&self.device, commands);
-            self.timer.record(commands, STAMPS + 1);
-        })?;
-        self.submit(&self.merging, &Around::default())?;
-        self.count_again()
+            timer.record(commands, STAMPS + 1);
+        };
+        // SAFETY: no submission of the commands is pending, or the rig would be lost. The rig owns the handles that
+        // they use; nothing else uses these within a tick, and `Device::retire` keeps them if the wait fails.
+        unsafe { self.recordings.merging.record(record) }?;
+        self.timing.submit(&self.device, &self.recordings.merging, &SubmitHooks::default())?;
+        self.timing.wait()?;
+        self.timing.add_retry(&mut self.results);
+        Ok(())
     }
 }
 

@@ -1,86 +1,155 @@
-//! From a sensor and a frame's time to what the kernels read.
+//! Computes what the kernels read, from a sensor and the time of a frame.
 
 use super::arena::Arena;
 use super::{CameraState, RigOptions};
-use esaac_model::layout::{self, Camera};
+use crate::kernel::stages;
+use crate::policy::{KernelPolicy, KernelSet};
+use esaac_layout::{
+    self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
+    IngestConstants, IngestCpuConstants, SortConstants,
+};
 use esaac_model::random::HAZARD_FRACTION_BITS;
-use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS, quantise_ns};
+use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
 use esaac_model::{
-    Intensity, LOG_FRACTION_BITS, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
+    Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
 };
 
-/// Everything that decides which code runs for a camera: the specialisation constants of `cross`, by id,
-/// the formats of its images, the transfers between lattices, whether its next frame may be the
-/// first, and whether pixels may be unarmed.
-pub(super) type Permutation = [u32; 20];
+/// Constants and options that determine which kernels run for a camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Permutation {
+    /// Constants of `ingest`.
+    pub ingest: IngestConstants,
+    /// Constants of `cross`, for its first run in a tick.
+    pub cross: CrossConstants,
+    /// Number of transfers of detail between half-pel frames: none, the forward one, or both.
+    pub transfers: u32,
+    /// Whether frames are read by address.
+    pub by_address: bool,
+    /// Whether the next frame may be the camera's first.
+    pub may_be_first: bool,
+    /// Whether pixels may be unarmed in the interval.
+    pub may_be_unarmed: bool,
+}
 
-/// Which code a camera needs: an effect that is off is not there. `by_address`: the device reads fastest by address;
-/// `branches`: it skips branches that no thread takes; `leaves_out`: threads take a pixel of each row of a
-/// strip, and what is rarely needed is left out of the code.
+/// The permutation that a camera needs; code of effects that are off is left out. `texels`: whether the texel views
+/// cover all of `planes` and `motion`.
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
-    by_address: bool,
-    branches: bool,
-    leaves_out: bool,
+    policy: KernelPolicy,
+    texels: bool,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
-    [
-        sensor.intensity as u32,
-        u32::from(sensor.contrast_mismatch > 0.0),
-        // A pixel that is held when the period is switched off is held to its end.
-        u32::from(sensor.refractory_ns > 0 || camera.last_ns < camera.holds_until_ns),
-        u32::from(sensor.leak_rate_hz > 0.0),
-        u32::from(sensor.shot_noise_rate_hz > 0.0),
-        u32::from(sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0),
-        u32::from(sensor.timestamps == Timestamps::AtSample),
-        u32::from(sensor.aps_exposure_ns > 0),
-        sensor.synthesis as u32,
-        sensor.taps as u32,
-        u32::from(options.keep_substeps),
-        0,
-        u32::from(by_address),
-        u32::from(branches),
-        camera.config.hdr as u32,
-        camera.config.motion.map_or(0, |m| m as u32),
-        // Without lattices there is nothing to transfer.
-        if needs_lattice(sensor) { sensor.transfers } else { 0 },
-        // What a first frame and unarmed pixels need is left out where it costs more than it takes to compile once
-        // more. (A first frame has no interval in which pixels could be unarmed.)
-        u32::from(!leaves_out || camera.last_ns.is_none()),
-        u32::from(!leaves_out || (camera.last_ns.is_some() && camera.may_be_unarmed)),
-        u32::from(leaves_out),
-    ]
+    // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
+    // costs more than one more compilation. (A first frame has no interval in which pixels could be unarmed.)
+    let leaves_out = policy.whole_tiles;
+    Permutation {
+        ingest: IngestConstants {
+            intensity: sensor.intensity,
+            half_pel: needs_half_pel(sensor) && sensor.transfers > 0,
+            hdr_format: camera.config.hdr,
+            motion_format: camera.config.motion.unwrap_or(MotionFormat::F16x2),
+        },
+        cross: CrossConstants {
+            intensity: sensor.intensity,
+            effect_mismatch: sensor.contrast_mismatch > 0.0,
+            // A pixel that is held when the refractory period is switched off stays held until the period ends.
+            effect_refractory: sensor.refractory_ns > 0 || camera.last_ns < camera.holds_until_ns,
+            effect_leak: sensor.leak_rate_hz > 0.0,
+            effect_shot: sensor.shot_noise_rate_hz > 0.0,
+            effect_delay: sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0,
+            at_sample: sensor.timestamps == Timestamps::AtSample,
+            effect_aps: sensor.aps_exposure_ns > 0,
+            synthesis: sensor.synthesis,
+            taps: sensor.taps,
+            dump_samples: options.keep_substeps,
+            queue_overflowed: false,
+        },
+        // Without half-pel frames there is nothing to transfer.
+        transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
+        // Elements beyond the texel views can be read only by address.
+        by_address: policy.by_address || !texels,
+        may_be_first: !leaves_out || camera.last_ns.is_none(),
+        may_be_unarmed: !leaves_out || (camera.last_ns.is_some() && camera.may_be_unarmed),
+    }
 }
 
-/// Index of the flag for crowded strips, which only [`cross_constants`] sets.
-const PERMUTATION_CROWDED: usize = 11;
+/// A kernel (name and embedded SPIR-V) with its specialisation constants, by id.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Specialised {
+    pub kernel: (&'static str, &'static [u8]),
+    pub constants: Vec<u32>,
+}
 
-/// Indices of a permutation's other parts that the host asks about.
-const PERMUTATION_INTENSITY: usize = 0;
-const PERMUTATION_BY_ADDRESS: usize = 12;
-const PERMUTATION_BRANCHES: usize = 13;
-const PERMUTATION_HDR: usize = 14;
-const PERMUTATION_MOTION: usize = 15;
-const PERMUTATION_TRANSFERS: usize = 16;
-const PERMUTATION_FIRST: usize = 17;
-const PERMUTATION_UNARMED: usize = 18;
-const PERMUTATION_WHOLE_STRIPS: usize = 19;
+impl Permutation {
+    /// The kernel of `ingest`.
+    pub(super) fn ingest(&self, policy: KernelPolicy) -> Specialised {
+        let mut constants = self.ingest.words();
+        let kernel = match policy.kernels {
+            KernelSet::Gpu => stages::INGEST_GPU,
+            KernelSet::SoftwareDriver => {
+                let own = IngestCpuConstants {
+                    by_address: self.by_address,
+                    threads: policy.ingest_threads(),
+                    may_be_first: self.may_be_first,
+                };
+                constants.extend(own.words());
+                stages::INGEST_CPU
+            }
+        };
+        Specialised { kernel, constants }
+    }
 
-/// Indices of the constants of `cross` after those that a permutation begins with.
-const CROSS_CONSTANT_THREADS: usize = 14;
-const CROSS_CONSTANT_UNARMED: usize = 15;
-const CROSS_CONSTANT_WHOLE_STRIPS: usize = 16;
+    /// Workgroups of `ingest` per tile: one per colour component on a GPU if frames become half-pel frames, else one.
+    pub(super) fn ingest_groups(&self, policy: KernelPolicy) -> u32 {
+        let finely = policy.kernels == KernelSet::Gpu && self.ingest.half_pel;
+        if finely { channels(self.ingest.intensity) } else { 1 }
+    }
 
-/// Pixels of a strip.
-const STRIP_PIXELS: u32 = layout::STRIP_BLOCKS * BLOCK_PX * BLOCK_PX;
+    /// The kernel of `backward_transfer`, if there are two transfers; `ingest` does the forward one.
+    pub(super) fn backward_transfer(&self) -> Option<Specialised> {
+        let constants =
+            BackwardTransferConstants { intensity: self.ingest.intensity, by_address: self.by_address };
+        (self.transfers > 1)
+            .then(|| Specialised { kernel: stages::BACKWARD_TRANSFER, constants: constants.words() })
+    }
 
-/// Index of a permutation's delay flag.
-pub(super) const PERMUTATION_DELAY: usize = 5;
+    /// The kernel of `cross`. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
+    /// holds.
+    pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Specialised {
+        let mut constants = CrossConstants { queue_overflowed, ..self.cross }.words();
+        let kernel = match policy.kernels {
+            KernelSet::Gpu => stages::CROSS_GPU,
+            KernelSet::SoftwareDriver => {
+                let own = CrossCpuConstants {
+                    by_address: self.by_address,
+                    threads: policy.cross_threads(queue_overflowed),
+                    may_be_unarmed: self.may_be_unarmed,
+                    whole_tiles: policy.whole_tiles,
+                };
+                constants.extend(own.words());
+                stages::CROSS_CPU
+            }
+        };
+        Specialised { kernel, constants }
+    }
+}
 
-/// Leak in nepers per second as Q24 per nanosecond times 2^32.
-pub(super) fn leak_per_ns(leak_log_per_s: f64) -> u32 {
-    (leak_log_per_s * 1e-9 * f64::from(1_u32 << LOG_FRACTION_BITS) * 4_294_967_296.0).round() as u32
+/// The kernel of `sort` for a rig with `bins` bins in all.
+pub(super) fn sort(policy: KernelPolicy, bins: u32) -> Specialised {
+    let constants = SortConstants {
+        group_bins: policy.group_bins_of(bins),
+        threads: policy.sort_threads,
+        native_division: policy.native_division,
+    };
+    Specialised { kernel: stages::SORT, constants: constants.words() }
+}
+
+/// First element of a camera's log intensities in `samples`, which has `kept` elements; 0 if log intensities are not
+/// kept. If they are kept, it fits 32 bits, or the allocation would have failed.
+fn samples_base(kept: u64, samples_pixels: usize, slot: u32) -> u32 {
+    let first = u64::from(slot) * u64::from(MAX_SUBSTEPS + 1) * samples_pixels as u64;
+    if first < kept { u32::try_from(first).expect("a buffer has fewer bytes than 2^32") } else { 0 }
 }
 
 /// How an interval's packet is cut into bins.
@@ -114,18 +183,19 @@ fn bins(sensor: &SensorModel, span_ns: u32, bin_count: u32, pixels: u32) -> Bins
     }
 }
 
-/// One camera's row for a tick.
+/// One camera's row of the table for a tick; `t_ns` is `None` if the camera takes no part.
 pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena) -> Camera {
     let (sensor, place) = (&camera.config.sensor, &camera.place);
     let start_ns = camera.last_ns.or(t_ns).unwrap_or(0);
     let interval_ns = t_ns.map_or(0, |t| (t - start_ns) as u32);
-    let phase = match (t_ns, camera.last_ns) {
-        (None, _) => 0,
-        (Some(_), None) => 1,
-        (Some(_), Some(_)) => 2,
+    let frame_kind = match (t_ns, camera.last_ns) {
+        (None, _) => FrameKind::None,
+        (Some(_), None) => FrameKind::First,
+        (Some(_), Some(_)) => FrameKind::Interval,
     };
-    let planes_address = arena.buffers[layout::PLANES].address();
-    let samples_pixels = arena.samples_pixels as u32;
+    let planes_address = arena.buffer(layout::PLANES).address();
+    let stride = u64::from(layout::BINDINGS[layout::SAMPLES].stride);
+    let samples = arena.buffer(layout::SAMPLES).bytes() / stride;
     let base_ns = quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns));
     let base_to_start_ns = (start_ns - base_ns) as u32;
     let bins = bins(sensor, base_to_start_ns + interval_ns, place.bin_count, place.pixels);
@@ -138,7 +208,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         planes_address,
         start_ns,
         epoch_ns: camera.epoch_ns,
-        phase,
+        frame_kind: frame_kind as u32,
         interval_ns,
         previous_interval_ns: camera.last_interval_ns,
         base_to_start_ns,
@@ -150,7 +220,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         camera: camera.config.camera,
         seed_low: sensor.seed as u32,
         seed_high: (sensor.seed >> 32) as u32,
-        parity: camera.parity,
+        frame_slot: camera.frame_slot,
         has_motion: u32::from(camera.motion.is_some()),
         has_previous_motion: u32::from(camera.motion.is_some() && camera.frames >= 1),
         plane_base: place.plane_base,
@@ -184,104 +254,56 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         aps_scale: (sensor.aps_gain / sensor.white_level) as f32 * aps_max,
         aps_max,
         slot: place.slot,
-        samples_base: place.slot * (MAX_SUBSTEPS + 1) * samples_pixels,
+        samples_base: samples_base(samples, arena.samples_pixels, place.slot),
         log_dark: sensor.log_offset.ln() as f32,
         frame_words: frame_words(sensor),
-        strip_base: place.strip_base,
+        tile_base: place.tile_base,
         many_substeps: camera.many_substeps,
-        rooms_base: place.rooms_base,
-        bin_room: place.bin_room,
-        lattice_stride: if needs_lattice(sensor) { lattice_stride(sensor) } else { 0 },
+        bin_storage_base: place.bin_storage_base,
+        bin_capacity: place.bin_capacity,
+        half_pel_stride: if needs_half_pel(sensor) { half_pel_stride(sensor) } else { 0 },
     }
 }
 
-/// Words of a frame, all colour components.
+/// Words of a frame, over all colour components.
 pub(super) fn plane_words(sensor: &SensorModel) -> u32 {
     channels(sensor.intensity).saturating_mul(frame_words(sensor))
 }
 
-/// Colour components kept of a camera's frames.
+/// Colour components of a frame in `planes`.
 pub(super) fn channels(intensity: Intensity) -> u32 {
     if intensity == Intensity::BayerRggb { 3 } else { 1 }
 }
 
-/// Words kept of each: the half-pixel lattice that cubic warps read, with a margin for taps beyond the image (a row
-/// before it and two after, two columns on either side), or the frame alone. Of a frame that is too large for a rig,
-/// more than a rig takes.
+/// Words of a frame per colour component: those of the frame itself or, for cubic warps, of the half-pel frame with its
+/// border for taps beyond the image (a row before it and two after, two columns on either side). Saturates for a frame
+/// too large for any rig.
 pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
-    if needs_lattice(sensor) {
-        lattice_stride(sensor).saturating_mul(2 * sensor.height + 3)
+    if needs_half_pel(sensor) {
+        half_pel_stride(sensor).saturating_mul(2 * sensor.height + 3)
     } else {
         sensor.width * sensor.height
     }
 }
 
-/// Whether warps read a lattice.
-pub(super) fn needs_lattice(sensor: &SensorModel) -> bool {
+/// Whether warps read a half-pel frame.
+pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
     sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
 }
 
-/// A row of the lattice: its entries, and two of margin on either side.
-fn lattice_stride(sensor: &SensorModel) -> u32 {
+/// Words of a row of the half-pel frame: its samples, and two of border on either side.
+fn half_pel_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
 
-pub(super) type IngestConstants = [u32; 8];
-pub(super) type EnhanceConstants = [u32; 2];
-/// What a permutation begins with, the threads of a workgroup, whether pixels may be unarmed, and whether a workgroup
-/// takes whole strips.
-pub(super) type CrossConstants = [u32; 17];
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Specialisation constants of `ingest`, by id.
-pub(super) fn ingest_constants(permutation: &Permutation) -> IngestConstants {
-    [
-        permutation[PERMUTATION_INTENSITY],
-        u32::from(permutation[PERMUTATION_TRANSFERS] > 0),
-        permutation[PERMUTATION_HDR],
-        permutation[PERMUTATION_MOTION],
-        permutation[PERMUTATION_BY_ADDRESS],
-        u32::from(!fills_up(permutation)),
-        threads(permutation, layout::INGEST_THREADS),
-        permutation[PERMUTATION_FIRST],
-    ]
-}
-
-/// Whether `ingest` is cut finely: for a GPU with a lattice to make, one sensor's strips are few and long.
-fn fills_up(permutation: &Permutation) -> bool {
-    permutation[PERMUTATION_TRANSFERS] > 0 && permutation[PERMUTATION_BRANCHES] != 0
-}
-
-/// Workgroups of `ingest` a strip: one, or one a colour component.
-pub(super) fn ingest_parts(permutation: &Permutation) -> u32 {
-    let bayer = permutation[PERMUTATION_INTENSITY] == Intensity::BayerRggb as u32;
-    if bayer && fills_up(permutation) { channels(Intensity::BayerRggb) } else { 1 }
-}
-
-/// Specialisation constants of `enhance`, by id, if the permutation has two transfers: the first is part of
-/// `ingest`.
-pub(super) fn enhance_constants(permutation: &Permutation) -> Option<EnhanceConstants> {
-    let constants = [permutation[PERMUTATION_INTENSITY], permutation[PERMUTATION_BY_ADDRESS]];
-    (permutation[PERMUTATION_TRANSFERS] > 1).then_some(constants)
-}
-
-/// Specialisation constants of `cross`, by id. `crowded`: it goes on after it has stopped.
-pub(super) fn cross_constants(permutation: &Permutation, crowded: bool) -> CrossConstants {
-    let mut constants: CrossConstants = std::array::from_fn(|id| permutation[id]);
-    constants[PERMUTATION_CROWDED] = u32::from(crowded);
-    constants[CROSS_CONSTANT_THREADS] =
-        if crowded { layout::CROSS_THREADS } else { threads(permutation, layout::CROSS_THREADS) };
-    constants[CROSS_CONSTANT_UNARMED] = permutation[PERMUTATION_UNARMED];
-    constants[CROSS_CONSTANT_WHOLE_STRIPS] = permutation[PERMUTATION_WHOLE_STRIPS];
-    constants
-}
-
-/// Threads of a workgroup that has `on_a_gpu` on a GPU.
-fn threads(permutation: &Permutation, on_a_gpu: u32) -> u32 {
-    if permutation[PERMUTATION_WHOLE_STRIPS] != 0 { layout::SOFTWARE_THREADS } else { on_a_gpu }
-}
-
-/// Workgroups of `cross` a strip: see its main function.
-pub(super) fn cross_parts(permutation: &Permutation, crowded: bool) -> u32 {
-    let whole_strips = permutation[PERMUTATION_WHOLE_STRIPS] != 0 && !crowded;
-    if whole_strips { 1 } else { STRIP_PIXELS / layout::CROSS_THREADS }
+    #[test]
+    fn where_log_intensities_lie_does_not_overflow() {
+        // Eighty cameras of two megapixels: their log intensities are not kept, and would begin beyond 32 bits.
+        assert_eq!(samples_base(4, 1920 * 1080, 79), 0);
+        assert_eq!(samples_base(10 * 65 * 100, 100, 9), 9 * 65 * 100);
+    }
 }

@@ -1,18 +1,21 @@
-//! What learning code wants of the last tick's packets, made on the device: all of them as one, images of
-//! counts, voxel grids.
+//! Representations of the last tick's packets for machine learning, made on the device: all events in one array,
+//! images of event counts, voxel grids.
 
-use super::Rig;
-use super::record::{MOST_GROUPS, events_per_thread};
-use crate::commands::Around;
+#![expect(unsafe_code, reason = "Vulkan's edge")]
+
+use super::record::MOST_GROUPS;
+use super::transfer::{Part, read_back};
+use super::{Pipelines, Rig};
+use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::kernel::{record_barrier_from_transfer, record_host_barrier, stages};
 use crate::memory::Buffer;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_model::layout::{Push, Slice};
+use esaac_layout::{Push, Slice};
 use gpu_allocator::MemoryLocation;
 
-/// A form of packets.
+/// A representation of packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Representation {
     /// The packets of all cameras, one camera after the other: all times (i64 nanoseconds), all columns (i16),
@@ -20,24 +23,25 @@ pub enum Representation {
     Gathered,
     /// OFF events and ON events of each pixel, i32, `[camera][2][row][column]`.
     EventFrame,
-    /// Votes of +-1 split between bins of time, f32, `[camera][bin][row][column]`; see `voxel_grid.comp`.
+    /// Votes of +1 (ON) or -1 (OFF), split between the two nearest time bins, f32, `[camera][bin][row][column]` (Zhu et
+    /// al., CVPR 2019); see `voxel_grid.comp`.
     VoxelGrid {
-        /// Bins, at least one.
+        /// Number of time bins, at least one.
         bins: u32,
     },
 }
 
-/// A rig's part of what several rigs write into one buffer; the default is the whole of it.
+/// A rig's part of a buffer that several rigs write; the default is the whole buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Share {
-    /// Elements (events for [`Representation::Gathered`]) before this rig's.
+    /// Elements (events for [`Representation::Gathered`]) before those of this rig.
     pub before: u64,
-    /// Elements in all; 0 for this rig's alone.
+    /// Elements of all rigs; 0 if this rig is the only one.
     pub all: u64,
 }
 
 impl Representation {
-    /// Bytes an element.
+    /// Bytes per element.
     #[must_use]
     pub fn element_bytes(self) -> u64 {
         match self {
@@ -55,7 +59,7 @@ impl Representation {
         }
     }
 
-    /// Planes of a camera's size.
+    /// Planes per camera, each with one element per pixel.
     fn planes(self) -> u64 {
         match self {
             Representation::Gathered => 0,
@@ -70,19 +74,20 @@ impl Rig {
     #[must_use]
     pub fn elements(&self, what: Representation) -> u64 {
         match what {
-            Representation::Gathered => self.events.iter().map(|&events| u64::from(events)).sum(),
+            Representation::Gathered => self.results.events.iter().map(|&events| u64::from(events)).sum(),
             _ => self.cameras.iter().map(|c| what.planes() * u64::from(c.place.pixels)).sum(),
         }
     }
 
-    /// Writes a representation of the last tick's packets into `target`, and waits. Cameras that had no
-    /// interval in that tick have no events.
+    /// Writes a representation of the last tick's packets into `target`, and waits. Cameras without an interval in that
+    /// tick have no events. [`EngineError::OutOfMemory`] if `target` is too small, or for 2^32 elements and more.
     pub fn represent(
         &mut self,
         what: Representation,
         target: &Buffer,
         share: Share,
     ) -> Result<(), EngineError> {
+        self.check_health()?;
         let elements = self.elements(what);
         let all = share.all.max(share.before + elements);
         if all * what.element_bytes() > target.bytes() || all > u64::from(u32::MAX) {
@@ -100,33 +105,28 @@ impl Rig {
         let most_pixels = slices.iter().map(|slice| slice.pixels).max().unwrap_or(0);
         let bytes: &[u8] = bytemuck::cast_slice(&slices);
         if self.slices.is_none() {
-            // In the device's own memory: every thread reads a row of it.
+            // The table is in the device's own memory, because every thread reads a row of it.
             let usage = vk::BufferUsageFlags::empty();
             let table = self.device.allocate("slices", bytes.len() as u64, usage, MemoryLocation::GpuOnly)?;
             self.slices = Some(table);
         }
-        let table = self.slices.as_ref().expect("made above");
         let bins = if let Representation::VoxelGrid { bins } = what { bins } else { 0 };
-        let push = Push {
-            slices: table.address(),
-            target: target.address(),
-            events: all as u32,
-            bins,
-            ..Push::default()
-        };
-        let per_thread = events_per_thread(&self.device);
+        let push = Push { target: target.address(), events: all as u32, bins, ..Push::default() };
+        let per_thread = self.pipelines.policy.events_per_thread;
         let cameras = self.cameras.len() as u32;
         let groups = |items: u32| items.div_ceil(256 * per_thread).clamp(1, MOST_GROUPS);
         let (stage, code) = what.kernel();
-        if !self.kernels.forms.contains_key(stage) {
-            let kernel = self.code.kernel(&self.bindings, (stage, code), &[])?;
-            self.kernels.forms.insert(stage, kernel);
+        let Pipelines { bindings, code: replaced, kernels, .. } = &mut self.pipelines;
+        if !kernels.forms.contains_key(stage) {
+            kernels.forms.insert(stage, replaced.plain_kernel(bindings, (stage, code))?);
         }
-        let kernel = &self.kernels.forms[stage];
-        self.representing.record(|commands| {
-            // SAFETY: `commands` is being recorded; both buffers are alive and as long as this (256 rows of 40
-            // bytes at the most are far below what an update may carry).
-            #[expect(unsafe_code, reason = "Vulkan's edge")]
+        self.bind_current();
+        let table = self.slices.as_ref().expect("made above");
+        let push = Push { slices: table.address(), ..push };
+        let kernel = &self.pipelines.kernels.forms[stage];
+        let record = |commands| {
+            // SAFETY: `commands` is being recorded; both buffers are alive and large enough. At most 256 rows of 40
+            // bytes are less than the 65536 bytes that an update may carry.
             unsafe {
                 self.device.raw().cmd_update_buffer(commands, table.raw(), 0, bytes);
                 if what != Representation::Gathered {
@@ -136,7 +136,10 @@ impl Rig {
             }
             record_barrier_from_transfer(&self.device, commands);
             let dispatch = |level: u32, items: u32| {
-                kernel.record(commands, bytes_of(&Push { level, ..push }), [groups(items), cameras, 1]);
+                // SAFETY: as for the commands, below; the kernel stays within what `slices` and the push constants say.
+                unsafe {
+                    kernel.record(commands, bytes_of(&Push { level, ..push }), [groups(items), cameras, 1]);
+                }
             };
             dispatch(0, most_events);
             if let Representation::VoxelGrid { bins } = what {
@@ -144,21 +147,25 @@ impl Rig {
                 dispatch(1, bins.saturating_mul(most_pixels));
             }
             record_host_barrier(&self.device, commands);
-        })?;
-        self.submit(&self.representing, &Around::default())
+        };
+        // SAFETY: no submission of the commands is pending, or the rig would be lost. The handles that they use belong
+        // to the rig or the caller, and live until the wait below is over. If it fails, `Device::retire` keeps them.
+        unsafe { self.recordings.representing.record(record) }?;
+        self.timing.submit(&self.device, &self.recordings.representing, &SubmitHooks::default())?;
+        self.timing.wait().map_err(|error| self.lose(error))
     }
 
-    /// The same, as bytes for the host.
+    /// A representation of the last tick's packets in host memory, as bytes; empty if it has no elements.
     pub fn represent_to_host(&mut self, what: Representation) -> Result<Vec<u8>, EngineError> {
         let bytes = self.elements(what) * what.element_bytes();
         if bytes == 0 {
             return Ok(Vec::new());
         }
         let (none, device) = (vk::BufferUsageFlags::empty(), self.device.clone());
-        // Sums lie in the device's own memory: atomics over the bus are slow.
+        // The sums are in the device's own memory, because atomics over the bus are slow.
         let sums = device.allocate("representation", bytes, none, MemoryLocation::GpuOnly)?;
         self.represent(what, &sums, Share::default())?;
-        super::arena::read_back(&device, &sums, 0, bytes)
+        read_back(&device, &[Part { buffer: &sums, offset: 0, bytes }])
     }
 
     fn slices(&self, what: Representation, before: u64) -> Vec<Slice> {
@@ -166,8 +173,8 @@ impl Rig {
         let (mut first, mut events_before) = (before, if gathered { before as u32 } else { 0 });
         self.cameras
             .iter()
-            .zip(&self.packets)
-            .zip(&self.events)
+            .zip(&self.results.packets)
+            .zip(&self.results.events)
             .map(|((camera, packet), &events)| {
                 let start_ns = camera.last_ns.unwrap_or(0) - i64::from(camera.last_interval_ns);
                 let slice = Slice {

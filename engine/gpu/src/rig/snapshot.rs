@@ -1,13 +1,17 @@
-//! A rig's state as bytes: a run that is stopped, saved, restored and continued gives the same events
-//! as one that went on.
+//! Saving and restoring a rig's state: a run that is saved, restored and continued gives the same events as a run
+//! without interruption.
 
-use super::Rig;
+use super::transfer::{Part, Write, read_back};
+use super::{CameraState, Rig};
 use crate::error::EngineError;
-use esaac_model::layout::{self, BINDINGS, Counters};
+use esaac_layout::{self as layout, BINDINGS, Counters};
 use serde::{Deserialize, Serialize};
 
-/// Buffers that outlive a tick.
+/// Buffers that outlive a tick. A saved state holds the part of each that the sensors need.
 const KEPT: [usize; 5] = [layout::PLANES, layout::MOTION, layout::STATE, layout::BLOCKS, layout::COUNTERS];
+
+/// Bytes of a deferred event.
+const LATE_BYTES: u64 = BINDINGS[layout::GATHERED].stride as u64;
 
 const MAGIC: &[u8; 8] = b"ESAACRIG";
 
@@ -15,7 +19,6 @@ const MAGIC: &[u8; 8] = b"ESAACRIG";
 struct Header {
     version: u32,
     cameras: Vec<CameraHeader>,
-    buffer_bytes: Vec<u64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -25,132 +28,167 @@ struct CameraHeader {
     last_ns: Option<i64>,
     last_interval_ns: u32,
     epoch_ns: i64,
-    parity: u32,
+    frame_slot: u32,
     frames: u64,
     sequence: u64,
     holds_until_ns: Option<i64>,
     late_events: u32,
 }
 
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 impl Rig {
-    /// Everything that the next tick depends on.
+    /// Saves everything that the next tick depends on, as bytes for `restore`.
     pub fn save(&self) -> Result<Vec<u8>, EngineError> {
+        self.check_health()?;
+        let counters = read_back(&self.device, &self.parts(layout::COUNTERS))?;
+        let counted: Vec<Counters> = bytemuck::pod_collect_to_vec(&counters);
+        let gathered = self.arena.buffer(layout::GATHERED);
         let mut late = Vec::new();
         let mut cameras = Vec::new();
-        let counters = self.arena.download(
-            &self.device,
-            layout::COUNTERS,
-            0,
-            (2 * self.cameras.len() * size_of::<Counters>()) as u64,
-        )?;
-        let counters: Vec<Counters> = bytemuck::pod_collect_to_vec(&counters);
         for c in &self.cameras {
-            // The last tick's counters are the other set now.
-            let last = &counters[(2 * c.place.slot + 1 - c.parity) as usize];
-            let first = u64::from(c.place.event_base + last.packet) * 8;
-            late.extend(self.arena.download(
-                &self.device,
-                layout::GATHERED,
-                first,
-                u64::from(last.late) * 8,
-            )?);
+            // After a tick, its counters are the other set.
+            let last = &counted[(2 * c.place.slot + 1 - c.frame_slot) as usize];
+            let first = u64::from(c.place.event_base + last.packet) * LATE_BYTES;
+            let bytes = u64::from(last.deferred) * LATE_BYTES;
+            late.push(Part { buffer: gathered, offset: first, bytes });
             cameras.push(CameraHeader {
                 sensor: c.config.sensor.to_toml(),
                 camera: c.config.camera,
                 last_ns: c.last_ns,
                 last_interval_ns: c.last_interval_ns,
                 epoch_ns: c.epoch_ns,
-                parity: c.parity,
+                frame_slot: c.frame_slot,
                 frames: c.frames,
                 sequence: c.sequence,
                 holds_until_ns: c.holds_until_ns,
-                late_events: last.late,
+                late_events: last.deferred,
             });
         }
-        let header = Header {
-            version: VERSION,
-            cameras,
-            buffer_bytes: KEPT.iter().map(|&slot| self.arena.buffers[slot].bytes()).collect(),
-        };
-        let header = serde_json::to_vec(&header).map_err(|e| EngineError::Snapshot(e.to_string()))?;
+        let header = serde_json::to_vec(&Header { version: VERSION, cameras })
+            .map_err(|e| EngineError::Snapshot(e.to_string()))?;
         let mut bytes = MAGIC.to_vec();
         bytes.extend((header.len() as u64).to_le_bytes());
         bytes.extend(header);
-        for slot in KEPT {
-            bytes.extend(self.arena.download(&self.device, slot, 0, self.arena.buffers[slot].bytes())?);
-        }
-        bytes.extend(late);
+        let parts: Vec<Part<'_>> = KEPT.iter().flat_map(|&slot| self.parts(slot)).chain(late).collect();
+        bytes.extend(read_back(&self.device, &parts)?);
         Ok(bytes)
     }
 
-    /// Takes up a saved state; the rig has the same cameras and sensors as the one saved.
+    /// Restores a saved state into a rig with the same cameras and sensors. [`EngineError::Snapshot`] if they differ or
+    /// the bytes are damaged. On an error the rig's state has not changed.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EngineError> {
-        let bad = |what: String| EngineError::Snapshot(what);
-        let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("not a saved rig".to_owned()))?;
-        let (length, rest) =
-            rest.split_at_checked(8).ok_or_else(|| bad("truncated before its header".to_owned()))?;
-        let length = u64::from_le_bytes(length.try_into().expect("eight bytes")) as usize;
-        let (header, mut rest) =
-            rest.split_at_checked(length).ok_or_else(|| bad("truncated in its header".to_owned()))?;
-        let header: Header = serde_json::from_slice(header).map_err(|e| bad(e.to_string()))?;
-        if header.version != VERSION {
-            return Err(bad(format!("version {}, expected {VERSION}", header.version)));
+        self.check_health()?;
+        let (header, body) = read_header(bytes)?;
+        self.check_cameras(&header)?;
+        let late: u64 = header.cameras.iter().map(|c| u64::from(c.late_events) * LATE_BYTES).sum();
+        let expected: u64 =
+            late + KEPT.iter().flat_map(|&slot| self.parts(slot)).map(|part| part.bytes).sum::<u64>();
+        if body.len() as u64 != expected {
+            return Err(bad(format!("{} bytes of buffers, expected {expected}", body.len())));
         }
-        if header.cameras.len() != self.cameras.len() {
-            return Err(bad(format!("{} cameras, expected {}", header.cameras.len(), self.cameras.len())));
-        }
-        for (number, (saved, c)) in header.cameras.iter().zip(&self.cameras).enumerate() {
-            if saved.sensor != c.config.sensor.to_toml() || saved.camera != c.config.camera {
-                return Err(bad(format!("camera {number} has another sensor than the one saved")));
-            }
-        }
-        let late: u64 = header.cameras.iter().map(|c| u64::from(c.late_events) * 8).sum();
-        let expected: u64 = late + KEPT.iter().map(|&slot| self.arena.buffers[slot].bytes()).sum::<u64>();
-        if rest.len() as u64 != expected {
-            return Err(bad(format!("{} bytes of buffers, expected {expected}", rest.len())));
-        }
-        for (slot, &saved) in KEPT.iter().zip(&header.buffer_bytes) {
-            let own = self.arena.buffers[*slot].bytes();
-            if saved != own {
-                return Err(bad(format!("{saved} bytes of {}, expected {own}", BINDINGS[*slot].name)));
-            }
-        }
-        for slot in KEPT {
-            let (part, after) = rest.split_at(self.arena.buffers[slot].bytes() as usize);
-            self.arena.upload(&self.device, slot, 0, part)?;
-            rest = after;
-        }
-        self.arena.clear_bins(&self.device)?;
-        let wanted: Vec<u32> = header.cameras.iter().map(|c| c.late_events).collect();
-        if wanted.iter().zip(&self.cameras).any(|(&w, c)| w > c.place.event_capacity) {
-            self.arena.grow_events(&self.device, &mut self.cameras, &wanted)?;
-            self.record_again()?;
-        }
-        for (number, saved) in header.cameras.into_iter().enumerate() {
-            let (part, after) = rest.split_at(saved.late_events as usize * 8);
-            rest = after;
-            let c = &mut self.cameras[number];
+        self.make_room(&header)?;
+        let writes = self.writes(&header, body);
+        self.change(self.places(), writes, &[layout::BINS])?;
+        self.results.clear();
+        for (c, saved) in self.cameras.iter_mut().zip(header.cameras) {
             c.last_ns = saved.last_ns;
             c.last_interval_ns = saved.last_interval_ns;
             c.epoch_ns = saved.epoch_ns;
-            c.parity = saved.parity;
+            c.frame_slot = saved.frame_slot;
             c.frames = saved.frames;
             c.sequence = saved.sequence;
             c.holds_until_ns = saved.holds_until_ns;
             c.changed = true;
             c.may_be_unarmed = true;
-            if saved.late_events > 0 {
-                // Late events lie behind the last packet, wherever that ended.
-                let counters =
-                    Counters { late: saved.late_events, staged_fit: u32::MAX, ..Counters::default() };
-                let (place, set) = (c.place, 2 * c.place.slot + 1 - c.parity);
-                let offset = u64::from(set) * size_of::<Counters>() as u64;
-                self.arena.upload(&self.device, layout::COUNTERS, offset, bytemuck::bytes_of(&counters))?;
-                self.arena.upload(&self.device, layout::GATHERED, u64::from(place.event_base) * 8, part)?;
+        }
+        Ok(())
+    }
+
+    /// Every camera's part of a buffer that outlives a tick.
+    fn parts(&self, slot: usize) -> Vec<Part<'_>> {
+        let (buffer, stride) = (self.arena.buffer(slot), u64::from(BINDINGS[slot].stride));
+        let part = |c: &CameraState| Part {
+            buffer,
+            offset: c.place.first_element(slot) * stride,
+            bytes: c.place.kept_elements(slot, &c.config.sensor) * stride,
+        };
+        self.cameras.iter().map(part).collect()
+    }
+
+    fn check_cameras(&self, header: &Header) -> Result<(), EngineError> {
+        let (actual, expected) = (header.cameras.len(), self.cameras.len());
+        if actual != expected {
+            return Err(bad(format!("{actual} cameras, expected {expected}")));
+        }
+        for (number, (saved, c)) in header.cameras.iter().zip(&self.cameras).enumerate() {
+            if saved.sensor != c.config.sensor.to_toml() || saved.camera != c.config.camera {
+                return Err(bad(format!("camera {number} has another sensor than the one saved")));
+            }
+            if saved.frame_slot > 1 {
+                return Err(bad(format!(
+                    "camera {number} has frame slot {}, expected 0 or 1",
+                    saved.frame_slot
+                )));
             }
         }
         Ok(())
     }
+
+    /// Grows event buffers that are too small for the deferred events; nothing else changes.
+    fn make_room(&mut self, header: &Header) -> Result<(), EngineError> {
+        let places = self.places();
+        let places = places.iter().zip(&header.cameras).map(|(p, saved)| p.with_events(saved.late_events));
+        self.change(places.collect(), Vec::new(), &[])
+    }
+
+    /// The writes that put a saved state into the buffers.
+    fn writes(&self, header: &Header, body: &[u8]) -> Vec<Write> {
+        let mut rest = body;
+        let mut writes = Vec::new();
+        for slot in KEPT {
+            for Part { offset, bytes, .. } in self.parts(slot) {
+                let (part, after) = rest.split_at(bytes as usize);
+                rest = after;
+                writes.push(Write { slot, offset, bytes: part.to_vec() });
+            }
+        }
+        for (c, saved) in self.cameras.iter().zip(&header.cameras) {
+            let (part, after) = rest.split_at((u64::from(saved.late_events) * LATE_BYTES) as usize);
+            rest = after;
+            let offset = c.place.first_element(layout::GATHERED) * LATE_BYTES;
+            writes.push(Write { slot: layout::GATHERED, offset, bytes: part.to_vec() });
+        }
+        // A running rig has deferred events behind the last packet. A restored one has them first, so the counters must
+        // say that the last packet is empty.
+        let counters = writes.iter_mut().filter(|write| write.slot == layout::COUNTERS);
+        for (write, saved) in counters.zip(&header.cameras) {
+            let mut sets: Vec<Counters> = bytemuck::pod_collect_to_vec(&write.bytes);
+            if saved.late_events > 0 {
+                sets[1 - saved.frame_slot as usize] =
+                    Counters { deferred: saved.late_events, emitted_fit: u32::MAX, ..Counters::default() };
+            }
+            write.bytes = bytemuck::cast_slice(&sets).to_vec();
+        }
+        writes
+    }
+}
+
+fn bad(what: String) -> EngineError {
+    EngineError::Snapshot(what)
+}
+
+/// The header of a saved state, and the bytes after it.
+fn read_header(bytes: &[u8]) -> Result<(Header, &[u8]), EngineError> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("not a saved rig".to_owned()))?;
+    let (length, rest) =
+        rest.split_at_checked(8).ok_or_else(|| bad("truncated before its header".to_owned()))?;
+    let length = u64::from_le_bytes(length.try_into().expect("eight bytes")) as usize;
+    let (header, body) =
+        rest.split_at_checked(length).ok_or_else(|| bad("truncated in its header".to_owned()))?;
+    let header: Header = serde_json::from_slice(header).map_err(|e| bad(e.to_string()))?;
+    if header.version != VERSION {
+        return Err(bad(format!("version {}, expected {VERSION}", header.version)));
+    }
+    Ok((header, body))
 }

@@ -1,121 +1,288 @@
-//! Stepping: frames and their times in, a tick out.
+//! Stepping a rig: from frames and their times to a tick.
 
-use super::{CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick, record};
-use crate::commands::{Around, Commands};
+use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
+use super::timing::MOST_STAMPS;
+use super::transfer::{Write, Writes};
+use super::{CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
+use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::memory::Buffer;
 use crate::profile;
+use esaac_layout::{self as layout, Counters};
 use esaac_model::{FrameError, frame};
 use std::time::{Duration, Instant};
 
+/// Bins grow if more than one event in this many of a packet overflows, or more than half of what `sort` searches.
+const OVERFLOW_SHARE: u32 = 8;
+
+/// Device addresses of a camera's images: colour, motion.
+type Addresses = [u64; 2];
+
 impl Rig {
-    /// Steps every camera to its frame's time with what its input buffers hold, and waits.
+    /// Steps every camera to its frame's time (nanoseconds) with the frame in its input buffers, and waits.
+    ///
+    /// A step is refused if its input is wrong, if there is no memory, or if the queue does not take it. Then nothing
+    /// has happened, there are no packets, and the same step may be tried again. If a step fails after the device has
+    /// begun it, the rig is lost: the error is [`EngineError::Lost`], and further steps give the same error.
     pub fn step(&mut self, t_ns: &[i64]) -> Result<Tick<'_>, EngineError> {
         let times: Vec<Option<i64>> = t_ns.iter().copied().map(Some).collect();
         self.step_some(&times)
     }
 
-    /// As [`Rig::step`], for the cameras that have a new frame.
+    /// As [`Rig::step`], for the cameras that have a time; `None` for a camera without a new frame.
     pub fn step_some(&mut self, t_ns: &[Option<i64>]) -> Result<Tick<'_>, EngineError> {
         let frames: Vec<_> =
             t_ns.iter().map(|t_ns| t_ns.map(|t_ns| FrameInput { t_ns, inputs: None })).collect();
-        self.step_frames(&frames, &Around::default())
+        self.step_frames(&frames, &SubmitHooks::default())
     }
 
-    /// As [`Rig::step`], with the frames of all cameras, which are of one size, one after the other in
-    /// one buffer an image: what a tiled renderer draws.
+    /// As [`Rig::step`], with the output of a tiled renderer: the images of all cameras, which are of one size, lie one
+    /// after the other in one buffer for colour and one for motion.
     pub fn step_tiles(
         &mut self,
         t_ns: &[i64],
         tiles: InputBuffers<'_>,
-        around: &Around<'_>,
+        hooks: &SubmitHooks<'_>,
     ) -> Result<Tick<'_>, EngineError> {
-        if t_ns.len() != self.cameras.len() {
-            return Err(FrameError::Count { expected: self.cameras.len(), actual: t_ns.len() }.into());
-        }
-        for (number, camera) in self.cameras.iter_mut().enumerate() {
+        self.check_health()?;
+        self.check_count(t_ns.len())?;
+        let mut inputs = Vec::new();
+        for (number, camera) in self.cameras.iter().enumerate() {
             frame::check_time(number as u32, camera.last_ns, t_ns[number])?;
-            camera.inputs = camera.addresses(number, Some(tiles), number)?;
+            inputs.push(camera.addresses(number, Some(tiles), number)?);
         }
-        let t_ns: Vec<Option<i64>> = t_ns.iter().copied().map(Some).collect();
-        self.tick(&t_ns, around)
+        let frames: Vec<_> =
+            t_ns.iter().zip(inputs).map(|(&t_ns, addresses)| Some((t_ns, addresses))).collect();
+        self.tick(&frames, hooks)
     }
 
-    /// As [`Rig::step_some`], with frames read where they lie, and commands and timelines around the
-    /// submission that reads them. The buffers are read before this returns, and not after.
+    /// As [`Rig::step_some`], with frames in buffers of the caller, and with commands and timelines around the
+    /// submission that reads them. The device has finished reading the buffers when this returns, unless the rig is
+    /// lost; then the buffers are kept until the device has finished.
     pub fn step_frames(
         &mut self,
         frames: &[Option<FrameInput<'_>>],
-        around: &Around<'_>,
+        hooks: &SubmitHooks<'_>,
     ) -> Result<Tick<'_>, EngineError> {
-        if frames.len() != self.cameras.len() {
-            return Err(FrameError::Count { expected: self.cameras.len(), actual: frames.len() }.into());
+        self.check_health()?;
+        self.check_count(frames.len())?;
+        let mut inputs = Vec::new();
+        for (number, (camera, frame)) in self.cameras.iter().zip(frames).enumerate() {
+            inputs.push(match frame {
+                Some(frame) => {
+                    frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
+                    Some((frame.t_ns, camera.addresses(number, frame.inputs, 0)?))
+                }
+                None => None,
+            });
         }
-        for (number, (camera, frame)) in self.cameras.iter_mut().zip(frames).enumerate() {
-            if let Some(frame) = frame {
-                frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
-                camera.inputs = camera.addresses(number, frame.inputs, 0)?;
-            }
-        }
-        let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
-        self.tick(&t_ns, around)
+        self.tick(&inputs, hooks)
     }
 
-    /// Steps the cameras that have a time, whose frames are at their addresses.
-    fn tick(&mut self, t_ns: &[Option<i64>], around: &Around<'_>) -> Result<Tick<'_>, EngineError> {
-        self.prepare(t_ns)?;
-        let started = Instant::now();
-        self.submit(&self.commands, around)?;
-        let stamped = self.stamped();
-        self.timer.read(&mut self.stage_ns[..stamped])?;
-        self.gpu_zones.show(&self.device, &self.timer, &self.stage_ns[..stamped])?;
-        if let Some(("again", ns)) = self.stage_ns.last_mut() {
-            *ns = 0;
+    fn check_count(&self, actual: usize) -> Result<(), EngineError> {
+        let expected = self.cameras.len();
+        if actual == expected { Ok(()) } else { Err(FrameError::Count { expected, actual }.into()) }
+    }
+
+    /// Steps the cameras that have a frame.
+    fn tick(
+        &mut self,
+        frames: &[Option<(i64, Addresses)>],
+        hooks: &SubmitHooks<'_>,
+    ) -> Result<Tick<'_>, EngineError> {
+        for (camera, frame) in self.cameras.iter_mut().zip(frames) {
+            if let Some((_, addresses)) = frame {
+                camera.inputs = *addresses;
+            }
         }
-        self.collect(t_ns)?;
-        self.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
-        profile::tick(&self.events, &self.packets, self.submit_to_packet_ns, || self.memory());
+        let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|(t_ns, _)| t_ns)).collect();
+        self.results.clear();
+        self.next_packet_set()?;
+        self.prepare(&t_ns)?;
+        let started = Instant::now();
+        let in_tick = t_ns.iter().map(Option::is_some).collect();
+        let end = match machine::run(&mut RigTick { rig: self, t_ns: &t_ns, hooks }, in_tick) {
+            Ok(end) => end,
+            Err(TickError::Refused(error)) => return Err(error),
+            Err(TickError::Lost(error)) => return Err(self.lose(error)),
+        };
+        {
+            let _zone = zone!("publish");
+            self.take(&t_ns, &end);
+        }
+        self.grow_bins(&end);
+        self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
+        let results = &self.results;
+        profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());
         Ok(Tick::of(self))
     }
 
-    /// Spans with a time stamp at each end.
-    fn stamped(&self) -> usize {
-        if self.options.stage_times { record::STAGES.len() } else { 1 }
+    /// Advances to a packet set that nobody holds.
+    fn next_packet_set(&mut self) -> Result<(), EngineError> {
+        let is_new = self.arena.next_packet_set(&self.device, &self.places())?;
+        let current = self.arena.current();
+        self.pipelines.bindings.select(current);
+        if is_new {
+            self.recordings.ring[current].unbind();
+        }
+        Ok(())
     }
 
-    /// When each stage of the last tick ran on the device, by the host's clock, and how far that may be off;
-    /// `None` where the device does not tell both clocks at once. Only before the next tick.
+    /// Stores the results of a finished tick, and advances the cameras.
+    fn take(&mut self, t_ns: &[Option<i64>], end: &TickEnd) {
+        for (number, (counters, t_ns)) in end.counters.iter().zip(t_ns).enumerate() {
+            let (Some(counters), Some(t_ns)) = (counters, t_ns) else { continue };
+            self.results.take(number, &self.cameras[number], *t_ns, counters, end.regrown[number]);
+        }
+        self.results.copy_out(self.options.packets, &self.cameras, &self.arena);
+        for (camera, (counters, t_ns)) in self.cameras.iter_mut().zip(end.counters.iter().zip(t_ns)) {
+            let (Some(counters), Some(t_ns)) = (counters, t_ns) else { continue };
+            camera.advance(*t_ns, counters);
+        }
+    }
+
+    /// Grows the bins of cameras whose packets overflowed much. If there is no memory, the bins stay as they are. If
+    /// the device does not finish the copies, this tick's packets are valid, but the rig is lost.
+    fn grow_bins(&mut self, end: &TickEnd) {
+        let mut places = self.places();
+        for (place, counters) in places.iter_mut().zip(&end.counters) {
+            let Some(counters) = counters else { continue };
+            let many = (counters.packet / OVERFLOW_SHARE).min(layout::SEARCHED_EVENTS / 2);
+            if counters.overflow.saturating_sub(counters.deferred) > many {
+                *place = place.with_bins_of(counters.largest_bin);
+            }
+        }
+        let before = self.places();
+        if places == before {
+            return;
+        }
+        let Ok(planned) = self.arena.plan(&self.device, &before, places) else { return };
+        let device = &self.device;
+        let moved = device.run_once(|commands| self.arena.record_move(device, commands, &before, &planned));
+        match moved {
+            Ok(()) => {
+                self.arena.commit(&mut self.cameras, planned);
+                self.recordings.unbind();
+            }
+            Err(error) if error.leaves_work() => self.health = super::Health::Lost { why: error.into() },
+            Err(_) => {}
+        }
+    }
+
+    /// When each stage of the last tick ran on the device, by the host's clock, and the largest error of these times;
+    /// `None` if the device has no times or cannot read both clocks at once. Call before the next tick.
     pub fn stage_host_times(&self) -> Result<Option<(Vec<StageSpan>, Duration)>, EngineError> {
         let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
-        let stamped = self.stamped();
-        let mut raw = [0_u64; 16];
-        self.timer.read_raw(0, &mut raw[..stamped + 1])?;
+        let spans = self.timing.spans();
+        if self.results.stage_ns.is_empty() {
+            return Ok(None);
+        }
+        let Some(raw) = self.timing.timer.read_raw::<MOST_STAMPS>(0, spans.len() + 1)? else {
+            return Ok(None);
+        };
         let at = |stamp| self.device.host_time(&calibration, stamp);
-        let spans = self.stage_ns[..stamped].iter().zip(raw.windows(2)).filter_map(|(&(stage, _), pair)| {
-            Some(StageSpan { stage, start: at(pair[0])?, end: at(pair[1])? })
-        });
+        let spans = spans
+            .iter()
+            .zip(raw.windows(2))
+            .filter_map(|(&stage, pair)| Some(StageSpan { stage, start: at(pair[0])?, end: at(pair[1])? }));
         Ok(Some((spans.collect(), calibration.deviation)))
     }
+}
 
-    pub(super) fn submit(&self, commands: &Commands, around: &Around<'_>) -> Result<(), EngineError> {
-        {
-            let _zone = zone!("submit");
-            self.device.submit(commands.raw(), around, self.fence.raw())?;
+/// A rig in a tick, as the state machine sees it.
+struct RigTick<'a, 'hooks> {
+    rig: &'a mut Rig,
+    t_ns: &'a [Option<i64>],
+    hooks: &'a SubmitHooks<'hooks>,
+}
+
+impl RigTick<'_, '_> {
+    /// The times of some of the tick's cameras.
+    fn times_of(&self, cameras: impl Iterator<Item = usize>) -> Vec<Option<i64>> {
+        let mut times_ns = vec![None; self.t_ns.len()];
+        for camera in cameras {
+            times_ns[camera] = self.t_ns[camera];
         }
-        let _zone = zone!("wait");
-        self.fence.wait()
+        times_ns
+    }
+}
+
+impl TickDevice for RigTick<'_, '_> {
+    fn submit(&mut self) -> Result<(), EngineError> {
+        let Rig { device, timing, recordings, arena, .. } = self.rig;
+        timing.submit(device, &recordings.ring[arena.current()].tick, self.hooks)
+    }
+
+    fn wait(&mut self) -> Result<(), EngineError> {
+        self.rig.timing.wait().inspect_err(|_| self.hooks.abandon())?;
+        self.rig.timing.take_tick(&self.rig.device, &mut self.rig.results);
+        Ok(())
+    }
+
+    fn counters(&self, camera: usize) -> Counters {
+        let slot = self.rig.cameras[camera].place.slot as usize;
+        self.rig.arena.buffer(layout::REPORT).read::<Counters>(slot, 1)[0]
+    }
+
+    fn retry(&mut self, retry: &Retry) -> Result<(), EngineError> {
+        let rig = &mut *self.rig;
+        if retry.grows() {
+            let wanted = retry.wanted_events.iter();
+            let places =
+                rig.places().iter().zip(wanted).map(|(place, &wanted)| place.with_events(wanted)).collect();
+            rig.change(places, Vec::new(), &[])?;
+        }
+        let resumed = retry.resumed.iter().map(|(camera, counters)| {
+            let camera = &rig.cameras[*camera];
+            let set = u64::from(2 * camera.place.slot + camera.frame_slot);
+            let bytes = bytemuck::bytes_of(counters).to_vec();
+            Write { slot: layout::COUNTERS, offset: set * size_of::<Counters>() as u64, bytes }
+        });
+        Writes::new(&rig.device, resumed.collect())?.run(&rig.device, &rig.arena)?;
+        let times_ns = self.times_of(retry.resumed.iter().map(|(camera, _)| *camera));
+        let rig = &mut *self.rig;
+        rig.prepare_retry(&times_ns)?;
+        let recording = &rig.recordings.ring[rig.arena.current()];
+        rig.timing.submit(&rig.device, &recording.retry, &SubmitHooks::default())?;
+        rig.timing.wait()?;
+        rig.timing.add_retry(&mut rig.results);
+        Ok(())
+    }
+
+    fn merge(&mut self, merge: &Merge) -> Result<(), EngineError> {
+        let times_ns = self.times_of(merge.cameras.iter().copied());
+        self.rig.merge(&times_ns, merge.most_events)
     }
 }
 
 impl CameraState {
-    /// Where the kernels find a frame: its buffers hold whole images, of which it is the one after
-    /// `images_before`.
+    /// Advances to the next interval, after a tick to time `t_ns`.
+    fn advance(&mut self, t_ns: i64, counters: &Counters) {
+        // Unarmed pixels of skipped blocks are not counted.
+        if counters.unarmed_pixels == 0 && counters.skipped_blocks == 0 {
+            self.may_be_unarmed = false;
+        }
+        let busy_blocks = self.place.blocks - counters.skipped_blocks.min(self.place.blocks);
+        self.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
+        self.last_interval_ns = self.last_ns.map_or(0, |last| (t_ns - last) as u32);
+        if self.last_ns.is_none() {
+            self.epoch_ns = t_ns;
+        }
+        self.last_ns = Some(t_ns);
+        self.frame_slot = 1 - self.frame_slot;
+        self.frames += 1;
+        self.sequence += 1;
+        self.changed = false;
+    }
+
+    /// Device addresses of a frame, which is preceded in its buffers by `images_before` images of the same size. An
+    /// error if a buffer is too small.
     fn addresses(
         &self,
         number: usize,
         inputs: Option<InputBuffers<'_>>,
         images_before: usize,
-    ) -> Result<[u64; 2], EngineError> {
+    ) -> Result<Addresses, EngineError> {
         let inputs = inputs.unwrap_or(InputBuffers { hdr: &self.hdr, motion: self.motion.as_ref() });
         let sensor = &self.config.sensor;
         let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {

@@ -1,45 +1,44 @@
-//! What a tick gave, and where its packets are.
+//! The results of a tick, and where its packets lie.
 
-use super::collect::{ApsFrame, Diagnostics};
+use super::held::{HeldPackets, aps_in, view_in};
+use super::results::{ApsFrame, Diagnostics};
 use super::{CameraState, Rig};
-use crate::memory::Buffer;
-use esaac_model::{Packet, PacketView, layout};
+use esaac_model::{Packet, PacketView};
 use std::time::Instant;
 
-/// Where the events of a tick's packets, and the pixels of its APS frames, are to be had.
+/// Where the events of a tick's packets and the pixels of its APS frames lie.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PacketPlace {
     /// In [`Tick::packets`] and [`Tick::aps`], copied out of the memory that the device wrote.
     #[default]
     Owned,
-    /// In the host's memory where the device wrote them: nothing is copied. [`Tick::view`] and
-    /// [`Tick::aps_pixels`] show them until the next tick; [`Tick::packets`] have their headers and no
-    /// events, [`Tick::aps`] no pixels.
+    /// In host memory where the device wrote them: nothing is copied. [`Tick::view`] and [`Tick::aps_pixels`] show them
+    /// until the next tick, and [`Tick::hold`] keeps them for longer. [`Tick::packets`] have headers but no events,
+    /// [`Tick::aps`] have no pixels.
     InPlace,
-    /// In the device's own memory: [`Tick::packets`] have their headers and no events, and
-    /// [`Rig::represent`] gives the events where they are wanted. APS frames are owned.
+    /// In the device's own memory: [`Tick::packets`] have headers but no events, and [`Rig::represent`] writes the
+    /// events to a buffer. APS frames are owned.
     OnDevice,
 }
 
-/// What one tick gave.
+/// The results of one tick.
 #[derive(Clone, Copy)]
 pub struct Tick<'a> {
-    /// A packet a camera; empty for a camera's first frame.
+    /// A packet for each camera; empty for a camera's first frame.
     pub packets: &'a [Packet],
-    /// Events in each packet, wherever they lie.
+    /// Number of events in each packet, wherever they lie.
     pub events: &'a [u32],
-    /// An APS frame for each camera that has them and had an interval.
+    /// For each camera an APS frame, if the sensor has them and the camera had an interval.
     pub aps: &'a [Option<ApsFrame>],
-    /// What was counted, a camera.
+    /// Counters of each camera.
     pub diagnostics: &'a [Diagnostics],
-    /// GPU time of each stage with [`RigOptions::stage_times`](super::RigOptions::stage_times), and `again`
-    /// for what ran again because events did not fit and for `merge`; else of the whole `tick`.
+    /// GPU time of the whole `tick` or, with [`RigOptions::stage_times`](super::RigOptions::stage_times), of each
+    /// stage. With stages, `retry` is the time of all submissions after the first: retries and `merge`. Empty if the
+    /// device has no times.
     pub stage_ns: &'a [(&'static str, u64)],
-    /// From the call of submit to the packets in host memory.
+    /// Time from the submission to the packets in host memory.
     pub submit_to_packet_ns: u64,
-    place: PacketPlace,
-    cameras: &'a [CameraState],
-    buffers: &'a [Buffer],
+    rig: &'a Rig,
 }
 
 /// When a stage ran on the device, by the host's clock.
@@ -55,54 +54,56 @@ pub struct StageSpan {
 
 impl<'a> Tick<'a> {
     pub(super) fn of(rig: &'a Rig) -> Self {
+        let results = &rig.results;
         Tick {
-            packets: &rig.packets,
-            events: &rig.events,
-            aps: &rig.aps,
-            diagnostics: &rig.diagnostics,
-            stage_ns: &rig.stage_ns,
-            submit_to_packet_ns: rig.submit_to_packet_ns,
-            place: rig.options.packets,
-            cameras: &rig.cameras,
-            buffers: &rig.arena.buffers,
+            packets: &results.packets,
+            events: &results.events,
+            aps: &results.aps,
+            diagnostics: &results.diagnostics,
+            stage_ns: &results.stage_ns,
+            submit_to_packet_ns: results.submit_to_packet_ns,
+            rig,
         }
     }
 
-    /// GPU time of all stages.
+    /// GPU time of all stages; `None` if the device has no times.
     #[must_use]
-    pub fn gpu_ns(&self) -> u64 {
-        self.stage_ns.iter().map(|(_, ns)| ns).sum()
+    pub fn gpu_ns(&self) -> Option<u64> {
+        (!self.stage_ns.is_empty()).then(|| self.stage_ns.iter().map(|(_, ns)| ns).sum())
     }
 
-    /// A camera's packet where it lies on the host; without events if they are
-    /// [on the device](PacketPlace::OnDevice). Panics beyond the cameras, as a slice does.
+    /// A view of a camera's packet; without events if they are [on the device](PacketPlace::OnDevice). Panics if there
+    /// is no such camera.
     #[must_use]
     pub fn view(&self, camera: usize) -> PacketView<'a> {
-        let packet = self.packets[camera].view();
-        if self.place != PacketPlace::InPlace {
+        let packet = self.rig.results.view(camera);
+        if self.rig.options.packets != PacketPlace::InPlace {
             return packet;
         }
-        let base = self.cameras[camera].place.event_base as usize;
-        let events = self.events[camera] as usize;
-        PacketView {
-            x: self.buffers[layout::EVENT_X].read(base, events),
-            y: self.buffers[layout::EVENT_Y].read(base, events),
-            t_offset_ns: self.buffers[layout::EVENT_T].read(base, events),
-            polarity: self.buffers[layout::EVENT_P].read(base, events),
-            host_copies: 0,
-            ..packet
-        }
+        let place = &self.camera(camera).place;
+        view_in(self.rig.arena.packet_set(), packet, place.event_base, self.events[camera])
     }
 
-    /// The pixels of a camera's APS frame where they lie on the host, row-major; none if it has no frame.
-    /// Panics beyond the cameras, as a slice does.
+    /// The pixels of a camera's APS frame, row-major; empty if it has no frame. Panics if there is no such camera.
     #[must_use]
     pub fn aps_pixels(&self, camera: usize) -> &'a [u16] {
         let Some(frame) = &self.aps[camera] else { return &[] };
-        if self.place != PacketPlace::InPlace {
+        if self.rig.options.packets != PacketPlace::InPlace {
             return &frame.pixels;
         }
-        let place = &self.cameras[camera].place;
-        self.buffers[layout::APS].read(place.aps_base as usize, place.pixels as usize)
+        let place = &self.camera(camera).place;
+        aps_in(self.rig.arena.packet_set(), place.aps_base, place.pixels)
+    }
+
+    /// Holds the tick's packets where they lie, for as long as the returned value lives; `None` unless they are
+    /// [in place](PacketPlace::InPlace).
+    #[must_use]
+    pub fn hold(&self) -> Option<HeldPackets> {
+        let rig = self.rig;
+        HeldPackets::of(rig.options.packets, &rig.results, &rig.cameras, &rig.arena)
+    }
+
+    fn camera(&self, camera: usize) -> &'a CameraState {
+        &self.rig.cameras[camera]
     }
 }

@@ -3,8 +3,8 @@
 use esaac_model::SensorModel;
 use esaac_model::substeps::substep_end_ns;
 
-/// Start and end of the exposure within an interval, nanoseconds from its start; `None` without an
-/// APS frame or where the exposure lies outside.
+/// Start and end of the exposure, nanoseconds from the interval's start. `None` if the sensor takes no APS frame or the
+/// exposure lies outside the interval.
 #[must_use]
 pub fn exposure_ns(sensor: &SensorModel, interval_ns: u32) -> Option<(u32, u32)> {
     let start = sensor.aps_start_ns.min(interval_ns);
@@ -12,7 +12,7 @@ pub fn exposure_ns(sensor: &SensorModel, interval_ns: u32) -> Option<(u32, u32)>
     (start < end).then_some((start, end))
 }
 
-/// Mean over the exposure of the intensity that runs straight from sample to sample.
+/// Mean intensity over the exposure. Intensity is linear in time between samples.
 #[must_use]
 pub fn mean(samples: &[f64], interval_ns: u32, (start_ns, end_ns): (u32, u32)) -> f64 {
     let substeps = (samples.len() - 1) as u32;
@@ -33,7 +33,7 @@ pub fn mean(samples: &[f64], interval_ns: u32, (start_ns, end_ns): (u32, u32)) -
     integral / f64::from(end_ns - start_ns)
 }
 
-/// A mean intensity as the converter gives it out.
+/// Quantises a mean intensity to `aps_bits`, clipped to full scale.
 #[must_use]
 pub fn quantise(sensor: &SensorModel, mean: f64) -> u16 {
     let full_scale = f64::from((1_u32 << sensor.aps_bits) - 1);

@@ -1,5 +1,5 @@
-//! Stage `cross`: the walk of one pixel through the sub-steps of an interval: crossings, refractory
-//! period, leak and shot noise.
+//! Stage `cross`: walks one pixel through the sub-steps of an interval. Handles crossings, refractory period, leak and
+//! shot noise.
 
 pub mod aps;
 pub mod shot;
@@ -10,21 +10,21 @@ use esaac_model::substeps::substep_end_ns;
 use esaac_model::{Polarity, SensorModel, Timestamps};
 use shot::ShotClock;
 
-/// Distance from a threshold, nepers, that counts as touching it: some ulps of a log intensity, so
-/// that a touch in real numbers is a touch in f64.
+/// Distance from a threshold, nepers, that counts as touching it. It is some ulps of a log intensity, so that a level
+/// that touches a threshold in exact arithmetic also touches it in f64.
 pub const TOUCH_LOG: f64 = 1e-14;
 
-/// What is drawn once per pixel.
+/// The random draws made once per pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelConstants {
     /// OFF and ON threshold, nepers (indexed by [`Polarity`]).
     pub threshold_log: [f64; 2],
-    /// Fall of the reference, nepers per nanosecond.
+    /// Rate at which the leak lowers the reference, nepers per nanosecond.
     pub leak_log_per_ns: f64,
 }
 
 impl PixelConstants {
-    /// Draws them.
+    /// Draws the constants of the pixel `key`.
     #[must_use]
     pub fn draw(sensor: &SensorModel, key: PixelKey) -> Self {
         let sigma = sensor.contrast_mismatch;
@@ -39,7 +39,7 @@ impl PixelConstants {
         }
     }
 
-    /// Fall of the reference in `age_ns` since the epoch, nepers.
+    /// How far the leak has lowered the reference `age_ns` after the epoch, nepers.
     #[must_use]
     pub fn leak_log(&self, age_ns: i64) -> Split {
         if self.leak_log_per_ns == 0.0 {
@@ -49,21 +49,21 @@ impl PixelConstants {
     }
 }
 
-/// What a pixel remembers from one interval to the next.
+/// State that a pixel keeps from one interval to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelState {
-    /// Reference plus the leak's fall since the epoch, nepers: constant between events.
+    /// Reference plus the leak's fall since the epoch, nepers. This sum is constant between events.
     pub reference: Split,
-    /// End of the refractory period, nanoseconds, while in one.
+    /// End of the refractory period, nanoseconds, if the pixel is in one.
     pub held_until_ns: Option<i64>,
     /// Waiting times of OFF and ON shot noise.
     pub shot: [ShotClock; 2],
-    /// Events sent, modulo 2^32.
+    /// Events emitted, modulo 2^32.
     pub events: u32,
 }
 
 impl PixelState {
-    /// A pixel at its first valid intensity, at `age_ns` since the epoch.
+    /// Arms a pixel at its first valid intensity, `age_ns` after the epoch.
     #[must_use]
     pub fn arm(
         sensor: &SensorModel,
@@ -81,18 +81,18 @@ impl PixelState {
         }
     }
 
-    /// Keeps the reference where it is at `age_ns` when the pixel's leak changes.
+    /// Changes the pixel's leak at `age_ns` after the epoch, without moving the reference.
     pub fn change_leak(&mut self, old: &PixelConstants, new: &PixelConstants, age_ns: i64) {
         self.reference = self.reference.minus_split(old.leak_log(age_ns)).plus_split(new.leak_log(age_ns));
     }
 }
 
-/// An interval as one pixel sees it.
+/// One interval of one pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Span<'a> {
     /// The pixel's key for random draws.
     pub key: PixelKey,
-    /// The camera's first frame, nanoseconds.
+    /// Time of the camera's first frame, nanoseconds.
     pub epoch_ns: i64,
     /// The interval's start, nanoseconds.
     pub start_ns: i64,
@@ -109,12 +109,12 @@ pub struct Crossing {
     pub t_ns: i64,
     /// Its polarity.
     pub polarity: Polarity,
-    /// Events that the pixel has sent before.
+    /// Events that the pixel has emitted before.
     pub index: u32,
 }
 
-/// Walks a pixel through an interval. At equal times a crossing goes before a shot event, and OFF
-/// noise before ON noise; the end of a refractory period goes before both.
+/// Walks a pixel through an interval and emits its events in time order. At equal times the order is: end of the
+/// refractory period, crossing, OFF noise, ON noise.
 pub fn walk(
     sensor: &SensorModel,
     constants: &PixelConstants,
@@ -127,7 +127,7 @@ pub fn walk(
     let shot_hazard = shot::mean_hazard_per_ns(sensor, span.samples[0], span.samples[substeps as usize]);
     let mut first = 0;
     for last in 1..=substeps {
-        // An interval shorter than its sub-steps are many has some of no length: they join the next.
+        // An interval of fewer nanoseconds than sub-steps has sub-steps of length zero. Merge them with the next one.
         if end_ns(last) == end_ns(first) {
             continue;
         }
@@ -148,7 +148,7 @@ pub fn walk(
     }
 }
 
-/// Something that happens to a pixel.
+/// A crossing or a shot event.
 #[derive(Clone, Copy)]
 struct Happening {
     /// Nanoseconds since the sub-step's start, from 1 to its duration.
@@ -164,16 +164,16 @@ struct Substep<'a> {
     duration_ns: i64,
     /// Log intensity at the start and the end.
     log: [f64; 2],
-    /// Leak up to the start.
+    /// Fall of the reference by the leak up to the start, nepers.
     leaked: Split,
-    /// Per nanosecond, before a pixel's thresholds.
+    /// Shot-noise hazard per nanosecond, without the factor of the pixel's threshold.
     shot_hazard: f64,
 }
 
 impl Substep<'_> {
     fn walk(&self, state: &mut PixelState, emit: &mut dyn FnMut(Crossing)) {
-        // The latest instant at which the reference was set, and whether nothing has happened since
-        // the sub-step's start.
+        // `anchor_ns`: the latest instant at which the reference was set. `at_start`: the walk is still at the
+        // sub-step's start.
         let mut anchor_ns = 0;
         let mut at_start = true;
         loop {
@@ -223,7 +223,7 @@ impl Substep<'_> {
         }
     }
 
-    /// Log intensity plus leak at a time from the sub-step's start.
+    /// Log intensity plus the leak's fall, `at_ns` after the sub-step's start.
     fn level(&self, at_ns: i64) -> Split {
         let [from, to] = self.log;
         let log = if at_ns == self.duration_ns {
@@ -234,15 +234,15 @@ impl Substep<'_> {
         self.leaked.plus(self.constants.leak_log_per_ns * at_ns as f64).plus(log)
     }
 
-    /// The threshold at or beyond which the level already is at the start, if a changed parameter has
-    /// put it there.
+    /// The event due at the sub-step's start, if the level is already at or beyond a threshold there. A changed
+    /// parameter can cause that.
     fn crossed_before(&self, state: &PixelState) -> Option<Happening> {
         let distance = self.level(0).minus_split(state.reference).value();
         let polarity = self.reached(distance)?;
         Some(Happening { at_ns: self.event_ns(0.0), polarity })
     }
 
-    /// The next crossing of the straight path; `anchor_ns` is where the reference was last set.
+    /// The next crossing of the level, which is linear in time. `anchor_ns` is when the reference was last set.
     fn next_crossing(&self, state: &PixelState, anchor_ns: i64) -> Option<Happening> {
         let distance = |at_ns| self.level(at_ns).minus_split(state.reference).value();
         let polarity = self.reached(distance(self.duration_ns))?;
@@ -253,7 +253,7 @@ impl Substep<'_> {
         Some(Happening { at_ns: self.event_ns(anchor_ns as f64 + wait_ns), polarity })
     }
 
-    /// The threshold that a distance from the reference touches or exceeds.
+    /// Polarity of the threshold that a distance from the reference touches or exceeds.
     fn reached(&self, distance_log: f64) -> Option<Polarity> {
         [Polarity::Off, Polarity::On].into_iter().find(|&polarity| {
             let threshold = self.constants.threshold_log[polarity as usize];
@@ -261,7 +261,7 @@ impl Substep<'_> {
         })
     }
 
-    /// Time of the event of a crossing after `crossed_ns` of the sub-step.
+    /// Time of the event of a crossing `crossed_ns` after the sub-step's start, nanoseconds from that start.
     fn event_ns(&self, crossed_ns: f64) -> i64 {
         match self.sensor.timestamps {
             Timestamps::Interpolated => (crossed_ns.ceil() as i64).clamp(1, self.duration_ns),

@@ -1,24 +1,22 @@
-//! Shot noise of one pixel and polarity: a Poisson process by next-event time. The waiting time is
-//! drawn as hazard, and the hazard of the light that falls is spent against it.
+//! Shot noise of one pixel and polarity: a Poisson process simulated by next-event times. An exponential draw gives the
+//! hazard to accumulate until the next event. The hazard rate depends on the light.
 
 use super::PixelConstants;
 use esaac_model::random::{HAZARD_FRACTION_BITS, PixelKey, Stream, draw, exponential_q27};
-use esaac_model::{Polarity, SensorModel};
-
-/// Share of the shot-noise rate that white light takes away (v2e).
-const FALL_WITH_INTENSITY: f64 = 0.75;
+use esaac_model::{Polarity, SHOT_NOISE_FALL, SensorModel};
 
 /// Hazard left until the next event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShotClock {
-    /// Hazard from the current sub-step's start to the next event, without the pixel's thresholds.
+    /// Hazard to accumulate from the current sub-step's start to the next event. The factor of the pixel's threshold is
+    /// in this draw, not in the rate.
     pub left: f64,
-    /// Number of the next draw.
+    /// Index of the next draw.
     pub next_draw: u32,
 }
 
 impl ShotClock {
-    /// The clock of a pixel that arms: draw 0.
+    /// The clock of a pixel that is being armed. Makes draw 0.
     #[must_use]
     pub fn start(
         sensor: &SensorModel,
@@ -31,7 +29,7 @@ impl ShotClock {
         clock
     }
 
-    /// Adds the wait from this event to the next.
+    /// Draws the wait from this event to the next and adds it.
     pub fn redraw(
         &mut self,
         sensor: &SensorModel,
@@ -45,30 +43,32 @@ impl ShotClock {
         };
         let word = draw(key, stream, self.next_draw)[0];
         let exponential = f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS);
-        // A pixel's threshold divides its hazard; it multiplies the wait here, once per event.
+        // A pixel's threshold divides its hazard. Multiplying the wait instead is equivalent, and is done once per
+        // event.
         self.left += exponential * constants.threshold_log[polarity as usize] / nominal;
         self.next_draw = self.next_draw.wrapping_add(1);
     }
 
-    /// Nanoseconds from the sub-step's start to the next event, if it falls into the sub-step.
+    /// Time of the next event, nanoseconds from the sub-step's start, if it lies in the sub-step.
     #[must_use]
     pub fn next_ns(&self, hazard_per_ns: f64, duration_ns: i64) -> Option<i64> {
         let falls_due = hazard_per_ns > 0.0 && self.left <= hazard_per_ns * duration_ns as f64;
         falls_due.then(|| ((self.left / hazard_per_ns).ceil() as i64).clamp(1, duration_ns))
     }
 
-    /// Spends a whole sub-step's hazard.
+    /// Subtracts the hazard of a whole sub-step.
     pub fn advance(&mut self, hazard: f64) {
         self.left -= hazard;
     }
 }
 
-/// Hazard of one polarity per nanosecond in an interval between two intensities, before a pixel's thresholds.
+/// Mean hazard of one polarity over an interval from intensity `from` to `to`, per nanosecond, without the factor of
+/// the pixel's threshold.
 #[must_use]
 pub fn mean_hazard_per_ns(sensor: &SensorModel, from: f64, to: f64) -> f64 {
     let hazard_hz = |intensity: f64| {
         let of_white = (intensity / sensor.white_level).clamp(0.0, 1.0);
-        0.5 * sensor.shot_noise_rate_hz * (1.0 - FALL_WITH_INTENSITY * of_white)
+        0.5 * sensor.shot_noise_rate_hz * (1.0 - SHOT_NOISE_FALL * of_white)
     };
     0.5 * (hazard_hz(from) + hazard_hz(to)) * 1e-9
 }

@@ -1,7 +1,7 @@
-//! Matches between two streams of one pixel and polarity: both are walked in time order, and the
-//! heads match if they are within the window; else the earlier one stays alone.
+//! Matches events of two streams of one pixel and polarity. Both streams are walked in time order. Their next events
+//! match if they lie within the window; otherwise the earlier one stays unmatched.
 
-/// Time between the two events of every match, nanoseconds; both inputs ascending.
+/// Time between the two events of every match, nanoseconds. Both inputs must be ascending.
 #[must_use]
 pub fn matched_errors_ns(a: &[i64], b: &[i64], window_ns: i64) -> Vec<u64> {
     let (mut i, mut j) = (0, 0);

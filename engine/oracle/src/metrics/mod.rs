@@ -1,5 +1,5 @@
-//! How far one stream of events is from another. Everything is per pixel and polarity first, so that
-//! no event can stand in for another one elsewhere.
+//! How far one stream of events is from another. Streams are compared pixel by pixel, and matches are made within one
+//! polarity, so that an event never matches one of another pixel or polarity.
 
 pub mod matching;
 pub mod victor_purpura;
@@ -9,13 +9,13 @@ use esaac_model::packet::Event;
 use matching::matched_errors_ns;
 use victor_purpura::distance;
 
-/// Two events of one pixel and polarity within this time match.
+/// Largest time between two matching events of one pixel and polarity, nanoseconds.
 pub const MATCH_WINDOW_NS: i64 = 1_000_000;
 
-/// Time shift that costs as much as adding or deleting an event.
+/// Time shift that costs as much as adding or deleting an event, nanoseconds.
 pub const SHIFT_NS: f64 = 1e6;
 
-/// Spread of time errors, microseconds; zeros if there are none.
+/// Distribution of time errors, microseconds. All zero without errors to count.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TimeError {
     /// Mean of the magnitudes.
@@ -28,7 +28,7 @@ pub struct TimeError {
     pub max_us: f64,
 }
 
-/// A tested stream against the truth.
+/// Result of comparing a tested stream with the truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Comparison {
     /// ON and OFF events of the truth.
@@ -48,11 +48,11 @@ pub struct Comparison {
     pub same_sequence: f64,
     /// Time between matched events.
     pub matched: TimeError,
-    /// Time between the events of one rank, in pixels with the same sequence of polarities.
+    /// Time between events of the same index, in pixels with the same sequence of polarities.
     pub ranked: TimeError,
 }
 
-/// Compares two streams of a sensor of `width_px` by `height_px`; each in time order for each pixel.
+/// Compares two streams of a sensor of `width_px` by `height_px`. The events of each pixel must be in time order.
 ///
 /// # Panics
 /// If an event lies outside the sensor.

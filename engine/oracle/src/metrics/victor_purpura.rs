@@ -1,10 +1,10 @@
-//! Victor-Purpura distance: the cheapest way to turn one stream into another, where adding or deleting
-//! an event costs 1 and shifting it in time costs `|dt| / shift_ns`.
+//! Victor-Purpura distance: the lowest cost of turning one stream into another. Adding or deleting an event costs 1,
+//! shifting it in time costs `|dt| / shift_ns`.
 
-/// Distance of two ascending streams of times in nanoseconds.
+/// Distance between two ascending streams of times in nanoseconds.
 ///
-/// No event is ever shifted by more than two `shift_ns`, since deleting and adding is cheaper; so where
-/// both streams pause for longer the problem falls apart into independent ones.
+/// No event is ever shifted by more than twice `shift_ns`: deleting and adding is cheaper. Wherever both streams pause
+/// for longer than that, the problem separates into independent parts.
 #[must_use]
 pub fn distance(a: &[i64], b: &[i64], shift_ns: f64) -> f64 {
     let (mut i, mut j) = (0, 0);
@@ -34,7 +34,7 @@ pub fn distance(a: &[i64], b: &[i64], shift_ns: f64) -> f64 {
     total
 }
 
-/// The definition: dynamic programming over all prefixes.
+/// The distance by its definition: dynamic programming over all pairs of prefixes.
 fn edit_distance(a: &[i64], b: &[i64], shift_ns: f64) -> f64 {
     if a.is_empty() || b.is_empty() {
         return (a.len() + b.len()) as f64;

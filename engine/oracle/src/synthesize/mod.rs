@@ -1,19 +1,20 @@
-//! Stage `synthesize`: the intensity of a pixel at the end of every sub-step, from the two frames
-//! that an interval lies between.
+//! Stage `synthesize`: the intensity of a pixel at the end of every sub-step, from the two frames of the interval.
 
-pub mod lattice;
+pub mod half_pel;
 pub mod motion;
 pub mod paper;
-pub mod paths;
+pub mod sampling;
 pub mod taps;
+pub mod trajectory;
 pub mod transfer;
 
 use crate::ingest::{Image, plane_of};
 use esaac_model::{SensorModel, Synthesis};
-use lattice::Lattice;
+use half_pel::HalfPelFrame;
 use motion::Motion;
+use sampling::Sampling;
 
-/// An interval's two frames, made ready for a synthesis.
+/// The two frames of an interval, prepared for a synthesis.
 pub struct Gap<'a> {
     /// The sensor.
     pub sensor: &'a SensorModel,
@@ -25,40 +26,42 @@ pub struct Gap<'a> {
     pub start_planes: Vec<Vec<f64>>,
     /// Intensity planes of `end`.
     pub end_planes: Vec<Vec<f64>>,
-    /// Both frames made ready for `motion`, if that is the synthesis.
+    /// Both frames prepared for synthesis `motion`, if that is chosen and possible.
     pub motion: Option<Motion>,
 }
 
 impl<'a> Gap<'a> {
-    /// The gap between two frames; `ratio` is the length of the interval before over this one's, `None`
-    /// in the first interval; `history` is what [`Gap::into_history`] gave for the one before.
+    /// Prepares the gap between two frames. `ratio` is the length of the previous interval over that of this one,
+    /// `None` in the first interval. `history` comes from [`Gap::into_history`] of the previous interval. `sampling`
+    /// says how synthesis `motion` reads its frames.
     #[must_use]
     pub fn new(
         sensor: &'a SensorModel,
         start: &'a Image,
         end: &'a Image,
         ratio: Option<f64>,
-        history: Option<Vec<Lattice>>,
+        history: Option<Vec<HalfPelFrame>>,
+        sampling: Sampling,
     ) -> Self {
         let start_planes = start.planes(sensor.intensity);
         let end_planes = end.planes(sensor.intensity);
         let motion = match sensor.synthesis {
             Synthesis::Motion => {
-                Motion::new(sensor, start, end, [&start_planes, &end_planes], ratio, history)
+                Motion::new(sensor, start, end, [&start_planes, &end_planes], ratio, history, sampling)
             }
             Synthesis::Linear | Synthesis::Paper | Synthesis::None => None,
         };
         Gap { sensor, start, end, start_planes, end_planes, motion }
     }
 
-    /// What the next gap builds on.
+    /// The history for the next gap.
     #[must_use]
-    pub fn into_history(self) -> Option<Vec<Lattice>> {
+    pub fn into_history(self) -> Option<Vec<HalfPelFrame>> {
         self.motion.and_then(Motion::into_history)
     }
 
-    /// Intensity of pixel `(x, y)` at the start of the interval and at the end of each of `substeps`
-    /// sub-steps. The first and the last are the frames' own.
+    /// Writes the intensity of pixel `(x, y)` at the interval's start and at the end of each of `substeps` sub-steps to
+    /// `samples`, scene units. The first and the last are those of the frames.
     pub fn samples(&self, x: usize, y: usize, substeps: u32, samples: &mut Vec<f64>) {
         let pixel = y * self.end.width + x;
         let plane = plane_of(self.sensor.intensity, x, y);
@@ -80,7 +83,7 @@ impl<'a> Gap<'a> {
     }
 }
 
-/// Synthesis `linear`: a blend of the two frames, and what a pixel falls back to.
+/// Synthesis `linear`: blends the two frames. A pixel without a usable motion vector falls back to it.
 #[must_use]
 pub fn linear(from: f64, to: f64, fraction: f64) -> f64 {
     (1.0 - fraction) * from + fraction * to

@@ -1,35 +1,36 @@
-//! Synthesis `motion`: both frames warped along the path of the surface seen at the pixel, in log
-//! intensity ([`esaac_model::synthesis`]).
+//! Synthesis `motion`: warps both frames along the trajectory of the surface point that the pixel shows, in log
+//! intensity (equations in [`esaac_model::synthesis`]).
 
-use super::lattice::Lattice;
-use super::paths::{Path, is_valid, outside_px, paths};
+use super::half_pel::HalfPelFrame;
+use super::sampling::Sampling;
 use super::taps::bilinear;
+use super::trajectory::{Warp, is_valid, outside_px, warps};
 use super::transfer::{Route, Way, transfer};
 use crate::ingest::Image;
-use esaac_model::synthesis::{CUBIC_LATTICE, EDGE_PX, EDGE_WEIGHT};
+use esaac_model::synthesis::{CUBIC_HALF_PEL, EDGE_PX, EDGE_WEIGHT};
 use esaac_model::{SensorModel, Taps};
 
-/// Two frames made ready to be read along paths.
+/// Two frames prepared to be read along trajectories.
 pub struct Motion {
     size: (usize, usize),
     log_offset: f64,
-    paths: Vec<Path>,
-    /// Whether a pixel's own vector is finite.
+    warps: Vec<Warp>,
+    /// Whether each pixel's own vector is finite.
     valid: Vec<bool>,
     planes: Planes,
 }
 
-/// What the paths lead through, per intensity plane.
+/// The images that trajectories are read in, one pair per intensity plane.
 enum Planes {
-    /// Lattices of the start and the end.
-    Cubic(Vec<[Lattice; 2]>),
+    /// Half-pel frames of the start and the end.
+    Cubic(Vec<[HalfPelFrame; 2]>),
     /// Log intensities of the start and the end.
     Bilinear(Vec<[Vec<f64>; 2]>),
 }
 
 impl Motion {
-    /// Prepares an interval. `ratio` as for [`super::Gap::new`]; `history` is what
-    /// [`Motion::into_history`] gave for the one before. `None` if the end has no motion.
+    /// Prepares an interval. `ratio` is that of [`super::Gap::new`]. `history` comes from [`Motion::into_history`] of
+    /// the previous interval, with the same `sampling`. Returns `None` if the frame at the end has no motion.
     #[must_use]
     pub fn new(
         sensor: &SensorModel,
@@ -37,11 +38,12 @@ impl Motion {
         end: &Image,
         [start_planes, end_planes]: [&[Vec<f64>]; 2],
         ratio: Option<f64>,
-        history: Option<Vec<Lattice>>,
+        history: Option<Vec<HalfPelFrame>>,
+        sampling: Sampling,
     ) -> Option<Self> {
         let motion = end.motion.as_ref()?;
         let size = (end.width, end.height);
-        let paths = paths(size, motion, start.motion.as_deref(), ratio);
+        let warps = warps(size, motion, start.motion.as_deref(), ratio);
         let log = |plane: &[f64]| plane.iter().map(|s| (s + sensor.log_offset).ln()).collect::<Vec<f64>>();
         let planes = start_planes.iter().zip(end_planes).map(|(start, end)| [log(start), log(end)]);
         let planes = match sensor.taps {
@@ -49,29 +51,33 @@ impl Motion {
             Taps::Cubic => {
                 let mut history = history.into_iter().flatten();
                 let ways = [Way::ToStart, Way::ToEnd].into_iter().take(sensor.transfers as usize);
-                let routes: Vec<_> = ways.map(|way| Route::new(size, motion, &paths, way)).collect();
-                Planes::Cubic(planes.map(|logs| lattices(size, &routes, &logs, history.next())).collect())
+                let routes: Vec<_> = ways.map(|way| Route::new(size, motion, &warps, way)).collect();
+                Planes::Cubic(
+                    planes
+                        .map(|logs| half_pel_frames(size, sampling, &routes, &logs, history.next()))
+                        .collect(),
+                )
             }
         };
         let valid = motion.iter().copied().map(is_valid).collect();
-        Some(Motion { size, log_offset: sensor.log_offset, paths, valid, planes })
+        Some(Motion { size, log_offset: sensor.log_offset, warps, valid, planes })
     }
 
-    /// Intensity of plane `plane` at pixel `(x, y)`, scene units; `None` where the pixel's vector is
-    /// invalid.
+    /// Intensity of plane `plane` at pixel `(x, y)` and `fraction` of the interval, scene units. `None` if the pixel's
+    /// vector is invalid.
     #[must_use]
     pub fn sample(&self, plane: usize, x: usize, y: usize, fraction: f64) -> Option<f64> {
         let pixel = y * self.size.0 + x;
         if !self.valid[pixel] {
             return None;
         }
-        let [in_start, in_end] = self.paths[pixel].sources(x, y, fraction);
+        let [in_start, in_end] = self.warps[pixel].sources(x, y, fraction);
         let edge = |at: [f64; 2]| (1.0 - outside_px(self.size, at) / EDGE_PX).max(EDGE_WEIGHT);
         let (start_weight, end_weight) = ((1.0 - fraction) * edge(in_start), fraction * edge(in_end));
         let [start_log, end_log] = match &self.planes {
-            Planes::Cubic(lattices) => {
-                let [start, end] = &lattices[plane];
-                [start.at(in_start, CUBIC_LATTICE), end.at(in_end, CUBIC_LATTICE)]
+            Planes::Cubic(half_pel_frames) => {
+                let [start, end] = &half_pel_frames[plane];
+                [start.at(in_start, CUBIC_HALF_PEL), end.at(in_end, CUBIC_HALF_PEL)]
             }
             Planes::Bilinear(logs) => {
                 let [start, end] = &logs[plane];
@@ -83,25 +89,26 @@ impl Motion {
         Some((log.exp() - self.log_offset).max(0.0))
     }
 
-    /// The end's lattices, where the next interval goes on.
+    /// The half-pel frames of the end, which the next interval improves. `None` with bilinear taps, which have none.
     #[must_use]
-    pub fn into_history(self) -> Option<Vec<Lattice>> {
+    pub fn into_history(self) -> Option<Vec<HalfPelFrame>> {
         match self.planes {
-            Planes::Cubic(lattices) => Some(lattices.into_iter().map(|[_, end]| end).collect()),
+            Planes::Cubic(half_pel_frames) => Some(half_pel_frames.into_iter().map(|[_, end]| end).collect()),
             Planes::Bilinear(_) => None,
         }
     }
 }
 
-/// Lattices of the start and the end; a transfer a route, to the end first.
-fn lattices(
+/// Half-pel frames of the start and the end, with one transfer for each route. The first transfer improves the end.
+fn half_pel_frames(
     size: (usize, usize),
+    sampling: Sampling,
     routes: &[Route],
     [start_log, end_log]: &[Vec<f64>; 2],
-    history: Option<Lattice>,
-) -> [Lattice; 2] {
-    let start_alone = history.unwrap_or_else(|| Lattice::of_frame(size, start_log));
-    let end_alone = Lattice::of_frame(size, end_log);
+    history: Option<HalfPelFrame>,
+) -> [HalfPelFrame; 2] {
+    let start_alone = history.unwrap_or_else(|| HalfPelFrame::of_frame(size, sampling, start_log));
+    let end_alone = HalfPelFrame::of_frame(size, sampling, end_log);
     let mut start = start_alone.clone();
     let mut end = end_alone.clone();
     for (turn, route) in routes.iter().enumerate() {
@@ -121,7 +128,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (48, 24);
 
-    /// A band-limited texture whose points move by `motion(time)` pixels along x since time 0.
+    /// A band-limited texture whose points are displaced by `path(frame)` pixels along x.
     fn image(sensor: &SensorModel, frame: f64, path: impl Fn(f64) -> f64) -> Image {
         let texture = |x: f64, y: f64| (0.9 * (1.4 * x).sin() + 0.4 * (0.5 * y + 0.8 * x).cos()).exp();
         let mut image = Image::black(sensor);
@@ -139,8 +146,8 @@ mod tests {
         SensorModel { width, height, taps, intensity: Intensity::Gray, ..SensorModel::default() }
     }
 
-    /// Mean error in log intensity away from the borders, over the third interval, with or without the
-    /// motion of the frame at its start.
+    /// Mean error in log intensity away from the borders, over the third interval. With `bend` the frame at its start
+    /// has motion too, which gives the curvature.
     fn error_log(sensor: &SensorModel, bend: bool, path: impl Fn(f64) -> f64 + Copy) -> f64 {
         let mut frames = [0.0, 1.0, 2.0, 3.0].map(|k| image(sensor, k, path));
         let mut motion: Option<Motion> = None;
@@ -151,7 +158,15 @@ mod tests {
             let (start, end) = (&frames[k - 1], &frames[k]);
             let planes = [start, end].map(|image| image.planes(sensor.intensity));
             let history = motion.take().and_then(Motion::into_history);
-            motion = Motion::new(sensor, start, end, [&planes[0], &planes[1]], Some(1.0), history);
+            motion = Motion::new(
+                sensor,
+                start,
+                end,
+                [&planes[0], &planes[1]],
+                Some(1.0),
+                history,
+                Sampling::ENGINE,
+            );
         }
         let motion = motion.unwrap();
         let (mut sum, mut count) = (0.0, 0.0);
@@ -173,7 +188,7 @@ mod tests {
     fn a_moving_texture_is_found_in_both_frames() {
         let error = |taps| error_log(&sensor(taps), true, |t| 2.6 * t);
         let (cubic, bilinear) = (error(Taps::Cubic), error(Taps::Bilinear));
-        // At four and a half pixels a period the kernel matters.
+        // The texture's period is four and a half pixels, so short that the kernel matters.
         assert!(cubic < 0.25 * bilinear, "{cubic} {bilinear}");
     }
 
@@ -190,7 +205,9 @@ mod tests {
         let [start, mut end] = [0.0, 1.0].map(|k| image(&sensor, k, |t| 2.0 * t));
         end.motion.as_mut().unwrap()[SIZE.0 * 7 + 9] = [f64::NAN, 0.0];
         let planes = [&start, &end].map(|image| image.planes(sensor.intensity));
-        let motion = Motion::new(&sensor, &start, &end, [&planes[0], &planes[1]], None, None).unwrap();
+        let motion =
+            Motion::new(&sensor, &start, &end, [&planes[0], &planes[1]], None, None, Sampling::ENGINE)
+                .unwrap();
         assert_eq!(motion.sample(0, 9, 7, 0.5), None);
         for (x, y) in [(8, 7), (10, 7), (9, 6), (9, 8), (11, 7)] {
             assert!(motion.sample(0, x, y, 0.5).unwrap().is_finite());
@@ -202,7 +219,8 @@ mod tests {
         let sensor = sensor(Taps::Cubic);
         let still = image(&sensor, 0.0, |_| 0.0);
         let planes = still.planes(sensor.intensity);
-        let motion = Motion::new(&sensor, &still, &still, [&planes, &planes], None, None).unwrap();
+        let motion =
+            Motion::new(&sensor, &still, &still, [&planes, &planes], None, None, Sampling::ENGINE).unwrap();
         for (pixel, intensity) in planes[0].iter().enumerate() {
             let sample = motion.sample(0, pixel % SIZE.0, pixel / SIZE.0, 0.3).unwrap();
             assert!((sample / intensity - 1.0).abs() < 1e-14);

@@ -4,7 +4,8 @@
 use super::Gap;
 use super::taps::bilinear;
 
-/// Intensity of plane `plane` at pixel `(x, y)`; `None` where the motion is invalid.
+/// Intensity of plane `plane` at pixel `(x, y)` and `fraction` of the interval, scene units. `None` if the pixel's
+/// motion is invalid.
 #[must_use]
 pub fn sample(gap: &Gap<'_>, plane: usize, x: usize, y: usize, fraction: f64) -> Option<f64> {
     let size = (gap.end.width, gap.end.height);

@@ -1,58 +1,58 @@
-//! Detail from one frame's lattice to the other's.
+//! Temporal detail transfer: takes detail from one frame's half-pel frame to the other's.
 
-use super::lattice::Lattice;
-use super::paths::{Path, is_valid, outside_px};
+use super::half_pel::HalfPelFrame;
 use super::taps::bilinear;
-use esaac_model::synthesis::{CUBIC_LATTICE, TRUST_PX};
+use super::trajectory::{Warp, is_valid, outside_px};
+use esaac_model::synthesis::{CONFIDENCE_PX, CUBIC_HALF_PEL};
 
-/// From which frame to which other one looks for detail.
+/// Direction in which a frame looks for detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// From a pixel of the end to its place in the start.
+    /// The end looks in the start: the forward transfer.
     ToStart,
-    /// From a pixel of the start to its place in the end.
+    /// The start looks in the end: the backward transfer.
     ToEnd,
 }
 
 impl Way {
-    fn displacement(self, path: &Path) -> [f64; 2] {
+    fn displacement(self, warp: &Warp) -> [f64; 2] {
         match self {
-            Way::ToStart => path.end.motion,
-            Way::ToEnd => path.start.motion.map(|m| -m),
+            Way::ToStart => warp.end.motion,
+            Way::ToEnd => warp.start.motion.map(|m| -m),
         }
     }
 }
 
-/// How each lattice entry of a frame comes to the other frame, and whether its detail is to be had there.
+/// For each half-pel sample of a frame, its displacement to the other frame and the confidence in the detail there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
     way: Way,
     /// Displacements to the other frame, pixels.
     shift: Vec<[f64; 2]>,
-    /// 0 to 1.
-    trust: Vec<f64>,
+    /// Confidence in the other frame, 0 to 1.
+    confidence: Vec<f64>,
 }
 
 impl Route {
     /// The route of a frame of `size` pixels, given the motion of the frame at the interval's end.
     #[must_use]
-    pub fn new(size: (usize, usize), motion: &[[f64; 2]], paths: &[Path], way: Way) -> Self {
+    pub fn new(size: (usize, usize), motion: &[[f64; 2]], warps: &[Warp], way: Way) -> Self {
         let displacement: [Vec<f64>; 2] =
-            [0, 1].map(|axis| paths.iter().map(|path| way.displacement(path)[axis]).collect());
-        let pixel_trust = trust(size, motion, paths, way);
-        let (shift, trust) = (0..4 * size.0 * size.1)
+            [0, 1].map(|axis| warps.iter().map(|warp| way.displacement(warp)[axis]).collect());
+        let pixel_confidence = confidence(size, motion, warps, way);
+        let (shift, confidence) = (0..4 * size.0 * size.1)
             .map(|entry| {
                 let (x, y) = (0.5 * (entry % (2 * size.0)) as f64, 0.5 * (entry / (2 * size.0)) as f64);
                 let read = |plane: &[f64]| bilinear(plane, size, x, y);
-                ([read(&displacement[0]), read(&displacement[1])], read(&pixel_trust))
+                ([read(&displacement[0]), read(&displacement[1])], read(&pixel_confidence))
             })
             .unzip();
-        Route { way, shift, trust }
+        Route { way, shift, confidence }
     }
 }
 
-/// How far each pixel may take detail from its place in the other frame, 0 to 1.
-fn trust(size: (usize, usize), motion: &[[f64; 2]], paths: &[Path], way: Way) -> Vec<f64> {
+/// Confidence of each pixel in the detail at its position in the other frame, 0 to 1.
+fn confidence(size: (usize, usize), motion: &[[f64; 2]], warps: &[Warp], way: Way) -> Vec<f64> {
     let vector = |x: usize, y: usize| motion[y * size.0 + x];
     (0..size.0 * size.1)
         .map(|pixel| {
@@ -68,46 +68,47 @@ fn trust(size: (usize, usize), motion: &[[f64; 2]], paths: &[Path], way: Way) ->
                     difference_px = difference_px.max(here);
                 }
             }
-            let [dx, dy] = way.displacement(&paths[pixel]);
+            let [dx, dy] = way.displacement(&warps[pixel]);
             let inside = (1.0 - outside_px(size, [x as f64 + dx, y as f64 + dy])).max(0.0);
-            (2.0 - difference_px / TRUST_PX).clamp(0.0, 1.0) * inside
+            (2.0 - difference_px / CONFIDENCE_PX).clamp(0.0, 1.0) * inside
         })
         .collect()
 }
 
-/// The lattice of `frame` with the detail of the `other` frame's; `alone` is taken where it is not
-/// trusted.
+/// The half-pel frame of `frame` with the detail of `other`, the other frame's half-pel frame. Where confidence falls
+/// it blends towards `alone`.
 #[must_use]
 pub fn transfer(
     size: (usize, usize),
     frame: &[f64],
-    alone: &Lattice,
-    other: &Lattice,
+    alone: &HalfPelFrame,
+    other: &HalfPelFrame,
     route: &Route,
-) -> Lattice {
+) -> HalfPelFrame {
     let entry = |x: usize, y: usize| y * 2 * size.0 + x;
     let seen = |x: usize, y: usize| {
         let shift = route.shift[entry(x, y)];
         match route.way {
             Way::ToStart => {
                 let own_shift = route.shift[entry(x & !1, y & !1)];
-                other.beside([x / 2, y / 2], own_shift, [x & 1, y & 1], shift, CUBIC_LATTICE)
+                other.shared_footprint([x / 2, y / 2], own_shift, [x & 1, y & 1], shift, CUBIC_HALF_PEL)
             }
-            Way::ToEnd => other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], CUBIC_LATTICE),
+            Way::ToEnd => other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], CUBIC_HALF_PEL),
         }
     };
     let residual: Vec<f64> = (0..size.0 * size.1)
         .map(|pixel| frame[pixel] - seen(2 * (pixel % size.0), 2 * (pixel / size.0)))
         .collect();
-    Lattice::new(size, frame, |x, y| {
-        let trust = route.trust[entry(x, y)];
+    HalfPelFrame::new(size, other.sampling(), frame, |x, y| {
+        let confidence = route.confidence[entry(x, y)];
         let correction = bilinear(&residual, size, 0.5 * x as f64, 0.5 * y as f64);
-        trust * (seen(x, y) + correction) + (1.0 - trust) * alone.entry(x, y)
+        confidence * (seen(x, y) + correction) + (1.0 - confidence) * alone.entry(x, y)
     })
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::sampling::Sampling;
     use super::*;
 
     const SIZE: (usize, usize) = (6, 5);
@@ -117,26 +118,29 @@ mod tests {
         let mut motion = vec![[0.0; 2]; 30];
         motion[2 * 6 + 2] = [0.0, 0.75];
         motion[4 * 6 + 5] = [f64::NAN, 0.0];
-        let trust = trust(SIZE, &motion, &[Path::default(); 30], Way::ToStart);
-        assert_eq!((trust[0], trust[6 + 1], trust[2 * 6 + 2], trust[3 * 6 + 3]), (1.0, 0.5, 0.5, 0.5));
-        assert_eq!((trust[3 * 6 + 4], trust[4 * 6 + 5]), (0.0, 0.0));
+        let confidence = confidence(SIZE, &motion, &[Warp::default(); 30], Way::ToStart);
+        assert_eq!(
+            (confidence[0], confidence[6 + 1], confidence[2 * 6 + 2], confidence[3 * 6 + 3]),
+            (1.0, 0.5, 0.5, 0.5)
+        );
+        assert_eq!((confidence[3 * 6 + 4], confidence[4 * 6 + 5]), (0.0, 0.0));
     }
 
     #[test]
     fn a_place_outside_the_image_is_not_trusted() {
         let motion = vec![[-0.5, 0.0]; 30];
-        let mut path = Path::default();
-        path.end.motion = [-0.5, 0.0];
-        let trust = trust(SIZE, &motion, &[path; 30], Way::ToStart);
-        assert_eq!((trust[0], trust[1]), (0.5, 1.0));
+        let mut warp = Warp::default();
+        warp.end.motion = [-0.5, 0.0];
+        let confidence = confidence(SIZE, &motion, &[warp; 30], Way::ToStart);
+        assert_eq!((confidence[0], confidence[1]), (0.5, 1.0));
     }
 
     #[test]
     fn untrusted_entries_stay_and_pixels_are_the_frame() {
         let frame: Vec<f64> = (0..30).map(|i| f64::from(i * i % 7)).collect();
-        let alone = Lattice::of_frame(SIZE, &frame);
-        let other = Lattice::new(SIZE, &[9.0; 30], |_, _| 4.0);
-        let route = |v: [f64; 2]| Route::new(SIZE, &[v; 30], &[Path::default(); 30], Way::ToEnd);
+        let alone = HalfPelFrame::of_frame(SIZE, Sampling::ENGINE, &frame);
+        let other = HalfPelFrame::new(SIZE, Sampling::ENGINE, &[9.0; 30], |_, _| 4.0);
+        let route = |v: [f64; 2]| Route::new(SIZE, &[v; 30], &[Warp::default(); 30], Way::ToEnd);
         assert_eq!(transfer(SIZE, &frame, &alone, &other, &route([f64::NAN; 2])), alone);
         let got = transfer(SIZE, &frame, &alone, &other, &route([0.0; 2]));
         assert_eq!(got.entry(4, 2), frame[6 + 2]);

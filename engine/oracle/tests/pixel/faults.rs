@@ -1,11 +1,11 @@
-//! Faults found in other simulators, each a test.
+//! Faults found in other simulators. Each test is named after the right behaviour; its comment describes the fault.
 
 use crate::light::{FRAME_NS, assert_times, frames, intensity, polarities, sensor, shine};
 use esaac_model::random::{PixelKey, Stream, threshold_log};
 use esaac_model::{SensorModel, Synthesis};
 use esaac_oracle::{Oracle, truth};
 
-/// An exact touch of a threshold kills a polarity.
+/// Fault: a level that touches a threshold exactly stops all events of that polarity.
 #[test]
 fn touching_a_threshold_is_crossing_it() {
     for base in [0.0, -4.0, 1.3] {
@@ -18,7 +18,7 @@ fn touching_a_threshold_is_crossing_it() {
     }
 }
 
-/// The leak of a still scene gives no events.
+/// Fault: in a still scene the leak gives no events.
 #[test]
 fn leak_of_a_still_scene_gives_its_events() {
     let sensor = SensorModel { leak_rate_hz: 1.0, ..sensor(1) };
@@ -27,7 +27,7 @@ fn leak_of_a_still_scene_gives_its_events() {
     assert_times(&events, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0].map(|s| s * 1e9), 1.0);
 }
 
-/// A small leak is lost where frames are close together.
+/// Fault: a small leak is lost where frames are close together.
 #[test]
 fn leak_does_not_vanish_at_ten_microseconds_a_frame() {
     let sensor = SensorModel { leak_rate_hz: 0.1, substeps: 32, ..sensor(1) };
@@ -35,7 +35,7 @@ fn leak_does_not_vanish_at_ten_microseconds_a_frame() {
     assert_times(&events, &[10e9], 1.0);
 }
 
-/// Thresholds drawn anew at each frame lose most of a slow ramp.
+/// Fault: thresholds are drawn again at each frame, which loses most events of a slow ramp.
 #[test]
 fn thresholds_are_drawn_once() {
     let sensor = SensorModel { contrast_mismatch: 0.06, substeps: 4, seed: 9, ..sensor(200) };
@@ -50,7 +50,7 @@ fn thresholds_are_drawn_once() {
     }
 }
 
-/// Times are interpolated over the distance to the reference in place of the step's change.
+/// Fault: times are interpolated over the distance to the reference in place of the change within the step.
 #[test]
 fn crossings_of_a_ramp_have_their_closed_form_times() {
     let sensor = SensorModel { substeps: 8, ..sensor(1) };
@@ -58,16 +58,17 @@ fn crossings_of_a_ramp_have_their_closed_form_times() {
     let events = shine(&sensor, frames(2), |_, t_ns| -3.0 + slope_per_s * t_ns * 1e-9);
     let count = (slope_per_s * 2.0 * FRAME_NS as f64 * 1e-9 / 0.2).floor() as usize;
     let expected: Vec<f64> = (1..=count).map(|j| 0.2 * j as f64 / slope_per_s * 1e9).collect();
-    // An interpolated time is rounded up to a nanosecond.
+    // Interpolated times are rounded up to whole nanoseconds.
     assert_times(&events, &expected, 1.0 + 1e-3);
 }
 
-/// The first interval starts at zero whatever the clip's time; single-precision seconds.
+/// Faults: the first interval starts at time zero instead of the clip's first frame; times are single-precision
+/// seconds.
 #[test]
 fn first_interval_and_late_times_are_as_exact_as_any() {
     let sensor = SensorModel { substeps: 8, ..sensor(1) };
     for start_ns in [0, 20_000_000_000, -5_000_000_000, 1_763_000_000_000_000_000] {
-        // Nanoseconds of today exceed what a float holds: the light counts from the clip's start.
+        // f64 cannot hold the nanoseconds of present-day clocks exactly, so the light counts from the clip's start.
         let mut oracle = Oracle::new(sensor.clone(), 0).unwrap();
         let mut events = Vec::new();
         for k in 0..3_i64 {
@@ -82,18 +83,19 @@ fn first_interval_and_late_times_are_as_exact_as_any() {
     }
 }
 
-/// A refractory period longer than the gap spreads one step's backlog over the time after it.
+/// Fault: with a refractory period longer than the gap between frames, the events of one step are spread over the time
+/// after it.
 #[test]
 fn a_step_within_a_long_refractory_period_is_one_event() {
     let sensor = SensorModel { refractory_ns: 80_000_000, substeps: 4, ..sensor(1) };
     let step = |t_ns: f64| if t_ns > 10e6 { 1.0 } else { 0.0 };
     let events = shine(&sensor, frames(9), |_, t_ns| step(t_ns));
     assert_eq!(polarities(&events), "+");
-    // Four sub-steps of 8.33 ms: the change lies within the second, its fifth part is a threshold.
+    // Four sub-steps of 8.33 ms. The change lies in the second and is five thresholds.
     assert_times(&events, &[FRAME_NS as f64 * 1.2 / 4.0], 2.0);
 }
 
-/// The reference chases extrema: events of a swing below the threshold.
+/// Fault: the reference follows the extrema, so that a swing below the threshold gives events.
 #[test]
 fn a_swing_below_the_threshold_is_silent() {
     let sensor = sensor(1);
@@ -101,7 +103,7 @@ fn a_swing_below_the_threshold_is_silent() {
     assert!(events.is_empty(), "{events:?}");
 }
 
-/// The number of events of a lamp in the dark depends on the offset as its logarithm says.
+/// The number of events of a lamp in the dark follows from the logarithm with the log offset.
 #[test]
 fn a_lamp_in_the_dark_follows_the_offset() {
     for log_offset in [1e-6, 1e-3, 0.01, 1.0] {
@@ -114,8 +116,8 @@ fn a_lamp_in_the_dark_follows_the_offset() {
     }
 }
 
-/// A change between one and two thresholds is lost without a memory from frame to frame, and so are
-/// many changes below one.
+/// Fault: without state from frame to frame, the rest of a change between one and two thresholds is lost, and so are
+/// small changes that add up.
 #[test]
 fn small_changes_add_up_over_frames() {
     let sensor = SensorModel { substeps: 1, synthesis: Synthesis::None, ..sensor(2) };
@@ -127,7 +129,7 @@ fn small_changes_add_up_over_frames() {
     assert_eq!((count(0), count(1)), (1, 3));
 }
 
-/// More crossings than one in a step are lost.
+/// Fault: of several crossings in one step all but one are lost.
 #[test]
 fn every_crossing_of_a_step_has_its_own_time() {
     let sensor = SensorModel { substeps: 1, ..sensor(1) };
@@ -136,7 +138,7 @@ fn every_crossing_of_a_step_has_its_own_time() {
     assert_times(&events, &[0.2, 0.4, 0.6, 0.8, 1.0].map(|f| f * FRAME_NS as f64), 1.0 + 1e-3);
 }
 
-/// Not a number poisons a pixel for ever, or a bad pixel's neighbour.
+/// Fault: one NaN spoils a pixel for ever, or spoils its neighbours.
 #[test]
 fn invalid_light_is_held_and_counted() {
     let sensor = SensorModel { substeps: 1, ..sensor(3) };

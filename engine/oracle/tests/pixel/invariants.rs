@@ -1,4 +1,4 @@
-//! What must hold whatever the light.
+//! Properties that must hold under any light.
 
 use crate::light::{FRAME_NS, frames, sensor, shine, shine_on};
 use esaac_model::packet::Event;
@@ -30,7 +30,7 @@ fn integrated_events_stay_within_one_threshold_of_the_light() {
     let mut previous_ns = 0;
     shine_on(&mut oracle, [0], waves);
     for t_ns in frames(60).skip(1) {
-        // A second camera with the same state would be given the same light: one interval at a time.
+        // The light is a function of absolute time; the oracle asks for it from the interval's start.
         let start_ns = previous_ns as f64;
         let sample = |pixel: usize, from_ns: f64| waves(pixel, start_ns + from_ns).exp() - sensor.log_offset;
         for event in oracle.step_samples(t_ns, &sample).unwrap().packet.iter() {
@@ -69,7 +69,7 @@ fn negated_light_with_swapped_thresholds_swaps_polarities() {
 #[test]
 fn a_still_scene_is_silent() {
     let sensor = SensorModel { substeps: 4, ..sensor(5) };
-    // An hour at the longest frame gap.
+    // One hour of frames at the longest interval.
     let events = shine(&sensor, (0..=3600).map(|s| s * 1_000_000_000), |pixel, _| pixel as f64 - 4.0);
     assert!(events.is_empty());
 }

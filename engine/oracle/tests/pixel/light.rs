@@ -1,4 +1,4 @@
-//! What the tests shine on a sensor, and the events that come of it.
+//! Light that tests shine on a sensor, and the events that follow.
 
 use esaac_model::packet::Event;
 use esaac_model::{SensorModel, SubstepPolicy, Synthesis};
@@ -7,7 +7,7 @@ use esaac_oracle::Oracle;
 /// Length of an interval at 30 Hz, nanoseconds.
 pub const FRAME_NS: i64 = 33_333_333;
 
-/// A clean sensor of one row whose intensity is exactly what it is given.
+/// A clean sensor of one row, whose intensity is exactly the given one.
 pub fn sensor(width: u32) -> SensorModel {
     SensorModel {
         width,
@@ -23,8 +23,7 @@ pub fn intensity(sensor: &SensorModel, log: f64) -> f64 {
     log.exp() - sensor.log_offset
 }
 
-/// Steps `oracle` to `times_ns` under light whose log intensity at a pixel and a time (nanoseconds)
-/// is `log`.
+/// Steps `oracle` to each of `times_ns`. `log` is the log intensity of a pixel at a time in nanoseconds.
 pub fn shine_on(
     oracle: &mut Oracle,
     times_ns: impl IntoIterator<Item = i64>,
@@ -45,7 +44,7 @@ pub fn shine_on(
     events
 }
 
-/// The same, on a new camera.
+/// As [`shine_on`], with a new camera.
 pub fn shine(
     sensor: &SensorModel,
     times_ns: impl IntoIterator<Item = i64>,
@@ -65,7 +64,7 @@ pub fn polarities(events: &[Event]) -> String {
     events.iter().map(|e| if e.polarity.sign() > 0 { '+' } else { '-' }).collect()
 }
 
-/// Asserts times to within `tolerance_ns`.
+/// Asserts that the events have the expected times, to within `tolerance_ns`.
 #[track_caller]
 pub fn assert_times(events: &[Event], expected_ns: &[f64], tolerance_ns: f64) {
     let times: Vec<i64> = events.iter().map(|e| e.t_ns).collect();

@@ -1,4 +1,4 @@
-//! One pixel or a few against closed forms.
+//! Tests of one pixel or a few against closed forms.
 
 mod faults;
 mod invariants;

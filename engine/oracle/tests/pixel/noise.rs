@@ -1,4 +1,4 @@
-//! Leak and shot noise against their rates.
+//! Leak and shot noise compared with their rates.
 
 use crate::light::{FRAME_NS, frames, sensor, shine};
 use esaac_model::packet::Event;
@@ -42,7 +42,7 @@ fn noise_depends_neither_on_substeps_nor_on_the_frame_rate() {
     }
 }
 
-/// Five sigma of a Poisson count.
+/// Asserts that a Poisson count lies within five sigma of its mean.
 #[track_caller]
 fn assert_poisson(count: usize, mean: f64) {
     assert!((count as f64 - mean).abs() < 5.0 * mean.sqrt(), "{count} events, expected {mean}");
@@ -71,8 +71,8 @@ fn shot_noise_waits_are_exponential() {
         waits.extend(times.first().map(|t| *t as f64 * 25e-9));
         waits.extend(times.windows(2).map(|w| (w[1] - w[0]) as f64 * 25e-9));
     }
-    // Cut at one mean, where the end of the run takes away few: P(wait < 1) = 1 - 1/e of those that
-    // could have been seen to be longer.
+    // Tests the distribution at one mean wait, so short that the end of the run cuts off few waits:
+    // P(wait < 1) = 1 - 1/e.
     let short = waits.iter().filter(|w| **w < 1.0).count() as f64 / waits.len() as f64;
     assert!((short - (1.0 - (-1.0_f64).exp())).abs() < 0.01, "{short}");
 }
@@ -90,8 +90,8 @@ fn a_pixel_with_a_low_threshold_is_noisier() {
 #[test]
 fn shot_noise_resets_the_reference() {
     let sensor = SensorModel { shot_noise_rate_hz: 30.0, substeps: 1, ..sensor(300) };
-    // A rise of 0.9 thresholds in all: a crossing can only come of a reference that noise has moved,
-    // and noise sets it to the light of its instant, from where less than a threshold is left.
+    // The light rises by 0.9 thresholds in all, so that it crosses nothing by itself. A shot event sets the reference
+    // to the light of its instant, from which the rest of the rise is less than a threshold too.
     let rise = |_: usize, t_ns: f64| (0.01_f64).ln() + 0.18 * t_ns / (30 * FRAME_NS) as f64;
     let with = shine(&sensor, frames(30), rise);
     let still = shine(&sensor, frames(30), |_, _| (0.01_f64).ln());
@@ -110,7 +110,7 @@ fn leak_is_exact_after_a_day() {
 #[test]
 fn leak_shifts_crossings_by_its_ramp() {
     let sensor = SensorModel { leak_rate_hz: 100.0, substeps: 3, ..sensor(1) };
-    // The light falls by 10 a second, the leak adds 20: the sum rises by 10.
+    // The log intensity falls by 10 per second and the leak adds 20: the sum rises by 10 per second.
     let events = shine(&sensor, frames(3), |_, t_ns| 2.0 - 10e-9 * t_ns);
     crate::light::assert_times(&events, &[0.02e9, 0.04e9, 0.06e9, 0.08e9], 1.0 + 1e-3);
     assert!(events.iter().all(|e| e.polarity == Polarity::On));
@@ -132,7 +132,7 @@ fn a_changed_leak_does_not_move_the_reference() {
     for s in 0..=5 {
         assert!(step(&mut oracle, s).is_empty());
     }
-    // Half a threshold is left, at ten times the rate: half a second.
+    // Half a threshold is left. At ten times the rate that takes half a second.
     oracle.set_sensor(SensorModel { leak_rate_hz: 1.0, ..sensor }).unwrap();
     let times = step(&mut oracle, 6);
     assert!(times.len() == 1 && (times[0] - 5_500_000_000).abs() <= 1, "{times:?}");

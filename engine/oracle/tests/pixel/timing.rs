@@ -4,7 +4,7 @@ use crate::light::{FRAME_NS, assert_times, frames, intensity, polarities, sensor
 use esaac_model::{SensorModel, Timestamps};
 use esaac_oracle::Oracle;
 
-/// A rise of ten thresholds a frame.
+/// Log intensity that rises by ten thresholds per frame.
 fn ramp(_: usize, t_ns: f64) -> f64 {
     2.0 * t_ns / FRAME_NS as f64
 }
@@ -13,7 +13,7 @@ const TENTH_NS: f64 = FRAME_NS as f64 / 10.0;
 
 #[test]
 fn a_held_pixel_starts_anew_from_the_light_of_its_release() {
-    // An event each tenth of a frame, then a hold of two tenths and a half: one each 3.5 tenths.
+    // Without a hold there is an event every tenth of a frame. A hold of 2.5 tenths makes that one every 3.5 tenths.
     let sensor = SensorModel { refractory_ns: (2.5 * TENTH_NS) as u32, ..sensor(1) };
     let events = shine(&sensor, frames(3), ramp);
     let expected: Vec<f64> = (0..9).map(|j| (1.0 + 3.5 * f64::from(j)) * TENTH_NS).collect();
@@ -130,7 +130,7 @@ fn convergence_is_of_second_order() {
     const HALF_PERIOD_US: f64 = 1e6 / 120.0;
     let light = |_: usize, t_ns: f64| AMPLITUDE * (std::f64::consts::PI * t_ns * 1e-3 / HALF_PERIOD_US).sin();
     let end_us = 4.0 * FRAME_NS as f64 * 1e-3;
-    // From crest to crest the light is monotone, around its zero at `half` half periods.
+    // Between neighbouring extrema the light is monotonic. Its zero between them is at `half` half periods.
     let mut exact_us = Vec::new();
     let mut reference = 0_i32;
     for half in 0..17 {

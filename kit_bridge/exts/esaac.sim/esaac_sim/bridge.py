@@ -1,21 +1,28 @@
-"""The cameras of a stage, from the first frame to the last: finds them, feeds them, sends their events on."""
+"""The event cameras of a stage: finds them, feeds them frames and hands their events on."""
 
 import esaac
 
 from . import exposure, publishing, schema, self_test, sinks, writer
+from .closing import CloseError, Closing
 from .feed import Feed
 from .frames import FrameUnusable
 from .texture import Texture
+from .timeline import TimelineStopped
 
 SETTINGS = "/exts/esaac.sim/"
 
 
 class Bridge:
-    """Event cameras of one stage."""
+    """Event cameras of one stage.
+
+    `problems` says in words what went wrong. `unsaved` holds recorders whose files could not be written, with all
+    their events: see `save_unsaved`.
+    """
 
     def __init__(self, settings, log):
         self.settings, self.log = settings, log
         self.feeds, self.problems, self.checks = [], [], []
+        self.unsaved = []
         self._attached, self._before, self._publisher = [], None, None
 
     def setting(self, name, default):
@@ -27,13 +34,17 @@ class Bridge:
         return bool(self._attached)
 
     async def self_test(self, app, stage):
-        """Asks the renderer what it draws, once."""
+        """Checks what the renderer draws, once; plays the timeline for that. False if somebody stopped it meanwhile:
+        then the next call tests again."""
         if self.checks or not self.setting("self_test", True):
-            return
+            return True
         before = exposure.pin(self.settings)
         try:
             device = self.setting("device", None) or None
             self.checks = await self_test.run(app, stage, self.wants_texture, device)
+        except TimelineStopped as stopped:
+            self.log.warn(f"self-test given up: {stopped}")
+            return False
         except Exception as error:  # A renderer that cannot draw the test must not keep cameras from running.
             failed = f"{type(error).__name__}: {error}"
             self.checks = [self_test.Check("self-test", False, failed, disables="texture")]
@@ -41,11 +52,17 @@ class Bridge:
             exposure.restore(self.settings, before)
         for check in self.checks:
             (self.log.info if check.holds else self.log.warn)(f"self-test, {check.name}: {check.message}")
+        return True
 
     def attach(self, stage):
         """Makes an event camera of each camera that asks for it."""
-        self.detach()
-        specs, self.problems = schema.cameras(stage)
+        lost = []
+        try:
+            self.detach()
+        except CloseError as error:
+            lost = _words(error)
+        specs, problems = schema.cameras(stage)
+        self.problems = lost + problems
         off = self_test.disabled(self.checks)
         self._before = exposure.pin(self.settings)
         self._open_publisher([spec for spec in specs if spec.publish], off)
@@ -74,7 +91,10 @@ class Bridge:
             if by_texture:
                 feed.texture = Texture(product)
         except BaseException:
-            feed.close()
+            try:
+                feed.close()
+            except CloseError as error:
+                self.problems += _words(error)
             raise
         self.feeds.append(feed)
         self._attached.append((product, attached))
@@ -126,19 +146,45 @@ class Bridge:
         return self._publisher
 
     def detach(self):
-        """Gives everything back."""
+        """Closes everything, each part even if another fails; then raises `CloseError` with all errors."""
+        closing = Closing()
         for product, attached in self._attached:
-            writer.detach(product, attached)
+            closing.call(writer.detach, product, attached)
         for feed in self.feeds:
-            feed.close()
+            closing.call(feed.close)
+            self.unsaved += [sink for sink in feed.sinks if isinstance(sink, sinks.Recorder)]
         if self._publisher is not None:
-            try:
-                self._publisher.close()
-            except esaac.EsaacError as error:
-                self.log.error(str(error))
+            closing.call(self._publisher.close)
         if self._before is not None:
-            exposure.restore(self.settings, self._before)
+            closing.call(exposure.restore, self.settings, self._before)
         self.feeds, self._attached, self._before, self._publisher = [], [], None, None
+        closing.finish()
+
+    def detach_and_tell(self):
+        """As `detach`, for callers to whom nobody listens: errors are logged and become problems."""
+        try:
+            self.detach()
+        except CloseError as error:
+            self._tell(_words(error))
+
+    def save_unsaved(self):
+        """Writes the recordings that failed once more, to the folder that is set now. Returns how many are left."""
+        folder, closing = self.setting("record", "") or None, Closing()
+        self.unsaved = [recorder for recorder in self.unsaved if not closing.call(recorder.close, folder)]
+        try:
+            closing.finish()
+        except CloseError as error:
+            self._tell(_words(error))
+        return len(self.unsaved)
+
+    def _tell(self, problems):
+        self.problems += problems
+        for problem in problems:
+            self.log.error(problem)
+
+
+def _words(error):
+    return [f"{type(each).__name__}: {each}" for each in error.exceptions]
 
 
 def _replaced(spec, **changes):

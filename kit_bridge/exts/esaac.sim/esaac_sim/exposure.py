@@ -1,6 +1,7 @@
-"""Renderer settings under which HdrColor is light: linear, not exposed, not smoothed over time.
+"""Renderer settings under which HdrColor is linear light, without exposure or smoothing over time.
 
-A sensor's exposure is its own (`exposure_gain`); an auto-exposed or anti-aliased image sends events of its own.
+The sensor has its own exposure (`exposure_gain`). Automatic exposure and temporal anti-aliasing would change the
+image by themselves, and so make events that no motion has caused.
 """
 
 NEUTRAL = {
@@ -14,7 +15,7 @@ NEUTRAL = {
 
 
 def pin(settings):
-    """Sets them, and returns what was there, for `restore`."""
+    """Sets them and returns the old values, for `restore`."""
     before = {path: settings.get(path) for path in NEUTRAL}
     for path, value in NEUTRAL.items():
         settings.set(path, value)

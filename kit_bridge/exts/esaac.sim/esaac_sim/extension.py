@@ -1,4 +1,4 @@
-"""What Kit starts: the menu entry, the window, and cameras that come and go with the timeline."""
+"""The part that Kit starts: a menu entry, a window, and cameras that attach on play and detach on stop."""
 
 import asyncio
 
@@ -53,16 +53,16 @@ class Extension(omni.ext.IExt):
         if self.window:
             self.window.destroy()
             self.window = None
-        self.bridge.detach()
+        self.bridge.detach_and_tell()
 
     def show(self, *_):
         """Opens the window."""
         if self.window is None:
-            self.window = Window(TITLE, self.bridge, self.attach, self.bridge.detach)
+            self.window = Window(TITLE, self.bridge, self.attach, self.bridge.detach_and_tell)
         self.window.visible = True
 
     def attach(self):
-        """Begins: the self-test once, then every event camera of the stage."""
+        """Runs the self-test, once, then attaches every event camera of the stage."""
         if self._task is None or self._task.done():
             self._task = asyncio.ensure_future(self._attach())
         return self._task
@@ -71,7 +71,8 @@ class Extension(omni.ext.IExt):
         stage = omni.usd.get_context().get_stage()
         if stage is None:
             return 0
-        await self.bridge.self_test(omni.kit.app.get_app(), stage)
+        if not await self.bridge.self_test(omni.kit.app.get_app(), stage):
+            return 0
         return self.bridge.attach(stage)
 
     def _on_timeline(self, event):
@@ -80,8 +81,8 @@ class Extension(omni.ext.IExt):
             if self.bridge.setting("attach_on_play", True) and not self.bridge.attached:
                 self.attach()
         elif kind == omni.timeline.TimelineEventType.STOP:
-            # Recordings are files from here on.
-            self.bridge.detach()
+            # Detaching writes the recordings.
+            self.bridge.detach_and_tell()
 
 
 __all__ = ["MENU", "SETTINGS", "TITLE", "Extension"]

@@ -1,10 +1,11 @@
-"""One camera of the stage: its render product's frames in, its events to whoever wants them."""
+"""One camera of the stage: takes the frames of its render product and hands the events to its sinks."""
 
 import collections
 import time
 
 import esaac
 
+from .closing import Closing
 from .frames import FrameUnusable, frame_of
 
 LONGEST_GAP_NS = 1_000_000_000
@@ -15,11 +16,11 @@ FORMS = {
     "voxel_grid": lambda camera: camera.voxel_grid(),
     "aps": lambda camera: camera.aps,
 }
-"""What `esaac:outputs` may ask for beside the events."""
+"""What `esaac:outputs` may ask for besides the events."""
 
 
 class Feed:
-    """Steps an event camera with a writer's data, and keeps count."""
+    """Steps an event camera with a writer's data, and counts frames, events and faults."""
 
     def __init__(self, spec, device=None):
         self.spec = spec
@@ -37,8 +38,8 @@ class Feed:
         self._recent = collections.deque(maxlen=RATE_WINDOW)
 
     def write(self, data):
-        """What the writer calls: on the thread of the renderer, with memory that is the renderer's until this
-        returns. `step` returns when the engine has read it."""
+        """The writer calls this on the renderer's thread. The arrays are valid until it returns; `step` has read them
+        by then."""
         sensor = self.spec.sensor
         try:
             needs_motion = sensor.synthesis in ("motion", "paper")
@@ -49,7 +50,7 @@ class Feed:
             return
         if self._last_ns is not None:
             if frame.t_ns == self._last_ns:
-                # Replicator hands out a frame again where rates differ; it holds nothing new.
+                # Replicator hands out a frame twice if rates differ. It holds nothing new.
                 self.duplicates += 1
                 return
             if frame.t_ns < self._last_ns or frame.t_ns - self._last_ns > LONGEST_GAP_NS:
@@ -75,23 +76,25 @@ class Feed:
         self._recent.append((started, len(packet)))
         self.frame = frame
         for sink in self.sinks:
-            try:
-                sink(self, packet)
-            except Exception as error:  # A sink is others' code: its fault is shown and ends nothing.
-                self.faults += 1
-                self.message = f"{getattr(sink, 'name', sink)}: {error}"
-        # The renderer's memory is its own again.
+            self._guarded(sink, sink, self, packet)
+        # The renderer may overwrite its memory from now on.
         self.frame = None
 
     def _tell(self, what, *arguments):
         for sink in self.sinks:
-            told = getattr(sink, what, None)
-            if told:
-                told(*arguments)
+            self._guarded(sink, getattr(sink, what, None) or (lambda *_: None), *arguments)
+
+    def _guarded(self, sink, call, *arguments):
+        """A sink is others' code: its fault is shown, and everything else goes on."""
+        try:
+            call(*arguments)
+        except Exception as error:
+            self.faults += 1
+            self.message = f"{getattr(sink, 'name', sink)}: {error}"
 
     @property
     def rates(self):
-        """Frames and events a second of wall time, of late."""
+        """Frames and events per second of wall time, over the last frames."""
         if len(self._recent) < 2:
             return 0.0, 0.0
         span = self._recent[-1][0] - self._recent[0][0]
@@ -108,6 +111,9 @@ class Feed:
         self._tell("changed", self.camera.sensor)
 
     def close(self):
-        self._tell("close")
-        self.sinks = []
-        self.camera.close()
+        """Closes the sinks and the camera, each of them even if another fails; then raises `CloseError`. Sinks that
+        failed stay in `sinks`: they may hold events."""
+        closing = Closing()
+        self.sinks = [sink for sink in self.sinks if hasattr(sink, "close") and not closing.call(sink.close)]
+        closing.call(self.camera.close)
+        closing.finish()

@@ -1,4 +1,4 @@
-"""From what a Replicator writer is handed to what an event camera takes. Nothing is copied here."""
+"""Reads an event camera's input out of a Replicator writer's data. Nothing is copied."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ TIME = "IsaacReadSimulationTime"
 
 
 class FrameUnusable(Exception):
-    """A frame that cannot be taken, and why; `expected` at the start of a run, before the renderer has begun."""
+    """A frame that cannot be used, and why. `expected`: the renderer has not drawn yet, as at the start of a run."""
 
     def __init__(self, message, expected=False):
         super().__init__(message)
@@ -27,7 +27,7 @@ class Frame:
 
 
 def find(data, name):
-    """The entry of an annotator: keys may carry the render product's name behind a hyphen."""
+    """The entry of an annotator. Its key may end in a hyphen and the render product's name."""
     if name in data:
         return data[name]
     for key, value in data.items():
@@ -37,7 +37,7 @@ def find(data, name):
 
 
 def payload(entry):
-    """The array of an entry, which some versions wrap in `{"data": ..., "info": ...}`."""
+    """The array of an entry. Some versions of Kit wrap it in `{"data": ..., "info": ...}`."""
     return entry["data"] if isinstance(entry, dict) and "data" in entry else entry
 
 
@@ -54,8 +54,8 @@ def seconds(entry):
 
 
 def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None):
-    """Colour, motion and time of a writer's data, checked, and what `outputs` asks for beside them. Colour is the
-    texture's, if there is one."""
+    """Colour, motion and time of a writer's data, checked, and `rgb` and `depth` if `outputs` names them. Colour
+    comes from the texture, if there is one."""
     hdr = texture.image(width, height) if texture else _image(data, HDR, height, width)
     motion = _image(data, MOTION, height, width) if needs_motion else None
     rgb = _image(data, RGB, height, width) if "rgb" in outputs else None
@@ -74,6 +74,6 @@ def _image(data, name, height, width, channels=(4,)):
     if not shape or 0 in shape:
         raise FrameUnusable(f"{name} is empty: the renderer has not drawn yet", expected=True)
     if shape != (height, width, *channels):
-        # Unit dimensions are squeezed, which an image of one row or column would not survive.
+        # Kit drops axes of length 1, so an image of one row or column cannot be told from a list.
         raise FrameUnusable(f"{name} has shape {shape}, expected {(height, width, *channels)}")
     return array

@@ -4,7 +4,7 @@ from esaac import ros
 
 
 class Imu:
-    """Reads Isaac Sim's sensor at a path. Its axes are its prim's: x forward, y left, z up for ROS."""
+    """Reads Isaac Sim's IMU sensor at a path, in the axes of its prim. ROS wants x forward, y left, z up."""
 
     def __init__(self, path):
         try:
@@ -16,7 +16,7 @@ class Imu:
         self._sensor, self._last_ns = IMUSensor(prim_path=path), None
 
     def samples(self):
-        """The present sample, once. With gravity, as an IMU feels it."""
+        """The newest sample, if it was not read before. It includes gravity, as a real IMU measures it."""
         data = self._sensor.get_data(read_gravity=True)
         t_ns = round(float(data["time"]) * 1e9)
         if t_ns == self._last_ns:

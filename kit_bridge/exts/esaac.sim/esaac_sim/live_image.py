@@ -1,4 +1,4 @@
-"""Events of late as a picture: red ON, blue OFF, fading to white."""
+"""The latest events as a picture: ON red, OFF blue, fading to white."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ FADE = 0.6
 
 
 class LiveImage:
-    """A sink that keeps the picture of one camera, RGBA bytes `[row, column]`, while somebody sees it."""
+    """A sink that keeps one camera's picture, RGBA bytes `[row, column]`. It works only while `seen()` is true."""
 
     name = "live image"
 

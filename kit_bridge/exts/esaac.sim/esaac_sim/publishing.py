@@ -6,12 +6,12 @@ from .imu import Imu
 
 
 def publisher(specs):
-    """A publisher of the cameras that ask for it, each below its own topic."""
+    """A publisher of these cameras, each below its own topic."""
     return ros.Publisher([_camera(spec) for spec in specs], namespace="/", node="esaac_sim")
 
 
 def _name(spec):
-    # The publisher's namespace is the outermost.
+    # The publisher's namespace is `/`, so names have no slash in front.
     return spec.topic.removeprefix("/")
 
 
@@ -28,7 +28,7 @@ def _camera(spec):
 
 
 class Sink:
-    """Publishes what a feed has, while the renderer's memory is there."""
+    """Publishes a feed's events and images. It is called while the renderer's memory is still valid."""
 
     name = "publisher"
 
@@ -40,7 +40,7 @@ class Sink:
         frame = feed.frame
         aps = feed.camera.aps
         samples = self._imu.samples() if self._imu else ()
-        # The first frame ends no interval: there is nothing of events to tell.
+        # The first frame ends no interval, so it has no events to publish.
         packet = packet if feed.frames > 1 else None
         self._publisher.publish(
             frame.t_ns,
@@ -50,7 +50,7 @@ class Sink:
             self._log.warn(notice)
 
     def restart(self):
-        """The timeline went back."""
+        """Tells subscribers that time has gone back."""
         self._publisher.restart()
 
     def changed(self, sensor):

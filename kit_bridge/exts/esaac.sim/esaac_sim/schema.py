@@ -1,7 +1,7 @@
-"""Which cameras of a stage are event cameras, and of what kind: the `esaac:*` attributes.
+"""Reads the `esaac:*` attributes: which cameras of a stage are event cameras, and with which parameters.
 
-They are those of the applied schema `EsaacEventCameraAPI` (`schema/generatedSchema.usda`), and count without it
-too, so that a stage needs no plug-in to carry them.
+The applied schema `EsaacEventCameraAPI` (`schema/generatedSchema.usda`) declares them. They work without the schema
+too, so a stage needs no plug-in to have them.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ class SchemaError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class CameraSpec:
-    """What a prim's attributes ask for."""
+    """The attributes of one camera prim, checked."""
 
     path: str
     sensor: esaac.SensorModel
@@ -46,20 +46,20 @@ class CameraSpec:
     packets: str
     publish: bool
     topic: str
-    """Where its topics are: `events`, `aps/image_raw` and so on come below."""
+    """Prefix of its topics `events`, `aps/image_raw` and so on."""
     frame_id: str | None
     imu: str
-    """Path of an IMU sensor that is published with it, or nothing."""
+    """Path of an IMU sensor that is published with it, or empty."""
     focal_px: float
 
 
 def register():
-    """Tells USD of the applied schema; once is enough, and more do no harm."""
+    """Registers the applied schema with USD. Calling it again does no harm."""
     Plug.Registry().RegisterPlugins(str(pathlib.Path(__file__).parents[1] / "schema"))
 
 
 def is_event_camera(prim):
-    """Whether a camera carries the schema or any of its attributes, and is not switched off."""
+    """Whether a camera has the schema or any of its attributes, and is not switched off."""
     if not prim.IsA(UsdGeom.Camera):
         return False
     carried = prim.HasAPI(API) if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(API) else False
@@ -68,7 +68,7 @@ def is_event_camera(prim):
 
 
 def cameras(stage):
-    """A `CameraSpec` for each event camera of the stage, in its order, and the errors of the others."""
+    """A `CameraSpec` for each valid event camera, in the stage's order, and the errors of the others."""
     specs, errors = [], []
     for prim in stage.Traverse():
         if is_event_camera(prim):
@@ -97,7 +97,7 @@ def spec_of(prim):
     packets = str(_value(prim, "packets"))
     if packets not in ("host", "cuda"):
         raise SchemaError(f"{path}.esaac:packets is `{packets}`, expected host or cuda")
-    # Who names the topic of the events means that one.
+    # The topic of the events stands for the camera's.
     topic = (str(_value(prim, "topic")) or "/" + prim.GetName().lower()).removesuffix("/events")
     frame_id = str(_value(prim, "frameId")) or None
     publish = bool(_value(prim, "publish"))
@@ -121,7 +121,7 @@ def spec_of(prim):
 
 
 def _focal_px(prim, width):
-    """Pixels are square: renderers fit the aperture's width to the image's."""
+    """Pixels are square: renderers fit the aperture to the image by their widths."""
     camera = UsdGeom.Camera(prim)
     aperture = camera.GetHorizontalApertureAttr().Get()
     return camera.GetFocalLengthAttr().Get() / aperture * width if aperture else 0.0
@@ -142,7 +142,7 @@ def _sensor(prim, path, outputs):
 
 
 def _overrides(text):
-    """Lines of `name = value`: the part of TOML that parameters need, in every Python that Kit has had."""
+    """Lines of `name = value`. Kit's oldest Python has no TOML reader, and parameters need no more than this."""
     values = {}
     for number, line in enumerate(text.splitlines(), 1):
         line = line.split("#", 1)[0].strip()

@@ -1,8 +1,8 @@
-"""What cannot be known of a renderer from its documentation, asked of it: a cube that moves as we say, seen by a
-camera that we place.
+"""The self-test: draws a scene of known geometry and checks what the renderer hands out.
 
-`judge` compares what was drawn with what geometry says; it needs no Kit. `run` draws. A failed assumption switches
-off what depends on it: wrong motion vectors the synthesis `motion`, a wrong clock the publishing.
+A renderer's documentation does not say everything: the sign of motion vectors, say. So a cube moves at a known speed
+before a known camera. `run` draws it. `judge` compares what was drawn with what geometry says, and needs no Kit. A
+failed check switches off what depends on it: wrong motion vectors the synthesis `motion`, a wrong clock publishing.
 """
 
 import dataclasses
@@ -48,6 +48,11 @@ def expected_motion_px():
 
 def judge(frames):
     """Checks of a list of writer's data. The first frames may be empty, and motion of the first is not trusted."""
+    if not frames:
+        seen = (
+            "Replicator handed out no frames while the timeline played: is its capture on play switched off?"
+        )
+        return [Check("frames", False, seen, disables="everything")]
     drawn, notes = [], []
     for data in frames:
         try:
@@ -147,8 +152,12 @@ def disabled(checks):
 
 
 async def run(app, stage, with_texture=False, device=None):
-    """Draws the scene under a root of its own and judges it; the root is gone afterwards."""
+    """Draws the scene below a root of its own and judges it. Afterwards root and timeline are as before.
+
+    Raises `TimelineStopped` if somebody stops the timeline meanwhile: then nothing is known of the renderer.
+    """
     from .self_test_scene import SelfTestScene
+    from .timeline import playing
 
     scene = SelfTestScene(stage)
     twins = None
@@ -157,9 +166,10 @@ async def run(app, stage, with_texture=False, device=None):
             from .self_test_texture import Twins
 
             twins = scene.twins = Twins(scene.product, device)
-        for index in range(FRAMES + 2):
-            scene.move(index)
-            await app.next_update_async()
+        async with playing(app):
+            for index in range(FRAMES + 2):
+                scene.move(index)
+                await app.next_update_async()
         checks = judge(scene.frames[-FRAMES:])
         return checks + ([twins.check()] if twins else [])
     finally:

@@ -8,11 +8,11 @@ from .writer import EsaacEventWriter
 
 ROOT = "/EsaacSelfTest"
 DEPTH_M = -1000.0
-"""Far below what the user has built, so that neither is in the other's picture."""
+"""Far below the user's scene, so that neither is seen in the other's images."""
 
 
 class SelfTestScene:
-    """Prims, a render product and a writer that collects what it is handed."""
+    """Prims, a render product, and a writer that collects copies of its data."""
 
     def __init__(self, stage):
         self.stage, self.frames, self.twins = stage, [], None
@@ -37,7 +37,7 @@ class SelfTestScene:
         self.writer.attach([self.product])
 
     def move(self, index):
-        """Puts the cube where it is in a frame, and lets it glow as it does then."""
+        """Sets the cube's position and brightness for a frame."""
         t = index / the.RATE_HZ
         vx, vy = the.SPEED_M_PER_S
         self.place.Set(self._at(vx * t, vy * t, -the.DISTANCE_M))
@@ -52,7 +52,7 @@ class SelfTestScene:
     def _keep(self, data):
         if self.twins:
             self.twins.write(data)
-        # The renderer's memory is good until `write` returns: what is judged later is copied.
+        # The renderer's memory is valid until `write` returns, so copy what is judged later.
         self.frames.append({key: _copied(value) for key, value in data.items()})
 
     def _at(self, x, y, z):

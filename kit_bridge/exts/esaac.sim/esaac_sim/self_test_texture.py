@@ -1,5 +1,5 @@
-"""Whether the texture path may be used: two cameras see the same frames, one by the annotator's array and one by the
-texture, and must give the same events and the same APS frames."""
+"""Tests whether the texture path may be used. Two cameras get the same frames, one from the annotator's array and one
+from the texture. They must give the same events and the same APS frames."""
 
 import numpy as np
 
@@ -10,15 +10,15 @@ from .self_test import SIZE_PX, Check
 from .texture import Texture
 
 ENOUGH = 4
-"""Frames that must have been compared."""
+"""Frames that must be compared at least."""
 
 
 class Twins:
-    """A camera for each path."""
+    """One camera for each path."""
 
     def __init__(self, product, device):
         sensor = esaac.SensorModel("dvs128", width=SIZE_PX[0], height=SIZE_PX[1], synthesis="linear")
-        # APS frames show the light itself, where events only show its changes.
+        # Events show only changes of light; APS frames show the light itself.
         sensor = sensor.replace(contrast_on=0.1, contrast_off=0.1, aps_exposure_ns=8_000_000, aps_bits=16)
         self._cameras = [esaac.EventCamera(sensor, device=device) for _ in range(2)]
         self._texture, self._fault = None, None
@@ -29,7 +29,7 @@ class Twins:
             self._fault = str(unusable)
 
     def write(self, data):
-        """A frame, while the renderer's memory is there."""
+        """Compares one frame. The writer calls this while the renderer's memory is valid."""
         if self._fault:
             return
         array = payload(find(data, HDR))

@@ -1,4 +1,4 @@
-"""What standalone scripts begin with: a new stage, and a bridge that has asked the renderer what it draws."""
+"""How standalone scripts begin: a new stage, and a bridge that has tested the renderer."""
 
 import asyncio
 
@@ -12,7 +12,8 @@ from .extension import Log
 
 
 def begin(update, **chosen):
-    """A bridge and its stage. `update` is the application's; `chosen` are settings of the extension."""
+    """A bridge and its stage. The timeline is stopped: attach cameras, then play it. `update` is the application's;
+    `chosen` are settings of the extension."""
     omni.usd.get_context().new_stage()
     stage = omni.usd.get_context().get_stage()
     settings = carb.settings.get_settings()

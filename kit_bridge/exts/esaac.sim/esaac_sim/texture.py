@@ -1,8 +1,8 @@
-"""HdrColor where the renderer has it: a texture, read with one copy instead of two.
+"""Reads HdrColor from the renderer's own texture: one copy on the device instead of two.
 
-What Kit hands out is a number. That it is CUDA's handle of such a texture, in the context that all of CUDA's runtime
-shares, is written nowhere; a number that is none ends the process. So this path is taken only where a setting asks
-for it, and only once the self-test has seen the same events by it as by the annotator.
+Kit hands out a number. No documentation says that it is CUDA's handle of the texture, in the context that all users
+of CUDA's runtime share, and a wrong handle ends the process. So this path is used only if a setting asks for it and
+the self-test has seen the same events both ways.
 """
 
 import esaac
@@ -30,7 +30,7 @@ class Texture:
         self._data.activate_node_template(NODE, 0, [product.path])
 
     def image(self, width, height):
-        """The present image, for `EventCamera.step`; it is the renderer's again once `write` has returned."""
+        """The current image, for `EventCamera.step`. It is valid until the writer's `write` returns."""
         told = self._data.get_node_attributes(NODE, list(OUTPUTS), self._product.path) or {}
         pointer, device, columns, rows, size, _ = (int(told.get(name) or 0) for name in OUTPUTS)
         if pointer == 0 or (columns, rows) == (0, 0):
@@ -47,7 +47,7 @@ class Texture:
 
 
 class _Linear:
-    """Rows without gaps, where a version of Kit has made a buffer of the texture."""
+    """An image in a linear buffer without gaps between rows, which some versions of Kit hand out."""
 
     def __init__(self, pointer, width, height):
         self.shape = (height, width, 4)

@@ -1,4 +1,4 @@
-"""The window: cameras, live images, rates, latency, memory, what went wrong, and the sensors' parameters."""
+"""The window: cameras, live images, rates, latency, memory, problems, and the sensors' parameters."""
 
 import omni.kit.app
 import omni.ui as ui
@@ -19,14 +19,14 @@ CONTROLS = {
     "exposure_gain": (0.01, 100.0),
     "substeps": (1, 64),
 }
-"""Parameters that can be turned while a camera runs, and their ends."""
+"""Parameters that can be changed while a camera runs, and their ranges."""
 
 IMAGE_EVERY = 4
-"""Updates of the window to one of its pictures."""
+"""A picture is drawn at every so many updates of the window."""
 
 
 class Window:
-    """Shows a bridge."""
+    """Shows the cameras of a bridge."""
 
     def __init__(self, title, bridge, attach, detach):
         self._bridge, self._shown = bridge, []
@@ -36,6 +36,7 @@ class Window:
             with ui.HStack(height=28, spacing=6):
                 ui.Button("Attach", clicked_fn=attach)
                 ui.Button("Detach", clicked_fn=detach)
+                ui.Button("Save again", clicked_fn=bridge.save_unsaved)
             self._problems = ui.Label("", word_wrap=True, height=0, style={"color": 0xFF4040E0})
             self._checks = ui.Label("", word_wrap=True, height=0)
             self._list = ui.ScrollingFrame()
@@ -63,7 +64,8 @@ class Window:
         feeds = self._bridge.feeds
         if self._shown != feeds:
             self._build(feeds)
-        self._problems.text = "\n".join(self._bridge.problems)
+        unsaved = [f"not saved: {len(r)} events of {r.path}" for r in self._bridge.unsaved]
+        self._problems.text = "\n".join(self._bridge.problems + unsaved)
         self._checks.text = "\n".join(
             f"self-test, {check.name}: {'ok' if check.holds else 'FAILED'}, {check.message}"
             for check in self._bridge.checks

@@ -1,10 +1,12 @@
 """The Replicator writer that hands a render product's frames to a feed.
 
-A writer, since polling annotators drops or repeats frames where rates differ; arrays on the device and not copied,
-since the engine has read them when `write` returns.
+Polling annotators would drop or repeat frames if rates differ; a writer gets each frame once. Its arrays stay on the
+device and are not copied: the engine has read them when `write` returns.
 """
 
 import omni.replicator.core as rep
+
+import esaac
 
 from .frames import DEPTH, HDR, MOTION, RGB, TIME
 
@@ -15,12 +17,12 @@ class EsaacEventWriter(rep.Writer):
     """Calls `sink(data)` for each frame."""
 
     def __init__(self, sink, with_hdr=True, with_motion=True, with_rgb=False, with_depth=False):
-        self.version = "0.1.0"
+        self.version = esaac.__version__
         self.sink = sink
         get = rep.AnnotatorRegistry.get_annotator
         names = [HDR] * with_hdr + [MOTION] * with_motion + [RGB] * with_rgb + [DEPTH] * with_depth
         self.annotators = [get(name, device="cuda", do_array_copy=False) for name in names]
-        # The time of the rendered frame, which may lag behind the simulation's.
+        # The time of the rendered frame. The simulation may be ahead of it.
         self.annotators.append(get(TIME, init_params={"resetOnStop": True}))
 
     def write(self, data):
@@ -28,7 +30,7 @@ class EsaacEventWriter(rep.Writer):
 
 
 def attach(spec, sink, with_hdr=True):
-    """A render product of the camera's size with a writer on it; both are given to `detach`."""
+    """Makes a render product of the camera's size and puts a writer on it. Give both to `detach`."""
     sensor = spec.sensor
     product = rep.create.render_product(spec.path, (sensor.width, sensor.height))
     rep.WriterRegistry.register(EsaacEventWriter)

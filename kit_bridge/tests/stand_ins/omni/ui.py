@@ -1,6 +1,13 @@
 """Widgets that hold what they are told, nested by `with`; a value model calls back when an edit ends."""
 
 WINDOWS = []
+BUTTONS = []
+SLIDERS = []
+
+
+def reset():
+    """Forgets the widgets of earlier tests."""
+    WINDOWS.clear(), BUTTONS.clear(), SLIDERS.clear()
 
 
 class _Widget:
@@ -26,6 +33,10 @@ class Label(_Widget):
 
 
 class Button(_Widget):
+    def __init__(self, text="", **parameters):
+        super().__init__(text, **parameters)
+        BUTTONS.append(self)
+
     def click(self):
         self.parameters["clicked_fn"]()
 
@@ -63,9 +74,6 @@ class ByteImageProvider:
     def set_bytes_data(self, data, size):
         assert len(data) == 4 * size[0] * size[1]
         self.data = data
-
-
-SLIDERS = []
 
 
 class _Model:

@@ -1,4 +1,4 @@
-//! What the overview says at its top.
+//! Title and subtitle of the overview.
 
 use super::RATE_HZ;
 use crate::overview::Caption;

@@ -1,4 +1,4 @@
-//! What a run of the demo gathers tick by tick, and what it publishes of each.
+//! Collects the results of the demo, tick by tick, and publishes them.
 
 use super::picture::{Picture, colours};
 use super::run::Run;
@@ -15,12 +15,12 @@ use esaac_model::{Intensity, SensorModel};
 use esaac_scene::renderer::Renderer;
 use std::sync::Arc;
 
-/// What a run gathers tick by tick.
+/// The results of the ticks so far.
 pub(super) struct Collected {
     renderer: Renderer,
     picture: Picture,
     record: RunRecord,
-    /// As they are now.
+    /// The current ones.
     sensors: [SensorModel; 2],
     sensors_changed: bool,
     ros: RosOutput,
@@ -42,7 +42,7 @@ impl Collected {
         })
     }
 
-    /// Gives the rig what others have set by the ROS parameters since the last tick.
+    /// Applies the ROS parameters that other nodes have set since the last tick.
     pub fn change_sensors(&mut self, rig: &mut Rig) {
         self.sensors_changed |= self.ros.change_sensors(rig, &mut self.sensors);
     }
@@ -62,7 +62,7 @@ impl Collected {
         Ok(())
     }
 
-    /// What the overview shows of a frame.
+    /// The images that the overview shows of a frame.
     fn instant(&self, run: &Run<'_>, t_ns: i64, tick: &Tick<'_>) -> Instant {
         let Picture { pixels, hdr, depth } = &self.picture;
         let bayer = run.sensors.iter().position(|s| s.intensity == Intensity::BayerRggb).expect("one of two");
@@ -81,7 +81,7 @@ impl Collected {
         }
     }
 
-    /// Everything of a frame, to ROS 2; the first frame has no packet yet.
+    /// Publishes everything of a frame to ROS 2. The first frame has no packet yet.
     fn publish(&mut self, run: &Run<'_>, index: usize, tick: &Tick<'_>) {
         if !self.ros.is_open() {
             return;

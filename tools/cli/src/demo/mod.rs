@@ -1,4 +1,5 @@
-//! `esaac demo`: a built-in scene rendered, simulated, measured against its exact events and drawn.
+//! `esaac demo`: renders a built-in scene, simulates it, compares the events with the exact ones and draws an
+//! overview.
 
 mod caption;
 mod collected;
@@ -6,7 +7,6 @@ mod picture;
 mod run;
 
 use crate::arguments::CommonArguments;
-use crate::event_file::write_npz;
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
@@ -14,11 +14,12 @@ use crate::overview::{self, Instant};
 use crate::report::{MemoryReport, Report};
 use crate::ros::{RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
+use crate::scene_argument::scene_parser;
 use crate::sensor_flags::SensorFlags;
 use crate::{accuracy, colour, device_choice, output_file};
 use anyhow::{Context, Result};
 use caption::caption;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use esaac_formats::event_file::write_npz;
 use esaac_model::presets::preset;
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel};
 use esaac_ros::Summary;
@@ -30,7 +31,7 @@ use std::path::PathBuf;
 /// Rate of the rendered frames.
 pub const RATE_HZ: f64 = 30.0;
 
-/// Formats of what is rendered.
+/// Formats of the rendered images.
 const HDR: HdrFormat = HdrFormat::F16x4;
 const MOTION: MotionFormat = MotionFormat::F32x2;
 
@@ -46,10 +47,10 @@ pub struct DemoArguments {
     /// Folder for overview.png, events.npz and report.json
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
-    /// Render in this process instead of in another
+    /// Render in this process instead of a second one
     #[arg(long)]
     pub in_process: bool,
-    /// Wait for the wall clock, so that one can watch
+    /// Simulate at the wall clock's speed, so that you can watch
     #[arg(long)]
     pub real_time: bool,
     /// ROS 2.
@@ -63,12 +64,6 @@ pub struct DemoArguments {
     pub kernels: KernelArguments,
 }
 
-/// Scenes by name, with what each shows.
-pub fn scene_parser() -> impl TypedValueParser<Value = SceneKind> {
-    PossibleValuesParser::new(SceneKind::ALL.map(|kind| PossibleValue::new(kind.name()).help(kind.about())))
-        .try_map(|name| name.parse::<SceneKind>())
-}
-
 /// Runs the command.
 pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcome> {
     let mut kernels = KernelSource::open(&arguments.kernels)?;
@@ -80,7 +75,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     }
     let sensors = sensors(arguments)?;
     let run = Run::new(arguments, &sensors);
-    // Before all that takes time, so that subscribers have found the topics when the first packet comes.
+    // First, so that subscribers have found the topics before the first packet.
     let ros = RosOutput::open(&arguments.ros, RosMode::Auto, run.ros_cameras())?;
     let device = device_choice::open(common)?;
     let simulated = if arguments.in_process {
@@ -100,7 +95,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.link = simulated.link;
     report.ros = simulated.ros;
     if simulated.sensors_changed {
-        eprintln!("sensors were changed as it ran: there are no exact events to compare with");
+        eprintln!("the sensors changed during the run: no comparison with exact events");
     }
     for (camera, sensor) in sensors.iter().enumerate().filter(|_| !simulated.sensors_changed) {
         let events = &record.cameras[camera].events;
@@ -122,14 +117,15 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.outcome(common.json)
 }
 
-/// The sensor asked for, with an APS frame unless its exposure was given, and its colour or gray twin.
+/// The chosen sensor, and the same with the other kind of intensity (colour or gray). Both have APS frames
+/// unless the flags set the exposure.
 fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
     let mut sensor = arguments.sensor.resolve(preset("davis346").expect("a preset"))?.sensor;
     let given = |name: &str| arguments.sensor.explicit.iter().any(|(parameter, _)| *parameter == name);
     if sensor.aps_exposure_ns == 0 && !given("aps_exposure_ns") {
         sensor.aps_exposure_ns = 10_000_000;
         if !given("aps_start_ns") {
-            // It ends with the frame, so that both have one stamp.
+            // The exposure ends with the frame, so that both have the same stamp.
             sensor.aps_start_ns = (1e9 / RATE_HZ).ceil() as u32 - sensor.aps_exposure_ns;
         }
     }
@@ -137,7 +133,7 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
         let frame = render_cpu(&arguments.scene.scene(sensor.width, sensor.height), 0, None, HDR, MOTION);
         let gain = colour::exposure(colours(&frame.hdr).map(colour::luminance)) * APS_KEY;
         let gain = f64::from(gain) * sensor.white_level / sensor.exposure_gain;
-        // Three digits do, and read better in the sensor's file.
+        // Three digits are enough, and easy to read in the sensor's file.
         sensor.aps_gain = format!("{gain:.2e}").parse::<f64>()?.clamp(1e-6, 1e6);
     }
     sensor.validate()?;
@@ -151,7 +147,7 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
 /// Brightness of the APS frame relative to middle gray's.
 const APS_KEY: f32 = 1.2;
 
-/// What a run gave.
+/// The results of a run.
 struct Simulated {
     record: RunRecord,
     sensors_changed: bool,

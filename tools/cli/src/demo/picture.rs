@@ -1,4 +1,4 @@
-//! A frame of the demo where the host can read it: for the overview, and for ROS 2.
+//! Renders frames of the demo into memory that the host can read, for the overview and for ROS 2.
 
 use super::HDR;
 use anyhow::Result;
@@ -9,7 +9,7 @@ use esaac_scene::Scene;
 use esaac_scene::renderer::{Renderer, Targets};
 use std::sync::Arc;
 
-/// Colour and depth of a frame where the host can read them.
+/// Colour and depth of a frame, in memory that the host can read.
 pub(super) struct Picture {
     pub pixels: usize,
     pub hdr: Buffer,
@@ -36,7 +36,7 @@ impl Picture {
     }
 }
 
-/// Linear colours of an image in the format that is rendered.
+/// The linear colours of a rendered image.
 pub(super) fn colours(hdr: &[u8]) -> impl Iterator<Item = [f32; 3]> + '_ {
     let pixels = hdr.len() / HDR.texel_bytes();
     (0..pixels).map(|i| HDR.decode(hdr, i).map(|v| v as f32))

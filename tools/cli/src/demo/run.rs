@@ -1,4 +1,4 @@
-//! A run of the demo: its cameras, and its frames rendered here or by another process.
+//! Runs the demo. Its frames are rendered in this process or in a second one.
 
 use super::collected::Collected;
 use super::{DemoArguments, HDR, MOTION, RATE_HZ, Simulated};
@@ -8,7 +8,7 @@ use crate::kernel_source::KernelSource;
 use crate::link_report::LinkReport;
 use crate::pace::Pace;
 use crate::progress;
-use crate::render_process::RenderProcess;
+use crate::render_process::{RenderJob, RenderProcess};
 use crate::report::{self, MemoryReport};
 use crate::rig_file::{DEFAULT_SLOTS, RigPlan};
 use crate::ros::{self, RosOutput};
@@ -25,7 +25,7 @@ use std::time::Duration;
 /// Rows of the overview.
 const INSTANTS: usize = 4;
 
-/// Two cameras that see one scene.
+/// Two cameras that see the same scene.
 pub(super) struct Run<'a> {
     pub scene: Scene,
     pub sensors: &'a [SensorModel; 2],
@@ -47,8 +47,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A renderer that has one slot waits while the engine works. A GPU is better used without that; on a processor,
-    /// whose cores both share, rendering ahead gains nothing, and the engine's times would be those of both.
+    /// On a GPU the renderer works ahead of the engine. On a software driver both would share the processor's
+    /// cores, and the engine's times would include the renderer's. So there the renderer has one slot only,
+    /// and waits.
     fn plan(&self, device: &Device) -> RigPlan {
         let slots = if device.is_software() { 1 } else { DEFAULT_SLOTS };
         let mut plan = RigPlan::default();
@@ -59,7 +60,7 @@ impl<'a> Run<'a> {
         plan
     }
 
-    /// What is published of each camera: all that the scene knows.
+    /// The published cameras, with everything that the scene provides.
     pub fn ros_cameras(&self) -> Vec<CameraPlan> {
         let (scene, sensors) = (&self.scene, self.sensors);
         let plan = |sensor: &SensorModel| {
@@ -75,7 +76,7 @@ impl<'a> Run<'a> {
         sensors.iter().map(plan).collect()
     }
 
-    /// Renders into the rig's own buffers.
+    /// Renders in this process, into the rig's own buffers.
     pub fn in_process(
         &self,
         device: &Arc<Device>,
@@ -106,7 +107,7 @@ impl<'a> Run<'a> {
         collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig))
     }
 
-    /// Has another process render into shared memory, as `esaac serve` and `esaac render` do.
+    /// Lets a second process render into shared memory, as `esaac serve` and `esaac render` do.
     pub fn over_the_link(
         &self,
         device: &Arc<Device>,
@@ -120,11 +121,12 @@ impl<'a> Run<'a> {
         kernels.load(&mut rig)?;
         let folder = tempfile::tempdir().context("no folder for the socket")?;
         let socket = folder.path().join("engine.sock");
-        // Both cameras' frames are of the same instants.
+        // Both cameras have frames at the same times.
         let options = ServerOptions { gather: PATIENCE, ..ServerOptions::default() };
         let mut service = Service::open(rig, &socket, &plan.terms, options)
             .context("two processes cannot share this device's memory; --in-process needs none")?;
-        let mut renderer = RenderProcess::start(&socket, arguments, device, common)?;
+        let job = RenderJob { scene: arguments.scene, frames: arguments.frames, rate_hz: RATE_HZ };
+        let mut renderer = RenderProcess::start(&socket, job, device, common)?;
         let mut collected = Collected::new(self, device, ros)?;
         let mut pace = Pace::new(arguments.real_time);
         let progress = progress::bar(self.times_ns.len());
@@ -152,7 +154,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// How long the link waits between looks whether the renderer lives.
+/// Time between two checks whether the renderer still runs.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// How long one camera's frame waits for the other's.

@@ -1,5 +1,5 @@
-//! Everything that can be wrong with what a user gives: exit code 1 (2 for usage) and an error that
-//! names expected and actual. None of these needs a device, since all is checked before one is opened.
+//! Wrong input: exit code 1 (2 for usage) and an error that names expected and actual. No test needs a
+//! device, because input is checked before a device is opened.
 
 use crate::harness::{Frames, assert_error, finish, run};
 

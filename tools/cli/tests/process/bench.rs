@@ -1,20 +1,20 @@
 //! `bench` and `calibrate`.
 
 use crate::harness::{Frames, assert_error, run};
-use std::path::Path;
+use esaac_tests::recording::{record, save, sensor};
 
-fn recording() -> String {
-    let path =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/recordings/davis346_emlb_demo01.aedat4");
-    path.to_str().expect("UTF-8").to_owned()
-}
+/// How far a fitted threshold may be off, as a share of it.
+const THRESHOLD_SHARE: f64 = 0.08;
 
 #[test]
 fn bench_writes_figures_tables_and_plots() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let arguments = ["bench", "--quick", "--part", "time", "--only", "dvs128", "--json", "--out", out];
-    let (code, text, error) = run(&arguments);
+    let results = folder.path().join("RESULTS.md");
+    std::fs::write(&results, "# Results\n\n## Another device\n\nIts figures.\n").unwrap();
+    let measured = ["bench", "--quick", "--part", "time", "--only", "dvs128", "--json"];
+    let places = ["--out", out, "--write-results", results.to_str().unwrap()];
+    let (code, text, error) = run(&[&measured[..], &places[..]].concat());
     assert_eq!(code, 0, "{error}");
     let printed: serde_json::Value = serde_json::from_str(&text).unwrap();
     let file = std::fs::read_to_string(folder.path().join("bench.json")).unwrap();
@@ -34,18 +34,29 @@ fn bench_writes_figures_tables_and_plots() {
     assert!(markdown.contains("(time.svg)"), "{markdown}");
     let svg = std::fs::read_to_string(folder.path().join("time.svg")).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains("x32 bayer"));
+    let results = std::fs::read_to_string(results).unwrap();
+    let device = printed["device"].as_str().unwrap();
+    assert!(results.starts_with("# Results\n\n## Another device\n\nIts figures.\n\n## "), "{results}");
+    let parts =
+        [&format!("## {device}\n\n### Time per interval"), "| dvs128 |", printed["driver"].as_str().unwrap()];
+    for part in parts.into_iter().chain(["part `time` of `esaac bench --part time --quick --only dvs128`"]) {
+        assert!(results.contains(part), "no `{part}` in {results}");
+    }
 }
 
 #[test]
 fn a_sensor_that_calibrate_writes_is_one_that_simulate_takes() {
     let frames = Frames::new(3, true);
     let (toml, events) = (frames.file_argument("fitted.toml"), frames.file_argument("events.npz"));
-    let (code, text, error) = run(&["calibrate", &recording(), "--out", &toml, "--json"]);
+    let recording = frames.file_argument("recording.aedat4");
+    let known = sensor();
+    save(recording.as_ref(), &record(&known, 21));
+    let (code, text, error) = run(&["calibrate", &recording, "--out", &toml, "--json"]);
     assert_eq!(code, 0, "{error}");
     let fit: serde_json::Value = serde_json::from_str(&text).unwrap();
-    for (parameter, low, high) in [("contrast_on", 0.25, 0.45), ("contrast_off", 0.25, 0.5)] {
-        let value = fit["sensor"][parameter].as_f64().unwrap();
-        assert!((low..high).contains(&value), "{parameter}: {value}");
+    for (parameter, true_log) in [("contrast_on", known.contrast_on), ("contrast_off", known.contrast_off)] {
+        let log = fit["sensor"][parameter].as_f64().unwrap();
+        assert!((log / true_log - 1.0).abs() < THRESHOLD_SHARE, "{parameter}: {log}, expected {true_log}");
     }
     let size = ["--width", "37", "--height", "23"];
     let arguments = ["simulate", frames.argument(), "--sensor", &toml, "--out", &events];

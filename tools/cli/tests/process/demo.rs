@@ -32,7 +32,7 @@ fn it_writes_a_picture_events_and_the_report_it_prints() {
 fn a_still_scene_has_no_events() {
     let folder = tempfile::tempdir().unwrap();
     let mut arguments = vec!["demo", "--json", "--scene", "still", "--out", folder.path().to_str().unwrap()];
-    // Kernels that the validation layer takes apart quickly.
+    // Kernels that the validation layer checks quickly.
     arguments.extend(["--taps", "bilinear"]);
     arguments.extend(SMALL);
     let (code, text, error) = run(&arguments);

@@ -50,7 +50,7 @@ mod with_compiler {
         }
     }
 
-    const EMIT: &str = "void emit(uint at_ns, bool on, uint ordinal) {\n";
+    const EMIT: &str = "void stamp_and_scatter(Camera cam, uint at_ns, uint tag) {\n";
 
     fn events(json: &str) -> u64 {
         let report: serde_json::Value = serde_json::from_str(json).expect("JSON");
@@ -72,12 +72,12 @@ mod with_compiler {
         assert_eq!(events(&json), events(&embedded));
         assert!(error.contains("glsl: ingest, "), "{error}");
 
-        edit(&kernels.join("cross.comp"), EMIT, &format!("{EMIT}    return;\n"));
+        edit(&kernels.join("event_sink.glsl"), EMIT, &format!("{EMIT}    return;\n"));
         let (code, json, error) = run(&edited);
         assert_eq!((code, events(&json)), (0, 0), "{error}");
 
-        edit(&kernels.join("cross.comp"), EMIT, &format!("{EMIT}    nonesuch;\n"));
-        assert_error(&edited, &["cross.comp:", "'nonesuch' : undeclared identifier"]);
+        edit(&kernels.join("event_sink.glsl"), EMIT, &format!("{EMIT}    nonesuch;\n"));
+        assert_error(&edited, &["event_sink.glsl:", "'nonesuch' : undeclared identifier"]);
         let nowhere = [&plain[..], &["--glsl", "/nonesuch"]].concat();
         assert_error(&nowhere, &["/nonesuch does not exist", "expected a copy of"]);
     }
@@ -95,15 +95,18 @@ mod with_compiler {
         let mut next = || lines.next().expect("it goes on").expect("UTF-8");
 
         let mut said = vec![next()];
-        edit(&kernels.join("cross.comp"), EMIT, &format!("{EMIT}    nonesuch;\n"));
+        edit(&kernels.join("event_sink.glsl"), EMIT, &format!("{EMIT}    nonesuch;\n"));
         said.extend([next(), next()]);
-        edit(&kernels.join("cross.comp"), "    nonesuch;\n", "");
+        edit(&kernels.join("event_sink.glsl"), "    nonesuch;\n", "");
         while !said.last().expect("not empty").starts_with("reloaded") {
             said.push(next());
         }
-        assert!(said[0].ends_with("glsl: ingest, enhance, carry, cross, sort, merge"), "{said:?}");
+        assert!(
+            said[0].ends_with("glsl: ingest, backward_transfer, deferred, cross, sort, merge, gather, event_frame, voxel_grid"),
+            "{said:?}"
+        );
         assert_eq!(said[1], "warning: kernels not reloaded:");
-        assert!(said[2].contains("cross.comp:") && said[2].contains("'nonesuch'"), "{said:?}");
+        assert!(said[2].contains("event_sink.glsl:") && said[2].contains("'nonesuch'"), "{said:?}");
         assert_eq!(said.last().expect("not empty"), "reloaded kernels: cross");
     }
 }

@@ -12,15 +12,15 @@ pub const WIDTH: usize = 37;
 /// Height of them.
 pub const HEIGHT: usize = 23;
 
-/// `esaac` with these arguments, free of the caller's environment where that would change it.
+/// `esaac` with these arguments, without environment variables that would change the result.
 pub fn esaac(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_esaac"));
-    // What is published by the way stays on this machine.
+    // The demo publishes by default; its messages must stay on this machine.
     command.args(arguments).env_remove("ESAAC_DEVICE").env("ROS_LOCALHOST_ONLY", "1");
     command
 }
 
-/// Runs it and returns exit code, standard output and standard error.
+/// Runs `esaac` and returns exit code, standard output and standard error.
 pub fn run(arguments: &[&str]) -> (i32, String, String) {
     finish(esaac(arguments).output().expect("the binary runs"))
 }
@@ -31,7 +31,7 @@ pub fn finish(output: Output) -> (i32, String, String) {
     (output.status.code().expect("not killed"), text(output.stdout), text(output.stderr))
 }
 
-/// Asserts exit code 1 and an error line that holds every part.
+/// Asserts exit code 1 and one error line that contains every part.
 pub fn assert_error(arguments: &[&str], parts: &[&str]) {
     let (code, out, error) = run(arguments);
     assert_eq!(code, 1, "{arguments:?}\n{out}{error}");
@@ -42,7 +42,7 @@ pub fn assert_error(arguments: &[&str], parts: &[&str]) {
     }
 }
 
-/// A folder of frames of a bright bar that moves by two pixels a frame.
+/// A folder of frames in which a bright bar moves by two pixels per frame.
 pub struct Frames {
     folder: TempDir,
 }
@@ -53,12 +53,12 @@ impl Frames {
         Frames { folder: tempfile::tempdir().expect("a temporary folder") }
     }
 
-    /// `count` frames with colour, and motion and depth if wanted.
+    /// `count` frames with colour, and with motion and depth if `motion`.
     pub fn new(count: usize, motion: bool) -> Self {
         Frames::with_motion_x(count, motion.then_some(-2.0))
     }
 
-    /// `count` frames whose motion channels, if any, say this.
+    /// `count` frames whose motion channels, if any, have this x.
     pub fn with_motion_x(count: usize, motion_x: Option<f32>) -> Self {
         let frames = Frames::empty();
         for index in 0..count {

@@ -1,8 +1,11 @@
 //! Renderer and engine as two processes, to their natural end and to a violent one.
 
 use crate::harness::{assert_error, esaac, finish, run};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -24,6 +27,9 @@ synthesis = "linear"
 struct Engine {
     folder: TempDir,
     child: Child,
+    /// Its log so far.
+    log: Arc<Mutex<String>>,
+    reader: JoinHandle<()>,
 }
 
 impl Engine {
@@ -31,14 +37,30 @@ impl Engine {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("rig.toml"), RIG).unwrap();
         let (socket, rig) = (folder.path().join("e.sock"), folder.path().join("rig.toml"));
-        let child = esaac(&["serve", "--json", "--socket", text(&socket), "--rig", text(&rig)])
+        let mut child = esaac(&["serve", "--json", "--socket", text(&socket), "--rig", text(&rig)])
             .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        wait_for("the socket", || socket.exists());
-        Engine { folder, child }
+        let log = Arc::new(Mutex::new(String::new()));
+        let (lines, kept) = (BufReader::new(child.stderr.take().unwrap()).lines(), Arc::clone(&log));
+        let reader = std::thread::spawn(move || {
+            for line in lines {
+                *kept.lock().unwrap() += &(line.unwrap() + "\n");
+            }
+        });
+        let engine = Engine { folder, child, log, reader };
+        engine.wait_until_it_says("2 cameras at ");
+        engine
+    }
+
+    /// Waits for a line of its log.
+    #[track_caller]
+    fn wait_until_it_says(&self, words: &str) {
+        let says = || self.log.lock().unwrap().lines().any(|line| line.contains(words));
+        wait_for(words, || says() || self.reader.is_finished());
+        assert!(says(), "the engine ended without `{words}`: {}", self.log.lock().unwrap());
     }
 
     fn socket(&self) -> PathBuf {
@@ -56,7 +78,9 @@ impl Engine {
 
     /// Its report once it has ended.
     fn end(self) -> (serde_json::Value, String) {
-        let (code, out, error) = finish(self.child.wait_with_output().unwrap());
+        let (code, out, _) = finish(self.child.wait_with_output().unwrap());
+        self.reader.join().unwrap();
+        let error = self.log.lock().unwrap().clone();
         assert_eq!(code, 0, "{error}");
         (serde_json::from_str(&out).unwrap_or_else(|e| panic!("{e}: {out}{error}")), error)
     }
@@ -128,7 +152,8 @@ fn a_killed_renderer_leaves_the_engine_and_other_cameras_as_they_were() {
     let engine = Engine::start(&[]);
     let mut dies = engine.renderer(&["--camera", "0", "--frames", "1000000"]);
     let mut lives = engine.renderer(&["--camera", "1", "--frames", "1000000"]);
-    std::thread::sleep(Duration::from_millis(1500));
+    engine.wait_until_it_says("camera 0: first frame");
+    engine.wait_until_it_says("camera 1: first frame");
     signal(&dies, "-KILL");
     dies.wait().unwrap();
     // Its camera is free again, whatever it was in the middle of.
@@ -158,7 +183,7 @@ fn a_killed_renderer_leaves_the_engine_and_other_cameras_as_they_were() {
 fn a_killed_engine_ends_the_renderer_with_an_error() {
     let mut engine = Engine::start(&[]);
     let renderer = engine.renderer(&["--frames", "1000000"]);
-    std::thread::sleep(Duration::from_millis(1000));
+    engine.wait_until_it_says("camera 1: first frame");
     signal(&engine.child, "-KILL");
     engine.child.wait().unwrap();
     let started = Instant::now();

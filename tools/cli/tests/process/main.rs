@@ -9,3 +9,4 @@ mod link;
 mod listings;
 mod ros;
 mod simulate;
+mod usage;

@@ -1,5 +1,5 @@
-//! ROS 2 from the command line: publishing, recording, replaying, and what becomes of a recording when
-//! something goes wrong. All traffic stays on loopback.
+//! ROS 2 from the command line: publishing, recording, replaying, and recordings that are cut short. All
+//! traffic stays on loopback.
 
 use crate::harness::{assert_error, esaac, finish};
 use esaac_ros::BagReader;
@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A small scene that is done quickly.
+/// A small and quick scene.
 const SMALL: &[&str] = &["--in-process", "--scene", "edge", "--width", "64", "--height", "48"];
 
 /// `esaac` on loopback, in a domain of its own.
@@ -24,7 +24,7 @@ fn demo(domain: u32, folder: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// Messages of a recording by topic, and whether it has no end.
+/// The number of messages of each topic, and whether the recording's end is missing.
 fn recorded(path: &Path) -> (Vec<(String, usize)>, bool) {
     let mut bag = BagReader::open(path).expect("a recording");
     let mut counts: Vec<usize> = Vec::new();
@@ -92,7 +92,8 @@ fn a_demo_without_a_network_goes_on_with_a_warning_and_one_that_was_asked_for_it
 fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.mcap");
-    // A limit on files stands for a disk: 2 MiB, and without the signal that would end the process.
+    // A limit on the file's size (2 MiB) stands for a full disk. The signal that would end the process is
+    // ignored.
     let mut limited = Command::new("bash");
     limited.args(["-c", "trap '' XFSZ; ulimit -f 2048; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_esaac")]);
     limited.args(["demo", "--frames", "60", "--out"]).arg(folder.path()).arg("--record").arg(&file);

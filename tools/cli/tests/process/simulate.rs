@@ -1,10 +1,10 @@
-//! `esaac simulate` on small folders, up to the event file as Python reads it.
+//! `esaac simulate` on small folders of frames, and its event file as NumPy reads it.
 
 use crate::harness::{Frames, HEIGHT, WIDTH, esaac, finish, run};
 use std::process::Command;
 
-/// For tests of what is around the engine: a kernel that the validation layer takes apart in seconds, where
-/// the default one takes it a minute.
+/// For tests that are not about the engine: the validation layer checks this kernel in seconds, and the
+/// default one in a minute.
 const QUICK: [&str; 2] = ["--synthesis", "none"];
 
 /// The same, with motion.

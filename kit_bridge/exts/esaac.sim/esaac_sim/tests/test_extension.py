@@ -24,11 +24,13 @@ class TestExtension(omni.kit.test.AsyncTestCase):
         import carb.settings
 
         app, bridge = omni.kit.app.get_app(), Bridge(carb.settings.get_settings(), Log())
-        await bridge.self_test(app, self.stage)
+        timeline = omni.timeline.get_timeline_interface()
+        self.assertTrue(await bridge.self_test(app, self.stage))
+        self.assertTrue(timeline.is_stopped())
         for check in bridge.checks:
             self.assertTrue(check.holds, f"{check.name}: {check.message}")
         self.assertEqual(bridge.attach(self.stage), 1, bridge.problems)
-        omni.timeline.get_timeline_interface().play()
+        timeline.play()
         for index in range(60):
             self.cube.Set(Gf.Vec3d(0.02 * index, 0, 0))
             await app.next_update_async()
@@ -37,4 +39,4 @@ class TestExtension(omni.kit.test.AsyncTestCase):
         self.assertGreater(feed.events, 100, feed.message)
         self.assertEqual(feed.faults, 0, feed.message)
         bridge.detach()
-        omni.timeline.get_timeline_interface().stop()
+        timeline.stop()

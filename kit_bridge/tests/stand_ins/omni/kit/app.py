@@ -1,4 +1,4 @@
-"""F8: an application that updates: each update draws a frame (F1)."""
+"""F8: an application that updates. Each update moves the timeline (F12) and draws a frame (F1)."""
 
 from omni.events import Stream
 
@@ -14,8 +14,10 @@ class _App:
         self.update()
 
     def update(self):
+        from omni import timeline
         from omni.replicator import core
 
+        timeline.get_timeline_interface().update()
         core.draw()
         self._stream.push()
 

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from pxr import UsdGeom, UsdShade
 
+import omni.timeline
 import omni.usd
 
 wp.config.quiet = True
@@ -56,9 +57,13 @@ class AnnotatorRegistry:
 
 
 class orchestrator:
-    @staticmethod
-    def set_capture_on_play(_on):
-        """Writers are called while the timeline plays; here they are whenever the application updates."""
+    """F1: writers are called while the timeline plays, unless that is switched off."""
+
+    capture_on_play = True
+
+    @classmethod
+    def set_capture_on_play(cls, on):
+        cls.capture_on_play = on
 
 
 class Writer:
@@ -104,14 +109,20 @@ def reset():
     global _FRAME
     _FRAME = 0
     _PRODUCTS.clear()
+    orchestrator.capture_on_play = True
     faults.__dict__.update(
         empty_frames=2, negate_motion=False, gamma=False, stopped_clock=False, repeat=False, suffix=True
     )
 
 
 def draw():
-    """One frame of every render product, handed to its writers."""
+    """One frame of every render product, handed to its writers while the timeline plays (F1)."""
     global _FRAME
+    timeline = omni.timeline.get_timeline_interface()
+    if timeline.is_stopped():
+        _FRAME = 0  # F5: writers ask for a time that begins anew.
+    if not timeline.is_playing() or not orchestrator.capture_on_play:
+        return
     stage = omni.usd.get_context().get_stage()
     for product in list(_PRODUCTS):
         for _ in range(2 if faults.repeat else 1):  # F6

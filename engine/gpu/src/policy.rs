@@ -1,0 +1,150 @@
+//! How kernels are run on a device. Every decision of the host about kernels that depends on the kind of device is
+//! here; none of them changes an event.
+
+use crate::device::Device;
+use esaac_layout::{CROSS_THREADS, INGEST_THREADS, SORT_THREADS, TILE_BLOCKS};
+use esaac_model::substeps::BLOCK_PX;
+
+/// Which kernels run the two stages that have two kernels each: `ingest_gpu.comp` or `ingest_cpu.comp`, and
+/// `cross_gpu.comp` or `cross_cpu.comp`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KernelSet {
+    /// For GPUs: events go to a shared queue, subgroups aggregate their atomics, walks draw random numbers where they
+    /// need them, loads are by address.
+    Gpu,
+    /// For the software driver: events go to slots of their pixel, each thread does its own atomics, draws are
+    /// deferred, loads are by texel.
+    SoftwareDriver,
+}
+
+/// How kernels are run; chosen once for a rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KernelPolicy {
+    /// Kernels of `ingest` and `cross`.
+    pub kernels: KernelSet,
+    /// For the software driver's kernels: whether a workgroup walks whole tiles row by row, and code that is rarely
+    /// needed is compiled only where it is needed. Costs more permutations.
+    pub whole_tiles: bool,
+    /// Whether every load is by address.
+    pub by_address: bool,
+    /// Threads of a workgroup of `sort`.
+    pub sort_threads: u32,
+    /// Whether `sort` divides by the device's own instruction.
+    pub native_division: bool,
+    /// Neighbouring bins that a workgroup of `sort` takes: together they write several whole lines on the bus.
+    pub group_bins: u32,
+    /// `group_bins` of a rig with at least `many_bins` bins. Each workgroup sums all bins of its camera; such a rig
+    /// fills the device with fewer, larger groups.
+    pub group_bins_of_many: u32,
+    /// Bins of a rig from which on `group_bins_of_many` applies.
+    pub many_bins: u32,
+    /// Most events that a thread strides over when the event buffers are full.
+    pub events_per_thread: u32,
+    /// Whether the dispatches of `ingest` and of `backward_transfer` run one after the other.
+    pub serial: bool,
+}
+
+impl KernelPolicy {
+    /// For GPUs.
+    #[must_use]
+    pub const fn gpu() -> Self {
+        KernelPolicy {
+            kernels: KernelSet::Gpu,
+            whole_tiles: false,
+            by_address: true,
+            sort_threads: SORT_THREADS,
+            native_division: true,
+            group_bins: 8,
+            group_bins_of_many: 16,
+            many_bins: 1 << 13,
+            // Buffers are seldom half full, so that a thread usually has less than one event.
+            events_per_thread: 2,
+            serial: false,
+        }
+    }
+
+    /// For Mesa's software driver. A workgroup costs much before its first pixel or event, so that there are few of
+    /// them. But the driver silently ends all loops of a thread after 65 535 rounds in all, which limits the work of a
+    /// thread.
+    #[must_use]
+    pub const fn software_driver() -> Self {
+        KernelPolicy {
+            kernels: KernelSet::SoftwareDriver,
+            whole_tiles: true,
+            by_address: false,
+            // Fewer threads would be faster, but each would come near the limit of rounds.
+            sort_threads: 64,
+            native_division: false,
+            group_bins: 32,
+            group_bins_of_many: 32,
+            many_bins: u32::MAX,
+            events_per_thread: 64,
+            serial: true,
+        }
+    }
+
+    /// The policy that suits a device.
+    pub(crate) fn of(device: &Device) -> Self {
+        let policy = if device.is_software() { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
+        policy.validated(device.is_validated())
+    }
+
+    /// The policy under the validation layer. The layer tracks whole buffers, while each dispatch of a stage accesses
+    /// only the parts of its own cameras: dispatches have to be serial. The software driver takes long to compile a
+    /// kernel that the layer has instrumented: one permutation has to do.
+    pub(crate) fn validated(self, is_validated: bool) -> Self {
+        KernelPolicy {
+            whole_tiles: self.whole_tiles && !is_validated,
+            serial: self.serial || is_validated,
+            ..self
+        }
+    }
+
+    /// Bins that a workgroup of `sort` takes in a rig with `bins` bins.
+    pub(crate) fn group_bins_of(&self, bins: u32) -> u32 {
+        if bins >= self.many_bins { self.group_bins_of_many } else { self.group_bins }
+    }
+
+    /// Threads of a workgroup of `ingest_cpu`.
+    pub(crate) fn ingest_threads(&self) -> u32 {
+        if self.whole_tiles { TILE_WIDTH_PX } else { INGEST_THREADS }
+    }
+
+    /// Threads of a workgroup of `cross_cpu`.
+    pub(crate) fn cross_threads(&self, queue_overflowed: bool) -> u32 {
+        if self.whole_tiles && !queue_overflowed { TILE_WIDTH_PX } else { CROSS_THREADS }
+    }
+
+    /// Workgroups of `cross` per tile.
+    pub(crate) fn cross_groups(&self, queue_overflowed: bool) -> u32 {
+        let all_sub_tiles = self.whole_tiles && !queue_overflowed;
+        if all_sub_tiles { 1 } else { TILE_WIDTH_PX * BLOCK_PX / CROSS_THREADS }
+    }
+}
+
+/// Pixels in a row of a tile.
+const TILE_WIDTH_PX: u32 = TILE_BLOCKS * BLOCK_PX;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn workgroups_of_cross_cover_a_tile() {
+        for policy in [KernelPolicy::gpu(), KernelPolicy::software_driver()] {
+            for queue_overflowed in [false, true] {
+                let pixels = policy.cross_groups(queue_overflowed) * policy.cross_threads(queue_overflowed);
+                // A workgroup that takes all sub-tiles walks them row by row.
+                let rows = if policy.whole_tiles && !queue_overflowed { BLOCK_PX } else { 1 };
+                assert_eq!(pixels * rows, TILE_WIDTH_PX * BLOCK_PX, "{policy:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_layer_gets_one_permutation_and_serial_dispatches() {
+        let validated = KernelPolicy::software_driver().validated(true);
+        assert!(!validated.whole_tiles && validated.serial);
+        assert!(KernelPolicy::gpu().validated(true).serial && !KernelPolicy::gpu().validated(false).serial);
+    }
+}

@@ -1,0 +1,213 @@
+//! Where each camera's data lie in the rig's buffers.
+
+use super::parameters::plane_words;
+use super::{CameraConfig, RigOptions};
+use esaac_layout::{self as layout, BINDINGS, STATE_WORDS, TILE_BLOCKS};
+use esaac_model::SensorModel;
+use esaac_model::substeps::BLOCK_PX;
+
+/// A camera's sizes and its parts of the rig's buffers; bases and capacities are in elements of the buffer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Place {
+    pub slot: u32,
+    pub pixels: u32,
+    /// Words of `planes` that a frame takes, over all colour components.
+    pub plane_words: u32,
+    pub blocks_x: u32,
+    pub blocks: u32,
+    pub tiles: u32,
+    pub bin_count: u32,
+    pub bin_capacity: u32,
+    pub event_capacity: u32,
+    pub plane_base: u32,
+    pub motion_base: u32,
+    pub state_base: u32,
+    pub block_base: u32,
+    pub bin_base: u32,
+    pub bin_storage_base: u32,
+    pub event_base: u32,
+    pub aps_base: u32,
+    pub tile_base: u32,
+    has_motion: bool,
+}
+
+impl Place {
+    /// Elements of each buffer that this camera takes, in the order of the slots; `None` for shared buffers.
+    pub(super) fn elements(&self) -> [Option<u64>; BINDINGS.len()] {
+        let mut elements = [None; BINDINGS.len()];
+        let pixels = u64::from(self.pixels);
+        elements[layout::PLANES] = Some(2 * u64::from(self.plane_words));
+        elements[layout::MOTION] = Some(if self.has_motion { 2 * pixels } else { 0 });
+        elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
+        elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
+        elements[layout::BINS] = Some(2 * (u64::from(self.bin_count) + 1));
+        elements[layout::BIN_STORAGE] = Some(u64::from(self.bin_count) * u64::from(self.bin_capacity));
+        for slot in [
+            layout::OVERFLOW,
+            layout::GATHERED,
+            layout::EVENT_T,
+            layout::EVENT_X,
+            layout::EVENT_Y,
+            layout::EVENT_P,
+        ] {
+            elements[slot] = Some(u64::from(self.event_capacity));
+        }
+        elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
+        elements[layout::APS] = Some(pixels.next_multiple_of(8));
+        elements
+    }
+
+    /// First element of this camera's part of a buffer that outlives a tick.
+    pub(super) fn first_element(&self, slot: usize) -> u64 {
+        u64::from(match slot {
+            layout::COUNTERS => 2 * self.slot,
+            layout::PLANES => self.plane_base,
+            layout::MOTION => self.motion_base,
+            layout::STATE => self.state_base,
+            layout::BLOCKS => self.block_base,
+            layout::GATHERED => self.event_base,
+            _ => unreachable!("`{}` does not outlive a tick", BINDINGS[slot].name),
+        })
+    }
+
+    /// Elements of this camera's part that belong to the state of `sensor`. The part may be larger: planes do not
+    /// shrink.
+    pub(super) fn kept_elements(&self, slot: usize, sensor: &SensorModel) -> u64 {
+        match slot {
+            layout::COUNTERS => 2,
+            layout::PLANES => 2 * u64::from(plane_words(sensor)),
+            _ => self.elements()[slot].unwrap_or(0),
+        }
+    }
+
+    /// This place with storage for at least `wanted` events, and a quarter more if it has to grow.
+    pub(super) fn with_events(self, wanted: u32) -> Self {
+        if wanted <= self.event_capacity {
+            return self;
+        }
+        Place { event_capacity: round_events(wanted.saturating_add(wanted / 4)), ..self }
+    }
+
+    /// This place with bins that can hold the largest bin of a packet and a quarter more. The limit, beyond the initial
+    /// capacity, is twice the event capacity for all bins together.
+    pub(super) fn with_bins_of(self, largest_bin: u32) -> Self {
+        let most = (2 * self.event_capacity / self.bin_count).max(BIN_CAPACITY);
+        let room = largest_bin.saturating_add(largest_bin / 4).min(most).next_multiple_of(BIN_CAPACITY_STEP);
+        Place { bin_capacity: self.bin_capacity.max(room), ..self }
+    }
+
+    /// This place with planes at least as large as `sensor` needs.
+    pub(super) fn with_planes_of(self, sensor: &SensorModel) -> Self {
+        Place { plane_words: self.plane_words.max(plane_words(sensor)), ..self }
+    }
+}
+
+/// Most bins of a camera: each workgroup of `sort` sums them all.
+const MOST_BINS: u32 = 16_384;
+
+/// Fewest bins of a camera. There may be many small cameras, and each bin takes memory.
+const LEAST_BINS: u32 = 128;
+
+/// Pixels per bin. A bin then usually has a few dozen events, which are cheap to rank.
+const BIN_PX: u32 = 64;
+
+/// Initial capacity of a bin: one and a half events for each of [`BIN_PX`] pixels.
+const BIN_CAPACITY: u32 = BIN_PX + BIN_PX / 2;
+
+/// Bin capacities are multiples of this: whole lines of memory.
+const BIN_CAPACITY_STEP: u32 = 16;
+
+/// Initial places of the cameras.
+pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
+    let mut places: Vec<Place> = configs
+        .iter()
+        .enumerate()
+        .map(|(slot, config)| {
+            let sensor = &config.sensor;
+            let pixels = sensor.width * sensor.height;
+            let blocks_x = sensor.width.div_ceil(BLOCK_PX);
+            let events =
+                if options.initial_events == 0 { pixels + pixels / 2 } else { options.initial_events };
+            Place {
+                slot: slot as u32,
+                pixels,
+                plane_words: plane_words(sensor),
+                blocks_x,
+                blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
+                tiles: blocks_x.div_ceil(TILE_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
+                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS),
+                bin_capacity: BIN_CAPACITY,
+                event_capacity: round_events(events),
+                has_motion: config.motion.is_some(),
+                ..Place::default()
+            }
+        })
+        .collect();
+    lay_out(&mut places);
+    places
+}
+
+/// Rounds an event capacity up to a multiple of 64, so that every camera's part of every array begins on a whole word.
+fn round_events(events: u32) -> u32 {
+    events.max(64).checked_next_multiple_of(64).unwrap_or(u32::MAX)
+}
+
+/// Lays the places out one after the other: sets their bases.
+pub(super) fn lay_out(places: &mut [Place]) {
+    let mut next = [0_u64; BINDINGS.len()];
+    for place in places {
+        let elements = place.elements();
+        let mut take = |slot: usize| {
+            let base = next[slot];
+            next[slot] += elements[slot].unwrap_or(0);
+            // A base that does not fit saturates: `allocate` refuses such a buffer.
+            u32::try_from(base).unwrap_or(u32::MAX)
+        };
+        place.plane_base = take(layout::PLANES);
+        place.motion_base = take(layout::MOTION);
+        place.state_base = take(layout::STATE);
+        place.block_base = take(layout::BLOCKS);
+        place.bin_base = take(layout::BINS);
+        place.bin_storage_base = take(layout::BIN_STORAGE);
+        place.event_base = take(layout::OVERFLOW);
+        place.aps_base = take(layout::APS);
+        place.tile_base = take(layout::TILE_ORDER);
+    }
+}
+
+/// Elements of a buffer over all cameras.
+pub(super) fn total(places: &[Place], slot: usize) -> u64 {
+    places.iter().filter_map(|p| p.elements()[slot]).sum::<u64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::{HdrFormat, Synthesis, Taps};
+
+    fn config(synthesis: Synthesis) -> CameraConfig {
+        let sensor =
+            SensorModel { width: 40, height: 24, synthesis, taps: Taps::Cubic, ..SensorModel::default() };
+        CameraConfig { sensor, camera: 0, hdr: HdrFormat::F16x4, motion: None }
+    }
+
+    #[test]
+    fn planes_grow_with_the_sensor_and_what_is_kept_of_them_shrinks_with_it() {
+        let (small, large) = (config(Synthesis::Linear), config(Synthesis::Motion));
+        let place = place(std::slice::from_ref(&small), RigOptions::default())[0];
+        let grown = place.with_planes_of(&large.sensor);
+        assert!(grown.plane_words > 3 * place.plane_words);
+        assert_eq!(grown.with_planes_of(&small.sensor), grown, "planes do not shrink");
+        let kept = |place: Place, sensor| place.kept_elements(layout::PLANES, sensor);
+        assert_eq!(kept(grown, &small.sensor), kept(place, &small.sensor));
+        assert_eq!(kept(grown, &large.sensor), 2 * u64::from(grown.plane_words));
+    }
+
+    #[test]
+    fn capacities_beyond_32_bits_stay_at_what_no_device_allocates() {
+        let place = place(&[config(Synthesis::Linear)], RigOptions::default())[0];
+        assert_eq!(place.with_events(u32::MAX).event_capacity, u32::MAX);
+        assert_eq!(place.with_events(1), place);
+        assert!(place.with_events(place.event_capacity + 1).event_capacity > place.event_capacity + 1);
+    }
+}

@@ -1,0 +1,303 @@
+//! The tick as a state machine. Its only loop is here.
+//!
+//! ```text
+//! Prepared -> Submitted -> Done
+//!                 |  ^
+//!                 v  |      events did not fit: grow what is too small, resume the counters, run the rest
+//!               Retry
+//!                 |
+//!                 v
+//!               Merge       some packets are left to `merge`
+//! ```
+//!
+//! [`read_back`] decides from the counters alone which state follows. A [`TickDevice`] does the work of a state: a rig,
+//! or a fake in the tests below. A failure before the device has begun changes nothing ([`TickError::Refused`]). After
+//! that the state on the device is half updated, and the rig is lost ([`TickError::Lost`]).
+
+use crate::error::EngineError;
+use esaac_layout::Counters;
+
+/// Retries after which a tick is given up. Each provides the storage that the one before asked for, so that a handful
+/// are enough for any tick.
+const MOST_RETRIES: u32 = 64;
+
+/// The operations that the state machine needs.
+pub(super) trait TickDevice {
+    /// Submits the tick. An error means that nothing of it runs.
+    fn submit(&mut self) -> Result<(), EngineError>;
+    /// Waits for the tick that was submitted.
+    fn wait(&mut self) -> Result<(), EngineError>;
+    /// The counters of a camera after the last submission that it took part in.
+    fn counters(&self, camera: usize) -> Counters;
+    /// Grows the buffers, submits the part of the tick that is left, and waits.
+    fn retry(&mut self, retry: &Retry) -> Result<(), EngineError>;
+    /// Sorts heavy packets, which `sort` leaves unsorted, and waits.
+    fn merge(&mut self, merge: &Merge) -> Result<(), EngineError>;
+}
+
+/// What a retry needs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Retry {
+    /// Cameras that resume, and the counters from which they resume.
+    pub resumed: Vec<(usize, Counters)>,
+    /// Events that each camera must have storage for; 0 if it has enough.
+    pub wanted_events: Vec<u32>,
+}
+
+impl Retry {
+    /// Whether any event buffer is too small.
+    pub(super) fn grows(&self) -> bool {
+        self.wanted_events.iter().any(|&events| events > 0)
+    }
+}
+
+/// Packets to merge.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Merge {
+    /// Cameras whose packets are heavy.
+    pub cameras: Vec<usize>,
+    /// Events of the largest of these packets.
+    pub most_events: u32,
+}
+
+/// State of a tick.
+#[derive(Clone, Debug, PartialEq)]
+enum State {
+    Prepared,
+    Submitted,
+    Retry(Retry),
+    Merge(Merge),
+    Done,
+}
+
+/// Results of a tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct TickEnd {
+    /// Counters of each camera; `None` for cameras that took no part.
+    pub counters: Vec<Option<Counters>>,
+    /// How often each camera's event buffers grew.
+    pub regrown: Vec<u64>,
+}
+
+/// How a tick fails.
+#[derive(Debug)]
+pub(super) enum TickError {
+    /// The device has not begun: nothing has changed.
+    Refused(EngineError),
+    /// The device has begun: its state is half updated.
+    Lost(EngineError),
+}
+
+/// How far a tick has come.
+struct Progress {
+    /// Cameras whose events do not all fit yet.
+    pending: Vec<bool>,
+    end: TickEnd,
+}
+
+/// The next state, from the counters of the pending cameras.
+fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> State {
+    let mut retry = Retry { resumed: Vec::new(), wanted_events: vec![0; progress.pending.len()] };
+    for (camera, pending) in progress.pending.iter_mut().enumerate().filter(|(_, pending)| **pending) {
+        let counted = counters(camera);
+        let fitted = counted.emitted_fit == u32::MAX;
+        if fitted && counted.queue_overflows == 0 {
+            progress.end.counters[camera] = Some(counted);
+            *pending = false;
+            continue;
+        }
+        // Events that fit stay. `cross` resumes with the sub-tiles that are not done.
+        let emitted = if fitted { counted.emitted } else { counted.emitted_fit };
+        if !fitted {
+            retry.wanted_events[camera] = counted.emitted;
+            progress.end.regrown[camera] += 1;
+        }
+        let resumed = Counters { emitted, emitted_fit: u32::MAX, queue_overflows: 0, ..counted };
+        retry.resumed.push((camera, resumed));
+    }
+    if !retry.resumed.is_empty() {
+        return State::Retry(retry);
+    }
+    let mut merge = Merge::default();
+    for (camera, counted) in progress.end.counters.iter().enumerate() {
+        if let Some(counted) = counted.filter(|counted| counted.heavy != 0) {
+            merge.cameras.push(camera);
+            merge.most_events = merge.most_events.max(counted.packet);
+        }
+    }
+    if merge.cameras.is_empty() { State::Done } else { State::Merge(merge) }
+}
+
+/// Runs a tick. `in_tick` tells for each camera whether it takes part.
+pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<TickEnd, TickError> {
+    let cameras = in_tick.len();
+    let end = TickEnd { counters: vec![None; cameras], regrown: vec![0; cameras] };
+    let mut progress = Progress { pending: in_tick, end };
+    let mut state = State::Prepared;
+    let mut retries = 0;
+    loop {
+        state = match state {
+            State::Prepared => {
+                device.submit().map_err(|error| match error.is_device_lost() {
+                    true => TickError::Lost(error),
+                    false => TickError::Refused(error),
+                })?;
+                device.wait().map_err(TickError::Lost)?;
+                State::Submitted
+            }
+            State::Submitted => read_back(&mut progress, |camera| device.counters(camera)),
+            State::Retry(_) if retries == MOST_RETRIES => {
+                return Err(TickError::Lost(EngineError::Endless(retries)));
+            }
+            State::Retry(retry) => {
+                retries += 1;
+                device.retry(&retry).map_err(TickError::Lost)?;
+                State::Submitted
+            }
+            State::Merge(merge) => {
+                device.merge(&merge).map_err(TickError::Lost)?;
+                State::Done
+            }
+            State::Done => return Ok(progress.end),
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ash::vk;
+
+    const FITTED: Counters = Counters { emitted_fit: u32::MAX, ..ZERO };
+    const ZERO: Counters = Counters {
+        emitted: 0,
+        emitted_fit: 0,
+        packet: 0,
+        deferred: 0,
+        invalid_pixels: 0,
+        invalid_motion: 0,
+        unarmed_pixels: 0,
+        skipped_blocks: 0,
+        substeps: 0,
+        queue_overflows: 0,
+        largest_bin: 0,
+        slow_tiles: 0,
+        quick_tiles: 0,
+        overflow: 0,
+        heavy: 0,
+        gathered: 0,
+        gathered_deferred: 0,
+    };
+
+    #[derive(Clone, Debug, PartialEq)]
+    enum Call {
+        Submit,
+        Wait,
+        Retry(Retry),
+        Merge(Merge),
+    }
+
+    /// Counts what a script says, submission after submission, and fails at one call.
+    struct Fake {
+        counted: Vec<Vec<Counters>>,
+        submissions: usize,
+        calls: Vec<Call>,
+        fails_at: Option<(usize, vk::Result)>,
+    }
+
+    impl Fake {
+        fn new(counted: &[&[Counters]]) -> Self {
+            let counted = counted.iter().map(|cameras| cameras.to_vec()).collect();
+            Fake { counted, submissions: 0, calls: Vec::new(), fails_at: None }
+        }
+
+        fn call(&mut self, call: Call) -> Result<(), EngineError> {
+            self.calls.push(call);
+            match self.fails_at {
+                Some((at, result)) if at == self.calls.len() - 1 => {
+                    Err(EngineError::Vulkan { call: "fake", result })
+                }
+                _ => Ok(()),
+            }
+        }
+    }
+
+    impl TickDevice for Fake {
+        fn submit(&mut self) -> Result<(), EngineError> {
+            self.call(Call::Submit)
+        }
+        fn wait(&mut self) -> Result<(), EngineError> {
+            self.submissions += 1;
+            self.call(Call::Wait)
+        }
+        fn counters(&self, camera: usize) -> Counters {
+            self.counted[(self.submissions - 1).min(self.counted.len() - 1)][camera]
+        }
+        fn retry(&mut self, retry: &Retry) -> Result<(), EngineError> {
+            self.submissions += 1;
+            self.call(Call::Retry(retry.clone()))
+        }
+        fn merge(&mut self, merge: &Merge) -> Result<(), EngineError> {
+            self.call(Call::Merge(merge.clone()))
+        }
+    }
+
+    #[test]
+    fn a_tick_that_fits_is_submitted_once() {
+        let counted = Counters { packet: 7, ..FITTED };
+        let mut fake = Fake::new(&[&[counted, ZERO]]);
+        let end = run(&mut fake, vec![true, false]).unwrap();
+        assert_eq!(end, TickEnd { counters: vec![Some(counted), None], regrown: vec![0, 0] });
+        assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
+    }
+
+    #[test]
+    fn a_tick_without_cameras_is_submitted_all_the_same() {
+        // Its hooks signal timelines that others wait for.
+        let mut fake = Fake::new(&[&[ZERO]]);
+        assert_eq!(run(&mut fake, vec![false]).unwrap().counters, [None]);
+        assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
+    }
+
+    #[test]
+    fn what_did_not_fit_goes_on_from_what_did_and_packets_are_merged_once_at_the_end() {
+        let heavy = Counters { packet: 900, heavy: 1, ..FITTED };
+        let overflown = Counters { emitted: 500, emitted_fit: 60, substeps: 3, ..ZERO };
+        let overflowed = Counters { emitted: 500, queue_overflows: 2, ..FITTED };
+        let done = Counters { emitted: 620, packet: 620, ..FITTED };
+        let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
+        let end = run(&mut fake, vec![true, true]).unwrap();
+        assert_eq!(end, TickEnd { counters: vec![Some(heavy), Some(done)], regrown: vec![0, 1] });
+        let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
+        let from_500 = Counters { queue_overflows: 0, ..overflowed };
+        let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
+        let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
+        assert!(grow.grows() && !walk.grows());
+        let merge = Merge { cameras: vec![0], most_events: 900 };
+        let expected = [Call::Submit, Call::Wait, Call::Retry(grow), Call::Retry(walk), Call::Merge(merge)];
+        assert_eq!(fake.calls, expected);
+    }
+
+    #[test]
+    fn whichever_call_fails_only_the_first_leaves_the_rig_whole() {
+        let heavy = Counters { packet: 5, heavy: 1, ..FITTED };
+        let overflown = Counters { emitted: 5, ..ZERO };
+        for at in 0..4 {
+            let mut fake = Fake::new(&[&[overflown], &[heavy]]);
+            fake.fails_at = Some((at, vk::Result::ERROR_OUT_OF_HOST_MEMORY));
+            let error = run(&mut fake, vec![true]).unwrap_err();
+            assert_eq!(matches!(error, TickError::Refused(_)), at == 0, "call {at}: {error:?}");
+            assert_eq!(fake.calls.len(), at + 1, "nothing is called after a failure");
+        }
+        let mut fake = Fake::new(&[&[FITTED]]);
+        fake.fails_at = Some((0, vk::Result::ERROR_DEVICE_LOST));
+        assert!(matches!(run(&mut fake, vec![true]), Err(TickError::Lost(_))), "the device is gone");
+    }
+
+    #[test]
+    fn a_tick_that_never_fits_is_given_up() {
+        let mut fake = Fake::new(&[&[Counters { emitted: 5, ..ZERO }]]);
+        let error = run(&mut fake, vec![true]).unwrap_err();
+        assert!(matches!(error, TickError::Lost(EngineError::Endless(MOST_RETRIES))), "{error:?}");
+    }
+}

@@ -1,0 +1,78 @@
+//! The waits and GPU times of a tick.
+
+use super::record::STAMPS;
+use super::results::Results;
+use crate::commands::{Commands, SubmitHooks};
+use crate::device::Device;
+use crate::error::EngineError;
+use crate::profile::GpuZones;
+use crate::timing::{Fence, StageTimer};
+use esaac_layout::TICK_STAGES;
+use std::sync::Arc;
+
+/// Most time stamps of a tick.
+pub(super) const MOST_STAMPS: usize = 16;
+
+/// The fence that a rig waits for, and its timer.
+pub(super) struct Timing {
+    pub timer: StageTimer,
+    fence: Fence,
+    gpu_zones: GpuZones,
+    by_stage: bool,
+}
+
+impl Timing {
+    pub(super) fn new(device: &Arc<Device>, by_stage: bool) -> Result<Self, EngineError> {
+        Ok(Timing {
+            timer: StageTimer::new(device, STAMPS + 2)?,
+            fence: Fence::new(device)?,
+            gpu_zones: GpuZones::default(),
+            by_stage,
+        })
+    }
+
+    /// Submits commands. After an error none of them run.
+    pub(super) fn submit(
+        &self,
+        device: &Device,
+        commands: &Commands,
+        hooks: &SubmitHooks<'_>,
+    ) -> Result<(), EngineError> {
+        let _zone = zone!("submit");
+        device.submit(commands.raw(), hooks, self.fence.raw())
+    }
+
+    /// Waits for the last submission.
+    pub(super) fn wait(&self) -> Result<(), EngineError> {
+        let _zone = zone!("wait");
+        self.fence.wait()
+    }
+
+    /// Names of the spans between time stamps, in order.
+    pub(super) fn spans(&self) -> &'static [&'static str] {
+        if self.by_stage { TICK_STAGES } else { &["tick"] }
+    }
+
+    /// Stores the times of the tick's first submission. If they cannot be read, they are absent: that is no reason to
+    /// lose a tick.
+    pub(super) fn take_tick(&mut self, device: &Device, results: &mut Results) {
+        let spans = self.spans();
+        results.stage_ns.clear();
+        let Ok(Some(raw)) = self.timer.read_raw::<MOST_STAMPS>(0, spans.len() + 1) else { return };
+        for (stage, pair) in spans.iter().zip(raw.windows(2)) {
+            results.stage_ns.push((stage, device.timestamp_span_ns(pair[0], pair[1])));
+        }
+        self.gpu_zones.show(device, &raw[..spans.len() + 1], &results.stage_ns);
+        if self.by_stage {
+            results.stage_ns.push(("retry", 0));
+        }
+    }
+
+    /// Adds the time of a submission that follows the tick's first.
+    pub(super) fn add_retry(&self, results: &mut Results) {
+        match (self.timer.span_ns(STAMPS), results.stage_ns.last_mut()) {
+            (Ok(Some(retry_ns)), Some(last)) => last.1 += retry_ns,
+            _ => results.stage_ns.clear(),
+        }
+    }
+}

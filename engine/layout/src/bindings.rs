@@ -1,0 +1,64 @@
+//! Bindings of the kernels: descriptor set 0.
+
+use crate::{Camera, Counters};
+
+/// A binding, uniform for `cameras` and storage for the rest: slot, name, GLSL element type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BindingSlot {
+    /// Slot in descriptor set 0.
+    pub slot: u32,
+    /// Name in GLSL and of the allocation.
+    pub name: &'static str,
+    /// Element type in GLSL.
+    pub element: &'static str,
+    /// Element bytes.
+    pub stride: u32,
+}
+
+macro_rules! bindings {
+    ($($konst:ident = $slot:literal, $name:literal, $element:literal, $stride:expr;)*) => {
+        $(#[doc = concat!("Slot of `", $name, "`.")] pub const $konst: usize = $slot;)*
+        /// Every binding of the engine's kernels.
+        pub const BINDINGS: &[BindingSlot] =
+            &[$(BindingSlot { slot: $slot, name: $name, element: $element, stride: $stride },)*];
+    };
+}
+
+bindings! {
+    CAMERAS = 0, "cameras", "Camera", size_of::<Camera>() as u32;
+    COUNTERS = 1, "counters", "Counters", size_of::<Counters>() as u32;
+    PLANES = 2, "planes", "float", 4;
+    MOTION = 3, "motion", "vec2", 8;
+    STATE = 4, "state", "uint", 4;
+    BLOCKS = 5, "blocks", "uvec4", 16;
+    BINS = 6, "bins", "uint", 4;
+    BIN_STORAGE = 7, "bin_storage", "uvec2", 8;
+    OVERFLOW = 8, "overflow", "uvec2", 8;
+    GATHERED = 9, "gathered", "uvec2", 8;
+    EVENT_T = 10, "event_t", "uint", 4;
+    EVENT_X = 11, "event_x", "uint16_t", 2;
+    EVENT_Y = 12, "event_y", "uint16_t", 2;
+    EVENT_P = 13, "event_p", "uint8_t", 1;
+    APS = 14, "aps", "uint16_t", 2;
+    REPORT = 15, "report", "Counters", size_of::<Counters>() as u32;
+    SAMPLES = 16, "samples", "int", 4;
+    TILE_ORDER = 17, "tile_order", "uint", 4;
+}
+
+/// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,
+/// while it reads the elements of a storage buffer in a loop over lanes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TexelSlot {
+    /// Slot in descriptor set 0.
+    pub slot: u32,
+    /// Name in GLSL.
+    pub name: &'static str,
+    /// Slot of the buffer that it is a view of.
+    pub of: usize,
+}
+
+/// Every texel view, in the slots after [`BINDINGS`]; a texel is an element of the buffer.
+pub const TEXELS: &[TexelSlot] = &[
+    TexelSlot { slot: BINDINGS.len() as u32, name: "plane_texels", of: PLANES },
+    TexelSlot { slot: BINDINGS.len() as u32 + 1, name: "motion_texels", of: MOTION },
+];

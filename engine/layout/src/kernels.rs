@@ -1,0 +1,77 @@
+//! The list of all kernels.
+
+use crate::constants::{
+    BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
+    IngestCpuConstants, SortConstants,
+};
+use crate::sizes::{CROSS_THREADS, INGEST_THREADS, SORT_THREADS};
+
+/// A kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KernelInfo {
+    /// Its file, without `.comp`.
+    pub name: &'static str,
+    /// Its stage. A stage may have one kernel for GPUs and one for the software driver.
+    pub stage: &'static str,
+    /// Threads of a workgroup, before specialisation.
+    pub threads: u32,
+    /// Its specialisation constants.
+    pub constants: &'static [ConstantList],
+}
+
+const fn kernel(
+    name: &'static str,
+    stage: &'static str,
+    threads: u32,
+    constants: &'static [ConstantList],
+) -> KernelInfo {
+    KernelInfo { name, stage, threads, constants }
+}
+
+/// Threads of kernels that stride over events.
+const STRIDING_THREADS: u32 = 256;
+
+/// Every kernel.
+pub const KERNELS: &[KernelInfo] = &[
+    kernel("ingest_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
+    kernel("ingest_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
+    kernel("backward_transfer", "backward_transfer", INGEST_THREADS, &[BackwardTransferConstants::LIST]),
+    kernel("deferred", "deferred", STRIDING_THREADS, &[]),
+    kernel("cross_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
+    kernel("sort", "sort", SORT_THREADS, &[SortConstants::LIST]),
+    kernel("merge", "merge", STRIDING_THREADS, &[]),
+    kernel("gather", "gather", STRIDING_THREADS, &[]),
+    kernel("event_frame", "event_frame", STRIDING_THREADS, &[]),
+    kernel("voxel_grid", "voxel_grid", STRIDING_THREADS, &[]),
+];
+
+/// Stages of a tick that are timed, in order. (`deferred` runs alongside the first. `merge` runs only for heavy
+/// packets, the other kernels only when a program asks for a representation.)
+pub const TICK_STAGES: &[&str] = &["ingest", "backward_transfer", "cross", "sort"];
+
+/// The stages of the kernels with these names, in the order of [`KERNELS`] and each once.
+#[must_use]
+pub fn stages(kernels: &[&str]) -> Vec<&'static str> {
+    let mut stages: Vec<&'static str> =
+        KERNELS.iter().filter(|k| kernels.contains(&k.name)).map(|k| k.stage).collect();
+    stages.dedup();
+    stages
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_stage_of_a_tick_has_a_kernel() {
+        for stage in TICK_STAGES {
+            assert!(KERNELS.iter().any(|k| k.stage == *stage), "{stage}");
+        }
+    }
+
+    #[test]
+    fn both_kernels_of_a_stage_are_one_stage() {
+        assert_eq!(stages(&["sort", "cross_cpu", "cross_gpu"]), ["cross", "sort"]);
+    }
+}

@@ -1,0 +1,22 @@
+//! Layout of GPU memory and interface of the kernels: structs, bindings, workgroup sizes, specialisation constants. The
+//! GLSL declarations are generated from it ([`generated_files`]), and every compiled kernel's reflection is checked
+//! against it.
+
+pub mod bindings;
+pub mod constants;
+mod glsl;
+pub mod kernels;
+pub mod sizes;
+pub mod state;
+pub mod structs;
+
+pub use bindings::*;
+pub use constants::{
+    BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
+    IngestCpuConstants, SortConstants, SpecConstant, SpecType,
+};
+pub use glsl::generated_files;
+pub use kernels::{KERNELS, KernelInfo, TICK_STAGES, stages};
+pub use sizes::*;
+pub use state::*;
+pub use structs::*;

@@ -1,0 +1,245 @@
+//! Structs that lie in GPU memory.
+
+use bytemuck::{Pod, Zeroable};
+
+/// A struct that lies in GPU memory: Rust and GLSL declarations from one list.
+macro_rules! gpu_struct {
+    ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ident,)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+        #[repr(C)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
+
+        impl GpuStruct for $name {
+            const NAME: &'static str = stringify!($name);
+            const FIELDS: &'static [(&'static str, &'static str, usize)] =
+                &[$((stringify!($field), stringify!($type), std::mem::offset_of!($name, $field)),)*];
+        }
+    };
+}
+
+/// A struct whose layout the GLSL generator and the reflection checks know.
+pub trait GpuStruct: Pod {
+    /// Name in Rust and GLSL.
+    const NAME: &'static str;
+    /// Field, Rust type, byte offset.
+    const FIELDS: &'static [(&'static str, &'static str, usize)];
+}
+
+gpu_struct! {
+    /// Parameters of a camera in one tick, as kernels read them: a row of the table of cameras.
+    Camera {
+        /// Device address of the colour image.
+        hdr_address: u64,
+        /// Device address of the motion image.
+        motion_address: u64,
+        /// Device address of `planes`.
+        planes_address: u64,
+        /// Start of the interval: time of the previous frame.
+        start_ns: i64,
+        /// Time from which leak is counted: that of the first frame.
+        epoch_ns: i64,
+        /// A [`FrameKind`].
+        frame_kind: u32,
+        /// Length of the interval.
+        interval_ns: u32,
+        /// Length of the previous interval, 0 if there is none.
+        previous_interval_ns: u32,
+        /// Time from the packet's base to the interval's start.
+        base_to_start_ns: u32,
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Columns times rows.
+        pixels: u32,
+        /// Blocks in a row.
+        blocks_x: u32,
+        /// Blocks in all.
+        blocks: u32,
+        /// The camera's number in random counters.
+        camera: u32,
+        /// Seed, low word.
+        seed_low: u32,
+        /// Seed, high word.
+        seed_high: u32,
+        /// Which of the two sets of planes holds the current frame.
+        frame_slot: u32,
+        /// Whether this frame has motion.
+        has_motion: u32,
+        /// Whether the previous frame has motion.
+        has_previous_motion: u32,
+        /// First element in `planes`.
+        plane_base: u32,
+        /// First element in `motion`.
+        motion_base: u32,
+        /// First word in `state`.
+        state_base: u32,
+        /// First element in `blocks`.
+        block_base: u32,
+        /// First element in `bins`, of which there are two sets, used in turn.
+        bin_base: u32,
+        /// Bins of the packet; one more counts deferred events.
+        bin_count: u32,
+        /// Nanoseconds of a time step; unused with `bin_samples`.
+        bin_width: u32,
+        /// Bins of a time step, each a range of pixels in row-major order.
+        bin_rows: u32,
+        /// Pixels of such a range.
+        bin_row_px: u32,
+        /// Number of sub-steps if their ends are the only event times, each a time step of its own; else 0.
+        bin_samples: u32,
+        /// First element in the event buffers.
+        event_base: u32,
+        /// Events that fit the camera's part of the event buffers.
+        event_capacity: u32,
+        /// First element in `aps`.
+        aps_base: u32,
+        /// Largest number of sub-steps.
+        substeps: u32,
+        /// Whether every block has that many sub-steps.
+        substeps_fixed: u32,
+        /// Whether no block may be skipped in this tick.
+        no_skip: u32,
+        /// Factor from radiance to intensity.
+        exposure_gain: f32,
+        /// Dark level, added to intensity before the logarithm.
+        log_offset: f32,
+        /// Refractory period.
+        refractory_ns: u32,
+        /// Constant delay.
+        latency_ns: u32,
+        /// Standard deviation of the delay.
+        latency_jitter_ns: u32,
+        /// Time-stamp quantum.
+        timestamp_quantum_ns: u32,
+        /// Nominal ON threshold, Q7.24.
+        contrast_on_q24: i32,
+        /// Nominal OFF threshold, Q7.24.
+        contrast_off_q24: i32,
+        /// Shot-noise hazard of one polarity in the dark, Q27 per nanosecond.
+        hazard_q27_per_ns: f32,
+        /// 1 / white level.
+        inverse_white: f32,
+        /// Start of the APS exposure after the interval's start.
+        aps_start_ns: u32,
+        /// End of the APS exposure after the interval's start.
+        aps_end_ns: u32,
+        /// Factor from mean intensity to APS value.
+        aps_scale: f32,
+        /// Largest APS value.
+        aps_max: f32,
+        /// The camera's place in `counters`, whatever its place in `cameras`.
+        slot: u32,
+        /// First element in `samples`.
+        samples_base: u32,
+        /// `ln(log_offset)`: log intensity in the dark.
+        log_dark: f32,
+        /// Words in `planes` of one frame of one colour component.
+        frame_words: u32,
+        /// Words from one row of a half-pel frame to the next; 0 without half-pel frames.
+        half_pel_stride: u32,
+        /// First element in `tile_order`.
+        tile_base: u32,
+        /// Tiles with more sub-steps than this are first in `tile_order`.
+        many_substeps: u32,
+        /// First element in `bin_storage`.
+        bin_storage_base: u32,
+        /// Events that a bin has storage for; further ones go to the overflow buffer.
+        bin_capacity: u32,
+    }
+}
+
+gpu_struct! {
+    /// Counters of a camera in one tick; two sets, used in turn.
+    Counters {
+        /// Events emitted, whether they fit or not.
+        emitted: u32,
+        /// Events emitted before those of the first sub-tile whose events do not fit; `u32::MAX` if all fit.
+        emitted_fit: u32,
+        /// Events in the packet.
+        packet: u32,
+        /// Events deferred to later packets.
+        deferred: u32,
+        /// Pixels that keep their last value because of a NaN, infinite or negative colour.
+        invalid_pixels: u32,
+        /// Pixels without a usable motion vector.
+        invalid_motion: u32,
+        /// Pixels that have never had a valid colour.
+        unarmed_pixels: u32,
+        /// Blocks that were skipped.
+        skipped_blocks: u32,
+        /// Sub-steps, summed over blocks.
+        substeps: u32,
+        /// Sub-tiles with more events than the event queue holds; `cross` runs them again without it.
+        queue_overflows: u32,
+        /// Events in the largest bin of the packet.
+        largest_bin: u32,
+        /// Tiles with more sub-steps than `many_substeps`; they fill `tile_order` from the front.
+        slow_tiles: u32,
+        /// The other tiles; they fill `tile_order` from the back.
+        quick_tiles: u32,
+        /// Events in the overflow buffer: those that do not fit their bin, and deferred ones.
+        overflow: u32,
+        /// Whether `sort` leaves the packet to `merge`.
+        heavy: u32,
+        /// Events of a heavy packet that `sort` has gathered so far.
+        gathered: u32,
+        /// Deferred events that `sort` has gathered so far.
+        gathered_deferred: u32,
+    }
+}
+
+gpu_struct! {
+    /// Push constants of a dispatch.
+    Push {
+        /// First camera of the dispatch. Its cameras are neighbours in the table; `gl_WorkGroupID.y` counts them.
+        first_camera: u32,
+        /// Number of the pass of `merge` or `voxel_grid`; unused by other kernels.
+        level: u32,
+        /// Device address of a [`Slice`] for each camera, for kernels that read packets.
+        slices: u64,
+        /// Device address of the buffer that these kernels write.
+        target: u64,
+        /// Events of all cameras that write to the target.
+        events: u32,
+        /// Time bins of `voxel_grid`.
+        bins: u32,
+    }
+}
+
+gpu_struct! {
+    /// A camera's packet, for kernels that read packets: `gather`, `event_frame`, `voxel_grid`.
+    Slice {
+        /// Time from which the events' offsets count.
+        base_ns: i64,
+        /// First event in the packet's arrays.
+        event_base: u32,
+        /// Number of events.
+        events: u32,
+        /// Columns.
+        width: u32,
+        /// Columns times rows.
+        pixels: u32,
+        /// Time from the base to the interval's start.
+        base_to_start_ns: u32,
+        /// Length of the interval, at least 1.
+        interval_ns: u32,
+        /// First element of the camera's part of the target.
+        first: u32,
+        /// Number of events of the cameras before.
+        events_before: u32,
+    }
+}
+
+/// The part that a camera takes in a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum FrameKind {
+    /// No frame: the camera is not stepped.
+    None = 0,
+    /// Its first frame, which ends no interval.
+    First = 1,
+    /// A frame that ends an interval.
+    Interval = 2,
+}

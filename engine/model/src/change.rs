@@ -1,0 +1,67 @@
+//! What a running camera must discard or redo when its parameters change.
+
+use crate::{SensorModel, Synthesis, Taps};
+
+/// What a change of parameters requires beyond using the new values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ChangeEffects {
+    /// The image size differs. A running camera refuses this.
+    pub resizes: bool,
+    /// The stored planes hold other values or another resolution: the next frame counts as the camera's first.
+    pub resets_frames: bool,
+    /// The per-pixel random draws must be repeated; see [`SensorModel::pixel_draws`].
+    pub redraws_pixels: bool,
+}
+
+impl SensorModel {
+    /// Compares this sensor with `next` and returns what the change requires.
+    #[must_use]
+    pub fn change_to(&self, next: &SensorModel) -> ChangeEffects {
+        // The stored planes hold ln(intensity * exposure_gain + log_offset), at half-pel samples or at pixels.
+        let frames = |s: &SensorModel| {
+            let half_pel = s.synthesis == Synthesis::Motion && s.taps == Taps::Cubic;
+            (s.intensity, s.log_offset.to_bits(), s.exposure_gain.to_bits(), half_pel)
+        };
+        let draws = |s: &SensorModel| {
+            let drawn =
+                [s.contrast_on, s.contrast_off, s.contrast_mismatch, s.leak_rate_hz, s.leak_spread_log];
+            (s.seed, drawn.map(f64::to_bits))
+        };
+        ChangeEffects {
+            resizes: (self.width, self.height) != (next.width, next.height),
+            resets_frames: frames(self) != frames(next),
+            redraws_pixels: draws(self) != draws(next),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Intensity;
+
+    #[test]
+    fn each_change_has_the_effects_it_needs_and_no_others() {
+        let base = SensorModel { synthesis: Synthesis::Motion, taps: Taps::Cubic, ..SensorModel::default() };
+        let nothing = ChangeEffects::default();
+        assert_eq!(base.change_to(&base), nothing);
+        let change = |change: fn(&mut SensorModel)| {
+            let mut next = base.clone();
+            change(&mut next);
+            assert_ne!(base, next);
+            base.change_to(&next)
+        };
+        assert_eq!(change(|s| s.refractory_ns += 1), nothing);
+        assert_eq!(change(|s| s.substeps += 1), nothing);
+        assert_eq!(change(|s| s.width += 1), ChangeEffects { resizes: true, ..nothing });
+        let resets = ChangeEffects { resets_frames: true, ..nothing };
+        assert_eq!(change(|s| s.exposure_gain *= 2.0), resets);
+        assert_eq!(change(|s| s.log_offset *= 2.0), resets);
+        assert_eq!(change(|s| s.taps = Taps::Bilinear), resets);
+        assert_eq!(change(|s| s.intensity = Intensity::BayerRggb), resets);
+        let redraws = ChangeEffects { redraws_pixels: true, ..nothing };
+        assert_eq!(change(|s| s.seed += 1), redraws);
+        assert_eq!(change(|s| s.contrast_on *= 2.0), redraws);
+        assert_eq!(change(|s| s.leak_rate_hz += 0.5), redraws);
+    }
+}

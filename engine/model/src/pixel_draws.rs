@@ -1,0 +1,59 @@
+//! The random draws made once per pixel when a camera is created: two thresholds and the leak.
+
+use crate::random::{PixelKey, Stream, leak_factor, threshold_log};
+use crate::{LOG_FRACTION_BITS, SensorModel, log_to_q24, q24_to_log};
+
+/// Draws of all pixels, row-major, in the fixed point that the kernels use.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PixelDraws {
+    /// ON thresholds, Q7.24.
+    pub contrast_on_q24: Vec<i32>,
+    /// OFF thresholds, Q7.24.
+    pub contrast_off_q24: Vec<i32>,
+    /// Leak per nanosecond: Q7.24 times 2^32.
+    pub leak_per_ns: Vec<u32>,
+}
+
+impl SensorModel {
+    /// Draws for the camera with this number. Cameras of different numbers draw independently.
+    #[must_use]
+    pub fn pixel_draws(&self, camera: u32) -> PixelDraws {
+        // The leak lowers the reference towards an ON event. Its rate counts nominal ON thresholds per second.
+        let nominal_on_log = q24_to_log(log_to_q24(self.contrast_on));
+        let mut draws = PixelDraws::default();
+        for pixel in 0..self.pixels() as u32 {
+            let key = PixelKey { seed: self.seed, camera, pixel };
+            let threshold_q24 =
+                |stream, contrast| log_to_q24(threshold_log(key, stream, contrast, self.contrast_mismatch));
+            draws.contrast_on_q24.push(threshold_q24(Stream::ContrastOn, self.contrast_on));
+            draws.contrast_off_q24.push(threshold_q24(Stream::ContrastOff, self.contrast_off));
+            let factor = leak_factor(key, self.leak_spread_log);
+            draws.leak_per_ns.push(leak_per_ns(self.leak_rate_hz * nominal_on_log * factor));
+        }
+        draws
+    }
+}
+
+/// Converts a leak from nepers per second to Q7.24 per nanosecond, times 2^32.
+fn leak_per_ns(leak_log_per_s: f64) -> u32 {
+    (leak_log_per_s * 1e-9 * f64::from(1_u32 << LOG_FRACTION_BITS) * 4_294_967_296.0).round() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_mismatch_all_pixels_are_alike_and_with_it_they_differ() {
+        let even = SensorModel { width: 8, height: 4, leak_rate_hz: 0.1, ..SensorModel::default() };
+        let draws = even.pixel_draws(0);
+        assert_eq!(draws.contrast_on_q24, vec![log_to_q24(even.contrast_on); 32]);
+        assert_eq!(draws.contrast_off_q24, vec![log_to_q24(even.contrast_off); 32]);
+        assert!(draws.leak_per_ns.iter().all(|&leak| leak == draws.leak_per_ns[0] && leak > 0));
+        let uneven = SensorModel { contrast_mismatch: 0.03, leak_spread_log: 0.5, ..even };
+        let draws = uneven.pixel_draws(0);
+        assert!(draws.contrast_on_q24[0] != draws.contrast_on_q24[1]);
+        assert!(draws.leak_per_ns[0] != draws.leak_per_ns[1]);
+        assert_ne!(draws, uneven.pixel_draws(1), "another camera draws anew");
+    }
+}

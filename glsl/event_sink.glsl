@@ -1,0 +1,54 @@
+// The queue of a sub-tile's events, and the scatter from it into bins. Needs bins.glsl and scatter.glsl.
+//
+// Events wait in shared memory, so that all threads stamp and scatter them together. Shared memory limits occupancy, so
+// the queue is short: a sub-tile with more events runs again as QUEUE_OVERFLOWED. That permutation walks twice: first
+// to count the events, then to scatter them one by one.
+
+const uint QUEUE_EVENTS = 8u * CROSS_THREADS;
+
+// Time offset from the interval's start, and packed tag (see `event_tag`).
+shared uint queue_times_ns[QUEUE_EVENTS];
+shared uint16_t queue_tags[QUEUE_EVENTS];
+shared uint queue_count;
+shared uint queue_base;
+
+// Whether the second walk of a QUEUE_OVERFLOWED sub-tile is under way.
+bool scattering;
+
+// Pixel in the sub-tile, polarity << 7, ordinal in the interval << 8.
+uint event_tag(bool on, uint ordinal) {
+    return gl_LocalInvocationID.x | (uint(on) << 7) | (ordinal << 8);
+}
+
+// Stamps an event and scatters it to its bin.
+void stamp_and_scatter(Camera cam, uint at_ns, uint tag) {
+    const uint in_sub_tile = tag & 127u;
+    const uint pixel = (corner.y + in_sub_tile / TILE_WIDTH_PX) * cam.width + corner.x + in_sub_tile % TILE_WIDTH_PX;
+    uint since_start_ns = at_ns;
+    if (EFFECT_DELAY) {
+        int delay_ns = int(cam.latency_ns);
+        if (cam.latency_jitter_ns != 0u) {
+            // The state counts the events of earlier intervals only: it is stored after this interval's are scattered.
+            const uint index = load_state(cam, pixel, STATE_EVENTS) + (tag >> 8);
+            delay_ns += jitter_ns(draw(cam, pixel, STREAM_JITTER, index), cam.latency_jitter_ns);
+        }
+        since_start_ns += uint(max(delay_ns, 0));
+    }
+    uvec2 event = uvec2(since_start_ns, (pixel << 1) | ((tag >> 7) & 1u));
+    uint bin = cam.bin_count;
+    if (since_start_ns > cam.interval_ns) {
+        event.y |= DEFERRED;
+    } else {
+        event.x = stamp_offset(cam, since_start_ns);
+        bin = bin_of(cam, event.x, pixel);
+    }
+    scatter(cam, bin, event);
+}
+
+// Counts an event of a QUEUE_OVERFLOWED sub-tile; in the second walk, scatters it too.
+void count_or_scatter(uint at_ns, uint tag) {
+    atomicAdd(queue_count, 1u);
+    if (scattering) {
+        stamp_and_scatter(cameras[push.first_camera + gl_WorkGroupID.y], at_ns, tag);
+    }
+}

@@ -1,0 +1,50 @@
+// Events in slots of their pixel, for the software driver. There each instruction costs every pixel, whether it has an
+// event or not. So an event only puts its time in a slot, and the queue's tags are written when the walk is over.
+
+// Slots per pixel. A pixel with more events overflows the queue, and its walk need not go on.
+const uint PIXEL_SLOTS = QUEUE_EVENTS / gl_WorkGroupSize.x;
+// One bit for each event of the pixel so far, set for ON.
+uint on_events;
+
+bool walks_on(uint ordinal) {
+    return QUEUE_OVERFLOWED || ordinal <= PIXEL_SLOTS;
+}
+
+// Slot of a pixel of the sub-tile.
+uint slot_of(uint in_sub_tile, uint ordinal) {
+    return min(ordinal, PIXEL_SLOTS - 1u) * gl_WorkGroupSize.x + in_sub_tile;
+}
+
+void emit(uint at_ns, bool on, uint ordinal) {
+    if (QUEUE_OVERFLOWED) {
+        count_or_scatter(at_ns, event_tag(on, ordinal));
+        return;
+    }
+    queue_times_ns[slot_of(gl_LocalInvocationID.x, ordinal)] = at_ns;
+    on_events |= uint(on) << (ordinal & 31u);
+}
+
+void begin_events() {
+    on_events = 0u;
+}
+
+// Appends the `count` events in the pixel's slots to the queue.
+void end_events(uint count) {
+    if (QUEUE_OVERFLOWED) {
+        return;
+    }
+    const uint position = atomicAdd(queue_count, count > PIXEL_SLOTS ? QUEUE_EVENTS + 1u : count);
+    if (count == 0u || position >= QUEUE_EVENTS) {
+        return;
+    }
+    const uint last = min(count, QUEUE_EVENTS - position);
+    uint ordinal = 0u;
+    do {
+        queue_tags[position + ordinal] = uint16_t(event_tag(((on_events >> ordinal) & 1u) != 0u, ordinal));
+        ordinal += 1u;
+    } while (ordinal < last);
+}
+
+uint queued_time_ns(uint position, uint tag) {
+    return queue_times_ns[slot_of(tag & 127u, tag >> 8)];
+}

@@ -1,0 +1,456 @@
+// ingest: a rendered frame becomes log-intensity planes, motion and statistics of each block. Frames that are warped by
+// cubic taps become half-pel frames, whose samples between the pixels take detail from the previous frame.
+//
+// Shared by ingest_gpu.comp and ingest_cpu.comp. One workgroup a tile of four 8x8 blocks side by side; x over tiles, y
+// over cameras, z over colour components or 1. For a half-pel frame it loads the tile plus an apron, so workgroups need
+// not synchronise. Reads the images by device address, and the previous frame in `planes`. Writes the current frame
+// there, `motion` of this frame's slot, `blocks` and `tile_order`, all read by `backward_transfer` and `cross` after a
+// barrier. Arms pixels in `state`, which no other kernel touches before `cross`.
+//
+// The including file provides, before this one: CHANNELS, the number of colour components; COMPONENTS, how many of them
+// a workgroup takes, from `first_component()` on; `is_first(cam)`; frame loads and `store_pair`.
+
+#include "pixel_log_state.glsl"
+#include "trajectory.glsl"
+#include "half_pel.glsl"
+#include "half_pel_store.glsl"
+
+// Rows of the tile that the workgroup loads at once.
+const uint ROWS_PX = gl_WorkGroupSize.x / TILE_WIDTH_PX;
+
+// The tile cache: the tile and, for a half-pel frame, an apron of a column and row before and two after it.
+const uint APRON_PX = 3u;
+const uint APRON_BEFORE_PX = HALF_PEL ? 1u : 0u;
+const uint CACHE_X = TILE_WIDTH_PX + (HALF_PEL ? APRON_PX : 0u);
+const uint CACHE_Y = BLOCK_PX + (HALF_PEL ? APRON_PX : 0u);
+const uint CACHE_PIXELS = CACHE_X * CACHE_Y;
+
+// Beyond the image the cache repeats the border pixels. Levels lie component by component.
+shared float cached_level[COMPONENTS * CACHE_PIXELS];
+shared vec2 cached_motion[CACHE_PIXELS];
+shared uint any_change;
+
+ivec2 tile_origin;
+
+uint cache_index(ivec2 at) {
+    const uvec2 in_cache = uvec2(at - tile_origin + int(APRON_BEFORE_PX));
+    return in_cache.y * CACHE_X + in_cache.x;
+}
+
+// Pixels of the apron in the order in which threads load them: whole rows first, then the rest of the columns.
+ivec2 apron_pixel(uint number) {
+    const uint in_rows = APRON_PX * (TILE_WIDTH_PX + APRON_PX);
+    if (number < in_rows) {
+        const int row = int(number / (TILE_WIDTH_PX + APRON_PX));
+        const int column = int(number % (TILE_WIDTH_PX + APRON_PX));
+        return ivec2(column - 1, row == 0 ? -1 : int(BLOCK_PX) + row - 1);
+    }
+    const int row = int((number - in_rows) / APRON_PX);
+    const int column = int((number - in_rows) % APRON_PX);
+    return ivec2(column == 0 ? -1 : int(TILE_WIDTH_PX) + column - 1, row);
+}
+
+vec2 motion_near(Camera cam, ivec2 at) {
+    return cached_motion[cache_index(at)];
+}
+
+#include "detail_transfer.glsl"
+#include "shared_footprint.glsl"
+
+shared uint block_motion[TILE_BLOCKS];
+shared uint block_change[TILE_BLOCKS];
+shared uint block_invalid[TILE_BLOCKS];
+shared uint block_invalid_motion[TILE_BLOCKS];
+
+vec3 srgb_to_linear(vec3 encoded) {
+    return mix(pow((encoded + 0.055) / 1.055, vec3(2.4)), encoded / 12.92, lessThanEqual(encoded, vec3(0.04045)));
+}
+
+vec3 read_colour(Camera cam, uint pixel) {
+    if (HDR_FORMAT == HDR_F16X4) {
+        const uvec2 texel = Words2(cam.hdr_address).v[pixel];
+        return vec3(unpackHalf2x16(texel.x), unpackHalf2x16(texel.y).x);
+    } else if (HDR_FORMAT == HDR_F32X4) {
+        return Floats4(cam.hdr_address).v[pixel].xyz;
+    }
+    return srgb_to_linear(unpackUnorm4x8(Words1(cam.hdr_address).v[pixel]).xyz);
+}
+
+vec2 read_motion(Camera cam, uint pixel) {
+    if (MOTION_FORMAT == MOTION_F16X2) {
+        return unpackHalf2x16(Words1(cam.motion_address).v[pixel]);
+    } else if (MOTION_FORMAT == MOTION_F32X2) {
+        return Floats2(cam.motion_address).v[pixel];
+    }
+    return Floats4(cam.motion_address).v[pixel].xy;
+}
+
+// Tests the bits: compilers with fast math remove comparisons with NaN.
+bool not_finite(float value) {
+    return (floatBitsToUint(value) & 0x7f800000u) == 0x7f800000u;
+}
+
+bool bad(float value) {
+    return not_finite(value) || value < 0.0;
+}
+
+// Log intensity of colour component `channel`.
+float log_intensity_of(Camera cam, vec3 colour, uint channel) {
+    float intensity = colour[channel];
+    if (INTENSITY == INTENSITY_GRAY) {
+        intensity = (colour.x + colour.y + colour.z) * (1.0 / 3.0);
+    } else if (INTENSITY == INTENSITY_LUMINANCE) {
+        intensity = dot(colour, REC709);
+    }
+    return log(intensity * cam.exposure_gain + cam.log_offset);
+}
+
+// First word of a frame of one colour component.
+uint frame_of(Camera cam, uint frame_slot, uint channel) {
+    return cam.plane_base + (frame_slot * CHANNELS + channel) * cam.frame_words;
+}
+
+// Statistics of a block's pixels; words of `blocks`.
+struct BlockStats {
+    uint motion;
+    uint change;
+    uint invalid;
+    uint invalid_motion;
+};
+
+// Handles a pixel with a valid colour: a camera's first frame arms it, a later frame adds its change to its block's
+// statistics. `level` and `before` are the levels of the first colour component, in this frame and in the previous one.
+void add_pixel(Camera cam, ivec2 at, vec3 colour, float level, float before, int reference, inout BlockStats stats) {
+    const uint pixel = uint(at.y) * cam.width + uint(at.x);
+    const uint own = INTENSITY == INTENSITY_BAYER_RGGB ? uint(at.x & 1) + uint(at.y & 1) : 0u;
+    if (is_first(cam)) {
+        arm_pixel(cam, pixel, to_q24(own == 0u ? level : log_intensity_of(cam, colour, own)));
+        return;
+    }
+    float change = abs(level - before);
+    bool changed = floatBitsToUint(before) != floatBitsToUint(level);
+    for (uint c = 1u; c < CHANNELS; ++c) {
+        const float other_before = load_plane(frame_of(cam, 1u - cam.frame_slot, c) + frame_word(cam, HALF_PEL, at));
+        const float other = log_intensity_of(cam, colour, c);
+        if (c == own) {
+            change = abs(other - other_before);
+        }
+        changed = changed || floatBitsToUint(other_before) != floatBitsToUint(other);
+    }
+    if (changed) {
+        stats.change = max(stats.change, floatBitsToUint(max(change, 1e-12)));
+    }
+    if (reference == UNARMED) {
+        // `cross` arms it at the end of the interval, which is this frame.
+        store_state(cam, pixel, STATE_REFERENCE, uint(ARMING));
+        stats.change = max(stats.change, floatBitsToUint(1e-12));
+    }
+}
+
+// Counts a pixel without a valid colour; a camera's first frame marks it as unarmed.
+void add_invalid_pixel(Camera cam, ivec2 at, inout BlockStats stats) {
+    stats.invalid += 1u;
+    if (is_first(cam)) {
+        store_state(cam, uint(at.y) * cam.width + uint(at.x), STATE_REFERENCE, uint(UNARMED));
+        atomicAdd(counters[2u * cam.slot + cam.frame_slot].unarmed_pixels, 1u);
+    }
+}
+
+// Adds this thread's statistics to those of a block of the tile.
+void add_block_stats(uint block, BlockStats stats) {
+    atomicMax(block_motion[block], stats.motion);
+    atomicMax(block_change[block], stats.change);
+    if (stats.invalid != 0u) {
+        atomicAdd(block_invalid[block], stats.invalid);
+    }
+    if (stats.invalid_motion != 0u) {
+        atomicAdd(block_invalid_motion[block], stats.invalid_motion);
+    }
+}
+
+// Motion as rendered, or the mark of an unusable vector (see INVALID_BIT).
+vec2 to_usable(vec2 m, out bool usable) {
+    usable = !(not_finite(m.x) || not_finite(m.y));
+    if (!usable) {
+        return uintBitsToFloat(uvec2(INVALID_BIT, 0u));
+    }
+    return vec2(floatBitsToUint(m.x) == INVALID_BIT ? 0.0 : m.x, m.y);
+}
+
+// Loads a further colour component of a pixel of the tile or its apron.
+void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, vec3 colour, bool invalid) {
+    const uint word = frame_word(cam, HALF_PEL, clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1));
+    const float before =
+        is_first(cam) ? cam.log_dark : load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + word);
+    const float level = invalid ? before : log_intensity_of(cam, colour, channel);
+    if (HALF_PEL) {
+        cached_level[channel * CACHE_PIXELS + cached] = level;
+        if (floatBitsToUint(level) != floatBitsToUint(before)) {
+            any_change = 1u;
+        }
+    }
+    if (own && !HALF_PEL) {
+        planes[frame_of(cam, cam.frame_slot, channel) + word] = level;
+    }
+}
+
+// Loads a pixel of the tile or its apron; `channel` is the first component that the workgroup takes.
+void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inout BlockStats stats) {
+    const ivec2 at = tile_origin + in_tile;
+    const uint cached = cache_index(at);
+    const ivec2 clamped_at = clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1);
+    const uint pixel = uint(clamped_at.y) * cam.width + uint(clamped_at.x);
+    const bool own = of_tile && at == clamped_at;
+    // What does not depend on a component is done once, by the workgroup of the first.
+    const bool notes = own && channel == 0u;
+
+    // Issues all loads at once: memory latency is long.
+    const vec3 colour = read_colour(cam, pixel);
+    const vec2 motion_read = cam.has_motion != 0u ? read_motion(cam, pixel) : vec2(0.0);
+    float before = cam.log_dark;
+    int reference = 0;
+    if (!is_first(cam)) {
+        before = load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + frame_word(cam, HALF_PEL, clamped_at));
+        if (notes) {
+            reference = int(load_state(cam, pixel, STATE_REFERENCE));
+        }
+    }
+    const bool invalid = bad(colour.x) || bad(colour.y) || bad(colour.z)
+        || not_finite((colour.x + colour.y + colour.z) * cam.exposure_gain);
+    const float level = invalid ? before : log_intensity_of(cam, colour, channel);
+    if (HALF_PEL) {
+        cached_level[cached] = level;
+        if (floatBitsToUint(level) != floatBitsToUint(before)) {
+            any_change = 1u;
+        }
+    }
+    if (own && !HALF_PEL) {
+        planes[frame_of(cam, cam.frame_slot, channel) + frame_word(cam, false, at)] = level;
+    }
+    [[unroll]] for (uint further = 1u; further < COMPONENTS; ++further) {
+        load_component(cam, further, cached, at, own, colour, invalid);
+    }
+    if (notes && invalid) {
+        add_invalid_pixel(cam, at, stats);
+    } else if (notes) {
+        add_pixel(cam, at, colour, level, before, reference, stats);
+    }
+
+    if (cam.has_motion != 0u) {
+        bool usable;
+        const vec2 m = to_usable(motion_read, usable);
+        if (HALF_PEL) {
+            cached_motion[cached] = usable ? m : vec2(NOWHERE_PX);
+            if (floatBitsToUint(m.x) != 0u || m.y != 0.0) {
+                any_change = 1u;
+            }
+        }
+        if (notes) {
+            motion[cam.motion_base + cam.frame_slot * cam.pixels + pixel] = m;
+            if (usable) {
+                stats.motion = max(stats.motion, floatBitsToUint(length(m)));
+            } else {
+                stats.invalid_motion += 1u;
+            }
+        }
+    }
+}
+
+// Writes a block's statistics.
+void write_block(Camera cam, uint in_tile) {
+    const uint block = (uint(tile_origin.y) / BLOCK_PX) * cam.blocks_x + uint(tile_origin.x) / BLOCK_PX + in_tile;
+    blocks[cam.block_base + cam.frame_slot * cam.blocks + block] =
+        uvec4(block_motion[in_tile], block_change[in_tile], 0u, block_invalid_motion[in_tile]);
+    const uint counter = 2u * cam.slot + cam.frame_slot;
+    if (block_invalid[in_tile] != 0u) {
+        atomicAdd(counters[counter].invalid_pixels, block_invalid[in_tile]);
+    }
+    if (block_invalid_motion[in_tile] != 0u) {
+        atomicAdd(counters[counter].invalid_motion, block_invalid_motion[in_tile]);
+    }
+}
+
+// Enqueues the tile for `cross`. Tiles with many sub-steps take long. They are first in the order: started last, one of
+// them would run alone at the end.
+void enqueue_tile(Camera cam) {
+    uint most = 0u;
+    for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+        most = max(most, substep_count(cam, uintBitsToFloat(block_motion[b]), uintBitsToFloat(block_change[b])));
+    }
+    const uint counter = 2u * cam.slot + cam.frame_slot;
+    const uint place = most > cam.many_substeps
+        ? atomicAdd(counters[counter].slow_tiles, 1u)
+        : tile_count(cam) - 1u - atomicAdd(counters[counter].quick_tiles, 1u);
+    tile_order[cam.tile_base + place] = gl_WorkGroupID.x;
+}
+
+// The taps around pixel `at`, of the `k`th component that the workgroup takes.
+CubicTaps cubic_taps_at(uint k, ivec2 at) {
+    const uint first = k * CACHE_PIXELS + cache_index(at - 1);
+    const uint top = first + CACHE_X;
+    const uint bottom = top + CACHE_X;
+    const uint below = bottom + CACHE_X;
+    return CubicTaps(
+        vec2(cached_level[first + 1u], cached_level[first + 2u]),
+        vec4(cached_level[top], cached_level[top + 1u], cached_level[top + 2u], cached_level[top + 3u]),
+        vec4(cached_level[bottom], cached_level[bottom + 1u], cached_level[bottom + 2u], cached_level[bottom + 3u]),
+        vec2(cached_level[below + 1u], cached_level[below + 2u]));
+}
+
+// The half-pel sample at `phase_offset` (0 or 1 a coordinate) from pixel `at`, from this frame alone.
+float interpolate_frame(Camera cam, CubicTaps taps, ivec2 at, ivec2 phase_offset) {
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    // The frame repeats its last pixels beyond the image.
+    const vec2 f =
+        vec2(at.x < last.x ? 0.5 * float(phase_offset.x) : 0.0, at.y < last.y ? 0.5 * float(phase_offset.y) : 0.0);
+    return cubic(taps, f, CUBIC_FRAME);
+}
+
+// Where the previous frame shows an anchor and its half-pel samples.
+SampleQuad history_quad(Camera cam, ivec2 at, vec2 motions[9]) {
+    const vec2 own = motions[4];
+    const vec2 right = own + motions[5];
+    const vec2 below = motions[7];
+    const vec2 all = right + below + motions[8];
+    return sample_quad(cam, at, own, vec2[3](0.5 * right, 0.5 * (own + below), 0.25 * all));
+}
+
+// Reprojects an anchor and, if `with_half_pels`, its half-pel samples to the previous frame; stores the anchor's
+// residual and confidence. `channel` is the first component that the workgroup takes.
+void reproject(Camera cam, uint channel, uvec2 anchor, bool with_half_pels, out vec4 reprojected[COMPONENTS]) {
+    const ivec2 at = anchor_pixel(cam, tile_origin, anchor);
+    const vec2 motions[9] = motions_around(cam, at);
+    confidences[anchor_index(anchor)] = confidence_at(cam, at, motions, motions[4]);
+    const SampleQuad quad = history_quad(cam, at, motions);
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        reprojected[k] =
+            sample_shared_footprint(cam, frame_of(cam, 1u - cam.frame_slot, channel + k), quad, with_half_pels);
+        residuals[k * ANCHORS + anchor_index(anchor)] =
+            cached_level[k * CACHE_PIXELS + cache_index(at)] - reprojected[k].x;
+    }
+}
+
+// A pixel's own sample and its half-pel samples, of the `k`th component that the workgroup takes; `reprojected` are
+// their levels in the previous frame.
+vec4 entries_of(Camera cam, uint k, ivec2 at, vec4 reprojected, Correction corrections[3]) {
+    vec4 entries = vec4(cached_level[k * CACHE_PIXELS + cache_index(at)], 0.0, 0.0, 0.0);
+    if (min(min(corrections[0].confidence, corrections[1].confidence), corrections[2].confidence) < 1.0) {
+        const CubicTaps taps = cubic_taps_at(k, at);
+        [[unroll]] for (int phase = 1; phase < 4; ++phase) {
+            entries[phase] = interpolate_frame(cam, taps, at, phase_offset_of(phase));
+        }
+    }
+    [[unroll]] for (int phase = 1; phase < 4; ++phase) {
+        const Correction of = corrections[phase - 1];
+        if (of.confidence >= 1.0) {
+            entries[phase] = reprojected[phase] + of.residual[k];
+        } else if (of.confidence > 0.0) {
+            entries[phase] = lerp(entries[phase], reprojected[phase] + of.residual[k], of.confidence);
+        }
+    }
+    return entries;
+}
+
+// Writes a pixel's samples of the half-pel frame; `channel` is the first component that the workgroup takes.
+void write_half_pels(Camera cam, uint channel, uvec2 in_tile, vec4 reprojected[COMPONENTS]) {
+    const ivec2 at = tile_origin + ivec2(in_tile);
+    Correction corrections[3] = Correction[3](NO_CORRECTION, NO_CORRECTION, NO_CORRECTION);
+    if (any_change != 0u && !is_first(cam)) {
+        corrections = corrections_at(in_tile);
+    }
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        vec4 entries;
+        if (any_change != 0u) {
+            entries = entries_of(cam, k, at, reprojected[k], corrections);
+        } else {
+            // Nothing moved or changed: the previous frame's samples still hold.
+            const uint top = frame_of(cam, 1u - cam.frame_slot, channel + k) + frame_word(cam, true, at);
+            const uint below = top + cam.half_pel_stride;
+            entries = vec4(load_plane(top), load_plane(top + 1u), load_plane(below), load_plane(below + 1u));
+        }
+        store_entries(cam, frame_of(cam, cam.frame_slot, channel + k), at, entries);
+    }
+}
+
+void main() {
+    const uint index = push.first_camera + gl_WorkGroupID.y;
+    const uvec2 corner = tile_corner(cameras[index].blocks_x, gl_WorkGroupID.x);
+    if (cameras[index].frame_kind == 0u || corner.y >= cameras[index].height) {
+        return;
+    }
+    const Camera cam = cameras[index];
+    const uint lane = gl_LocalInvocationID.x;
+    const uint channel = first_component();
+    tile_origin = ivec2(corner);
+    if (lane < TILE_BLOCKS) {
+        block_motion[lane] = 0u;
+        block_change[lane] = 0u;
+        block_invalid[lane] = 0u;
+        block_invalid_motion[lane] = 0u;
+    }
+    if (lane == 0u) {
+        any_change = is_first(cam) ? 1u : 0u;
+    }
+    barrier();
+    BlockStats stats = BlockStats(0u, 0u, 0u, 0u);
+    uint number = lane;
+    do {
+        load_tile_pixel(cam, channel, ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX), true, stats);
+        number += gl_WorkGroupSize.x;
+    } while (number < TILE_ANCHORS);
+    if (channel == 0u) {
+        add_block_stats((lane % TILE_WIDTH_PX) / BLOCK_PX, stats);
+    }
+    number = lane;
+    if (number < CACHE_PIXELS - TILE_ANCHORS) {
+        do {
+            load_tile_pixel(cam, channel, apron_pixel(number), false, stats);
+            number += gl_WorkGroupSize.x;
+        } while (number < CACHE_PIXELS - TILE_ANCHORS);
+    }
+    barrier();
+    if (channel == 0u && lane < TILE_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
+        write_block(cam, lane);
+    }
+    if (channel == 0u && lane == gl_WorkGroupSize.x - 1u) {
+        enqueue_tile(cam);
+    }
+    if (!HALF_PEL) {
+        return;
+    }
+    const bool reprojects = any_change != 0u && !is_first(cam);
+    vec4 reprojected[COMPONENTS];
+    if (reprojects) {
+        number = TILE_ANCHORS + lane;
+        if (number < ANCHORS) {
+            do {
+                reproject(cam, channel, anchor_at(number), false, reprojected);
+                number += gl_WorkGroupSize.x;
+            } while (number < ANCHORS);
+        }
+    }
+    // Half-pel samples of a row need the anchors of the next row, so reprojection runs ahead of them.
+    uvec2 anchor = anchor_at(lane);
+    if (reprojects) {
+        reproject(cam, channel, anchor, has_half_pels(cam, tile_origin, anchor), reprojected);
+    }
+    uint row = 0u;
+    do {
+        const uvec2 next = anchor + uvec2(0u, ROWS_PX);
+        vec4 reprojected_next[COMPONENTS];
+        if (reprojects) {
+            if (row + ROWS_PX < BLOCK_PX) {
+                reproject(cam, channel, next, has_half_pels(cam, tile_origin, next), reprojected_next);
+            }
+            barrier();
+        }
+        if (has_half_pels(cam, tile_origin, anchor)) {
+            write_half_pels(cam, channel, anchor, reprojected);
+        }
+        anchor = next;
+        [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+            reprojected[k] = reprojected_next[k];
+        }
+        row += ROWS_PX;
+    } while (row < BLOCK_PX);
+}

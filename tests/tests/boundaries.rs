@@ -1,0 +1,223 @@
+//! Values exactly on a boundary: a level on a threshold, an event at the end of a hold, the event number that no longer
+//! fits into a tag. A comparison that is off by one there is right everywhere else, so that no other test finds it.
+
+use esaac_engine::{FrameBytes, KernelPolicy, Rig, RigOptions};
+use esaac_model::packet::Event;
+use esaac_model::{Polarity, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use esaac_oracle::Oracle;
+use esaac_tests::agreement::compare;
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{Sequence, gray, intensity_of, times};
+use esaac_tests::run::{camera, engine_with, events, oracle, oracle_events};
+
+const MILLISECOND_NS: i64 = 1_000_000;
+
+fn pixel_row(width: u32) -> SensorModel {
+    SensorModel { width, height: 1, synthesis: Synthesis::None, ..SensorModel::default() }
+}
+
+/// One frame per millisecond with the given log intensities, the same at every pixel.
+fn levels(sensor: &SensorModel, log: &[f64]) -> Sequence {
+    let times_ns: Vec<i64> = (0..log.len() as i64).map(|k| k * MILLISECOND_NS).collect();
+    gray(sensor, &times_ns, |frame, _| intensity_of(sensor, log[frame]))
+}
+
+/// The device's own kernel policy, and that of GPUs, forced on any device.
+fn policies() -> [RigOptions; 2] {
+    [None, Some(KernelPolicy::gpu())].map(|policy| RigOptions { policy, ..RigOptions::default() })
+}
+
+fn by_engine(sensor: &SensorModel, frames: &Sequence) -> Vec<Event> {
+    events(&engine_with(sensor, frames, policies()[0]))
+}
+
+fn by_gpu_kernels(sensor: &SensorModel, frames: &Sequence) -> Vec<Event> {
+    events(&engine_with(sensor, frames, policies()[1]))
+}
+
+fn by_oracle(sensor: &SensorModel, frames: &Sequence) -> Vec<Event> {
+    oracle_events(&oracle(sensor, 0, frames))
+}
+
+/// Runs a sequence and returns its events.
+type Run = fn(&SensorModel, &Sequence) -> Vec<Event>;
+
+const RUNS: [(&str, Run); 3] =
+    [("engine", by_engine), ("engine with a GPU's kernels", by_gpu_kernels), ("oracle", by_oracle)];
+
+fn signs_and_times(events: &[Event]) -> Vec<(Polarity, i64)> {
+    events.iter().map(|event| (event.polarity, event.t_ns)).collect()
+}
+
+/// The level returns to where it began. It is then exactly one threshold from the reference, to the last bit.
+#[test]
+fn a_level_that_comes_back_onto_a_threshold_sends_its_event() {
+    let sensor = pixel_row(1);
+    for (swing, there, back) in [(0.25, Polarity::On, Polarity::Off), (-0.25, Polarity::Off, Polarity::On)] {
+        let frames = levels(&sensor, &[0.0, swing, 0.0, 0.0]);
+        for (who, run) in RUNS {
+            let got = signs_and_times(&run(&sensor, &frames));
+            assert_eq!(got.len(), 2, "{who}: {got:?}");
+            assert_eq!((got[0].0, got[1].0), (there, back), "{who}");
+            assert_eq!(got[1].1, 2 * MILLISECOND_NS, "{who}: with the level's last nanosecond");
+        }
+    }
+}
+
+/// A threshold that is made smaller may lie exactly on the level afterwards. Its event is due at once, regardless of
+/// the light that follows.
+#[test]
+fn a_threshold_that_is_moved_onto_the_level_sends_its_event_at_once() {
+    let base = pixel_row(1);
+    for (swing, first, second) in [(0.3, Polarity::On, Polarity::Off), (-0.3, Polarity::Off, Polarity::On)] {
+        // The second polarity's threshold is out of reach up to the third frame. After that the light moves away from
+        // it.
+        let wide = match second {
+            Polarity::Off => SensorModel { contrast_off: 0.3, ..base.clone() },
+            Polarity::On => SensorModel { contrast_on: 0.3, ..base.clone() },
+        };
+        let frames = levels(&base, &[0.0, swing, 0.0, 0.35 * swing]);
+        let mut rig = Rig::new(&DEVICE, &[camera(&wide, 0, &frames)]).expect("a rig");
+        let mut oracle = Oracle::new(wide, 0).expect("a valid sensor");
+        let (mut by_engine, mut by_oracle) = (Vec::new(), Vec::new());
+        for (index, frame) in frames.frames.iter().enumerate() {
+            if index == 3 {
+                rig.set_sensor(0, base.clone()).expect("a sensor of the same size");
+                oracle.set_sensor(base.clone()).expect("a sensor of the same size");
+            }
+            rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None }).expect("a frame that fits");
+            by_engine.extend(rig.step(&[frame.t_ns]).expect("a frame in time").packets[0].iter());
+            by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
+        }
+        for (who, got) in [("engine", by_engine), ("oracle", by_oracle)] {
+            let got = signs_and_times(&got);
+            assert_eq!(got.len(), 2, "{who}: {got:?}");
+            assert_eq!(got[0].0, first, "{who}");
+            assert_eq!(got[1], (second, 2 * MILLISECOND_NS + 1), "{who}");
+        }
+    }
+    assert_silent();
+}
+
+/// A hold that ends exactly with an interval sets the reference to the light of that instant.
+#[test]
+fn a_hold_that_ends_with_an_interval_ends_with_it() {
+    let free = pixel_row(1);
+    // `held` intervals pass until the hold ends. The light then rises by less than a threshold twice, which together
+    // is more than one from the event's level, and at last to just beyond one from the light at the hold's end.
+    for held in [1, 2] {
+        let mut log = vec![0.0, 0.25];
+        log.extend(vec![0.25; held - 1]);
+        log.extend([0.35, 0.44, 0.46]);
+        let frames = levels(&free, &log);
+        for (who, run) in RUNS {
+            let first_ns = run(&free, &frames)[0].t_ns;
+            let refractory_ns = (held as i64 * MILLISECOND_NS - first_ns) as u32;
+            let got = signs_and_times(&run(&SensorModel { refractory_ns, ..free.clone() }, &frames));
+            assert_eq!(got.len(), 2, "{who}, {held} intervals: {got:?}");
+            assert_eq!(got[0], (Polarity::On, first_ns), "{who}");
+            // The crossing is at .45, half-way from .44 to .46.
+            let expected_ns = (2 * held as i64 + 5) * MILLISECOND_NS / 2;
+            assert!((got[1].1 - expected_ns).abs() < 1_000, "{who}, {held} intervals: {got:?}");
+        }
+    }
+}
+
+/// The end of a hold precedes a shot event of the same nanosecond, so that the event is emitted. A shot event one
+/// nanosecond earlier is not.
+#[test]
+fn a_shot_event_at_the_end_of_a_hold_is_sent() {
+    let free =
+        SensorModel { synthesis: Synthesis::Linear, shot_noise_rate_hz: 50.0, seed: 5, ..pixel_row(32) };
+    // One second of darkness.
+    let frames = gray(&free, &[0, 1_000_000_000], |_, _| 0.0);
+    for (who, run) in RUNS {
+        let all = run(&free, &frames);
+        for x in [0, 13, 31] {
+            let own: Vec<Event> = all.iter().filter(|event| event.x == x).copied().collect();
+            assert!(own.len() > 10, "{who}: pixel {x} has {} events in a second", own.len());
+            let apart_ns = (own[1].t_ns - own[0].t_ns) as u32;
+            for (refractory_ns, is_sent) in [(apart_ns, true), (apart_ns + 1, false)] {
+                let held = run(&SensorModel { refractory_ns, ..free.clone() }, &frames);
+                let sent = held.contains(&own[1]);
+                assert_eq!(sent, is_sent, "{who}: {:?} in a hold of {refractory_ns} ns", own[1]);
+                assert!(held.contains(&own[0]), "{who}: nothing holds the first event");
+            }
+        }
+    }
+}
+
+/// A crossing precedes a shot event of the same nanosecond. In the other order it would be lost, because a shot event
+/// sets the reference to the light.
+#[test]
+fn a_crossing_goes_before_a_shot_event_of_the_same_nanosecond() {
+    let sensor = SensorModel {
+        synthesis: Synthesis::Linear,
+        substeps: 2,
+        substep_policy: SubstepPolicy::Fixed,
+        timestamps: Timestamps::AtSample,
+        shot_noise_rate_hz: 50.0,
+        // So bright a white level that this light does not change the noise rate.
+        white_level: 1e6,
+        ..pixel_row(32)
+    };
+    // Half-way the level has risen by .25. From there to the end it rises by less than .2.
+    let rise_until = |end_ns: i64| {
+        let half_way = sensor.log_offset * (0.25_f64.exp() - 1.0);
+        gray(&sensor, &[0, end_ns], |frame, _| (2.0 * half_way * frame as f64) as f32)
+    };
+    for (who, run) in RUNS {
+        let in_a_second = run(&sensor, &rise_until(1_000_000_000));
+        for x in [1, 14, 30] {
+            let shot = *in_a_second.iter().find(|event| event.x == x).expect("a shot event in a second");
+            // All crossings of the first half are stamped with its end, at which the shot event is due.
+            let mut got = run(&sensor, &rise_until(2 * shot.t_ns));
+            got.retain(|event| event.x == x && event.t_ns <= shot.t_ns);
+            let crossing = Event { polarity: Polarity::On, ..shot };
+            let both = got.len() == 2 && got.contains(&crossing) && got.contains(&shot);
+            assert!(both, "{who}: {got:?}, expected {crossing:?} and {shot:?}");
+        }
+    }
+}
+
+/// Packets whose events all have one time: as many as one workgroup sorts, one more, and as many as fill several runs.
+#[test]
+fn flashes_of_as_many_events_as_a_run_has_room_for() {
+    for (width, height) in [(89, 23), (64, 32), (683, 3), (64, 64), (128, 64), (241, 17)] {
+        let sensor = SensorModel { height, timestamp_quantum_ns: 1_000_000, ..pixel_row(width) };
+        let frames = levels(&sensor, &[0.0, 0.25, 0.25]);
+        for step in &engine_with(&sensor, &frames, RigOptions::default())[1..] {
+            let expected: Vec<Event> = (0..if step.packet.sequence == 1 { height } else { 0 })
+                .flat_map(|y| (0..width).map(move |x| (y as u16, x as u16)))
+                .map(|(y, x)| Event { t_ns: 0, y, x, polarity: Polarity::On })
+                .collect();
+            assert!(step.packet.iter().eq(expected), "{width}x{height}: {} events", step.packet.len());
+        }
+    }
+}
+
+/// A pixel's events are numbered within an interval, and the number selects an event's jitter. A tag in the event queue
+/// has bits for 256 numbers.
+#[test]
+fn jitter_goes_by_an_events_number_beyond_the_256th_of_an_interval() {
+    let sensor = SensorModel {
+        contrast_on: 1e-3,
+        contrast_off: 1e-3,
+        latency_ns: 2_000_000,
+        latency_jitter_ns: 300_000,
+        ..pixel_row(40)
+    };
+    // One pixel has 255, 256, 257 or 400 events and its neighbours have none, so that no event queue is full.
+    for crossings in [255, 256, 257, 400] {
+        let rise_log = (f64::from(crossings) + 0.5) * sensor.contrast_on;
+        let frames = gray(&sensor, &times(0, 3), |frame, pixel| {
+            intensity_of(&sensor, if pixel == 17 && frame > 0 { rise_log } else { 0.0 })
+        });
+        for options in policies() {
+            let steps = engine_with(&sensor, &frames, options);
+            let found = compare(&sensor, 0, &frames, &steps);
+            assert_eq!((found.unexplained, found.late), (vec![], vec![]), "{crossings} events, {options:?}");
+            assert_eq!(events(&steps).len(), crossings as usize);
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! The kernels of GPUs, forced on any device (in CI, the software driver) by [`RigOptions::policy`]. Compares them with
+//! the oracle and with the device's own kernels.
+
+use esaac_engine::{KernelPolicy, Rig, RigOptions};
+use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
+use esaac_scene::SceneKind;
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
+use esaac_tests::run::{Step, camera, engine_of_many, engine_with, rig, steps};
+use esaac_tests::{agreement, corpus};
+
+/// An odd size: the image cuts blocks and sub-tiles off at the right and at the bottom.
+const SIZE: (u32, u32) = (45, 21);
+
+const POLICY: KernelPolicy = KernelPolicy::gpu();
+
+fn forced(policy: KernelPolicy) -> RigOptions {
+    RigOptions { policy: Some(policy), ..RigOptions::default() }
+}
+
+fn sensor() -> SensorModel {
+    SensorModel { width: SIZE.0, height: SIZE.1, substeps: 8, transfers: 1, ..SensorModel::default() }
+}
+
+fn noisy() -> SensorModel {
+    SensorModel {
+        contrast_mismatch: 0.03,
+        refractory_ns: 1_000_000,
+        leak_rate_hz: 5.0,
+        shot_noise_rate_hz: 40.0,
+        latency_ns: 200_000,
+        latency_jitter_ns: 50_000,
+        aps_exposure_ns: 10_000_000,
+        ..sensor()
+    }
+}
+
+fn moving() -> Sequence {
+    scene(SceneKind::ALL[0], SIZE, &times(1_000, 4), HdrFormat::F32x4, MotionFormat::F32x2)
+}
+
+/// Specialisation constants of the compiled permutations of a kernel.
+fn compiled(rig: &Rig, kernel: &str) -> Vec<Vec<u32>> {
+    rig.permutations_compiled()
+        .into_iter()
+        .filter(|(name, _)| *name == kernel)
+        .map(|(_, words)| words)
+        .collect()
+}
+
+/// Steps a rig under the GPU policy and asserts that it ran the GPU kernels.
+fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Vec<Step> {
+    let mut rig = rig(sensor, sequence, forced(policy));
+    let got = steps(&mut rig, sequence, 0..sequence.frames.len());
+    for (stage, constants) in [("ingest", 4), ("cross", 12)] {
+        let own = compiled(&rig, &format!("{stage}_gpu"));
+        assert!(!own.is_empty() && own.iter().all(|words| words.len() == constants), "{stage}: {own:?}");
+        assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
+    }
+    // Constants: bins of a group, threads, native division.
+    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1]]);
+    drop(rig);
+    assert_silent();
+    got
+}
+
+#[track_caller]
+fn check_against_oracle(sensor: &SensorModel, sequence: &Sequence, steps: &[Step]) {
+    let found = agreement::compare(sensor, 0, sequence, steps);
+    assert!(found.unexplained.is_empty() && found.late.is_empty(), "{sensor:?}: {found:?}");
+    assert!(found.events > 300, "{sensor:?}: {} events", found.events);
+}
+
+#[test]
+fn the_gpus_kernels_agree_with_the_oracle() {
+    let sequence = moving();
+    let bayer = Intensity::BayerRggb;
+    for sensor in [
+        sensor(),
+        noisy(),
+        SensorModel { intensity: bayer, transfers: 2, ..noisy() },
+        SensorModel { intensity: bayer, taps: Taps::Bilinear, ..sensor() },
+        SensorModel { synthesis: Synthesis::Linear, ..noisy() },
+    ] {
+        check_against_oracle(&sensor, &sequence, &gpu_steps(&sensor, &sequence, POLICY));
+    }
+}
+
+/// Among the cases are pixels that start late and pixels without any valid light.
+#[test]
+fn the_gpus_kernels_hold_every_case_of_the_corpus() {
+    let cases = corpus::cases();
+    let outcomes = corpus::by_engine(&DEVICE, &cases, forced(POLICY));
+    for (case, outcome) in cases.iter().zip(&outcomes) {
+        assert_eq!(case.judge(outcome), Ok(()), "{}", case.name);
+    }
+    assert_silent();
+}
+
+#[test]
+fn the_gpus_kernels_and_the_devices_own_send_the_same_events() {
+    let sequence = moving();
+    for sensor in [sensor(), SensorModel { intensity: Intensity::BayerRggb, transfers: 2, ..noisy() }] {
+        let own = engine_with(&sensor, &sequence, RigOptions::default());
+        for (step, own) in gpu_steps(&sensor, &sequence, POLICY).iter().zip(&own) {
+            assert!(step.packet == own.packet && step.aps == own.aps, "{sensor:?}");
+            assert_eq!(step.diagnostics, own.diagnostics);
+        }
+    }
+}
+
+#[test]
+fn larger_groups_of_bins_sort_the_same_packets_on_a_gpu() {
+    let (sensor, sequence) = (noisy(), moving());
+    let small = gpu_steps(&sensor, &sequence, POLICY);
+    let large = gpu_steps(&sensor, &sequence, KernelPolicy { group_bins: 16, ..POLICY });
+    for (small, large) in small.iter().zip(&large) {
+        assert!(small.packet == large.packet);
+    }
+    // A rig with many bins chooses the larger groups by itself.
+    let many = KernelPolicy { many_bins: 1, ..POLICY };
+    let rig = Rig::with_options(
+        &DEVICE,
+        &[camera(&sensor, 0, &sequence)],
+        RigOptions { policy: Some(many), ..RigOptions::default() },
+    )
+    .expect("a rig");
+    assert_eq!(compiled(&rig, "sort"), [vec![16, 256, 1]]);
+}
+
+/// Sub-tiles with more events than the queue holds run again, and no others. Buffers grow meanwhile.
+#[test]
+fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
+    const STEPS: u32 = 6;
+    let calm = SensorModel {
+        synthesis: Synthesis::Linear,
+        substeps: STEPS,
+        substep_policy: SubstepPolicy::Fixed,
+        contrast_on: 0.1,
+        contrast_off: 0.1,
+        ..sensor()
+    };
+    let noisy = SensorModel { shot_noise_rate_hz: 40.0, latency_jitter_ns: 50_000, ..calm.clone() };
+    // From the second tile on, every fifth row swings by eighty thresholds. The other pixels swing by none to three.
+    let swing = |pixel: usize| match (pixel % SIZE.0 as usize, pixel / SIZE.0 as usize) {
+        (32.., row) if row % 5 == 2 => 8.04,
+        (column, row) => 0.11 * ((row + column / 9) % 4) as f64,
+    };
+    for sensor in [calm, noisy] {
+        let sequence = gray(&sensor, &times(0, 4), |frame, pixel| {
+            // Levels stay away from whole numbers of thresholds, where f32 and f64 could differ.
+            let log = -1.0 - 0.013 * frame as f64 + if frame % 2 == 1 { swing(pixel) } else { 0.0 };
+            intensity_of(&sensor, log)
+        });
+        for initial_events in [1 << 20, 64] {
+            let options = RigOptions { initial_events, ..forced(POLICY) };
+            let mut rig = rig(&sensor, &sequence, options);
+            let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
+            let overflowed = compiled(&rig, "cross_gpu").iter().filter(|words| words[11] == 1).count();
+            assert_eq!(overflowed, 1, "no queue overflowed");
+            drop(rig);
+            assert_silent();
+            check_against_oracle(&sensor, &sequence, &got);
+            for step in &got[1..] {
+                assert_eq!(step.diagnostics.substeps, u64::from(STEPS) * 6 * 3, "{sensor:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn cameras_of_different_kernels_step_together_on_a_gpu() {
+    let sequence = moving();
+    let cameras = [(sensor(), sequence.clone()), (noisy(), sequence.clone()), (sensor(), sequence.clone())];
+    let together = engine_of_many(&cameras, forced(POLICY));
+    let own = engine_of_many(&cameras, RigOptions::default());
+    for (gpu, own) in together.iter().flatten().zip(own.iter().flatten()) {
+        assert!(gpu.packet == own.packet);
+        assert_eq!(gpu.diagnostics, own.diagnostics);
+    }
+}
+
+/// A tag has bits for 256 events of a pixel. A pixel with more events overflows the queue, even if the queue has room.
+#[test]
+fn an_event_number_that_a_tag_has_no_bits_for_overflows_the_queue() {
+    let sensor =
+        SensorModel { synthesis: Synthesis::Linear, contrast_on: 0.02, contrast_off: 0.02, ..sensor() };
+    let sequence = gray(&sensor, &times(0, 3), |frame, pixel| {
+        intensity_of(&sensor, if frame == 1 && pixel == 100 { 3.01 } else { -3.0 })
+    });
+    let mut rig = rig(&sensor, &sequence, forced(POLICY));
+    let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
+    assert!(compiled(&rig, "cross_gpu").iter().any(|words| words[11] == 1), "no queue overflowed");
+    drop(rig);
+    assert_silent();
+    assert!(got[1].packet.len() > 256 && got[1].packet.len() < 1024, "{} events", got[1].packet.len());
+    check_against_oracle(&sensor, &sequence, &got);
+}

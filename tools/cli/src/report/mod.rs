@@ -1,0 +1,247 @@
+//! The report of a run: a struct that is printed as JSON or as text.
+
+mod text;
+
+use crate::link_report::LinkReport;
+use crate::outcome::{Ending, Outcome};
+use crate::run_record::{RunRecord, quantile};
+use anyhow::Result;
+use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
+use esaac_model::SensorModel;
+use esaac_ros::Summary;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// The whole report.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    /// Source of the frames.
+    pub input: String,
+    /// Device.
+    pub device: DeviceReport,
+    /// How frames reached the engine.
+    pub link: LinkReport,
+    /// Counts of ROS 2 messages, if any were published or recorded.
+    pub ros: Option<Summary>,
+    /// Intervals simulated.
+    pub intervals: usize,
+    /// Simulated time, nanoseconds.
+    pub simulated_ns: i64,
+    /// By camera.
+    pub cameras: Vec<CameraReport>,
+    /// GPU time of an interval for each stage, all cameras together.
+    pub stages: Vec<StageReport>,
+    /// GPU time of an interval, all stages.
+    pub gpu: StageReport,
+    /// Time from the submission until the packet is in host memory.
+    pub submit_to_packet: StageReport,
+    /// Device memory of all cameras, bytes, without host memory.
+    pub memory_bytes: u64,
+    /// Memory by purpose.
+    pub memory: Vec<MemoryReport>,
+    /// Files written.
+    pub files: Vec<String>,
+}
+
+/// The device that ran it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct DeviceReport {
+    /// Name.
+    pub name: String,
+    /// Kind.
+    pub kind: String,
+    /// UUID.
+    pub uuid: String,
+    /// Driver and its version.
+    pub driver: String,
+    /// Vulkan version.
+    pub vulkan: String,
+}
+
+/// One camera.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct CameraReport {
+    /// Its sensor.
+    pub sensor: SensorModel,
+    /// Events.
+    pub events: u64,
+    /// ON events.
+    pub on: u64,
+    /// OFF events.
+    pub off: u64,
+    /// Events dropped because of `max_events_per_interval`.
+    pub dropped: u64,
+    /// The engine's counters, by name.
+    pub diagnostics: BTreeMap<String, u64>,
+    /// Comparison with the scene's exact events, if the scene is known.
+    pub accuracy: Option<AccuracyReport>,
+}
+
+/// Median and 99th percentile of a duration over the intervals.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct StageReport {
+    /// What is timed.
+    pub name: String,
+    /// Median, nanoseconds.
+    pub median_ns: u64,
+    /// 99th percentile, nanoseconds.
+    pub p99_ns: u64,
+}
+
+/// Memory that is used for one purpose.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct MemoryReport {
+    /// Camera. `None`: all cameras share it.
+    pub camera: Option<usize>,
+    /// Purpose.
+    pub purpose: String,
+    /// Bytes.
+    pub bytes: u64,
+    /// Whether it lies in host memory.
+    pub on_host: bool,
+}
+
+/// Comparison of simulated events with the scene's exact ones, on a subset of the pixels.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct AccuracyReport {
+    /// Pixels compared.
+    pub pixels: usize,
+    /// Simulated events of these pixels.
+    pub events: u64,
+    /// Exact events of these pixels.
+    pub exact_events: u64,
+    /// Share of pixels with the exact sequence of polarities.
+    pub exact_sequences: f64,
+    /// Harmonic mean of precision and recall of matches within `match_window_us`.
+    pub f1: f64,
+    /// Largest time between two events that match, microseconds.
+    pub match_window_us: f64,
+    /// Median time between matched events, microseconds.
+    pub time_error_median_us: f64,
+    /// 99th percentile of it.
+    pub time_error_p99_us: f64,
+    /// Victor-Purpura distance per exact event.
+    pub victor_purpura: f64,
+}
+
+impl Report {
+    /// The report of `record`. The caller adds files, memory and accuracy.
+    #[must_use]
+    pub fn new(input: String, device: DeviceReport, sensors: &[SensorModel], record: &RunRecord) -> Self {
+        let cameras = sensors
+            .iter()
+            .zip(&record.cameras)
+            .map(|(sensor, camera)| CameraReport {
+                sensor: sensor.clone(),
+                events: camera.on + camera.off,
+                on: camera.on,
+                off: camera.off,
+                dropped: camera.dropped,
+                diagnostics: camera.diagnostics.clone(),
+                accuracy: None,
+            })
+            .collect();
+        let intervals = record.submit_to_packet_ns.len();
+        let totals: Vec<u64> =
+            (0..intervals).map(|i| record.stages.iter().filter_map(|(_, all)| all.get(i)).sum()).collect();
+        Report {
+            input,
+            device,
+            intervals,
+            cameras,
+            stages: record.stages.iter().map(|(name, all)| StageReport::new(name, all)).collect(),
+            gpu: StageReport::new("all stages", &totals),
+            submit_to_packet: StageReport::new("submit to packet", &record.submit_to_packet_ns),
+            ..Report::default()
+        }
+    }
+
+    /// Adds the memory.
+    pub fn set_memory(&mut self, memory: Vec<MemoryReport>) {
+        self.memory_bytes = memory.iter().filter(|m| !m.on_host).map(|m| m.bytes).sum();
+        self.memory = memory;
+    }
+
+    /// The report as a command's outcome: text or JSON, and whether events were dropped.
+    pub fn outcome(&self, json: bool) -> Result<Outcome> {
+        let dropped = self.cameras.iter().any(|c| c.dropped > 0);
+        let ending = if dropped { Ending::EventsDropped } else { Ending::Complete };
+        Ok(Outcome { text: if json { self.to_json()? } else { self.to_text() }, ending })
+    }
+
+    /// JSON, indented.
+    pub fn to_json(&self) -> Result<String> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+}
+
+/// Options of a rig whose times the report shows.
+#[must_use]
+pub fn rig_options() -> RigOptions {
+    RigOptions { stage_times: true, packets: PacketPlace::InPlace, ..RigOptions::default() }
+}
+
+impl StageReport {
+    /// Statistics of one duration.
+    #[must_use]
+    pub fn new(name: &str, values_ns: &[u64]) -> Self {
+        StageReport {
+            name: name.to_owned(),
+            median_ns: quantile(values_ns, 0.5),
+            p99_ns: quantile(values_ns, 0.99),
+        }
+    }
+}
+
+impl MemoryReport {
+    /// The memory of a rig.
+    #[must_use]
+    pub fn of(rig: &Rig) -> Vec<Self> {
+        let report = |m: MemoryUse| MemoryReport {
+            camera: m.camera,
+            purpose: m.purpose,
+            bytes: m.bytes,
+            on_host: m.on_host,
+        };
+        rig.memory().into_iter().map(report).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> Report {
+        let mut record = RunRecord::new(1);
+        record.cameras[0].on = 7;
+        record.cameras[0].off = 5;
+        record.add_timing(&[("warp", 1_000), ("sort", 2_500)], 9_000);
+        record.add_timing(&[("warp", 3_000), ("sort", 2_500)], 8_000);
+        let sensor = SensorModel::default();
+        let mut report = Report::new("flight".to_owned(), DeviceReport::default(), &[sensor], &record);
+        report.set_memory(vec![
+            MemoryReport { camera: Some(0), purpose: "state".to_owned(), bytes: 2048, on_host: false },
+            MemoryReport { camera: None, purpose: "staging".to_owned(), bytes: 1024, on_host: true },
+        ]);
+        report.cameras[0].accuracy = Some(AccuracyReport { pixels: 3, f1: 0.5, ..AccuracyReport::default() });
+        report
+    }
+
+    #[test]
+    fn times_of_an_interval_add_up_over_stages() {
+        let report = example();
+        assert_eq!((report.gpu.median_ns, report.gpu.p99_ns), (3_500, 5_500));
+        assert_eq!(report.memory_bytes, 2048);
+    }
+
+    #[test]
+    fn text_and_json_hold_the_same_figures() {
+        let text = example().to_text();
+        for part in ["12 (7 ON, 5 OFF)", "warp", "submit to packet", "staging", "F1 0.500", "luminance"] {
+            assert!(text.contains(part), "{part} in\n{text}");
+        }
+        let json: serde_json::Value = serde_json::from_str(&example().to_json().unwrap()).unwrap();
+        assert_eq!(json["cameras"][0]["events"], 12);
+        assert_eq!(json["cameras"][0]["sensor"]["substeps"], 32);
+    }
+}

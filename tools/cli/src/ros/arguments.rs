@@ -1,0 +1,124 @@
+//! The ROS 2 flags of commands that simulate.
+
+use super::network::NetworkArguments;
+use super::rviz;
+use clap::ValueEnum;
+use esaac_ros::qos::QosError;
+use esaac_ros::{EventFormat, Plan, Policy, QosChange, RigOptions};
+use std::path::PathBuf;
+
+/// Whether to publish.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RosMode {
+    /// Publish if there is a network; warn if there is none
+    Auto,
+    /// Publish; fail if there is no network
+    On,
+    /// Do not publish
+    Off,
+}
+
+/// What happens to a tick while earlier ones wait to be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PolicyName {
+    /// Drop and count the oldest tick
+    Latest,
+    /// Let the simulation wait
+    Lossless,
+}
+
+/// The clock of the stamps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TimeName {
+    /// Simulated time, published on /clock (use_sim_time)
+    Sim,
+    /// Wall-clock time
+    Wall,
+}
+
+/// Flags of commands that simulate.
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "ROS 2")]
+pub struct RosArguments {
+    /// Publish ROS 2 topics [demo: auto, others: off]
+    #[arg(long, value_name = "WHEN")]
+    pub ros: Option<RosMode>,
+    /// Record all topics as a rosbag2 MCAP file, published or not
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Namespace of all cameras
+    #[arg(long, value_name = "NAME", default_value = "/esaac")]
+    ros_namespace: String,
+    /// Event messages: packed, plain (esaac_msgs), evt3, mono (event_camera_msgs)
+    #[arg(long, value_name = "FORMAT", default_value = "packed")]
+    ros_events: EventFormat,
+    /// Length of time that one event message covers; 0: one message per interval
+    #[arg(long, value_name = "ns", default_value_t = 0)]
+    pub ros_slice_ns: u32,
+    /// Largest size of a message's events; 0: no limit
+    #[arg(long, value_name = "BYTES", default_value_t = 0)]
+    pub ros_max_bytes: u32,
+    /// Quality of service of a topic, for example events=best_effort,depth:10; `all` means every topic. May
+    /// be given several times
+    #[arg(long, value_name = "TOPIC=QOS", value_parser = qos)]
+    ros_qos: Vec<(String, QosChange)>,
+    /// What to do while messages wait to be sent [default: latest; lossless with --record]
+    #[arg(long, value_name = "POLICY")]
+    ros_policy: Option<PolicyName>,
+    /// Clock of the stamps
+    #[arg(long, value_name = "CLOCK", default_value = "sim")]
+    ros_time: TimeName,
+    /// Network.
+    #[command(flatten)]
+    pub network: NetworkArguments,
+}
+
+fn qos(text: &str) -> Result<(String, QosChange), String> {
+    let (topic, words) = text.split_once('=').ok_or("expected TOPIC=QOS")?;
+    Ok((topic.trim_matches('/').to_owned(), words.parse().map_err(|error: QosError| error.to_string())?))
+}
+
+impl RosArguments {
+    /// The publisher's options.
+    #[must_use]
+    pub fn options(&self) -> RigOptions {
+        let policy = match self.ros_policy {
+            Some(PolicyName::Latest) => Policy::Latest,
+            Some(PolicyName::Lossless) => Policy::Lossless,
+            None if self.record.is_some() => Policy::Lossless,
+            None => Policy::Latest,
+        };
+        RigOptions {
+            namespace: self.ros_namespace.clone(),
+            node: self.network.ros_node.clone(),
+            events: self.ros_events,
+            policy,
+            sim_time: self.ros_time == TimeName::Sim,
+            qos: self.ros_qos.clone(),
+            ..RigOptions::default()
+        }
+    }
+
+    /// Shell commands that show what is published.
+    #[must_use]
+    pub fn invitation(&self, plan: &Plan) -> String {
+        let prefix = self.network.prefix();
+        let names = || plan.topics.iter().map(|topic| topic.name.as_str());
+        let events = names().find(|name| name.ends_with("/events")).unwrap_or_default();
+        let time = if self.ros_time == TimeName::Sim { " --ros-args -p use_sim_time:=true" } else { "" };
+        let namespace = self.ros_namespace.trim_end_matches('/');
+        let rviz = rviz::configuration(&std::env::temp_dir(), namespace);
+        let mut lines = vec![
+            format!("publishing {} ROS 2 topics; in a shell with ROS 2:", plan.topics.len()),
+            format!("  {prefix}ros2 topic echo {events} --no-arr"),
+            format!("  {prefix}rviz2 -d {}{time}", rviz.display()),
+            format!("  {prefix}ros2 bag record -s mcap -e '^({namespace}/.*|/clock|/tf_static)$'"),
+        ];
+        if matches!(self.ros_events, EventFormat::Evt3 | EventFormat::Mono) {
+            lines.push(format!(
+                "  {prefix}ros2 run event_camera_renderer renderer_node --ros-args -r '~/events:={events}'"
+            ));
+        }
+        lines.join("\n")
+    }
+}

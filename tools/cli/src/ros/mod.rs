@@ -1,0 +1,12 @@
+//! ROS 2 in the commands: flags, the network, and publishing and recording what a command simulates.
+
+mod arguments;
+mod camera;
+mod network;
+mod output;
+mod rviz;
+
+pub use arguments::{RosArguments, RosMode};
+pub use camera::{add_camera, camera, centred, imu_samples};
+pub use network::{Joined, NetworkArguments};
+pub use output::RosOutput;

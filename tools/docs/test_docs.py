@@ -1,0 +1,151 @@
+"""Tests of the checks themselves: each must see what it is there to see."""
+
+import os
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from blocks import PageError, blocks
+from commands import Checker, CommandError, commands
+from examples import Runner, run_page
+from links import anchors, faults_of
+
+ROOT = Path(__file__).resolve().parents[2]
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
+
+
+def page_of(text: str) -> list:
+    return blocks(Path("page.md"), text)
+
+
+class Blocks(unittest.TestCase):
+    def test_a_block_has_its_language_its_line_and_its_text(self):
+        (block,) = page_of("# Title\n\n```sh\nesaac devices\n```\n")
+        self.assertEqual(
+            (block.language, block.line, block.text, block.not_run), ("sh", 3, "esaac devices\n", "")
+        )
+
+    def test_a_note_holds_for_the_next_block_alone(self):
+        text = "*Not run by the tests: needs a GPU.*\n\n```sh\na\n```\n\n```sh\nb\n```\n"
+        self.assertEqual([block.not_run for block in page_of(text)], ["needs a GPU", ""])
+
+    def test_what_is_not_meant_is_an_error(self):
+        for text in (
+            "```\nuntagged\n```\n",
+            "```bash\nunknown\n```\n",
+            "```sh\nnot closed\n",
+            "- item\n  ```sh\n  indented\n  ```\n",
+            "*Not run by the tests: no reason why\n\n```sh\na\n```\n",
+            "*Not run by the tests: a paragraph between.*\n\nWords.\n\n```sh\na\n```\n",
+            "*Not run by the tests: nothing after it.*\n",
+        ):
+            with self.assertRaises(PageError, msg=text):
+                page_of(text)
+
+
+class Commands(unittest.TestCase):
+    def setUp(self):
+        self.checker = Checker(ROOT, TARGET / "debug" / "esaac")
+
+    def test_words_of_a_script(self):
+        script = "A=1 esaac demo --out x > log 2>&1 &\ncat > f <<'END'\nesaac nonesuch\nEND\nls | head  # esaac z\n"
+        names = [words[0] for words in commands(script)]
+        self.assertEqual(
+            [name for name in names if not name.isdigit()], ["esaac", "log", "cat", "f", "ls", "head"]
+        )
+
+    def test_what_exists_passes(self):
+        self.checker.check(
+            "esaac demo --frames 2 \\\n    --sensor genx320\n./tools/test.sh\n"
+            "cargo test -p esaac-tests --test corpus -- --nocapture\ncargo build -p esaac-cli --features tracy\n"
+        )
+
+    def test_what_does_not_exist_is_an_error(self):
+        for script in (
+            "esaac demo --frame 2",
+            "ls && esaac demo --no-such-flag=1",
+            "esaac paint",
+            "./tools/nonesuch.sh",
+            "python tools/nonesuch.py",
+            "cargo test -p esaac-nonesuch",
+            "cargo test -p esaac-tests --test nonesuch",
+            "cargo build -p esaac-cli --features nonesuch",
+        ):
+            with self.assertRaises(CommandError, msg=script):
+                self.checker.check(script)
+
+
+class Examples(unittest.TestCase):
+    def faults(self, text: str, runs: bool = True) -> list[str]:
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder)
+            (root / "tests/src").mkdir(parents=True)
+            (root / "tests/src/lib.rs").write_text("// includes guide.md\n")
+            (root / "README.md").write_text(text)
+            runner = Runner(root, TARGET, Path(sys.executable))
+            checker = Checker(ROOT, TARGET / "debug" / "esaac")
+            return run_page(Path("README.md"), runs, runner, checker)
+
+    def test_blocks_that_work_have_no_faults(self):
+        text = "```sh\nesaac sensors > list\ncommand -v esaac cargo >> list\n```\n\n"
+        text += "```python\nlines = open('list').readlines()\n```\n\n"
+        text += "```python\nassert len(lines) > 5 and lines[-2].endswith('/debug/esaac\\n'), lines\n```\n"
+        self.assertEqual(self.faults(text), [])
+
+    def test_a_flag_that_no_longer_exists_is_a_fault(self):
+        (fault,) = self.faults("```sh\nesaac sensors --nonesuch\n```\n")
+        self.assertIn("README.md:1", fault)
+        self.assertIn("--nonesuch", fault)
+
+    def test_so_it_is_in_a_block_that_is_not_run(self):
+        text = "*Not run by the tests: needs a GPU.*\n\n```sh\nesaac sensors --nonesuch\n```\n"
+        self.assertIn("--nonesuch", self.faults(text)[0])
+        self.assertIn("--nonesuch", self.faults(text, runs=False)[0])
+
+    def test_every_failure_in_a_block_is_a_fault(self):
+        for text, part in (
+            ("```sh\nfalse\n```\n", "exit code 1"),
+            ("```sh\nfalse | true\n```\n", "exit code 1"),
+            ("```sh\nesaac sensors davis\n```\n", "unknown sensor"),
+            ("```sh\nesaac sensors davis &\n```\n", "unknown sensor"),
+            ("```python\nassert 1 == 2\n```\n", "AssertionError"),
+            ("```python\nimport os; os._exit(3)\n```\n", "code 3"),
+            ("```python\na b\n```\n", "invalid syntax"),
+            ("```toml\na = \n```\n", "Invalid value"),
+            ("```rust\nfn main() {}\n```\n", "does not include README.md"),
+        ):
+            faults = self.faults(text)
+            self.assertEqual(len(faults), 1, text)
+            self.assertIn(part, faults[0])
+
+    def test_blocks_run_beside_the_checkout_not_in_it(self):
+        before = sorted(path.name for path in ROOT.iterdir())
+        self.assertEqual(self.faults("```sh\ntouch left_behind\n```\n"), [])
+        self.assertEqual(sorted(path.name for path in ROOT.iterdir()), before)
+
+
+class Links(unittest.TestCase):
+    def test_links_that_lead_nowhere_are_faults(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder).resolve()
+            (root / "a.md").write_text(
+                "# A title\n\n[b](b.md#two-words) [top](#a-title) ![x](https://example.org/x)\n"
+            )
+            (root / "b.md").write_text("## Two `words`\n\n```text\n# [no heading](and/no/link)\n```\n")
+            self.assertEqual(faults_of(root, Path("a.md")), [])
+            self.assertEqual(faults_of(root, Path("b.md")), [])
+            (root / "a.md").write_text(
+                "[1](c.md) [2](b.md#three) [3](#nowhere) [4](../../etc) [`5`](d/e.md)\n"
+            )
+            self.assertEqual(len(faults_of(root, Path("a.md"))), 5)
+
+    def test_anchors_are_those_of_headings(self):
+        text = "# One\n## It's `two`, [three](x)\n## One\n```sh\n# none\n```\n"
+        self.assertEqual(anchors(text), {"one", "its-two-three", "one_1"})
+
+
+if __name__ == "__main__":
+    unittest.main()

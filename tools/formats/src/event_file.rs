@@ -1,0 +1,100 @@
+//! Events on disk: a NumPy archive (`.npz`) with the arrays `x` (u16), `y` (u16), `t` (i64, nanoseconds), `p` (i8, -1
+//! or +1) and `sensor` (the sensor as TOML text). `numpy.load` reads it without pickles.
+
+use crate::npy;
+use anyhow::Result;
+use esaac_model::PacketView;
+use std::io::{Seek, Write};
+use zip::{CompressionMethod, ZipWriter};
+
+/// Events of one camera, column by column.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EventColumns {
+    /// Column of the pixel.
+    pub x: Vec<u16>,
+    /// Row of the pixel.
+    pub y: Vec<u16>,
+    /// Time, nanoseconds.
+    pub t_ns: Vec<i64>,
+    /// -1 OFF, +1 ON.
+    pub sign: Vec<i8>,
+}
+
+impl EventColumns {
+    /// Appends a packet.
+    pub fn extend(&mut self, packet: &PacketView<'_>) {
+        self.x.extend_from_slice(packet.x);
+        self.y.extend_from_slice(packet.y);
+        self.t_ns.extend(packet.t_offset_ns.iter().map(|&t| packet.base_ns + i64::from(t)));
+        self.sign.extend(packet.polarity.iter().map(|&p| if p == 1 { 1 } else { -1 }));
+    }
+
+    /// Number of events.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.t_ns.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.t_ns.is_empty()
+    }
+}
+
+/// Writes the archive. Members are stored without compression, so that reading is fast.
+pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &str) -> Result<()> {
+    let mut archive = ZipWriter::new(out);
+    let (count, stored) = (Some(events.len()), CompressionMethod::Stored);
+    npy::write(&mut archive, stored, ("x", "<u2"), count, events.x.iter().map(|v| v.to_le_bytes()))?;
+    npy::write(&mut archive, stored, ("y", "<u2"), count, events.y.iter().map(|v| v.to_le_bytes()))?;
+    npy::write(&mut archive, stored, ("t", "<i8"), count, events.t_ns.iter().map(|v| v.to_le_bytes()))?;
+    npy::write(&mut archive, stored, ("p", "|i1"), count, events.sign.iter().map(|v| v.to_le_bytes()))?;
+    npy::write_text(&mut archive, stored, "sensor", sensor_toml)?;
+    archive.finish()?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::Packet;
+    use std::io::{Cursor, Read};
+
+    #[test]
+    fn columns_follow_the_packet() {
+        let packet = Packet {
+            base_ns: 1_000,
+            x: vec![1, 2],
+            y: vec![3, 4],
+            t_offset_ns: vec![5, 6],
+            polarity: vec![0, 1],
+            ..Packet::default()
+        };
+        let mut columns = EventColumns::default();
+        columns.extend(&packet.view());
+        assert_eq!(columns.t_ns, [1_005, 1_006]);
+        assert_eq!(columns.sign, [-1, 1]);
+        assert_eq!(columns.len(), 2);
+    }
+
+    #[test]
+    fn members_hold_header_and_little_endian_data() {
+        let columns = EventColumns { x: vec![258], y: vec![7], t_ns: vec![-2], sign: vec![-1] };
+        let mut bytes = Cursor::new(Vec::new());
+        write_npz(&mut bytes, &columns, "a = 1").unwrap();
+        let mut archive = zip::ZipArchive::new(bytes).unwrap();
+        let mut read = |name: &str| {
+            let mut data = Vec::new();
+            archive.by_name(name).unwrap().read_to_end(&mut data).unwrap();
+            let start = 10 + usize::from(u16::from_le_bytes([data[8], data[9]]));
+            assert_eq!(start % 64, 0, "{name}");
+            (String::from_utf8_lossy(&data[10..start]).into_owned(), data.split_off(start))
+        };
+        assert_eq!(read("x.npy").1, [2, 1]);
+        assert_eq!(read("t.npy").1, (-2_i64).to_le_bytes());
+        let (header, text) = read("sensor.npy");
+        assert!(header.contains("'<U5'") && header.contains("'shape': ()"), "{header}");
+        assert_eq!(text[..4], [b'a', 0, 0, 0]);
+    }
+}

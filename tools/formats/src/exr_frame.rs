@@ -1,0 +1,196 @@
+//! One frame from an OpenEXR file: its header, and its pixels in a format of the engine.
+
+use anyhow::{Context, Result, bail, ensure};
+use esaac_model::{HdrFormat, MotionFormat};
+use exr::prelude::{FlatSamples, MetaData, SampleType, Vec2};
+use half::f16;
+use std::path::Path;
+
+/// Names of the channels to read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChannelNames {
+    /// Linear red, green, blue.
+    pub colour: [String; 3],
+    /// Motion x and y.
+    pub motion: [String; 2],
+}
+
+/// The contents of a file's header that matter here.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameHeader {
+    /// Width, pixels.
+    pub width_px: u32,
+    /// Height, pixels.
+    pub height_px: u32,
+    /// Names of all channels, in the file's order.
+    pub channels: Vec<String>,
+    /// Whether red, green and blue are all half floats.
+    pub half_colour: bool,
+    /// Whether both motion channels are there.
+    pub has_motion: bool,
+}
+
+/// What to decode; the same for all frames of a folder.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameLayout {
+    /// Width, pixels.
+    pub width_px: u32,
+    /// Height, pixels.
+    pub height_px: u32,
+    /// Channels.
+    pub names: ChannelNames,
+    /// Format of the colour image.
+    pub hdr: HdrFormat,
+    /// Format of the motion image, if there is one.
+    pub motion: Option<MotionFormat>,
+    /// Factors that turn the file's motion x and y into the engine's convention.
+    pub motion_factors: [f32; 2],
+}
+
+/// A decoded frame: tightly packed rows, little endian.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FrameImages {
+    /// Colour image, in the layout's format.
+    pub hdr: Vec<u8>,
+    /// Motion image: previous position = position + motion, pixels, y down.
+    pub motion: Option<Vec<u8>>,
+}
+
+/// Reads and checks a header without reading pixels. Fails, with the file's name, if the file cannot be read, has deep
+/// images, parts of different sizes or a data window other than its display window, or lacks a channel.
+pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
+    let meta = MetaData::read_from_file(path, false).map_err(|e| unreadable(path, e))?;
+    ensure!(meta.headers.iter().all(|h| !h.deep), "{}: deep images cannot be read", path.display());
+    let first = meta.headers.first().with_context(|| format!("{}: holds no image", path.display()))?;
+    let Vec2(width, height) = first.layer_size;
+    let display = first.shared_attributes.display_window.size;
+    ensure!(
+        first.layer_size == display,
+        "{}: its data window is {width}x{height} px, expected the whole display window of {}x{} px",
+        path.display(),
+        display.0,
+        display.1
+    );
+    for header in &meta.headers {
+        let Vec2(w, h) = header.layer_size;
+        ensure!(
+            header.layer_size == first.layer_size,
+            "{}: one part is {w}x{h} px, expected {width}x{height} px like the first",
+            path.display()
+        );
+    }
+    let all: Vec<(String, SampleType)> = meta
+        .headers
+        .iter()
+        .flat_map(|h| h.channels.list.iter())
+        .map(|c| (c.name.to_string(), c.sample_type))
+        .collect();
+    let find = |name: &str| all.iter().find(|(channel, _)| channel == name).map(|&(_, kind)| kind);
+    let listed = || all.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+    let mut half_colour = true;
+    for name in &names.colour {
+        match find(name) {
+            Some(kind) => half_colour &= kind == SampleType::F16,
+            None => bail!("{}: no colour channel `{name}`; it has: {}", path.display(), listed()),
+        }
+    }
+    let motion = names.motion.each_ref().map(|name| find(name).is_some());
+    if motion[0] != motion[1] {
+        let missing = &names.motion[usize::from(motion[0])];
+        bail!("{}: no motion channel `{missing}`; it has: {}", path.display(), listed());
+    }
+    Ok(FrameHeader {
+        width_px: u32::try_from(width)?,
+        height_px: u32::try_from(height)?,
+        half_colour,
+        has_motion: motion[0],
+        channels: all.into_iter().map(|(name, _)| name).collect(),
+    })
+}
+
+/// Decodes a file's images as `layout` says. Fails, with the file's name, if a channel is missing or has another size.
+pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
+    let image = exr::prelude::read_all_flat_layers_from_file(path).map_err(|e| unreadable(path, e))?;
+    let pixels = layout.width_px as usize * layout.height_px as usize;
+    let channel = |name: &str| -> Result<&FlatSamples> {
+        let samples = image
+            .layer_data
+            .iter()
+            .flat_map(|layer| layer.channel_data.list.iter())
+            .find(|channel| channel.name.to_string() == name)
+            .map(|channel| &channel.sample_data)
+            .with_context(|| format!("{}: no channel `{name}`", path.display()))?;
+        ensure!(
+            samples.len() == pixels,
+            "{}: channel `{name}` has {} samples, expected {pixels} ({}x{} px)",
+            path.display(),
+            samples.len(),
+            layout.width_px,
+            layout.height_px
+        );
+        Ok(samples)
+    };
+    let [r, g, b] = &layout.names.colour;
+    let colour = [channel(r)?, channel(g)?, channel(b)?];
+    let motion = match layout.motion {
+        None => None,
+        Some(_) => {
+            let [x, y] = &layout.names.motion;
+            let (x, y) = (channel(x)?, channel(y)?);
+            let [sx, sy] = layout.motion_factors;
+            let mut bytes = Vec::with_capacity(pixels * MotionFormat::F32x2.texel_bytes());
+            for (x, y) in x.values_as_f32().zip(y.values_as_f32()) {
+                bytes.extend_from_slice(&(sx * x).to_le_bytes());
+                bytes.extend_from_slice(&(sy * y).to_le_bytes());
+            }
+            Some(bytes)
+        }
+    };
+    Ok(FrameImages { hdr: pack_colour(colour, layout.hdr, pixels), motion })
+}
+
+fn pack_colour(colour: [&FlatSamples; 3], format: HdrFormat, pixels: usize) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(pixels * format.texel_bytes());
+    if let (HdrFormat::F16x4, [FlatSamples::F16(r), FlatSamples::F16(g), FlatSamples::F16(b)]) =
+        (format, colour)
+    {
+        for ((r, g), b) in r.iter().zip(g).zip(b) {
+            for component in [*r, *g, *b, f16::ONE] {
+                bytes.extend_from_slice(&component.to_le_bytes());
+            }
+        }
+        return bytes;
+    }
+    let [r, g, b] = colour.map(FlatSamples::values_as_f32);
+    for ((r, g), b) in r.zip(g).zip(b) {
+        for component in [r, g, b, 1.0] {
+            bytes.extend_from_slice(&component.to_le_bytes());
+        }
+    }
+    bytes
+}
+
+fn unreadable(path: &Path, error: exr::error::Error) -> anyhow::Error {
+    let bytes = std::fs::metadata(path).map(|m| m.len()).unwrap_or(0);
+    let reason = match &error {
+        exr::error::Error::Io(_) => "cannot be read",
+        exr::error::Error::NotSupported(_) => "uses a feature of OpenEXR that is not supported",
+        _ => "is no OpenEXR file, or truncated",
+    };
+    anyhow::Error::new(error).context(format!("{} ({bytes} bytes) {reason}", path.display()))
+}
+
+impl FrameLayout {
+    /// Layout of a folder whose first frame has `header`.
+    #[must_use]
+    pub fn new(header: &FrameHeader, names: &ChannelNames, motion_factors: [f32; 2]) -> Self {
+        FrameLayout {
+            width_px: header.width_px,
+            height_px: header.height_px,
+            names: names.clone(),
+            hdr: if header.half_colour { HdrFormat::F16x4 } else { HdrFormat::F32x4 },
+            motion: header.has_motion.then_some(MotionFormat::F32x2),
+            motion_factors,
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Reads AEDAT 4, the format of iniVation's DV: a header in XML, then packets of events, frames and more. Each packet
+//! is a FlatBuffer and may be compressed.
+//!
+//! Layout (iniVation's documentation of the AEDAT file formats): `#!AER-DAT4.0\r\n`, a sized FlatBuffer with
+//! the compression, the position of a table at the file's end and the XML; then packets, each an i32 stream
+//! number, an i32 length and as many bytes. Streams `EVTS` hold structs of 16 bytes (i64 time in microseconds,
+//! i16 x, i16 y, bool ON), `FRME` tables of times, format, size and pixels. The reader skips other streams.
+
+use super::flatbuffer_reader::{Broken, Scalar, Table};
+use super::{Aps, Recording, RecordingError};
+use esaac_model::Polarity;
+use esaac_model::packet::Event;
+use std::collections::HashMap;
+use std::io::Read;
+use std::path::Path;
+
+pub(super) const MAGIC: &[u8] = b"#!AER-DAT4.0\r\n";
+
+/// Bytes of an event in its packet.
+const EVENT_BYTES: usize = 16;
+
+/// Largest unpacked packet. A packet that claims to be larger is broken.
+const LARGEST_PACKET: u64 = 1 << 30;
+
+/// Content of a stream.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Events,
+    Frames,
+    Other,
+}
+
+/// The header's contents that matter here.
+struct Header {
+    compression: i32,
+    streams: HashMap<i32, Kind>,
+    name: String,
+    size: (u32, u32),
+    /// Position where packets end: the start of the table, or the end of the file.
+    end: usize,
+}
+
+/// Reads events and frames of a file. A file that cannot be read, is broken or is none of the format is an error.
+pub fn read(path: &Path) -> Result<Recording, RecordingError> {
+    let bytes = std::fs::read(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
+    parse(&bytes).map_err(|reason| RecordingError::Format { path: path.to_owned(), reason })
+}
+
+/// Reads events and frames of a file's bytes.
+fn parse(bytes: &[u8]) -> Result<Recording, Broken> {
+    if !bytes.starts_with(MAGIC) {
+        return Err("not an AEDAT 4 file: expected it to begin with `#!AER-DAT4.0`".to_owned());
+    }
+    let length = u32::at(bytes, MAGIC.len())? as usize;
+    let packets = MAGIC.len() + 4 + length;
+    let header = bytes.get(MAGIC.len() + 4..packets).ok_or("the header ends beyond the file")?;
+    let header = read_header(header, bytes.len())?;
+    let (width_px, height_px) = header.size;
+    let mut recording = Recording { name: header.name.clone(), width_px, height_px, ..Recording::default() };
+    let mut at = packets;
+    while at < header.end {
+        let stream = i32::at(bytes, at)?;
+        let length = i32::at(bytes, at + 4)?;
+        let end = usize::try_from(length).ok().and_then(|length| (at + 8).checked_add(length));
+        let packed = end.and_then(|end| bytes.get(at + 8..end)).ok_or_else(|| {
+            format!("the packet at byte {at} has a length of {length}, which ends beyond the file")
+        })?;
+        let kind = header.streams.get(&stream).copied().unwrap_or(Kind::Other);
+        let broken = |error: Broken| format!("the packet at byte {at}: {error}");
+        match kind {
+            Kind::Events => {
+                let unpacked = unpack(packed, header.compression).map_err(broken)?;
+                read_events(&unpacked, &mut recording).map_err(broken)?;
+            }
+            Kind::Frames => {
+                let unpacked = unpack(packed, header.compression).map_err(broken)?;
+                read_frame(&unpacked, &mut recording).map_err(broken)?;
+            }
+            Kind::Other => {}
+        }
+        at += 8 + packed.len();
+    }
+    recording.events.sort_unstable();
+    recording.frames.sort_by_key(|frame| frame.start_ns);
+    Ok(recording)
+}
+
+fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
+    let table = Table::root(header, false)?;
+    let compression = table.scalar::<i32>(0)?;
+    let position = table.scalar::<i64>(1)?;
+    let xml = roxmltree::Document::parse(table.text(2)?).map_err(|e| format!("the header's XML: {e}"))?;
+    let attribute = |node: roxmltree::Node<'_, '_>, key: &str| {
+        node.descendants()
+            .find(|n| n.has_tag_name("attr") && n.attribute("key") == Some(key))
+            .and_then(|n| n.text())
+            .map(str::to_owned)
+    };
+    let is_stream = |n: &roxmltree::Node<'_, '_>| {
+        n.has_tag_name("node") && n.parent().and_then(|parent| parent.attribute("name")) == Some("outInfo")
+    };
+    let mut streams = HashMap::new();
+    let (mut name, mut size) = (String::new(), None);
+    for node in xml.descendants().filter(is_stream) {
+        let number = node.attribute("name").and_then(|name| name.parse::<i32>().ok());
+        let number = number.ok_or("the header names a stream that is no number")?;
+        let kind = match attribute(node, "typeIdentifier").as_deref() {
+            Some("EVTS") => Kind::Events,
+            Some("FRME") => Kind::Frames,
+            _ => Kind::Other,
+        };
+        if kind == Kind::Events {
+            let pixels = |key| attribute(node, key).and_then(|text| text.parse::<u32>().ok());
+            size = pixels("sizeX")
+                .zip(pixels("sizeY"))
+                .filter(|(w, h)| (1..=16384).contains(w) && (1..=16384).contains(h));
+            name = attribute(node, "source").unwrap_or_default();
+        }
+        streams.insert(number, kind);
+    }
+    let size = size.ok_or("the header has no stream of events with a size of 1 to 16384 px")?;
+    let end =
+        usize::try_from(position).ok().filter(|end| (1..=file_bytes).contains(end)).unwrap_or(file_bytes);
+    Ok(Header { compression, streams, name, size, end })
+}
+
+/// Unpacks a packet. The header's `compression` is 0 for none, 1 and 2 for LZ4, 3 and 4 for Zstandard, each in its
+/// frame format.
+fn unpack(packed: &[u8], compression: i32) -> Result<Vec<u8>, Broken> {
+    let mut unpacked = Vec::new();
+    let read = |reader: &mut dyn Read, unpacked: &mut Vec<u8>| {
+        reader.take(LARGEST_PACKET).read_to_end(unpacked).map_err(|e| e.to_string())
+    };
+    match compression {
+        0 => unpacked.extend_from_slice(packed),
+        1 | 2 => {
+            read(&mut lz4_flex::frame::FrameDecoder::new(packed), &mut unpacked)?;
+        }
+        3 | 4 => {
+            let mut decoder = ruzstd::decoding::StreamingDecoder::new(packed).map_err(|e| e.to_string())?;
+            read(&mut decoder, &mut unpacked)?;
+        }
+        other => return Err(format!("compression {other}, expected 0 to 4")),
+    }
+    Ok(unpacked)
+}
+
+fn read_events(unpacked: &[u8], recording: &mut Recording) -> Result<(), Broken> {
+    let table = Table::root(unpacked, true)?;
+    for event in table.vector(0, EVENT_BYTES)?.chunks_exact(EVENT_BYTES) {
+        let (x, y) = (i16::at(event, 8)?, i16::at(event, 10)?);
+        let inside = |v: i16, size: u32| u32::try_from(v).is_ok_and(|v| v < size);
+        if !inside(x, recording.width_px) || !inside(y, recording.height_px) {
+            return Err(format!(
+                "an event at ({x}, {y}) on a sensor of {}x{} px",
+                recording.width_px, recording.height_px
+            ));
+        }
+        let polarity = if event[12] != 0 { Polarity::On } else { Polarity::Off };
+        let t_ns = microseconds(i64::at(event, 0)?)?;
+        recording.events.push(Event { t_ns, y: y as u16, x: x as u16, polarity });
+    }
+    Ok(())
+}
+
+fn microseconds(us: i64) -> Result<i64, Broken> {
+    us.checked_mul(1000).ok_or_else(|| format!("a time of {us} us is beyond i64 nanoseconds"))
+}
+
+/// Reads a frame. Its fields are: 0 time, 1 and 2 start and end of the frame, 3 and 4 start and end of the exposure,
+/// 5 format, 6 and 7 size, 8 and 9 position, 10 pixels.
+fn read_frame(unpacked: &[u8], recording: &mut Recording) -> Result<(), Broken> {
+    let table = Table::root(unpacked, true)?;
+    let time = |index| table.scalar::<i64>(index).and_then(microseconds);
+    let (width, height) = (table.scalar::<i16>(6)?, table.scalar::<i16>(7)?);
+    let expected = (recording.width_px, recording.height_px);
+    if (i64::from(width), i64::from(height)) != (i64::from(expected.0), i64::from(expected.1)) {
+        return Err(format!("a frame of {width}x{height} px, expected {}x{}", expected.0, expected.1));
+    }
+    // OpenCV's numbers of pixel types: 0 is 8-bit gray, 16 is 8-bit BGR.
+    let channels = match table.scalar::<i8>(5)? {
+        0 => 1,
+        16 => 3,
+        other => return Err(format!("a frame of format {other}, expected 0 (8-bit gray) or 16 (8-bit BGR)")),
+    };
+    let bytes = table.vector(10, 1)?;
+    let wanted = recording.width_px as usize * recording.height_px as usize * channels;
+    if bytes.len() != wanted {
+        return Err(format!("a frame of {} bytes, expected {wanted}", bytes.len()));
+    }
+    let mean = |texel: &[u8]| texel.iter().map(|&v| f32::from(v)).sum::<f32>() / (255.0 * channels as f32);
+    let pixels = bytes.chunks_exact(channels).map(mean).collect();
+    recording.frames.push(Aps { start_ns: time(3)?, end_ns: time(4)?, pixels });
+    Ok(())
+}

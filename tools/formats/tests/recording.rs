@@ -1,0 +1,135 @@
+//! Recordings are read as they were written, and broken copies of them are errors.
+
+use esaac_formats::recording::aedat4_writer::{Compression, ImuSample, write};
+use esaac_formats::recording::{Aps, Recording, RecordingError, aedat4};
+use esaac_model::Polarity;
+use esaac_model::packet::Event;
+use std::path::Path;
+
+/// Events of two packets and some frames, of a sensor that is wider than high.
+fn recording() -> Recording {
+    let (width_px, height_px) = (37, 23);
+    let events = (0..10_000_u32).map(|i| Event {
+        t_ns: i64::from(i) * 7_000 - 1_000_000,
+        x: (i % width_px) as u16,
+        y: (i / 3 % height_px) as u16,
+        polarity: if i % 5 < 2 { Polarity::On } else { Polarity::Off },
+    });
+    let frames = (0..4_i64).map(|k| Aps {
+        start_ns: k * 20_000_000,
+        end_ns: k * 20_000_000 + 5_000_000,
+        pixels: (0..width_px * height_px).map(|i| ((i + k as u32) % 256) as f32 / 255.0).collect(),
+    });
+    Recording {
+        name: "DAVIS <&> \"1\"".to_owned(),
+        width_px,
+        height_px,
+        events: events.collect(),
+        frames: frames.collect(),
+    }
+}
+
+fn imu() -> Vec<ImuSample> {
+    let sample = |ms: i64| ImuSample {
+        t_ns: ms * 1_000_000,
+        acceleration_g: [0.0, -1.0, 0.1],
+        turning_deg_per_s: [1.0, 2.0, 3.0],
+        temperature_c: 30.5,
+    };
+    (0..60).map(sample).collect()
+}
+
+fn file(recording: &Recording, compression: Compression) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write(&mut bytes, recording, &imu(), compression).unwrap();
+    bytes
+}
+
+/// Writes bytes to a file and reads it as a recording.
+fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.aedat4");
+    std::fs::write(&path, bytes).unwrap();
+    aedat4::read(&path)
+}
+
+#[test]
+fn what_is_written_is_read_back_in_every_compression() {
+    let recording = recording();
+    for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+        let bytes = file(&recording, compression);
+        assert_eq!(read(&bytes).unwrap(), recording, "{compression:?}");
+    }
+    let packed = [Compression::Lz4, Compression::Zstd].map(|c| file(&recording, c).len());
+    let plain = file(&recording, Compression::None).len();
+    assert!(packed.iter().all(|packed| *packed < plain), "{packed:?} bytes packed, {plain} plain");
+}
+
+#[test]
+fn a_recording_of_nothing_is_read_back() {
+    let recording = Recording { events: Vec::new(), frames: Vec::new(), ..recording() };
+    assert_eq!(read(&file(&recording, Compression::None)).unwrap(), recording);
+}
+
+#[test]
+fn what_the_format_cannot_hold_is_refused() {
+    let refusal = |change: fn(&mut Recording)| {
+        let mut recording = recording();
+        change(&mut recording);
+        write(&mut Vec::new(), &recording, &[], Compression::None).unwrap_err().to_string()
+    };
+    assert!(refusal(|r| r.events[0].t_ns = 1).contains("1 ns, expected whole microseconds"));
+    assert!(refusal(|r| r.frames[0].end_ns = 999).contains("999 ns, expected whole microseconds"));
+    assert!(refusal(|r| r.width_px = 40_000).contains("40000 px, expected at most 32767"));
+    assert!(refusal(|r| r.frames[1].pixels.truncate(5)).contains("a frame of 5 px, expected 851"));
+}
+
+#[test]
+fn broken_files_are_errors_with_a_reason() {
+    let good = file(&recording(), Compression::Lz4);
+    let error = |bytes: &[u8]| read(bytes).expect_err("a broken file").to_string();
+    assert!(error(b"#!AER-DAT2.0\r\n").contains("not an AEDAT 4 file"));
+    assert!(error(&good[..20]).contains("header ends beyond the file"));
+    assert!(error(&good[..good.len() - 1]).contains("ends beyond the file"));
+    let header_bytes = u32::from_le_bytes(good[14..18].try_into().unwrap()) as usize;
+    let packets = 18 + header_bytes;
+    let mut scrambled = good.clone();
+    scrambled[packets + 8..packets + 100].fill(0x5a);
+    assert!(error(&scrambled).contains(&format!("packet at byte {packets}")));
+    let missing = aedat4::read(Path::new("/nonesuch.aedat4")).unwrap_err();
+    assert!(missing.to_string().contains("/nonesuch.aedat4"), "{missing}");
+}
+
+#[test]
+fn events_and_frames_of_another_size_are_errors() {
+    let error = |change: fn(&mut Recording)| {
+        let mut recording = recording();
+        change(&mut recording);
+        read(&file(&recording, Compression::None)).unwrap_err().to_string()
+    };
+    assert!(error(|r| r.events[9_999].x = 37).contains("an event at (37, "));
+    assert!(error(|r| r.events[9_999].y = 23).contains("23) on a sensor of 37x23 px"));
+}
+
+#[test]
+fn no_broken_file_is_read_beyond_its_end() {
+    let mut small = recording();
+    small.events.truncate(3);
+    small.frames.truncate(1);
+    let good = file(&small, Compression::None);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.aedat4");
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        aedat4::read(&path)
+    };
+    for at in (0..good.len()).step_by(7) {
+        for value in [0x7f, 0xff] {
+            let mut bad = good.clone();
+            bad[at] = value;
+            if let Ok(recording) = read(&bad) {
+                assert!(recording.events.iter().all(|e| u32::from(e.x) < recording.width_px));
+            }
+        }
+    }
+}
