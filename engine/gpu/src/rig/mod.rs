@@ -393,14 +393,13 @@ impl Rig {
         }
     }
 
-    /// Marks the rig as lost; returns the error that reports it.
+    /// Marks the rig as lost; returns the error that reports it. Results of a tick before remain valid.
     fn lose(&mut self, why: EngineError) -> EngineError {
         let why = match why {
             EngineError::Lost { why } => why,
             why => Arc::new(why),
         };
         self.health = Health::Lost { why: Arc::clone(&why) };
-        self.results.clear();
         EngineError::Lost { why }
     }
 
