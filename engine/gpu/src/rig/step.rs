@@ -177,13 +177,14 @@ impl Rig {
     }
 
     /// When each stage of the last tick ran on the device, by the host's clock, and the largest error of these times;
-    /// `None` if the device has no times or cannot read both clocks at once. Call before the next tick.
+    /// `None` if there was no such tick (see [`Rig::last_tick`]), or the device has no times or cannot read both clocks
+    /// at once. Call before the next tick.
     pub fn stage_host_times(&self) -> Result<Option<(Vec<StageSpan>, Duration)>, EngineError> {
-        let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
         let spans = self.timing.spans();
         if self.results.stage_ns.is_empty() {
             return Ok(None);
         }
+        let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
         let Some(raw) = self.timing.timer.read_raw::<MOST_STAMPS>(0, spans.len() + 1)? else {
             return Ok(None);
         };
