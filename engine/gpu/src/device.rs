@@ -195,6 +195,25 @@ impl Device {
         self.calibrated.as_ref()
     }
 
+    /// Device address of a buffer.
+    ///
+    /// The validation layer keeps a table of all addresses for kernels to check. It loses an address that is asked for
+    /// while another thread submits (seen in 1.3.239), and then objects to every access there. So under the layer this
+    /// waits for the submission.
+    ///
+    /// # Safety
+    /// The buffer is this device's, bound, and made with the device-address usage.
+    pub(crate) unsafe fn buffer_address(&self, buffer: vk::Buffer) -> u64 {
+        let _no_submission = self.is_validated().then(|| self.queue());
+        let info = vk::BufferDeviceAddressInfo::default().buffer(buffer);
+        // SAFETY: as the caller guarantees.
+        unsafe { self.raw.get_buffer_device_address(&info) }
+    }
+
+    fn queue(&self) -> MutexGuard<'_, vk::Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Name, driver and capabilities.
     #[must_use]
     pub fn info(&self) -> &DeviceInfo {
@@ -340,7 +359,7 @@ impl Device {
         if !(waits.is_empty() && signals.is_empty()) {
             submit = submit.push_next(&mut values);
         }
-        let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        let queue = self.queue();
         // SAFETY: the queue is held exclusively; the command buffers are recorded and not pending (the contract of
         // `Commands::record`), the fence is unsignalled and not pending (`wait_for` leaves it so, or abandons it).
         // What the submission uses lives until it has finished: the caller waits, and if that fails, `retire` does.

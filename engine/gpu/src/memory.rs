@@ -105,9 +105,7 @@ impl Buffer {
         // SAFETY: the memory was allocated for these requirements and is bound once.
         unsafe { device.raw().bind_buffer_memory(raw, memory, offset) }.call("vkBindBufferMemory")?;
         // SAFETY: the buffer is bound and was created with the device-address usage.
-        buffer.address = unsafe {
-            device.raw().get_buffer_device_address(&vk::BufferDeviceAddressInfo::default().buffer(raw))
-        };
+        buffer.address = unsafe { device.buffer_address(raw) };
         Ok(buffer)
     }
 
@@ -124,7 +122,6 @@ impl Buffer {
         memory: vk::DeviceMemory,
         bytes: u64,
     ) -> Self {
-        let info = vk::BufferDeviceAddressInfo::default().buffer(raw);
         Buffer {
             device: Arc::clone(device),
             raw,
@@ -132,7 +129,7 @@ impl Buffer {
             name: name.to_owned(),
             bytes,
             // SAFETY: the buffer is bound and was made for addresses, as the caller guarantees.
-            address: unsafe { device.raw().get_buffer_device_address(&info) },
+            address: unsafe { device.buffer_address(raw) },
             location: MemoryLocation::GpuOnly,
             texels: None,
         }
