@@ -172,7 +172,8 @@ impl Oracle {
         Ok(self.advance(t_ns, ingested, &Between::Exact(samples)))
     }
 
-    /// Changes parameters between two frames. The size must stay the same.
+    /// Changes parameters between two frames. The size must stay the same. [`SensorModel::change_to`] tells what the
+    /// camera discards or draws anew.
     pub fn set_sensor(&mut self, sensor: SensorModel) -> Result<(), SensorError> {
         sensor.validate()?;
         for (parameter, expected, actual) in
@@ -186,7 +187,18 @@ impl Oracle {
                 });
             }
         }
-        let constants = draw_constants(&sensor, self.camera);
+        let effects = self.sensor.change_to(&sensor);
+        if effects.redraws_pixels {
+            self.redraw(draw_constants(&sensor, self.camera));
+        }
+        self.sensor = sensor;
+        if effects.resets_frames {
+            self.reset();
+        }
+        Ok(())
+    }
+
+    fn redraw(&mut self, constants: Vec<PixelConstants>) {
         if let Some((epoch_ns, latest_ns)) = self.run.times_ns {
             for (pixel, state) in self.run.pixels.iter_mut().enumerate() {
                 if let Some(state) = state {
@@ -194,18 +206,12 @@ impl Oracle {
                 }
             }
         }
-        // A history of another log offset or of other planes does not fit the next interval's planes.
-        if (sensor.log_offset, sensor.intensity) != (self.sensor.log_offset, self.sensor.intensity) {
-            self.run.history = None;
-        }
-        self.sensor = sensor;
         self.constants = constants;
-        Ok(())
     }
 
-    /// Forgets every frame; the next one arms the camera.
+    /// Forgets every frame; the next one arms the camera. Packets keep counting.
     pub fn reset(&mut self) {
-        self.run = Run::new(&self.sensor);
+        self.run = Run { sequence: self.run.sequence, ..Run::new(&self.sensor) };
     }
 
     fn advance(&mut self, t_ns: i64, ingested: Ingested, between: &Between<'_>) -> Interval {

@@ -323,7 +323,8 @@ impl Rig {
         Ok(())
     }
 
-    /// Resets a camera: its next frame counts as its first. Noise continues where it is.
+    /// Resets a camera: its next frame counts as its first. Events that wait are discarded, noise begins again, and
+    /// packets keep counting.
     pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
         self.check_health()?;
         let counters = fresh_counters(&self.camera(camera)?.place);
