@@ -293,13 +293,13 @@ fn the_operations_grow_overflow_merge_and_defer() {
         driver.run(operation).expect("no fault");
         let tick = driver.rig.last_tick();
         seen[0] |= tick.diagnostics.iter().any(|d| d.regrown > 0);
-        seen[1] |= tick.diagnostics[1].late_events > 0;
+        seen[1] |= tick.diagnostics[1].deferred_events > 0;
         seen[2] |= tick.aps[0].is_some() && tick.aps_pixels(0).iter().any(|&value| value > 0);
         // More events of one time than `sort` can sort.
         let times = tick.view(0).t_offset_ns;
         seen[3] |= times.last().is_some_and(|last| times.iter().filter(|&t| t == last).count() > 2048);
     }
-    assert_eq!(seen, [true; 4], "growth, late events, APS, packets for `merge`");
+    assert_eq!(seen, [true; 4], "growth, deferred events, APS, packets for `merge`");
     drop(driver);
     assert_silent();
 }

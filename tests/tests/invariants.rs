@@ -98,8 +98,8 @@ fn a_run_that_was_saved_and_restored_is_one_run() {
                 rig.upload(number, &bytes).expect("a frame that fits");
             }
             let tick = rig.step(&[frame.t_ns; 2]).expect("a frame in time");
-            let late: Vec<u64> = tick.diagnostics.iter().map(|d| d.late_events).collect();
-            got.push((tick.packets.to_vec(), tick.aps.to_vec(), late));
+            let deferred: Vec<u64> = tick.diagnostics.iter().map(|d| d.deferred_events).collect();
+            got.push((tick.packets.to_vec(), tick.aps.to_vec(), deferred));
         }
         got
     };
@@ -337,7 +337,7 @@ fn jitter_switched_on_counts_the_events_sent_before() {
 }
 
 /// The engine's and the oracle's packets of each frame agree, although the camera starts anew twice: the stored frames
-/// hold other values after a change of `exposure_gain`, and a reset forgets them. Events that wait are discarded, noise
+/// hold other values after a change of `exposure_gain`, and a reset forgets them. Deferred events are discarded, noise
 /// begins again, packets keep counting.
 #[test]
 fn a_changed_exposure_gain_and_a_reset_start_the_camera_anew() {
@@ -349,7 +349,7 @@ fn a_changed_exposure_gain_and_a_reset_start_the_camera_anew() {
     let brighter = SensorModel { exposure_gain: 1.7, ..base.clone() };
     let mut rig = rig(&base, &frames, RigOptions::default());
     let mut oracle = esaac_oracle::Oracle::new(base, 0).unwrap();
-    let mut waiting = 0;
+    let mut deferred = 0;
     for index in 0..15 {
         match index {
             CHANGED => {
@@ -370,9 +370,9 @@ fn a_changed_exposure_gain_and_a_reset_start_the_camera_anew() {
         assert!(agreement.ranked.p99_us <= 2.0, "frame {index}: {agreement:?}");
         assert!(expected.packet.len().abs_diff(got.packet.len()) <= 1, "frame {index}: {agreement:?}");
         if index == CHANGED || index == RESET {
-            assert!(got.packet.is_empty() && waiting > 0, "frame {index}: {waiting} events waited");
+            assert!(got.packet.is_empty() && deferred > 0, "frame {index}: {deferred} events were deferred");
         }
-        waiting = expected.diagnostics.waiting_events;
+        deferred = expected.diagnostics.deferred_events;
     }
     drop(rig);
     assert_silent();

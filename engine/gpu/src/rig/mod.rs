@@ -323,7 +323,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Resets a camera: its next frame counts as its first. Events that wait are discarded, noise begins again, and
+    /// Resets a camera: its next frame counts as its first. Deferred events are discarded, noise begins again, and
     /// packets keep counting.
     pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
         self.check_health()?;
