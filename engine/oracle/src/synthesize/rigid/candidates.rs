@@ -71,8 +71,8 @@ impl Surface {
     pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
         let poses = instant.to_keys(self.id)?;
         let mut sources = Sources { at: [DVec2::ZERO; 2], inverse_depth: 0.0 };
-        for key in 0..2 {
-            let (turned, shift) = (poses[key].direction(ray), poses[key].translation_m());
+        for (key, pose) in poses.iter().enumerate() {
+            let (turned, shift) = (pose.direction(ray), pose.translation_m());
             let room = 1.0 - self.planes[key].dot(shift);
             let inverse_depth = self.planes[key].dot(turned) / room;
             if room <= 0.0 || inverse_depth < 0.0 {
@@ -260,7 +260,7 @@ impl Interval<'_> {
                 let side = BLOCK_PX as f64;
                 let low = (first / side).floor().max(0.0);
                 let high = (last / side).floor().min((blocks - 1) as f64);
-                (low <= high).then(|| low as usize..=high as usize)
+                (low <= high).then_some(low as usize..=high as usize)
             };
             let (Some(across), Some(down)) = (range(first.x, last.x, columns), range(first.y, last.y, rows))
             else {

@@ -89,11 +89,11 @@ impl Cell {
         }
         let [across, down] = self.fraction.map(|fraction| cubic_weights(fraction, parameter));
         let mut sum = 0.0;
-        for j in 0..4 {
-            for i in 0..4 {
+        for (j, down) in down.into_iter().enumerate() {
+            for (i, across) in across.into_iter().enumerate() {
                 let sample = self.sample(i, j);
                 let nearest = self.sample(i.clamp(1, last_column), j.clamp(1, last_row));
-                sum += across[i] * down[j] * values[if usable(sample) { sample } else { nearest }];
+                sum += across * down * values[if usable(sample) { sample } else { nearest }];
             }
         }
         let low = inner.clone().map(|sample| values[sample]).fold(f64::INFINITY, f64::min);
