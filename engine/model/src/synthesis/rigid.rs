@@ -53,9 +53,12 @@
 //! mean of `exp(L)` by these shares is the pixel's `S + log_offset`. It is a mean in linear intensity, as a renderer's
 //! antialiasing is, and it is continuous in time: a silhouette passes as a ramp, without events of its own.
 //!
-//! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel is then
-//! blended as by `linear`, and counted. A pixel that shows no surface in either key frame has no candidates and no
-//! path. It is blended as by `linear`, or takes `motion` where there are vectors, and is counted.
+//! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel then
+//! takes the level of its farthest candidate at the nearest pixels that belong to it, in the row and the column of its
+//! rounded position in both key frames, at most [`UNSEEN_REACH_PX`] away. The equally near ones count by `1 - a` in key
+//! frame 0 and by `a` in key frame 1. Without any, the pixel is blended as by `linear`. It is counted. A pixel that
+//! shows no surface in either key frame has no candidates and no path. It is blended as by `linear`, or takes `motion`
+//! where there are vectors, and is counted.
 //!
 //! **Half-pel frames.** Each key frame has one, as in [`synthesis`](super), but within surfaces: a sample between
 //! pixels is *joined* if the pixels that it lies between belong to the surface of the first of them or have it belong
@@ -101,3 +104,6 @@ pub const MIXED_WEIGHT: f64 = 0.2;
 
 /// Share of a pixel below which what it shows counts as unseen.
 pub const UNSEEN_SHARE: f64 = 1e-3;
+
+/// How far the background beside what is unseen is looked for, pixels.
+pub const UNSEEN_REACH_PX: u32 = 16;

@@ -8,8 +8,9 @@ pub mod transfer;
 
 use candidates::{Candidate, Instant, Interval, Sources};
 use esaac_model::paths::{NoPath, SceneMotion};
-use esaac_model::synthesis::rigid::{EDGE_WEIGHT, KNOTS, UNSEEN_SHARE};
-use read::{KeyFrame, Seen, half_pel_alone};
+use esaac_model::synthesis::rigid::{EDGE_WEIGHT, KNOTS, UNSEEN_REACH_PX, UNSEEN_SHARE};
+use glam::DVec2;
+use read::{KeyFrame, Seen, half_pel_alone, pixel_sample};
 use std::collections::BTreeMap;
 use surface::{Geometry, Surfaces};
 use transfer::{Route, transfer};
@@ -33,7 +34,7 @@ pub struct Input<'a> {
 pub enum Sample {
     /// Synthesised intensity, scene units.
     Seen(f64),
-    /// Neither key frame shows what is there: both are blended.
+    /// Neither key frame shows what is there: the background nearest to it, or both key frames blended.
     Unseen(f64),
     /// The pixel has no candidate: both key frames are blended.
     NoPath(f64),
@@ -159,8 +160,8 @@ impl<'a> Rigid<'a> {
         }
         here.sort_by(|a, b| b.0.inverse_depth.total_cmp(&a.0.inverse_depth));
         let (mut light, mut shown) = (0.0, 0.0);
-        for (sources, candidate) in here {
-            let Some((coverage, level)) = self.covers(instant.fraction, plane, &sources, candidate) else {
+        for (sources, candidate) in &here {
+            let Some((coverage, level)) = self.covers(instant.fraction, plane, sources, candidate) else {
                 continue;
             };
             let share = (1.0 - shown) * coverage;
@@ -168,9 +169,17 @@ impl<'a> Rigid<'a> {
             shown += share;
         }
         if shown < UNSEEN_SHARE {
-            return Sample::Unseen(blended());
+            let level = here.last().and_then(|(sources, farthest)| {
+                self.nearest_level(instant.fraction, plane, sources, farthest)
+            });
+            return Sample::Unseen(level.map_or_else(blended, |level| self.intensity(level.exp())));
         }
-        Sample::Seen((light / shown - self.log_offset).max(0.0))
+        Sample::Seen(self.intensity(light / shown))
+    }
+
+    /// Intensity of `exp(L)`, scene units.
+    fn intensity(&self, light: f64) -> f64 {
+        (light - self.log_offset).max(0.0)
     }
 
     /// Coverage of a candidate and its level, nepers. `None` if it covers nothing, or is hidden in both key frames.
@@ -181,14 +190,12 @@ impl<'a> Rigid<'a> {
         sources: &Sources,
         candidate: &Candidate,
     ) -> Option<(f64, f64)> {
-        let planes = [candidate.start.planes[0], candidate.end.planes[1]];
         let (mut seen, mut known, mut levels, mut trust) = (0.0, 0.0, 0.0, 0.0);
         for (key, time) in [(0, 1.0 - fraction), (1, fraction)] {
             let frame = &self.keys[key];
             let at = sources.at[key];
             let weight = time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT);
-            let parallax_px_m = self.parallax_px_m.get(&candidate.start.id).copied().unwrap_or(1.0);
-            let surface = Seen { id: candidate.start.id, plane: planes[key], parallax_px_m };
+            let surface = self.seen(candidate, key);
             let shares = frame.shares(at, &surface);
             seen += weight * shares.seen;
             known += weight * (1.0 - shares.hidden);
@@ -198,6 +205,41 @@ impl<'a> Rigid<'a> {
             }
         }
         (trust > 0.0).then(|| ((seen / known).min(1.0), levels / trust))
+    }
+
+    /// Level of a candidate beside what hides it: that of the nearest pixels that belong, in the row and the column of
+    /// its position in both key frames, nepers. `None` if there is none within [`UNSEEN_REACH_PX`].
+    fn nearest_level(
+        &self,
+        fraction: f64,
+        plane: usize,
+        sources: &Sources,
+        candidate: &Candidate,
+    ) -> Option<f64> {
+        let size = self.keys[0].surfaces.size;
+        (1..=UNSEEN_REACH_PX).find_map(|distance_px| {
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (key, weight) in [(0, 1.0 - fraction), (1, fraction)] {
+                let surface = self.seen(candidate, key);
+                for step in [DVec2::X, -DVec2::X, DVec2::Y, -DVec2::Y] {
+                    let at = sources.at[key].round() + step * f64::from(distance_px);
+                    let inside = at.cmpge(DVec2::ZERO).all() && at.x < size.0 as f64 && at.y < size.1 as f64;
+                    let pixel = at.y as usize * size.0 + at.x as usize;
+                    if inside && self.keys[key].belongs(pixel, &surface) {
+                        sum += weight * self.half_pels[plane][key][pixel_sample(size, pixel)];
+                        weights += weight;
+                    }
+                }
+            }
+            (weights > 0.0).then(|| sum / weights)
+        })
+    }
+
+    /// A candidate as key frame `key` sees it.
+    fn seen(&self, candidate: &Candidate, key: usize) -> Seen {
+        let surface = if key == 0 { &candidate.start } else { &candidate.end };
+        let parallax_px_m = self.parallax_px_m.get(&surface.id).copied().unwrap_or(1.0);
+        Seen { id: surface.id, plane: surface.planes[key], parallax_px_m }
     }
 
     /// The half-pel frames of the end, which the next interval improves.

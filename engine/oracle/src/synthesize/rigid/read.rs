@@ -132,7 +132,9 @@ impl KeyFrame {
         KeyFrame { surfaces, pure, joined }
     }
 
-    fn belongs(&self, pixel: usize, seen: &Seen) -> bool {
+    /// Whether a pixel belongs to a surface.
+    #[must_use]
+    pub fn belongs(&self, pixel: usize, seen: &Seen) -> bool {
         self.surfaces.relation(pixel, seen.id, seen.plane, seen.parallax_px_m) == Relation::Belongs
     }
 
