@@ -79,6 +79,7 @@ mod change;
 pub mod frame;
 pub mod intensity;
 pub mod packet;
+pub mod paths;
 pub mod physical;
 mod pixel_draws;
 pub mod presets;

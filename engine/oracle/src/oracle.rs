@@ -27,7 +27,7 @@ pub struct Diagnostics {
     /// Pixels without a valid value so far.
     pub unarmed_pixels: u64,
     /// Events deferred to a later packet.
-    pub waiting_events: u64,
+    pub deferred_events: u64,
     /// Events that the sensor lost because their pixel had one waiting for the bus.
     pub lost_events: u64,
     /// Events that the sensor's rate controller dropped.
@@ -122,7 +122,7 @@ struct Run {
     history: Option<Vec<HalfPelFrame>>,
     /// `None` while a pixel is unarmed.
     pixels: Vec<Option<PixelState>>,
-    waiting: Vec<Event>,
+    deferred: Vec<Event>,
     sequence: u64,
 }
 
@@ -134,7 +134,7 @@ impl Run {
             last_interval_ns: None,
             history: None,
             pixels: vec![None; sensor.pixels()],
-            waiting: Vec::new(),
+            deferred: Vec::new(),
             sequence: 0,
         }
     }
@@ -228,7 +228,8 @@ impl Oracle {
         Ok(self.advance(t_ns, ingested, &Between::Exact(samples)))
     }
 
-    /// Changes parameters between two frames. The size must stay the same.
+    /// Changes parameters between two frames. The size must stay the same. [`SensorModel::change_to`] tells what the
+    /// camera discards or draws anew.
     pub fn set_sensor(&mut self, sensor: SensorModel) -> Result<(), SensorError> {
         sensor.validate()?;
         for (parameter, expected, actual) in
@@ -242,7 +243,22 @@ impl Oracle {
                 });
             }
         }
-        let constants = draw_constants(&sensor, self.camera);
+        let effects = self.sensor.change_to(&sensor);
+        if effects.redraws_pixels {
+            self.redraw(draw_constants(&sensor, self.camera));
+        }
+        self.sensor = sensor;
+        if let Some(physical) = self.physical.as_mut().filter(|_| effects.redraws_pixels) {
+            let pixel = physical.pixel.clone();
+            physical.draws = Physical::new(&self.sensor, self.camera, pixel, physical.readout).draws;
+        }
+        if effects.resets_frames {
+            self.reset();
+        }
+        Ok(())
+    }
+
+    fn redraw(&mut self, constants: Vec<PixelConstants>) {
         if let Some((epoch_ns, latest_ns)) = self.run.times_ns {
             for (pixel, state) in self.run.pixels.iter_mut().enumerate() {
                 if let Some(state) = state {
@@ -250,22 +266,12 @@ impl Oracle {
                 }
             }
         }
-        // A history of another log offset or of other planes does not fit the next interval's planes.
-        if (sensor.log_offset, sensor.intensity) != (self.sensor.log_offset, self.sensor.intensity) {
-            self.run.history = None;
-        }
-        if let Some(physical) = &mut self.physical {
-            let pixel = physical.pixel.clone();
-            physical.draws = Physical::new(&sensor, self.camera, pixel, physical.readout).draws;
-        }
-        self.sensor = sensor;
         self.constants = constants;
-        Ok(())
     }
 
-    /// Forgets every frame; the next one arms the camera.
+    /// Forgets every frame; the next one arms the camera. Packets keep counting.
     pub fn reset(&mut self) {
-        self.run = Run::new(&self.sensor);
+        self.run = Run { sequence: self.run.sequence, ..Run::new(&self.sensor) };
         if let Some(old) = self.physical.take() {
             self.physical = Some(Physical::new(&self.sensor, self.camera, old.pixel, old.readout));
         }
@@ -304,7 +310,7 @@ impl Oracle {
         interval.diagnostics.unarmed_pixels = unarmed as u64;
         let at_the_bus =
             self.physical.as_ref().map_or(0, |physical| physical.requests.len() + physical.queue.waiting());
-        interval.diagnostics.waiting_events = (self.run.waiting.len() + at_the_bus) as u64;
+        interval.diagnostics.deferred_events = (self.run.deferred.len() + at_the_bus) as u64;
         self.run.times_ns = Some((epoch_ns, t_ns));
         self.run.image = image;
         self.run.sequence += 1;
@@ -388,9 +394,9 @@ impl Oracle {
             }
             if let Some(state) = &mut self.run.pixels[pixel] {
                 let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
-                let waiting = &mut self.run.waiting;
+                let deferred = &mut self.run.deferred;
                 walk(sensor, &self.constants[pixel], state, &span, &mut |crossing| {
-                    waiting.push(Event {
+                    deferred.push(Event {
                         t_ns: stamp::stamp_ns(sensor, key, crossing.index, crossing.t_ns),
                         y: y as u16,
                         x: x as u16,
@@ -407,11 +413,11 @@ impl Oracle {
             interval.diagnostics.lost_events = served.lost;
             interval.diagnostics.capped_events = served.capped;
             let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
-            self.run.waiting.extend(
+            self.run.deferred.extend(
                 served.events.into_iter().map(|e| Event { t_ns: quantise_ns(e.t_ns, quantum_ns), ..e }),
             );
         }
-        let due = stamp::due(&mut self.run.waiting, end_ns);
+        let due = stamp::due(&mut self.run.deferred, end_ns);
         sort(due, sensor.max_events_per_interval, &mut interval.packet);
         self.run.history = gap.into_history();
         self.run.last_interval_ns = Some(interval_ns);

@@ -232,7 +232,7 @@ fn a_busy_row_loses_events_and_counts_them() {
                 .expect("in time");
             sent += interval.packet.len() as u64;
             lost += interval.diagnostics.lost_events;
-            waiting = interval.diagnostics.waiting_events;
+            waiting = interval.diagnostics.deferred_events;
             times.extend(interval.packet.iter().map(|event| event.t_ns));
         }
         (sent, lost, waiting, times)
