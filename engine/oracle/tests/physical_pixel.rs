@@ -64,6 +64,8 @@ fn scene(pixel: usize, t_s: f64) -> f64 {
 #[test]
 fn infinitely_fast_and_without_noise_it_is_the_log_pixel() {
     let fast = PhysicalPixel {
+        lux_per_unit: 1e5,
+        dark_lux: 1e3,
         response_e_per_lux_s: 1e9,
         photoreceptor_charge_e: 1.0,
         second_pole_hz: 1e12,
@@ -82,8 +84,8 @@ fn infinitely_fast_and_without_noise_it_is_the_log_pixel() {
         let physical = events(physical(&sensor, &fast), 20_000_000, 12, &scene);
         assert!(log.len() > 300, "{} events", log.len());
         assert_eq!(log.len(), physical.len(), "refractory period {refractory_ns} ns");
-        // The lag of the second pole, 1.6e-13 s, and the tolerance of a touch move a crossing by far less than a
-        // nanosecond, which rarely takes it across one.
+        // The lags of both poles, 1e-13 s, and the tolerance of a touch, 1e-12 neper, rarely take a crossing across
+        // a nanosecond. They take it across a few where level and leak nearly cancel.
         let by_pixel = |events: &[Event], x: u16| {
             events.iter().filter(|e| e.x == x).map(|e| (e.polarity, e.t_ns)).collect::<Vec<_>>()
         };
@@ -92,11 +94,11 @@ fn infinitely_fast_and_without_noise_it_is_the_log_pixel() {
             for (log, physical) in by_pixel(&log, x).into_iter().zip(by_pixel(&physical, x)) {
                 assert_eq!(log.0, physical.0, "pixel {x}");
                 let apart_ns = (log.1 - physical.1).abs();
-                assert!(apart_ns <= 1, "pixel {x}: {} and {} ns", log.1, physical.1);
-                moved += apart_ns;
+                assert!(apart_ns <= 10, "pixel {x}: {} and {} ns", log.1, physical.1);
+                moved += usize::from(apart_ns > 0);
             }
         }
-        assert!(moved * 100 < log.len() as i64, "{moved} of {} are a nanosecond off", log.len());
+        assert!(moved * 100 <= log.len(), "{moved} of {} have another time", log.len());
     }
 }
 

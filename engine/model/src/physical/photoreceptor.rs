@@ -17,7 +17,7 @@
 //!
 //! # Accuracy
 //! A sub-step is cut into parts in which `|dL| <= `[`MAX_CHANGE_LOG`] and, while the node is more than
-//! [`FAR_BEHIND_LOG`] behind, `W <= 1` ([`advance`]). The lag is then within .01 neper of the differential equations.
+//! [`FAR_BEHIND_LOG`] behind, `W <= 1/2` ([`advance`]). The lag is then within .01 neper of the differential equations.
 //!
 //! # Single precision
 //! `d` and `x` are small where the pixel has settled, and both forms multiply them by what remains of them. So
@@ -29,7 +29,7 @@
 /// Largest change of the level that [`step`] takes at once, nepers.
 pub const MAX_CHANGE_LOG: f64 = 0.2;
 
-/// Lag of the first stage, nepers, beyond which a part is no longer than the stage's time constant.
+/// Lag of the first stage, nepers, beyond which a part is no longer than half the stage's time constant.
 pub const FAR_BEHIND_LOG: f64 = 0.5;
 
 /// Most parts of a sub-step: enough for a change of 12 nepers.
@@ -92,7 +92,7 @@ impl Drive {
 fn share(state: Photoreceptor, rest: &Drive) -> f64 {
     let for_change = 1.0 / (rest.change_log.abs() / MAX_CHANGE_LOG).ceil().max(1.0);
     let is_far = state.excess.ln_1p().abs() > FAR_BEHIND_LOG;
-    if is_far { for_change.min(1.0 / rest.charge()) } else { for_change }
+    if is_far { for_change.min(0.5 / rest.charge()) } else { for_change }
 }
 
 /// The state after one part, and the part's phase `P_1 = int w_1 dt`.
