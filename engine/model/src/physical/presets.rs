@@ -51,7 +51,8 @@ pub struct PhysicalPreset {
     pub service_ns: [Sourced; 2],
     /// Tick of the time stamps, nanoseconds.
     pub tick_ns: Sourced,
-    /// Range of focal-plane lux in which the noise was fitted to measurements, if it was.
+    /// Range of focal-plane lux in which the noise is that of measurements, if any. Beyond it, `hd` is too noisy in
+    /// brighter light.
     pub fitted_lux: Option<[f64; 2]>,
 }
 
@@ -61,7 +62,7 @@ const JAER: &str = "jAER: 16 fC over its default refractory current";
 const LIKE_HD: &str = "as hd";
 const SCALED: &str = "hd's, scaled to the pixel's area";
 const TYPICAL: &str = "typical of the sensor's kind";
-const FIT: &str = "fit to the EVK4's noise against light (Noise2Params, arXiv 2605.16317), .15 to 20 lux";
+const FIT: &str = "fit to the EVK4's noise against light (Noise2Params, arXiv 2605.16317), .15 to 5 lux";
 const NIST: &str = "NIST, pixel latency, IEEE TIM 2025";
 const NO_LEAK_OF_LIGHT: Sourced = assumed(0.0, "the published figures disagree by a factor of 5000");
 const NO_DELAY: Sourced = assumed(0.0, "none is published apart from the bandwidth's");
@@ -189,7 +190,7 @@ pub const PHYSICAL_PRESETS: &[PhysicalPreset] = &[
             known(0.33, "NIST, latency against active pixels, IEEE TIM 2025"),
         ],
         tick_ns: MICROSECOND,
-        fitted_lux: Some([0.15, 20.0]),
+        fitted_lux: Some([0.15, 5.0]),
     },
 ];
 
