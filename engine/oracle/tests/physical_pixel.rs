@@ -196,7 +196,8 @@ fn extremes_stay_finite() {
     let sensor = SensorModel { refractory_ns: 100_000, ..row(3) };
     let noisy = PhysicalPixel { noise_gain: 1.0, leak_rate_hz: -0.1, ..quiet() };
     // Flashes over twelve decades with noise, from one sample to the next.
-    let flash = |pixel: usize, t_s: f64| if (t_s * 20.0) as usize % (pixel + 2) == 0 { 1e6 } else { 1e-6 };
+    let flash =
+        |pixel: usize, t_s: f64| if ((t_s * 20.0) as usize).is_multiple_of(pixel + 2) { 1e6 } else { 1e-6 };
     let found = events(physical(&sensor, &noisy), 33_000_000, 30, &flash);
     assert!(of(&found, Polarity::On) > 100 && of(&found, Polarity::Off) > 20, "{} events", found.len());
     // Ten minutes in the cold dark, where the photoreceptor needs minutes, and in the hottest light.
