@@ -69,6 +69,9 @@
 //! white_level`, quantised to `aps_bits`. Here `S` is linear within a sub-step. The exposure ends with the interval at
 //! the latest; if nothing of it is left, there is no frame.
 //!
+//! # Paths ([`paths`])
+//! Where a surface point is at any time, from the depth and instance of each pixel and the poses of camera and bodies.
+//!
 //! # Packets
 //! [`Packet`]: struct of arrays sorted by `(t, y, x, polarity)`.
 
