@@ -1,5 +1,6 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
+use crate::frame_time::frame_time_ns;
 use crate::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
@@ -127,16 +128,6 @@ impl FrameFolder {
     }
 }
 
-/// Time of frame `index` at `rate_hz`, rounded to the nearest nanosecond. Whole rates are exact.
-#[must_use]
-pub fn frame_time_ns(index: usize, rate_hz: f64) -> i64 {
-    if rate_hz.fract() == 0.0 && rate_hz >= 1.0 {
-        let (index, rate) = (index as i128, rate_hz as i128);
-        return ((2 * index * 1_000_000_000 + rate) / (2 * rate)) as i64;
-    }
-    (index as f64 * 1e9 / rate_hz).round() as i64
-}
-
 fn list(folder: &Path, pattern: Option<&str>) -> Result<Vec<PathBuf>> {
     ensure!(folder.exists(), "there is no folder {}", folder.display());
     ensure!(folder.is_dir(), "{} is a file, expected a folder of OpenEXR frames", folder.display());
@@ -242,13 +233,6 @@ fn agree(first_path: &Path, first: &FrameHeader, path: &Path, header: &FrameHead
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn frame_times_are_exact_for_whole_rates() {
-        assert_eq!([0, 1, 2, 3].map(|k| frame_time_ns(k, 30.0)), [0, 33_333_333, 66_666_667, 100_000_000]);
-        assert_eq!(frame_time_ns(3_000_000_000, 30.0), 100_000_000_000_000_000);
-        assert_eq!(frame_time_ns(1, 29.97), 33_366_700);
-    }
 
     #[test]
     fn frame_nine_comes_before_frame_ten() {

@@ -18,6 +18,7 @@ pub mod device_choice;
 pub mod devices;
 pub mod doctor;
 pub mod frame_folder;
+pub mod frame_time;
 pub mod kernel_source;
 pub mod link_report;
 pub mod motion_convention;

@@ -1,7 +1,7 @@
 //! What a folder of frames says about the motion of its scene: poses in `sequence.json`, or those of a still scene in
 //! nerfstudio's `transforms.json`.
 
-use crate::frame_folder::frame_time_ns;
+use crate::frame_time::frame_time_ns;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, Projection, SceneMotion};
 use serde::Deserialize;
