@@ -49,6 +49,8 @@ pub enum Mistake {
     BodyScalarFirst,
     /// The body does not move as its poses say.
     BodyStill,
+    /// The body moves as the poses of this instance say.
+    BodyOf(u32),
 }
 
 use Mistake as M;
@@ -204,6 +206,9 @@ impl fmt::Display for Mistake {
             M::BodyInverted => "its matrices are body from world, not world from body",
             M::BodyTransposed => "its rotations are transposed",
             M::BodyScalarFirst => "its quaternions are qw qx qy qz, not qx qy qz qw",
+            M::BodyOf(id) => {
+                return write!(f, "it moves as the poses of instance {id} say: ids or poses are exchanged");
+            }
             M::BodyStill => {
                 "it does not move as its poses say: they belong to another body, or its id to the static world"
             }

@@ -32,6 +32,13 @@ const EXPLAINED_SHARE: f64 = 0.25;
 /// Explanations that leave this much more than the best, relatively, do as well as it.
 const TIE_SHARE: f64 = 0.5;
 
+/// Distance outside a track at which its end is meant, nanoseconds: the times of frames are rounded, so that an interval
+/// moved by a frame may end that much later.
+const ROUNDING_NS: u64 = 2;
+
+/// Instances up to which each one's poses are tried for each other.
+const MOST_EXCHANGED: usize = 32;
+
 /// Pixels compared of an instance in a frame.
 const PIXELS_OF_INSTANCE: usize = 512;
 
@@ -207,8 +214,12 @@ impl ConventionCheck {
         for (&id, samples) in self.samples.iter().filter(|&(&id, _)| id != STATIC_WORLD) {
             if scene.instance(id).is_none() {
                 report.pixels_without_poses += samples.len();
-            } else if let Some(found) = (Comparison { scene, id, samples }).agreement(&common, &explanations)
-            {
+                continue;
+            }
+            let others = scene.ids().filter(|&other| other != id).map(|other| vec![Mistake::BodyOf(other)]);
+            let exchanged = others.filter(|_| scene.ids().count() <= MOST_EXCHANGED);
+            let explanations: Vec<_> = exchanged.chain(explanations.iter().cloned()).collect();
+            if let Some(found) = (Comparison { scene, id, samples }).agreement(&common, &explanations) {
                 report.instances.insert(id, found);
             }
         }
@@ -340,11 +351,20 @@ impl Comparison<'_> {
         let shift_ns = frame_ns.checked_mul(mistakes.iter().map(|m| m.shift_frames()).sum())?;
         let to_next = mistakes.contains(&Mistake::VectorsToNextFrame);
         let other_ns = if to_next { t_ns.checked_add(frame_ns)? } else { previous_ns };
-        let at = |track: &PoseTrack, t_ns: i64| track.at(t_ns.checked_add(shift_ns)?).ok();
+        let at = |track: &PoseTrack, t_ns: i64| {
+            let t_ns = t_ns.checked_add(shift_ns)?;
+            let (first_ns, last_ns) = (*track.times_ns().first()?, *track.times_ns().last()?);
+            let end_ns = t_ns.clamp(first_ns, last_ns);
+            track.at(if t_ns.abs_diff(end_ns) <= ROUNDING_NS { end_ns } else { t_ns }).ok()
+        };
         let camera = |t_ns| {
             Some(mistakes.iter().fold(at(self.scene.camera(), t_ns)?, |pose, mistake| mistake.camera(pose)))
         };
-        let body = |t_ns| match self.scene.instance(self.id) {
+        let exchanged = mistakes.iter().find_map(|mistake| match mistake {
+            Mistake::BodyOf(other) => Some(*other),
+            _ => None,
+        });
+        let body = |t_ns| match self.scene.instance(exchanged.unwrap_or(self.id)) {
             None => Some(Pose::IDENTITY),
             Some(track) => Some(mistakes.iter().fold(at(track, t_ns)?, |pose, mistake| mistake.body(pose))),
         };
@@ -369,6 +389,7 @@ mod tests {
     const FRAME_NS: i64 = 33_333_333;
     const FRAMES: i64 = 6;
     const BALL: u32 = 9;
+    const OTHER: u32 = 11;
 
     /// A camera by hand, unevenly: nothing about it is symmetric or steady.
     fn camera(k: f64) -> Pose {
@@ -386,6 +407,12 @@ mod tests {
     fn ball(k: f64) -> Pose {
         let turn = DVec3::new(0.3 * k, 0.5 + 0.05 * k * k, 0.4);
         Pose::new(DQuat::from_scaled_axis(turn), DVec3::new(0.2 * k, 1.0 - 0.02 * k * k, 0.5)).unwrap()
+    }
+
+    /// A body that goes another way.
+    fn other(k: f64) -> Pose {
+        let turn = DVec3::new(0.1, 0.4 * k, 0.2 * k);
+        Pose::new(DQuat::from_scaled_axis(turn), DVec3::new(1.0, 0.3 * k, -0.1 * k)).unwrap()
     }
 
     /// Time, depth, ids and vectors of a key frame.
@@ -566,6 +593,10 @@ mod tests {
             Mistake::BodyInverted => sequence.scene = with_ball(|pose| pose.inverse()),
             Mistake::BodyTransposed => sequence.scene = with_ball(with_transposed_rotation),
             Mistake::BodyScalarFirst => sequence.scene = with_ball(read_scalar_first_as_last),
+            Mistake::BodyOf(_) => {
+                sequence.scene = scene(lens(), camera, other);
+                sequence.scene.insert(OTHER, track(ball)).unwrap();
+            }
             Mistake::BodyStill => {
                 let still = scene(lens(), camera, |_| Pose::IDENTITY);
                 for (t_ns, depth, ids, motion) in &mut sequence.frames {
@@ -616,14 +647,38 @@ mod tests {
 
     #[test]
     fn each_mistake_of_a_body_is_named_and_the_world_agrees() {
-        for mistake in
-            [Mistake::BodyInverted, Mistake::BodyTransposed, Mistake::BodyScalarFirst, Mistake::BodyStill]
-        {
+        for mistake in [
+            Mistake::BodyInverted,
+            Mistake::BodyTransposed,
+            Mistake::BodyScalarFirst,
+            Mistake::BodyStill,
+            Mistake::BodyOf(OTHER),
+        ] {
             let report = report(&planted(mistake));
             assert_eq!(report.world.as_ref().unwrap().verdict, Verdict::Agrees);
             let causes = mistaken(&report.instances[&BALL]);
             assert_eq!(causes, [vec![mistake]], "{mistake:?}");
         }
+    }
+
+    #[test]
+    fn a_shift_is_found_in_three_intervals_whose_times_are_rounded() {
+        let key_ns = |k: i64| (k as f64 * 1e9 / 30.0).round() as i64;
+        // The poses end with the last frame to the nanosecond, and are a frame behind.
+        let late = |pose: fn(f64) -> Pose| {
+            let samples = (0..=3).map(|k| (key_ns(k), pose(k as f64 - 1.0)));
+            let (times_ns, poses) = samples.unzip();
+            PoseTrack::new(times_ns, poses).unwrap()
+        };
+        let mut scene = SceneMotion::new(lens(), late(camera));
+        scene.insert(BALL, late(ball)).unwrap();
+        let mut check = ConventionCheck::default();
+        for (k, (_, depth, ids, motion)) in (1..=3).zip(&right().frames) {
+            let times = (key_ns(k - 1), key_ns(k));
+            check.add(&KeyFrame::new((WIDTH_PX, HEIGHT_PX), times, depth, Some(ids), motion).unwrap());
+        }
+        let report = check.report(&scene).unwrap();
+        assert_eq!(mistaken(report.world.as_ref().unwrap()), [vec![Mistake::PosesBehind]]);
     }
 
     #[test]
