@@ -39,6 +39,8 @@ pub fn key(k: usize) -> Key {
         hdr: HdrFormat::F32x4,
         motion: Some(MotionFormat::F32x2),
         motion_factors: [1.0; 2],
+        depth: None,
+        ids: None,
     };
     let images = read_frame(&folder().join(format!("key_{k:04}.exr")), &layout)
         .unwrap_or_else(|e| panic!("key frame {k}: {e:#}"));

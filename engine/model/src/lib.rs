@@ -72,6 +72,9 @@
 //! ## 10. The physical pixel ([`physical`])
 //! Another pixel in place of sections 4 to 6, with its own equations.
 //!
+//! # Paths ([`paths`])
+//! Where a surface point is at any time, from the depth and instance of each pixel and the poses of camera and bodies.
+//!
 //! # Packets
 //! [`Packet`]: struct of arrays sorted by `(t, y, x, polarity)`.
 

@@ -1,16 +1,23 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
+use crate::frame_time::frame_time_ns;
+use crate::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
 use esaac_formats::exr_frame::{
     ChannelNames, FrameHeader, FrameImages, FrameLayout, read_frame, read_header,
 };
-use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
 
 /// Rate where neither the command line nor the folder says one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;
+
+/// Channel of depth, unless another is named.
+pub const DEPTH_CHANNEL: &str = "depth.Z";
+
+/// Channel of instance ids, unless another is named.
+pub const ID_CHANNEL: &str = "id";
 
 /// Frames decoded ahead of the simulation.
 const FRAMES_AHEAD: usize = 2;
@@ -28,6 +35,10 @@ pub struct FolderOptions {
     pub motion_named: bool,
     /// Factors that turn the motion into the engine's convention.
     pub motion_factors: [f32; 2],
+    /// Channel of depth that was named, so that its absence is an error. Without one [`DEPTH_CHANNEL`], if it is there.
+    pub depth: Option<String>,
+    /// Channel of instance ids that was named. Without one [`ID_CHANNEL`], if it is there.
+    pub ids: Option<String>,
 }
 
 /// A folder whose headers have been checked.
@@ -41,21 +52,17 @@ pub struct FrameFolder {
     pub layout: FrameLayout,
     /// Channels of the first frame, for messages.
     pub channels: Vec<String>,
-}
-
-#[derive(Deserialize)]
-struct SequenceFile {
-    key_rate_hz: Option<f64>,
+    /// The motion of the scene, if the folder has poses.
+    pub scene: Option<FolderScene>,
 }
 
 impl FrameFolder {
     /// Lists the folder and checks every frame's header.
     pub fn open(folder: &Path, options: &FolderOptions) -> Result<Self> {
         let paths = list(folder, options.pattern.as_deref())?;
-        let rate_hz = match options.rate_hz {
-            Some(rate_hz) => rate_hz,
-            None => sequence_rate(folder)?.unwrap_or(DEFAULT_RATE_HZ),
-        };
+        let sequence = SequenceFile::read(folder)?;
+        let of_sequence = sequence.as_ref().and_then(|sequence| sequence.key_rate_hz);
+        let rate_hz = options.rate_hz.or(of_sequence).unwrap_or(DEFAULT_RATE_HZ);
         ensure!(
             rate_hz.is_finite() && (1.0..=1e6).contains(&rate_hz),
             "key frame rate is {rate_hz} Hz, expected 1 to 1000000"
@@ -75,7 +82,22 @@ impl FrameFolder {
         if headers.iter().any(|h| !h.half_colour) {
             layout.hdr = esaac_model::HdrFormat::F32x4;
         }
-        Ok(FrameFolder { paths, rate_hz, layout, channels: first.channels })
+        let size_px = (first.width_px, first.height_px);
+        let keys = KeyFrames { paths: &paths, rate_hz, size_px };
+        let scene = FolderScene::read(folder, sequence.as_ref(), &keys)?;
+        // Depth and ids are of use with poses only.
+        let wanted = scene.is_some();
+        layout.depth = channel("depth", options.depth.as_deref(), DEPTH_CHANNEL, &paths, &headers, wanted)?;
+        layout.ids = channel("id", options.ids.as_deref(), ID_CHANNEL, &paths, &headers, wanted)?;
+        if let Some(scene) = scene.as_ref().filter(|scene| scene.motion.ids().next().is_some()) {
+            ensure!(
+                layout.ids.is_some(),
+                "{} has poses of instances, but the frames have no channel `{ID_CHANNEL}` that tells where they are; \
+                 they have: {listed}",
+                scene.file.display()
+            );
+        }
+        Ok(FrameFolder { paths, rate_hz, layout, channels: first.channels, scene })
     }
 
     /// Time of frame `index`, nanoseconds: `round(index 1e9 / rate)`.
@@ -104,16 +126,6 @@ impl FrameFolder {
         });
         receiver
     }
-}
-
-/// Time of frame `index` at `rate_hz`, rounded to the nearest nanosecond. Whole rates are exact.
-#[must_use]
-pub fn frame_time_ns(index: usize, rate_hz: f64) -> i64 {
-    if rate_hz.fract() == 0.0 && rate_hz >= 1.0 {
-        let (index, rate) = (index as i128, rate_hz as i128);
-        return ((2 * index * 1_000_000_000 + rate) / (2 * rate)) as i64;
-    }
-    (index as f64 * 1e9 / rate_hz).round() as i64
 }
 
 fn list(folder: &Path, pattern: Option<&str>) -> Result<Vec<PathBuf>> {
@@ -179,14 +191,25 @@ fn glob(pattern: &str, name: &str) -> bool {
     }
 }
 
-fn sequence_rate(folder: &Path) -> Result<Option<f64>> {
-    let path = folder.join("sequence.json");
-    if !path.exists() {
+/// The channel of `what`: the one named, else the usual one if `wanted` and there. All frames must have it, or none.
+fn channel(
+    what: &str,
+    named: Option<&str>,
+    usual: &str,
+    paths: &[PathBuf],
+    headers: &[FrameHeader],
+    wanted: bool,
+) -> Result<Option<String>> {
+    let name = named.unwrap_or(usual);
+    let has = |header: &FrameHeader| header.channels.iter().any(|channel| channel == name);
+    if named.is_none() && !(wanted && headers.iter().any(has)) {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let sequence: SequenceFile = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-    Ok(sequence.key_rate_hz)
+    if let Some(i) = headers.iter().position(|header| !has(header)) {
+        let listed = headers[i].channels.join(", ");
+        bail!("{}: no {what} channel `{name}`; it has: {listed}", paths[i].display());
+    }
+    Ok(Some(name.to_owned()))
 }
 
 fn agree(first_path: &Path, first: &FrameHeader, path: &Path, header: &FrameHeader) -> Result<()> {
@@ -210,13 +233,6 @@ fn agree(first_path: &Path, first: &FrameHeader, path: &Path, header: &FrameHead
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn frame_times_are_exact_for_whole_rates() {
-        assert_eq!([0, 1, 2, 3].map(|k| frame_time_ns(k, 30.0)), [0, 33_333_333, 66_666_667, 100_000_000]);
-        assert_eq!(frame_time_ns(3_000_000_000, 30.0), 100_000_000_000_000_000);
-        assert_eq!(frame_time_ns(1, 29.97), 33_366_700);
-    }
 
     #[test]
     fn frame_nine_comes_before_frame_ten() {

@@ -2,7 +2,7 @@
 //! engine.
 
 use crate::arguments::CommonArguments;
-use crate::frame_folder::frame_time_ns;
+use crate::frame_time::frame_time_ns;
 use crate::link_report::{memory_name, timeline_name};
 use crate::outcome::Outcome;
 use crate::scene_argument::scene_parser;

@@ -10,6 +10,7 @@ use crate::pace::Pace;
 use crate::report::{MemoryReport, Report};
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
+use crate::scene_check::SceneCheck;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::{colour, device_choice, output_file, progress, report};
 use anyhow::{Context, Result, ensure};
@@ -48,6 +49,12 @@ pub struct SimulateArguments {
     /// Direction of a motion vector's y [default: follows from the convention]
     #[arg(long, value_enum)]
     pub motion_y: Option<VerticalAxis>,
+    /// Channel of depth, metres [default: depth.Z, if the folder has poses]
+    #[arg(long, value_name = "NAME")]
+    pub depth_channel: Option<String>,
+    /// Channel of instance ids, uint32 [default: id, if the folder has poses]
+    #[arg(long, value_name = "NAME")]
+    pub id_channel: Option<String>,
     /// Simulate at the wall clock's speed, so that you can watch
     #[arg(long)]
     pub real_time: bool,
@@ -92,7 +99,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
-    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels, &mut ros, pace)?;
+    let mut check = SceneCheck::new(&folder);
+    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels, &mut ros, pace, &mut check)?;
     device_choice::check_validation(&device)?;
 
     let camera = &record.cameras[0];
@@ -105,6 +113,10 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
     report.ros = ros.finish()?;
+    report.poses = check.report();
+    if let Some(warning) = report.poses.as_ref().and_then(|poses| poses.warning()) {
+        eprintln!("warning: {warning}");
+    }
     let recording = arguments.ros.record.as_ref();
     report.files =
         [&arguments.out].into_iter().chain(recording).map(|path| path.display().to_string()).collect();
@@ -123,6 +135,8 @@ impl SimulateArguments {
             },
             motion_named: self.motion_channels.is_some(),
             motion_factors: self.motion_convention.factors(self.motion_y),
+            depth: self.depth_channel.clone(),
+            ids: self.id_channel.clone(),
         }
     }
 }
@@ -164,6 +178,7 @@ fn simulate(
     kernels: &mut KernelSource,
     ros: &mut RosOutput,
     mut pace: Pace,
+    check: &mut SceneCheck<'_>,
 ) -> Result<(RunRecord, Vec<MemoryReport>)> {
     let layout = &folder.layout;
     let camera = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: layout.hdr, motion: layout.motion };
@@ -175,6 +190,7 @@ fn simulate(
     let progress = progress::bar(folder.paths.len());
     for (index, images) in folder.decode().into_iter().enumerate() {
         let images = images?;
+        check.add(index, &images)?;
         let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref() };
         rig.upload(0, &frame)?;
         kernels.refresh(&mut rig, &progress);

@@ -45,15 +45,23 @@ pub struct FrameLayout {
     pub motion: Option<MotionFormat>,
     /// Factors that turn the file's motion x and y into the engine's convention.
     pub motion_factors: [f32; 2],
+    /// Channel of depth, if it is to be read.
+    pub depth: Option<String>,
+    /// Channel of instance ids, if it is to be read.
+    pub ids: Option<String>,
 }
 
 /// A decoded frame: tightly packed rows, little endian.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameImages {
     /// Colour image, in the layout's format.
     pub hdr: Vec<u8>,
     /// Motion image: previous position = position + motion, pixels, y down.
     pub motion: Option<Vec<u8>>,
+    /// Depth, as the file has it.
+    pub depth: Option<Vec<f32>>,
+    /// Instance ids.
+    pub ids: Option<Vec<u32>>,
 }
 
 /// Reads and checks a header without reading pixels. Fails, with the file's name, if the file cannot be read, has deep
@@ -108,7 +116,8 @@ pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
     })
 }
 
-/// Decodes a file's images as `layout` says. Fails, with the file's name, if a channel is missing or has another size.
+/// Decodes a file's images as `layout` says. Fails, with the file's name, if a channel is missing or has another size, or
+/// if ids are no integers.
 pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
     let image = exr::prelude::read_all_flat_layers_from_file(path).map_err(|e| unreadable(path, e))?;
     let pixels = layout.width_px as usize * layout.height_px as usize;
@@ -146,7 +155,21 @@ pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
             Some(bytes)
         }
     };
-    Ok(FrameImages { hdr: pack_colour(colour, layout.hdr, pixels), motion })
+    let depth = match &layout.depth {
+        None => None,
+        Some(name) => Some(channel(name)?.values_as_f32().collect()),
+    };
+    let ids = match &layout.ids {
+        None => None,
+        Some(name) => match channel(name)? {
+            FlatSamples::U32(ids) => Some(ids.clone()),
+            // Ids as floats would be blended where two surfaces meet.
+            FlatSamples::F16(_) | FlatSamples::F32(_) => {
+                bail!("{}: channel `{name}` holds floats, expected ids as uint32", path.display())
+            }
+        },
+    };
+    Ok(FrameImages { hdr: pack_colour(colour, layout.hdr, pixels), motion, depth, ids })
 }
 
 fn pack_colour(colour: [&FlatSamples; 3], format: HdrFormat, pixels: usize) -> Vec<u8> {
@@ -191,6 +214,8 @@ impl FrameLayout {
             hdr: if header.half_colour { HdrFormat::F16x4 } else { HdrFormat::F32x4 },
             motion: header.has_motion.then_some(MotionFormat::F32x2),
             motion_factors,
+            depth: None,
+            ids: None,
         }
     }
 }

@@ -18,7 +18,10 @@
 //! [`NoPath`] says which, so that a synthesis that falls back can count each apart.
 //!
 //! **Conventions.** Units are metres, pixels and nanoseconds. The camera looks along -z, x right, y up.
+//! Where a renderer gives motion vectors as well, [`conventions`] tells whether depth and poses predict them and, if
+//! not, which mistake explains the difference.
 
+pub mod conventions;
 mod lens;
 mod pose;
 mod track;

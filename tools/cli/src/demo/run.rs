@@ -3,7 +3,7 @@
 use super::collected::Collected;
 use super::{DemoArguments, HDR, MOTION, RATE_HZ, Simulated};
 use crate::arguments::CommonArguments;
-use crate::frame_folder::frame_time_ns;
+use crate::frame_time::frame_time_ns;
 use crate::kernel_source::KernelSource;
 use crate::link_report::LinkReport;
 use crate::pace::Pace;

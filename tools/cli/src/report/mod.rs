@@ -4,6 +4,7 @@ mod text;
 
 use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
+use crate::pose_report::PoseReport;
 use crate::run_record::{RunRecord, quantile};
 use anyhow::Result;
 use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
@@ -23,6 +24,8 @@ pub struct Report {
     pub link: LinkReport,
     /// Counts of ROS 2 messages, if any were published or recorded.
     pub ros: Option<Summary>,
+    /// Poses that came with the frames, if any did.
+    pub poses: Option<PoseReport>,
     /// Intervals simulated.
     pub intervals: usize,
     /// Simulated time, nanoseconds.

@@ -23,6 +23,9 @@ impl Report {
         if let Some(ros) = &self.ros {
             text.push_str(&format!("ROS 2     {}\n", ros.to_text()));
         }
+        if let Some(poses) = &self.poses {
+            text.push_str(&format!("poses     {}\n", poses.to_text()));
+        }
         for (index, camera) in self.cameras.iter().enumerate() {
             text.push_str(&camera.to_text(index));
         }

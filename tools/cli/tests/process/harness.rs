@@ -69,23 +69,18 @@ impl Frames {
 
     /// One frame.
     pub fn write(&self, name: &str, index: usize, size: (usize, usize), motion_x: Option<f32>) {
-        let (width, height) = size;
-        let pixels = width * height;
-        let bar = |i: usize| {
-            let distance = (i % width) as f32 - (6.0 + 2.0 * index as f32);
-            half::f16::from_f32(0.1 + (-0.1 * distance * distance).exp())
-        };
-        let colour: Vec<half::f16> = (0..pixels).map(bar).collect();
-        let mut list = vec![
-            AnyChannel::new("R", FlatSamples::F16(colour.clone())),
-            AnyChannel::new("G", FlatSamples::F16(colour.clone())),
-            AnyChannel::new("B", FlatSamples::F16(colour)),
-        ];
+        let mut list = colour(index, size);
         if let Some(motion_x) = motion_x {
+            let pixels = size.0 * size.1;
             list.push(AnyChannel::new("motion.X", FlatSamples::F32(vec![motion_x; pixels])));
             list.push(AnyChannel::new("motion.Y", FlatSamples::F32(vec![0.0; pixels])));
             list.push(AnyChannel::new("depth.Z", FlatSamples::F32(vec![5.0; pixels])));
         }
+        self.write_channels(name, size, list);
+    }
+
+    /// One frame of these channels.
+    pub fn write_channels(&self, name: &str, size: (usize, usize), list: Vec<AnyChannel<FlatSamples>>) {
         let channels = AnyChannels::sort(list.into_iter().collect());
         let layer = Layer::new(size, LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
         Image::from_layer(layer).write().to_file(self.file(name)).expect("the frame is written");
@@ -110,4 +105,14 @@ impl Frames {
     pub fn file_argument(&self, name: &str) -> String {
         self.file(name).to_str().expect("UTF-8").to_owned()
     }
+}
+
+/// Colour channels of frame `index`: a bright bar, two pixels further in each frame.
+pub fn colour(index: usize, (width, height): (usize, usize)) -> Vec<AnyChannel<FlatSamples>> {
+    let bar = |i: usize| {
+        let distance = (i % width) as f32 - (6.0 + 2.0 * index as f32);
+        half::f16::from_f32(0.1 + (-0.1 * distance * distance).exp())
+    };
+    let colour: Vec<half::f16> = (0..width * height).map(bar).collect();
+    ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F16(colour.clone()))).to_vec()
 }

@@ -7,6 +7,7 @@ mod glsl;
 mod harness;
 mod link;
 mod listings;
+mod poses;
 mod ros;
 mod simulate;
 mod usage;

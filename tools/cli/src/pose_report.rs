@@ -1,0 +1,188 @@
+//! The report's part about poses: what was read, and whether it predicts the motion vectors.
+
+use crate::scene_file::FolderScene;
+use esaac_model::paths::conventions::{Agreement, ConventionReport, Mistake, Verdict};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Poses that came with the frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PoseReport {
+    /// The file they come from.
+    pub file: String,
+    /// Poses of the camera.
+    pub camera_poses: usize,
+    /// Moving instances.
+    pub instances: usize,
+    /// Intervals.
+    pub intervals: usize,
+    /// Intervals that poses of the camera and of all instances span.
+    pub intervals_spanned: usize,
+    /// What the folder lacks for a comparison with motion vectors, if something.
+    pub missing: Option<String>,
+    /// Whether nothing disagrees. `None` if nothing could be compared.
+    pub agree: Option<bool>,
+    /// The static world, if enough pixels show it.
+    pub world: Option<AgreementReport>,
+    /// Instances of which enough pixels are seen, by id.
+    pub by_instance: BTreeMap<u32, AgreementReport>,
+    /// Pixels of instances without poses among those looked at.
+    pub pixels_without_poses: usize,
+}
+
+/// How vectors of some pixels agree with their paths.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct AgreementReport {
+    /// Pixels compared.
+    pub pixels: usize,
+    /// Median length of the predicted vectors, pixels.
+    pub median_motion_px: f64,
+    /// Median distance between predicted and given vectors, pixels.
+    pub median_error_px: f64,
+    /// What follows from it.
+    pub verdict: VerdictName,
+    /// Explanations that do equally well, best first. Each lists the mistakes to undo.
+    pub causes: Vec<Vec<String>>,
+    /// Median distance once the first explanation is undone, pixels.
+    pub left_px: Option<f64>,
+}
+
+/// [`Verdict`] without what belongs to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VerdictName {
+    /// Depth and poses predict the vectors.
+    #[default]
+    Agrees,
+    /// They agree, but hardly anything moves.
+    Still,
+    /// Undoing the mistakes in `causes` makes them agree.
+    Mistaken,
+    /// No known mistake explains the difference.
+    Unexplained,
+}
+
+impl PoseReport {
+    /// The report of `scene`, whose poses span the first of the two numbers of intervals. `missing` is what a comparison
+    /// lacks.
+    #[must_use]
+    pub fn new(
+        scene: &FolderScene,
+        (intervals_spanned, intervals): (usize, usize),
+        missing: Option<&str>,
+        found: Option<ConventionReport>,
+    ) -> Self {
+        let mut report = PoseReport {
+            file: scene.file.display().to_string(),
+            camera_poses: scene.motion.camera().poses().len(),
+            instances: scene.motion.ids().count(),
+            intervals,
+            intervals_spanned,
+            missing: missing.map(str::to_owned),
+            ..PoseReport::default()
+        };
+        if let Some(found) = found {
+            report.agree = Some(found.agrees());
+            report.world = found.world.as_ref().map(AgreementReport::new);
+            report.by_instance =
+                found.instances.iter().map(|(&id, one)| (id, AgreementReport::new(one))).collect();
+            report.pixels_without_poses = found.pixels_without_poses;
+        }
+        report
+    }
+
+    /// Two lines: what was read, and what was found.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let count = |n: usize, one: &str| format!("{n} {one}{}", if n == 1 { "" } else { "s" });
+        let read = format!(
+            "{}: {} of the camera, {}, for {} of {} intervals",
+            self.file,
+            count(self.camera_poses, "pose"),
+            count(self.instances, "moving instance"),
+            self.intervals_spanned,
+            self.intervals
+        );
+        format!("{read}\n          {}", self.finding())
+    }
+
+    /// What to tell on the standard error, if poses and vectors disagree.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        (self.agree == Some(false)).then(|| format!("{}: {}", self.file, self.finding()))
+    }
+
+    fn finding(&self) -> String {
+        if let Some(missing) = &self.missing {
+            return format!("not checked: the frames have no {missing}");
+        }
+        let all = || {
+            let world = self.world.iter().map(|world| ("the static world".to_owned(), world));
+            world.chain(self.by_instance.iter().map(|(id, one)| (format!("instance {id}"), one)))
+        };
+        let without = match self.pixels_without_poses {
+            0 => String::new(),
+            n => format!("; {n} pixels of instances without poses"),
+        };
+        let wrong: Vec<String> = all().filter_map(|(what, found)| found.disagreement(&what)).collect();
+        let finding = if !wrong.is_empty() {
+            format!("depth and poses do not predict the motion vectors of {}", wrong.join("; of "))
+        } else if all().next().is_none() {
+            "not checked: too few pixels have both depth and a motion vector".to_owned()
+        } else if all().all(|(_, found)| found.verdict == VerdictName::Still) {
+            "depth and poses agree with the motion vectors, but nothing moves, so that little is checked"
+                .to_owned()
+        } else {
+            let within = |found: &AgreementReport| format!("{} px", significant(found.median_error_px));
+            let parts: Vec<String> = all().map(|(what, found)| format!("{what} {}", within(found))).collect();
+            format!("depth and poses predict the motion vectors within (median): {}", parts.join(", "))
+        };
+        finding + &without
+    }
+}
+
+impl AgreementReport {
+    fn new(found: &Agreement) -> Self {
+        let (verdict, causes, left_px) = match &found.verdict {
+            Verdict::Agrees => (VerdictName::Agrees, Vec::new(), None),
+            Verdict::Still => (VerdictName::Still, Vec::new(), None),
+            Verdict::Unexplained => (VerdictName::Unexplained, Vec::new(), None),
+            Verdict::Mistaken { causes, left_px } => {
+                let words = |cause: &Vec<Mistake>| cause.iter().map(ToString::to_string).collect();
+                (VerdictName::Mistaken, causes.iter().map(words).collect(), Some(*left_px))
+            }
+        };
+        AgreementReport {
+            pixels: found.pixels,
+            median_motion_px: found.median_motion_px,
+            median_error_px: found.median_error_px,
+            verdict,
+            causes,
+            left_px,
+        }
+    }
+
+    /// How far vectors and paths are apart and why, if they are.
+    fn disagreement(&self, what: &str) -> Option<String> {
+        let apart = format!(
+            "{what}: {} px apart where {} px are predicted (medians)",
+            significant(self.median_error_px),
+            significant(self.median_motion_px)
+        );
+        match self.verdict {
+            VerdictName::Unexplained => Some(format!("{apart}, and no known mistake explains it")),
+            VerdictName::Mistaken => {
+                let causes: Vec<String> = self.causes.iter().map(|cause| cause.join(", and ")).collect();
+                let left = significant(self.left_px.unwrap_or_default());
+                Some(format!("{apart}; likely {} (then {left} px are left)", causes.join(", or ")))
+            }
+            VerdictName::Agrees | VerdictName::Still => None,
+        }
+    }
+}
+
+/// A length with two significant digits.
+fn significant(value: f64) -> String {
+    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
+    format!("{value:.digits$}")
+}

@@ -1,0 +1,295 @@
+//! What a folder of frames says about the motion of its scene: poses in `sequence.json`, or those of a still scene in
+//! nerfstudio's `transforms.json`.
+
+use crate::frame_time::frame_time_ns;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use esaac_model::paths::{Intrinsics, Pose, PoseTrack, Projection, SceneMotion};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// A pose this near to a key frame, in frames, is at its time.
+const AT_KEY_FRAME: f64 = 1e-6;
+
+/// `sequence.json`. Keys that are not listed are ignored.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct SequenceFile {
+    /// Key frames a second.
+    pub key_rate_hz: Option<f64>,
+    intrinsics: Option<LensEntry>,
+    pose_rate_hz: Option<f64>,
+    // Read only where there are intrinsics: without them nobody said what is meant.
+    camera_to_world: Option<serde_json::Value>,
+    instances: Option<BTreeMap<String, serde_json::Value>>,
+}
+
+/// A lens as `sequence.json` has it. The centre of pixel (i, j) is at (i, j).
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LensEntry {
+    #[serde(default)]
+    projection: ProjectionName,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum ProjectionName {
+    #[default]
+    Pinhole,
+    Fisheye,
+}
+
+/// `transforms.json`. Its pixels' centres are at halves.
+#[derive(Clone, Debug, Deserialize)]
+struct TransformsFile {
+    camera_model: Option<String>,
+    fl_x: f64,
+    fl_y: f64,
+    cx: f64,
+    cy: f64,
+    w: Option<f64>,
+    h: Option<f64>,
+    frames: Vec<TransformsFrame>,
+    #[serde(flatten)]
+    others: BTreeMap<String, serde_json::Value>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+struct TransformsFrame {
+    file_path: String,
+    transform_matrix: Vec<Vec<f64>>,
+    #[serde(flatten)]
+    others: BTreeMap<String, serde_json::Value>,
+}
+
+/// Parameters of lens distortion in `transforms.json`.
+const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+
+/// Parameters that may differ from frame to frame in `transforms.json`, and may not here.
+const OF_ALL_FRAMES: [&str; 5] = ["fl_x", "fl_y", "cx", "cy", "camera_model"];
+
+/// The motion of a folder's scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FolderScene {
+    /// The file it comes from.
+    pub file: PathBuf,
+    /// Poses.
+    pub motion: SceneMotion,
+}
+
+/// What the poses must fit.
+#[derive(Clone, Copy, Debug)]
+pub struct KeyFrames<'a> {
+    /// Files, in order of time.
+    pub paths: &'a [PathBuf],
+    /// Frames a second.
+    pub rate_hz: f64,
+    /// Width and height.
+    pub size_px: (u32, u32),
+}
+
+impl KeyFrames<'_> {
+    fn time_ns(&self, index: usize) -> i64 {
+        frame_time_ns(index, self.rate_hz)
+    }
+
+    /// Time of a pose that is taken `position` key frames after the first.
+    fn time_at_ns(&self, position: f64) -> i64 {
+        let nearest = position.round();
+        // Poses at a key frame have its time to the nanosecond, so that they span its interval.
+        if (position - nearest).abs() < AT_KEY_FRAME {
+            self.time_ns(nearest as usize)
+        } else {
+            (position * 1e9 / self.rate_hz).round() as i64
+        }
+    }
+}
+
+impl SequenceFile {
+    /// Reads the folder's file, if there is one.
+    pub fn read(folder: &Path) -> Result<Option<Self>> {
+        read_json(&folder.join(Self::NAME))
+    }
+
+    const NAME: &str = "sequence.json";
+
+    /// The poses, if there are any.
+    fn motion(&self, keys: &KeyFrames<'_>) -> Result<Option<SceneMotion>> {
+        let Some(lens) = &self.intrinsics else {
+            ensure!(self.instances.is_none(), "`instances` without `intrinsics`, expected both");
+            return Ok(None);
+        };
+        let projection = match lens.projection {
+            ProjectionName::Pinhole => Projection::Pinhole,
+            ProjectionName::Fisheye => Projection::Fisheye,
+        };
+        let lens = Intrinsics::new(projection, lens.fx, lens.fy, lens.cx, lens.cy).context("`intrinsics`")?;
+        let camera = self.camera_to_world.as_ref().context("`intrinsics` without `camera_to_world`")?;
+        let camera = poses("camera_to_world", camera)?;
+        let pose_rate_hz = self.pose_rate_hz.context("`camera_to_world` without `pose_rate_hz`")?;
+        ensure!(
+            pose_rate_hz.is_finite() && pose_rate_hz > 0.0,
+            "`pose_rate_hz` is {pose_rate_hz}, expected a positive number"
+        );
+        // A sequence that is played at another rate takes its poses along.
+        let keys_per_pose = self.key_rate_hz.unwrap_or(keys.rate_hz) / pose_rate_hz;
+        let track = |poses: Vec<Pose>| {
+            let times_ns = (0..poses.len()).map(|j| keys.time_at_ns(j as f64 * keys_per_pose)).collect();
+            PoseTrack::new(times_ns, poses)
+        };
+        let count = camera.len();
+        let mut motion = SceneMotion::new(lens, track(camera).context("`camera_to_world`")?);
+        for (name, matrices) in self.instances.iter().flatten() {
+            let id = name.parse().map_err(|_| anyhow!("instance `{name}`, expected an id from 1"))?;
+            let poses = poses(&format!("instances.{name}"), matrices)?;
+            ensure!(
+                poses.len() == count || poses.len() == 1 || count == 1,
+                "instance {name} has {} poses, expected {count} like `camera_to_world`, or 1",
+                poses.len()
+            );
+            motion.insert(id, track(poses).with_context(|| format!("instance {name}"))?)?;
+        }
+        Ok(Some(motion))
+    }
+}
+
+impl TransformsFile {
+    const NAME: &str = "transforms.json";
+
+    fn motion(&self, keys: &KeyFrames<'_>) -> Result<SceneMotion> {
+        let model = self.camera_model.as_deref().unwrap_or("OPENCV");
+        let projection = match model {
+            "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => Projection::Pinhole,
+            "OPENCV_FISHEYE" => Projection::Fisheye,
+            _ => bail!("`camera_model` is {model}, expected OPENCV, OPENCV_FISHEYE or PINHOLE"),
+        };
+        for name in DISTORTION {
+            let value = self.others.get(name).map_or(Some(0.0), serde_json::Value::as_f64);
+            ensure!(
+                value == Some(0.0),
+                "the lens has distortion ({name} is {}), expected none: undistort the frames first",
+                self.others[name]
+            );
+        }
+        let (width_px, height_px) = keys.size_px;
+        for (name, given, expected) in [("w", self.w, width_px), ("h", self.h, height_px)] {
+            if let Some(given) = given {
+                ensure!(
+                    given == f64::from(expected),
+                    "`{name}` is {given}, expected {expected} like the frames"
+                );
+            }
+        }
+        let lens = Intrinsics::new(projection, self.fl_x, self.fl_y, self.cx - 0.5, self.cy - 0.5)?;
+        let mut by_stem: BTreeMap<&str, &TransformsFrame> = BTreeMap::new();
+        for frame in &self.frames {
+            if let Some(before) = by_stem.insert(stem(&frame.file_path), frame) {
+                bail!(
+                    "frames {} and {} have one name, expected each once",
+                    before.file_path,
+                    frame.file_path
+                );
+            }
+        }
+        let (mut times_ns, mut poses) = (Vec::new(), Vec::new());
+        for (index, path) in keys.paths.iter().enumerate() {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let frame = by_stem.get(stem(&name)).with_context(|| {
+                format!("no frame is named like {name}, expected one in `frames` (whatever its ending)")
+            })?;
+            if let Some(own) = OF_ALL_FRAMES.iter().find(|own| frame.others.contains_key(**own)) {
+                bail!("frame {} has its own `{own}`, expected one lens for all frames", frame.file_path);
+            }
+            let rows = &frame.transform_matrix;
+            let shape = || {
+                let lengths = rows.iter().map(Vec::len).collect::<Vec<_>>();
+                format!("frame {}: `transform_matrix` has rows of {lengths:?} numbers", frame.file_path)
+            };
+            // Some writers leave out the last row.
+            ensure!(
+                matches!(rows.len(), 3 | 4) && rows.iter().all(|row| row.len() == 4),
+                "{}, expected 4 rows of 4",
+                shape()
+            );
+            let mut matrix = [[0.0, 0.0, 0.0, 1.0]; 4];
+            for (to, from) in matrix.iter_mut().zip(rows) {
+                to.copy_from_slice(from);
+            }
+            let pose = Pose::from_rows(&matrix)
+                .with_context(|| format!("frame {}: `transform_matrix`", frame.file_path))?;
+            times_ns.push(keys.time_ns(index));
+            poses.push(pose);
+        }
+        Ok(SceneMotion::new(lens, PoseTrack::new(times_ns, poses)?))
+    }
+}
+
+impl FolderScene {
+    /// The poses of the folder's frames, if it has any. `sequence` is its `sequence.json`.
+    pub fn read(
+        folder: &Path,
+        sequence: Option<&SequenceFile>,
+        keys: &KeyFrames<'_>,
+    ) -> Result<Option<Self>> {
+        let sequence_path = folder.join(SequenceFile::NAME);
+        let of_sequence = match sequence {
+            Some(sequence) => sequence.motion(keys).with_context(|| sequence_path.display().to_string())?,
+            None => None,
+        };
+        let transforms_path = folder.join(TransformsFile::NAME);
+        let transforms: Option<TransformsFile> = read_json(&transforms_path)?;
+        let scene = match (of_sequence, transforms) {
+            (None, None) => return Ok(None),
+            (Some(motion), None) => FolderScene { file: sequence_path, motion },
+            (None, Some(transforms)) => {
+                let motion =
+                    transforms.motion(keys).with_context(|| transforms_path.display().to_string())?;
+                FolderScene { file: transforms_path, motion }
+            }
+            (Some(_), Some(_)) => bail!(
+                "{} and {} both have the camera's poses, expected one of them",
+                sequence_path.display(),
+                transforms_path.display()
+            ),
+        };
+        let (start_ns, end_ns) = (keys.time_ns(0), keys.time_ns(1));
+        let first = scene.motion.check_span(start_ns, end_ns);
+        first.with_context(|| format!("{}: the first interval has no poses", scene.file.display()))?;
+        Ok(Some(scene))
+    }
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    serde_json::from_str(&text).map(Some).with_context(|| path.display().to_string())
+}
+
+/// Poses from a list of 4x4 matrices.
+fn poses(name: &str, matrices: &serde_json::Value) -> Result<Vec<Pose>> {
+    let list: Vec<serde_json::Value> =
+        Deserialize::deserialize(matrices).with_context(|| format!("`{name}`"))?;
+    let pose = |matrix| -> Result<Pose> {
+        let rows: [[f64; 4]; 4] = serde_json::from_value(matrix)?;
+        Ok(Pose::from_rows(&rows)?)
+    };
+    list.into_iter()
+        .enumerate()
+        .map(|(j, matrix)| {
+            pose(matrix).with_context(|| format!("`{name}[{j}]`, expected a rigid 4x4 matrix"))
+        })
+        .collect()
+}
+
+/// The name of a file without folder and ending.
+fn stem(path: &str) -> &str {
+    let name = path.rsplit(['/', '\\']).next().unwrap_or(path);
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}
