@@ -54,7 +54,7 @@ fn render_gpu(
         let index = ["colour", "motion", "depth"].iter().position(|n| *n == name).expect("listed");
         buffer(device, name, sizes[index])
     });
-    let targets = Targets { hdr: &colour, motion: Some(&moved), depth: Some(&depth) };
+    let targets = Targets { hdr: &colour, motion: Some(&moved), depth: Some(&depth), ids: None };
     renderer.render(times_ns.0, times_ns.1, targets).expect("a frame");
     assert_eq!(device.validation_messages(), Vec::<String>::new());
     Frame {
@@ -177,7 +177,7 @@ fn a_short_buffer_and_a_wrong_format_are_refused() {
     let mut renderer =
         Renderer::new(&device, scene, HdrFormat::F16x4, MotionFormat::F32x2).expect("a renderer");
     let small = buffer(&device, "small", 16);
-    let targets = Targets { hdr: &small, motion: None, depth: None };
+    let targets = Targets { hdr: &small, motion: None, depth: None, ids: None };
     let error = renderer.render(0, None, targets).expect_err("too small").to_string();
     assert!(error.contains("2048") && error.contains("16") && error.contains("colour"), "{error}");
 }
