@@ -3,7 +3,7 @@
 use esaac_engine::ash::vk;
 use esaac_engine::{
     CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, InputBuffers, MemoryLocation,
-    Rig, RigOptions, SubmitHooks, Validation,
+    Rig, RigOptions, SubmitHooks, Timeline, Validation,
 };
 use esaac_model::{FrameError, HdrFormat, Intensity, MotionFormat, SensorError, SensorModel, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -262,5 +262,20 @@ fn saved_states_that_do_not_fit() {
     assert_eq!(step(&mut one, &frames, 3).packet, expected);
     assert!(!expected.is_empty());
     drop((one, other, two));
+    assert_silent();
+}
+
+#[test]
+fn timelines_that_would_not_grow() {
+    let timeline = Timeline::new(&DEVICE, vk::ExternalSemaphoreHandleTypeFlags::empty()).unwrap();
+    assert_names(timeline.signal(0), &["above 0", "to 0"]);
+    timeline.signal(5).unwrap();
+    for value in [0, 4, 5] {
+        let error = assert_names(timeline.signal(value), &["above 5", &format!("to {value}")]);
+        assert!(matches!(error, EngineError::TimelineValue { expected_above: 5, actual } if actual == value));
+    }
+    assert_eq!(timeline.value().unwrap(), 5);
+    timeline.signal(6).unwrap();
+    drop(timeline);
     assert_silent();
 }

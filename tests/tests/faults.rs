@@ -293,13 +293,13 @@ fn the_operations_grow_overflow_merge_and_defer() {
         driver.run(operation).expect("no fault");
         let tick = driver.rig.last_tick();
         seen[0] |= tick.diagnostics.iter().any(|d| d.regrown > 0);
-        seen[1] |= tick.diagnostics[1].late_events > 0;
+        seen[1] |= tick.diagnostics[1].deferred_events > 0;
         seen[2] |= tick.aps[0].is_some() && tick.aps_pixels(0).iter().any(|&value| value > 0);
         // More events of one time than `sort` can sort.
         let times = tick.view(0).t_offset_ns;
         seen[3] |= times.last().is_some_and(|last| times.iter().filter(|&t| t == last).count() > 2048);
     }
-    assert_eq!(seen, [true; 4], "growth, late events, APS, packets for `merge`");
+    assert_eq!(seen, [true; 4], "growth, deferred events, APS, packets for `merge`");
     drop(driver);
     assert_silent();
 }
@@ -432,7 +432,31 @@ fn a_step_that_times_out_loses_the_rig_and_says_what_to_do() {
     refused(rig.represent_to_host(Representation::EventFrame).map(|_| ()));
     refused(rig.upload(0, &FrameBytes { hdr: &driver.sequences[0].frames[1].hdr, motion: None }));
     refused(rig.inputs(0).map(|_| ()));
-    assert_eq!(rig.last_tick().events, [0, 0], "a lost rig shows no packets");
+    assert_eq!(rig.last_tick().events, [0, 0], "the failed tick shows no packets");
+    assert!(rig.stage_host_times().expect("a lost rig's times").is_none(), "and no times");
+    assert!(!rig.kernel_statistics().expect("a lost rig's kernels").is_empty());
+    drop(driver);
+    assert_silent();
+}
+
+#[test]
+fn a_rig_that_is_lost_after_a_tick_shows_the_tick() {
+    let _alone = alone();
+    // After a flash, the bins grow. A failed wait for their copies loses the rig, but not the tick before.
+    let is_lost_after_its_tick = |point| {
+        let mut driver = Driver::new();
+        driver.run(&Operation::Step).expect("a first frame");
+        let faults = Faults::at(Kind::Refusals, point);
+        let given = faults.strike(|| driver.run(&Operation::Step));
+        assert!(faults.has_struck(), "no point at which bins grow");
+        (given.is_ok() && driver.rig.lost().is_some()).then_some(driver)
+    };
+    let driver = (0..).find_map(is_lost_after_its_tick).expect("a failure after the tick");
+    let rig = &driver.rig;
+    assert!(rig.last_tick().events[0] > 0 && !rig.last_tick().view(0).x.is_empty());
+    let times = rig.stage_host_times().expect("times of the last tick");
+    assert_eq!(times.is_some(), DEVICE.info().has("VK_EXT_calibrated_timestamps"));
+    assert!(matches!(rig.save(), Err(EngineError::Lost { .. })));
     drop(driver);
     assert_silent();
 }

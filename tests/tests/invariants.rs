@@ -98,8 +98,8 @@ fn a_run_that_was_saved_and_restored_is_one_run() {
                 rig.upload(number, &bytes).expect("a frame that fits");
             }
             let tick = rig.step(&[frame.t_ns; 2]).expect("a frame in time");
-            let late: Vec<u64> = tick.diagnostics.iter().map(|d| d.late_events).collect();
-            got.push((tick.packets.to_vec(), tick.aps.to_vec(), late));
+            let deferred: Vec<u64> = tick.diagnostics.iter().map(|d| d.deferred_events).collect();
+            got.push((tick.packets.to_vec(), tick.aps.to_vec(), deferred));
         }
         got
     };
@@ -336,6 +336,48 @@ fn jitter_switched_on_counts_the_events_sent_before() {
     assert_silent();
 }
 
+/// The engine's and the oracle's packets of each frame agree, although the camera starts anew twice: the stored frames
+/// hold other values after a change of `exposure_gain`, and a reset forgets them. Deferred events are discarded, noise
+/// begins again, packets keep counting.
+#[test]
+fn a_changed_exposure_gain_and_a_reset_start_the_camera_anew() {
+    const CHANGED: usize = 5;
+    const RESET: usize = 10;
+    let size = (13, 9);
+    let base = SensorModel { latency_ns: 20_000_000, timestamp_quantum_ns: 1, ..loud(size) };
+    let frames = wave_frames(&base, &times(0, 15), 1.0);
+    let brighter = SensorModel { exposure_gain: 1.7, ..base.clone() };
+    let mut rig = rig(&base, &frames, RigOptions::default());
+    let mut oracle = esaac_oracle::Oracle::new(base, 0).unwrap();
+    let mut deferred = 0;
+    for index in 0..15 {
+        match index {
+            CHANGED => {
+                rig.set_sensor(0, brighter.clone()).unwrap();
+                oracle.set_sensor(brighter.clone()).unwrap();
+            }
+            RESET => {
+                rig.reset(0).unwrap();
+                oracle.reset();
+            }
+            _ => {}
+        }
+        let expected = oracle.step(&frames.oracle_frame(index)).unwrap();
+        let got = step(&mut rig, &frames, index);
+        let header = |packet: &Packet| (packet.sequence, packet.base_ns, packet.watermark_ns);
+        assert_eq!(header(&got.packet), header(&expected.packet), "frame {index}");
+        let agreement = compare(size, expected.packet.iter(), got.packet.iter());
+        assert!(agreement.ranked.p99_us <= 2.0, "frame {index}: {agreement:?}");
+        assert!(expected.packet.len().abs_diff(got.packet.len()) <= 1, "frame {index}: {agreement:?}");
+        if index == CHANGED || index == RESET {
+            assert!(got.packet.is_empty() && deferred > 0, "frame {index}: {deferred} events were deferred");
+        }
+        deferred = expected.diagnostics.deferred_events;
+    }
+    drop(rig);
+    assert_silent();
+}
+
 #[test]
 fn cameras_of_one_rig_are_as_if_alone() {
     let still_noise = SensorModel { latency_ns: 0, latency_jitter_ns: 0, ..loud((16, 16)) };
@@ -431,7 +473,7 @@ fn skipped_blocks_would_have_sent_nothing() {
 #[test]
 fn a_reset_camera_starts_anew() {
     let size = (17, 15);
-    let base = sensor(size);
+    let base = loud(size);
     let frames = wave_frames(&base, &times(0, 4), 1.0);
     let mut rig = rig(&base, &frames, RigOptions::default());
     let first = steps(&mut rig, &frames, 0..4);

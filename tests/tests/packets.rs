@@ -116,10 +116,10 @@ fn delays_carry_over_and_lose_nothing() {
     for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
         check_contract(sensor, sequence, steps);
         assert_eq!(events(steps).len(), undelayed.len(), "{sensor:?}");
-        assert_eq!(steps.last().map(|s| s.diagnostics.late_events), Some(0));
+        assert_eq!(steps.last().map(|s| s.diagnostics.deferred_events), Some(0));
         if sensor.latency_ns > FRAME_NS as u32 {
-            let waiting = steps.iter().map(|s| s.diagnostics.late_events).max();
-            assert!(waiting > Some(0), "{sensor:?}");
+            let most = steps.iter().map(|s| s.diagnostics.deferred_events).max();
+            assert!(most > Some(0), "{sensor:?}");
         }
         if sensor.latency_jitter_ns == 0 && sensor.timestamp_quantum_ns == 1 {
             let delayed =
@@ -219,7 +219,7 @@ fn a_small_buffer_grows_and_gives_the_same_packets() {
         for (index, (small, large)) in small.iter().zip(&large).enumerate() {
             assert!(small.packet == large.packet, "packet {index} with {initial_events} at first");
             let (a, b) = (small.diagnostics, large.diagnostics);
-            assert_eq!((a.late_events, a.dropped_events), (b.late_events, 0));
+            assert_eq!((a.deferred_events, a.dropped_events), (b.deferred_events, 0));
             assert_eq!((a.substeps, a.invalid_pixels), (b.substeps, b.invalid_pixels));
         }
     }
@@ -402,7 +402,7 @@ fn what_is_late_of_a_flash_comes_in_the_packets_after() {
     let runs = engine_of_many(&cameras, RigOptions::default());
     check_against_oracle(&cameras, &runs);
     let pixels = u64::from(wide().width * wide().height);
-    let both = |step: &Step| step.packet.len() as u64 >= pixels && step.diagnostics.late_events >= pixels;
+    let both = |step: &Step| step.packet.len() as u64 >= pixels && step.diagnostics.deferred_events >= pixels;
     assert!(runs.iter().all(|steps| steps.iter().any(both)), "no packet is heavy with more to come");
     assert_silent();
 }

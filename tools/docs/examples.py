@@ -23,6 +23,9 @@ try:
 except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import process_group
 from blocks import Block, PageError, blocks
 from commands import Checker, CommandError
 
@@ -131,11 +134,7 @@ class Runner:
                 fault = f"still running after {BLOCK_LIMIT_S} s"
             finally:
                 # Also ends what the block left in the background.
-                try:
-                    os.killpg(process.pid, signal.SIGKILL)
-                except ProcessLookupError:
-                    pass
-                process.wait()
+                process_group.end(process)
             if fault:
                 output.seek(0)
                 raise RunError(f"{fault}\n{output.read()[-4000:]}")
@@ -177,11 +176,7 @@ class Runner:
 
     def _close_interpreter(self) -> None:
         if self.interpreter is not None:
-            try:
-                os.killpg(self.interpreter.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
-            self.interpreter.wait()
+            process_group.end(self.interpreter)
             self.answers.close()
             self.interpreter.stdin.close()
             self.interpreter = None

@@ -1,13 +1,17 @@
 """Tests of the checks themselves: each must see what it is there to see."""
 
 import os
+import select
+import signal
+import subprocess
 import sys
 import tempfile
 import unittest
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).resolve().parents[1])]
 
+import process_group
 from blocks import PageError, blocks
 from commands import Checker, CommandError, commands
 from examples import Runner, run_page
@@ -125,6 +129,20 @@ class Examples(unittest.TestCase):
         before = sorted(path.name for path in ROOT.iterdir())
         self.assertEqual(self.faults("```sh\ntouch left_behind\n```\n"), [])
         self.assertEqual(sorted(path.name for path in ROOT.iterdir()), before)
+
+
+class ProcessGroup(unittest.TestCase):
+    def test_a_process_ends_with_all_that_it_has_started(self):
+        words = ["bash", "-c", "sleep 60 & echo started; wait"]
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        with process.stdout as output:
+            self.assertEqual(output.readline(), "started\n")
+            process_group.end(process)
+            self.assertEqual(process.returncode, -signal.SIGKILL)
+            # The pipe ends with the last process that can write to it.
+            self.assertEqual(select.select([output], [], [], 10)[0], [output])
+            self.assertEqual(output.read(), "")
+        process_group.end(process)
 
 
 class Links(unittest.TestCase):

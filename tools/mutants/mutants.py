@@ -11,7 +11,6 @@ import hashlib
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -22,6 +21,10 @@ try:
     import tomllib
 except ModuleNotFoundError:
     sys.exit(f"Python {sys.version.split()[0]} has no tomllib; expected Python 3.11 or newer")
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import process_group
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).resolve().with_name("list.toml")
@@ -154,11 +157,7 @@ def run_limited(command: list[str], limit_s: float, **options) -> tuple[int | No
     except subprocess.TimeoutExpired:
         return None, ""
     finally:
-        try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        process.wait()
+        process_group.end(process)
 
 
 class Workshop:

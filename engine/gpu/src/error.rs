@@ -115,6 +115,14 @@ pub enum EngineError {
     /// Commands that may still run, because a wait for them has failed.
     #[error("these commands may still run, since a wait for them has failed; make new ones")]
     Abandoned,
+    /// A timeline cannot go back or stay.
+    #[error("a timeline can be set to a value above {expected_above}, not to {actual}")]
+    TimelineValue {
+        /// Its current value.
+        expected_above: u64,
+        /// The value asked for.
+        actual: u64,
+    },
     /// A camera's dispatches are larger than the device allows.
     #[error(
         "camera {camera} needs {actual} workgroups side by side, and {device} takes at most {expected}; make the camera smaller"

@@ -55,10 +55,15 @@ impl Timeline {
         unsafe { self.device.raw().get_semaphore_counter_value(self.raw) }.call("vkGetSemaphoreCounterValue")
     }
 
-    /// Sets the value from the host. It must be above the current one and below any that a submission will signal.
+    /// Sets the value from the host. An error if it is not above the current one. It must also be below any that a
+    /// submission will signal, and nobody else may signal meanwhile.
     pub fn signal(&self, value: u64) -> Result<(), EngineError> {
+        let current = self.value()?;
+        if value <= current {
+            return Err(EngineError::TimelineValue { expected_above: current, actual: value });
+        }
         let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
-        // SAFETY: the semaphore is alive; the driver refuses a value that breaks the rule.
+        // SAFETY: the semaphore is alive; the value is above its own. The driver refuses one that breaks the other rules.
         unsafe { self.device.raw().signal_semaphore(&info) }.call("vkSignalSemaphore")
     }
 

@@ -76,6 +76,7 @@ mod change;
 pub mod frame;
 pub mod intensity;
 pub mod packet;
+pub mod paths;
 mod pixel_draws;
 pub mod presets;
 pub mod random;

@@ -24,7 +24,7 @@ pub struct Diagnostics {
     /// Pixels without a valid value so far.
     pub unarmed_pixels: u64,
     /// Events deferred to a later packet.
-    pub waiting_events: u64,
+    pub deferred_events: u64,
 }
 
 /// Intensities at the ends of sub-steps, for comparing stage `synthesize` alone.
@@ -86,7 +86,7 @@ struct Run {
     history: Option<Vec<HalfPelFrame>>,
     /// `None` while a pixel is unarmed.
     pixels: Vec<Option<PixelState>>,
-    waiting: Vec<Event>,
+    deferred: Vec<Event>,
     sequence: u64,
 }
 
@@ -98,7 +98,7 @@ impl Run {
             last_interval_ns: None,
             history: None,
             pixels: vec![None; sensor.pixels()],
-            waiting: Vec::new(),
+            deferred: Vec::new(),
             sequence: 0,
         }
     }
@@ -172,7 +172,8 @@ impl Oracle {
         Ok(self.advance(t_ns, ingested, &Between::Exact(samples)))
     }
 
-    /// Changes parameters between two frames. The size must stay the same.
+    /// Changes parameters between two frames. The size must stay the same. [`SensorModel::change_to`] tells what the
+    /// camera discards or draws anew.
     pub fn set_sensor(&mut self, sensor: SensorModel) -> Result<(), SensorError> {
         sensor.validate()?;
         for (parameter, expected, actual) in
@@ -186,7 +187,18 @@ impl Oracle {
                 });
             }
         }
-        let constants = draw_constants(&sensor, self.camera);
+        let effects = self.sensor.change_to(&sensor);
+        if effects.redraws_pixels {
+            self.redraw(draw_constants(&sensor, self.camera));
+        }
+        self.sensor = sensor;
+        if effects.resets_frames {
+            self.reset();
+        }
+        Ok(())
+    }
+
+    fn redraw(&mut self, constants: Vec<PixelConstants>) {
         if let Some((epoch_ns, latest_ns)) = self.run.times_ns {
             for (pixel, state) in self.run.pixels.iter_mut().enumerate() {
                 if let Some(state) = state {
@@ -194,18 +206,12 @@ impl Oracle {
                 }
             }
         }
-        // A history of another log offset or of other planes does not fit the next interval's planes.
-        if (sensor.log_offset, sensor.intensity) != (self.sensor.log_offset, self.sensor.intensity) {
-            self.run.history = None;
-        }
-        self.sensor = sensor;
         self.constants = constants;
-        Ok(())
     }
 
-    /// Forgets every frame; the next one arms the camera.
+    /// Forgets every frame; the next one arms the camera. Packets keep counting.
     pub fn reset(&mut self) {
-        self.run = Run::new(&self.sensor);
+        self.run = Run { sequence: self.run.sequence, ..Run::new(&self.sensor) };
     }
 
     fn advance(&mut self, t_ns: i64, ingested: Ingested, between: &Between<'_>) -> Interval {
@@ -235,7 +241,7 @@ impl Oracle {
             motion.iter().filter(|v| !(v[0].is_finite() && v[1].is_finite())).count() as u64
         });
         interval.diagnostics.unarmed_pixels = self.run.pixels.iter().filter(|p| p.is_none()).count() as u64;
-        interval.diagnostics.waiting_events = self.run.waiting.len() as u64;
+        interval.diagnostics.deferred_events = self.run.deferred.len() as u64;
         self.run.times_ns = Some((epoch_ns, t_ns));
         self.run.image = image;
         self.run.sequence += 1;
@@ -295,9 +301,9 @@ impl Oracle {
             let key = self.key(pixel);
             if let Some(state) = &mut self.run.pixels[pixel] {
                 let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
-                let waiting = &mut self.run.waiting;
+                let deferred = &mut self.run.deferred;
                 walk(sensor, &self.constants[pixel], state, &span, &mut |crossing| {
-                    waiting.push(Event {
+                    deferred.push(Event {
                         t_ns: stamp::stamp_ns(sensor, key, crossing.index, crossing.t_ns),
                         y: y as u16,
                         x: x as u16,
@@ -306,7 +312,7 @@ impl Oracle {
                 });
             }
         }
-        let due = stamp::due(&mut self.run.waiting, start_ns + i64::from(interval_ns));
+        let due = stamp::due(&mut self.run.deferred, start_ns + i64::from(interval_ns));
         sort(due, sensor.max_events_per_interval, &mut interval.packet);
         self.run.history = gap.into_history();
         self.run.last_interval_ns = Some(interval_ns);

@@ -16,11 +16,11 @@ pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i
     quantise_ns(t_ns + delay_ns, i64::from(sensor.timestamp_quantum_ns))
 }
 
-/// Removes the events stamped at or before `end_ns` from `waiting` and returns them. The others stay for a later
+/// Removes the events stamped at or before `end_ns` from `deferred` and returns them. The others stay for a later
 /// packet.
-pub fn due(waiting: &mut Vec<Event>, end_ns: i64) -> Vec<Event> {
-    let (due, later) = std::mem::take(waiting).into_iter().partition(|event| event.t_ns <= end_ns);
-    *waiting = later;
+pub fn due(deferred: &mut Vec<Event>, end_ns: i64) -> Vec<Event> {
+    let (due, later) = std::mem::take(deferred).into_iter().partition(|event| event.t_ns <= end_ns);
+    *deferred = later;
     due
 }
 
@@ -64,10 +64,10 @@ mod tests {
     }
 
     #[test]
-    fn late_events_wait() {
+    fn deferred_events_wait() {
         let event = |t_ns| Event { t_ns, y: 0, x: 0, polarity: Polarity::Off };
-        let mut waiting = vec![event(5), event(11), event(10)];
-        assert_eq!(due(&mut waiting, 10), [event(5), event(10)]);
-        assert_eq!(waiting, [event(11)]);
+        let mut deferred = vec![event(5), event(11), event(10)];
+        assert_eq!(due(&mut deferred, 10), [event(5), event(10)]);
+        assert_eq!(deferred, [event(11)]);
     }
 }

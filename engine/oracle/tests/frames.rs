@@ -230,10 +230,17 @@ fn parameters_may_change_between_frames() {
         for synthesis in SYNTHESES {
             let log_offset = 0.01 * f64::from(k as i32 + 1);
             let changed = SensorModel { intensity, synthesis, log_offset, ..sensor.clone() };
-            oracle.set_sensor(changed).unwrap();
-            let packet = step(&mut oracle, k, &hdr(&sensor, texture(k as f32)), &moving).packet;
-            assert!(packet.is_sorted());
-            k += 1;
+            oracle.set_sensor(changed.clone()).unwrap();
+            // A new log offset makes the next frame the first, as for a new camera.
+            let mut fresh = Oracle::new(changed, 0).unwrap();
+            for first in [true, false] {
+                let image = hdr(&sensor, texture(k as f32));
+                let packet = step(&mut oracle, k, &image, &moving).packet;
+                assert_eq!(packet.sequence, k as u64, "packets keep counting");
+                assert!(packet.iter().eq(step(&mut fresh, k, &image, &moving).packet.iter()));
+                assert!(packet.is_sorted() && packet.is_empty() == first);
+                k += 1;
+            }
         }
     }
     assert!(oracle.set_sensor(SensorModel { contrast_on: 0.0, ..sensor }).is_err());

@@ -21,12 +21,23 @@ use std::sync::Arc;
 const PACKET_SLOTS: [usize; 5] =
     [layout::EVENT_T, layout::EVENT_X, layout::EVENT_Y, layout::EVENT_P, layout::APS];
 
+/// Elements of each buffer of a packet set over all cameras, in the order of [`PACKET_SLOTS`].
+type PacketElements = [u64; PACKET_SLOTS.len()];
+
+fn packet_elements(places: &[Place]) -> PacketElements {
+    PACKET_SLOTS.map(|slot| total(places, slot))
+}
+
 /// One set of packet buffers, in the order of [`PACKET_SLOTS`].
 pub(super) struct PacketBuffers(Vec<Buffer>);
 
 impl PacketBuffers {
-    fn new(device: &Arc<Device>, places: &[Place], packets: PacketPlace) -> Result<Self, EngineError> {
-        let buffers = PACKET_SLOTS.iter().map(|&slot| allocate(device, slot, total(places, slot), packets));
+    fn new(
+        device: &Arc<Device>,
+        elements: &PacketElements,
+        packets: PacketPlace,
+    ) -> Result<Self, EngineError> {
+        let buffers = PACKET_SLOTS.iter().zip(elements).map(|(&slot, &n)| allocate(device, slot, n, packets));
         Ok(PacketBuffers(buffers.collect::<Result<_, _>>()?))
     }
 
@@ -35,9 +46,9 @@ impl PacketBuffers {
         PACKET_SLOTS.iter().position(|&s| s == slot).map(|index| &self.0[index])
     }
 
-    fn holds(&self, places: &[Place]) -> bool {
-        let needed = |slot: usize| total(places, slot) * u64::from(BINDINGS[slot].stride);
-        PACKET_SLOTS.iter().zip(&self.0).all(|(&slot, buffer)| buffer.bytes() >= needed(slot))
+    fn holds(&self, elements: &PacketElements) -> bool {
+        let bytes = PACKET_SLOTS.iter().zip(elements).map(|(&slot, n)| n * u64::from(BINDINGS[slot].stride));
+        self.0.iter().zip(bytes).all(|(buffer, needed)| buffer.bytes() >= needed)
     }
 }
 
@@ -49,6 +60,8 @@ pub(super) struct Arena {
     ring: Vec<Option<Arc<PacketBuffers>>>,
     /// Index of the set that the last or current tick writes.
     current: usize,
+    /// What the cameras' places need of a packet set.
+    packet_elements: PacketElements,
     pub samples_pixels: usize,
     packets: PacketPlace,
 }
@@ -92,10 +105,11 @@ impl Arena {
                 allocate(device, slot, elements, options.packets).map(Some)
             })
             .collect::<Result<_, _>>()?;
-        let first = Arc::new(PacketBuffers::new(device, places, options.packets)?);
+        let packet_elements = packet_elements(places);
+        let first = Arc::new(PacketBuffers::new(device, &packet_elements, options.packets)?);
         let mut ring = vec![Some(first)];
         ring.resize(options.ring(), None);
-        Ok(Arena { buffers, ring, current: 0, samples_pixels, packets: options.packets })
+        Ok(Arena { buffers, ring, current: 0, packet_elements, samples_pixels, packets: options.packets })
     }
 
     /// The buffer of a slot.
@@ -121,17 +135,14 @@ impl Arena {
 
     /// Advances to the next packet set; allocates it if the present one is held, too small or missing. Returns whether
     /// it is a new one. On an error nothing has changed.
-    pub(super) fn next_packet_set(
-        &mut self,
-        device: &Arc<Device>,
-        places: &[Place],
-    ) -> Result<bool, EngineError> {
+    pub(super) fn next_packet_set(&mut self, device: &Arc<Device>) -> Result<bool, EngineError> {
         let next = (self.current + 1) % self.ring.len();
+        let elements = &self.packet_elements;
         let usable = self.ring[next]
             .as_mut()
-            .is_some_and(|set| Arc::get_mut(set).is_some_and(|set| set.holds(places)));
+            .is_some_and(|set| Arc::get_mut(set).is_some_and(|set| set.holds(elements)));
         if !usable {
-            self.ring[next] = Some(Arc::new(PacketBuffers::new(device, places, self.packets)?));
+            self.ring[next] = Some(Arc::new(PacketBuffers::new(device, elements, self.packets)?));
         }
         self.current = next;
         Ok(!usable)
@@ -172,7 +183,7 @@ impl Arena {
             fresh.push((slot, allocate(device, slot, total(&places, slot), self.packets)?));
         }
         let packets = if PACKET_SLOTS.iter().any(|&slot| changes(slot)) {
-            Some(PacketBuffers::new(device, &places, self.packets)?)
+            Some(PacketBuffers::new(device, &packet_elements(&places), self.packets)?)
         } else {
             None
         };
@@ -222,6 +233,7 @@ impl Arena {
         if let Some(packets) = planned.packets {
             self.ring[self.current] = Some(Arc::new(packets));
         }
+        self.packet_elements = packet_elements(&planned.places);
         for (camera, place) in cameras.iter_mut().zip(planned.places) {
             camera.place = place;
         }

@@ -7,7 +7,9 @@
 //! A tick runs in [`machine`]: start reading there. Every change of a rig is a transaction. It computes and allocates
 //! everything it needs, submits once, and only then changes the state on the host. If it fails before, nothing has
 //! changed. If a tick fails after the device has begun it, the state on the device is half updated: the rig is *lost*.
-//! A lost rig refuses steps, changes and saving with [`EngineError::Lost`].
+//! A lost rig refuses steps, changes, saving and its input buffers with [`EngineError::Lost`]. What needs nothing new of
+//! the device can still be read: results and times of the last tick, unless it is the one that failed; memory; statistics of
+//! kernels.
 
 mod arena;
 mod code;
@@ -321,7 +323,8 @@ impl Rig {
         Ok(())
     }
 
-    /// Resets a camera: its next frame counts as its first. Noise continues where it is.
+    /// Resets a camera: its next frame counts as its first. Deferred events are discarded, noise begins again, and
+    /// packets keep counting.
     pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
         self.check_health()?;
         let counters = fresh_counters(&self.camera(camera)?.place);
@@ -393,14 +396,13 @@ impl Rig {
         }
     }
 
-    /// Marks the rig as lost; returns the error that reports it.
+    /// Marks the rig as lost; returns the error that reports it. Results of a tick before remain valid.
     fn lose(&mut self, why: EngineError) -> EngineError {
         let why = match why {
             EngineError::Lost { why } => why,
             why => Arc::new(why),
         };
         self.health = Health::Lost { why: Arc::clone(&why) };
-        self.results.clear();
         EngineError::Lost { why }
     }
 
@@ -431,7 +433,8 @@ impl Rig {
         Ok(())
     }
 
-    /// The results of the last tick; empty before the first tick, and after a tick that was refused.
+    /// The results of the last tick; empty before the first tick, and after a tick that was refused or failed. A rig
+    /// that is lost after its last tick still shows it.
     #[must_use]
     pub fn last_tick(&self) -> Tick<'_> {
         Tick::of(self)
@@ -468,6 +471,7 @@ impl Rig {
     }
 
     /// The driver's statistics of each kernel that the rig has compiled, by stage; see [`crate::Kernel::statistics`].
+    /// A lost rig tells them too.
     pub fn kernel_statistics(&self) -> Result<Vec<(&'static str, KernelStatistics)>, EngineError> {
         self.kernels_by_stage().map(|(stage, kernel)| Ok((stage, kernel.statistics()?))).collect()
     }

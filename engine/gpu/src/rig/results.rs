@@ -21,7 +21,7 @@ pub struct Diagnostics {
     /// Sub-steps, summed over blocks.
     pub substeps: u64,
     /// Events that are deferred to a later packet.
-    pub late_events: u64,
+    pub deferred_events: u64,
     /// Events dropped because of the sensor's limit per interval.
     pub dropped_events: u64,
     /// How often the event buffers had to grow.
@@ -125,7 +125,7 @@ impl Results {
             unarmed_pixels: counters.unarmed_pixels.into(),
             skipped_blocks: counters.skipped_blocks.into(),
             substeps: counters.substeps.into(),
-            late_events: counters.deferred.into(),
+            deferred_events: counters.deferred.into(),
             dropped_events: packet.dropped,
             regrown,
         };

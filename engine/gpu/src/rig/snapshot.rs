@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 const KEPT: [usize; 5] = [layout::PLANES, layout::MOTION, layout::STATE, layout::BLOCKS, layout::COUNTERS];
 
 /// Bytes of a deferred event.
-const LATE_BYTES: u64 = BINDINGS[layout::GATHERED].stride as u64;
+const DEFERRED_BYTES: u64 = BINDINGS[layout::GATHERED].stride as u64;
 
 const MAGIC: &[u8; 8] = b"ESAACRIG";
 
@@ -32,7 +32,7 @@ struct CameraHeader {
     frames: u64,
     sequence: u64,
     holds_until_ns: Option<i64>,
-    late_events: u32,
+    deferred_events: u32,
 }
 
 const VERSION: u32 = 4;
@@ -44,14 +44,14 @@ impl Rig {
         let counters = read_back(&self.device, &self.parts(layout::COUNTERS))?;
         let counted: Vec<Counters> = bytemuck::pod_collect_to_vec(&counters);
         let gathered = self.arena.buffer(layout::GATHERED);
-        let mut late = Vec::new();
+        let mut deferred = Vec::new();
         let mut cameras = Vec::new();
         for c in &self.cameras {
             // After a tick, its counters are the other set.
             let last = &counted[(2 * c.place.slot + 1 - c.frame_slot) as usize];
-            let first = u64::from(c.place.event_base + last.packet) * LATE_BYTES;
-            let bytes = u64::from(last.deferred) * LATE_BYTES;
-            late.push(Part { buffer: gathered, offset: first, bytes });
+            let first = u64::from(c.place.event_base + last.packet) * DEFERRED_BYTES;
+            let bytes = u64::from(last.deferred) * DEFERRED_BYTES;
+            deferred.push(Part { buffer: gathered, offset: first, bytes });
             cameras.push(CameraHeader {
                 sensor: c.config.sensor.to_toml(),
                 camera: c.config.camera,
@@ -62,7 +62,7 @@ impl Rig {
                 frames: c.frames,
                 sequence: c.sequence,
                 holds_until_ns: c.holds_until_ns,
-                late_events: last.deferred,
+                deferred_events: last.deferred,
             });
         }
         let header = serde_json::to_vec(&Header { version: VERSION, cameras })
@@ -70,7 +70,7 @@ impl Rig {
         let mut bytes = MAGIC.to_vec();
         bytes.extend((header.len() as u64).to_le_bytes());
         bytes.extend(header);
-        let parts: Vec<Part<'_>> = KEPT.iter().flat_map(|&slot| self.parts(slot)).chain(late).collect();
+        let parts: Vec<Part<'_>> = KEPT.iter().flat_map(|&slot| self.parts(slot)).chain(deferred).collect();
         bytes.extend(read_back(&self.device, &parts)?);
         Ok(bytes)
     }
@@ -81,9 +81,10 @@ impl Rig {
         self.check_health()?;
         let (header, body) = read_header(bytes)?;
         self.check_cameras(&header)?;
-        let late: u64 = header.cameras.iter().map(|c| u64::from(c.late_events) * LATE_BYTES).sum();
+        let deferred: u64 =
+            header.cameras.iter().map(|c| u64::from(c.deferred_events) * DEFERRED_BYTES).sum();
         let expected: u64 =
-            late + KEPT.iter().flat_map(|&slot| self.parts(slot)).map(|part| part.bytes).sum::<u64>();
+            deferred + KEPT.iter().flat_map(|&slot| self.parts(slot)).map(|part| part.bytes).sum::<u64>();
         if body.len() as u64 != expected {
             return Err(bad(format!("{} bytes of buffers, expected {expected}", body.len())));
         }
@@ -138,7 +139,8 @@ impl Rig {
     /// Grows event buffers that are too small for the deferred events; nothing else changes.
     fn make_room(&mut self, header: &Header) -> Result<(), EngineError> {
         let places = self.places();
-        let places = places.iter().zip(&header.cameras).map(|(p, saved)| p.with_events(saved.late_events));
+        let places =
+            places.iter().zip(&header.cameras).map(|(p, saved)| p.with_events(saved.deferred_events));
         self.change(places.collect(), Vec::new(), &[])
     }
 
@@ -154,9 +156,9 @@ impl Rig {
             }
         }
         for (c, saved) in self.cameras.iter().zip(&header.cameras) {
-            let (part, after) = rest.split_at((u64::from(saved.late_events) * LATE_BYTES) as usize);
+            let (part, after) = rest.split_at((u64::from(saved.deferred_events) * DEFERRED_BYTES) as usize);
             rest = after;
-            let offset = c.place.first_element(layout::GATHERED) * LATE_BYTES;
+            let offset = c.place.first_element(layout::GATHERED) * DEFERRED_BYTES;
             writes.push(Write { slot: layout::GATHERED, offset, bytes: part.to_vec() });
         }
         // A running rig has deferred events behind the last packet. A restored one has them first, so the counters must
@@ -164,9 +166,12 @@ impl Rig {
         let counters = writes.iter_mut().filter(|write| write.slot == layout::COUNTERS);
         for (write, saved) in counters.zip(&header.cameras) {
             let mut sets: Vec<Counters> = bytemuck::pod_collect_to_vec(&write.bytes);
-            if saved.late_events > 0 {
-                sets[1 - saved.frame_slot as usize] =
-                    Counters { deferred: saved.late_events, emitted_fit: u32::MAX, ..Counters::default() };
+            if saved.deferred_events > 0 {
+                sets[1 - saved.frame_slot as usize] = Counters {
+                    deferred: saved.deferred_events,
+                    emitted_fit: u32::MAX,
+                    ..Counters::default()
+                };
             }
             write.bytes = bytemuck::cast_slice(&sets).to_vec();
         }

@@ -104,7 +104,10 @@ impl Rig {
         let end = match machine::run(&mut RigTick { rig: self, t_ns: &t_ns, hooks }, in_tick) {
             Ok(end) => end,
             Err(TickError::Refused(error)) => return Err(error),
-            Err(TickError::Lost(error)) => return Err(self.lose(error)),
+            Err(TickError::Lost(error)) => {
+                self.results.clear();
+                return Err(self.lose(error));
+            }
         };
         {
             let _zone = zone!("publish");
@@ -119,7 +122,7 @@ impl Rig {
 
     /// Advances to a packet set that nobody holds.
     fn next_packet_set(&mut self) -> Result<(), EngineError> {
-        let is_new = self.arena.next_packet_set(&self.device, &self.places())?;
+        let is_new = self.arena.next_packet_set(&self.device)?;
         let current = self.arena.current();
         self.pipelines.bindings.select(current);
         if is_new {
@@ -144,15 +147,17 @@ impl Rig {
     /// Grows the bins of cameras whose packets overflowed much. If there is no memory, the bins stay as they are. If
     /// the device does not finish the copies, this tick's packets are valid, but the rig is lost.
     fn grow_bins(&mut self, end: &TickEnd) {
-        let mut places = self.places();
+        if !end.counters.iter().flatten().any(overflowed_much) {
+            return;
+        }
+        let before = self.places();
+        let mut places = before.clone();
         for (place, counters) in places.iter_mut().zip(&end.counters) {
-            let Some(counters) = counters else { continue };
-            let many = (counters.packet / OVERFLOW_SHARE).min(layout::SEARCHED_EVENTS / 2);
-            if counters.overflow.saturating_sub(counters.deferred) > many {
+            if let Some(counters) = counters.as_ref().filter(|counters| overflowed_much(counters)) {
                 *place = place.with_bins_of(counters.largest_bin);
             }
         }
-        let before = self.places();
+        // The bins may be as large as they get.
         if places == before {
             return;
         }
@@ -164,19 +169,22 @@ impl Rig {
                 self.arena.commit(&mut self.cameras, planned);
                 self.recordings.unbind();
             }
-            Err(error) if error.leaves_work() => self.health = super::Health::Lost { why: error.into() },
+            Err(error) if error.leaves_work() => {
+                self.lose(error);
+            }
             Err(_) => {}
         }
     }
 
     /// When each stage of the last tick ran on the device, by the host's clock, and the largest error of these times;
-    /// `None` if the device has no times or cannot read both clocks at once. Call before the next tick.
+    /// `None` if there was no such tick (see [`Rig::last_tick`]), or the device has no times or cannot read both clocks
+    /// at once. Call before the next tick.
     pub fn stage_host_times(&self) -> Result<Option<(Vec<StageSpan>, Duration)>, EngineError> {
-        let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
         let spans = self.timing.spans();
         if self.results.stage_ns.is_empty() {
             return Ok(None);
         }
+        let Some(calibration) = self.device.calibrate()? else { return Ok(None) };
         let Some(raw) = self.timing.timer.read_raw::<MOST_STAMPS>(0, spans.len() + 1)? else {
             return Ok(None);
         };
@@ -187,6 +195,12 @@ impl Rig {
             .filter_map(|(&stage, pair)| Some(StageSpan { stage, start: at(pair[0])?, end: at(pair[1])? }));
         Ok(Some((spans.collect(), calibration.deviation)))
     }
+}
+
+/// Whether more events of a camera's packet were beyond their bins than [`OVERFLOW_SHARE`] allows.
+fn overflowed_much(counters: &Counters) -> bool {
+    let many = (counters.packet / OVERFLOW_SHARE).min(layout::SEARCHED_EVENTS / 2);
+    counters.overflow.saturating_sub(counters.deferred) > many
 }
 
 /// A rig in a tick, as the state machine sees it.
