@@ -19,6 +19,9 @@ const SHAKE_AT_S: f64 = 1.0;
 /// Amplitude of that shake at the image's centre: right and down, pixels.
 const SHAKE_PX: [f64; 2] = [9.0, 6.0];
 
+/// Limit to it, radians, for images of a few pixels.
+const SHAKE_MOST_RAD: f64 = 0.2;
+
 /// Width of the sharpest tile edges, radians of phase.
 const EDGE_RAD: f64 = 0.04;
 
@@ -29,8 +32,8 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
         SceneKind::Still => CameraPath::Frozen { at_s: STILL_AT_S },
         SceneKind::Shake => CameraPath::Shaken {
             at_s: SHAKE_AT_S,
-            yaw_rad: SHAKE_PX[0] / focal_px,
-            pitch_rad: SHAKE_PX[1] / focal_px,
+            yaw_rad: (SHAKE_PX[0] / focal_px).min(SHAKE_MOST_RAD),
+            pitch_rad: (SHAKE_PX[1] / focal_px).min(SHAKE_MOST_RAD),
         },
         _ => CameraPath::Orbit,
     };

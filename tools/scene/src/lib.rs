@@ -17,6 +17,7 @@ mod jet;
 pub mod layout;
 pub mod object;
 mod order;
+mod poses;
 pub mod registry;
 pub mod renderer;
 pub mod scene;

@@ -133,6 +133,11 @@ impl Scene {
         self.view(t_s).sample(x_px, y_px).depth_m
     }
 
+    /// The scene's own time.
+    pub(crate) fn clock_s(&self, t_s: f64) -> f64 {
+        self.frozen_at_s.unwrap_or(t_s)
+    }
+
     /// Instance id of object `index`: 0 if it stands still in the world, else one more than its index.
     #[must_use]
     pub fn instance(&self, index: usize) -> u32 {
@@ -148,7 +153,7 @@ impl Scene {
     /// The scene in camera axes at a time. Computing many pixels of one instant from one view saves work.
     #[must_use]
     pub fn view(&self, t_s: f64) -> View {
-        let t_s = self.frozen_at_s.unwrap_or(t_s);
+        let t_s = self.clock_s(t_s);
         let state = self.camera.state(t_s);
         let to_camera = state.world_from_body.transpose();
         let card = matches!(self.kind.family(), crate::registry::Family::Card);

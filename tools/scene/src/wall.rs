@@ -28,14 +28,17 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
         SceneKind::Poles => ([-1.5, 0.2], poles(&place)),
         SceneKind::Foliage => ([-1.7, 0.0], foliage(&place)),
         SceneKind::Propeller => ([0.0, 0.0], vec![propeller(&place)]),
-        _ => ([-6.0, 0.7], vec![]),
+        _ => ([-3.5, 0.4], vec![]),
     };
     let [right, up] = wall_px;
     let velocity_m_s = -place.metres(DVec3::new(right, 0.0, up) * RATE_HZ, WALL_M);
     if kind == SceneKind::Bounce {
         objects.push(ball(&place, velocity_m_s));
     }
-    objects.push(wall(&place));
+    // What a propeller hides and uncovers shows best on a wall of small bright tiles.
+    let (side_px, contrast) =
+        if kind == SceneKind::Propeller { (9.0, [1.1, 1.0, 0.9]) } else { (17.0, [0.4, 0.35, 0.3]) };
+    objects.push(wall(&place, side_px, contrast));
     Scene {
         kind,
         width_px,
@@ -92,14 +95,14 @@ impl Place {
     }
 }
 
-fn wall(place: &Place) -> Object {
+fn wall(place: &Place, side_px: f64, contrast: [f64; 3]) -> Object {
     Object {
         layers: vec![
-            place.tiles(19.0, WALL_M, [0.35, 0.25, 0.15]),
+            place.tiles(side_px, WALL_M, contrast),
             place.sine([51.0, 23.0], 0.3, WALL_M, [0.25, 0.15, 0.3]),
-            place.sine([-9.0, 14.0], 0.7, WALL_M, [0.18, 0.2, 0.18]),
-            place.sine([7.0, 6.0], 0.2, WALL_M, [0.16, 0.16, 0.18]),
-            place.sine([-5.5, 4.0], 0.5, WALL_M, [0.15, 0.15, 0.15]),
+            place.sine([-9.0, 14.0], 0.7, WALL_M, [0.12, 0.14, 0.12]),
+            place.sine([7.0, 6.0], 0.2, WALL_M, [0.10, 0.10, 0.12]),
+            place.sine([-5.5, 4.0], 0.5, WALL_M, [0.08, 0.08, 0.08]),
         ],
         ..sheet(Cut::Whole, facing(DVec3::Y * WALL_M), [0.62, 0.5, 0.4])
     }
@@ -131,7 +134,7 @@ fn poles(place: &Place) -> Vec<Object> {
     rows.into_iter().enumerate().map(row).collect()
 }
 
-/// Leaves that stand still, and behind them some on a twig that sways.
+/// Leaves that stand still, behind them sunlit ones on a twig that sways, and more that stand still.
 fn foliage(place: &Place) -> Vec<Object> {
     let leaves = |depth_m: f64, turned: f64, level: f64, motion: Motion, rgb: [f64; 3]| {
         let wave = |wavelength_px: [f64; 2], phase_turns: f64| {
@@ -140,26 +143,29 @@ fn foliage(place: &Place) -> Vec<Object> {
             place.wave([cos * right - sin * up, sin * right + cos * up], phase_turns, depth_m)
         };
         let waves =
-            [wave([13.0, 6.0], 0.1), wave([-8.0, 12.0], 0.4), wave([4.0, 16.0], 0.7), wave([10.0, -6.0], 0.9)];
+            [wave([9.0, 3.0], 0.1), wave([-6.0, 8.0], 0.4), wave([3.0, 12.0], 0.7), wave([8.0, -5.0], 0.9)];
         let layers = vec![
             place.sine([11.0, 31.0], 0.2, depth_m, [0.3, 0.25, 0.3]),
             place.sine([-9.0, 6.0], 0.6, depth_m, [0.2, 0.2, 0.2]),
             place.sine([5.0, 7.0], 0.4, depth_m, [0.15, 0.15, 0.15]),
         ];
-        Object { layers, ..sheet(Cut::Leaves { waves, amplitudes: [1.0, 1.0, 0.8, 0.7], level }, motion, rgb) }
+        Object {
+            layers,
+            ..sheet(Cut::Leaves { waves, amplitudes: [1.0, 1.0, 0.8, 0.7], level }, motion, rgb)
+        }
     };
     let near_m = Place::nearer(8.0 / 1.7);
-    let twig_m = Place::nearer(5.0 / 1.7);
+    let twig_m = Place::nearer(6.0 / 1.7);
     let sway = |way_px: [f64; 2], hz: f64, turns: f64| {
         (place.metres(DVec3::new(way_px[0], 0.0, way_px[1]), twig_m), hz, turns)
     };
     let twig = Motion {
-        swings: [sway([9.0, 2.0], 1.3, 0.1), sway([-1.0, 6.0], 1.9, 0.6)],
+        swings: [sway([9.0, 2.0], 1.3, 0.1), sway([-1.0, 9.0], 1.9, 0.6)],
         ..facing(DVec3::Y * twig_m)
     };
     vec![
-        leaves(near_m, 0.0, 0.55, facing(DVec3::Y * near_m), [0.06, 0.13, 0.04]),
-        leaves(twig_m, 2.0, 0.9, twig, [0.16, 0.24, 0.05]),
+        leaves(near_m, 0.0, 1.2, facing(DVec3::Y * near_m), [0.22, 0.28, 0.15]),
+        leaves(twig_m, 2.0, 1.3, twig, [1.0, 1.2, 0.6]),
     ]
 }
 
@@ -170,14 +176,15 @@ fn propeller(place: &Place) -> Object {
     let hub = facing(DVec3::new(metres(0.03), depth_m, metres(-0.02)));
     let lean = DMat3::from_rotation_z(TAU / 24.0);
     let orientation = lean * hub.orientation;
-    let motion = Motion { orientation, spin_axis: orientation.z_axis, spin_hz: 18.0 / 360.0 * RATE_HZ, ..hub };
-    let cut = Cut::Blades { half_width_m: metres(0.12), length_m: metres(0.44), hub_m: metres(0.1) };
+    let motion =
+        Motion { orientation, spin_axis: orientation.z_axis, spin_hz: 18.0 / 360.0 * RATE_HZ, ..hub };
+    let cut = Cut::Blades { half_width_m: metres(0.12), length_m: metres(0.7), hub_m: metres(0.1) };
     Object {
         layers: vec![
-            place.sine([23.0, 9.0], 0.1, depth_m, [0.2, 0.3, 0.35]),
-            place.sine([-8.0, 12.0], 0.4, depth_m, [0.2, 0.2, 0.2]),
+            place.sine([23.0, 9.0], 0.1, depth_m, [0.45, 0.4, 0.35]),
+            place.sine([-8.0, 12.0], 0.4, depth_m, [0.4, 0.4, 0.4]),
         ],
-        ..sheet(cut, motion, [0.09, 0.11, 0.16])
+        ..sheet(cut, motion, [0.42, 0.34, 0.3])
     }
 }
 
@@ -186,14 +193,14 @@ fn propeller(place: &Place) -> Object {
 fn ball(place: &Place, velocity_m_s: DVec3) -> Object {
     let depth_m = 0.4 * WALL_M;
     let metres = |px: f64| px * depth_m / place.focal_px;
-    let radius_m = metres(0.16 * place.size_px);
+    let radius_m = metres(0.24 * place.size_px);
     let motion = Motion {
         velocity: velocity_m_s,
         swings: [(DVec3::X * metres(0.25 * place.size_px), 0.6, 0.1), (DVec3::ZERO, 0.0, 0.0)],
         bounce: (DVec3::Z * metres(BOUNCE_PX), BOUNCE_HZ, 0.4),
         spin_axis: DVec3::new(0.3, 1.0, 0.2).normalize(),
         spin_hz: 0.9,
-        ..facing(DVec3::new(0.0, depth_m, metres(-0.15 * place.size_px)))
+        ..facing(DVec3::new(0.0, depth_m, metres(-0.05 * place.size_px)))
     };
     let wave = |turns: [f64; 3], phase_turns: f64| Wave {
         frequency: DVec3::from_array(turns) / radius_m,
@@ -215,11 +222,11 @@ fn ball(place: &Place, velocity_m_s: DVec3) -> Object {
     }
 }
 
-/// Height of the ball's bounce, pixels: with [`BOUNCE_HZ`], 15 px a frame at the bounce.
-const BOUNCE_PX: f64 = 18.0;
+/// Height of the ball's bounce, pixels: with [`BOUNCE_HZ`], 18 px a frame at the bounce.
+const BOUNCE_PX: f64 = 12.0;
 
 /// Bounces a second. Frames are not a multiple of them, so each bounce comes at another time of its interval.
-const BOUNCE_HZ: f64 = 6.25;
+const BOUNCE_HZ: f64 = 11.0;
 
 /// At rest at `centre`, x right and y up for a camera that looks along world y.
 fn facing(centre: DVec3) -> Motion {
