@@ -1,9 +1,9 @@
 """Isaac Lab: events as the observation of every environment, on the GPU from the renderer to the policy.
 
-An environment needs `EventObservation`: give it a `TiledCamera` and read voxel grids. The environment below is Isaac
-Lab's cart-pole seen by event cameras.
+An environment needs `EventObservation`: give it a camera and read voxel grids. The environment below is the cart-pole
+of Isaac Lab 3.0 seen by event cameras.
 
-    ./isaaclab.sh -p kit_bridge/scripts/isaac_lab_env.py --num_envs 256 --headless --enable_cameras
+    ./isaaclab.sh -p kit_bridge/scripts/isaac_lab_env.py --num_envs 256
 
 Not run where this project is built: there is no Isaac Lab. `EventObservation` itself is tested on the arrays that a
 tiled camera gives (`kit_bridge/tests/test_scripts.py`).
@@ -46,11 +46,11 @@ class Restarts:
 
 
 class EventObservation:
-    """Voxel grids `(num_envs, bins, height, width)` of the events since a tiled camera's last image.
+    """Voxel grids `(num_envs, bins, height, width)` of the events since a camera's last image.
 
-    `camera` gives `data.output["rgb"]` uint8 `(num_envs, height, width, 3 or 4)` and
-    `data.output["motion_vectors"]` float32 `(num_envs, height, width, 2 to 4)`, as Isaac Lab's `TiledCamera` does.
-    Isaac Lab's tiled colour is sRGB bytes. They have fewer levels than HDR: steps show where contrast is low.
+    `camera` gives images as Isaac Lab's cameras do, in `data.output`: `"motion_vectors"` float32 `(num_envs, height,
+    width, 2 to 4)`, and colour `(num_envs, height, width, 3 or 4)`. That is `"rgb_hdr"`, linear float32, if it is
+    there; else `"rgb"`, sRGB bytes. Bytes have fewer levels: steps show where contrast is low.
     """
 
     def __init__(self, num_envs, height, width, bins=5, device="cuda:0", packets="cuda", **parameters):
@@ -68,9 +68,10 @@ class EventObservation:
         if len(restarting):
             self.camera.reset(restarting)
         output = camera.data.output
+        colour = "rgb_hdr" if "rgb_hdr" in output else "rgb"
         # Isaac Lab 3 wraps its arrays.
-        rgb, motion = (getattr(output[name], "torch", output[name]) for name in ("rgb", "motion_vectors"))
-        self.packet = self.camera.step(rgb, motion, t_ns=t_ns)
+        hdr, motion = (getattr(output[name], "torch", output[name]) for name in (colour, "motion_vectors"))
+        self.packet = self.camera.step(hdr, motion, t_ns=t_ns)
         grids = self.camera.voxel_grids(self.bins)
         if not isinstance(grids, esaac.Tensor):
             return grids
@@ -82,60 +83,63 @@ class EventObservation:
         self.camera.close()
 
 
-def main():
-    from isaaclab.app import AppLauncher
+def cartpole_cfg(num_envs, bins):
+    """Isaac Lab's cart-pole seen by event cameras."""
+    from isaaclab_tasks.core.cartpole.cartpole_direct_camera_env_cfg import CartpoleCameraEnvCfg
+    from isaaclab_tasks.utils import resolve_presets
 
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--num_envs", type=int, default=256)
-    parser.add_argument("--steps", type=int, default=300)
-    AppLauncher.add_app_launcher_args(parser)
-    arguments = parser.parse_args()
-    app = AppLauncher(arguments).app
+    # Motion vectors come from RTX renderers alone.
+    cfg = resolve_presets(CartpoleCameraEnvCfg(), ["isaacsim_rtx"])
+    cfg.scene.num_envs = num_envs
+    camera = cfg.scene.tiled_camera
+    camera.data_types = ["rgb_hdr", "motion_vectors"]
+    cfg.observation_space = [bins, camera.height, camera.width]
+    cfg.state_space = 0
+    return cfg
 
+
+def run(cfg, steps):
     import torch
-    from isaaclab_tasks.direct.cartpole.cartpole_camera_env import CartpoleCameraEnv
+    from isaaclab_tasks.core.cartpole.cartpole_direct_env import CartpoleEnv
 
-    try:
-        from isaaclab_tasks.direct.cartpole.cartpole_camera_env_cfg import CartpoleRGBCameraEnvCfg
-    except ImportError:  # Isaac Lab 2 has it beside the environment.
-        from isaaclab_tasks.direct.cartpole.cartpole_camera_env import CartpoleRGBCameraEnvCfg
-
-    class EventCartpoleEnv(CartpoleCameraEnv):
+    class EventCartpoleEnv(CartpoleEnv):
         def __init__(self, cfg, **kwargs):
-            camera, bins = cfg.tiled_camera, cfg.observation_space[0]
+            camera, bins = cfg.scene.tiled_camera, cfg.observation_space[0]
             self.events = EventObservation(
                 cfg.scene.num_envs, camera.height, camera.width, bins, device=cfg.sim.device
             )
             self.clock_ns = 0
             super().__init__(cfg, **kwargs)
 
-        def _setup_scene(self):
-            # The camera draws motion too, but the environment's configuration must name one kind of image.
-            one = self.cfg.tiled_camera
-            self.cfg.tiled_camera = one.replace(data_types=["rgb", "motion_vectors"])
-            super()._setup_scene()
-            self.cfg.tiled_camera = one
-
         def _get_observations(self):
             self.clock_ns += round(1e9 * self.step_dt)
-            return {"policy": self.events(self._tiled_camera, self.clock_ns)}
+            return {"policy": self.events(self.scene["tiled_camera"], self.clock_ns)}
 
         def _reset_idx(self, env_ids):
             super()._reset_idx(env_ids)
             self.events.reset(env_ids, stale_images(self.cfg))
 
-    cfg = CartpoleRGBCameraEnvCfg()
-    cfg.scene.num_envs = arguments.num_envs
-    cfg.observation_space = [5, cfg.tiled_camera.height, cfg.tiled_camera.width]
     env = EventCartpoleEnv(cfg)
     env.reset()
-    for _ in range(arguments.steps):
-        action = 2 * torch.rand(arguments.num_envs, env.cfg.action_space, device=env.device) - 1
+    for _ in range(steps):
+        action = 2 * torch.rand(env.num_envs, env.cfg.action_space, device=env.device) - 1
         observation, *_ = env.step(action)
     grids = observation["policy"]
     print(f"{len(env.events.packet)} events in the last step; grids {tuple(grids.shape)} on {grids.device}")
     env.close()
-    app.close()
+
+
+def main():
+    from isaaclab.app import add_launcher_args, launch_simulation
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--num_envs", type=int, default=256)
+    parser.add_argument("--steps", type=int, default=300)
+    add_launcher_args(parser)
+    arguments = parser.parse_args()
+    cfg = cartpole_cfg(arguments.num_envs, bins=5)
+    with launch_simulation(cfg, arguments):
+        run(cfg, arguments.steps)
 
 
 if __name__ == "__main__":

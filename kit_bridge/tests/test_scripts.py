@@ -15,26 +15,33 @@ sys.path.insert(0, str(SCRIPTS))
 from isaac_lab_env import EventObservation, Restarts, stale_images
 
 
-def tiled_camera(count, index, wrapped=False):
-    """What Isaac Lab's tiled camera gives: bytes of colour, four channels of motion; its version 3 wraps them."""
-    pairs = [bars(24, 16, index + 0.3 * env) for env in range(count)]
-    rgb = np.stack([(255 * hdr[..., :3]).astype(np.uint8) for hdr, _ in pairs])
-    motion = np.stack([np.concatenate([motion, 0 * motion], axis=-1) for _, motion in pairs])
-    output = {"rgb": rgb, "motion_vectors": motion}
-    if wrapped:
-        output = {name: types.SimpleNamespace(torch=array) for name, array in output.items()}
-    return types.SimpleNamespace(data=types.SimpleNamespace(output=output))
+def isaac_lab_2(hdr, motion):
+    """What its tiled camera gives: bytes of colour, four channels of motion."""
+    rgb = (255 * hdr[..., :3]).astype(np.uint8)
+    return {"rgb": rgb, "motion_vectors": np.concatenate([motion, 0 * motion], axis=-1)}
 
 
-def test_an_observation_of_events_for_every_environment():
+def isaac_lab_3(hdr, motion):
+    """What its cameras give: linear colour, two channels of motion, both wrapped."""
+    output = {"rgb_hdr": np.ascontiguousarray(hdr[..., :3]), "motion_vectors": motion}
+    return {name: types.SimpleNamespace(torch=array) for name, array in output.items()}
+
+
+@pytest.mark.parametrize("given", [isaac_lab_2, isaac_lab_3])
+def test_an_observation_of_events_for_every_environment(given):
+    def camera(index):
+        pairs = [bars(24, 16, index + 0.3 * env) for env in range(4)]
+        output = given(*(np.stack(images) for images in zip(*pairs)))
+        return types.SimpleNamespace(data=types.SimpleNamespace(output=output))
+
     observe = EventObservation(
         4, 16, 24, bins=3, device=None, packets="host", contrast_on=0.1, contrast_off=0.1
     )
     for index in range(3):
-        grids = observe(tiled_camera(4, index, wrapped=index == 2), FRAME_NS * index)
+        grids = observe(camera(index), FRAME_NS * index)
     assert grids.shape == (4, 3, 16, 24) and (np.abs(grids).sum(axis=(1, 2, 3)) > 50).all()
     observe.reset(np.array([2]))
-    grids = observe(tiled_camera(4, 3), FRAME_NS * 3)
+    grids = observe(camera(3), FRAME_NS * 3)
     assert np.abs(grids[2]).sum() == 0 and (np.abs(grids[[0, 1, 3]]).sum(axis=(1, 2, 3)) > 50).all()
     observe.close()
 

@@ -64,39 +64,46 @@ fn a_level_that_comes_back_onto_a_threshold_sends_its_event() {
     }
 }
 
-/// A threshold that is made smaller may lie exactly on the level afterwards. Its event is due at once, regardless of
-/// the light that follows.
+/// A threshold that is made smaller may lie exactly on the level afterwards. Its event is due at once, whether the light
+/// then moves away from it or stays, so that the tile is still.
 #[test]
 fn a_threshold_that_is_moved_onto_the_level_sends_its_event_at_once() {
-    let base = pixel_row(1);
-    for (swing, first, second) in [(0.3, Polarity::On, Polarity::Off), (-0.3, Polarity::Off, Polarity::On)] {
-        // The second polarity's threshold is out of reach up to the third frame. After that the light moves away from
-        // it.
-        let wide = match second {
-            Polarity::Off => SensorModel { contrast_off: 0.3, ..base.clone() },
-            Polarity::On => SensorModel { contrast_on: 0.3, ..base.clone() },
-        };
-        let frames = levels(&base, &[0.0, swing, 0.0, 0.35 * swing]);
-        let mut rig = Rig::new(&DEVICE, &[camera(&wide, 0, &frames)]).expect("a rig");
-        let mut oracle = Oracle::new(wide, 0).expect("a valid sensor");
-        let (mut by_engine, mut by_oracle) = (Vec::new(), Vec::new());
-        for (index, frame) in frames.frames.iter().enumerate() {
-            if index == 3 {
-                rig.set_sensor(0, base.clone()).expect("a sensor of the same size");
-                oracle.set_sensor(base.clone()).expect("a sensor of the same size");
-            }
-            rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None }).expect("a frame that fits");
-            by_engine.extend(rig.step(&[frame.t_ns]).expect("a frame in time").packets[0].iter());
-            by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
-        }
-        for (who, got) in [("engine", by_engine), ("oracle", by_oracle)] {
-            let got = signs_and_times(&got);
-            assert_eq!(got.len(), 2, "{who}: {got:?}");
-            assert_eq!(got[0].0, first, "{who}");
-            assert_eq!(got[1], (second, 2 * MILLISECOND_NS + 1), "{who}");
+    for swing in [0.3, -0.3] {
+        for last in [0.35 * swing, 0.0] {
+            moved_threshold(swing, last);
         }
     }
     assert_silent();
+}
+
+/// The light goes to `swing` and back, then to `last`. The threshold of the way back is out of reach at first, and is
+/// moved onto the level before the last interval.
+fn moved_threshold(swing: f64, last: f64) {
+    let base = pixel_row(1);
+    let (first, second, wide) = if swing > 0.0 {
+        (Polarity::On, Polarity::Off, SensorModel { contrast_off: 0.3, ..base.clone() })
+    } else {
+        (Polarity::Off, Polarity::On, SensorModel { contrast_on: 0.3, ..base.clone() })
+    };
+    let frames = levels(&base, &[0.0, swing, 0.0, last]);
+    let mut rig = Rig::new(&DEVICE, &[camera(&wide, 0, &frames)]).expect("a rig");
+    let mut oracle = Oracle::new(wide, 0).expect("a valid sensor");
+    let (mut by_engine, mut by_oracle) = (Vec::new(), Vec::new());
+    for (index, frame) in frames.frames.iter().enumerate() {
+        if index == 3 {
+            rig.set_sensor(0, base.clone()).expect("a sensor of the same size");
+            oracle.set_sensor(base.clone()).expect("a sensor of the same size");
+        }
+        rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None }).expect("a frame that fits");
+        by_engine.extend(rig.step(&[frame.t_ns]).expect("a frame in time").packets[0].iter());
+        by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
+    }
+    for (who, got) in [("engine", by_engine), ("oracle", by_oracle)] {
+        let got = signs_and_times(&got);
+        assert_eq!(got.len(), 2, "{who}, to {last}: {got:?}");
+        assert_eq!(got[0].0, first, "{who}, to {last}");
+        assert_eq!(got[1], (second, 2 * MILLISECOND_NS + 1), "{who}, to {last}");
+    }
 }
 
 /// A hold that ends exactly with an interval sets the reference to the light of that instant.

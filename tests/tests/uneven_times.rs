@@ -1,4 +1,4 @@
-//! Frames with motion at uneven times. The curvature of a trajectory depends on the length of the previous interval.
+//! Trajectories with curvature: frames at uneven times, on whose lengths it depends, and bends that leave the image.
 
 use esaac_engine::RigOptions;
 use esaac_model::{
@@ -7,7 +7,7 @@ use esaac_model::{
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::LEVEL_TOLERANCE_LOG;
 use esaac_tests::device::assert_silent;
-use esaac_tests::frames::scene;
+use esaac_tests::frames::{Sequence, scene, times};
 use esaac_tests::run::{engine_of_many, oracle};
 
 const SIZE: (u32, u32) = (43, 29);
@@ -15,9 +15,8 @@ const SIZE: (u32, u32) = (43, 29);
 /// Intervals of 33, 17, 50 and 8 ms.
 const TIMES_NS: [i64; 5] = [7, 33_000_007, 50_000_010, 100_000_001, 108_000_001];
 
-#[test]
-fn levels_are_the_oracles_where_intervals_differ() {
-    let sensor = |taps| SensorModel {
+fn sensor(taps: Taps) -> SensorModel {
+    SensorModel {
         width: SIZE.0,
         height: SIZE.1,
         synthesis: Synthesis::Motion,
@@ -26,8 +25,11 @@ fn levels_are_the_oracles_where_intervals_differ() {
         substeps: 8,
         substep_policy: SubstepPolicy::Fixed,
         ..SensorModel::default()
-    };
-    let frames = scene(SceneKind::Flight, SIZE, &TIMES_NS, HdrFormat::F32x4, MotionFormat::F32x2);
+    }
+}
+
+/// Compares each level of each interval with the oracle's, by both kinds of taps.
+fn check_levels(frames: &Sequence) {
     let cameras = [Taps::Bilinear, Taps::Cubic].map(|taps| (sensor(taps), frames.clone()));
     let options = RigOptions { keep_substeps: true, ..RigOptions::default() };
     let runs = engine_of_many(&cameras, options);
@@ -50,4 +52,33 @@ fn levels_are_the_oracles_where_intervals_differ() {
         }
     }
     assert_silent();
+}
+
+#[test]
+fn levels_are_the_oracles_where_intervals_differ() {
+    check_levels(&scene(SceneKind::Flight, SIZE, &TIMES_NS, HdrFormat::F32x4, MotionFormat::F32x2));
+}
+
+/// A surface that comes to rest at a pixel beside the border may have been outside the image in between.
+#[test]
+fn levels_are_the_oracles_where_a_bend_leaves_the_image() {
+    // Motion of 12 px, then of none: a bend of 1.5 px in the second interval.
+    let motions: [[f32; 2]; 9] = [
+        [0.0, 0.0],
+        [12.0, 0.0],
+        [0.0, 0.0],
+        [-12.0, 0.0],
+        [0.0, 0.0],
+        [0.0, 12.0],
+        [0.0, 0.0],
+        [0.0, -12.0],
+        [0.0, 0.0],
+    ];
+    let times_ns = times(7, motions.len());
+    let mut frames = scene(SceneKind::Flight, SIZE, &times_ns, HdrFormat::F32x4, MotionFormat::F32x2);
+    for (frame, motion) in frames.frames.iter_mut().zip(motions) {
+        let bytes: Vec<u8> = motion.into_iter().flat_map(f32::to_le_bytes).collect();
+        frame.motion = Some(bytes.repeat((SIZE.0 * SIZE.1) as usize));
+    }
+    check_levels(&frames);
 }

@@ -1,11 +1,16 @@
 //! The validation layer finds each kind of fault that the suites rely on it for. Each test commits one such fault on a
-//! device of its own, and asserts that the layer reports it. The same code without the fault is silent.
+//! device of its own, and asserts that the layer reports it. The same code without the fault is silent. So is a rig whose
+//! images come to lie where others were.
 
 #![expect(unsafe_code, reason = "faults that the engine's own interface does not let one commit")]
 
 use esaac_engine::ash::vk;
-use esaac_engine::{Buffer, Device, DeviceChoice, Kernel, MemoryLocation, Validation};
+use esaac_engine::{
+    Buffer, CameraConfig, Device, DeviceChoice, FrameInput, InputBuffers, Kernel, MemoryLocation, Rig,
+    SubmitHooks, Validation,
+};
 use esaac_kernels::{Optimise, compile};
+use esaac_model::{HdrFormat, SensorModel, Synthesis};
 use esaac_tests::device::DEVICE;
 use std::path::Path;
 use std::sync::Arc;
@@ -109,4 +114,41 @@ fn a_write_out_of_bounds_is_reported() {
     // Writes the first element past the buffer's end. The rest of the buffer's own memory block lies there.
     write_at(4);
     assert_reported(&device, &["out of bounds", "OOB", "highest byte accessed"]);
+}
+
+/// The layer keeps, with recorded commands, which addresses were valid then. An image may come to lie where an earlier
+/// one was freed, and the commands may have been recorded in between.
+#[test]
+fn an_image_at_the_address_of_a_freed_one_is_within_bounds() {
+    let device = watched();
+    let sensor =
+        SensorModel { width: 16, height: 16, synthesis: Synthesis::Linear, ..SensorModel::default() };
+    let bytes = sensor.pixels() * HdrFormat::F32x4.texel_bytes();
+    let config = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let mut rig = Rig::new(&device, &[config]).expect("a small rig");
+    let image = || {
+        let mut image = device
+            .allocate("image", bytes as u64, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
+            .expect("a small buffer");
+        image.write(0, &vec![0_u8; bytes]);
+        image
+    };
+    let mut t_ns = 0;
+    let mut step = |rig: &mut Rig, hdr: &Buffer| {
+        t_ns += 1_000_000;
+        let inputs = Some(InputBuffers { hdr, motion: None });
+        rig.step_frames(&[Some(FrameInput { t_ns, inputs })], &SubmitHooks::default()).expect("in time");
+    };
+    let (first, other) = (image(), image());
+    let address = first.address();
+    step(&mut rig, &first);
+    step(&mut rig, &other);
+    drop(first);
+    // With leak there are other kernels, so the commands are recorded again.
+    rig.set_sensor(0, SensorModel { leak_rate_hz: 1.0, ..sensor }).expect("a valid sensor");
+    step(&mut rig, &other);
+    let again = image();
+    assert_eq!(again.address(), address, "the allocator gives freed memory away again");
+    step(&mut rig, &again);
+    assert_silent(&device);
 }

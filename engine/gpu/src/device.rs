@@ -16,6 +16,7 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -31,6 +32,8 @@ pub struct Device {
     retired: Retired,
     faults: Faults,
     queue: Mutex<vk::Queue>,
+    /// Number of buffer addresses that were asked for.
+    addresses: AtomicU64,
     one_shots: Mutex<Vec<OneShot>>,
     pipelines: Pipelines,
     queue_family: u32,
@@ -162,6 +165,7 @@ impl Device {
             faults: Faults::default(),
             raw,
             queue: Mutex::new(queue),
+            addresses: AtomicU64::new(0),
             one_shots: Mutex::default(),
             pipelines: Pipelines::default(),
             queue_family,
@@ -197,21 +201,19 @@ impl Device {
 
     /// Device address of a buffer.
     ///
-    /// The validation layer keeps a table of all addresses for kernels to check. It loses an address that is asked for
-    /// while another thread submits (seen in 1.3.239), and then objects to every access there. So under the layer this
-    /// waits for the submission.
-    ///
     /// # Safety
     /// The buffer is this device's, bound, and made with the device-address usage.
     pub(crate) unsafe fn buffer_address(&self, buffer: vk::Buffer) -> u64 {
-        let _no_submission = self.is_validated().then(|| self.queue());
         let info = vk::BufferDeviceAddressInfo::default().buffer(buffer);
         // SAFETY: as the caller guarantees.
-        unsafe { self.raw.get_buffer_device_address(&info) }
+        let address = unsafe { self.raw.get_buffer_device_address(&info) };
+        self.addresses.fetch_add(1, Ordering::Release);
+        address
     }
 
-    fn queue(&self) -> MutexGuard<'_, vk::Queue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    /// How many addresses of buffers have been asked for so far.
+    pub(crate) fn addresses(&self) -> u64 {
+        self.addresses.load(Ordering::Acquire)
     }
 
     /// Name, driver and capabilities.
@@ -359,7 +361,7 @@ impl Device {
         if !(waits.is_empty() && signals.is_empty()) {
             submit = submit.push_next(&mut values);
         }
-        let queue = self.queue();
+        let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: the queue is held exclusively; the command buffers are recorded and not pending (the contract of
         // `Commands::record`), the fence is unsignalled and not pending (`wait_for` leaves it so, or abandons it).
         // What the submission uses lives until it has finished: the caller waits, and if that fails, `retire` does.

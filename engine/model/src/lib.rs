@@ -69,6 +69,9 @@
 //! white_level`, quantised to `aps_bits`. Here `S` is linear within a sub-step. The exposure ends with the interval at
 //! the latest; if nothing of it is left, there is no frame.
 //!
+//! ## 10. The physical pixel ([`physical`])
+//! Another pixel in place of sections 4 to 6, with its own equations.
+//!
 //! # Packets
 //! [`Packet`]: struct of arrays sorted by `(t, y, x, polarity)`.
 
@@ -77,6 +80,7 @@ pub mod frame;
 pub mod intensity;
 pub mod packet;
 pub mod paths;
+pub mod physical;
 mod pixel_draws;
 pub mod presets;
 pub mod random;

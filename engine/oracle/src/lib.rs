@@ -7,6 +7,8 @@
 //! The kernels save loads by approximations when they read frames. [`Sampling`] selects whether the oracle makes the
 //! same approximations, to be compared with the kernels, or none.
 //!
+//! [`physical`] is stage `cross` of the physical pixel, with its readout. [`Oracle::physical`] runs it.
+//!
 //! [`truth`] computes the events that densely rendered frames imply. [`metrics`] measures how far one stream of events
 //! is from another.
 
@@ -14,6 +16,7 @@ pub mod cross;
 pub mod ingest;
 pub mod metrics;
 pub mod oracle;
+pub mod physical;
 pub mod plan;
 pub mod represent;
 pub mod sort;

@@ -2,6 +2,8 @@
 
 use crate::cross::{PixelConstants, PixelState, Span, aps, walk};
 use crate::ingest::{self, Frame, Image, Ingested};
+use crate::physical::readout::Queue;
+use crate::physical::{self, PhysicalState};
 use crate::plan::{Plan, plan};
 use crate::sort::sort;
 use crate::stamp;
@@ -10,8 +12,9 @@ use crate::synthesize::half_pel::HalfPelFrame;
 use crate::synthesize::sampling::Sampling;
 use esaac_model::frame::check_time;
 use esaac_model::packet::Event;
+use esaac_model::physical::{PhysicalDraws, PhysicalPixel, Readout};
 use esaac_model::random::PixelKey;
-use esaac_model::substeps::substep_end_ns;
+use esaac_model::substeps::{quantise_ns, substep_end_ns};
 use esaac_model::{FrameError, Packet, SensorError, SensorModel};
 
 /// Counts of what went wrong or was put off in an interval.
@@ -25,6 +28,10 @@ pub struct Diagnostics {
     pub unarmed_pixels: u64,
     /// Events deferred to a later packet.
     pub deferred_events: u64,
+    /// Events that the sensor lost because their pixel had one waiting for the bus.
+    pub lost_events: u64,
+    /// Events that the sensor's rate controller dropped.
+    pub capped_events: u64,
 }
 
 /// Intensities at the ends of sub-steps, for comparing stage `synthesize` alone.
@@ -71,7 +78,36 @@ pub struct Oracle {
     sampling: Sampling,
     constants: Vec<PixelConstants>,
     keep_samples: bool,
+    physical: Option<Physical>,
     run: Run,
+}
+
+/// What a camera with physical pixels has in place of the log-intensity pixel's constants and states.
+#[derive(Clone, Debug)]
+struct Physical {
+    pixel: PhysicalPixel,
+    draws: Vec<PhysicalDraws>,
+    /// `None` while a pixel is unarmed.
+    states: Vec<Option<PhysicalState>>,
+    readout: Readout,
+    queue: Queue,
+    /// Events on their way to the bus, at the time that they reach it.
+    requests: Vec<Event>,
+}
+
+impl Physical {
+    fn new(sensor: &SensorModel, camera: u32, pixel: PhysicalPixel, readout: Readout) -> Self {
+        let key = |index| PixelKey { seed: sensor.seed, camera, pixel: index };
+        let draws = (0..sensor.pixels() as u32).map(|index| PhysicalDraws::draw(sensor, &pixel, key(index)));
+        Physical {
+            draws: draws.collect(),
+            pixel,
+            states: vec![None; sensor.pixels()],
+            readout,
+            queue: Queue::new(readout),
+            requests: Vec::new(),
+        }
+    }
 }
 
 /// State of a camera since its first frame.
@@ -123,7 +159,21 @@ impl Oracle {
         sensor.validate()?;
         let constants = draw_constants(&sensor, camera);
         let run = Run::new(&sensor);
-        Ok(Oracle { sensor, camera, sampling, constants, keep_samples: false, run })
+        Ok(Oracle { sensor, camera, sampling, constants, keep_samples: false, physical: None, run })
+    }
+
+    /// A camera with physical pixels, before its first frame.
+    pub fn physical(
+        sensor: SensorModel,
+        pixel: PhysicalPixel,
+        readout: Readout,
+        camera: u32,
+    ) -> Result<Self, SensorError> {
+        pixel.validate()?;
+        readout.validate()?;
+        let mut oracle = Oracle::new(sensor, camera)?;
+        oracle.physical = Some(Physical::new(&oracle.sensor, camera, pixel, readout));
+        Ok(oracle)
     }
 
     /// The sensor.
@@ -147,6 +197,12 @@ impl Oracle {
     #[must_use]
     pub fn pixel(&self, pixel: usize) -> Option<&PixelState> {
         self.run.pixels[pixel].as_ref()
+    }
+
+    /// State of a physical pixel (`y * width + x`); `None` while it is unarmed, and of a camera without them.
+    #[must_use]
+    pub fn physical_pixel(&self, pixel: usize) -> Option<&PhysicalState> {
+        self.physical.as_ref()?.states[pixel].as_ref()
     }
 
     /// Steps to the next frame. The first frame arms the camera and yields an empty packet.
@@ -192,6 +248,10 @@ impl Oracle {
             self.redraw(draw_constants(&sensor, self.camera));
         }
         self.sensor = sensor;
+        if let Some(physical) = self.physical.as_mut().filter(|_| effects.redraws_pixels) {
+            let pixel = physical.pixel.clone();
+            physical.draws = Physical::new(&self.sensor, self.camera, pixel, physical.readout).draws;
+        }
         if effects.resets_frames {
             self.reset();
         }
@@ -212,6 +272,9 @@ impl Oracle {
     /// Forgets every frame; the next one arms the camera. Packets keep counting.
     pub fn reset(&mut self) {
         self.run = Run { sequence: self.run.sequence, ..Run::new(&self.sensor) };
+        if let Some(old) = self.physical.take() {
+            self.physical = Some(Physical::new(&self.sensor, self.camera, old.pixel, old.readout));
+        }
     }
 
     fn advance(&mut self, t_ns: i64, ingested: Ingested, between: &Between<'_>) -> Interval {
@@ -240,8 +303,14 @@ impl Oracle {
         interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
             motion.iter().filter(|v| !(v[0].is_finite() && v[1].is_finite())).count() as u64
         });
-        interval.diagnostics.unarmed_pixels = self.run.pixels.iter().filter(|p| p.is_none()).count() as u64;
-        interval.diagnostics.deferred_events = self.run.deferred.len() as u64;
+        let unarmed = match &self.physical {
+            None => self.run.pixels.iter().filter(|p| p.is_none()).count(),
+            Some(physical) => physical.states.iter().filter(|p| p.is_none()).count(),
+        };
+        interval.diagnostics.unarmed_pixels = unarmed as u64;
+        let at_the_bus =
+            self.physical.as_ref().map_or(0, |physical| physical.requests.len() + physical.queue.waiting());
+        interval.diagnostics.deferred_events = (self.run.deferred.len() + at_the_bus) as u64;
         self.run.times_ns = Some((epoch_ns, t_ns));
         self.run.image = image;
         self.run.sequence += 1;
@@ -252,10 +321,20 @@ impl Oracle {
     fn arm(&mut self, image: &Image, valid: &[bool], age_ns: i64) {
         let planes = image.planes(self.sensor.intensity);
         for pixel in 0..self.sensor.pixels() {
-            if valid[pixel] && self.run.pixels[pixel].is_none() {
+            let unarmed = match &self.physical {
+                None => self.run.pixels[pixel].is_none(),
+                Some(physical) => physical.states[pixel].is_none(),
+            };
+            if valid[pixel] && unarmed {
                 let (x, y) = (pixel % image.width, pixel / image.width);
                 let intensity = planes[ingest::plane_of(self.sensor.intensity, x, y)][pixel];
                 let key = self.key(pixel);
+                if let Some(physical) = &mut self.physical {
+                    let draws = &physical.draws[pixel];
+                    let state = PhysicalState::arm(&physical.pixel, draws, key, intensity);
+                    physical.states[pixel] = Some(state);
+                    continue;
+                }
                 let constants = &self.constants[pixel];
                 self.run.pixels[pixel] =
                     Some(PixelState::arm(&self.sensor, constants, key, intensity, age_ns));
@@ -298,7 +377,21 @@ impl Oracle {
             if let Some(exposure_ns) = exposure_ns {
                 aps_frame.push(aps::quantise(sensor, aps::mean(&samples, interval_ns, exposure_ns)));
             }
-            let key = self.key(pixel);
+            let key = PixelKey { seed: sensor.seed, camera: self.camera, pixel: pixel as u32 };
+            if let Some(physical) = &mut self.physical {
+                let Some(state) = &mut physical.states[pixel] else { continue };
+                let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
+                let (draws, requests) = (&physical.draws[pixel], &mut physical.requests);
+                physical::walk(sensor, &physical.pixel, draws, state, &span, &mut |crossing| {
+                    requests.push(Event {
+                        t_ns: stamp::delayed_ns(sensor, key, crossing.index, crossing.t_ns),
+                        y: y as u16,
+                        x: x as u16,
+                        polarity: crossing.polarity,
+                    });
+                });
+                continue;
+            }
             if let Some(state) = &mut self.run.pixels[pixel] {
                 let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
                 let deferred = &mut self.run.deferred;
@@ -312,7 +405,19 @@ impl Oracle {
                 });
             }
         }
-        let due = stamp::due(&mut self.run.deferred, start_ns + i64::from(interval_ns));
+        let end_ns = start_ns + i64::from(interval_ns);
+        if let Some(physical) = &mut self.physical {
+            let mut requests = stamp::due(&mut physical.requests, end_ns);
+            requests.sort_unstable();
+            let served = physical.queue.serve(&requests, end_ns);
+            interval.diagnostics.lost_events = served.lost;
+            interval.diagnostics.capped_events = served.capped;
+            let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
+            self.run.deferred.extend(
+                served.events.into_iter().map(|e| Event { t_ns: quantise_ns(e.t_ns, quantum_ns), ..e }),
+            );
+        }
+        let due = stamp::due(&mut self.run.deferred, end_ns);
         sort(due, sensor.max_events_per_interval, &mut interval.packet);
         self.run.history = gap.into_history();
         self.run.last_interval_ns = Some(interval_ns);

@@ -5,15 +5,21 @@ use esaac_model::packet::Event;
 use esaac_model::random::{PixelKey, Stream, draw, jitter_ns};
 use esaac_model::substeps::quantise_ns;
 
-/// Time stamp, nanoseconds, of the event that happens at `t_ns` at a pixel that has emitted `index` events before it.
+/// When the event that happens at `t_ns`, at a pixel that has emitted `index` events before it, has passed the latency,
+/// nanoseconds.
 #[must_use]
-pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i64 {
+pub fn delayed_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i64 {
     let jitter = match sensor.latency_jitter_ns {
         0 => 0,
         sigma_ns => jitter_ns(draw(key, Stream::Jitter, index), sigma_ns),
     };
-    let delay_ns = (i64::from(sensor.latency_ns) + jitter).max(0);
-    quantise_ns(t_ns + delay_ns, i64::from(sensor.timestamp_quantum_ns))
+    t_ns + (i64::from(sensor.latency_ns) + jitter).max(0)
+}
+
+/// Time stamp, nanoseconds, of the event that happens at `t_ns` at a pixel that has emitted `index` events before it.
+#[must_use]
+pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i64 {
+    quantise_ns(delayed_ns(sensor, key, index, t_ns), i64::from(sensor.timestamp_quantum_ns))
 }
 
 /// Removes the events stamped at or before `end_ns` from `deferred` and returns them. The others stay for a later

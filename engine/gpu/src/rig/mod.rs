@@ -43,7 +43,6 @@ use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorModel, Synthesis, f
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use results::Results;
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 use timing::Timing;
@@ -169,7 +168,6 @@ struct Recordings {
     ring: Vec<record::Recording>,
     merging: Commands,
     representing: Commands,
-    addresses_known_to_the_layer: BTreeSet<u64>,
 }
 
 /// Whether a rig can go on.
@@ -246,7 +244,6 @@ impl Rig {
                 ring: (0..options.ring()).map(recording).collect::<Result<_, _>>()?,
                 merging: Commands::new(device)?,
                 representing: Commands::new(device)?,
-                addresses_known_to_the_layer: BTreeSet::new(),
             },
             parameters: vec![Camera::default(); cameras.len()],
             timing: Timing::new(device, options.stage_times)?,

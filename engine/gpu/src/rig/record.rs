@@ -105,9 +105,17 @@ pub(super) struct Recording {
     pub retry: Commands,
     /// Whether the set's descriptors name the current buffers.
     bound: bool,
-    /// The permutations that each was recorded for; `None` if it must be recorded.
-    tick_for: Option<Vec<Permutation>>,
-    retry_for: Option<Vec<Permutation>>,
+    /// What each was recorded for; `None` if it must be recorded.
+    tick_for: Option<RecordedFor>,
+    retry_for: Option<RecordedFor>,
+}
+
+/// What recorded commands are good for.
+#[derive(PartialEq)]
+struct RecordedFor {
+    permutations: Vec<Permutation>,
+    /// Number of addresses that the device had told; 0 without the validation layer.
+    addresses: u64,
 }
 
 impl Recording {
@@ -151,11 +159,10 @@ impl Rig {
     /// on the device does not change.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let _zone = zone!("record");
-        let permutations = self.permutations();
-        let reads_anew = self.reads_what_the_layer_does_not_know();
+        let needed = self.needed_recording();
         self.bind_current();
-        if self.recording().tick_for.as_ref() != Some(&permutations) || reads_anew {
-            self.record(&permutations, true)?;
+        if self.recording().tick_for.as_ref() != Some(&needed) {
+            self.record(needed, true)?;
         }
         self.prepare_rows(t_ns);
         Ok(())
@@ -163,10 +170,10 @@ impl Rig {
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
     pub(super) fn prepare_retry(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
-        let permutations = self.permutations();
+        let needed = self.needed_recording();
         self.bind_current();
-        if self.recording().retry_for.as_ref() != Some(&permutations) {
-            self.record(&permutations, false)?;
+        if self.recording().retry_for.as_ref() != Some(&needed) {
+            self.record(needed, false)?;
         }
         self.prepare_rows(t_ns);
         Ok(())
@@ -196,12 +203,11 @@ impl Rig {
         &mut self.recordings.ring[self.arena.current()]
     }
 
-    /// Whether an input buffer is unknown to the validation layer, if that is on. The layer notes which addresses are
-    /// valid when commands are recorded, not when they are submitted.
-    fn reads_what_the_layer_does_not_know(&mut self) -> bool {
-        let known = &mut self.recordings.addresses_known_to_the_layer;
-        self.device.is_validated()
-            && self.cameras.iter().flat_map(|c| c.inputs).filter(|&address| known.insert(address)).count() > 0
+    /// What commands must be recorded for now. The validation layer notes which addresses are valid when commands are
+    /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
+    fn needed_recording(&self) -> RecordedFor {
+        let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
+        RecordedFor { permutations: self.permutations(), addresses }
     }
 
     /// The permutation of each camera.
@@ -234,7 +240,8 @@ impl Rig {
     }
 
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
-    fn record(&mut self, permutations: &[Permutation], whole: bool) -> Result<(), EngineError> {
+    fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
+        let permutations = &needed.permutations;
         let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
@@ -243,11 +250,11 @@ impl Rig {
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
         record_tick(self, &groups, whole)?;
-        *self.recorded_for(whole) = Some(permutations.to_vec());
+        *self.recorded_for(whole) = Some(needed);
         Ok(())
     }
 
-    fn recorded_for(&mut self, whole: bool) -> &mut Option<Vec<Permutation>> {
+    fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
         let recording = self.recording();
         if whole { &mut recording.tick_for } else { &mut recording.retry_for }
     }

@@ -3,6 +3,7 @@
 pub mod half_pel;
 pub mod motion;
 pub mod paper;
+pub mod rigid;
 pub mod sampling;
 pub mod taps;
 pub mod trajectory;

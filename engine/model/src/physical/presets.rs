@@ -1,0 +1,256 @@
+//! The physical pixels of the presets. Every number says where it comes from, and whether it is measured or assumed.
+
+use super::{Bus, PhysicalPixel, Readout};
+use crate::SensorModel;
+
+/// A number with its source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sourced {
+    /// The number.
+    pub value: f64,
+    /// Where it comes from.
+    pub source: &'static str,
+    /// Whether it is an assumption: scaled from another sensor, or typical.
+    pub assumed: bool,
+}
+
+const fn known(value: f64, source: &'static str) -> Sourced {
+    Sourced { value, source, assumed: false }
+}
+
+const fn assumed(value: f64, source: &'static str) -> Sourced {
+    Sourced { value, source, assumed: true }
+}
+
+/// The physical pixel of a preset (a name in [`PRESETS`](crate::PRESETS)).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhysicalPreset {
+    /// Name of the preset.
+    pub name: &'static str,
+    /// Photocurrent, electrons a second for each lux.
+    pub response_e_per_lux_s: Sourced,
+    /// Dark current, lux.
+    pub dark_lux: Sourced,
+    /// Charge of the photoreceptor, electrons a neper.
+    pub photoreceptor_charge_e: Sourced,
+    /// The second pole, Hz.
+    pub second_pole_hz: Sourced,
+    /// ON and OFF threshold, nepers.
+    pub contrast_log: [Sourced; 2],
+    /// Standard deviation of the thresholds, nepers.
+    pub mismatch_log: Sourced,
+    /// Refractory period, microseconds.
+    pub refractory_us: Sourced,
+    /// Leak at 25 C, Hz.
+    pub leak_rate_hz: Sourced,
+    /// Leak, Hz for each lux.
+    pub leak_per_lux_hz: Sourced,
+    /// Delay of an event up to the readout, microseconds.
+    pub latency_us: Sourced,
+    /// The readout: the service of a row (0 for word-serial readout) and of an event, nanoseconds.
+    pub service_ns: [Sourced; 2],
+    /// Tick of the time stamps, nanoseconds.
+    pub tick_ns: Sourced,
+    /// Range of focal-plane lux in which the noise is that of measurements, if any. Beyond it, `hd` is too noisy in
+    /// brighter light.
+    pub fitted_lux: Option<[f64; 2]>,
+}
+
+const JSSC: &str = "Lichtsteiner et al., JSSC 43(2), 2008";
+const CIRCUIT: &str = "wengflow/rpg_esim, constants of the DVS128's photoreceptor";
+const JAER: &str = "jAER: 16 fC over its default refractory current";
+const LIKE_HD: &str = "as hd";
+const SCALED: &str = "hd's, scaled to the pixel's area";
+const TYPICAL: &str = "typical of the sensor's kind";
+const FIT: &str = "fit to the EVK4's noise against light (Noise2Params, arXiv 2605.16317), .15 to 5 lux";
+const NIST: &str = "NIST, pixel latency, IEEE TIM 2025";
+const NO_LEAK_OF_LIGHT: Sourced = assumed(0.0, "the published figures disagree by a factor of 5000");
+const NO_DELAY: Sourced = assumed(0.0, "none is published apart from the bandwidth's");
+const WORD_SERIAL: Sourced = known(0.0, "word-serial");
+const MICROSECOND: Sourced = known(1000.0, "the format's tick");
+
+/// The physical pixel of every preset. Only `hd` is fitted to measurements of noise.
+pub const PHYSICAL_PRESETS: &[PhysicalPreset] = &[
+    PhysicalPreset {
+        name: "dvs128",
+        response_e_per_lux_s: assumed(4e5, SCALED),
+        dark_lux: known(0.06, "dark current of 4 fA over the response; wengflow/rpg_esim"),
+        photoreceptor_charge_e: known(188.0, CIRCUIT),
+        second_pole_hz: known(3100.0, CIRCUIT),
+        contrast_log: [assumed(0.17, TYPICAL), assumed(0.17, TYPICAL)],
+        mismatch_log: known(0.021, JSSC),
+        refractory_us: assumed(100.0, TYPICAL),
+        leak_rate_hz: known(0.05, "still noise of .05 to .1 events a pixel and second at 25 C, second-hand"),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: NO_DELAY,
+        service_ns: [WORD_SERIAL, assumed(1000.0, "about 1 Mev/s, recalled")],
+        tick_ns: MICROSECOND,
+        fitted_lux: None,
+    },
+    PhysicalPreset {
+        name: "davis240",
+        response_e_per_lux_s: assumed(2e5, SCALED),
+        dark_lux: assumed(0.06, "as dvs128"),
+        photoreceptor_charge_e: assumed(340.0, LIKE_HD),
+        second_pole_hz: assumed(1000.0, LIKE_HD),
+        contrast_log: [assumed(0.2, TYPICAL), assumed(0.2, TYPICAL)],
+        mismatch_log: assumed(0.02, TYPICAL),
+        refractory_us: assumed(500.0, JAER),
+        leak_rate_hz: known(0.1, "v2e, and still noise of .05 to .1 Hz, second-hand"),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: NO_DELAY,
+        service_ns: [WORD_SERIAL, assumed(83.0, "12 Mev/s, recalled")],
+        tick_ns: MICROSECOND,
+        fitted_lux: None,
+    },
+    PhysicalPreset {
+        name: "atis",
+        response_e_per_lux_s: assumed(2.3e5, SCALED),
+        dark_lux: assumed(0.05, TYPICAL),
+        photoreceptor_charge_e: assumed(340.0, LIKE_HD),
+        second_pole_hz: assumed(1000.0, LIKE_HD),
+        contrast_log: [assumed(0.2, TYPICAL), assumed(0.2, TYPICAL)],
+        mismatch_log: assumed(0.03, TYPICAL),
+        refractory_us: assumed(100.0, TYPICAL),
+        leak_rate_hz: assumed(0.1, TYPICAL),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: NO_DELAY,
+        service_ns: [WORD_SERIAL, assumed(30.0, TYPICAL)],
+        tick_ns: MICROSECOND,
+        fitted_lux: None,
+    },
+    PhysicalPreset {
+        name: "davis346",
+        response_e_per_lux_s: assumed(2e5, SCALED),
+        dark_lux: assumed(0.06, "as dvs128"),
+        photoreceptor_charge_e: assumed(340.0, LIKE_HD),
+        second_pole_hz: assumed(1000.0, LIKE_HD),
+        contrast_log: [
+            known(0.337, "fit to a recording (esaac calibrate)"),
+            known(0.366, "fit to a recording (esaac calibrate)"),
+        ],
+        mismatch_log: known(0.089, "fit to a recording, an upper bound (esaac calibrate)"),
+        refractory_us: assumed(500.0, JAER),
+        leak_rate_hz: known(0.06, "fit to a recording (esaac calibrate)"),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: NO_DELAY,
+        service_ns: [WORD_SERIAL, known(83.0, "12 Mev/s; 10 000 simultaneous events spread over 1 ms")],
+        tick_ns: MICROSECOND,
+        fitted_lux: None,
+    },
+    PhysicalPreset {
+        name: "genx320",
+        response_e_per_lux_s: assumed(1.6e5, SCALED),
+        dark_lux: assumed(0.04, TYPICAL),
+        photoreceptor_charge_e: assumed(340.0, LIKE_HD),
+        second_pole_hz: assumed(1000.0, LIKE_HD),
+        contrast_log: [assumed(0.26, TYPICAL), assumed(0.26, TYPICAL)],
+        mismatch_log: assumed(0.02, TYPICAL),
+        refractory_us: assumed(80.0, LIKE_HD),
+        leak_rate_hz: assumed(0.02, LIKE_HD),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: NO_DELAY,
+        service_ns: [assumed(130.0, LIKE_HD), assumed(0.33, LIKE_HD)],
+        tick_ns: MICROSECOND,
+        fitted_lux: None,
+    },
+    PhysicalPreset {
+        name: "vga",
+        response_e_per_lux_s: assumed(2e5, SCALED),
+        dark_lux: assumed(0.02, TYPICAL),
+        photoreceptor_charge_e: assumed(700.0, "hd's, scaled to the pixel's area"),
+        second_pole_hz: assumed(1000.0, LIKE_HD),
+        contrast_log: [assumed(0.25, TYPICAL), assumed(0.25, TYPICAL)],
+        mismatch_log: assumed(0.03, TYPICAL),
+        refractory_us: assumed(200.0, TYPICAL),
+        leak_rate_hz: assumed(0.1, TYPICAL),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: known(369.0, NIST),
+        service_ns: [WORD_SERIAL, assumed(15.0, "66 Mev/s of Gen3.1, recalled")],
+        tick_ns: MICROSECOND,
+        fitted_lux: None,
+    },
+    PhysicalPreset {
+        name: "hd",
+        response_e_per_lux_s: known(9.4e4, FIT),
+        dark_lux: assumed(0.035, "part of the fit, below its range"),
+        photoreceptor_charge_e: known(336.0, FIT),
+        second_pole_hz: known(1215.0, FIT),
+        contrast_log: [
+            known(0.25, "arXiv 2404.07656, second-hand"),
+            known(0.25, "arXiv 2404.07656, second-hand"),
+        ],
+        mismatch_log: known(0.0125, "Noise2Params, arXiv 2605.16317"),
+        refractory_us: known(79.0, "Noise2Params, arXiv 2605.16317"),
+        leak_rate_hz: known(-0.02, "OFF-heavy floor in bright light; Noise2Params, arXiv 2605.16317"),
+        leak_per_lux_hz: NO_LEAK_OF_LIGHT,
+        latency_us: known(24.0, NIST),
+        service_ns: [
+            known(130.0, "NIST, latency against active pixels, IEEE TIM 2025"),
+            known(0.33, "NIST, latency against active pixels, IEEE TIM 2025"),
+        ],
+        tick_ns: MICROSECOND,
+        fitted_lux: Some([0.15, 5.0]),
+    },
+];
+
+/// The physical pixel of the preset with this name, if there is one.
+#[must_use]
+pub fn physical_preset(name: &str) -> Option<&'static PhysicalPreset> {
+    PHYSICAL_PRESETS.iter().find(|preset| preset.name == name)
+}
+
+impl PhysicalPreset {
+    /// The pixel and its readout. Sets what the pixel shares with the log-intensity pixel in `sensor`: thresholds,
+    /// mismatch, refractory period, latency and tick.
+    #[must_use]
+    pub fn apply(&self, sensor: &mut SensorModel) -> (PhysicalPixel, Readout) {
+        let nanoseconds = |microseconds: f64| (microseconds * 1e3).round() as u32;
+        [sensor.contrast_on, sensor.contrast_off] = self.contrast_log.map(|contrast| contrast.value);
+        sensor.contrast_mismatch = self.mismatch_log.value;
+        sensor.refractory_ns = nanoseconds(self.refractory_us.value);
+        sensor.latency_ns = nanoseconds(self.latency_us.value);
+        sensor.timestamp_quantum_ns = self.tick_ns.value.round() as u32;
+        let pixel = PhysicalPixel {
+            response_e_per_lux_s: self.response_e_per_lux_s.value,
+            dark_lux: self.dark_lux.value,
+            photoreceptor_charge_e: self.photoreceptor_charge_e.value,
+            second_pole_hz: self.second_pole_hz.value,
+            leak_rate_hz: self.leak_rate_hz.value,
+            leak_per_lux_hz: self.leak_per_lux_hz.value,
+            ..PhysicalPixel::default()
+        };
+        let [row_ps, event_ps] = self.service_ns.map(|service| (service.value * 1e3).round() as u64);
+        let bus = if row_ps == 0 { Bus::Fifo { event_ps } } else { Bus::Rows { row_ps, event_ps } };
+        (pixel, Readout { bus, ..Readout::default() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{PRESETS, preset};
+
+    #[test]
+    fn every_preset_has_a_valid_physical_pixel() {
+        assert_eq!(PHYSICAL_PRESETS.len(), PRESETS.len());
+        for p in PRESETS {
+            let mut sensor = preset(p.name).expect("listed");
+            let (pixel, readout) = physical_preset(p.name).expect("listed").apply(&mut sensor);
+            sensor.validate().unwrap_or_else(|e| panic!("{}: {e}", p.name));
+            pixel.validate().unwrap_or_else(|e| panic!("{}: {e}", p.name));
+            readout.validate().unwrap_or_else(|e| panic!("{}: {e}", p.name));
+        }
+        assert!(physical_preset("nonesuch").is_none());
+    }
+
+    #[test]
+    fn hd_has_the_fitted_speed_and_noise() {
+        let mut sensor = preset("hd").expect("listed");
+        let (pixel, _) = physical_preset("hd").expect("listed").apply(&mut sensor);
+        let per_lux = pixel.drive_per_s(1.0 / pixel.lux_per_unit);
+        assert!((per_lux / 281.0 - 1.0).abs() < 0.01, "{per_lux} rad/s for each lux");
+        let distance = sensor.contrast_on * pixel.photoreceptor_charge_e.sqrt();
+        assert!((distance / 4.58 - 1.0).abs() < 0.01, "{distance} standard deviations of one pole");
+    }
+}

@@ -1,0 +1,277 @@
+//! Which surfaces a pixel may show during an interval.
+
+use super::surface::{Element, Surfaces, moved_plane, position};
+use esaac_model::paths::{Intrinsics, Pose, SceneMotion};
+use esaac_model::synthesis::rigid::{
+    BLOCK_CANDIDATES, BLOCK_PX, BLOCK_SURFACES, KNOTS, MERGE_PX, PIXEL_CANDIDATES, REACH_PX,
+};
+use glam::{DVec2, DVec3};
+use std::collections::BTreeMap;
+
+/// The poses of an instant: for each instance, the rigid motion from camera axes then to those of both key frames.
+#[derive(Clone, Debug)]
+pub struct Instant {
+    /// Fraction of the interval.
+    pub fraction: f64,
+    to_keys: BTreeMap<u32, [Pose; 2]>,
+}
+
+impl Instant {
+    /// The instant at `fraction` of the interval from `from_ns` to `to_ns`. An instance whose poses do not reach it is
+    /// left out.
+    #[must_use]
+    pub fn new(scene: &SceneMotion, [from_ns, to_ns]: [i64; 2], fraction: f64) -> Self {
+        let t_ns = from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64;
+        let to_keys = std::iter::once(esaac_model::paths::STATIC_WORLD)
+            .chain(scene.ids())
+            .filter_map(|id| {
+                let to = |key_ns: i64| scene.relative(id, t_ns, key_ns).ok();
+                Some((id, [to(from_ns)?, to(to_ns)?]))
+            })
+            .collect();
+        Instant { fraction, to_keys }
+    }
+
+    /// The motion of an instance from this instant to both key frames.
+    #[must_use]
+    pub fn to_keys(&self, id: u32) -> Option<&[Pose; 2]> {
+        self.to_keys.get(&id)
+    }
+}
+
+/// A surface as both key frames see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Its instance.
+    pub id: u32,
+    /// Its plane in the camera axes of both key frames.
+    pub planes: [DVec3; 2],
+}
+
+/// Where a surface that a pixel shows lies in both key frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sources {
+    /// Position in each key frame, pixels.
+    pub at: [DVec2; 2],
+    /// Inverse depth at the instant, 1/m.
+    pub inverse_depth: f64,
+}
+
+impl Surface {
+    /// The surface of a pixel of key frame `key` (0 or 1). `to_other` is the instance's motion from that key frame to
+    /// the other.
+    fn of_element(element: &Element, key: usize, to_other: &Pose) -> Option<Self> {
+        let other = moved_plane(element.plane, to_other)?;
+        let planes = if key == 0 { [element.plane, other] } else { [other, element.plane] };
+        Some(Surface { id: element.id, planes })
+    }
+
+    /// Where the surface that lies on a ray at an instant is in both key frames. `None` if it is not before a camera.
+    #[must_use]
+    pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
+        let poses = instant.to_keys(self.id)?;
+        let mut sources = Sources { at: [DVec2::ZERO; 2], inverse_depth: 0.0 };
+        for (key, pose) in poses.iter().enumerate() {
+            let (turned, shift) = (pose.direction(ray), pose.translation_m());
+            let room = 1.0 - self.planes[key].dot(shift);
+            let inverse_depth = self.planes[key].dot(turned) / room;
+            if room <= 0.0 || inverse_depth < 0.0 {
+                return None;
+            }
+            sources.at[key] = lens.project((turned + shift * inverse_depth).extend(1.0))?.pixel_px;
+            sources.inverse_depth = inverse_depth;
+        }
+        Some(sources)
+    }
+}
+
+/// A candidate of a pixel: one surface, or that of the pixel in key frame 0 and that in key frame 1 if both are one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// The surface; towards the start, if there are two.
+    pub start: Surface,
+    /// The surface towards the end.
+    pub end: Surface,
+}
+
+impl Candidate {
+    /// Where it lies in both key frames.
+    #[must_use]
+    pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
+        if self.start == self.end {
+            return self.start.sources(lens, instant, ray);
+        }
+        let (start, end) = (self.start.sources(lens, instant, ray)?, self.end.sources(lens, instant, ray)?);
+        let a = instant.fraction;
+        Some(Sources {
+            at: [0, 1].map(|key| start.at[key].lerp(end.at[key], a)),
+            inverse_depth: (1.0 - a) * start.inverse_depth + a * end.inverse_depth,
+        })
+    }
+}
+
+/// What the search for candidates needs to know of an interval.
+pub struct Interval<'a> {
+    /// The lens.
+    pub lens: &'a Intrinsics,
+    /// The surfaces of both key frames.
+    pub keys: &'a [Surfaces; 2],
+    /// The knots.
+    pub knots: &'a [Instant],
+}
+
+impl Interval<'_> {
+    /// The motion of an instance from key frame `key` to the other.
+    #[must_use]
+    pub fn to_other(&self, id: u32, key: usize) -> Option<Pose> {
+        // The first knot lies at key frame 0 and the last at key frame 1.
+        let knot = if key == 0 { self.knots.first()? } else { self.knots.last()? };
+        Some(knot.to_keys(id)?[1 - key])
+    }
+
+    fn surface(&self, key: usize, pixel: usize) -> Option<Surface> {
+        let element = self.keys[key].element(pixel).ok()?;
+        Surface::of_element(&element, key, &self.to_other(element.id, key)?)
+    }
+
+    /// Positions in key frame 0 along a surface's path, one a knot.
+    fn path(&self, surface: &Surface, ray: DVec3) -> [Option<DVec2>; KNOTS] {
+        std::array::from_fn(|knot| Some(surface.sources(self.lens, &self.knots[knot], ray)?.at[0]))
+    }
+
+    /// Whether two surfaces are one candidate for a pixel of this ray.
+    fn is_same(&self, a: &Surface, b: &Surface, ray: DVec3) -> bool {
+        a.id == b.id
+            && self.path(a, ray).iter().zip(self.path(b, ray)).all(|(&a, b)| match (a, b) {
+                (Some(a), Some(b)) => (a - b).abs().max_element() < MERGE_PX,
+                (None, None) => true,
+                _ => false,
+            })
+    }
+
+    /// The candidates of all pixels (`y * width + x`).
+    #[must_use]
+    pub fn candidates(&self) -> Vec<Vec<Candidate>> {
+        let size = self.keys[0].size;
+        let blocks = self.block_candidates();
+        (0..size.0 * size.1)
+            .map(|pixel| {
+                let block = pixel / size.0 / BLOCK_PX * size.0.div_ceil(BLOCK_PX) + pixel % size.0 / BLOCK_PX;
+                self.pixel_candidates(pixel, &blocks[block])
+            })
+            .collect()
+    }
+
+    fn pixel_candidates(&self, pixel: usize, block: &[Surface]) -> Vec<Candidate> {
+        let mut candidates: Vec<Candidate> = Vec::new();
+        let Some(ray) = self.keys[0].ray(pixel) else { return candidates };
+        let own = [self.surface(0, pixel), self.surface(1, pixel)];
+        if own == [None, None] {
+            return candidates;
+        }
+        match own {
+            [Some(start), Some(end)] if self.is_same(&start, &end, ray) => {
+                candidates.push(Candidate { start, end });
+            }
+            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate { start: own, end: own })),
+        }
+        for &surface in block {
+            let known = candidates.iter().any(|known| self.is_same(&known.start, &surface, ray));
+            if !known && candidates.len() < PIXEL_CANDIDATES {
+                candidates.push(Candidate { start: surface, end: surface });
+            }
+        }
+        candidates
+    }
+
+    /// The surfaces that pass each block.
+    fn block_candidates(&self) -> Vec<Vec<Surface>> {
+        let size = self.keys[0].size;
+        let (columns, rows) = (size.0.div_ceil(BLOCK_PX), size.1.div_ceil(BLOCK_PX));
+        let mut candidates: Vec<Vec<Surface>> = vec![Vec::new(); columns * rows];
+        for key in 0..2 {
+            for block in 0..columns * rows {
+                let corner = (block % columns * BLOCK_PX, block / columns * BLOCK_PX);
+                for pixel in self.block_surfaces(key, corner) {
+                    let Some(surface) = self.surface(key, pixel) else { continue };
+                    for passed in self.passed_blocks(key, pixel, corner, (columns, rows)) {
+                        let centre = DVec2::new((passed % columns) as f64, (passed / columns) as f64)
+                            * BLOCK_PX as f64
+                            + 0.5 * (BLOCK_PX - 1) as f64;
+                        let Some(ray) = self.lens.ray(centre) else { continue };
+                        let known = candidates[passed].iter().any(|known| self.is_same(known, &surface, ray));
+                        if !known && candidates[passed].len() < BLOCK_CANDIDATES {
+                            candidates[passed].push(surface);
+                        }
+                    }
+                }
+            }
+        }
+        candidates
+    }
+
+    /// Pixels of the surfaces that a block hands on: the nearest and the farthest of each instance, from near to far.
+    fn block_surfaces(&self, key: usize, corner: (usize, usize)) -> Vec<usize> {
+        let size = self.keys[key].size;
+        let mut extremes: BTreeMap<u32, [(f64, usize); 2]> = BTreeMap::new();
+        for y in corner.1..(corner.1 + BLOCK_PX).min(size.1) {
+            for x in corner.0..(corner.0 + BLOCK_PX).min(size.0) {
+                let pixel = y * size.0 + x;
+                let Ok(element) = self.keys[key].element(pixel) else { continue };
+                let here = (element.inverse_depth, pixel);
+                let [nearest, farthest] = extremes.entry(element.id).or_insert([here; 2]);
+                if here.0 > nearest.0 {
+                    *nearest = here;
+                }
+                if here.0 < farthest.0 {
+                    *farthest = here;
+                }
+            }
+        }
+        let mut pixels: Vec<(f64, usize)> = extremes.into_values().flatten().collect();
+        pixels.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        pixels.dedup();
+        pixels.truncate(BLOCK_SURFACES);
+        pixels.into_iter().map(|(_, pixel)| pixel).collect()
+    }
+
+    /// Blocks that a block's square passes, displaced as one of its pixels is. Ascending.
+    fn passed_blocks(
+        &self,
+        key: usize,
+        pixel: usize,
+        corner: (usize, usize),
+        (columns, rows): (usize, usize),
+    ) -> Vec<usize> {
+        let mut passed = Vec::new();
+        let (Ok(element), Some(ray)) = (self.keys[key].element(pixel), self.keys[key].ray(pixel)) else {
+            return passed;
+        };
+        let from = position(self.keys[key].size, pixel);
+        for knot in self.knots {
+            let Some(poses) = knot.to_keys(element.id) else { continue };
+            let moved = poses[key].inverse().apply(ray.extend(element.inverse_depth));
+            let Some(moved) = self.lens.project(moved) else { continue };
+            let shift = moved.pixel_px - from;
+            // The block's outermost pixel centres, displaced.
+            let first = DVec2::new(corner.0 as f64, corner.1 as f64) + shift - REACH_PX;
+            let last = first + (BLOCK_PX - 1) as f64 + 2.0 * REACH_PX;
+            let range = |first: f64, last: f64, blocks: usize| {
+                let side = BLOCK_PX as f64;
+                let low = (first / side).floor().max(0.0);
+                let high = (last / side).floor().min((blocks - 1) as f64);
+                (low <= high).then_some(low as usize..=high as usize)
+            };
+            let (Some(across), Some(down)) = (range(first.x, last.x, columns), range(first.y, last.y, rows))
+            else {
+                continue;
+            };
+            for row in down {
+                passed.extend(across.clone().map(|column| row * columns + column));
+            }
+        }
+        passed.sort_unstable();
+        passed.dedup();
+        passed
+    }
+}

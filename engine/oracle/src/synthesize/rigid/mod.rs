@@ -1,0 +1,241 @@
+//! Synthesis `rigid`: follows surfaces along the exact paths of a simulator's poses, and tells by depth which of them a
+//! pixel shows (equations in [`esaac_model::synthesis::rigid`]).
+
+pub mod candidates;
+pub mod read;
+pub mod surface;
+pub mod transfer;
+
+use candidates::{Candidate, Instant, Interval, Sources};
+use esaac_model::paths::{NoPath, SceneMotion};
+use esaac_model::synthesis::rigid::{EDGE_WEIGHT, KNOTS, UNSEEN_SHARE};
+use read::{KeyFrame, Seen, half_pel_alone};
+use std::collections::BTreeMap;
+use surface::{Geometry, Surfaces};
+use transfer::{Route, transfer};
+
+#[cfg(test)]
+mod tests;
+
+/// A key frame as a simulator gives it.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a> {
+    /// Its time, nanoseconds.
+    pub t_ns: i64,
+    /// Intensity planes, scene units ([`Image::planes`](crate::ingest::Image::planes)).
+    pub planes: &'a [Vec<f64>],
+    /// Depth and instances.
+    pub geometry: Geometry<'a>,
+}
+
+/// What a pixel shows at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Sample {
+    /// Synthesised intensity, scene units.
+    Seen(f64),
+    /// Neither key frame shows what is there: both are blended.
+    Unseen(f64),
+    /// The pixel has no candidate: both key frames are blended.
+    NoPath(f64),
+}
+
+impl Sample {
+    /// The intensity, scene units.
+    #[must_use]
+    pub fn intensity(self) -> f64 {
+        let (Sample::Seen(intensity) | Sample::Unseen(intensity) | Sample::NoPath(intensity)) = self;
+        intensity
+    }
+}
+
+/// Pixels of a key frame without a path, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WithoutPath {
+    /// Their depth is NaN or negative.
+    pub depth: u64,
+    /// Their instance has no poses.
+    pub poses: u64,
+    /// The lens shows nothing there.
+    pub lens: u64,
+}
+
+/// Two key frames prepared to be read along exact paths.
+pub struct Rigid<'a> {
+    scene: &'a SceneMotion,
+    times_ns: [i64; 2],
+    log_offset: f64,
+    planes: [&'a [Vec<f64>]; 2],
+    parallax_px_m: BTreeMap<u32, f64>,
+    keys: [KeyFrame; 2],
+    candidates: Vec<Vec<Candidate>>,
+    /// One pair a plane.
+    half_pels: Vec<[Vec<f64>; 2]>,
+}
+
+impl<'a> Rigid<'a> {
+    /// Prepares an interval. `transfers` and `history` are as in synthesis `motion`: `history` comes from
+    /// [`Rigid::into_history`] of the interval before.
+    #[must_use]
+    pub fn new(
+        scene: &'a SceneMotion,
+        inputs: [Input<'a>; 2],
+        log_offset: f64,
+        transfers: u32,
+        history: Option<Vec<Vec<f64>>>,
+    ) -> Self {
+        let times_ns = inputs.map(|input| input.t_ns);
+        let knots: Vec<Instant> =
+            (0..KNOTS).map(|knot| Instant::new(scene, times_ns, knot as f64 / (KNOTS - 1) as f64)).collect();
+        let parallax_px_m = parallax_px_m(scene, &knots);
+        let parallax = |id: u32| parallax_px_m.get(&id).copied().unwrap_or(1.0);
+        let surfaces = inputs.map(|input| Surfaces::new(scene, &input.geometry));
+        let interval = Interval { lens: scene.lens(), keys: &surfaces, knots: &knots };
+        let candidates = interval.candidates();
+        let keys = surfaces.clone().map(|surfaces| KeyFrame::new(surfaces, &parallax));
+        let routes: Vec<Route> = [1, 0]
+            .into_iter()
+            .take(transfers as usize)
+            .map(|key| Route::new(&interval, &keys, key, &parallax))
+            .collect();
+        let mut history = history.into_iter().flatten();
+        let half_pels = (0..inputs[0].planes.len())
+            .map(|plane| {
+                let log = |key: usize| -> Vec<f64> {
+                    inputs[key].planes[plane].iter().map(|s| (s + log_offset).ln()).collect()
+                };
+                let of_frame = [0, 1].map(|key| half_pel_alone(&keys[key], &log(key), &parallax));
+                half_pel_frames(&keys, &routes, of_frame, history.next())
+            })
+            .collect();
+        let planes = inputs.map(|input| input.planes);
+        Rigid { scene, times_ns, log_offset, planes, parallax_px_m, keys, candidates, half_pels }
+    }
+
+    /// The poses at `fraction` of the interval.
+    #[must_use]
+    pub fn instant(&self, fraction: f64) -> Instant {
+        Instant::new(self.scene, self.times_ns, fraction)
+    }
+
+    /// Candidates of each pixel (`y * width + x`).
+    #[must_use]
+    pub fn candidates(&self) -> &[Vec<Candidate>] {
+        &self.candidates
+    }
+
+    /// Pixels without a path of key frame `key` (0 or 1).
+    #[must_use]
+    pub fn without_path(&self, key: usize) -> WithoutPath {
+        let mut counts = WithoutPath::default();
+        let surfaces = &self.keys[key].surfaces;
+        for pixel in 0..surfaces.size.0 * surfaces.size.1 {
+            match surfaces.element(pixel) {
+                Ok(_) => {}
+                Err(NoPath::NoPoses { .. } | NoPath::Time { .. }) => counts.poses += 1,
+                Err(NoPath::OutsideLens) => counts.lens += 1,
+                Err(NoPath::Depth | NoPath::BehindCamera) => counts.depth += 1,
+            }
+        }
+        counts
+    }
+
+    /// What pixel `(x, y)` shows at an instant, in plane `plane`.
+    #[must_use]
+    pub fn sample(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
+        let pixel = y * self.keys[0].surfaces.size.0 + x;
+        let blended = || {
+            let [from, to] = self.planes.map(|planes| planes[plane][pixel]);
+            super::linear(from, to, instant.fraction)
+        };
+        let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
+            return Sample::NoPath(blended());
+        };
+        let mut here: Vec<(Sources, &Candidate)> = candidates
+            .iter()
+            .filter_map(|candidate| Some((candidate.sources(self.scene.lens(), instant, ray)?, candidate)))
+            .collect();
+        if here.is_empty() {
+            return Sample::NoPath(blended());
+        }
+        here.sort_by(|a, b| b.0.inverse_depth.total_cmp(&a.0.inverse_depth));
+        let (mut light, mut shown) = (0.0, 0.0);
+        for (sources, candidate) in here {
+            let Some((coverage, level)) = self.covers(instant.fraction, plane, &sources, candidate) else {
+                continue;
+            };
+            let share = (1.0 - shown) * coverage;
+            light += share * level.exp();
+            shown += share;
+        }
+        if shown < UNSEEN_SHARE {
+            return Sample::Unseen(blended());
+        }
+        Sample::Seen((light / shown - self.log_offset).max(0.0))
+    }
+
+    /// Coverage of a candidate and its level, nepers. `None` if it covers nothing, or is hidden in both key frames.
+    fn covers(
+        &self,
+        fraction: f64,
+        plane: usize,
+        sources: &Sources,
+        candidate: &Candidate,
+    ) -> Option<(f64, f64)> {
+        let planes = [candidate.start.planes[0], candidate.end.planes[1]];
+        let (mut seen, mut known, mut levels, mut trust) = (0.0, 0.0, 0.0, 0.0);
+        for (key, time) in [(0, 1.0 - fraction), (1, fraction)] {
+            let frame = &self.keys[key];
+            let at = sources.at[key];
+            let weight = time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT);
+            let parallax_px_m = self.parallax_px_m.get(&candidate.start.id).copied().unwrap_or(1.0);
+            let surface = Seen { id: candidate.start.id, plane: planes[key], parallax_px_m };
+            let shares = frame.shares(at, &surface);
+            seen += weight * shares.seen;
+            known += weight * (1.0 - shares.hidden);
+            if let Some(level) = frame.level(&self.half_pels[plane][key], at, &surface) {
+                levels += weight * shares.trust * level;
+                trust += weight * shares.trust;
+            }
+        }
+        (trust > 0.0).then(|| ((seen / known).min(1.0), levels / trust))
+    }
+
+    /// The half-pel frames of the end, which the next interval improves.
+    #[must_use]
+    pub fn into_history(self) -> Vec<Vec<f64>> {
+        self.half_pels.into_iter().map(|[_, end]| end).collect()
+    }
+}
+
+/// Half-pel frames of both key frames, with one transfer for each route. The first improves the end.
+fn half_pel_frames(
+    keys: &[KeyFrame; 2],
+    routes: &[Route],
+    [of_start, of_end]: [Vec<f64>; 2],
+    history: Option<Vec<f64>>,
+) -> [Vec<f64>; 2] {
+    let [start_key, end_key] = keys;
+    let start_alone = history.unwrap_or(of_start);
+    let (mut start, mut end) = (start_alone.clone(), of_end.clone());
+    for (turn, route) in routes.iter().enumerate() {
+        if turn % 2 == 0 {
+            end = transfer(end_key, &of_end, start_key, &start, route);
+        } else {
+            start = transfer(start_key, &start_alone, end_key, &end, route);
+        }
+    }
+    [start, end]
+}
+
+/// The parallax of every instance with poses, pixels for each unit of inverse depth.
+fn parallax_px_m(scene: &SceneMotion, knots: &[Instant]) -> BTreeMap<u32, f64> {
+    let focal_px = 0.5 * scene.lens().focal_px().element_sum();
+    std::iter::once(esaac_model::paths::STATIC_WORLD)
+        .chain(scene.ids())
+        .map(|id| {
+            let shifts_m = knots.iter().filter_map(|knot| knot.to_keys(id)).flatten();
+            let largest_m = shifts_m.map(|pose| pose.translation_m().length()).fold(0.0, f64::max);
+            (id, (focal_px * largest_m).max(1.0))
+        })
+        .collect()
+}

@@ -1,0 +1,38 @@
+//! States that are saved by a rig whose buffers have grown.
+
+use crate::alone;
+use crate::driver::{Driver, rig_of, undisturbed};
+use crate::operations::{Operation, flashing, operations};
+use esaac_model::{Intensity, SensorModel};
+use esaac_tests::device::assert_silent;
+
+#[test]
+fn a_state_saved_after_planes_have_grown_is_taken_up_by_any_rig_of_its_sensors() {
+    let _alone = alone();
+    let mut driver = Driver::new();
+    let expected = undisturbed();
+    // The eighth operation changes from the sensor with the larger planes back to the one with the smaller ones.
+    for operation in &operations()[..8] {
+        driver.run(operation).expect("no fault");
+    }
+    let saved = driver.rig.save().expect("a state");
+    driver.rig.restore(&saved).expect("its own state");
+    let [grown_step, fresh_step] = [false, true].map(|fresh| {
+        if fresh {
+            driver.rig = rig_of(&driver.sensors).expect("a rig whose planes have not grown");
+            driver.rig.restore(&saved).expect("the state of a rig whose planes have");
+            driver.frame -= 1;
+        }
+        driver.run(&Operation::Step).expect("a step").expect("packets")
+    });
+    assert_eq!(grown_step, expected[5]);
+    assert_eq!(fresh_step, expected[5]);
+    let saved = driver.rig.save().expect("a state");
+    let mut grown = rig_of(&driver.sensors).expect("a rig");
+    let bayer = SensorModel { intensity: Intensity::BayerRggb, ..flashing() };
+    grown.set_sensor(0, bayer).expect("planes that grow");
+    grown.set_sensor(0, flashing()).expect("planes that stay");
+    grown.restore(&saved).expect("the state of a rig whose planes have not");
+    drop((driver, grown));
+    assert_silent();
+}
