@@ -53,7 +53,7 @@ impl Feed {
                 let previous_ns = (index > 0).then(|| t_ns - *step_ns);
                 for camera in 0..rig.len() {
                     let inputs = rig.inputs(camera)?;
-                    let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None };
+                    let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None, ids: None };
                     renderer.render(t_ns, previous_ns, targets)?;
                 }
                 Ok(t_ns)

@@ -36,6 +36,18 @@ const FORMATS: [(HdrFormat, MotionFormat); 3] = [
 /// Odd sizes: the image cuts blocks off at the right and at the bottom. One size is narrower than a block.
 const SIZES: [(u32, u32); 4] = [(45, 37), (37, 45), (61, 23), (7, 50)];
 
+/// Scenes that run in every mode and with every effect. The scenes that are hard to synthesise run in the default mode
+/// only: what is hard about them is no other code of the kernels.
+const SCENES: [SceneKind; 7] = [
+    SceneKind::Edge,
+    SceneKind::Sinusoid,
+    SceneKind::Lamp,
+    SceneKind::Flight,
+    SceneKind::Hdr,
+    SceneKind::Dark,
+    SceneKind::Still,
+];
+
 /// Runs one kernel permutation on all given scenes, as cameras of one rig. Sub-step policy, size and format vary from
 /// camera to camera. Asserts that every difference is explained. [`check_share`] asserts how many there may be.
 fn check(sensor: &SensorModel, scenes: &[SceneKind]) -> Agreement {
@@ -97,7 +109,7 @@ fn clean() -> SensorModel {
 
 #[test]
 fn every_scene_in_the_default_mode() {
-    let scenes: Vec<SceneKind> = SceneKind::ALL.into_iter().chain(SceneKind::ALL).collect();
+    let scenes: Vec<SceneKind> = SCENES.into_iter().chain(SceneKind::ALL).collect();
     check_share([check(&clean(), &scenes)]);
 }
 
@@ -105,9 +117,7 @@ fn every_scene_in_the_default_mode() {
 fn motion_cubic() {
     let modes = [(Intensity::BayerRggb, 32), (Intensity::Gray, 8)];
     check_share(modes.into_iter().flat_map(|(intensity, substeps)| {
-        [1, 2].map(|transfers| {
-            check(&SensorModel { intensity, substeps, transfers, ..clean() }, &SceneKind::ALL)
-        })
+        [1, 2].map(|transfers| check(&SensorModel { intensity, substeps, transfers, ..clean() }, &SCENES))
     }));
 }
 
@@ -115,7 +125,7 @@ fn motion_cubic() {
 fn motion_bilinear() {
     let modes = [(Intensity::Luminance, 64), (Intensity::BayerRggb, 8), (Intensity::Luminance, 1)];
     check_share(modes.map(|(intensity, substeps)| {
-        check(&SensorModel { taps: Taps::Bilinear, intensity, substeps, ..clean() }, &SceneKind::ALL)
+        check(&SensorModel { taps: Taps::Bilinear, intensity, substeps, ..clean() }, &SCENES)
     }));
 }
 
@@ -124,7 +134,7 @@ fn linear() {
     let modes = [(Intensity::Gray, 32), (Intensity::BayerRggb, 8), (Intensity::Luminance, 64)];
     check_share(modes.map(|(intensity, substeps)| {
         let sensor = SensorModel { synthesis: Synthesis::Linear, intensity, substeps, ..clean() };
-        check(&sensor, &SceneKind::ALL)
+        check(&sensor, &SCENES)
     }));
 }
 
@@ -132,15 +142,17 @@ fn linear() {
 fn paper() {
     let modes = [(Intensity::Luminance, 32), (Intensity::BayerRggb, 8)];
     check_share(modes.map(|(intensity, substeps)| {
-        check(&SensorModel { synthesis: Synthesis::Paper, intensity, substeps, ..clean() }, &SceneKind::ALL)
+        check(&SensorModel { synthesis: Synthesis::Paper, intensity, substeps, ..clean() }, &SCENES)
     }));
 }
 
 #[test]
 fn none() {
-    check_share([Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb].map(|intensity| {
-        check(&SensorModel { synthesis: Synthesis::None, intensity, ..clean() }, &SceneKind::ALL)
-    }));
+    check_share(
+        [Intensity::Gray, Intensity::Luminance, Intensity::BayerRggb].map(|intensity| {
+            check(&SensorModel { synthesis: Synthesis::None, intensity, ..clean() }, &SCENES)
+        }),
+    );
 }
 
 #[test]
@@ -162,7 +174,7 @@ fn every_effect_alone() {
         // An effect does not depend on the synthesis. `linear` compiles fastest of those that have sub-steps.
         let mut sensor = SensorModel { synthesis: Synthesis::Linear, ..clean() };
         sensor.set(parameter, value).expect("a valid effect");
-        check(&sensor, &SceneKind::ALL)
+        check(&sensor, &SCENES)
     }));
 }
 
@@ -185,7 +197,7 @@ fn all_effects_together() {
         SensorModel { intensity: Intensity::Gray, ..loud.clone() },
         SensorModel { timestamps: Timestamps::AtSample, ..loud },
     ];
-    check_share(sensors.map(|sensor| check(&sensor, &SceneKind::ALL)));
+    check_share(sensors.map(|sensor| check(&sensor, &SCENES)));
 }
 
 /// Parameters that select a kernel's code, and effects that interact.
@@ -213,6 +225,6 @@ fn every_two_parameters_together() {
         for ((parameter, values), value) in CHOICES.iter().zip(row) {
             sensor.set(parameter, values[value]).expect("a valid value");
         }
-        check(&sensor, &SceneKind::ALL)
+        check(&sensor, &SCENES)
     }));
 }

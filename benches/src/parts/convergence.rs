@@ -20,6 +20,18 @@ use serde::Serialize;
 const COUNTS: [u32; 7] = [1, 2, 4, 8, 16, 32, 64];
 const FITTED_FROM: u32 = 8;
 
+/// Smooth scenes, one with solids, and those that are hard to synthesise.
+const SCENES: [SceneKind; 8] = [
+    SceneKind::Sinusoid,
+    SceneKind::Edge,
+    SceneKind::Flight,
+    SceneKind::Shake,
+    SceneKind::Poles,
+    SceneKind::Foliage,
+    SceneKind::Propeller,
+    SceneKind::Bounce,
+];
+
 /// With `--quick`, only this many of [`COUNTS`].
 const QUICK_COUNTS: usize = 6;
 
@@ -73,7 +85,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         size(laboratory).1
     ));
     let mut curves = Vec::new();
-    for scene in [SceneKind::Sinusoid, SceneKind::Edge, SceneKind::Flight] {
+    for scene in SCENES {
         let of_scene = measure(laboratory, scene)?;
         show(&mut document, &of_scene, counts(laboratory))?;
         curves.extend(of_scene);

@@ -80,6 +80,11 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
             SceneKind::Flight,
             SceneKind::Hdr,
             SceneKind::Dark,
+            SceneKind::Shake,
+            SceneKind::Poles,
+            SceneKind::Foliage,
+            SceneKind::Propeller,
+            SceneKind::Bounce,
         ]
     };
     for &scene in scenes {

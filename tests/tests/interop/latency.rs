@@ -41,7 +41,7 @@ fn producer(path: &std::path::Path, timeline: u32, wait: &mpsc::Receiver<()>, te
         producer
             .write(slot, |place, hooks| {
                 let inputs = place.inputs();
-                let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None };
+                let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None, ids: None };
                 renderer.render_with_hooks(t_ns, Some(t_ns - FRAME_NS), targets, hooks)?;
                 Ok::<(), RenderError>(())
             })

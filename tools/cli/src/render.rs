@@ -133,7 +133,7 @@ impl Feed {
         let renderer = &mut self.renderer;
         self.producer.write(slot, |place, hooks| {
             let inputs = place.inputs();
-            let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None };
+            let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None, ids: None };
             renderer.render_with_hooks(t_ns, previous_ns, targets, hooks)
         })?;
         // No copies: it rendered into the engine's memory.

@@ -1,7 +1,7 @@
-// Renders an analytic scene: linear radiance, motion vectors and depth at every pixel centre.
+// Renders an analytic scene: linear radiance, motion vectors, depth and instance ids at every pixel centre.
 // `view.rs` evaluates the same formulas in f64.
 //
-// Bindings (set 0): 0 the view (read), 1 colour, 2 motion, 3 depth (written, tightly packed rows).
+// Bindings (set 0): 0 the view (read), 1 colour, 2 motion, 3 depth, 4 ids (written, tightly packed rows).
 // Each invocation writes its own texel and reads nothing that another one writes, so that the result is deterministic.
 // Loop bounds are loaded before their loops: with a load in a loop's condition, the validation layer's GPU-assisted
 // instrumentation (1.3.239) emits a module that drivers refuse.
@@ -17,6 +17,10 @@ const uint GROUND = 2u;
 const uint RIDGE = 3u;
 const uint SKY = 4u;
 const uint CARD = 5u;
+const uint SHEET = 6u;   // the first of the forms of a sheet
+const uint BARS = 7u;
+const uint LEAVES = 8u;
+const uint BLADES = 9u;
 
 const uint MAX_OBJECTS = 24u;
 const uint MAX_LAYERS = 192u;
@@ -26,10 +30,14 @@ const uint MOTION_F16X2 = 0u;
 const uint MOTION_F32X2 = 1u;
 const uint WRITES_MOTION = 1u;
 const uint WRITES_DEPTH = 2u;
+const uint WRITES_IDS = 4u;
 
 const float CUTOFF_PER_PX = 0.25;
 const float REACH_PX = 14.0;
+const float LEAST_COVERAGE = 1e-12;
 const float OPAQUE = 1e-10;
+const float LEAF_SOFTNESS = 0.05;
+const uint PROPELLER_BLADES = 3u;
 const float SHADOW_EDGE_M = 0.12;
 const float SHADOW_FOOTPRINT_M = 0.3;
 const float F16_MAX = 65504.0;
@@ -42,13 +50,13 @@ struct Layer {
 };
 
 struct Object {
-    uvec4 kind;       // shape, first layer, layers, unused
+    uvec4 kind;       // shape, first layer, layers, instance id
     vec4 origin;      // position, metres; radius, plane offset, height or elevation
-    vec4 normal;      // panel
-    vec4 axis0;       // panel: unit vector, half extent in metres
-    vec4 axis1;
-    vec4 borders[4];  // panel's borders, ground's horizon (0), ridge's waves
-    vec4 heights;     // ridge's amplitudes
+    vec4 normal;      // panel and sheet; level of leaves, radius of a propeller's hub
+    vec4 axis0;       // panel: unit vector, half extent in metres; blades: the first one's, half width
+    vec4 axis1;       // panel; blades: length
+    vec4 borders[4];  // panel's borders, ground's horizon (0), waves of a ridge, of bars (0) and leaves
+    vec4 heights;     // amplitudes of a ridge and of leaves, share of bars (0)
     vec4 base;        // log R, G, B
     vec4 gradient;    // log R, G, B towards the zenith
     vec4 finish;      // ambient, sun, lamp, emission
@@ -79,6 +87,7 @@ layout(std430, binding = 0) readonly buffer ViewBuffer {
 layout(std430, binding = 1) writeonly buffer Colour { uint colour_words[]; };
 layout(std430, binding = 2) writeonly buffer MotionOut { uint motion_words[]; };
 layout(std430, binding = 3) writeonly buffer DepthOut { uint depth_words[]; };
+layout(std430, binding = 4) writeonly buffer IdsOut { uint id_words[]; };
 
 struct Ray {
     vec3 direction;
@@ -102,6 +111,12 @@ float coverage(float distance_px) {
 void cover(inout Hit hit, float distance_px) {
     hit.coverage = coverage(distance_px);
     hit.clear = coverage(-distance_px);
+}
+
+// Covers the hit by another border as well.
+void cut_off(inout Hit hit, float distance_px) {
+    hit.clear += hit.coverage * coverage(-distance_px);
+    hit.coverage *= coverage(distance_px);
 }
 
 float wave_value(vec4 wave, float edge_rad, vec3 position, vec3 dx, vec3 dy) {
@@ -165,8 +180,7 @@ bool hit_panel(uint index, Ray ray, out Hit hit) {
         float distance_px = dot(view.objects[index].borders[i].xyz, ray.direction);
         if (distance_px < -REACH_PX)
             return false;
-        hit.clear += hit.coverage * coverage(-distance_px);
-        hit.coverage *= coverage(distance_px);
+        cut_off(hit, distance_px);
     }
     hit.normal = view.objects[index].normal.xyz;
     float slope = min(dot(hit.normal, ray.direction), -1e-3);
@@ -200,8 +214,89 @@ bool hit_ridge(uint index, Ray ray, out Hit hit) {
     return distance_px >= -REACH_PX;
 }
 
+// Largest change of `direction . position` from a pixel to another one pixel away.
+float per_px(vec3 direction, Hit hit) {
+    return length(vec2(dot(direction, hit.dx), dot(direction, hit.dy)));
+}
+
+void cut_bars(inout Hit hit, uint index) {
+    vec4 wave = view.objects[index].borders[0];
+    float half_width = 0.5 * view.objects[index].heights.x;
+    float turns = dot(wave.xyz, hit.position) + wave.w;
+    float off = turns - round(turns);
+    float turns_per_px = per_px(wave.xyz, hit);
+    cut_off(hit, (half_width - off) / turns_per_px);
+    cut_off(hit, (half_width + off) / turns_per_px);
+}
+
+void cut_leaves(inout Hit hit, uint index) {
+    float height = -view.objects[index].normal.w;
+    vec2 gradient = vec2(0.0);
+    float mean2 = 0.0;
+    for (uint i = 0u; i < 4u; ++i) {
+        vec4 wave = view.objects[index].borders[i];
+        float amplitude = view.objects[index].heights[i];
+        float turns = dot(wave.xyz, hit.position) + wave.w;
+        height += amplitude * sin_turns(turns);
+        vec2 frequency = vec2(dot(wave.xyz, hit.dx), dot(wave.xyz, hit.dy));
+        float steepest = TAU * amplitude;
+        gradient += steepest * sin_turns(turns + 0.25) * frequency;
+        mean2 += 0.5 * steepest * steepest * dot(frequency, frequency);
+    }
+    cover(hit, height / sqrt(dot(gradient, gradient) + LEAF_SOFTNESS * mean2));
+}
+
+void cut_blades(inout Hit hit, uint index) {
+    vec4 x_axis = view.objects[index].axis0;
+    vec4 y_axis = view.objects[index].axis1;
+    float hub_m = view.objects[index].normal.w;
+    vec3 from_hub = hit.position - view.objects[index].origin.xyz;
+    float radius_m = length(from_hub);
+    vec3 radial = from_hub / max(radius_m, 1e-12 * hub_m);
+    Hit propeller = hit;
+    cover(propeller, (hub_m - radius_m) / max(per_px(radial, hit), 1e-12));
+    for (uint blade = 0u; blade < PROPELLER_BLADES; ++blade) {
+        float turns = float(blade) / float(PROPELLER_BLADES);
+        float sine = sin_turns(turns);
+        float cosine = sin_turns(turns + 0.25);
+        vec3 along = x_axis.xyz * cosine + y_axis.xyz * sine;
+        vec3 across = y_axis.xyz * cosine - x_axis.xyz * sine;
+        float off_m = dot(across, from_hub);
+        float reach_m = dot(along, from_hub);
+        float across_per_px = per_px(across, hit);
+        float along_per_px = per_px(along, hit);
+        Hit one = hit;
+        cut_off(one, (x_axis.w - off_m) / across_per_px);
+        cut_off(one, (x_axis.w + off_m) / across_per_px);
+        cut_off(one, reach_m / along_per_px);
+        cut_off(one, (y_axis.w - reach_m) / along_per_px);
+        propeller.coverage += propeller.clear * one.coverage;
+        propeller.clear *= one.clear;
+    }
+    hit = propeller;
+}
+
+// `cut.rs` evaluates the same forms in f64.
+bool hit_sheet(uint index, uint shape, Ray ray, out Hit hit) {
+    hit.coverage = 1.0;
+    hit.clear = 0.0;
+    hit.normal = view.objects[index].normal.xyz;
+    float slope = min(dot(hit.normal, ray.direction), -1e-3);
+    hit.position = ray.direction * (view.objects[index].origin.w / slope);
+    flat_hit(hit, slope, ray);
+    if (shape == BARS)
+        cut_bars(hit, index);
+    else if (shape == LEAVES)
+        cut_leaves(hit, index);
+    else if (shape == BLADES)
+        cut_blades(hit, index);
+    return hit.coverage >= LEAST_COVERAGE;
+}
+
 bool hit_object(uint index, Ray ray, out Hit hit) {
     uint shape = view.objects[index].kind.x;
+    if (shape >= SHEET)
+        return hit_sheet(index, shape, ray, hit);
     if (shape == SPHERE)
         return hit_sphere(index, ray, hit);
     if (shape == PANEL)
@@ -382,4 +477,6 @@ void main() {
         bool far = shape == RIDGE || shape == SKY;
         depth_words[texel] = far ? INFINITE_DEPTH : floatBitsToUint(seen_at.z);
     }
+    if ((view.formats.z & WRITES_IDS) != 0u)
+        id_words[texel] = view.objects[seen].kind.w;
 }

@@ -4,12 +4,22 @@
 
 use crate::jet::Jet;
 use glam::{DMat3, DVec3};
+use std::f64::consts::TAU;
 
 /// Standard gravity as used by the scenes, m/s^2.
 pub const GRAVITY_M_S2: f64 = 9.81;
 
+/// Yaw, pitch and roll of a level camera that looks along world y, radians.
+const AHEAD: [f64; 3] = [0.25 * TAU, 0.0, 0.0];
+
 /// Speed of the orbit's clock relative to the scene's.
 const ORBIT_PACE: f64 = 1.7;
+
+/// Frequencies of a shaken camera: yaw and sideways, pitch and up.
+pub const SHAKE_HZ: [f64; 2] = [9.0, 11.0];
+
+/// Amplitude of a shaken camera's position, metres.
+const SHAKE_M: f64 = 0.02;
 
 /// The camera's pose at an instant, with exact derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +57,20 @@ pub enum CameraPath {
         /// Time of the pose on the orbit, seconds.
         at_s: f64,
     },
+    /// Shaken about the orbit's pose of one time, each axis at its frequency of [`SHAKE_HZ`].
+    Shaken {
+        /// Time of the pose on the orbit, seconds.
+        at_s: f64,
+        /// Amplitude of yaw, radians.
+        yaw_rad: f64,
+        /// Amplitude of pitch, radians.
+        pitch_rad: f64,
+    },
+    /// From the origin at constant velocity, level, looking along world y.
+    Track {
+        /// Velocity, m/s.
+        velocity_m_s: DVec3,
+    },
 }
 
 impl CameraPath {
@@ -54,12 +78,29 @@ impl CameraPath {
     #[must_use]
     pub fn state(self, t_s: f64) -> CameraState {
         match self {
-            CameraPath::Fixed => pose(
-                [Jet::default(); 3],
-                [Jet::constant(0.5 * std::f64::consts::PI), Jet::default(), Jet::default()],
-            ),
-            CameraPath::Orbit => orbit(Jet::time(t_s) * ORBIT_PACE),
-            CameraPath::Frozen { at_s } => orbit(Jet::constant(at_s * ORBIT_PACE)),
+            CameraPath::Fixed => pose([Jet::default(); 3], AHEAD.map(Jet::constant)),
+            CameraPath::Orbit => {
+                let (position, angles) = orbit(Jet::time(t_s));
+                pose(position, angles)
+            }
+            CameraPath::Frozen { at_s } => {
+                let (position, angles) = orbit(Jet::constant(at_s));
+                pose(position, angles)
+            }
+            CameraPath::Shaken { at_s, yaw_rad, pitch_rad } => {
+                let (mut position, mut angles) = orbit(Jet::constant(at_s));
+                let phase = |hz: f64| Jet::time((t_s * hz).fract() / hz) * (TAU * hz);
+                let [sideways, up] = SHAKE_HZ.map(phase);
+                position[0] = position[0] + sideways.cos() * SHAKE_M;
+                position[2] = position[2] + up.cos() * SHAKE_M;
+                angles[0] = angles[0] + sideways.sin() * yaw_rad;
+                angles[1] = angles[1] + up.sin() * pitch_rad;
+                pose(position, angles)
+            }
+            CameraPath::Track { velocity_m_s } => {
+                let t = Jet::time(t_s);
+                pose(velocity_m_s.to_array().map(|v| t * v), AHEAD.map(Jet::constant))
+            }
         }
     }
 }
@@ -76,7 +117,9 @@ impl CameraState {
     }
 }
 
-fn orbit(t: Jet) -> CameraState {
+/// Position and angles on the orbit, as [`pose`] takes them.
+fn orbit(time: Jet) -> ([Jet; 3], [Jet; 3]) {
+    let t = time * ORBIT_PACE;
     let angle = t * 0.21 + (t * 0.83).sin() * 0.09 + -1.95;
     let radius = (t * 0.37).sin() * 0.7 + 6.6;
     let position =
@@ -84,7 +127,7 @@ fn orbit(t: Jet) -> CameraState {
     let yaw = angle + (t * 0.47).sin() * 0.13 + (t * 3.7).sin() * 0.012 + std::f64::consts::PI;
     let pitch = (t * 0.61 + 0.5).sin() * 0.04 + (t * 4.3).sin() * 0.011 + -0.055;
     let roll = (t * 0.53).sin() * 0.07 + (t * 3.1).cos() * 0.01;
-    pose(position, [yaw, pitch, roll])
+    (position, [yaw, pitch, roll])
 }
 
 /// Pose from position and yaw (about z), pitch (up) and roll (about the view axis), radians.
@@ -131,20 +174,25 @@ mod tests {
 
     #[test]
     fn imu_agrees_with_numeric_differentiation_of_the_pose() {
-        for k in 0..200 {
-            let t_s = 0.31 * f64::from(k);
-            let [before, now, after] = [-STEP_S, 0.0, STEP_S].map(|dt_s| CameraPath::Orbit.state(t_s + dt_s));
-            let velocity = (after.position_m - before.position_m) / (2.0 * STEP_S);
-            assert!((velocity - now.velocity_m_s).length() < TOLERANCE);
-            let acceleration =
-                (after.position_m - 2.0 * now.position_m + before.position_m) / (STEP_S * STEP_S);
-            let force = now.world_from_body.transpose() * (acceleration + DVec3::Z * GRAVITY_M_S2);
-            let imu = now.imu();
-            assert!((force - imu.specific_force_m_s2).length() < TOLERANCE, "{t_s}");
-            let derivative = (after.world_from_body - before.world_from_body) * (0.5 / STEP_S);
-            let skew = now.world_from_body.transpose() * derivative;
-            let rate = DVec3::new(skew.y_axis.z, skew.z_axis.x, skew.x_axis.y);
-            assert!((rate - imu.angular_rate_rad_s).length() < TOLERANCE, "{t_s}");
+        let shaken = CameraPath::Shaken { at_s: 1.0, yaw_rad: 0.05, pitch_rad: 0.04 };
+        // Third and fourth derivatives of the shake grow with powers of its frequency.
+        let cases = [(CameraPath::Orbit, STEP_S, TOLERANCE), (shaken, 0.1 * STEP_S, 2e-4)];
+        for (path, step_s, tolerance) in cases {
+            for k in 0..200 {
+                let t_s = 0.31 * f64::from(k);
+                let [before, now, after] = [-step_s, 0.0, step_s].map(|dt_s| path.state(t_s + dt_s));
+                let velocity = (after.position_m - before.position_m) / (2.0 * step_s);
+                assert!((velocity - now.velocity_m_s).length() < tolerance);
+                let acceleration =
+                    (after.position_m - 2.0 * now.position_m + before.position_m) / (step_s * step_s);
+                let force = now.world_from_body.transpose() * (acceleration + DVec3::Z * GRAVITY_M_S2);
+                let imu = now.imu();
+                assert!((force - imu.specific_force_m_s2).length() < tolerance, "{path:?} {t_s}");
+                let derivative = (after.world_from_body - before.world_from_body) * (0.5 / step_s);
+                let skew = now.world_from_body.transpose() * derivative;
+                let rate = DVec3::new(skew.y_axis.z, skew.z_axis.x, skew.x_axis.y);
+                assert!((rate - imu.angular_rate_rad_s).length() < tolerance, "{path:?} {t_s}");
+            }
         }
     }
 

@@ -13,12 +13,30 @@ const DARK_EXPOSURE: f64 = 1e-2;
 /// Time at which the clock of the `still` scene is stopped, seconds.
 const STILL_AT_S: f64 = 1.0;
 
+/// Time of the pose about which the camera of the `shake` scene shakes, seconds.
+const SHAKE_AT_S: f64 = 1.0;
+
+/// Amplitude of that shake at the image's centre: right and down, pixels.
+const SHAKE_PX: [f64; 2] = [9.0, 6.0];
+
+/// Limit to it, radians, for images of a few pixels.
+const SHAKE_MOST_RAD: f64 = 0.2;
+
 /// Width of the sharpest tile edges, radians of phase.
 const EDGE_RAD: f64 = 0.04;
 
 pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
     let frozen_at_s = (kind == SceneKind::Still).then_some(STILL_AT_S);
     let focal_px = 0.8 * f64::from(width_px).max(f64::from(height_px) * 4.0 / 3.0);
+    let camera = match kind {
+        SceneKind::Still => CameraPath::Frozen { at_s: STILL_AT_S },
+        SceneKind::Shake => CameraPath::Shaken {
+            at_s: SHAKE_AT_S,
+            yaw_rad: (SHAKE_PX[0] / focal_px).min(SHAKE_MOST_RAD),
+            pitch_rad: (SHAKE_PX[1] / focal_px).min(SHAKE_MOST_RAD),
+        },
+        _ => CameraPath::Orbit,
+    };
     let mut objects = spheres();
     objects.extend(panels());
     objects.push(ground());
@@ -29,7 +47,7 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
         width_px,
         height_px,
         focal_px,
-        camera: frozen_at_s.map_or(CameraPath::Orbit, |at_s| CameraPath::Frozen { at_s }),
+        camera,
         objects,
         lighting: lighting(focal_px),
         lamp: Lamp::NONE,

@@ -14,6 +14,8 @@ pub struct Frame {
     pub motion: Vec<u8>,
     /// Metres along the view axis as f32. Infinite for hills and sky.
     pub depth: Vec<u8>,
+    /// Instance id as u32. 0 for what stands still in the world.
+    pub ids: Vec<u8>,
 }
 
 /// Renders a frame at `t_ns` without a GPU. Motion is towards `previous_t_ns`.
@@ -38,6 +40,7 @@ pub fn render_cpu(
                 push_colour(&mut frame.hdr, hdr, sample.radiance.to_array());
                 push_motion(&mut frame.motion, motion, moved);
                 frame.depth.extend((sample.depth_m as f32).to_le_bytes());
+                frame.ids.extend(sample.instance.to_le_bytes());
             }
         }
         frame
@@ -51,7 +54,12 @@ pub fn render_cpu(
             .collect()
     });
     let join = |part: fn(&Frame) -> &[u8]| bands.iter().map(part).collect::<Vec<_>>().concat();
-    Frame { hdr: join(|f| &f.hdr), motion: join(|f| &f.motion), depth: join(|f| &f.depth) }
+    Frame {
+        hdr: join(|f| &f.hdr),
+        motion: join(|f| &f.motion),
+        depth: join(|f| &f.depth),
+        ids: join(|f| &f.ids),
+    }
 }
 
 fn push_colour(bytes: &mut Vec<u8>, format: HdrFormat, rgb: [f64; 3]) {
@@ -92,8 +100,8 @@ mod tests {
                     render_cpu(&scene, 66_666_667, Some(33_333_333), HdrFormat::F32x4, MotionFormat::F32x2);
                 let pixels = (width_px * height_px) as usize;
                 assert_eq!(
-                    (frame.hdr.len(), frame.motion.len(), frame.depth.len()),
-                    (16 * pixels, 8 * pixels, 4 * pixels)
+                    (frame.hdr.len(), frame.motion.len(), frame.depth.len(), frame.ids.len()),
+                    (16 * pixels, 8 * pixels, 4 * pixels, 4 * pixels)
                 );
                 for index in 0..pixels {
                     let rgb = HdrFormat::F32x4.decode(&frame.hdr, index);

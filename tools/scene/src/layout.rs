@@ -1,5 +1,6 @@
 //! The view in the shader's memory layout. The structs match those of `glsl/render.comp` field for field.
 
+use crate::cut::Cut;
 use crate::object::MAX_LAYERS as LAYERS_PER_OBJECT;
 use crate::texture::{Layer, Profile, Wave};
 use crate::view::{View, ViewObject, ViewShape};
@@ -17,6 +18,9 @@ pub const WRITES_MOTION: u32 = 1;
 
 /// Bit of `formats[2]`: depth is written.
 pub const WRITES_DEPTH: u32 = 2;
+
+/// Bit of `formats[2]`: instance ids are written.
+pub const WRITES_IDS: u32 = 4;
 
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
@@ -123,6 +127,10 @@ fn object_data(
             data.borders = borders.map(|b| vec4(b, 0.0));
             (1, offset_m)
         }
+        ViewShape::Sheet { normal, offset_m, cut } => {
+            data.normal = vec4(normal, 0.0);
+            (sheet_data(&mut data, object, cut), offset_m)
+        }
         ViewShape::Ground { height_m, horizon } => {
             data.borders[0] = vec4(horizon, 0.0);
             (2, height_m)
@@ -135,7 +143,7 @@ fn object_data(
         ViewShape::Sky => (4, 0.0),
         ViewShape::Card => (5, 0.0),
     };
-    data.kind = [shape, first_layer as u32, object.layers.len() as u32, 0];
+    data.kind = [shape, first_layer as u32, object.layers.len() as u32, object.instance];
     data.origin = vec4(object.origin, size);
     data.base = vec4(object.base_log, 0.0);
     data.gradient = vec4(object.gradient_log, 0.0);
@@ -149,6 +157,29 @@ fn object_data(
         data.delta = [vec4(rows.x_axis, shift.x), vec4(rows.y_axis, shift.y), vec4(rows.z_axis, shift.z)];
     }
     data
+}
+
+/// Fills in what a sheet's form needs and returns its number in the shader.
+fn sheet_data(data: &mut ObjectData, object: &ViewObject, cut: Cut) -> u32 {
+    match cut {
+        Cut::Whole => 6,
+        Cut::Bars { wave, share } => {
+            data.borders[0] = wave_data(wave);
+            data.heights[0] = share as f32;
+            7
+        }
+        Cut::Leaves { waves, amplitudes, level } => {
+            data.borders = waves.map(wave_data);
+            data.heights = amplitudes.map(|a| a as f32);
+            data.normal[3] = level as f32;
+            8
+        }
+        Cut::Blades { half_width_m, length_m, hub_m } => {
+            data.axes = [vec4(object.rotation.x_axis, half_width_m), vec4(object.rotation.y_axis, length_m)];
+            data.normal[3] = hub_m as f32;
+            9
+        }
+    }
 }
 
 fn layer_data(layer: &Layer) -> LayerData {

@@ -1,5 +1,6 @@
 //! Objects of a scene: shape, motion, texture and finish.
 
+use crate::cut::Cut;
 use crate::texture::{Layer, Wave};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
@@ -16,6 +17,11 @@ pub enum Shape {
     Panel {
         /// Half its extent along x and y, metres.
         half_m: [f64; 2],
+    },
+    /// A part of the plane z = 0, seen from z > 0 or z < 0.
+    Sheet {
+        /// Which part.
+        cut: Cut,
     },
     /// The infinite plane z = 0 of the world, seen from above.
     Ground,
@@ -34,7 +40,7 @@ pub enum Shape {
     Card,
 }
 
-/// A rigid motion: the centre drifts and swings, the object turns steadily.
+/// A rigid motion: the centre drifts, swings and bounces, the object turns steadily.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Mean position, metres (pixels for a card).
@@ -43,6 +49,8 @@ pub struct Motion {
     pub velocity: DVec3,
     /// Sinusoids of the position: amplitude, frequency in Hz and phase in turns.
     pub swings: [(DVec3, f64, f64); 2],
+    /// Parabolas of the position from one bounce to the next: height, bounces a second and phase in turns.
+    pub bounce: (DVec3, f64, f64),
     /// Orientation at time 0.
     pub orientation: DMat3,
     /// Axis of rotation, world axes.
@@ -98,6 +106,7 @@ impl Motion {
             centre,
             velocity: DVec3::ZERO,
             swings: [(DVec3::ZERO, 0.0, 0.0); 2],
+            bounce: (DVec3::ZERO, 0.0, 0.0),
             orientation: DMat3::IDENTITY,
             spin_axis: DVec3::Z,
             spin_hz: 0.0,
@@ -112,8 +121,21 @@ impl Motion {
             .iter()
             .map(|&(amplitude, hz, turns)| amplitude * (TAU * (hz * t_s + turns)).sin())
             .sum();
+        let (height, bounce_hz, turns) = self.bounce;
+        let since_bounce = (bounce_hz * t_s + turns).rem_euclid(1.0);
+        let bounce = height * (4.0 * since_bounce * (1.0 - since_bounce));
         let turn = DMat3::from_axis_angle(self.spin_axis, TAU * (self.spin_hz * t_s).fract());
-        (self.centre + self.velocity * t_s + swing, turn * self.orientation)
+        (self.centre + self.velocity * t_s + swing + bounce, turn * self.orientation)
+    }
+
+    /// Whether the pose is the same at all times.
+    #[must_use]
+    pub fn is_still(&self) -> bool {
+        let rests = |(way, hz, _): (DVec3, f64, f64)| way == DVec3::ZERO || hz == 0.0;
+        self.velocity == DVec3::ZERO
+            && self.swings.into_iter().all(rests)
+            && rests(self.bounce)
+            && self.spin_hz == 0.0
     }
 }
 

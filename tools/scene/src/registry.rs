@@ -21,6 +21,16 @@ pub enum SceneKind {
     Dark,
     /// Flight at a standstill.
     Still,
+    /// Shaken camera.
+    Shake,
+    /// Thin poles and wires.
+    Poles,
+    /// Leaves before a wall.
+    Foliage,
+    /// Turning propeller.
+    Propeller,
+    /// Bouncing ball.
+    Bounce,
 }
 
 /// Kind of objects in a scene.
@@ -30,6 +40,8 @@ pub enum Family {
     Card,
     /// Solids, ground, hills and sky.
     World,
+    /// Sheets and solids before an endless wall.
+    Wall,
 }
 
 /// Error of a name that no scene has.
@@ -42,7 +54,7 @@ pub struct UnknownScene {
 
 impl SceneKind {
     /// Every scene.
-    pub const ALL: [SceneKind; 7] = [
+    pub const ALL: [SceneKind; 12] = [
         SceneKind::Edge,
         SceneKind::Sinusoid,
         SceneKind::Lamp,
@@ -50,6 +62,11 @@ impl SceneKind {
         SceneKind::Hdr,
         SceneKind::Dark,
         SceneKind::Still,
+        SceneKind::Shake,
+        SceneKind::Poles,
+        SceneKind::Foliage,
+        SceneKind::Propeller,
+        SceneKind::Bounce,
     ];
 
     /// Name on the command line.
@@ -63,6 +80,11 @@ impl SceneKind {
             SceneKind::Hdr => "hdr",
             SceneKind::Dark => "dark",
             SceneKind::Still => "still",
+            SceneKind::Shake => "shake",
+            SceneKind::Poles => "poles",
+            SceneKind::Foliage => "foliage",
+            SceneKind::Propeller => "propeller",
+            SceneKind::Bounce => "bounce",
         }
     }
 
@@ -77,6 +99,11 @@ impl SceneKind {
             SceneKind::Hdr => "a moving pattern from 1e-3 to 1e5 radiance",
             SceneKind::Dark => "the flight at a hundredth of its light, about the dark level of a sensor",
             SceneKind::Still => "the flight at a standstill",
+            SceneKind::Shake => "the flight's world, its camera shaken at 9 and 11 Hz by 9 and 6 px",
+            SceneKind::Poles => "poles and wires 1.2 px wide that move 5 to 13 px a frame before a wall",
+            SceneKind::Foliage => "leaves that move 8 px a frame before a wall that moves 1.7",
+            SceneKind::Propeller => "three blades that turn 18 degrees a frame before a still wall",
+            SceneKind::Bounce => "a turning ball that bounces between frames before a panning wall",
         }
     }
 
@@ -85,7 +112,8 @@ impl SceneKind {
     pub fn family(self) -> Family {
         match self {
             SceneKind::Edge | SceneKind::Sinusoid | SceneKind::Lamp | SceneKind::Hdr => Family::Card,
-            SceneKind::Flight | SceneKind::Dark | SceneKind::Still => Family::World,
+            SceneKind::Flight | SceneKind::Dark | SceneKind::Still | SceneKind::Shake => Family::World,
+            SceneKind::Poles | SceneKind::Foliage | SceneKind::Propeller | SceneKind::Bounce => Family::Wall,
         }
     }
 
@@ -95,6 +123,7 @@ impl SceneKind {
         match self.family() {
             Family::Card => crate::cards::scene(self, width_px, height_px),
             Family::World => crate::flight::scene(self, width_px, height_px),
+            Family::Wall => crate::wall::scene(self, width_px, height_px),
         }
     }
 

@@ -1,8 +1,9 @@
-//! Renders scenes on the GPU: one dispatch per frame writes colour, motion and depth to the engine's input buffers.
+//! Renders scenes on the GPU: one dispatch per frame writes colour, motion, depth and instance ids to the engine's input
+//! buffers.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use crate::layout::{MAX_LAYERS, MAX_OBJECTS, ViewData, WRITES_DEPTH, WRITES_MOTION};
+use crate::layout::{MAX_LAYERS, MAX_OBJECTS, ViewData, WRITES_DEPTH, WRITES_IDS, WRITES_MOTION};
 use crate::scene::{Scene, seconds};
 use bytemuck::Zeroable;
 use esaac_engine::ash::vk;
@@ -17,8 +18,8 @@ pub const RENDER_SPIRV: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/render
 /// Side of the shader's square workgroup, pixels.
 pub const WORKGROUP_PX: u32 = 8;
 
-/// Storage buffers that the shader binds: the view, colour, motion, depth.
-pub const BINDINGS: u32 = 4;
+/// Storage buffers that the shader binds: the view, colour, motion, depth, instance ids.
+pub const BINDINGS: u32 = 5;
 
 /// Why a frame was not rendered.
 #[derive(Debug, Error)]
@@ -63,6 +64,8 @@ pub struct Targets<'a> {
     pub motion: Option<&'a Buffer>,
     /// Depth, if wanted.
     pub depth: Option<&'a Buffer>,
+    /// Instance ids, one u32 a pixel, if wanted.
+    pub ids: Option<&'a Buffer>,
 }
 
 /// Renders one scene in one pair of formats.
@@ -146,6 +149,10 @@ impl Renderer {
             holds("depth", depth, pixels * DepthFormat::F32.texel_bytes() as u64)?;
             writes |= WRITES_DEPTH;
         }
+        if let Some(ids) = targets.ids {
+            holds("instance id", ids, pixels * size_of::<u32>() as u64)?;
+            writes |= WRITES_IDS;
+        }
         let view = self.scene.view(seconds(t_ns));
         let previous = previous_t_ns.map(|t_ns| self.scene.view(seconds(t_ns)));
         *self.data = ViewData::zeroed();
@@ -154,9 +161,10 @@ impl Renderer {
         // A binding needs a buffer even if the shader does not write to it.
         let motion = targets.motion.unwrap_or(targets.hdr);
         let depth = targets.depth.unwrap_or(targets.hdr);
+        let ids = targets.ids.unwrap_or(targets.hdr);
         self.commands.check()?;
         // SAFETY: the last submission was waited for, as was just checked, and the commands are recorded again below.
-        unsafe { self.kernel.bind(&[&self.view, targets.hdr, motion, depth]) };
+        unsafe { self.kernel.bind(&[&self.view, targets.hdr, motion, depth, ids]) };
         let groups =
             [self.scene.width_px.div_ceil(WORKGROUP_PX), self.scene.height_px.div_ceil(WORKGROUP_PX), 1];
         let (device, kernel) = (&self.device, &self.kernel);

@@ -133,6 +133,17 @@ impl Scene {
         self.view(t_s).sample(x_px, y_px).depth_m
     }
 
+    /// The scene's own time.
+    pub(crate) fn clock_s(&self, t_s: f64) -> f64 {
+        self.frozen_at_s.unwrap_or(t_s)
+    }
+
+    /// Instance id of object `index`: 0 if it stands still in the world, else one more than its index.
+    #[must_use]
+    pub fn instance(&self, index: usize) -> u32 {
+        if self.frozen_at_s.is_some() || self.objects[index].motion.is_still() { 0 } else { index as u32 + 1 }
+    }
+
     /// The camera's pose and its derivatives at a time.
     #[must_use]
     pub fn camera_state(&self, t_s: f64) -> CameraState {
@@ -142,7 +153,7 @@ impl Scene {
     /// The scene in camera axes at a time. Computing many pixels of one instant from one view saves work.
     #[must_use]
     pub fn view(&self, t_s: f64) -> View {
-        let t_s = self.frozen_at_s.unwrap_or(t_s);
+        let t_s = self.clock_s(t_s);
         let state = self.camera.state(t_s);
         let to_camera = state.world_from_body.transpose();
         let card = matches!(self.kind.family(), crate::registry::Family::Card);
@@ -152,7 +163,10 @@ impl Scene {
             .objects
             .iter()
             .enumerate()
-            .map(|(id, object)| view_object(id, object, t_s, to_camera, camera_m, self.focal_px))
+            .map(|(id, object)| {
+                let instance = self.instance(id);
+                view_object((id, instance), object, t_s, to_camera, camera_m, self.focal_px)
+            })
             .collect();
         let lamp_m = objects.get(self.lighting.lamp_object).map_or(DVec3::ZERO, |lamp| lamp.origin);
         let solids = objects
@@ -180,7 +194,7 @@ impl Scene {
 }
 
 fn view_object(
-    id: usize,
+    (id, instance): (usize, u32),
     object: &Object,
     t_s: f64,
     to_camera: DMat3,
@@ -191,11 +205,17 @@ fn view_object(
     let (position, turn) = object.motion.pose(t_s);
     let rotation = to_camera * turn;
     let origin = if at_infinity { DVec3::ZERO } else { to_camera * (position - camera_m) };
+    // The side of a flat object that is seen.
+    let toward = if rotation.z_axis.dot(origin) < 0.0 { 1.0 } else { -1.0 };
+    let normal = rotation.z_axis * toward;
     let shape = match object.shape {
         Shape::Sphere { radius_m } => ViewShape::Sphere { radius_m },
+        Shape::Sheet { cut } => ViewShape::Sheet {
+            normal,
+            offset_m: normal.dot(origin),
+            cut: cut.with_waves(|wave| turned_wave(wave, rotation, origin)),
+        },
         Shape::Panel { half_m } => {
-            let toward = if rotation.z_axis.dot(origin) < 0.0 { 1.0 } else { -1.0 };
-            let normal = rotation.z_axis * toward;
             let axes = [rotation.x_axis, rotation.y_axis];
             ViewShape::Panel {
                 normal,
@@ -216,6 +236,7 @@ fn view_object(
     };
     ViewObject {
         id,
+        instance,
         shape,
         origin,
         rotation,

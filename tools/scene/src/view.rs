@@ -4,6 +4,7 @@
 //! shader reads the same numbers as f32 and evaluates the same formulas in the same order. Pixel centres are at whole
 //! numbers; the first pixel is (0, 0).
 
+use crate::cut::Cut;
 use crate::object::Finish;
 use crate::scene::{Lamp, Lighting};
 use crate::texture::{EDGE_PX, Footprint, Layer, Wave, coverage};
@@ -14,6 +15,9 @@ pub const SKY_DEPTH_M: f64 = f64::INFINITY;
 
 /// Distance outside its border beyond which an object does not affect a pixel (coverage below 1e-12), pixels.
 pub const REACH_PX: f64 = 14.0;
+
+/// Coverage below which a sheet does not affect a pixel.
+pub const LEAST_COVERAGE: f64 = 1e-12;
 
 /// Uncovered share of a pixel below which surfaces further back are ignored.
 pub const OPAQUE: f64 = 1e-10;
@@ -29,6 +33,8 @@ pub const SHADOW_FOOTPRINT_M: f64 = 0.3;
 pub struct ViewObject {
     /// The object's number in the scene.
     pub id: usize,
+    /// Instance id: 0 for what stands still in the world.
+    pub instance: u32,
     /// Geometry.
     pub shape: ViewShape,
     /// Origin, metres. Zero for objects at infinity.
@@ -66,6 +72,15 @@ pub enum ViewShape {
         /// One vector per border. Its dot product with a pixel's ray is the distance from the border, pixels, positive
         /// inside.
         borders: [DVec3; 4],
+    },
+    /// A part of the plane `normal . p = offset_m`. The normal points towards the camera.
+    Sheet {
+        /// Unit normal.
+        normal: DVec3,
+        /// Offset of the plane, metres. Negative.
+        offset_m: f64,
+        /// Which part, with its waves in camera axes.
+        cut: Cut,
     },
     /// The plane `up . p = -height_m`.
     Ground {
@@ -119,7 +134,7 @@ pub struct View {
     pub focal_px: f64,
     /// Objects, each before all that it can hide. The last one covers every pixel.
     pub objects: Vec<ViewObject>,
-    /// Number of spheres and panels. They are the first objects.
+    /// Number of spheres and panels. They are the first objects; sheets follow.
     pub solids: usize,
     /// Light.
     pub light: ViewLight,
@@ -132,6 +147,8 @@ pub struct PixelSample {
     pub radiance: DVec3,
     /// Index in [`View::objects`] of the nearest surface that covers at least half of the pixel.
     pub object: usize,
+    /// Instance id of that surface: 0 for what stands still in the world.
+    pub instance: u32,
     /// The point on that surface, camera axes: metres, a unit direction at infinity, or pixels on a card.
     pub position: DVec3,
     /// Distance along the view axis, metres.
@@ -191,6 +208,7 @@ impl View {
         PixelSample {
             radiance: radiance * self.light.exposure,
             object,
+            instance: self.objects[object].instance,
             position: hit.position,
             depth_m: hit.depth_m,
         }
@@ -263,6 +281,12 @@ impl View {
                 }
                 let slope = normal.dot(d).min(-1e-3);
                 Some(flat_hit(covered, d * (offset_m / slope), normal, slope, ray))
+            }
+            ViewShape::Sheet { normal, offset_m, cut } => {
+                let slope = normal.dot(d).min(-1e-3);
+                let mut hit = flat_hit(1.0, d * (offset_m / slope), normal, slope, ray);
+                hit.coverage = cut.coverage(hit.position, &hit.footprint, object.origin, object.rotation);
+                (hit.coverage >= LEAST_COVERAGE).then_some(hit)
             }
             ViewShape::Ground { height_m, horizon } => {
                 let distance_px = horizon.dot(d);

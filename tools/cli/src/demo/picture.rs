@@ -31,7 +31,7 @@ impl Picture {
     }
 
     pub fn render(&mut self, renderer: &mut Renderer, t_ns: i64) -> Result<()> {
-        let targets = Targets { hdr: &self.hdr, motion: None, depth: Some(&self.depth) };
+        let targets = Targets { hdr: &self.hdr, motion: None, depth: Some(&self.depth), ids: None };
         Ok(renderer.render(t_ns, None, targets)?)
     }
 }

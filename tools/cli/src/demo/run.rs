@@ -95,7 +95,7 @@ impl<'a> Run<'a> {
             let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
             for camera in 0..rig.len() {
                 let InputBuffers { hdr, motion, .. } = rig.inputs(camera)?;
-                renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None })?;
+                renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None, ids: None })?;
             }
             kernels.refresh(&mut rig, &progress);
             collected.change_sensors(&mut rig);
