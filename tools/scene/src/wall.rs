@@ -108,18 +108,21 @@ fn wall(place: &Place, side_px: f64, contrast: [f64; 3]) -> Object {
     }
 }
 
+/// A row of poles: wavelength on the screen (right and up), speed as a multiple of the wall's, own speed on the screen
+/// (right and up), colour.
+type PoleRow = ([f64; 2], f64, [f64; 2], [f64; 3]);
+
 /// Rows of poles and wires, from the nearest to the furthest. Those that stand still move on the screen with the
 /// camera, the others as instances.
 fn poles(place: &Place) -> Vec<Object> {
-    // Wavelength (right and up) of the row, speed as a multiple of the wall's, own speed (right and up) on the screen.
-    let rows = [
+    let rows: [PoleRow; 5] = [
         ([83.0, 10.0], 8.6, [0.0, 0.0], [0.03, 0.03, 0.04]),
         ([9.0, 71.0], 7.0, [10.5, 7.0], [5.0, 4.6, 4.2]),
         ([61.0, -19.0], 6.0, [0.0, 0.0], [3.5, 3.8, 4.2]),
         ([-47.0, 7.0], 5.0, [14.0, 0.0], [0.04, 0.03, 0.03]),
         ([53.0, 2.0], 3.4, [0.0, 0.0], [0.05, 0.06, 0.05]),
     ];
-    let row = |(index, (spacing_px, speed, own_px, rgb)): (usize, ([f64; 2], f64, [f64; 2], [f64; 3]))| {
+    let row = |(index, (spacing_px, speed, own_px, rgb)): (usize, PoleRow)| {
         let depth_m = Place::nearer(speed);
         let [right, up] = own_px;
         let motion = Motion {
