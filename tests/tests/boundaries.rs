@@ -188,17 +188,26 @@ fn a_crossing_goes_before_a_shot_event_of_the_same_nanosecond() {
 }
 
 /// Packets whose events all have one time: as many as one workgroup sorts, one more, and as many as fill several runs.
+/// Where the quantum leaves few times, a bin is one time and a range of pixels; otherwise all these events are in one
+/// bin.
 #[test]
 fn flashes_of_as_many_events_as_a_run_has_room_for() {
     for (width, height) in [(89, 23), (64, 32), (683, 3), (64, 64), (128, 64), (241, 17)] {
-        let sensor = SensorModel { height, timestamp_quantum_ns: 1_000_000, ..pixel_row(width) };
-        let frames = levels(&sensor, &[0.0, 0.25, 0.25]);
-        for step in &engine_with(&sensor, &frames, RigOptions::default())[1..] {
-            let expected: Vec<Event> = (0..if step.packet.sequence == 1 { height } else { 0 })
-                .flat_map(|y| (0..width).map(move |x| (y as u16, x as u16)))
-                .map(|(y, x)| Event { t_ns: 0, y, x, polarity: Polarity::On })
-                .collect();
-            assert!(step.packet.iter().eq(expected), "{width}x{height}: {} events", step.packet.len());
+        for timestamp_quantum_ns in [1_000_000, 1] {
+            let sensor = SensorModel { height, timestamp_quantum_ns, ..pixel_row(width) };
+            let frames = levels(&sensor, &[0.0, 0.25, 0.25]);
+            let steps = engine_with(&sensor, &frames, RigOptions::default());
+            let what = format!("{width}x{height}, quantum {timestamp_quantum_ns} ns");
+            let flash = &steps[1].packet;
+            let t_ns = flash.iter().next().expect("events").t_ns;
+            // The threshold is at four fifths of the rise.
+            let expected_ns = 800_000 / i64::from(timestamp_quantum_ns) * i64::from(timestamp_quantum_ns);
+            assert!((t_ns - expected_ns).abs() <= 2, "{what}: at {t_ns} ns, expected {expected_ns} ns");
+            let expected = (0..height as u16)
+                .flat_map(|y| (0..width as u16).map(move |x| (y, x)))
+                .map(|(y, x)| Event { t_ns, y, x, polarity: Polarity::On });
+            assert!(flash.iter().eq(expected), "{what}: {} events", flash.len());
+            assert_eq!(steps[2].packet.len(), 0, "{what}: after the flash");
         }
     }
 }

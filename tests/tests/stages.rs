@@ -9,7 +9,7 @@ use esaac_oracle::{Interval, Oracle, Samples};
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::LEVEL_TOLERANCE_LOG;
 use esaac_tests::device::{DEVICE, assert_silent};
-use esaac_tests::frames::{Sequence, gray, scene, times};
+use esaac_tests::frames::{Frame, Sequence, gray, scene, times};
 use esaac_tests::run::{Step, camera, engine_of_many, oracle};
 
 /// An APS pixel is rounded to the nearest count. Near a half, f32 may round to the other side.
@@ -228,6 +228,24 @@ fn ingest_reads_every_format() {
         let sum: f64 = weights(sensor.intensity, 0, 0).iter().zip(rgb).map(|(w, c)| w * c).sum();
         assert!(sum > 0.0, "the frame shows something");
     }
+    assert_silent();
+}
+
+/// sRGB is linear for the darkest codes and a power above.
+#[test]
+fn ingest_reads_every_code_of_srgb() {
+    let sensor = sensor((16, 16), Synthesis::None, Taps::Cubic, Intensity::Gray);
+    let frames = (0..3)
+        .map(|frame| {
+            let code = |pixel: usize| ((pixel + 85 * frame) % 256) as u8;
+            let hdr = (0..sensor.pixels()).flat_map(|pixel| [code(pixel), code(pixel), code(pixel), 255]);
+            Frame { t_ns: 1_000_000 * frame as i64, hdr: hdr.collect(), motion: None }
+        })
+        .collect();
+    let sequence = Sequence { hdr: HdrFormat::Srgb8x4, motion: None, frames };
+    let runs = engine_of_many(&[(sensor.clone(), sequence.clone())], keep());
+    let level = worst_level(&sensor, &oracle(&sensor, 0, &sequence), &runs[0]);
+    assert!(level <= LEVEL_TOLERANCE_LOG, "{level:.2e}");
     assert_silent();
 }
 
