@@ -88,7 +88,8 @@ mod with_compiler {
         let kernels = copy_kernels(&frames);
         let (out, glsl) = (frames.file_argument("out"), frames.file_argument("glsl"));
         let size = ["--width", "32", "--height", "24"];
-        let arguments = [&["demo", "--frames", "100000", "--out", &out, "--glsl", &glsl], &size[..]].concat();
+        let demo = ["demo", "--frames", "100000", "--ros", "off", "--out", &out, "--glsl", &glsl];
+        let arguments = [&demo[..], &size[..]].concat();
         let mut child =
             Ended(esaac(&arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("it runs"));
         let mut lines = BufReader::new(child.0.stderr.take().expect("piped")).lines();
