@@ -1,0 +1,385 @@
+//! Planted mistakes must be named, and right input must agree.
+
+use super::*;
+use crate::paths::Intrinsics;
+use glam::{DQuat, DVec3};
+
+const WIDTH_PX: u32 = 64;
+const HEIGHT_PX: u32 = 48;
+const FRAME_NS: i64 = 33_333_333;
+const FRAMES: i64 = 6;
+const BALL: u32 = 9;
+const OTHER: u32 = 11;
+
+/// A camera by hand, unevenly: nothing about it is symmetric or steady.
+fn camera(k: f64) -> Pose {
+    let turn = DVec3::new(
+        0.9 + 0.06 * (1.1 * k).sin(),
+        0.4 + 0.05 * (0.8 * k + 1.0).sin(),
+        0.2 + 0.04 * (1.7 * k).cos(),
+    );
+    let place = DVec3::new(0.3 * (0.9 * k).sin(), -2.0 + 0.2 * (1.3 * k).cos(), 1.5 + 0.1 * (0.7 * k).sin());
+    Pose::new(DQuat::from_scaled_axis(turn), place).unwrap()
+}
+
+/// A ball that tumbles and speeds up.
+fn ball(k: f64) -> Pose {
+    let turn = DVec3::new(0.3 * k, 0.5 + 0.05 * k * k, 0.4);
+    Pose::new(DQuat::from_scaled_axis(turn), DVec3::new(0.2 * k, 1.0 - 0.02 * k * k, 0.5)).unwrap()
+}
+
+/// A body that goes another way.
+fn other(k: f64) -> Pose {
+    let turn = DVec3::new(0.1, 0.4 * k, 0.2 * k);
+    Pose::new(DQuat::from_scaled_axis(turn), DVec3::new(1.0, 0.3 * k, -0.1 * k)).unwrap()
+}
+
+/// Time, depth, ids and vectors of a key frame.
+type Images = (i64, Vec<f32>, Vec<u32>, Vec<[f32; 2]>);
+
+struct Sequence {
+    scene: SceneMotion,
+    frames: Vec<Images>,
+}
+
+fn pixel_px(i: usize) -> DVec2 {
+    DVec2::new((i % WIDTH_PX as usize) as f64, (i / WIDTH_PX as usize) as f64)
+}
+
+fn track(pose: impl Fn(f64) -> Pose) -> PoseTrack {
+    let samples = 0..=4 * FRAMES;
+    PoseTrack::new(
+        samples.clone().map(|j| j * FRAME_NS / 4).collect(),
+        samples.map(|j| pose(j as f64 / 4.0)).collect(),
+    )
+    .unwrap()
+}
+
+fn scene(lens: Intrinsics, camera: impl Fn(f64) -> Pose, ball: impl Fn(f64) -> Pose) -> SceneMotion {
+    let mut scene = SceneMotion::new(lens, track(camera));
+    scene.insert(BALL, track(ball)).unwrap();
+    scene
+}
+
+fn lens() -> Intrinsics {
+    Intrinsics::pinhole(60.0, 55.0, 31.0, 24.0).unwrap()
+}
+
+/// Right in everything: a rough surface, a ball in the middle, a few pixels of sky and of edges.
+fn right() -> Sequence {
+    let scene = scene(lens(), camera, ball);
+    let frames = (1..FRAMES).map(|k| {
+        let (mut depth, mut ids, mut motion) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..WIDTH_PX * HEIGHT_PX {
+            let (x, y) = (f64::from(i % WIDTH_PX), f64::from(i / WIDTH_PX));
+            let id = if (x - 30.0).hypot(y - 20.0) < 9.0 { BALL } else { STATIC_WORLD };
+            let depth_m =
+                if i < 40 { f64::INFINITY } else { 3.0 + (0.3 * x).sin() + 0.8 * (0.2 * y + 0.1 * x).cos() };
+            let pixel_px = DVec2::new(x, y);
+            let end = scene.path(pixel_px, depth_m, id, k * FRAME_NS, (k - 1) * FRAME_NS).unwrap();
+            let at_edge = i % 11 == 0;
+            let vector = if at_edge { DVec2::new(9.0, -7.0) } else { end.pixel_px - pixel_px };
+            depth.push(depth_m as f32);
+            ids.push(id);
+            motion.push(vector.to_array().map(|v| v as f32));
+        }
+        (k * FRAME_NS, depth, ids, motion)
+    });
+    Sequence { frames: frames.collect(), scene }
+}
+
+fn report(sequence: &Sequence) -> ConventionReport {
+    let mut check = ConventionCheck::default();
+    for (t_ns, depth, ids, motion) in &sequence.frames {
+        let times = (t_ns - FRAME_NS, *t_ns);
+        check.add(&KeyFrame::new((WIDTH_PX, HEIGHT_PX), times, depth, Some(ids), motion).unwrap());
+    }
+    check.report(&sequence.scene).expect("enough pixels")
+}
+
+fn change_vectors(sequence: &mut Sequence, change: impl Fn([f32; 2]) -> [f32; 2]) {
+    for vector in sequence.frames.iter_mut().flat_map(|(_, _, _, motion)| motion) {
+        *vector = change(*vector);
+    }
+}
+
+fn change_depth(sequence: &mut Sequence, change: impl Fn(f64, DVec2) -> f64) {
+    for (_, depth, _, _) in &mut sequence.frames {
+        for (i, depth_m) in depth.iter_mut().enumerate() {
+            *depth_m = change(f64::from(*depth_m), pixel_px(i)) as f32;
+        }
+    }
+}
+
+/// World and ball as they are, with columns exchanged or signs changed: `pose` with other axes of the camera.
+fn with_axes(pose: Pose, axes: [[f64; 3]; 3]) -> Pose {
+    let rows = pose.to_rows();
+    let mut other = rows;
+    for (i, row) in other.iter_mut().take(3).enumerate() {
+        for (j, axis) in axes.iter().enumerate() {
+            row[j] = (0..3).map(|l| rows[i][l] * axis[l]).sum();
+        }
+    }
+    Pose::from_rows(&other).unwrap()
+}
+
+fn with_transposed_rotation(pose: Pose) -> Pose {
+    let rows = pose.to_rows();
+    let mut other = rows;
+    for i in 0..3 {
+        for j in 0..3 {
+            other[i][j] = rows[j][i];
+        }
+    }
+    Pose::from_rows(&other).unwrap()
+}
+
+fn read_scalar_first_as_last(pose: Pose) -> Pose {
+    let [x, y, z, w] = pose.rotation().to_array();
+    let [tx, ty, tz] = pose.translation_m().to_array();
+    Pose::from_xyz_qxyzw(&[tx, ty, tz, w, x, y, z]).unwrap()
+}
+
+/// The sequence with a mistake made in it. Each is written as who makes it would, not as it is undone.
+fn planted(mistake: Mistake) -> Sequence {
+    let mut sequence = right();
+    let (width, height) = (WIDTH_PX as f32, HEIGHT_PX as f32);
+    let with_camera = |change: fn(Pose) -> Pose| scene(lens(), |k| change(camera(k)), ball);
+    let with_ball = |change: fn(Pose) -> Pose| scene(lens(), camera, |k| change(ball(k)));
+    match mistake {
+        Mistake::VectorsNegated => change_vectors(&mut sequence, |[x, y]| [-x, -y]),
+        Mistake::VectorsYUp => change_vectors(&mut sequence, |[x, y]| [x, -y]),
+        Mistake::VectorsXLeft => change_vectors(&mut sequence, |[x, y]| [-x, y]),
+        Mistake::VectorsOfImageSize => change_vectors(&mut sequence, |[x, y]| [x / width, y / height]),
+        Mistake::VectorsOfHalfSize => {
+            change_vectors(&mut sequence, |[x, y]| [2.0 * x / width, 2.0 * y / height]);
+        }
+        Mistake::VectorsToNextFrame => {
+            for (t_ns, depth, ids, motion) in &mut sequence.frames {
+                for i in 0..motion.len() {
+                    let pixel_px = pixel_px(i);
+                    let end = sequence
+                        .scene
+                        .path(pixel_px, f64::from(depth[i]), ids[i], *t_ns, *t_ns + FRAME_NS)
+                        .unwrap();
+                    motion[i] = (end.pixel_px - pixel_px).to_array().map(|v| v as f32);
+                }
+            }
+        }
+        Mistake::PosesAhead => {
+            sequence.scene = scene(lens(), |k| camera(k + 1.0), |k| ball(k + 1.0));
+        }
+        Mistake::PosesBehind => {
+            sequence.scene = scene(lens(), |k| camera(k - 1.0), |k| ball(k - 1.0));
+        }
+        // Columns: right, down, forward.
+        Mistake::CameraOpenCv => {
+            sequence.scene =
+                with_camera(|pose| with_axes(pose, [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]));
+        }
+        // Left, up, forward.
+        Mistake::CameraAlongZ => {
+            sequence.scene =
+                with_camera(|pose| with_axes(pose, [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]));
+        }
+        // Forward, left, up.
+        Mistake::CameraAlongX => {
+            sequence.scene =
+                with_camera(|pose| with_axes(pose, [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
+        }
+        Mistake::CameraInverted => sequence.scene = with_camera(|pose| pose.inverse()),
+        Mistake::CameraTransposed => sequence.scene = with_camera(with_transposed_rotation),
+        Mistake::CameraScalarFirst => sequence.scene = with_camera(read_scalar_first_as_last),
+        Mistake::DepthOfOtherKind => change_depth(&mut sequence, |depth_m, pixel_px| {
+            let point = lens().unproject(pixel_px, depth_m).unwrap();
+            point.truncate().length() * depth_m
+        }),
+        Mistake::DepthTimes(factor) => change_depth(&mut sequence, |depth_m, _| depth_m / factor),
+        Mistake::RowsFromBottom => {
+            let size = WIDTH_PX as usize;
+            for (_, depth, ids, motion) in &mut sequence.frames {
+                *depth = depth.chunks(size).rev().flatten().copied().collect();
+                *ids = ids.chunks(size).rev().flatten().copied().collect();
+                *motion = motion.chunks(size).rev().flatten().map(|&[x, y]| [x, -y]).collect();
+            }
+        }
+        Mistake::BodyInverted => sequence.scene = with_ball(|pose| pose.inverse()),
+        Mistake::BodyTransposed => sequence.scene = with_ball(with_transposed_rotation),
+        Mistake::BodyScalarFirst => sequence.scene = with_ball(read_scalar_first_as_last),
+        Mistake::BodyOf(_) => {
+            sequence.scene = scene(lens(), camera, other);
+            sequence.scene.insert(OTHER, track(ball)).unwrap();
+        }
+        Mistake::BodyStill => {
+            let still = scene(lens(), camera, |_| Pose::IDENTITY);
+            for (t_ns, depth, ids, motion) in &mut sequence.frames {
+                for i in (0..motion.len()).filter(|&i| ids[i] == BALL) {
+                    let pixel_px = pixel_px(i);
+                    let end =
+                        still.path(pixel_px, f64::from(depth[i]), BALL, *t_ns, *t_ns - FRAME_NS).unwrap();
+                    motion[i] = (end.pixel_px - pixel_px).to_array().map(|v| v as f32);
+                }
+            }
+        }
+    }
+    sequence
+}
+
+fn mistaken(agreement: &Agreement) -> &[Vec<Mistake>] {
+    match &agreement.verdict {
+        Verdict::Mistaken { causes, .. } => causes,
+        verdict => panic!("{verdict:?}, error {} px", agreement.median_error_px),
+    }
+}
+
+#[test]
+fn a_right_sequence_agrees() {
+    let report = report(&right());
+    assert!(report.agrees(), "{report:?}");
+    let world = report.world.unwrap();
+    assert_eq!(world.verdict, Verdict::Agrees);
+    assert!(world.median_error_px < 1e-4 && world.median_motion_px > 1.0, "{world:?}");
+    assert_eq!(report.instances[&BALL].verdict, Verdict::Agrees);
+    assert_eq!(report.pixels_without_poses, 0);
+}
+
+#[test]
+fn each_mistake_of_vectors_camera_depth_or_time_is_the_one_named() {
+    let vectors = SIGNS.iter().chain(&UNITS).filter_map(|one| one.first());
+    for &mistake in vectors.chain(&CAMERA) {
+        let report = report(&planted(mistake));
+        let world = report.world.as_ref().unwrap();
+        let causes = mistaken(world);
+        assert_eq!(causes[0], [mistake], "{world:?}");
+        assert_eq!(causes.len(), 1, "{mistake:?} is not told from {causes:?}");
+        assert!(!report.agrees());
+        // The ball has no mistake of its own.
+        assert_eq!(report.instances[&BALL].verdict, Verdict::Agrees, "{mistake:?}");
+    }
+}
+
+#[test]
+fn each_mistake_of_a_body_is_named_and_the_world_agrees() {
+    for mistake in [
+        Mistake::BodyInverted,
+        Mistake::BodyTransposed,
+        Mistake::BodyScalarFirst,
+        Mistake::BodyStill,
+        Mistake::BodyOf(OTHER),
+    ] {
+        let report = report(&planted(mistake));
+        assert_eq!(report.world.as_ref().unwrap().verdict, Verdict::Agrees);
+        let causes = mistaken(&report.instances[&BALL]);
+        assert_eq!(causes, [vec![mistake]], "{mistake:?}");
+    }
+}
+
+#[test]
+fn a_shift_is_found_in_three_intervals_whose_times_are_rounded() {
+    let key_ns = |k: i64| (k as f64 * 1e9 / 30.0).round() as i64;
+    // The poses end with the last frame to the nanosecond, and are a frame behind.
+    let late = |pose: fn(f64) -> Pose| {
+        let samples = (0..=3).map(|k| (key_ns(k), pose(k as f64 - 1.0)));
+        let (times_ns, poses) = samples.unzip();
+        PoseTrack::new(times_ns, poses).unwrap()
+    };
+    let mut scene = SceneMotion::new(lens(), late(camera));
+    scene.insert(BALL, late(ball)).unwrap();
+    let mut check = ConventionCheck::default();
+    for (k, (_, depth, ids, motion)) in (1..=3).zip(&right().frames) {
+        let times = (key_ns(k - 1), key_ns(k));
+        check.add(&KeyFrame::new((WIDTH_PX, HEIGHT_PX), times, depth, Some(ids), motion).unwrap());
+    }
+    let report = check.report(&scene).unwrap();
+    assert_eq!(mistaken(report.world.as_ref().unwrap()), [vec![Mistake::PosesBehind]]);
+}
+
+#[test]
+fn two_mistakes_are_both_named() {
+    let mut sequence = planted(Mistake::CameraOpenCv);
+    change_vectors(&mut sequence, |[x, y]| [2.0 * x / WIDTH_PX as f32, -2.0 * y / HEIGHT_PX as f32]);
+    let report = report(&sequence);
+    let causes = mistaken(report.world.as_ref().unwrap());
+    let expected = [Mistake::CameraOpenCv, Mistake::VectorsYUp, Mistake::VectorsOfHalfSize];
+    assert_eq!(causes, [expected.to_vec()]);
+    assert_eq!(report.instances[&BALL].verdict, Verdict::Agrees);
+}
+
+#[test]
+fn noise_is_unexplained() {
+    let mut sequence = right();
+    let mut state = 1_u32;
+    for vector in sequence.frames.iter_mut().flat_map(|(_, _, _, motion)| motion) {
+        *vector = [0; 2].map(|_: i32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as f32 - 128.0
+        });
+    }
+    assert_eq!(report(&sequence).world.unwrap().verdict, Verdict::Unexplained);
+}
+
+#[test]
+fn a_still_scene_tells_nothing_and_says_so() {
+    let mut sequence = right();
+    sequence.scene = scene(lens(), |_| camera(0.0), |_| ball(0.0));
+    change_vectors(&mut sequence, |_| [0.001, 0.0]);
+    let report = report(&sequence);
+    assert_eq!(report.world.as_ref().unwrap().verdict, Verdict::Still);
+    assert!(report.agrees());
+}
+
+#[test]
+fn without_a_world_the_ball_alone_tells_the_sign() {
+    let mut sequence = planted(Mistake::VectorsNegated);
+    sequence.frames.iter_mut().for_each(|(_, _, ids, _)| ids.fill(BALL));
+    for (t_ns, depth, _, motion) in &mut sequence.frames {
+        for i in 0..motion.len() {
+            let pixel_px = pixel_px(i);
+            let depth_m = f64::from(depth[i]);
+            let end = sequence.scene.path(pixel_px, depth_m, BALL, *t_ns, *t_ns - FRAME_NS).unwrap();
+            motion[i] = (pixel_px - end.pixel_px).to_array().map(|v| v as f32);
+        }
+    }
+    let report = report(&sequence);
+    assert_eq!(report.world, None);
+    assert_eq!(mistaken(&report.instances[&BALL])[0], [Mistake::VectorsNegated]);
+}
+
+#[test]
+fn pixels_that_cannot_be_compared_are_left_out_or_counted() {
+    let mut sequence = right();
+    sequence.scene = SceneMotion::new(lens(), track(camera));
+    let without = report(&sequence);
+    assert!(without.pixels_without_poses > 500 && without.instances.is_empty());
+    // Nothing but background, bad depth, bad vectors or vectors of a first frame: nothing to compare.
+    for depth_m in [f32::INFINITY, 0.0, f32::NAN, -1.0] {
+        change_depth(&mut sequence, |_, _| f64::from(depth_m));
+        let mut check = ConventionCheck::default();
+        for (t_ns, depth, ids, motion) in &sequence.frames {
+            let times = (t_ns - FRAME_NS, *t_ns);
+            check.add(&KeyFrame::new((WIDTH_PX, HEIGHT_PX), times, depth, Some(ids), motion).unwrap());
+        }
+        assert_eq!(check.report(&sequence.scene), None, "{depth_m}");
+    }
+    for vector in [[f32::NAN, 0.0], [0.0, 0.0]] {
+        let mut sequence = right();
+        change_vectors(&mut sequence, |_| vector);
+        let (t_ns, depth, ids, motion) = &sequence.frames[0];
+        let mut check = ConventionCheck::default();
+        let times = (t_ns - FRAME_NS, *t_ns);
+        check.add(&KeyFrame::new((WIDTH_PX, HEIGHT_PX), times, depth, Some(ids), motion).unwrap());
+        assert_eq!(check.report(&sequence.scene), None, "{vector:?}");
+    }
+}
+
+#[test]
+fn images_of_a_wrong_size_are_named() {
+    let (depth, ids, motion) = ([1.0; 12], [0; 12], [[1.0; 2]; 12]);
+    let error = |depth: &[f32], ids: &[u32], motion: &[[f32; 2]]| {
+        KeyFrame::new((4, 3), (0, 1), depth, Some(ids), motion).unwrap_err().to_string()
+    };
+    assert_eq!(error(&depth[1..], &ids, &motion), "depth has 11 pixels, expected 12 (4x3)");
+    assert_eq!(error(&depth, &ids[2..], &motion), "ids has 10 pixels, expected 12 (4x3)");
+    assert_eq!(error(&depth, &ids, &motion[..0]), "motion has 0 pixels, expected 12 (4x3)");
+    assert!(KeyFrame::new((4, 3), (0, 1), &depth, None, &motion).is_ok());
+}
