@@ -262,7 +262,7 @@ fn ground() -> Object {
             sine([8.9, -6.1, 0.0], 0.6, [0.09, 0.09, 0.09]),
             sine([-9.7, 15.9, 0.0], 0.0, [0.12, 0.12, 0.12]),
         ],
-        ..object(Shape::Ground, Motion::still(DVec3::ZERO), [0.30, 0.26, 0.23])
+        ..Object::plain(Shape::Ground, Motion::still(DVec3::ZERO), [0.30, 0.26, 0.23])
     }
 }
 
@@ -286,7 +286,7 @@ fn hills() -> [Object; 2] {
     [(near, [0.10, 0.11, 0.17]), (far, [0.30, 0.22, 0.29])].map(|(shape, rgb)| Object {
         layers: texture.to_vec(),
         finish: Finish::GLOWING,
-        ..object(shape, Motion::still(DVec3::ZERO), rgb)
+        ..Object::plain(shape, Motion::still(DVec3::ZERO), rgb)
     })
 }
 
@@ -300,23 +300,12 @@ fn sky() -> Object {
             sine([8.3, 6.1, 27.0], 0.35, [0.06, 0.05, 0.03]),
         ],
         finish: Finish::GLOWING,
-        ..object(Shape::Sky, Motion::still(DVec3::ZERO), [0.92, 0.62, 0.52])
-    }
-}
-
-fn object(shape: Shape, motion: Motion, rgb: [f64; 3]) -> Object {
-    Object {
-        shape,
-        motion,
-        base_log: DVec3::from_array(rgb.map(f64::ln)),
-        gradient_log: DVec3::ZERO,
-        layers: Vec::new(),
-        finish: Finish::MATT,
+        ..Object::plain(Shape::Sky, Motion::still(DVec3::ZERO), [0.92, 0.62, 0.52])
     }
 }
 
 fn sphere(radius_m: f64, motion: Motion, rgb: [f64; 3]) -> Object {
-    object(Shape::Sphere { radius_m }, motion, rgb)
+    Object::plain(Shape::Sphere { radius_m }, motion, rgb)
 }
 
 /// A panel standing on the ground, turned about the vertical.
@@ -326,7 +315,7 @@ fn panel([x, y]: [f64; 2], turned_degrees: f64, half_m: [f64; 2], rgb: [f64; 3])
         orientation: DMat3::from_rotation_z(turned_degrees.to_radians()) * upright,
         ..Motion::still(DVec3::new(x, y, half_m[1] + 0.04))
     };
-    object(Shape::Panel { half_m }, motion, rgb)
+    Object::plain(Shape::Panel { half_m }, motion, rgb)
 }
 
 fn spinning(centre: DVec3, axis: DVec3, spin_hz: f64) -> Motion {

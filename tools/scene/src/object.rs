@@ -95,6 +95,21 @@ pub struct Object {
     pub finish: Finish,
 }
 
+impl Object {
+    /// A matt object of one colour, linear RGB, without texture.
+    #[must_use]
+    pub fn plain(shape: Shape, motion: Motion, rgb: [f64; 3]) -> Self {
+        Object {
+            shape,
+            motion,
+            base_log: DVec3::from_array(rgb.map(f64::ln)),
+            gradient_log: DVec3::ZERO,
+            layers: Vec::new(),
+            finish: Finish::MATT,
+        }
+    }
+}
+
 /// Largest number of layers per object.
 pub const MAX_LAYERS: usize = 8;
 

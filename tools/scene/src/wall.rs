@@ -241,12 +241,5 @@ fn sheet(cut: Cut, motion: Motion, rgb: [f64; 3]) -> Object {
 }
 
 fn object(shape: Shape, motion: Motion, rgb: [f64; 3]) -> Object {
-    Object {
-        shape,
-        motion,
-        base_log: DVec3::from_array(rgb.map(f64::ln)),
-        gradient_log: DVec3::ZERO,
-        layers: Vec::new(),
-        finish: Finish::GLOWING,
-    }
+    Object { finish: Finish::GLOWING, ..Object::plain(shape, motion, rgb) }
 }
