@@ -14,6 +14,10 @@ layout(local_size_x = INGEST_THREADS) in;
 BUFFER(, SLOT_PLANES, float, planes);
 BUFFER(readonly, SLOT_MOTION, vec2, motion);
 BUFFER(readonly, SLOT_BLOCKS, uvec4, blocks);
+BUFFER(readonly, SLOT_POSES, vec4, poses);
+BUFFER(readonly, SLOT_SURFACES, uvec2, surfaces);
+BUFFER(readonly, SLOT_SLOPES, uint, slopes);
+BUFFER(readonly, SLOT_PASSING, uint, passing);
 
 const uint COMPONENTS = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
 
@@ -34,6 +38,9 @@ vec2 motion_near(Camera cam, ivec2 at) {
     return floatBitsToUint(m.x) == INVALID_BIT ? vec2(NOWHERE_PX) : m;
 }
 
+#include "surfaces.glsl"
+#include "rigid_route.glsl"
+
 // Displacement of each anchor from the previous frame to the current one, pixels.
 shared vec2 shifts[ANCHORS];
 // Nonzero if anything moved or changed in the tile or the blocks around it.
@@ -44,6 +51,70 @@ vec4 shift_quad(uint anchor, int axis) {
     return vec4(
         shifts[anchor][axis], shifts[anchor + 1u][axis], shifts[anchor + ANCHORS_X][axis],
         shifts[anchor + ANCHORS_X + 1u][axis]);
+}
+
+// The way of a pixel's samples along its exact path.
+Route route_at(Camera cam, Geometry geo, ivec2 at) {
+    const uint base = surface_base(cam, geo, 0u);
+    const uvec2 shown = load_surface(base, cam, at);
+    const float inverse_depth = inverse_depth_of(shown);
+    const vec3 plane = plane_of(geo, vec2(at), inverse_depth, load_slopes(base, cam, at, inverse_depth));
+    return route_of(geo, instance_of(shown), plane, false);
+}
+
+// The transfer of a tile along exact paths. `current` and `previous` are the first words of the frames.
+void transfer_rigid(Camera cam, ivec2 corner, uint current, uint previous) {
+    const Geometry geo = geometries[cam.slot];
+    const uint lane = gl_LocalInvocationID.x;
+    const uint base = surface_base(cam, geo, 1u);
+    vec2 there;
+    for (uint number = lane; number < ANCHORS; number += gl_WorkGroupSize.x) {
+        const ivec2 at = anchor_pixel(cam, corner, anchor_at(number));
+        const uint anchor = anchor_index(anchor_at(number));
+        confidences[anchor] = follow(cam, geo, route_at(cam, geo, at), base, vec2(at), there);
+        if (confidences[anchor] > 0.0) {
+            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+                const float level = load_plane(previous + k * cam.frame_words + frame_word(cam, true, at));
+                residuals[k * ANCHORS + anchor] =
+                    level - half_pel_cubic(cam, current + k * cam.frame_words, there);
+            }
+        }
+    }
+    barrier();
+    const uvec2 in_tile = anchor_at(lane);
+    const uint anchor = anchor_index(in_tile);
+    const ivec2 at = corner + ivec2(in_tile);
+    if (!has_half_pels(cam, corner, in_tile) || confidences[anchor] == 0.0) {
+        return;
+    }
+    const Route route = route_at(cam, geo, at);
+    const uvec2 shown = load_surface(surface_base(cam, geo, 0u), cam, at);
+    for (int phase = 1; phase < 4; ++phase) {
+        const ivec2 offset = phase_offset_of(phase);
+        const float anchors = least_confidence(anchor, offset);
+        if (anchors == 0.0 || !is_joined(shown, uint(phase))) {
+            continue;
+        }
+        const vec2 position = vec2(at) + 0.5 * vec2(offset);
+        const float trust = min(anchors, follow(cam, geo, route, base, position, there));
+        if (trust > 0.0) {
+            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+                const uint frame = previous + k * cam.frame_words;
+                const uint word =
+                    frame + frame_word(cam, true, at) + uint(offset.x) + uint(offset.y) * cam.half_pel_stride;
+                const float told = half_pel_cubic(cam, current + k * cam.frame_words, there);
+                const float residual = mean_of_quad(residual_quad(k * ANCHORS + anchor), offset);
+                planes[word] = lerp(planes[word], told + residual, trust);
+            }
+        }
+    }
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        const uint frame = previous + k * cam.frame_words;
+        const uint word = frame + frame_word(cam, true, at);
+        const uint below = word + cam.half_pel_stride;
+        // Again, for the copies at the image's border.
+        store_entries(cam, frame, at, vec4(planes[word], planes[word + 1u], planes[below], planes[below + 1u]));
+    }
 }
 
 void main() {
@@ -69,11 +140,18 @@ void main() {
             const uint block = uint(near.y) * cam.blocks_x + uint(near.x);
             const uvec4 stats = blocks[cam.block_base + cam.frame_slot * cam.blocks + block];
             atomicOr(any_change, stats.x | stats.y | stats.w);
+            if (RIGID) {
+                atomicOr(any_change, passing[passing_head(cam, geometries[cam.slot], block) + 1u]);
+            }
         }
     }
     barrier();
     if (any_change == 0u) {
         // Nothing moved or changed: the current frame has no further detail.
+        return;
+    }
+    if (RIGID) {
+        transfer_rigid(cam, corner, current, previous);
         return;
     }
     for (uint number = lane; number < ANCHORS; number += gl_WorkGroupSize.x) {

@@ -17,6 +17,9 @@
 // The table of cameras. A uniform buffer, because all threads of a workgroup read the same row.
 layout(set = 0, binding = SLOT_CAMERAS, std140) uniform Buffer_cameras { Camera cameras[MAX_CAMERAS]; };
 
+// What synthesis `rigid` knows of the cameras, by their `slot`.
+layout(set = 0, binding = SLOT_GEOMETRIES, std140) uniform Buffer_geometries { Geometry geometries[MAX_CAMERAS]; };
+
 // Linear interpolation with two roundings, the same in every kernel; how `mix` rounds is up to the driver.
 float lerp(float a, float b, float t) {
     return fma(t, b - a, a);

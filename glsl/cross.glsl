@@ -6,9 +6,10 @@
 // synthesises the sub-steps of its pixel and walks them; the events go through shared memory into bins. x over
 // sub-tiles or tiles, in the order of `tile_order`, y over cameras.
 //
-// Reads `planes`, `motion`, `blocks`. Writes events to bins; updates `state` in place, but only if all events of the
-// sub-tile fit. A sub-tile whose events do not fit changes nothing and runs again: after the buffers have grown or, if
-// the queue was too short, in the permutation QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort`
+// Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks. Writes events to
+// bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose events do not fit changes
+// nothing and runs again: after the buffers have grown or, if the queue was too short, in the permutation
+// QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort`
 // makes the packet independent of it.
 //
 // The including file provides, before this one: frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND;
@@ -24,11 +25,15 @@ shared uint own_change[TILE_BLOCKS];
 // All bits of both together, gathered only where still tiles are skipped.
 shared uint any_activity;
 
-#include "synthesize.glsl"
-#include "pixel_log_state.glsl"
-
 // First pixel of the sub-tile.
 uvec2 corner;
+
+#include "synthesize.glsl"
+#include "surfaces.glsl"
+#include "paths.glsl"
+#include "candidates.glsl"
+#include "rigid.glsl"
+#include "pixel_log_state.glsl"
 
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
@@ -69,6 +74,8 @@ struct Source {
     bool warps;
     Warp warp;
     bool leaves;
+    // Its surfaces, for synthesis `rigid`.
+    RigidPixel rigid;
 };
 
 // Log of the linear blend of both frames at `alpha`. `prepare_blend` takes the exponentials in advance, on devices
@@ -84,6 +91,19 @@ float synthesize(Camera cam, Source s, float alpha) {
         return max(synthesize_motion(cam, s.frames, vec2(s.at), s.warp, s.leaves, alpha), cam.log_dark);
     }
     return max(synthesize_paper(cam, s.frames, ivec2(s.at), alpha), cam.log_dark);
+}
+
+// Log intensity at the end of sub-step `i` of `n`, at `alpha`, before the interval's end.
+float synthesize_substep(Camera cam, Source s, uint n, uint i, float alpha) {
+    if (SYNTHESIS != SYNTHESIS_RIGID) {
+        return synthesize(cam, s, alpha);
+    }
+    bool blended = s.rigid.own == NO_SURFACE;
+    float level;
+    if (!blended) {
+        level = synthesize_rigid(cam, s.frames, s.at, s.rigid, n, i, alpha, blended);
+    }
+    return max(blended ? blend_frames(s, alpha) : level, cam.log_dark);
 }
 
 // Loads the inputs that do not depend on the pixel's number of sub-steps.
@@ -130,7 +150,8 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
                 }
                 done += 1.0;
             }
-            const int level_q24 = to_q24(i == n ? s.log_current : synthesize(cam, s, done * inverse));
+            const int level_q24 =
+                to_q24(i == n ? s.log_current : synthesize_substep(cam, s, n, i, done * inverse));
             if (DUMP_SAMPLES) {
                 samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
             }
@@ -213,6 +234,12 @@ void load_activity(Camera cam, TileBlocks tile) {
             }
         }
     }
+    if (SYNTHESIS == SYNTHESIS_RIGID && lane < TILE_BLOCKS) {
+        neighbourhood_motion[lane] = passing_motion(cam, lane);
+        if (SKIPS_STILL_TILES) {
+            atomicOr(any_activity, neighbourhood_motion[lane]);
+        }
+    }
     if (counts_block(cam)) {
         const uint change_bits = blocks[tile.own_block].y;
         own_change[tile.in_tile] = change_bits;
@@ -268,11 +295,15 @@ void cross_sub_tile(
             s.warp = warp_between(start, end);
             s.leaves = leaves_image(cam, vec2(at), start, end);
         }
+        if (SYNTHESIS == SYNTHESIS_RIGID) {
+            s.rigid = read_rigid_pixel(cam, at, (at.x - corner.x) / BLOCK_PX);
+        }
     }
 
     PixelState p = before;
     float exposed = 0.0;
     scattering = false;
+    unseen_samples = 0u;
     begin_events();
     if (inside) {
         exposed = cross_interval(cam, s, active_pixel, n, p);
@@ -301,6 +332,7 @@ void cross_sub_tile(
     if (QUEUE_OVERFLOWED) {
         scattering = true;
         if (inside) {
+            unseen_samples = 0u;
             p = before;
             cross_interval(cam, s, active_pixel, n, p);
         }
@@ -325,6 +357,9 @@ void cross_sub_tile(
             arm_pixel(cam, pixel, to_q24(s.log_current));
         } else {
             atomicAdd(counters[counter].unarmed_pixels, 1u);
+        }
+        if (SYNTHESIS == SYNTHESIS_RIGID && unseen_samples != 0u) {
+            atomicAdd(counters[counter].unseen_samples, unseen_samples);
         }
         if (EFFECT_APS) {
             const float mean = exposed / float(max(cam.aps_end_ns - cam.aps_start_ns, 1u));

@@ -75,6 +75,9 @@ void main() {
         return;
     }
     const uint n = substeps_of_block(cam, tile);
+    if (SYNTHESIS == SYNTHESIS_RIGID) {
+        list_candidates(cam);
+    }
     uint done = 0u;
     do {
         const uint sub_tile = first_sub_tile + done;

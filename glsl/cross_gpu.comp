@@ -57,6 +57,9 @@ void main() {
         return;
     }
     const uint n = substeps_of_block(cam, tile);
+    if (SYNTHESIS == SYNTHESIS_RIGID) {
+        list_candidates(cam);
+    }
     if (inside && SKIPS_STILL_TILES) {
         read_pixel(cam, at, before, s);
     }

@@ -194,6 +194,9 @@ void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, v
     }
 }
 
+// Whether a pixel of the tile has an exact path.
+bool shows_surface(ivec2 at);
+
 // Loads a pixel of the tile or its apron; `channel` is the first component that the workgroup takes.
 void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inout BlockStats stats) {
     const ivec2 at = tile_origin + in_tile;
@@ -248,7 +251,10 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
         if (notes) {
             motion[cam.motion_base + cam.frame_slot * cam.pixels + pixel] = m;
             if (usable) {
-                stats.motion = max(stats.motion, floatBitsToUint(length(m)));
+                // Synthesis `rigid` follows vectors only where it has no surface.
+                if (!RIGID || !shows_surface(at)) {
+                    stats.motion = max(stats.motion, floatBitsToUint(length(m)));
+                }
             } else {
                 stats.invalid_motion += 1u;
             }
@@ -372,6 +378,10 @@ void write_half_pels(Camera cam, uint channel, uvec2 in_tile, vec4 reprojected[C
     }
 }
 
+#include "ingest_surfaces.glsl"
+#include "ingest_lists.glsl"
+#include "rigid_half_pels.glsl"
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     const uvec2 corner = tile_corner(cameras[index].blocks_x, gl_WorkGroupID.x);
@@ -392,6 +402,12 @@ void main() {
         any_change = is_first(cam) ? 1u : 0u;
     }
     barrier();
+    if (RIGID) {
+        for (uint pixel = lane; pixel < SURFACE_PIXELS; pixel += gl_WorkGroupSize.x) {
+            load_geometry(cam, geometries[cam.slot], pixel, channel == 0u);
+        }
+        barrier();
+    }
     BlockStats stats = BlockStats(0u, 0u, 0u, 0u);
     uint number = lane;
     do {
@@ -412,10 +428,23 @@ void main() {
     if (channel == 0u && lane < TILE_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
         write_block(cam, lane);
     }
+    if (RIGID) {
+        for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {
+            find_surface(cam, geometries[cam.slot], pixel, channel == 0u);
+        }
+        if (channel == 0u) {
+            write_lists(cam, geometries[cam.slot]);
+        }
+    }
     if (channel == 0u && lane == gl_WorkGroupSize.x - 1u) {
         enqueue_tile(cam);
     }
     if (!HALF_PEL) {
+        return;
+    }
+    if (RIGID) {
+        barrier();
+        write_rigid_frame(cam, geometries[cam.slot], channel);
         return;
     }
     const bool reprojects = any_change != 0u && !is_first(cam);

@@ -32,10 +32,7 @@ fn true_events(folder: &Path) -> Result<TruthFile> {
     let rate_hz = description["truth_rate_hz"]
         .as_f64()
         .with_context(|| format!("{} states no truth_rate_hz", path.display()))?;
-    let names = ChannelNames {
-        colour: ["R", "G", "B"].map(str::to_owned),
-        motion: ["motion.X", "motion.Y"].map(str::to_owned),
-    };
+    let names = ChannelNames::default();
     let mut size = None;
     let mut frames: Vec<(i64, Vec<f64>)> = Vec::new();
     for k in 0.. {

@@ -79,7 +79,8 @@ fn statistics(device: &Arc<Device>, only: &str) -> Result<()> {
             let mut sensor = preset(name).expect("a preset");
             profile.apply(&mut sensor);
             let (hdr, motion) = (HdrFormat::F16x4, Some(MotionFormat::F32x2));
-            let mut rig = Rig::new(device, &[CameraConfig { sensor, camera: 0, hdr, motion }])?;
+            let mut rig =
+                Rig::new(device, &[CameraConfig { sensor, camera: 0, hdr, motion, geometry: None }])?;
             rig.step(&[0])?;
             println!("{name} {profile_name}");
             for (stage, told) in rig.kernel_statistics()? {

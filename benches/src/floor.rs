@@ -27,15 +27,25 @@ fn channels(sensor: &SensorModel) -> f64 {
 }
 
 fn has_half_pel_frames(sensor: &SensorModel) -> bool {
-    sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
+    sensor.synthesis.has_half_pels() && sensor.taps == Taps::Cubic
 }
 
-/// Bytes that any implementation has to move for an interval of one camera: it reads both images and the previous
-/// frame's planes and vectors, reads and writes each pixel's reference, and writes the packet.
+/// Depth as f32 and instance id as u32.
+const GEOMETRY_BYTES: f64 = 4.0 + 4.0;
+
+/// Surface of a pixel: inverse depth, instance and bits, slopes.
+const SURFACE_BYTES: f64 = 8.0 + 4.0;
+
+/// Bytes that any implementation has to move for an interval of one camera: it reads the images and the previous
+/// frame's planes and vectors (or depth and ids), reads and writes each pixel's reference, and writes the packet.
 #[must_use]
 pub fn compulsory_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, events: f64) -> f64 {
-    let motion_bytes = if sensor.synthesis.needs_motion() { 2.0 * motion.texel_bytes() as f64 } else { 0.0 };
-    let pixel = hdr.texel_bytes() as f64 + motion_bytes + 4.0 * channels(sensor) + 2.0 * 4.0;
+    let path_bytes = match sensor.synthesis {
+        Synthesis::Rigid => 2.0 * GEOMETRY_BYTES,
+        of_vectors if of_vectors.needs_motion() => 2.0 * motion.texel_bytes() as f64,
+        _ => 0.0,
+    };
+    let pixel = hdr.texel_bytes() as f64 + path_bytes + 4.0 * channels(sensor) + 2.0 * 4.0;
     sensor.pixels() as f64 * pixel + EVENT_BYTES * events
 }
 
@@ -53,14 +63,19 @@ pub fn moved_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, e
     } else {
         3.0 * frame
     };
-    let vectors = if sensor.synthesis.needs_motion() { motion.texel_bytes() as f64 + 3.0 * 8.0 } else { 0.0 };
+    let paths = match sensor.synthesis {
+        // `ingest` writes a frame's surfaces, `cross` reads those of both.
+        Synthesis::Rigid => GEOMETRY_BYTES + 3.0 * SURFACE_BYTES,
+        of_vectors if of_vectors.needs_motion() => motion.texel_bytes() as f64 + 3.0 * 8.0,
+        _ => 0.0,
+    };
     let words = 2.0
         + if sensor.contrast_mismatch > 0.0 { 2.0 } else { 0.0 }
         + if sensor.refractory_ns > 0 { 4.0 } else { 0.0 }
         + if sensor.leak_rate_hz > 0.0 { 1.0 } else { 0.0 }
         + if sensor.shot_noise_rate_hz > 0.0 { 8.0 } else { 0.0 }
         + if sensor.latency_jitter_ns > 0 { 2.0 } else { 0.0 };
-    let pixel = hdr.texel_bytes() as f64 + vectors + 4.0 * words;
+    let pixel = hdr.texel_bytes() as f64 + paths + 4.0 * words;
     pixels * pixel + planes + (EMITTED_BYTES + EVENT_BYTES) * events
 }
 
@@ -72,10 +87,13 @@ pub fn operations_per_sample(sensor: &SensorModel) -> f64 {
         (Synthesis::None, _) => 10.0,
         (Synthesis::Linear, _) => 30.0,
         (Synthesis::Paper, _) => 50.0,
-        (Synthesis::Motion, Taps::Bilinear) => 100.0,
+        (Synthesis::Motion | Synthesis::Auto, Taps::Bilinear) => 100.0,
         // The trajectory takes 10. Each of two frames takes 62: cell and address 10, loads 12, weights 12, rows and
         // columns 20, clamping 8. Blending and crossing test take 16.
-        (Synthesis::Motion, Taps::Cubic) => 150.0,
+        (Synthesis::Motion | Synthesis::Auto, Taps::Cubic) => 150.0,
+        // As `motion` with one candidate, and 60 for the exact path in place of 10.
+        (Synthesis::Rigid, Taps::Bilinear) => 150.0,
+        (Synthesis::Rigid, Taps::Cubic) => 200.0,
     };
     // A pixel of a mosaic reads only the plane of its own colour, so this holds for Bayer as well.
     one_plane
@@ -97,12 +115,13 @@ mod tests {
     #[test]
     fn more_work_has_a_higher_floor() {
         let (hdr, motion) = FORMATS;
-        let cubic = preset("genx320").expect("a preset");
+        let cubic = SensorModel { synthesis: Synthesis::Motion, ..preset("genx320").expect("a preset") };
+        let rigid = SensorModel { synthesis: Synthesis::Rigid, ..cubic.clone() };
         let bilinear = SensorModel { taps: Taps::Bilinear, ..cubic.clone() };
         let bayer = SensorModel { intensity: Intensity::BayerRggb, ..cubic.clone() };
         for bytes in [compulsory_bytes, moved_bytes] {
             let of = |sensor| bytes(sensor, hdr, motion, 1e5);
-            assert!(of(&bayer) > of(&cubic) && of(&cubic) >= of(&bilinear));
+            assert!(of(&bayer) > of(&cubic) && of(&cubic) >= of(&bilinear) && of(&rigid) >= of(&cubic));
             assert!(bytes(&cubic, hdr, motion, 0.0) < of(&cubic));
         }
         assert!(moved_bytes(&cubic, hdr, motion, 1e5) > compulsory_bytes(&cubic, hdr, motion, 1e5));

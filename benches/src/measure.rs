@@ -8,7 +8,7 @@ use crate::statistics::Spread;
 use anyhow::{Result, ensure};
 use esaac_engine::{CameraConfig, KernelStatistics, Rig, RigOptions};
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, MotionFormat, SensorModel};
+use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use serde::Serialize;
 
 /// Cost of a tick.
@@ -57,7 +57,7 @@ pub struct Stand<'l> {
 }
 
 impl<'l> Stand<'l> {
-    /// A rig of cameras with the same sensor.
+    /// A rig of cameras with the same sensor. If its synthesis is `rigid`, they get depth, ids and poses of the feed.
     pub fn new(
         laboratory: &'l Laboratory,
         sensor: &SensorModel,
@@ -66,8 +66,14 @@ impl<'l> Stand<'l> {
         feed: Feed,
         options: RigOptions,
     ) -> Result<Self> {
-        let config =
-            |camera| CameraConfig { sensor: sensor.clone(), camera, hdr: formats.0, motion: Some(formats.1) };
+        let geometry = feed.geometry().filter(|_| sensor.synthesis == Synthesis::Rigid);
+        let config = |camera| CameraConfig {
+            sensor: sensor.clone(),
+            camera,
+            hdr: formats.0,
+            motion: Some(formats.1),
+            geometry,
+        };
         let configs: Vec<CameraConfig> = (0..cameras as u32).map(config).collect();
         let rig = Rig::with_options(laboratory.device(), &configs, options)?;
         Ok(Stand { rates: laboratory.rates(), laboratory, rig, feed, formats })

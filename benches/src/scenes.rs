@@ -2,7 +2,9 @@
 //! moving share can be set one by one.
 
 use anyhow::Result;
-use esaac_engine::{FrameBytes, Rig};
+use esaac_engine::{FrameBytes, GeometryConfig, InputBuffers, Rig};
+use esaac_model::paths::SceneMotion;
+use esaac_model::{DepthFormat, IdFormat};
 use esaac_scene::{Renderer, Scene, Targets};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -14,8 +16,8 @@ pub const FRAME_NS: i64 = 33_333_333;
 pub enum Feed {
     /// A scene, rendered for each camera. The number is the time from frame to frame, in nanoseconds.
     Scene(Rc<RefCell<Renderer>>, Box<Scene>, i64),
-    /// Stored frames, the same for every camera.
-    Stored(Vec<StoredFrame>),
+    /// Stored frames, the same for every camera, and the motion of what they show, if it is known.
+    Stored(Vec<StoredFrame>, Option<SceneMotion>),
     /// A pattern, computed and uploaded by the host, the same for every camera.
     Pattern(Pattern),
 }
@@ -29,6 +31,10 @@ pub struct StoredFrame {
     pub hdr: Vec<u8>,
     /// Motion image, if there is one.
     pub motion: Option<Vec<u8>>,
+    /// Depth, f32, if there is one.
+    pub depth: Option<Vec<u8>>,
+    /// Instance ids, u32, if there are some.
+    pub ids: Option<Vec<u8>>,
 }
 
 impl Feed {
@@ -36,12 +42,24 @@ impl Feed {
     #[must_use]
     pub fn frames(&self) -> Option<usize> {
         match self {
-            Feed::Stored(frames) => Some(frames.len()),
+            Feed::Stored(frames, _) => Some(frames.len()),
             Feed::Scene(..) | Feed::Pattern(_) => None,
         }
     }
 
-    /// Writes frame `index` into the inputs of every camera of a rig and returns its time in nanoseconds.
+    /// What cameras can get of the scene's geometry; `None` if it is not known.
+    #[must_use]
+    pub fn geometry(&self) -> Option<GeometryConfig> {
+        let config = |lens| GeometryConfig { depth: DepthFormat::F32, ids: Some(IdFormat::U32), lens };
+        match self {
+            Feed::Scene(_, scene, _) => Some(config(scene.intrinsics())),
+            Feed::Stored(_, motion) => motion.as_ref().map(|motion| config(*motion.lens())),
+            Feed::Pattern(_) => None,
+        }
+    }
+
+    /// Writes frame `index` into the inputs of every camera of a rig, with the poses up to it if the camera takes
+    /// them, and returns its time in nanoseconds.
     pub fn put(&mut self, rig: &mut Rig, index: usize) -> Result<i64> {
         match self {
             Feed::Scene(renderer, scene, step_ns) => {
@@ -52,32 +70,44 @@ impl Feed {
                 let t_ns = index as i64 * *step_ns;
                 let previous_ns = (index > 0).then(|| t_ns - *step_ns);
                 for camera in 0..rig.len() {
-                    let inputs = rig.inputs(camera)?;
-                    let targets = Targets { hdr: inputs.hdr, motion: inputs.motion, depth: None, ids: None };
-                    renderer.render(t_ns, previous_ns, targets)?;
+                    let InputBuffers { hdr, motion, depth, ids } = rig.inputs(camera)?;
+                    let takes_poses = depth.is_some();
+                    renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth, ids })?;
+                    if takes_poses {
+                        rig.set_scene(camera, scene.scene_motion(&pose_times_ns(t_ns, *step_ns)))?;
+                    }
                 }
                 Ok(t_ns)
             }
-            Feed::Stored(frames) => {
-                let frame = &frames[index];
-                upload(rig, &frame.hdr, frame.motion.as_deref())?;
-                Ok(frame.t_ns)
+            Feed::Stored(frames, motion) => {
+                let StoredFrame { t_ns, hdr, motion: vectors, depth, ids } = &frames[index];
+                let (motion_image, depth, ids) = (vectors.as_deref(), depth.as_deref(), ids.as_deref());
+                for camera in 0..rig.len() {
+                    rig.upload(camera, &FrameBytes { hdr, motion: motion_image, depth, ids })?;
+                    if let (0, Some(motion), true) = (index, &*motion, rig.inputs(camera)?.depth.is_some()) {
+                        rig.set_scene(camera, motion.clone())?;
+                    }
+                }
+                Ok(*t_ns)
             }
             Feed::Pattern(pattern) => {
-                let hdr = pattern.hdr(index);
-                let motion = pattern.motion();
-                upload(rig, &hdr, Some(&motion))?;
+                let (hdr, motion) = (pattern.hdr(index), pattern.motion());
+                for camera in 0..rig.len() {
+                    let frame = FrameBytes { hdr: &hdr, motion: Some(&motion), ..FrameBytes::default() };
+                    rig.upload(camera, &frame)?;
+                }
                 Ok(index as i64 * FRAME_NS)
             }
         }
     }
 }
 
-fn upload(rig: &mut Rig, hdr: &[u8], motion: Option<&[u8]>) -> Result<()> {
-    for camera in 0..rig.len() {
-        rig.upload(camera, &FrameBytes { hdr, motion })?;
-    }
-    Ok(())
+/// Poses from one frame to the next: at 30 Hz a simulator's 960 steps a second.
+const POSES: i64 = 32;
+
+/// Times of the poses of the interval that ends at `t_ns`.
+fn pose_times_ns(t_ns: i64, step_ns: i64) -> Vec<i64> {
+    (0..=POSES).map(|j| t_ns - step_ns + step_ns * j / POSES).collect()
 }
 
 /// A sinusoid in log intensity that moves to the right in the upper part of the image and stands still in the rest.
@@ -146,6 +176,13 @@ fn encode(value: f64) -> [u8; 8] {
 mod tests {
     use super::*;
     use esaac_model::{HdrFormat, MotionFormat};
+
+    #[test]
+    fn poses_span_the_interval_and_its_ends_are_exact() {
+        let times_ns = pose_times_ns(2 * FRAME_NS, FRAME_NS);
+        assert_eq!((times_ns.len(), times_ns[0], times_ns[32]), (33, FRAME_NS, 2 * FRAME_NS));
+        assert!(times_ns.is_sorted_by(|a, b| a < b));
+    }
 
     #[test]
     fn a_pattern_moves_as_its_vectors_say_and_only_where_it_moves() {

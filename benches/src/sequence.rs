@@ -2,15 +2,20 @@
 //!
 //! A folder holds `key_0000.exr`, `key_0001.exr`, ..., `sequence.json` with `key_rate_hz`, and `truth.npz`
 //! ([`truth_file`]). A key frame has the channels `R G B motion.X motion.Y`; the motion of a pixel added to its position
-//! is its previous position, y down. `tests/data/tumble` is one. The example `true_events` makes `truth.npz` from frames
-//! at a high rate.
+//! is its previous position, y down. With poses in `sequence.json` ([`scene_file`](esaac_formats::scene_file)) it has
+//! `depth.Z`, and `id` if something moves. `tests/data/tumble` is a sequence without poses; `esaac render --truth`
+//! writes some with poses. The example `true_events` makes `truth.npz` from frames at a high rate.
 
 use crate::scenes::StoredFrame;
 use anyhow::{Context, Result, ensure};
-use esaac_formats::exr_frame::{ChannelNames, FrameHeader, FrameLayout, read_frame, read_header};
+use esaac_formats::exr_frame::{
+    ChannelNames, DEPTH_CHANNEL, FrameHeader, FrameLayout, ID_CHANNEL, read_frame, read_header,
+};
+use esaac_formats::frame_time::frame_time_ns;
+use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use esaac_formats::truth_file::{self, TruthFile};
 use esaac_model::HdrFormat;
-use serde::Deserialize;
+use esaac_model::paths::{PoseTrack, SceneMotion, TrackError};
 use std::path::{Path, PathBuf};
 
 /// A sequence's folder, with its truth read into memory.
@@ -20,22 +25,17 @@ pub struct Sequence {
     /// Sensor, true events, and the time up to which they are known.
     pub truth: TruthFile,
     keys: Vec<(i64, PathBuf)>,
-}
-
-#[derive(Deserialize)]
-struct SequenceFile {
-    key_rate_hz: f64,
+    motion: Option<SceneMotion>,
 }
 
 impl Sequence {
     /// Reads the rate and the truth, and lists the key frames within the truth.
     pub fn open(folder: &Path) -> Result<Self> {
         ensure!(folder.is_dir(), "there is no folder {}", folder.display());
-        let path = folder.join("sequence.json");
-        let text =
-            std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let SequenceFile { key_rate_hz } =
-            serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+        let path = folder.join(SequenceFile::NAME);
+        let file = SequenceFile::read(folder)?.with_context(|| format!("there is no {}", path.display()))?;
+        let key_rate_hz =
+            file.key_rate_hz.with_context(|| format!("{} has no key_rate_hz", path.display()))?;
         ensure!(
             (1.0..=1e6).contains(&key_rate_hz),
             "{}: key_rate_hz is {key_rate_hz}, expected 1 to 1000000",
@@ -43,9 +43,7 @@ impl Sequence {
         );
         let truth = truth_file::read(&folder.join("truth.npz"))?;
         let keys: Vec<(i64, PathBuf)> = (0..)
-            .map(|k| {
-                ((f64::from(k) * 1e9 / key_rate_hz).round() as i64, folder.join(format!("key_{k:04}.exr")))
-            })
+            .map(|k| (frame_time_ns(k, key_rate_hz), folder.join(format!("key_{k:04}.exr"))))
             .take_while(|(t_ns, path)| *t_ns <= truth.end_ns && path.is_file())
             .collect();
         ensure!(
@@ -56,7 +54,40 @@ impl Sequence {
             truth.end_ns
         );
         let name = folder.canonicalize()?.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Sequence { name, truth, keys })
+        let paths: Vec<PathBuf> = keys.iter().map(|(_, path)| path.clone()).collect();
+        let size_px = (truth.sensor.width, truth.sensor.height);
+        let described = KeyFrames { paths: &paths, rate_hz: key_rate_hz, size_px };
+        let motion = FolderScene::read(folder, Some(&file), &described)?.map(|scene| scene.motion);
+        if let Some(motion) = &motion {
+            let last_ns = keys[keys.len() - 1].0;
+            motion.check_span(0, last_ns).with_context(|| path.display().to_string())?;
+        }
+        Ok(Sequence { name, truth, keys, motion })
+    }
+
+    /// The motion of what it shows, with every `step`-th of its poses. `None` if it has no poses, or if those do not
+    /// span the key frames.
+    #[must_use]
+    pub fn motion(&self, step: usize) -> Option<SceneMotion> {
+        let thinned = |track: &PoseTrack| -> Result<PoseTrack, TrackError> {
+            let times_ns = track.times_ns().iter().step_by(step).copied().collect();
+            PoseTrack::new(times_ns, track.poses().iter().step_by(step).copied().collect())
+        };
+        let motion = self.motion.as_ref()?;
+        let mut all = SceneMotion::new(*motion.lens(), thinned(motion.camera()).ok()?);
+        for id in motion.ids() {
+            all.insert(id, thinned(motion.instance(id)?).ok()?).ok()?;
+        }
+        let last_ns = self.keys[self.keys.len() - 1].0;
+        all.check_span(0, last_ns).is_ok().then_some(all)
+    }
+
+    /// Poses of the camera a second, if there are some.
+    #[must_use]
+    pub fn pose_rate_hz(&self) -> Option<f64> {
+        let times_ns = self.motion.as_ref()?.camera().times_ns();
+        let span_ns = times_ns.last()? - times_ns.first()?;
+        (span_ns > 0).then(|| (times_ns.len() - 1) as f64 * 1e9 / span_ns as f64)
     }
 
     /// Intervals between key frames.
@@ -65,12 +96,10 @@ impl Sequence {
         self.keys.len() - 1
     }
 
-    /// Decodes the key frames, with colour in `hdr` and motion as f32x2.
+    /// Decodes the key frames, with colour in `hdr` and motion as f32x2; with depth as f32 and ids as u32 if there are
+    /// poses.
     pub fn frames(&self, hdr: HdrFormat) -> Result<Vec<StoredFrame>> {
-        let names = ChannelNames {
-            colour: ["R", "G", "B"].map(str::to_owned),
-            motion: ["motion.X", "motion.Y"].map(str::to_owned),
-        };
+        let names = ChannelNames::default();
         let sensor = &self.truth.sensor;
         self.keys
             .iter()
@@ -86,9 +115,25 @@ impl Sequence {
                     sensor.width,
                     sensor.height
                 );
-                let layout = FrameLayout { hdr, ..FrameLayout::new(&header, &names, [1.0; 2]) };
+                let with_ids = header.channels.iter().any(|channel| channel == ID_CHANNEL);
+                let layout = FrameLayout {
+                    hdr,
+                    depth: self.motion.as_ref().map(|_| DEPTH_CHANNEL.to_owned()),
+                    ids: self.motion.as_ref().filter(|_| with_ids).map(|_| ID_CHANNEL.to_owned()),
+                    ..FrameLayout::new(&header, &names, [1.0; 2])
+                };
                 let images = read_frame(path, &layout)?;
-                Ok(StoredFrame { t_ns: *t_ns, hdr: images.hdr, motion: images.motion })
+                let bytes = |depth: Vec<f32>| depth.into_iter().flat_map(f32::to_le_bytes).collect();
+                // Without ids all is the static world.
+                let none = vec![0; header.width_px as usize * header.height_px as usize];
+                let ids = images.ids.unwrap_or(none).into_iter().flat_map(u32::to_le_bytes).collect();
+                Ok(StoredFrame {
+                    t_ns: *t_ns,
+                    hdr: images.hdr,
+                    motion: images.motion,
+                    depth: images.depth.map(bytes),
+                    ids: self.motion.as_ref().map(|_| ids),
+                })
             })
             .collect()
     }
@@ -97,6 +142,11 @@ impl Sequence {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esaac_formats::exr_frame::FrameImages;
+    use esaac_formats::exr_writer::write_frame;
+    use esaac_formats::scene_file::pose_times_ns;
+    use esaac_model::{MotionFormat, SensorModel};
+    use esaac_scene::{SceneKind, render_cpu};
 
     fn tumble() -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/tumble")
@@ -119,12 +169,69 @@ mod tests {
         }
     }
 
+    /// A scene of three frames with poses at 960 Hz.
+    fn posed() -> tempfile::TempDir {
+        let scene = SceneKind::Propeller.scene(24, 18);
+        let folder = tempfile::tempdir().unwrap();
+        let create = |name: &str| std::fs::File::create(folder.path().join(name)).unwrap();
+        let layout = FrameLayout {
+            width_px: 24,
+            height_px: 18,
+            names: ChannelNames::default(),
+            hdr: HdrFormat::F16x4,
+            motion: Some(MotionFormat::F32x2),
+            motion_factors: [1.0; 2],
+            depth: Some(DEPTH_CHANNEL.to_owned()),
+            ids: Some(ID_CHANNEL.to_owned()),
+        };
+        for k in 0..3 {
+            let t_ns = frame_time_ns(k, 30.0);
+            let frame = render_cpu(&scene, t_ns, Some(t_ns - 33_333_333), layout.hdr, MotionFormat::F32x2);
+            let images = FrameImages {
+                depth: Some(bytemuck::pod_collect_to_vec(&frame.depth)),
+                ids: Some(bytemuck::pod_collect_to_vec(&frame.ids)),
+                hdr: frame.hdr,
+                motion: Some(frame.motion),
+            };
+            write_frame(create(&format!("key_{k:04}.exr")), &layout, &images).unwrap();
+        }
+        let motion = scene.scene_motion(&pose_times_ns(3, 30.0, 960.0));
+        let text = serde_json::to_string(&SequenceFile::new(&motion, 30.0, 960.0)).unwrap();
+        std::fs::write(folder.path().join("sequence.json"), text).unwrap();
+        let sensor = SensorModel { width: 24, height: 18, ..SensorModel::default() };
+        let truth = TruthFile { sensor, end_ns: 66_666_667, events: Vec::new() };
+        truth_file::write(create("truth.npz"), &truth).unwrap();
+        folder
+    }
+
+    #[test]
+    fn a_sequence_with_poses_has_depth_ids_and_as_many_poses_as_are_asked_for() {
+        let folder = posed();
+        let sequence = Sequence::open(folder.path()).unwrap();
+        assert!((sequence.pose_rate_hz().unwrap() - 960.0).abs() < 1e-3);
+        let poses = |step| sequence.motion(step).map(|motion| motion.camera().poses().len());
+        // Every seventh of 65 ends before the last frame.
+        assert_eq!([1, 4, 16, 7].map(poses), [Some(65), Some(17), Some(5), None]);
+        let frames = sequence.frames(HdrFormat::F16x4).unwrap();
+        for frame in &frames {
+            let bytes = |image: &Option<Vec<u8>>| image.as_ref().map(Vec::len);
+            assert_eq!((bytes(&frame.depth), bytes(&frame.ids)), (Some(24 * 18 * 4), Some(24 * 18 * 4)));
+        }
+        let blades = |ids: &Option<Vec<u8>>| ids.as_ref().is_some_and(|ids| ids.iter().any(|&id| id > 0));
+        assert!(frames.iter().all(|frame| blades(&frame.ids)));
+        let tumble = Sequence::open(&tumble()).unwrap();
+        assert_eq!((tumble.motion(1), tumble.pose_rate_hz()), (None, None));
+        assert!(tumble.frames(HdrFormat::F16x4).unwrap().iter().all(|frame| frame.depth.is_none()));
+    }
+
     #[test]
     fn a_folder_that_is_no_sequence_is_an_error_that_says_why() {
         let error = |folder: &Path| format!("{:#}", Sequence::open(folder).err().expect("no sequence"));
         assert!(error(Path::new("/nonesuch")).contains("there is no folder /nonesuch"));
         let folder = tempfile::tempdir().unwrap();
         assert!(error(folder.path()).contains("sequence.json"));
+        std::fs::write(folder.path().join("sequence.json"), "{}").unwrap();
+        assert!(error(folder.path()).contains("sequence.json has no key_rate_hz"));
         let describe = |text: &str| std::fs::write(folder.path().join("sequence.json"), text).unwrap();
         describe("{\"key_rate_hz\": 0}");
         assert!(error(folder.path()).contains("key_rate_hz is 0, expected 1 to 1000000"));

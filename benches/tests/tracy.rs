@@ -15,7 +15,7 @@ fn a_profiler_is_welcomed_and_gets_stages_messages_and_the_devices_name() {
         max_events_per_interval: 5,
         ..SensorModel::default()
     };
-    let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
     let options = RigOptions { stage_times: true, ..RigOptions::default() };
     let mut rig = Rig::with_options(&DEVICE, &[config], options).unwrap();
     let peer = Peer::connect().unwrap();
@@ -24,7 +24,7 @@ fn a_profiler_is_welcomed_and_gets_stages_messages_and_the_devices_name() {
     for index in 0..5_u32 {
         let texel = [1.0 + (index % 2) as f32; 4];
         let hdr: Vec<u8> = (0..32 * 16).flat_map(|_| texel).flat_map(f32::to_le_bytes).collect();
-        rig.upload(0, &FrameBytes { hdr: &hdr, motion: None }).unwrap();
+        rig.upload(0, &FrameBytes { hdr: &hdr, motion: None, ..FrameBytes::default() }).unwrap();
         let tick = rig.step(&[i64::from(index) * 1_000_000]).unwrap();
         stages = tick.stage_ns.iter().map(|(stage, _)| *stage).filter(|stage| *stage != "retry").collect();
     }

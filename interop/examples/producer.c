@@ -1,9 +1,11 @@
-/* A producer in plain Vulkan: fills each frame with one gray that changes from frame to frame.
+/* A producer in plain Vulkan: fills each frame with one gray that changes from frame to frame. If the camera takes depth,
+ * it is a wall two metres before a camera that moves to the right.
  *
  * cc -std=c11 -I include examples/producer.c -lvulkan -o producer
  * ./producer SOCKET FRAMES [CAMERA [DEVICE]] */
 #define _GNU_SOURCE
 #include "esaac_interop.h"
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,23 +18,23 @@
 
 #define FAIL(...) (fprintf(stderr, __VA_ARGS__), fputc('\n', stderr), exit(1))
 #define VK(call) do { VkResult r_ = (call); if (r_ != VK_SUCCESS) FAIL("%s: %d", #call, r_); } while (0)
-#define IMAGES 2 /* colour, motion */
+#define IMAGES 4 /* colour, motion, depth, ids */
 
 union message {
     struct esaac_header header;
-    struct esaac_ring ring;
+    struct esaac_ring_2 ring;
     struct esaac_released released;
     struct esaac_error error;
 };
 
 static void send_message(int sock, void *message, uint16_t kind, uint32_t bytes) {
-    *(struct esaac_header *)message = (struct esaac_header){ESAAC_MAGIC, ESAAC_VERSION, kind, bytes, 0};
+    *(struct esaac_header *)message = (struct esaac_header){ESAAC_MAGIC, ESAAC_VERSION_2, kind, bytes, 0};
     if (send(sock, message, bytes, MSG_NOSIGNAL) != (ssize_t)bytes) FAIL("the engine is gone");
 }
 
 /* The next message, which must be of this kind; its descriptors. */
 static int receive(int sock, union message *message, uint16_t kind, int *fds) {
-    union { struct cmsghdr align; char bytes[CMSG_SPACE(sizeof(int) * 3 * ESAAC_MAX_SLOTS)]; } control;
+    union { struct cmsghdr align; char bytes[CMSG_SPACE(sizeof(int) * (IMAGES + 1) * ESAAC_MAX_SLOTS)]; } control;
     struct iovec iov = {message, sizeof *message};
     struct msghdr header = {.msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
     ssize_t bytes = recvmsg(sock, &header, MSG_CMSG_CLOEXEC);
@@ -110,6 +112,23 @@ static void hand_over(VkCommandBuffer commands, VkBuffer buffer, uint32_t from, 
     vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT, 0, 0, NULL, 1, &barrier, 0, NULL);
 }
 
+/* The camera's poses from the last frame to this one, a sample a millisecond; how many. The engine must know where the
+ * camera was throughout the interval. */
+static uint32_t send_poses(int sock, int64_t from_ns, int64_t to_ns) {
+    struct {
+        struct esaac_poses head;
+        struct esaac_track track;
+        struct esaac_sample samples[ESAAC_MAX_SAMPLES];
+    } poses = {.head.tracks = 1, .track.instance = ESAAC_CAMERA};
+    const int64_t step_ns = 1000000;
+    uint32_t count = 0;
+    for (int64_t t_ns = from_ns; t_ns <= to_ns && count < ESAAC_MAX_SAMPLES; t_ns += step_ns)
+        poses.samples[count++] = (struct esaac_sample){t_ns, {1e-9 * t_ns, 0, 0}, {0, 0, 0, 1}};
+    poses.track.samples = count;
+    send_message(sock, &poses, ESAAC_POSES, offsetof(__typeof__(poses), samples) + count * sizeof(struct esaac_sample));
+    return count;
+}
+
 int main(int argc, char **argv) {
     if (argc < 3) FAIL("usage: producer SOCKET FRAMES [CAMERA [DEVICE]]");
     const uint32_t frames = strtoul(argv[2], NULL, 10), camera = argc > 3 ? strtoul(argv[3], NULL, 10) : 0;
@@ -153,23 +172,28 @@ int main(int argc, char **argv) {
     snprintf(address.sun_path, sizeof address.sun_path, "%s", argv[1]);
     int sock = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
     if (sock < 0 || connect(sock, (struct sockaddr *)&address, sizeof address)) FAIL("nobody serves at %s", argv[1]);
-    struct esaac_hello hello = {.camera = camera, .memories = memories, .timelines = ESAAC_TIMELINE_CARRIED};
+    struct esaac_hello_2 hello = {.camera = camera, .memories = memories, .timelines = ESAAC_TIMELINE_CARRIED, .gives = ESAAC_GIVES_GEOMETRY};
     memcpy(hello.device_uuid, id.deviceUUID, 16);
     memcpy(hello.driver_uuid, id.driverUUID, 16);
     send_message(sock, &hello, ESAAC_HELLO, sizeof hello);
 
     union message message;
-    int fds[3 * ESAAC_MAX_SLOTS];
+    int fds[(IMAGES + 1) * ESAAC_MAX_SLOTS];
     int fd_count = receive(sock, &message, ESAAC_RING, fds);
-    const struct esaac_ring ring = message.ring;
-    const uint32_t images = ring.motion_format == ESAAC_NO_MOTION ? 1 : 2;
+    const struct esaac_ring_2 ring = message.ring;
+    /* The images that the camera takes, in the order of their descriptors, and what each is filled with. */
+    const struct esaac_image_memory *memory[IMAGES] = {&ring.hdr};
+    uint32_t fill[IMAGES] = {0}, images = 1;
+    if (ring.motion_format != ESAAC_NO_MOTION) memory[images++] = &ring.motion;
+    if (ring.depth_format == ESAAC_DEPTH_F32) fill[images] = 0x40000000 /* 2.0 */, memory[images++] = &ring.depth;
+    if (ring.id_format != ESAAC_NO_PLANE) memory[images++] = &ring.ids; /* 0, the static world */
     if (ring.hdr_format != ESAAC_HDR_F16X4 || ring.slots > ESAAC_MAX_SLOTS || fd_count != (int)(ring.slots * images)) FAIL("a ring for f16x4 colour was expected");
     VkBuffer buffers[ESAAC_MAX_SLOTS][IMAGES];
     uint64_t values[ESAAC_MAX_SLOTS] = {0};
     for (uint32_t slot = 0; slot < ring.slots; slot++)
         for (uint32_t image = 0; image < images; image++)
             buffers[slot][image] = (ring.memory == ESAAC_MEMORY_HOST ? import_host : import)(
-                device, fds[slot * images + image], ring.buffer_usage, image ? &ring.motion : &ring.hdr);
+                device, fds[slot * images + image], ring.buffer_usage, memory[image]);
 
     VkCommandPoolCreateInfo pool_info = {VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, NULL, VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT, family};
     VkCommandPool pool;
@@ -186,23 +210,25 @@ int main(int argc, char **argv) {
         }
         if (frame >= frames) continue; /* only to see the last slots come back */
         /* Two f16 in a word: 1.0 and, every other frame, 2.0 or 4.0. */
-        const uint32_t gray = frame % 2 == 0 ? 0x3c003c00 : frame % 4 == 1 ? 0x40004000 : 0x44004400;
+        fill[0] = frame % 2 == 0 ? 0x3c003c00 : frame % 4 == 1 ? 0x40004000 : 0x44004400;
         VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
         VK(vkBeginCommandBuffer(commands, &begin));
         for (uint32_t image = 0; image < images; image++) {
             hand_over(commands, buffers[slot][image], VK_QUEUE_FAMILY_EXTERNAL, family);
-            vkCmdFillBuffer(commands, buffers[slot][image], 0, VK_WHOLE_SIZE, image ? 0 : gray);
+            vkCmdFillBuffer(commands, buffers[slot][image], 0, VK_WHOLE_SIZE, fill[image]);
             hand_over(commands, buffers[slot][image], family, VK_QUEUE_FAMILY_EXTERNAL);
         }
         VK(vkEndCommandBuffer(commands));
         VkSubmitInfo submit = {VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &commands};
         VK(vkQueueSubmit(queue, 1, &submit, VK_NULL_HANDLE));
         VK(vkQueueWaitIdle(queue)); /* a carried timeline: done before it is told */
-        struct esaac_frame told = {.slot = slot, .value = ++values[slot], .t_ns = (int64_t)frame * 10000000};
+        const int64_t t_ns = (int64_t)frame * 10000000;
+        const uint32_t poses = ring.depth_format == ESAAC_NO_PLANE ? 0 : send_poses(sock, frame ? t_ns - 10000000 : t_ns, t_ns);
+        struct esaac_frame_2 told = {.slot = slot, .poses = poses, .value = ++values[slot], .t_ns = t_ns};
         send_message(sock, &told, ESAAC_FRAME, sizeof told);
     }
     struct esaac_header bye;
     send_message(sock, &bye, ESAAC_BYE, sizeof bye);
-    printf("%u frames by memory %u\n", frames, ring.memory);
+    printf("%u frames by memory %u, %s\n", frames, ring.memory, ring.depth_format == ESAAC_NO_PLANE ? "without poses" : "with poses");
     return 0; /* the process takes buffers, memory and device with it */
 }

@@ -1,11 +1,14 @@
 //! A producer's side of the protocol: HELLO, slots, frames, BYE. It is the same for Vulkan and CUDA.
 
 use crate::error::InteropError;
-use crate::ring::Images;
+use crate::frame_scene::tracks;
+use crate::images::{Images, geometry_from_wire, lens_to_wire};
 use crate::socket::{Received, Socket};
 use crate::wire::{
-    self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Message, Refusal, RingOffer, WireError,
+    self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Lens, Message, Refusal, RingOffer,
+    Version, WireError,
 };
+use esaac_model::paths::{Intrinsics, SceneMotion};
 use esaac_model::{HdrFormat, MotionFormat};
 use rustix::fd::{AsFd, OwnedFd};
 use std::collections::VecDeque;
@@ -40,8 +43,21 @@ pub(crate) struct Greeting {
     pub memories: u32,
     /// As bits.
     pub timelines: u32,
+    pub geometry: Gives,
     /// How long it waits for the engine's answers.
     pub timeout: Duration,
+}
+
+/// Whether a producer gives depth, instance ids and poses where a camera takes them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Gives {
+    /// Colour and motion alone.
+    #[default]
+    Images,
+    /// Those as well. It renders with the lens of the rig, which is in [`Client::images`].
+    Geometry,
+    /// Those as well, with this lens. The engine refuses one that is not the rig's.
+    GeometryWith(Intrinsics),
 }
 
 /// A connection that has its ring: what producers of every kind have in common.
@@ -52,13 +68,29 @@ pub struct Client {
     timeout: Duration,
     free: VecDeque<u32>,
     values: Vec<u64>,
+    version: Version,
+    last_ns: Option<i64>,
     stepped: u64,
     dropped: u64,
 }
 
 impl Client {
-    /// Connects, sends HELLO and checks that the engine's offer fits to it.
+    /// Connects, sends HELLO and checks that the engine's offer fits to it. An older engine is greeted again as it
+    /// understands; it takes no depth and no poses.
     pub(crate) fn greet(path: &Path, greeting: &Greeting) -> Result<(Self, Descriptors), InteropError> {
+        match Client::greet_by(Version::NEWEST, path, greeting) {
+            Err(InteropError::Refused { code: ErrorCode::Version, .. }) => {
+                Client::greet_by(Version::One, path, greeting)
+            }
+            other => other,
+        }
+    }
+
+    fn greet_by(
+        version: Version,
+        path: &Path,
+        greeting: &Greeting,
+    ) -> Result<(Self, Descriptors), InteropError> {
         let (width_px, height_px) = greeting.size_px.unwrap_or((0, 0));
         let timeout = greeting.timeout;
         let hello = Hello {
@@ -69,10 +101,15 @@ impl Client {
             height_px,
             memories: greeting.memories,
             timelines: greeting.timelines,
+            gives: if greeting.geometry == Gives::Images { 0 } else { wire::GIVES_GEOMETRY },
+            lens: match &greeting.geometry {
+                Gives::GeometryWith(lens) => lens_to_wire(lens),
+                _ => Lens::default(),
+            },
             ..Hello::default()
         };
-        let socket = Socket::connect(path)?;
-        tell(&socket, &Message::Hello(hello))?;
+        let socket = Socket::connect(path, version)?;
+        tell(&socket, timeout, &Message::Hello(hello))?;
         let received = socket.receive_within(timeout, "the engine's answer")?;
         let offer = match received.message()? {
             Message::Ring(offer) => offer,
@@ -85,6 +122,8 @@ impl Client {
             timeout,
             free: (0..offer.slots.min(wire::MAX_SLOTS)).collect(),
             values: vec![0; offer.slots.min(wire::MAX_SLOTS) as usize],
+            version,
+            last_ns: None,
             stepped: 0,
             dropped: 0,
         };
@@ -123,7 +162,13 @@ impl Client {
         error
     }
 
-    /// What the camera's images are.
+    /// The version that is spoken.
+    #[must_use]
+    pub fn version(&self) -> Version {
+        self.version
+    }
+
+    /// What the camera's images are. With a geometry in it, poses go with every frame.
     #[must_use]
     pub fn images(&self) -> &Images {
         &self.images
@@ -155,9 +200,13 @@ impl Client {
     }
 
     /// Hands this side's memory to the engine.
-    pub(crate) fn bring(&self, [hdr, motion]: [ImageMemory; 2], fds: &[OwnedFd]) -> Result<(), InteropError> {
+    pub(crate) fn bring(
+        &self,
+        [hdr, motion, depth, ids]: [ImageMemory; 4],
+        fds: &[OwnedFd],
+    ) -> Result<(), InteropError> {
         let borrowed: Vec<_> = fds.iter().map(AsFd::as_fd).collect();
-        let brought = Message::Brought(Brought { hdr, motion, ..Brought::default() });
+        let brought = Message::Brought(Brought { hdr, motion, depth, ids, ..Brought::default() });
         self.socket.send(&brought, &borrowed).map_err(|error| reason(&self.socket, error))?;
         match self.socket.receive_within(self.timeout, "the engine's acceptance")?.message()? {
             Message::Accepted(_) => Ok(()),
@@ -195,20 +244,56 @@ impl Client {
         self.values[slot as usize]
     }
 
-    /// Tells the engine of the frame in a slot.
-    pub(crate) fn publish(&mut self, slot: u32, t_ns: i64, copies: Copies) -> Result<(), InteropError> {
+    /// Tells the engine of the frame in a slot, and of the poses from the last frame to this one if the camera takes
+    /// them.
+    pub(crate) fn publish(
+        &mut self,
+        slot: u32,
+        t_ns: i64,
+        copies: Copies,
+        scene: Option<&SceneMotion>,
+    ) -> Result<(), InteropError> {
+        let poses = self.send_poses(t_ns, scene)?;
         let value = self.values[slot as usize] + 1;
         let notice = FrameNotice {
             slot,
             device_copies: copies.device,
             host_copies: copies.host,
+            poses,
             value,
             t_ns,
             ..FrameNotice::default()
         };
-        tell(&self.socket, &Message::Frame(notice))?;
+        tell(&self.socket, self.timeout, &Message::Frame(notice))?;
         self.values[slot as usize] = value;
+        self.last_ns = Some(t_ns);
         Ok(())
+    }
+
+    /// Sends the poses of a frame; how many they are.
+    fn send_poses(&self, t_ns: i64, scene: Option<&SceneMotion>) -> Result<u32, InteropError> {
+        let Some(geometry) = &self.images.geometry else { return Ok(0) };
+        let bad = |reason: String| Err(InteropError::Scene { reason });
+        let Some(scene) = scene else {
+            return bad("the camera takes depth, and there are no poses with the frame".to_owned());
+        };
+        if !self.images.takes_lens(scene.lens()) {
+            let words = |lens| wire::lens_words(&lens_to_wire(lens));
+            return bad(format!("lens {}, expected {}", words(scene.lens()), words(&geometry.lens)));
+        }
+        let tracks = tracks(scene, self.last_ns.unwrap_or(t_ns), t_ns)?;
+        let (instances, most) = (tracks.len() - 1, self.offer.max_instances);
+        if instances > most as usize {
+            return bad(format!("{instances} instances have poses, the camera takes at most {most}"));
+        }
+        let poses = tracks.iter().map(|track| track.samples.len()).sum::<usize>();
+        if poses > wire::MAX_POSES {
+            return bad(format!("{poses} poses for a frame, expected at most {}", wire::MAX_POSES));
+        }
+        for tracks in wire::in_messages(tracks) {
+            tell(&self.socket, self.timeout, &Message::Poses(tracks))?;
+        }
+        Ok(poses as u32)
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has
@@ -217,7 +302,7 @@ impl Client {
         &mut self,
         mut heard: impl FnMut(u32, u64) -> Result<(), InteropError>,
     ) -> Result<(u64, u64), InteropError> {
-        tell(&self.socket, &Message::Bye(Header::default()))?;
+        tell(&self.socket, self.timeout, &Message::Bye(Header::default()))?;
         while self.values.iter().any(|value| value % 2 == 1) {
             let received = self.socket.receive_within(self.timeout, "the engine's last slot")?;
             self.take(&received, &mut heard)?;
@@ -257,8 +342,8 @@ impl Client {
 }
 
 /// Sends a message. If the engine has closed the connection, the error is the reason that it gave.
-fn tell(socket: &Socket, message: &Message) -> Result<(), InteropError> {
-    socket.send(message, &[]).map_err(|error| reason(socket, error))
+fn tell(socket: &Socket, limit: Duration, message: &Message) -> Result<(), InteropError> {
+    socket.send_within(limit, message).map_err(|error| reason(socket, error))
 }
 
 fn reason(socket: &Socket, error: InteropError) -> InteropError {
@@ -300,5 +385,7 @@ fn images(offer: &RingOffer) -> Result<Images, InteropError> {
         let found = all.into_iter().find(|format| *format as u32 == offer.motion_format);
         Some(found.ok_or_else(|| unknown("motion", offer.motion_format))?)
     };
-    Ok(Images { width_px: offer.width_px, height_px: offer.height_px, hdr, motion })
+    let geometry = geometry_from_wire(offer.depth_format, offer.id_format, &offer.lens)
+        .map_err(|text| InteropError::Refused { code: ErrorCode::Protocol, text })?;
+    Ok(Images { width_px: offer.width_px, height_px: offer.height_px, hdr, motion, geometry })
 }

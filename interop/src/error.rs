@@ -114,6 +114,12 @@ pub enum InteropError {
         /// What it is.
         actual: String,
     },
+    /// Poses that cannot be sent with a frame.
+    #[error("poses of the frame: {reason}")]
+    Scene {
+        /// Why.
+        reason: String,
+    },
     /// A timeline that does not have the value that comes next.
     #[error("slot {slot}: timeline value {actual}, expected {expected}")]
     Value {
@@ -155,6 +161,7 @@ impl InteropError {
             InteropError::Cuda { .. } | InteropError::Texture { .. } => ErrorCode::Memory,
             InteropError::Unsupported { .. } => ErrorCode::Unsupported,
             InteropError::Timeout { .. } => ErrorCode::Timeout,
+            InteropError::Scene { .. } => ErrorCode::Poses,
             InteropError::Value { .. } => ErrorCode::Value,
             _ => ErrorCode::Internal,
         }

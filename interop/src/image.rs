@@ -8,7 +8,7 @@ use crate::memory::{device_local_type, export_memory, import_memory};
 use crate::wire::ImageMemory;
 use esaac_engine::ash::vk;
 use esaac_engine::{Device, EngineError};
-use esaac_model::{HdrFormat, MotionFormat};
+use esaac_model::{DepthFormat, HdrFormat, IdFormat, MotionFormat};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
 
@@ -39,6 +39,21 @@ pub(crate) fn motion_format(format: MotionFormat) -> vk::Format {
         MotionFormat::F16x2 => vk::Format::R16G16_SFLOAT,
         MotionFormat::F32x2 => vk::Format::R32G32_SFLOAT,
         MotionFormat::F32x4 => vk::Format::R32G32B32A32_SFLOAT,
+    }
+}
+
+/// Vulkan's format of depth.
+pub(crate) fn depth_format(format: DepthFormat) -> vk::Format {
+    match format {
+        DepthFormat::F32 => vk::Format::R32_SFLOAT,
+    }
+}
+
+/// Vulkan's format of instance ids.
+pub(crate) fn id_format(format: IdFormat) -> vk::Format {
+    match format {
+        IdFormat::U16 => vk::Format::R16_UINT,
+        IdFormat::U32 => vk::Format::R32_UINT,
     }
 }
 

@@ -11,8 +11,10 @@
 mod client;
 pub mod cuda;
 mod error;
+mod frame_scene;
 mod host_memory;
 mod image;
+mod images;
 mod lent;
 mod memory;
 mod ownership;
@@ -23,15 +25,21 @@ mod server;
 mod service;
 pub mod session;
 mod socket;
+mod stand_in;
 mod support;
 mod timeline;
 pub mod wire;
 
-pub use client::{Client, Copies};
+pub use client::{Client, Copies, Gives};
 pub use error::InteropError;
+pub use frame_scene::FrameScene;
+pub use images::{Images, Planes};
 pub use producer::{Producer, ProducerOptions};
-pub use ring::{Images, Ring, Slot};
-pub use server::{CameraTerms, ConnectionCounts, LinkCounts, Outcome, Ready, Server, ServerOptions};
+pub use ring::{Ring, Slot};
+pub use server::{
+    CameraTerms, ConnectionCounts, DEFAULT_INSTANCES, DEFAULT_SLOTS, LinkCounts, Outcome, Ready, Server,
+    ServerOptions,
+};
 pub use service::{Service, ServiceTick};
 pub use support::Support;
 pub use timeline::{CarriedTimeline, ExportedTimeline, SharedTimeline};

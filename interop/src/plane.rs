@@ -10,7 +10,7 @@ use esaac_engine::{Buffer, Device, MemoryLocation};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
 
-/// Colour or motion of a slot.
+/// An image of a slot.
 pub(crate) enum Plane {
     Buffer(SharedBuffer),
     Image {

@@ -1,11 +1,12 @@
 //! A producer on a Vulkan device: it connects a camera, renders into slots and announces the frames.
 
-use crate::client::{Client, Copies, Descriptors, Greeting};
+use crate::client::{Client, Copies, Descriptors, Gives, Greeting};
 use crate::error::InteropError;
 use crate::ring::{Ring, Slot, Source, import_timelines, make_timelines};
 use crate::support::Support;
 use crate::wire;
 use esaac_engine::{Device, SubmitHooks};
+use esaac_model::paths::SceneMotion;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,6 +22,8 @@ pub struct ProducerOptions {
     pub memories: u32,
     /// Timelines that it may use, as bits.
     pub timelines: u32,
+    /// Whether it gives depth and poses.
+    pub geometry: Gives,
     /// How long it waits for the engine's answers.
     pub timeout: Duration,
 }
@@ -33,6 +36,7 @@ impl Default for ProducerOptions {
             // BROUGHT and IMAGES only suit producers that render into such memory, so they must ask for them.
             memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST,
             timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
+            geometry: Gives::Images,
             timeout: Duration::from_secs(10),
         }
     }
@@ -59,6 +63,7 @@ impl Producer {
             size_px: options.size_px,
             memories: options.memories & support.producer_memories(),
             timelines: options.timelines & support.timelines(),
+            geometry: options.geometry,
             timeout: options.timeout,
         };
         let (client, descriptors) = Client::greet(path, &greeting)?;
@@ -102,9 +107,31 @@ impl Producer {
 
     /// Announces the frame in a slot. Its writing must have been submitted.
     pub fn publish(&mut self, slot: u32, t_ns: i64, copies: Copies) -> Result<(), InteropError> {
+        self.publish_frame(slot, t_ns, copies, None)
+    }
+
+    /// As [`Producer::publish`], with the poses from the last frame to this one. They are sent if the camera takes them
+    /// ([`Images::geometry`](crate::Images::geometry)); then they must come with every frame.
+    pub fn publish_scene(
+        &mut self,
+        slot: u32,
+        t_ns: i64,
+        copies: Copies,
+        scene: &SceneMotion,
+    ) -> Result<(), InteropError> {
+        self.publish_frame(slot, t_ns, copies, Some(scene))
+    }
+
+    fn publish_frame(
+        &mut self,
+        slot: u32,
+        t_ns: i64,
+        copies: Copies,
+        scene: Option<&SceneMotion>,
+    ) -> Result<(), InteropError> {
         let value = self.client.value(slot) + 1;
         self.ring.slot(slot).timeline().settle(value, self.client.timeout())?;
-        self.client.publish(slot, t_ns, copies)
+        self.client.publish(slot, t_ns, copies, scene)
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has
@@ -127,7 +154,7 @@ fn ring(device: &Arc<Device>, client: &Client, descriptors: Descriptors) -> Resu
         Source::Own(if offer.memory == wire::MEMORY_IMAGES { offer.memory } else { wire::MEMORY_EXPORTED })
     } else {
         let (kind, fds) = (offer.memory, descriptors.memory);
-        Source::Peer { kind, fds, hdr: offer.hdr, motion: offer.motion }
+        Source::Peer { kind, fds, told: [offer.hdr, offer.motion, offer.depth, offer.ids] }
     };
     let mut ring = Ring::new(device, offer.camera, images, source, timelines)?;
     if client.brings() {

@@ -1,79 +1,19 @@
 //! The ring: the slots that one camera's producer and the engine share, each with buffers for one frame.
 
 use crate::error::InteropError;
-use crate::image::{ImageKind, hdr_format, motion_format};
-use crate::memory::buffer_bytes;
+use crate::images::{Images, Planes};
 use crate::ownership::{Way, hand_over};
 use crate::plane::Plane;
 use crate::timeline::{CarriedTimeline, ExportedTimeline, SharedTimeline};
 use crate::wire::ImageMemory;
 use esaac_engine::ash::vk;
 use esaac_engine::{Commands, Device, InputBuffers};
-use esaac_model::{HdrFormat, MotionFormat};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
 
-/// Size and formats of a camera's images.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Images {
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// Colour.
-    pub hdr: HdrFormat,
-    /// Motion, if there is any.
-    pub motion: Option<MotionFormat>,
-}
-
-impl Images {
-    /// Bytes of the colour buffer.
-    #[must_use]
-    pub fn hdr_bytes(&self) -> u64 {
-        self.bytes(self.hdr.texel_bytes())
-    }
-
-    /// Bytes of the motion buffer; 0 without.
-    #[must_use]
-    pub fn motion_bytes(&self) -> u64 {
-        self.motion.map_or(0, |motion| self.bytes(motion.texel_bytes()))
-    }
-
-    /// Number of images in a slot.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        1 + usize::from(self.motion.is_some())
-    }
-
-    /// Whether the engine can take them as images of optimal tiling on this device.
-    pub(crate) fn are_importable(&self, device: &Device) -> bool {
-        self.hdr_kind().is_importable(device)
-            && self.motion_kind().is_none_or(|motion| motion.is_importable(device))
-    }
-
-    /// The colour as an image of optimal tiling.
-    pub(crate) fn hdr_kind(&self) -> ImageKind {
-        self.kind(hdr_format(self.hdr), self.hdr_bytes())
-    }
-
-    /// The motion.
-    pub(crate) fn motion_kind(&self) -> Option<ImageKind> {
-        self.motion.map(|motion| self.kind(motion_format(motion), self.motion_bytes()))
-    }
-
-    fn kind(&self, format: vk::Format, bytes: u64) -> ImageKind {
-        ImageKind { format, width_px: self.width_px, height_px: self.height_px, bytes }
-    }
-
-    fn bytes(&self, texel_bytes: usize) -> u64 {
-        buffer_bytes(u64::from(self.width_px) * u64::from(self.height_px) * texel_bytes as u64)
-    }
-}
-
 /// Memory for one frame, and the timeline that orders its use.
 pub struct Slot {
-    hdr: Plane,
-    motion: Option<Plane>,
+    planes: Planes<Plane>,
     timeline: Box<dyn SharedTimeline>,
     acquire: Commands,
     release: Commands,
@@ -90,7 +30,7 @@ pub(crate) enum Source {
     /// `wire::MEMORY_IMAGES`.
     Own(u32),
     /// The peer's descriptors, images of each slot in turn.
-    Peer { kind: u32, fds: Vec<OwnedFd>, hdr: ImageMemory, motion: ImageMemory },
+    Peer { kind: u32, fds: Vec<OwnedFd>, told: [ImageMemory; 4] },
 }
 
 /// Makes a timeline for each slot.
@@ -134,16 +74,19 @@ impl Slot {
     /// On the side of a producer that brings images: those are [`Slot::images`].
     #[must_use]
     pub fn inputs(&self) -> InputBuffers<'_> {
+        let Planes { hdr, motion, depth, ids } = &self.planes;
         InputBuffers {
-            hdr: self.hdr.texels().expect("a slot of images has no buffers on the producer's side"),
-            motion: self.motion.as_ref().and_then(Plane::texels),
+            hdr: hdr.texels().expect("a slot of images has no buffers on the producer's side"),
+            motion: motion.as_ref().and_then(Plane::texels),
+            depth: depth.as_ref().and_then(Plane::texels),
+            ids: ids.as_ref().and_then(Plane::texels),
         }
     }
 
-    /// Images of the frame, colour and motion, if the producer brings images; their layout is `GENERAL`.
+    /// Images of the frame, if the producer brings images; their layout is `GENERAL`.
     #[must_use]
-    pub fn images(&self) -> Option<(vk::Image, Option<vk::Image>)> {
-        Some((self.hdr.image()?, self.motion.as_ref().and_then(Plane::image)))
+    pub fn images(&self) -> Option<Planes<vk::Image>> {
+        self.planes.try_map(|_, plane| plane.image().ok_or(())).ok()
     }
 
     /// The slot's timeline.
@@ -176,31 +119,27 @@ impl Ring {
     ) -> Result<Self, InteropError> {
         let mut memory_fds = Vec::new().into_iter();
         let (kind, told) = match memory {
-            Source::Own(kind) => (kind, None),
-            Source::Peer { kind, fds, hdr, motion } => {
+            Source::Own(kind) => (kind, [None; 4]),
+            Source::Peer { kind, fds, told } => {
                 memory_fds = fds.into_iter();
-                (kind, Some((hdr, motion)))
+                (kind, told.map(Some))
             }
         };
-        let mut plane = |slot: u32, image: &str, shape: ImageKind, told: Option<ImageMemory>| {
-            let name = format!("camera {camera} slot {slot} {image}");
-            // The number of descriptors was checked with the message that they came with.
-            match told.zip(memory_fds.next()) {
-                Some((told, fd)) => Plane::peers(device, &name, kind, shape, fd, told),
-                None => Plane::own(device, &name, kind, shape),
-            }
-        };
+        let shapes = images.kinds().paired(told);
         let mut all = Vec::new();
         for (slot, timeline) in (0..).zip(timelines) {
-            let hdr = plane(slot, "hdr", images.hdr_kind(), told.map(|told| told.0))?;
-            let motion = match images.motion_kind() {
-                Some(shape) => Some(plane(slot, "motion", shape, told.map(|told| told.1))?),
-                None => None,
-            };
-            let planes: Vec<&Plane> = [Some(&hdr), motion.as_ref()].into_iter().flatten().collect();
-            let acquire = hand_over(device, &planes, Way::Acquire)?;
-            let release = hand_over(device, &planes, Way::Release)?;
-            all.push(Slot { hdr, motion, timeline, acquire, release });
+            let planes = shapes.try_map(|image, &(shape, told)| {
+                let name = format!("camera {camera} slot {slot} {image}");
+                // The number of descriptors was checked with the message that they came with.
+                match told.zip(memory_fds.next()) {
+                    Some((told, fd)) => Plane::peers(device, &name, kind, shape, fd, told),
+                    None => Plane::own(device, &name, kind, shape),
+                }
+            })?;
+            let handed: Vec<&Plane> = planes.iter().collect();
+            let acquire = hand_over(device, &handed, Way::Acquire)?;
+            let release = hand_over(device, &handed, Way::Release)?;
+            all.push(Slot { planes, timeline, acquire, release });
         }
         Ok(Ring { slots: all })
     }
@@ -228,21 +167,18 @@ impl Ring {
 
     /// Copies on the device that the engine makes of each frame.
     pub(crate) fn copies(&self) -> u64 {
-        let slot = &self.slots[0];
-        let planes = [Some(&slot.hdr), slot.motion.as_ref()].into_iter().flatten();
+        let planes = self.slots[0].planes.iter();
         planes.filter(|plane| matches!(plane, Plane::Image { texels: Some(_), .. })).count() as u64
     }
 
-    /// What the peer must know of the images' memory: colour, motion.
-    pub(crate) fn described(&self) -> [ImageMemory; 2] {
-        let first = &self.slots[0];
-        let motion = first.motion.as_ref().map_or(ImageMemory::default(), Plane::described);
-        [first.hdr.described(), motion]
+    /// What the peer must know of the images' memory: colour, motion, depth, ids; zeroes of those that are not there.
+    pub(crate) fn described(&self) -> [ImageMemory; 4] {
+        self.slots[0].planes.map(Plane::described).all()
     }
 
     /// Descriptors of all images' memory, slot by slot, for the peer; once.
     pub(crate) fn export_memory(&mut self, device: &Device) -> Result<Vec<OwnedFd>, InteropError> {
-        let planes = self.slots.iter_mut().flat_map(|slot| [Some(&mut slot.hdr), slot.motion.as_mut()]);
-        planes.flatten().map(|plane| plane.export(device)).collect()
+        let planes = self.slots.iter_mut().flat_map(|slot| slot.planes.iter_mut());
+        planes.map(|plane| plane.export(device)).collect()
     }
 }

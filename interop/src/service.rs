@@ -2,8 +2,10 @@
 
 use crate::error::InteropError;
 use crate::server::{CameraTerms, LinkCounts, Outcome, Ready, Server, ServerOptions};
+use crate::session::Agreement;
+use crate::stand_in::StandIn;
 use esaac_engine::{FrameInput, Rig, SubmitHooks, Tick, zone};
-use esaac_model::MAX_INTERVAL_NS;
+use esaac_model::{MAX_INTERVAL_NS, Synthesis};
 use std::time::Duration;
 
 /// The result of one tick, and which cameras had a frame in it.
@@ -21,6 +23,8 @@ pub struct Service {
     rig: Rig,
     server: Server,
     last_ns: Vec<Option<i64>>,
+    /// Of each camera whose producer gives no depth though it takes some.
+    stand_ins: Vec<Option<StandIn>>,
     resets: u64,
 }
 
@@ -28,7 +32,8 @@ impl Service {
     /// A rig and the server that was opened for its cameras.
     #[must_use]
     pub fn new(rig: Rig, server: Server) -> Self {
-        Service { last_ns: vec![None; rig.len()], rig, server, resets: 0 }
+        let stand_ins = (0..rig.len()).map(|_| None).collect();
+        Service { last_ns: vec![None; rig.len()], stand_ins, rig, server, resets: 0 }
     }
 
     /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
@@ -71,6 +76,25 @@ impl Service {
         self.resets
     }
 
+    /// The synthesis of each camera by what its producer gives, or its last one. A camera that takes depth and gets none
+    /// is simulated by motion vectors, or without.
+    ///
+    /// # Panics
+    /// If the server has more cameras than the rig.
+    #[must_use]
+    pub fn synthesis(&self) -> Vec<Synthesis> {
+        let agreements = self.server.agreements();
+        let of = |(camera, agreed): (usize, &Option<Agreement>)| {
+            let own = self.rig.sensor(camera).expect("the server was opened for this rig").synthesis;
+            let lacks = agreed.is_some_and(|agreed| !agreed.geometry);
+            if own == Synthesis::Rigid && lacks {
+                return Synthesis::Auto.resolve(false, self.server.images(camera).motion.is_some());
+            }
+            own
+        };
+        agreements.iter().enumerate().map(of).collect()
+    }
+
     /// Steps the cameras whose frames are written. Returns `None` if no frame came within `limit`.
     pub fn tick(&mut self, limit: Duration) -> Result<Option<ServiceTick<'_>>, InteropError> {
         self.tick_checked(limit, |_| {})
@@ -93,7 +117,12 @@ impl Service {
         let first = self.ingest(&ready)?;
         let mut frames = vec![None; self.rig.len()];
         for frame in &ready {
-            frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(frame.slot().inputs()) });
+            let inputs = frame.slot().inputs();
+            let inputs = match &self.stand_ins[frame.camera] {
+                Some(stand_in) if inputs.depth.is_none() => stand_in.complete(inputs),
+                _ => inputs,
+            };
+            frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) });
         }
         let t_ns = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
         let tick = step(&mut self.rig, &ready, &frames)?;
@@ -104,7 +133,7 @@ impl Service {
         Ok(Some(ServiceTick { tick, t_ns, first }))
     }
 
-    /// Resets the cameras that start anew, and returns for which cameras the frame is the first.
+    /// Resets the cameras that start anew, hands over poses, and returns for which cameras the frame is the first.
     fn ingest(&mut self, ready: &[Ready]) -> Result<Vec<bool>, InteropError> {
         let _zone = zone!("ingest");
         let mut first = vec![false; self.rig.len()];
@@ -118,8 +147,23 @@ impl Service {
             }
             first[frame.camera] = last_ns.is_none();
             *last_ns = Some(frame.t_ns);
+            if let Some(scene) = &frame.scene {
+                self.rig.set_scene(frame.camera, scene.motion.clone())?;
+            } else if let Some(stand_in) = self.stand_in(frame.camera)? {
+                let scene = stand_in.scene();
+                self.rig.set_scene(frame.camera, scene)?;
+            }
         }
         Ok(first)
+    }
+
+    /// What stands in for the depth of a camera that takes some.
+    fn stand_in(&mut self, camera: usize) -> Result<Option<&StandIn>, InteropError> {
+        let stand_in = &mut self.stand_ins[camera];
+        if stand_in.is_none() {
+            *stand_in = StandIn::new(self.rig.device(), camera, self.server.images(camera))?;
+        }
+        Ok(stand_in.as_ref())
     }
 }
 

@@ -2,7 +2,7 @@
 //! has a limit.
 
 use crate::error::InteropError;
-use crate::wire::{ErrorCode, MAX_BYTES, MAX_FDS, Message};
+use crate::wire::{ErrorCode, MAX_BYTES, MAX_FDS, Message, Version};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::fs::{FileType, Mode};
@@ -15,11 +15,16 @@ use rustix::net::{
 use std::io::{IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// A connection.
 pub(crate) struct Socket {
     fd: OwnedFd,
+    /// What is spoken, once that is agreed.
+    version: OnceLock<Version>,
+    /// Room for the longest message, and one byte more to notice a longer one.
+    room: Mutex<Vec<u8>>,
 }
 
 /// Who is at the other end, as the kernel says.
@@ -70,11 +75,19 @@ impl AcceptError {
 pub(crate) struct Received {
     pub bytes: Vec<u8>,
     pub fds: Vec<OwnedFd>,
+    agreed: Option<Version>,
 }
 
 impl Received {
+    /// The message. Before a version is agreed it may be of any.
     pub(crate) fn message(&self) -> Result<Message, InteropError> {
-        Ok(Message::parse(&self.bytes, self.fds.len())?)
+        let version = self.agreed.map_or_else(|| self.version(), Ok)?;
+        Ok(Message::parse(version, &self.bytes, self.fds.len())?)
+    }
+
+    /// Its version.
+    pub(crate) fn version(&self) -> Result<Version, InteropError> {
+        Ok(Version::of(&self.bytes)?)
     }
 }
 
@@ -98,8 +111,18 @@ fn fault(path: &Path, reason: String) -> InteropError {
 }
 
 impl Socket {
-    /// Connects to the engine.
-    pub(crate) fn connect(path: &Path) -> Result<Self, InteropError> {
+    fn new(fd: OwnedFd) -> Self {
+        Socket { fd, version: OnceLock::new(), room: Mutex::new(vec![0; MAX_BYTES + 1]) }
+    }
+
+    /// Agrees on a version, once.
+    pub(crate) fn speak(&self, version: Version) {
+        // A second HELLO is out of turn and changes nothing.
+        let _ = self.version.set(version);
+    }
+
+    /// Connects to the engine, to speak this version.
+    pub(crate) fn connect(path: &Path, version: Version) -> Result<Self, InteropError> {
         let fd = new_socket()?;
         connect(&fd, &address(path)?).map_err(|error| match error {
             Errno::NOENT => fault(path, "there is none; start `esaac serve` first".to_owned()),
@@ -108,12 +131,30 @@ impl Socket {
             Errno::AGAIN => fault(path, "the engine has too many connections to answer".to_owned()),
             error => fault(path, error.to_string()),
         })?;
-        Ok(Socket { fd })
+        let socket = Socket::new(fd);
+        socket.speak(version);
+        Ok(socket)
     }
 
-    /// Sends a message. It is an error if the peer's queue is full.
+    /// Sends a message, and waits for room in the peer's queue.
+    pub(crate) fn send_within(&self, limit: Duration, message: &Message) -> Result<(), InteropError> {
+        let deadline = Instant::now() + limit;
+        loop {
+            match self.send(message, &[]) {
+                Err(InteropError::PeerStalled) if Instant::now() < deadline => {
+                    let left = deadline.saturating_duration_since(Instant::now());
+                    wait_ready(&[self.fd.as_fd()], PollFlags::OUT, left)?;
+                }
+                outcome => return outcome,
+            }
+        }
+    }
+
+    /// Sends a message. It is an error if the peer's queue is full. Before a version is agreed it goes out in the first,
+    /// which every peer understands.
     pub(crate) fn send(&self, message: &Message, fds: &[BorrowedFd<'_>]) -> Result<(), InteropError> {
-        let bytes = message.to_bytes(fds.len());
+        let version = self.version.get().copied().unwrap_or(Version::One);
+        let bytes = message.to_bytes(version, fds.len());
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_FDS))];
         let mut control = SendAncillaryBuffer::new(&mut space);
         if !fds.is_empty() && !control.push(SendAncillaryMessage::ScmRights(fds)) {
@@ -143,12 +184,11 @@ impl Socket {
     }
 
     fn receive_once(&self) -> Result<Option<Received>, InteropError> {
-        // One byte more than the longest message, to notice a longer one.
-        let mut bytes = [0_u8; MAX_BYTES + 1];
+        let mut room = self.room.lock().unwrap_or_else(PoisonError::into_inner);
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(MAX_FDS + 1))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
         let flags = RecvFlags::DONTWAIT | RecvFlags::CMSG_CLOEXEC;
-        let got = match recvmsg(&self.fd, &mut [IoSliceMut::new(&mut bytes)], &mut control, flags) {
+        let got = match recvmsg(&self.fd, &mut [IoSliceMut::new(&mut room)], &mut control, flags) {
             Ok(got) => got,
             Err(Errno::AGAIN | Errno::INTR) => return Ok(None),
             Err(Errno::CONNRESET | Errno::PIPE) => return Err(InteropError::PeerGone),
@@ -171,7 +211,8 @@ impl Socket {
                 text: format!("more than {MAX_FDS} descriptors in a message, or none could be taken in"),
             });
         }
-        Ok(Some(Received { bytes: bytes[..got.bytes].to_vec(), fds }))
+        let agreed = self.version.get().copied();
+        Ok(Some(Received { bytes: room[..got.bytes].to_vec(), fds, agreed }))
     }
 
     /// Waits for the next packet.
@@ -203,8 +244,11 @@ const SHORTAGE: Duration = Duration::from_millis(10);
 
 /// Waits until one of `fds` can be read or is closed, and says which.
 pub(crate) fn wait_readable(fds: &[BorrowedFd<'_>], limit: Duration) -> Result<Vec<bool>, InteropError> {
-    let mut polled: Vec<PollFd<'_>> =
-        fds.iter().map(|fd| PollFd::from_borrowed_fd(*fd, PollFlags::IN)).collect();
+    wait_ready(fds, PollFlags::IN, limit)
+}
+
+fn wait_ready(fds: &[BorrowedFd<'_>], what: PollFlags, limit: Duration) -> Result<Vec<bool>, InteropError> {
+    let mut polled: Vec<PollFd<'_>> = fds.iter().map(|fd| PollFd::from_borrowed_fd(*fd, what)).collect();
     let timeout = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
     match poll(&mut polled, Some(&timeout)) {
         Ok(_) | Err(Errno::INTR) => Ok(polled.iter().map(|fd| !fd.revents().is_empty()).collect()),
@@ -258,7 +302,7 @@ impl Listener {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         loop {
             let accepted = accept_with(&self.fd, flags)
-                .and_then(|fd| sockopt::socket_peercred(&fd).map(|peer| (Socket { fd }, peer)));
+                .and_then(|fd| sockopt::socket_peercred(&fd).map(|peer| (Socket::new(fd), peer)));
             match accepted {
                 Ok((socket, peer)) => {
                     let peer =

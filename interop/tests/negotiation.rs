@@ -2,13 +2,18 @@
 
 use esaac_interop::session::{Action, Agreement, Session, Terms, agree, hello};
 use esaac_interop::wire::{
-    self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Message, Refusal,
+    self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Message, Refusal, Version,
 };
 use esaac_interop::{Images, InteropError};
 use esaac_model::{HdrFormat, MotionFormat};
 
-const IMAGES: Images =
-    Images { width_px: 12, height_px: 9, hdr: HdrFormat::F16x4, motion: Some(MotionFormat::F16x2) };
+const IMAGES: Images = Images {
+    width_px: 12,
+    height_px: 9,
+    hdr: HdrFormat::F16x4,
+    motion: Some(MotionFormat::F16x2),
+    geometry: None,
+};
 
 const ALL_MEMORIES: u32 =
     wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES;
@@ -21,6 +26,8 @@ fn terms() -> Terms {
     Terms {
         camera: 4,
         images: IMAGES,
+        requires_geometry: false,
+        max_instances: 0,
         slots: SLOTS,
         backpressure: wire::LOSSLESS,
         device_uuid: [1; 16],
@@ -44,8 +51,12 @@ fn producer() -> Hello {
     }
 }
 
+fn by(memory: u32, timeline: u32) -> Agreement {
+    Agreement { version: Version::Two, memory, timeline, geometry: false }
+}
+
 fn agreed(hello: &Hello) -> Agreement {
-    agree(hello, &terms()).unwrap_or_else(|error| panic!("{hello:?}: {error}"))
+    agree(Version::Two, hello, &terms()).unwrap_or_else(|error| panic!("{hello:?}: {error}"))
 }
 
 fn code_of<T: std::fmt::Debug>(result: Result<T, InteropError>) -> ErrorCode {
@@ -56,11 +67,11 @@ fn code_of<T: std::fmt::Debug>(result: Result<T, InteropError>) -> ErrorCode {
 fn a_producer_without_a_vulkan_driver_shares_the_engines_device() {
     // As CUDA does: it names the device, and has no driver of Vulkan's to name.
     let cuda = Hello { driver_uuid: wire::NO_DRIVER, ..producer() };
-    let expected = Agreement { memory: wire::MEMORY_BROUGHT, timeline: wire::TIMELINE_EXPORTED };
+    let expected = by(wire::MEMORY_BROUGHT, wire::TIMELINE_EXPORTED);
     assert_eq!(agreed(&cuda), expected);
     // On another device it does not, driver or none.
     let elsewhere = Hello { device_uuid: [9; 16], memories: wire::MEMORY_BROUGHT, ..cuda };
-    let error = agree(&elsewhere, &terms()).expect_err("another device");
+    let error = agree(Version::Two, &elsewhere, &terms()).expect_err("another device");
     assert_eq!(error.code(), ErrorCode::Device);
     assert!(!error.to_string().contains("09090909-0909-0909-0909-090909090909 with driver"), "{error}");
 }
@@ -68,10 +79,10 @@ fn a_producer_without_a_vulkan_driver_shares_the_engines_device() {
 #[test]
 fn another_driver_of_the_same_device_shares_host_memory_alone() {
     let other = Hello { driver_uuid: [7; 16], ..producer() };
-    let expected = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
+    let expected = by(wire::MEMORY_HOST, wire::TIMELINE_CARRIED);
     assert_eq!(agreed(&other), expected);
     let without_host = Hello { memories: ALL_MEMORIES & !wire::MEMORY_HOST, ..other };
-    let error = agree(&without_host, &terms()).expect_err("no memory");
+    let error = agree(Version::Two, &without_host, &terms()).expect_err("no memory");
     assert_eq!(error.code(), ErrorCode::Device);
     assert!(error.to_string().contains("with driver 07070707-0707-0707-0707-070707070707"), "{error}");
 }
@@ -94,18 +105,28 @@ fn what_takes_the_fewest_copies_is_chosen() {
 
 #[test]
 fn nothing_in_common_is_refused_as_such() {
-    assert_eq!(code_of(agree(&Hello { memories: 0, ..producer() }, &terms())), ErrorCode::Unsupported);
-    assert_eq!(code_of(agree(&Hello { timelines: 0, ..producer() }, &terms())), ErrorCode::Unsupported);
+    assert_eq!(
+        code_of(agree(Version::Two, &Hello { memories: 0, ..producer() }, &terms())),
+        ErrorCode::Unsupported
+    );
+    assert_eq!(
+        code_of(agree(Version::Two, &Hello { timelines: 0, ..producer() }, &terms())),
+        ErrorCode::Unsupported
+    );
     // An exported timeline is of no use to another device.
     let other = Hello { device_uuid: [9; 16], timelines: wire::TIMELINE_EXPORTED, ..producer() };
-    assert_eq!(code_of(agree(&other, &terms())), ErrorCode::Unsupported);
+    assert_eq!(code_of(agree(Version::Two, &other, &terms())), ErrorCode::Unsupported);
 }
 
 #[test]
 fn images_of_another_size_are_refused_and_no_size_is_any() {
     for (width_px, height_px) in [(13, 9), (12, 8), (0, 9), (12, 0)] {
         let hello = Hello { width_px, height_px, ..producer() };
-        assert_eq!(code_of(agree(&hello, &terms())), ErrorCode::Camera, "{width_px}x{height_px}");
+        assert_eq!(
+            code_of(agree(Version::Two, &hello, &terms())),
+            ErrorCode::Camera,
+            "{width_px}x{height_px}"
+        );
     }
     agreed(&Hello { width_px: 0, height_px: 0, ..producer() });
 }
@@ -117,7 +138,7 @@ fn hello_comes_first() {
 }
 
 fn streaming() -> Session {
-    Session::new(&terms(), Agreement { memory: wire::MEMORY_EXPORTED, timeline: wire::TIMELINE_CARRIED })
+    Session::new(&terms(), by(wire::MEMORY_EXPORTED, wire::TIMELINE_CARRIED))
 }
 
 fn frame(slot: u32, value: u64, t_ns: i64) -> Message {
@@ -127,7 +148,7 @@ fn frame(slot: u32, value: u64, t_ns: i64) -> Message {
 #[test]
 fn the_last_slot_takes_a_frame_and_the_one_after_it_is_refused() {
     let mut session = streaming();
-    assert!(matches!(session.receive(&frame(SLOTS - 1, 1, 0), 0), Ok(Action::Queue(_))));
+    assert!(matches!(session.receive(&frame(SLOTS - 1, 1, 0), 0), Ok(Action::Queue(_, None))));
     assert_eq!(session.held(), 1);
     assert_eq!(code_of(session.receive(&frame(SLOTS, 1, 1), 0)), ErrorCode::Protocol);
 }
@@ -171,11 +192,11 @@ fn frame_times_ascend_and_lie_within_their_range() {
 
 #[test]
 fn descriptors_come_with_brought_alone_one_an_image() {
-    let brings = Agreement { memory: wire::MEMORY_BROUGHT, timeline: wire::TIMELINE_CARRIED };
+    let brings = by(wire::MEMORY_BROUGHT, wire::TIMELINE_CARRIED);
     let memory = |bytes| ImageMemory { bytes, allocation_bytes: bytes, ..ImageMemory::default() };
     let brought = Brought {
-        hdr: memory(IMAGES.hdr_bytes()),
-        motion: memory(IMAGES.motion_bytes()),
+        hdr: memory(IMAGES.bytes().hdr),
+        motion: memory(IMAGES.bytes().motion.expect("it has motion")),
         ..Brought::default()
     };
     let images = 2 * SLOTS as usize;
@@ -199,9 +220,9 @@ fn descriptors_come_with_brought_alone_one_an_image() {
 
 #[test]
 fn brought_memory_is_of_the_images_size_and_not_much_more() {
-    let brings = Agreement { memory: wire::MEMORY_IMAGES, timeline: wire::TIMELINE_CARRIED };
+    let brings = by(wire::MEMORY_IMAGES, wire::TIMELINE_CARRIED);
     const SMALL_ALLOCATION: u64 = 4 << 20;
-    let (hdr, motion) = (IMAGES.hdr_bytes(), IMAGES.motion_bytes());
+    let (hdr, motion) = (IMAGES.bytes().hdr, IMAGES.bytes().motion.expect("it has motion"));
     for (hdr_memory, motion_memory, holds) in [
         ((hdr, hdr), (motion, motion), true),
         ((hdr, SMALL_ALLOCATION), (motion, SMALL_ALLOCATION), true),

@@ -4,17 +4,25 @@ use esaac_interop::Images;
 use esaac_interop::session::{Action, Agreement, Session, Terms, agree, hello, is_written, may_release};
 use esaac_interop::wire::{
     self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Message, Refusal, Released, RingOffer,
+    Version,
 };
 use esaac_model::{HdrFormat, MAX_INTERVAL_NS, MotionFormat};
 use proptest::prelude::*;
 
-const IMAGES: Images =
-    Images { width_px: 12, height_px: 9, hdr: HdrFormat::F16x4, motion: Some(MotionFormat::F16x2) };
+const IMAGES: Images = Images {
+    width_px: 12,
+    height_px: 9,
+    hdr: HdrFormat::F16x4,
+    motion: Some(MotionFormat::F16x2),
+    geometry: None,
+};
 
 fn terms(slots: u32) -> Terms {
     Terms {
         camera: 0,
         images: IMAGES,
+        requires_geometry: false,
+        max_instances: 0,
         slots,
         backpressure: wire::LOSSLESS,
         device_uuid: [1; 16],
@@ -24,6 +32,14 @@ fn terms(slots: u32) -> Terms {
     }
 }
 
+fn motion_bytes(images: &Images) -> u64 {
+    images.bytes().motion.expect("it has motion")
+}
+
+fn by(memory: u32, timeline: u32) -> Agreement {
+    Agreement { version: Version::Two, memory, timeline, geometry: false }
+}
+
 /// Mostly what is likely to be right, sometimes anything.
 fn likely<T: Copy + std::fmt::Debug + 'static>(
     right: impl Strategy<Value = T> + 'static,
@@ -31,6 +47,10 @@ fn likely<T: Copy + std::fmt::Debug + 'static>(
 ) -> BoxedStrategy<T> {
     prop_oneof![8 => right, 1 => anything].boxed()
 }
+
+/// Bytes of the messages of each version, by kind; 0 where there is none of this size.
+const SIZES: [[usize; 10]; 2] =
+    [[0, 72, 144, 64, 16, 48, 32, 16, 280, 0], [0, 112, 248, 112, 16, 48, 32, 16, 280, 0]];
 
 /// What may happen next to a session.
 #[derive(Clone, Debug)]
@@ -57,7 +77,7 @@ fn brought() -> impl Strategy<Value = Event> {
             |(bytes, allocation_bytes)| ImageMemory { bytes, allocation_bytes, ..ImageMemory::default() },
         )
     };
-    (memory(IMAGES.hdr_bytes()), memory(IMAGES.motion_bytes()), likely(Just(6_usize), 0_usize..50)).prop_map(
+    (memory(IMAGES.bytes().hdr), memory(motion_bytes(&IMAGES)), likely(Just(6_usize), 0_usize..50)).prop_map(
         |(hdr, motion, fds)| {
             Event::Message(Box::new(Message::Brought(Brought { hdr, motion, ..Brought::default() })), fds)
         },
@@ -100,7 +120,7 @@ proptest! {
         ]),
         events in proptest::collection::vec(event(), 0..60),
     ) {
-        let agreement = Agreement { memory, timeline: wire::TIMELINE_CARRIED };
+        let agreement = by(memory, wire::TIMELINE_CARRIED);
         let brings = agreement.brings();
         let mut session = Session::new(&terms(slots), agreement);
         let mut values = vec![0_u64; slots as usize];
@@ -117,13 +137,13 @@ proptest! {
                 Event::Message(message, fds) => match session.receive(&message, fds) {
                     Ok(Action::Import(brought)) => {
                         prop_assert!(!has_memory && !ended && fds == 2 * slots as usize);
-                        prop_assert_eq!(brought.hdr.bytes, IMAGES.hdr_bytes());
-                        prop_assert_eq!(brought.motion.bytes, IMAGES.motion_bytes());
+                        prop_assert_eq!(brought.hdr.bytes, IMAGES.bytes().hdr);
+                        prop_assert_eq!(brought.motion.bytes, motion_bytes(&IMAGES));
                         // Nothing makes the engine take more than twice an image, or a small allocation.
                         prop_assert!(brought.hdr.allocation_bytes <= 4 << 20);
                         has_memory = true;
                     }
-                    Ok(Action::Queue(notice)) => {
+                    Ok(Action::Queue(notice, None)) => {
                         prop_assert!(has_memory && !ended && fds == 0 && notice.slot < slots);
                         let value = &mut values[notice.slot as usize];
                         prop_assert!(value.is_multiple_of(2) && notice.value == *value + 1);
@@ -132,6 +152,9 @@ proptest! {
                             prop_assert!(notice.t_ns > last && notice.t_ns - last <= MAX_INTERVAL_NS);
                         }
                         last_ns = Some(notice.t_ns);
+                    }
+                    Ok(other @ (Action::Queue(..) | Action::Nothing)) => {
+                        prop_assert!(false, "poses of a camera that takes none: {:?}", other);
                     }
                     Ok(Action::End) => {
                         prop_assert!(!ended && fds == 0);
@@ -152,17 +175,18 @@ proptest! {
     fn any_bytes_parse_or_are_refused(
         mut bytes in proptest::collection::vec(any::<u8>(), 0..300),
         head in proptest::option::weighted(0.9, (0_u16..10, 0_u32..4)),
+        version in proptest::sample::select(vec![Version::One, Version::Two]),
         whole in any::<bool>(),
         fds in 0_usize..4,
     ) {
         if let Some((kind, told)) = head {
-            let size = [0, 72, 144, 64, 16, 48, 32, 16, 280, 0][usize::from(kind)];
+            let size = SIZES[usize::from(version == Version::Two)][usize::from(kind)];
             if whole {
                 bytes.resize(size, 7);
             }
             let header = Header {
                 magic: wire::MAGIC,
-                version: wire::VERSION,
+                version: version as u16,
                 kind,
                 bytes: bytes.len() as u32,
                 fds: told,
@@ -170,8 +194,13 @@ proptest! {
             let count = bytes.len().min(16);
             bytes[..count].copy_from_slice(&bytemuck::bytes_of(&header)[..count]);
         }
-        if let Ok(message) = Message::parse(&bytes, fds) {
-            prop_assert_eq!(message.to_bytes(fds), bytes);
+        if let Ok(message) = Message::parse(version, &bytes, fds) {
+            // What version 1 reserves is not kept.
+            if let (Version::One, Some((kind @ (1 | 5), _))) = (version, head) {
+                let at = if kind == 1 { 68 } else { 28 };
+                bytes[at..at + 4].fill(0);
+            }
+            prop_assert_eq!(message.to_bytes(version, fds), bytes);
         } else if let Some((kind, told)) = head {
             prop_assert!(!whole || !(1..=8).contains(&kind) || told as usize != fds);
         }
@@ -188,8 +217,8 @@ proptest! {
         let device_uuid = if same { terms.device_uuid } else { [9; 16] };
         let driver_uuid = terms.driver_uuid;
         let hello = Hello { device_uuid, driver_uuid, memories, timelines, ..Hello::default() };
-        match agree(&hello, &terms) {
-            Ok(Agreement { memory, timeline }) => {
+        match agree(Version::Two, &hello, &terms) {
+            Ok(Agreement { memory, timeline, .. }) => {
                 prop_assert!(memory.is_power_of_two() && memory & memories & terms.memories != 0);
                 prop_assert!(timeline.is_power_of_two() && timeline & timelines & terms.timelines != 0);
                 prop_assert!(same || (memory == wire::MEMORY_HOST && timeline == wire::TIMELINE_CARRIED));
@@ -212,7 +241,7 @@ fn a_producer_on_another_device_shares_the_hosts_memory_or_is_told_both_names() 
         timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
         ..Hello::default()
     };
-    let error = agree(&other, &terms(3)).unwrap_err();
+    let error = agree(Version::Two, &other, &terms(3)).unwrap_err();
     assert_eq!(error.code(), ErrorCode::Device);
     let text = error.to_string();
     for uuid in ["03030303-0303-0303-0303-030303030303", "01010101-0101-0101-0101-010101010101"] {
@@ -221,10 +250,10 @@ fn a_producer_on_another_device_shares_the_hosts_memory_or_is_told_both_names() 
     // All of it is there for the producer to read.
     assert_eq!(Refusal::new(error.code(), &text).words(), text);
     let host = Hello { memories: other.memories | wire::MEMORY_HOST, ..other };
-    let expected = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
-    assert_eq!(agree(&host, &terms(3)).unwrap(), expected);
+    let expected = by(wire::MEMORY_HOST, wire::TIMELINE_CARRIED);
+    assert_eq!(agree(Version::Two, &host, &terms(3)).unwrap(), expected);
     let nothing = Hello { memories: 0, ..other };
-    let text = agree(&nothing, &terms(3)).unwrap_err().to_string();
+    let text = agree(Version::Two, &nothing, &terms(3)).unwrap_err().to_string();
     assert!(text.contains("the producer has none, the engine EXPORTED, HOST, BROUGHT, IMAGES"), "{text}");
 }
 
@@ -239,11 +268,11 @@ fn producer() -> Hello {
 fn a_producer_without_a_vulkan_driver_is_on_the_device_that_it_names() {
     let cuda = Hello { driver_uuid: wire::NO_DRIVER, ..producer() };
     for memory in [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED] {
-        let agreed = agree(&Hello { memories: memory, ..cuda }, &terms(3)).unwrap();
-        assert_eq!(agreed, Agreement { memory, timeline: wire::TIMELINE_EXPORTED });
+        let agreed = agree(Version::Two, &Hello { memories: memory, ..cuda }, &terms(3)).unwrap();
+        assert_eq!(agreed, by(memory, wire::TIMELINE_EXPORTED));
     }
     let elsewhere = Hello { device_uuid: [3; 16], memories: wire::MEMORY_EXPORTED, ..cuda };
-    let error = agree(&elsewhere, &terms(3)).unwrap_err();
+    let error = agree(Version::Two, &elsewhere, &terms(3)).unwrap_err();
     assert_eq!(error.code(), ErrorCode::Device);
     let text = error.to_string();
     assert!(text.contains("03030303-0303-0303-0303-030303030303, the engine on"), "{text}");
@@ -253,15 +282,15 @@ fn a_producer_without_a_vulkan_driver_is_on_the_device_that_it_names() {
 #[test]
 fn another_driver_of_the_same_device_shares_the_hosts_memory_alone() {
     let other = Hello { driver_uuid: [8; 16], ..producer() };
-    let expected = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
-    assert_eq!(agree(&other, &terms(3)).unwrap(), expected);
+    let expected = by(wire::MEMORY_HOST, wire::TIMELINE_CARRIED);
+    assert_eq!(agree(Version::Two, &other, &terms(3)).unwrap(), expected);
     let exported = Hello { memories: wire::MEMORY_EXPORTED, ..other };
-    let error = agree(&exported, &terms(3)).unwrap_err();
+    let error = agree(Version::Two, &exported, &terms(3)).unwrap_err();
     assert_eq!(error.code(), ErrorCode::Device);
     assert!(error.to_string().contains("with driver 08080808"), "{error}");
     // Timelines are a driver's own too.
     let exported = Hello { timelines: wire::TIMELINE_EXPORTED, ..other };
-    assert_eq!(agree(&exported, &terms(3)).unwrap_err().code(), ErrorCode::Unsupported);
+    assert_eq!(agree(Version::Two, &exported, &terms(3)).unwrap_err().code(), ErrorCode::Unsupported);
 }
 
 #[test]
@@ -269,28 +298,31 @@ fn the_best_memory_and_timeline_of_both_are_taken() {
     let order = [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED, wire::MEMORY_HOST];
     for first in 0..order.len() {
         let memories = order[first..].iter().sum();
-        assert_eq!(agree(&Hello { memories, ..producer() }, &terms(3)).unwrap().memory, order[first]);
+        assert_eq!(
+            agree(Version::Two, &Hello { memories, ..producer() }, &terms(3)).unwrap().memory,
+            order[first]
+        );
         // The engine's side limits it alike.
         let engine = Terms { memories, ..terms(3) };
-        assert_eq!(agree(&producer(), &engine).unwrap().memory, order[first]);
+        assert_eq!(agree(Version::Two, &producer(), &engine).unwrap().memory, order[first]);
     }
-    assert_eq!(agree(&producer(), &terms(3)).unwrap().timeline, wire::TIMELINE_EXPORTED);
+    assert_eq!(agree(Version::Two, &producer(), &terms(3)).unwrap().timeline, wire::TIMELINE_EXPORTED);
     let carried = Hello { timelines: wire::TIMELINE_CARRIED, ..producer() };
-    assert_eq!(agree(&carried, &terms(3)).unwrap().timeline, wire::TIMELINE_CARRIED);
-    let none = agree(&Hello { timelines: 4, ..producer() }, &terms(3)).unwrap_err();
+    assert_eq!(agree(Version::Two, &carried, &terms(3)).unwrap().timeline, wire::TIMELINE_CARRIED);
+    let none = agree(Version::Two, &Hello { timelines: 4, ..producer() }, &terms(3)).unwrap_err();
     assert_eq!(none.code(), ErrorCode::Unsupported);
     assert!(none.to_string().contains("the producer has none, the engine CARRIED, EXPORTED"), "{none}");
-    let none = agree(&Hello { memories: 16, ..producer() }, &terms(3)).unwrap_err();
+    let none = agree(Version::Two, &Hello { memories: 16, ..producer() }, &terms(3)).unwrap_err();
     assert_eq!(none.code(), ErrorCode::Unsupported);
 }
 
 #[test]
 fn a_producer_renders_the_rig_s_size_or_leaves_it_open() {
     for (width_px, height_px) in [(0, 0), (12, 9)] {
-        agree(&Hello { width_px, height_px, ..producer() }, &terms(3)).unwrap();
+        agree(Version::Two, &Hello { width_px, height_px, ..producer() }, &terms(3)).unwrap();
     }
     for (width_px, height_px) in [(12, 0), (0, 9), (12, 8), (13, 9), (9, 12), (u32::MAX, u32::MAX)] {
-        let error = agree(&Hello { width_px, height_px, ..producer() }, &terms(3)).unwrap_err();
+        let error = agree(Version::Two, &Hello { width_px, height_px, ..producer() }, &terms(3)).unwrap_err();
         assert_eq!(error.code(), ErrorCode::Camera);
         assert!(error.to_string().contains(&format!("12x9 px in the rig, the producer renders {width_px}x")));
     }
@@ -307,7 +339,7 @@ fn only_a_greeting_comes_first() {
 }
 
 fn session(memory: u32) -> Session {
-    Session::new(&terms(3), Agreement { memory, timeline: wire::TIMELINE_CARRIED })
+    Session::new(&terms(3), by(memory, wire::TIMELINE_CARRIED))
 }
 
 fn notice(slot: u32, value: u64, t_ns: i64) -> Message {
@@ -319,8 +351,8 @@ fn allocations_are_as_long_as_their_buffers_or_a_little_longer() {
     // Large enough that twice the image is more than the small allocation that is always allowed.
     let images = Images { width_px: 1024, height_px: 1024, ..IMAGES };
     let large = Terms { images, ..terms(1) };
-    let agreement = Agreement { memory: wire::MEMORY_BROUGHT, timeline: wire::TIMELINE_CARRIED };
-    let (hdr, motion) = (images.hdr_bytes(), images.motion_bytes());
+    let agreement = by(wire::MEMORY_BROUGHT, wire::TIMELINE_CARRIED);
+    let (hdr, motion) = (images.bytes().hdr, motion_bytes(&images));
     assert_eq!((hdr, motion), (8 << 20, 4 << 20));
     let brings = |bytes: [u64; 2], allocations: [u64; 2], fds: usize| {
         let memory = |i: usize| ImageMemory {
@@ -350,8 +382,8 @@ fn allocations_are_as_long_as_their_buffers_or_a_little_longer() {
     }
     // A small image may lie in a page, or in what CUDA allocates at least.
     let small = |allocation_bytes| {
-        let hdr = ImageMemory { bytes: IMAGES.hdr_bytes(), allocation_bytes, ..ImageMemory::default() };
-        let motion = ImageMemory { bytes: IMAGES.motion_bytes(), ..hdr };
+        let hdr = ImageMemory { bytes: IMAGES.bytes().hdr, allocation_bytes, ..ImageMemory::default() };
+        let motion = ImageMemory { bytes: motion_bytes(&IMAGES), ..hdr };
         let brought = Brought { hdr, motion, ..Brought::default() };
         session(wire::MEMORY_BROUGHT).receive(&Message::Brought(brought), 6)
     };
@@ -423,7 +455,7 @@ fn nothing_comes_after_a_goodbye_and_no_message_has_descriptors_that_nobody_aske
         assert_eq!(session(memory).receive(&bye, 1).unwrap_err().code(), ErrorCode::Protocol);
         let mut session = session(memory);
         assert_eq!(session.receive(&bye, 0).unwrap(), Action::End);
-        for message in [bye, notice(0, 1, 0), Message::Brought(Brought::default())] {
+        for message in [bye.clone(), notice(0, 1, 0), Message::Brought(Brought::default())] {
             let error = session.receive(&message, 0).unwrap_err();
             assert_eq!(error.code(), ErrorCode::Protocol);
             assert!(error.to_string().ends_with("came after BYE"), "{error}");
@@ -461,48 +493,52 @@ fn a_timeline_beyond_what_was_told_is_an_error() {
 
 /// The protocol's numbers, as producers in other languages have them.
 #[test]
-fn headers_are_those_of_version_1() {
+fn headers_are_those_of_their_version() {
     let messages = [
-        (Message::Hello(Hello::default()), 1_u16, 72_u32, "HELLO"),
-        (Message::Ring(RingOffer::default()), 2, 144, "RING"),
-        (Message::Brought(Brought::default()), 3, 64, "BROUGHT"),
-        (Message::Accepted(Header::default()), 4, 16, "ACCEPTED"),
-        (Message::Frame(FrameNotice::default()), 5, 48, "FRAME"),
-        (Message::Released(Released::default()), 6, 32, "RELEASED"),
-        (Message::Bye(Header::default()), 7, 16, "BYE"),
-        (Message::Refusal(Refusal::new(ErrorCode::Busy, "")), 8, 280, "ERROR"),
+        (Message::Hello(Hello::default()), 1_u16, "HELLO"),
+        (Message::Ring(RingOffer::default()), 2, "RING"),
+        (Message::Brought(Brought::default()), 3, "BROUGHT"),
+        (Message::Accepted(Header::default()), 4, "ACCEPTED"),
+        (Message::Frame(FrameNotice::default()), 5, "FRAME"),
+        (Message::Released(Released::default()), 6, "RELEASED"),
+        (Message::Bye(Header::default()), 7, "BYE"),
+        (Message::Refusal(Refusal::new(ErrorCode::Busy, "")), 8, "ERROR"),
     ];
-    for (message, kind, bytes, name) in messages {
-        let sent = message.to_bytes(2);
-        let expected = [
-            &b"ESIP"[..],
-            &1_u16.to_ne_bytes(),
-            &kind.to_ne_bytes(),
-            &bytes.to_ne_bytes(),
-            &2_u32.to_ne_bytes(),
-        ];
-        assert_eq!(&sent[..16], expected.concat(), "{name}");
-        assert_eq!((sent.len(), message.name()), (bytes as usize, name));
-        // A header that lies about its size.
-        let mut lying = sent.clone();
-        lying[8] ^= 1;
-        let error = Message::parse(&lying, 2).unwrap_err();
-        assert_eq!(error.to_string(), format!("{name} of {} bytes, expected {bytes}", bytes ^ 1));
-        assert_eq!(error.code(), ErrorCode::Protocol);
-        for fds in [1, 3] {
-            let error = Message::parse(&sent, fds).unwrap_err().to_string();
-            assert_eq!(error, format!("{name} with {fds} descriptors, expected 2"));
+    for (version, sizes) in [Version::One, Version::Two].into_iter().zip(SIZES) {
+        for (message, kind, name) in &messages {
+            let sent = message.to_bytes(version, 2);
+            let bytes = sizes[usize::from(*kind)] as u32;
+            let expected = [
+                &b"ESIP"[..],
+                &(version as u16).to_ne_bytes(),
+                &kind.to_ne_bytes(),
+                &bytes.to_ne_bytes(),
+                &2_u32.to_ne_bytes(),
+            ];
+            assert_eq!(&sent[..16], expected.concat(), "{name}");
+            assert_eq!((sent.len(), message.name()), (bytes as usize, *name));
+            // A header that lies about its size.
+            let mut lying = sent.clone();
+            lying[8] ^= 1;
+            let error = Message::parse(version, &lying, 2).unwrap_err();
+            assert_eq!(error.to_string(), format!("{name} of {} bytes, expected {bytes}", bytes ^ 1));
+            assert_eq!(error.code(), ErrorCode::Protocol);
+            for fds in [1, 3] {
+                let error = Message::parse(version, &sent, fds).unwrap_err().to_string();
+                assert_eq!(error, format!("{name} with {fds} descriptors, expected 2"));
+            }
         }
+        let mut none = Message::Bye(Header::default()).to_bytes(version, 0);
+        let last = if version == Version::One { 8 } else { 9 };
+        for kind in [0, last + 1] {
+            none[6] = kind;
+            let error = Message::parse(version, &none, 0).unwrap_err().to_string();
+            assert_eq!(error, format!("message kind {kind}, expected 1 to {last}"));
+        }
+        none[4] = 3;
+        assert_eq!(Message::parse(version, &none, 0).unwrap_err().code(), ErrorCode::Version);
     }
-    let mut none = Message::Bye(Header::default()).to_bytes(0);
-    for kind in [0, 9] {
-        none[6] = kind;
-        let error = Message::parse(&none, 0).unwrap_err().to_string();
-        assert_eq!(error, format!("message kind {kind}, expected 1 to 8"));
-    }
-    none[4] = 2;
-    assert_eq!(Message::parse(&none, 0).unwrap_err().code(), ErrorCode::Version);
-    assert_eq!((wire::MAX_FDS, wire::MAX_BYTES), (48, 280));
+    assert_eq!((wire::MAX_FDS, wire::MAX_BYTES), (80, 65_536));
     assert_eq!(wire::memory_names(15), "EXPORTED, HOST, BROUGHT, IMAGES");
     assert_eq!(wire::timeline_names(2), "EXPORTED");
 }

@@ -1,4 +1,4 @@
-"""Blender as the renderer: frames with HDR colour, motion vectors and depth, straight from `bpy` to events.
+"""Blender as the renderer: frames with HDR colour and motion vectors, straight from `bpy` to events.
 
     pip install bpy esaac          # bpy wants the Python that its version was built for
     python kit_bridge/scripts/blender_events.py --out out/
@@ -28,7 +28,6 @@ def build(width, height, rate_hz, samples):
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage, scene.render.fps = 100, rate_hz
     scene.view_layers[0].use_pass_vector = True
-    scene.view_layers[0].use_pass_z = True
     world = bpy.data.worlds.new("world")
     scene.world = world
     world.color = (0.3, 0.32, 0.36)
@@ -67,7 +66,7 @@ def _paint(thing, value):
 
 
 def render(scene, frame, folder):
-    """Colour, motion and depth of a frame, by an OpenEXR file: Blender gives scripts no passes in memory."""
+    """Colour and motion of a frame, by an OpenEXR file: Blender gives scripts no passes in memory."""
     scene.frame_set(frame)
     image = scene.render.image_settings
     if hasattr(image, "media_type"):
@@ -90,8 +89,7 @@ def read_passes(path):
         named = [next(n for n in channels if n.endswith(f"{pass_name}.{c}")) for c in components]
         return np.stack([channels[name] for name in named], axis=-1).astype(np.float32)
 
-    depth = next(channels[name] for name in channels if "Depth." in name)
-    return stack("Combined", "RGB"), stack("Vector", "XY") * np.float32((1, -1)), depth
+    return stack("Combined", "RGB"), stack("Vector", "XY") * np.float32((1, -1))
 
 
 def main():
@@ -111,8 +109,8 @@ def main():
     ):
         for frame in range(arguments.frames):
             # From where the box is at speed.
-            hdr, motion, depth = render(scene, 20 + frame, arguments.out)
-            packet = camera.step(hdr, motion, depth=depth, t_ns=round(frame * 1e9 / rate_hz))
+            hdr, motion = render(scene, 20 + frame, arguments.out)
+            packet = camera.step(hdr, motion, t_ns=round(frame * 1e9 / rate_hz))
             print(f"frame {frame}: {len(packet)} events, motion up to {np.abs(motion).max():.1f} px")
             events.write(packet)
     print(f"{len(events)} events in {arguments.out}/events.npz")

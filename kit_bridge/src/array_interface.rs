@@ -1,7 +1,7 @@
 //! Reads the dictionary that NumPy's and CUDA's array interfaces share.
 
 use crate::error::Fault;
-use crate::image::{Element, compact, wrong_dtype};
+use crate::image::{Element, Plane, compact};
 use pyo3::conversion::FromPyObjectOwned;
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -12,8 +12,8 @@ use std::borrow::Cow;
 pub type Parsed = (usize, Element, Vec<usize>, Vec<isize>);
 
 /// Reads an array interface.
-pub fn parse<'py>(interface: &Bound<'py, PyDict>, name: &str) -> PyResult<Parsed> {
-    let py = interface.py();
+pub fn parse<'py>(interface: &Bound<'py, PyDict>, plane: Plane) -> PyResult<Parsed> {
+    let (py, name) = (interface.py(), plane.name());
     let item = |key: &Bound<'py, PyString>| -> PyResult<Bound<'py, PyAny>> {
         let missing = || Fault::Frame(format!("{name}: its array interface has no `{key}`"));
         Ok(interface.get_item(key)?.ok_or_else(missing)?)
@@ -21,11 +21,14 @@ pub fn parse<'py>(interface: &Bound<'py, PyDict>, name: &str) -> PyResult<Parsed
     let typestr = item(intern!(py, "typestr"))?;
     let typestr: Cow<'_, str> = typestr.extract()?;
     let element = match &*typestr {
-        "<f2" | "=f2" => Element::F16,
-        "<f4" | "=f4" => Element::F32,
-        "|u1" | "<u1" => Element::U8,
-        other => return Err(wrong_dtype(name, other).into()),
+        "<f2" | "=f2" => Some(Element::F16),
+        "<f4" | "=f4" => Some(Element::F32),
+        "|u1" | "<u1" => Some(Element::U8),
+        "<u2" | "=u2" | "<i2" | "=i2" => Some(Element::U16),
+        "<u4" | "=u4" | "<i4" | "=i4" => Some(Element::U32),
+        _ => None,
     };
+    let element = plane.allow(element, &typestr)?;
     let shape: Vec<usize> = sequence(&item(intern!(py, "shape"))?)?;
     let strides = match interface.get_item(intern!(py, "strides"))? {
         Some(strides) if !strides.is_none() => sequence(&strides)?,

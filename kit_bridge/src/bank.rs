@@ -6,34 +6,78 @@ use crate::image::Place;
 use crate::pack::{Texel, Tiles};
 use esaac_engine::MAX_CAMERAS;
 use esaac_engine::{
-    CameraConfig, Device, FrameBytes, FrameInput, InputBuffers, Rig, RigOptions, SubmitHooks,
+    CameraConfig, Device, FrameBytes, FrameInput, GeometryConfig, InputBuffers, Rig, RigOptions, SubmitHooks,
 };
 use esaac_interop::cuda::{CudaBuffer, CudaLink};
-use esaac_model::SensorModel;
+use esaac_model::paths::Intrinsics;
+use esaac_model::{DepthFormat, SensorModel};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Formats of a camera's colour and motion images.
-pub type Format = (Texel, Option<Texel>);
+/// Number of arrays that a frame may have: colour, motion, depth, ids.
+pub const PLANES: usize = 4;
+
+/// Formats of a camera's images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Format {
+    /// Colour.
+    pub hdr: Texel,
+    /// Motion vectors.
+    pub motion: Option<Texel>,
+    /// Depth.
+    pub depth: Option<Texel>,
+    /// Instance ids.
+    pub ids: Option<Texel>,
+}
+
+/// The arrays of a frame, or of the frames of all environments.
+pub struct Images {
+    /// Colour.
+    pub hdr: Tiles,
+    /// Motion vectors.
+    pub motion: Option<Tiles>,
+    /// Depth.
+    pub depth: Option<Tiles>,
+    /// Instance ids.
+    pub ids: Option<Tiles>,
+}
+
+impl Images {
+    /// All of them, in the order of the fields.
+    pub fn planes(&self) -> [Option<&Tiles>; PLANES] {
+        [Some(&self.hdr), self.motion.as_ref(), self.depth.as_ref(), self.ids.as_ref()]
+    }
+
+    /// Their formats.
+    pub fn format(&self) -> Format {
+        let of = |tiles: &Option<Tiles>| tiles.as_ref().map(Tiles::texel);
+        Format { hdr: self.hdr.texel(), motion: of(&self.motion), depth: of(&self.depth), ids: of(&self.ids) }
+    }
+
+    /// Whether they are on a CUDA device.
+    pub fn on_device(&self) -> bool {
+        matches!(self.hdr.place(), Place::Cuda { .. })
+    }
+}
 
 /// The images of a step.
 pub struct Frames {
     /// One entry for all cameras of a tiled renderer, else one for each camera; `None` for a camera without a frame.
-    pub images: Vec<Option<(Tiles, Option<Tiles>)>>,
+    pub images: Vec<Option<Images>>,
     /// Whether the one entry is for all cameras.
     pub tiled: bool,
 }
 
 impl Frames {
     /// A camera's images, and its index among them.
-    pub fn of(&self, camera: usize) -> Option<(&Tiles, Option<&Tiles>, usize)> {
+    pub fn of(&self, camera: usize) -> Option<(&Images, usize)> {
         let (at, index) = if self.tiled { (0, camera) } else { (camera, 0) };
-        self.images[at].as_ref().map(|(hdr, motion)| (hdr, motion.as_ref(), index))
+        self.images[at].as_ref().map(|images| (images, index))
     }
 }
 
-/// Buffers that CUDA copies whole images to: colour and motion.
-type Copied = [Option<CudaBuffer>; 2];
+/// Buffers that CUDA copies whole images to.
+type Copied = [Option<CudaBuffer>; PLANES];
 
 /// Cameras in one rig.
 pub struct Bank {
@@ -42,7 +86,7 @@ pub struct Bank {
     /// Numbers of its cameras among all cameras.
     pub cameras: Range<usize>,
     copied: Vec<Copied>,
-    scratch: Vec<u8>,
+    scratch: [Vec<u8>; PLANES],
 }
 
 /// How often frames were copied.
@@ -60,6 +104,7 @@ impl Bank {
         device: &Arc<Device>,
         sensors: &[SensorModel],
         formats: &[Format],
+        lenses: &[Option<Intrinsics>],
         options: RigOptions,
     ) -> Result<Vec<Self>, Fault> {
         let mut banks = Vec::new();
@@ -70,12 +115,13 @@ impl Bank {
                 .map(|camera| CameraConfig {
                     sensor: sensors[camera].clone(),
                     camera: camera as u32,
-                    hdr: formats[camera].0.hdr(),
-                    motion: formats[camera].1.map(Texel::motion),
+                    hdr: formats[camera].hdr.hdr(),
+                    motion: formats[camera].motion.map(Texel::motion),
+                    geometry: geometry(&formats[camera], lenses[camera]),
                 })
                 .collect();
             let rig = Rig::with_options(device, &configs, options)?;
-            banks.push(Bank { rig, cameras, copied: Vec::new(), scratch: Vec::new() });
+            banks.push(Bank { rig, cameras, copied: Vec::new(), scratch: Default::default() });
         }
         Ok(banks)
     }
@@ -90,45 +136,45 @@ impl Bank {
         let targets = if frames.tiled { 1 } else { self.cameras.len() };
         self.copied.resize_with(targets, Copied::default);
         if frames.tiled && on_device(frames, self.cameras.start) {
-            let (hdr, motion, _) = frames.of(self.cameras.start).expect("tiles are for every camera");
+            let (images, _) = frames.of(self.cameras.start).expect("tiles are for every camera");
             let (first, count) = (self.cameras.start, self.cameras.len());
             let link = link.expect("frames on a device come with a link");
-            for (tiles, target) in [(Some(hdr), 0), (motion, 1)] {
+            for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[0]) {
                 let Some(tiles) = tiles else { continue };
-                copies.device += copy(link, tiles, first, count, &mut self.copied[0][target])?;
+                copies.device += copy(link, tiles, first, count, target)?;
             }
             return Ok(());
         }
         for (own, camera) in self.cameras.clone().enumerate() {
-            let Some((hdr, motion, index)) = frames.of(camera) else { continue };
-            if matches!(hdr.place(), Place::Cuda { .. }) {
+            let Some((images, index)) = frames.of(camera) else { continue };
+            if images.on_device() {
                 let link = link.expect("frames on a device come with a link");
-                for (tiles, target) in [(Some(hdr), 0), (motion, 1)] {
+                for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[own]) {
                     let Some(tiles) = tiles else { continue };
-                    copies.device += copy(link, tiles, index, 1, &mut self.copied[own][target])?;
+                    copies.device += copy(link, tiles, index, 1, target)?;
                 }
             } else {
-                self.upload(own, hdr, motion, index)?;
-                copies.host += 1 + u64::from(motion.is_some());
+                self.upload(own, images, index)?;
+                copies.host += images.planes().into_iter().flatten().count() as u64;
             }
         }
         Ok(())
     }
 
-    fn upload(&mut self, own: usize, hdr: &Tiles, motion: Option<&Tiles>, index: usize) -> Result<(), Fault> {
-        let mut packed_motion = Vec::new();
-        let hdr = hdr.as_bytes(index).unwrap_or_else(|| {
-            hdr.pack(index, &mut self.scratch);
-            &self.scratch
-        });
-        let motion = motion.map(|motion| match motion.as_bytes(index) {
-            Some(bytes) => bytes,
-            None => {
-                motion.pack(index, &mut packed_motion);
-                &packed_motion[..]
-            }
-        });
-        Ok(self.rig.upload(own, &FrameBytes { hdr, motion })?)
+    fn upload(&mut self, own: usize, images: &Images, index: usize) -> Result<(), Fault> {
+        let mut bytes: [Option<&[u8]>; PLANES] = [None; PLANES];
+        for ((tiles, scratch), bytes) in images.planes().into_iter().zip(&mut self.scratch).zip(&mut bytes) {
+            *bytes = tiles.map(|tiles| match tiles.as_bytes(index) {
+                Some(bytes) => bytes,
+                None => {
+                    tiles.pack(index, scratch);
+                    &scratch[..]
+                }
+            });
+        }
+        let [hdr, motion, depth, ids] = bytes;
+        let hdr = hdr.expect("every frame has a colour image");
+        Ok(self.rig.upload(own, &FrameBytes { hdr, motion, depth, ids })?)
     }
 
     /// Steps the cameras that have a time, with the frames that were copied.
@@ -155,13 +201,21 @@ impl Bank {
 }
 
 fn on_device(frames: &Frames, camera: usize) -> bool {
-    frames.of(camera).is_some_and(|(hdr, ..)| matches!(hdr.place(), Place::Cuda { .. }))
+    frames.of(camera).is_some_and(|(images, _)| images.on_device())
 }
 
 fn inputs(copied: &Copied) -> Option<InputBuffers<'_>> {
-    let [hdr, motion] = copied;
-    hdr.as_ref()
-        .map(|hdr| InputBuffers { hdr: hdr.buffer(), motion: motion.as_ref().map(CudaBuffer::buffer) })
+    let [hdr, motion, depth, ids] = copied.each_ref().map(|plane| plane.as_ref().map(CudaBuffer::buffer));
+    hdr.map(|hdr| InputBuffers { hdr, motion, depth, ids })
+}
+
+/// What the rig is told of depth and ids; `None` without depth.
+fn geometry(format: &Format, lens: Option<Intrinsics>) -> Option<GeometryConfig> {
+    format.depth.map(|_| GeometryConfig {
+        depth: DepthFormat::F32,
+        ids: format.ids.map(Texel::ids),
+        lens: lens.expect("frames with depth come with a lens"),
+    })
 }
 
 /// Copies the images of `count` cameras into their buffer, which is made at the first time.
@@ -175,7 +229,7 @@ fn copy(
     let bytes = (tiles.image_bytes() * count) as u64;
     let target = match target {
         Some(target) => target,
-        None => target.insert(link.buffer(tiles.name(), bytes)?),
+        None => target.insert(link.buffer(tiles.plane().name(), bytes)?),
     };
     if let Place::Cuda { after: Some(stream) } = tiles.place() {
         // SAFETY: the array's producer says that this is a stream of the device's primary context.
@@ -185,7 +239,9 @@ fn copy(
     if let Some(texture) = tiles.texture() {
         // SAFETY: the caller says that this is a handle of the primary context.
         #[expect(unsafe_code, reason = "CUDA's edge")]
-        unsafe { link.copy_texture(tiles.name(), texture, tiles.size_px(), tiles.texel().hdr(), target) }?;
+        unsafe {
+            link.copy_texture(tiles.plane().name(), texture, tiles.size_px(), tiles.texel().hdr(), target)
+        }?;
         return Ok(1);
     }
     let rows = tiles.rows(first, count);
@@ -193,7 +249,7 @@ fn copy(
     for (rows, offset) in rows {
         // SAFETY: the array's owner guarantees its shape, and the array is kept until the step is over.
         #[expect(unsafe_code, reason = "CUDA's edge")]
-        unsafe { link.copy(tiles.name(), rows, target, offset) }?;
+        unsafe { link.copy(tiles.plane().name(), rows, target, offset) }?;
     }
     Ok(copies)
 }

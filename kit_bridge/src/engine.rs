@@ -1,19 +1,20 @@
 //! `Engine`: cameras that step together. A lock of its own guards them, so the interpreter's lock is free while they
 //! step. `esaac/cameras.py` wraps it in the classes that users see.
 
-use crate::bank::Frames;
+use crate::bank::{Frames, Images};
 use crate::cuda::CudaSide;
 use crate::error::Fault;
-use crate::image::{Image, Streams};
+use crate::image::{Image, Plane, Streams};
 use crate::pack::Tiles;
 use crate::packet::PyPacket;
+use crate::poses::{self, GivenLens, GivenPoses, Moving};
 use crate::process::OwnProcess;
 use crate::saved::NamedFormat;
 use crate::sensor::PySensor;
 use crate::state::{Events, Packets, State};
 use crate::{device, form, image, report, saved};
 use esaac_engine::{Device, Representation};
-use esaac_model::SensorModel;
+use esaac_model::{SensorModel, Synthesis};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -57,8 +58,10 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A frame as callers give it.
-type Given<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+type Array<'py> = Bound<'py, PyAny>;
+
+/// A frame as callers give it: colour, motion, depth, ids.
+type Given<'py> = (Array<'py>, Option<Array<'py>>, Option<Array<'py>>, Option<Array<'py>>);
 
 #[pymethods]
 impl Engine {
@@ -66,6 +69,7 @@ impl Engine {
     fn new(
         py: Python<'_>,
         sensors: Vec<PyRef<'_, PySensor>>,
+        lenses: Vec<Option<GivenLens>>,
         device: Option<&Bound<'_, PyAny>>,
         packets: &str,
         packet_ring: Option<u32>,
@@ -75,10 +79,16 @@ impl Engine {
         if sensors.is_empty() {
             return Err(Fault::Argument("no sensors, expected at least one".to_owned()).into());
         }
+        if lenses.len() != sensors.len() {
+            let message = format!("{} intrinsics for {} cameras", lenses.len(), sensors.len());
+            return Err(Fault::Argument(message).into());
+        }
+        let lenses =
+            lenses.iter().map(|lens| lens.as_ref().map(poses::lens).transpose()).collect::<Result<_, _>>()?;
         let packets = place(packets, packet_ring)?;
         let device = Arc::clone(device::open(py, device)?.get()?);
         let size_px = sensors.iter().map(|s| (s.width, s.height)).collect();
-        let state = Mutex::new(Some(State::new(&device, sensors, packets, tiled)));
+        let state = Mutex::new(Some(State::new(&device, sensors, lenses, packets, tiled)));
         let inner = Inner { state, side: Mutex::default(), device };
         if packets == Packets::Cuda {
             // Fail now if there is no CUDA, and not after the first frame.
@@ -87,39 +97,47 @@ impl Engine {
         Ok(Engine { inner: OwnProcess::new(inner), last: Mutex::default(), size_px, tiled, packets })
     }
 
-    /// Steps all cameras with one array of colour and one of motion. `t_ns` is one time, or one for each camera.
-    #[pyo3(signature = (hdr, motion, t_ns, stream))]
+    /// Steps all cameras with one array of each kind. `t_ns` is one time, or one for each camera.
+    #[pyo3(signature = (frame, t_ns, poses, stream))]
     fn step_tiles(
         &self,
         py: Python<'_>,
-        hdr: Bound<'_, PyAny>,
-        motion: Option<Bound<'_, PyAny>>,
+        frame: Given<'_>,
         t_ns: Bound<'_, PyAny>,
+        poses: Option<GivenPoses<'_>>,
         stream: Option<u64>,
     ) -> PyResult<Py<PyPacket>> {
-        let t_ns = times(&t_ns, self.size_px.len())?;
-        let cameras = self.tiled.then_some(self.size_px.len());
-        let images = self.images(py, &(hdr, motion), cameras, self.size_px[0], stream)?;
+        let count = self.size_px.len();
+        let t_ns = times(&t_ns, count)?;
+        let cameras = self.tiled.then_some(count);
+        let images = self.images(py, &frame, cameras, self.size_px[0], stream)?;
         let frames = Frames { images: vec![Some(images)], tiled: true };
-        let packet =
-            PyPacket::together(py, self.step_frames(py, &frames, t_ns)?, self.packets != Packets::Host)?;
+        let poses = poses.map(|poses| poses.read(count)).transpose()?;
+        let moving = Moving { poses: vec![poses], together: true };
+        let events = self.step_frames(py, &frames, t_ns, &moving)?;
+        let packet = PyPacket::together(py, events, self.packets != Packets::Host)?;
         self.keep(vec![packet.clone_ref(py)]);
         Ok(packet)
     }
 
     /// Steps the cameras that have a frame.
-    #[pyo3(signature = (frames, t_ns, stream))]
+    #[pyo3(signature = (frames, t_ns, poses, stream))]
     fn step(
         &self,
         py: Python<'_>,
         frames: Vec<Option<Given<'_>>>,
         t_ns: Vec<Option<i64>>,
+        poses: Vec<Option<GivenPoses<'_>>>,
         stream: Option<u64>,
     ) -> PyResult<Vec<Py<PyPacket>>> {
         let expected = self.size_px.len();
         if frames.len() != expected || t_ns.len() != expected {
             let actual = (frames.len(), t_ns.len());
             let message = format!("{} frames and {} times for {expected} cameras", actual.0, actual.1);
+            return Err(Fault::Frame(message).into());
+        }
+        if poses.len() != expected {
+            let message = format!("poses of {} cameras for {expected} cameras", poses.len());
             return Err(Fault::Frame(message).into());
         }
         let images = frames
@@ -130,7 +148,9 @@ impl Engine {
             })
             .collect::<PyResult<_>>()?;
         let frames = Frames { images, tiled: false };
-        let packets = PyPacket::each(py, self.step_frames(py, &frames, t_ns)?)?;
+        let read = |poses: &Option<GivenPoses<'_>>| poses.as_ref().map(|poses| poses.read(1)).transpose();
+        let moving = Moving { poses: poses.iter().map(read).collect::<Result<_, _>>()?, together: false };
+        let packets = PyPacket::each(py, self.step_frames(py, &frames, t_ns, &moving)?)?;
         self.keep(packets.iter().map(|packet| packet.clone_ref(py)).collect());
         Ok(packets)
     }
@@ -166,6 +186,19 @@ impl Engine {
     fn sensors(&self, py: Python<'_>) -> PyResult<Vec<PySensor>> {
         let sensors = self.call(py, |state| Ok(state.sensors.clone()))?;
         Ok(sensors.into_iter().map(PySensor).collect())
+    }
+
+    /// What each camera's synthesis has come to; None before its first frame.
+    #[getter]
+    fn syntheses(&self, py: Python<'_>) -> PyResult<Vec<Option<&'static str>>> {
+        let syntheses = self.call(py, |state| Ok(state.syntheses()))?;
+        Ok(syntheses.into_iter().map(|synthesis| synthesis.map(Synthesis::name)).collect())
+    }
+
+    /// Time of each camera's last frame.
+    #[getter]
+    fn last_ns(&self, py: Python<'_>) -> PyResult<Vec<Option<i64>>> {
+        self.call(py, |state| Ok(state.last_ns.clone()))
     }
 
     fn set_sensor(&self, py: Python<'_>, camera: usize, sensor: PyRef<'_, PySensor>) -> PyResult<()> {
@@ -213,10 +246,10 @@ impl Engine {
         &self,
         py: Python<'_>,
         formats: Vec<NamedFormat>,
-        last_ns: Vec<Option<i64>>,
+        times_ns: saved::Times,
         banks: Vec<Vec<u8>>,
     ) -> PyResult<()> {
-        let saved = saved::from_python(formats, last_ns, banks)?;
+        let saved = saved::from_python(formats, times_ns, banks)?;
         self.call(py, move |state| state.restore(saved))
     }
 
@@ -246,11 +279,17 @@ impl Engine {
         Ok(py.detach(|| inner.with(work))?)
     }
 
-    fn step_frames(&self, py: Python<'_>, frames: &Frames, t_ns: Vec<Option<i64>>) -> PyResult<Events> {
+    fn step_frames(
+        &self,
+        py: Python<'_>,
+        frames: &Frames,
+        t_ns: Vec<Option<i64>>,
+        moving: &Moving,
+    ) -> PyResult<Events> {
         let inner = self.inner.get()?;
         Ok(py.detach(|| {
             let side = lock(&inner.side).clone();
-            inner.with(|state| state.step(frames, &t_ns, side.as_ref()))
+            inner.with(|state| state.step(frames, &t_ns, moving, side.as_ref()))
         })?)
     }
 
@@ -267,7 +306,7 @@ impl Engine {
         cameras: Option<usize>,
         size_px: (u32, u32),
         stream: Option<u64>,
-    ) -> PyResult<(Tiles, Option<Tiles>)> {
+    ) -> PyResult<Images> {
         let inner = self.inner.get()?;
         let streams = || {
             let side = py.detach(|| inner.side())?;
@@ -275,11 +314,17 @@ impl Engine {
             let (ordinal, device) = (side.ordinal, inner.device.info().name.as_str());
             Ok(Streams { ordinal, device, ours: side.stream, callers })
         };
-        let tiles = |array: &Bound<'_, PyAny>, name: &'static str| -> PyResult<Tiles> {
-            Ok(Tiles::of(Image::of(array, name, &streams)?, cameras, size_px)?)
+        let tiles = |array: &Array<'_>, plane: Plane| -> PyResult<Tiles> {
+            Ok(Tiles::of(Image::of(array, plane, &streams)?, cameras, size_px)?)
         };
-        let hdr = tiles(&given.0, "hdr")?;
-        Ok((hdr, given.1.as_ref().map(|motion| tiles(motion, "motion")).transpose()?))
+        let maybe = |array: &Option<Array<'_>>, plane| array.as_ref().map(|a| tiles(a, plane)).transpose();
+        let (hdr, motion, depth, ids) = given;
+        Ok(Images {
+            hdr: tiles(hdr, Plane::Hdr)?,
+            motion: maybe(motion, Plane::Motion)?,
+            depth: maybe(depth, Plane::Depth)?,
+            ids: maybe(ids, Plane::Ids)?,
+        })
     }
 }
 

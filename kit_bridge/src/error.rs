@@ -43,6 +43,9 @@ impl From<EngineError> for Fault {
         match error {
             EngineError::Sensor { source, .. } => Fault::Sensor(source),
             EngineError::Frame(source) => source.into(),
+            EngineError::NoScene { .. }
+            | EngineError::Poses { .. }
+            | EngineError::TooManyInstances { .. } => Fault::Frame(error.to_string()),
             EngineError::SizeChange { .. } | EngineError::NoSuchCamera { .. } | EngineError::Snapshot(_) => {
                 Fault::Argument(error.to_string())
             }

@@ -27,16 +27,67 @@ pub enum Element {
     F32,
     /// Bytes, sRGB encoded.
     U8,
+    /// Ids of 16 bits, signed or not.
+    U16,
+    /// Ids of 32 bits, signed or not.
+    U32,
 }
 
 impl Element {
     /// Bytes of one element.
     pub fn bytes(self) -> usize {
         match self {
-            Element::F16 => 2,
-            Element::F32 => 4,
+            Element::F16 | Element::U16 => 2,
+            Element::F32 | Element::U32 => 4,
             Element::U8 => 1,
         }
+    }
+}
+
+/// What an array of a frame holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// Colour.
+    Hdr,
+    /// Motion vectors.
+    Motion,
+    /// Depth.
+    Depth,
+    /// Instance ids.
+    Ids,
+}
+
+impl Plane {
+    /// Its name in Python.
+    pub fn name(self) -> &'static str {
+        match self {
+            Plane::Hdr => "hdr",
+            Plane::Motion => "motion",
+            Plane::Depth => "depth",
+            Plane::Ids => "ids",
+        }
+    }
+
+    /// Numbers of channels that it may have.
+    pub fn channels(self) -> &'static [usize] {
+        match self {
+            Plane::Hdr => &[1, 3, 4],
+            Plane::Motion => &[2, 3, 4],
+            Plane::Depth | Plane::Ids => &[1],
+        }
+    }
+
+    /// The element, if such arrays may have it.
+    pub fn allow(self, element: Option<Element>, actual: &str) -> Result<Element, Fault> {
+        let (allowed, expected): (&[Element], _) = match self {
+            Plane::Hdr => (&[Element::F16, Element::F32, Element::U8], "float16, float32 or uint8 (sRGB)"),
+            Plane::Motion => (&[Element::F16, Element::F32], "float16 or float32"),
+            Plane::Depth => (&[Element::F32], "float32"),
+            Plane::Ids => (&[Element::U16, Element::U32], "uint16, uint32, int16 or int32"),
+        };
+        element
+            .filter(|element| allowed.contains(element))
+            .ok_or_else(|| Fault::Frame(format!("{} has dtype {actual}, expected {expected}", self.name())))
     }
 }
 
@@ -54,8 +105,8 @@ pub enum Place {
 
 /// An array.
 pub struct Image {
-    /// For messages: `hdr`, `motion`.
-    pub name: &'static str,
+    /// What it holds.
+    pub plane: Plane,
     /// Address of the first element.
     pub pointer: usize,
     /// Memory that the address is in.
@@ -91,9 +142,9 @@ pub struct Streams<'a> {
 
 impl Streams<'_> {
     /// Fails for an array that DLPack says is on another GPU.
-    fn check(&self, name: &str, device: DlDevice) -> Result<(), Fault> {
+    fn check(&self, plane: Plane, device: DlDevice) -> Result<(), Fault> {
         if device.kind == dlpack::CUDA && device.id != self.ordinal {
-            return Err(elsewhere(name, device.id, self.ordinal, self.device));
+            return Err(elsewhere(plane, device.id, self.ordinal, self.device));
         }
         Ok(())
     }
@@ -103,23 +154,23 @@ impl Image {
     /// Reads an array. `streams` is called if it is on a CUDA device.
     pub fn of<'a>(
         array: &Bound<'_, PyAny>,
-        name: &'static str,
+        plane: Plane,
         streams: &dyn Fn() -> PyResult<Streams<'a>>,
     ) -> PyResult<Self> {
         let py = array.py();
         if array.is_instance_of::<PyUntypedArray>() {
-            return Self::on_host(array.clone(), name);
+            return Self::on_host(array.clone(), plane);
         }
         if let Ok(texture) = array.cast::<CudaTexture>() {
-            return Self::of_texture(texture, name, streams()?);
+            return Self::of_texture(texture, plane, streams()?);
         }
         if let Some(torch) = Torch::of(array)?
             && let Some(capsule) = torch.lend(array)?
         {
-            return Self::in_capsule(&capsule, name, |device| match device.kind {
+            return Self::in_capsule(&capsule, plane, |device| match device.kind {
                 dlpack::CUDA | dlpack::CUDA_MANAGED => {
                     let streams = streams()?;
-                    streams.check(name, device)?;
+                    streams.check(plane, device)?;
                     let after = match streams.callers {
                         Some(stream) => stream,
                         None => torch.stream(py, device.id)?,
@@ -127,39 +178,39 @@ impl Image {
                     Ok(Place::Cuda { after: Some(after) })
                 }
                 dlpack::CPU | dlpack::CUDA_HOST => Ok(Place::Host),
-                kind => Err(nowhere(name, kind).into()),
+                kind => Err(nowhere(plane, kind).into()),
             });
         }
         if let Some(stream) = warp::stream_of(array)? {
             let interface = array.getattr(intern!(py, "__cuda_array_interface__"))?;
-            return Self::by_cuda_array_interface(array, &interface, name, &streams()?, Some(stream));
+            return Self::by_cuda_array_interface(array, &interface, plane, &streams()?, Some(stream));
         }
         if let Ok(device) = array.call_method0(intern!(py, "__dlpack_device__")) {
             let (kind, id): (i32, i32) = device.extract()?;
             return match kind {
                 dlpack::CUDA | dlpack::CUDA_MANAGED => {
                     let streams = streams()?;
-                    streams.check(name, DlDevice { kind, id })?;
-                    Self::by_dlpack(array, name, &streams)
+                    streams.check(plane, DlDevice { kind, id })?;
+                    Self::by_dlpack(array, plane, &streams)
                 }
-                dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, name),
-                kind => Err(nowhere(name, kind).into()),
+                dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, plane),
+                kind => Err(nowhere(plane, kind).into()),
             };
         }
         if let Some(interface) = array.getattr_opt(intern!(py, "__cuda_array_interface__"))? {
-            return Self::by_cuda_array_interface(array, &interface, name, &streams()?, None);
+            return Self::by_cuda_array_interface(array, &interface, plane, &streams()?, None);
         }
-        Self::through_numpy(array, name)
+        Self::through_numpy(array, plane)
     }
 
-    fn of_texture(texture: &Bound<'_, CudaTexture>, name: &'static str, streams: Streams) -> PyResult<Self> {
-        if name != "hdr" {
-            return Err(Fault::Frame(format!("{name} is a texture, expected an array")).into());
+    fn of_texture(texture: &Bound<'_, CudaTexture>, plane: Plane, streams: Streams) -> PyResult<Self> {
+        if plane != Plane::Hdr {
+            return Err(Fault::Frame(format!("{} is a texture, expected an array", plane.name())).into());
         }
         let CudaTexture { texture: of, shape, element, stream } = *texture.get();
         let after = streams.callers.or(stream).unwrap_or(LEGACY_DEFAULT_STREAM);
         Ok(Image {
-            name,
+            plane,
             pointer: 0,
             place: Place::Cuda { after: Some(after) },
             element,
@@ -170,17 +221,17 @@ impl Image {
         })
     }
 
-    fn through_numpy(array: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+    fn through_numpy(array: &Bound<'_, PyAny>, plane: Plane) -> PyResult<Self> {
         let py = array.py();
         let seen = numpy(py)?.call_method1("asarray", (array,))?;
-        Self::on_host(seen, name)
+        Self::on_host(seen, plane)
     }
 
-    fn on_host(array: Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+    fn on_host(array: Bound<'_, PyAny>, plane: Plane) -> PyResult<Self> {
         let interface = array.getattr(intern!(array.py(), "__array_interface__"))?.cast_into::<PyDict>()?;
-        let (pointer, element, shape, strides) = array_interface::parse(&interface, name)?;
+        let (pointer, element, shape, strides) = array_interface::parse(&interface, plane)?;
         Ok(Image {
-            name,
+            plane,
             pointer,
             place: Place::Host,
             element,
@@ -195,13 +246,13 @@ impl Image {
     fn by_cuda_array_interface(
         array: &Bound<'_, PyAny>,
         interface: &Bound<'_, PyAny>,
-        name: &'static str,
+        plane: Plane,
         streams: &Streams<'_>,
         written: Option<u64>,
     ) -> PyResult<Self> {
         let py = array.py();
         let interface = interface.cast::<PyDict>()?;
-        let (pointer, element, shape, strides) = array_interface::parse(interface, name)?;
+        let (pointer, element, shape, strides) = array_interface::parse(interface, plane)?;
         let stated: Option<u64> = match interface.get_item(intern!(py, "stream"))? {
             Some(stream) if !stream.is_none() => Some(stream.extract()?),
             _ => None,
@@ -210,7 +261,7 @@ impl Image {
         // legacy default stream waits for all others that were not made to be independent.
         let after = streams.callers.or(written).or(stated).unwrap_or(LEGACY_DEFAULT_STREAM);
         Ok(Image {
-            name,
+            plane,
             pointer,
             place: Place::Cuda { after: Some(after) },
             element,
@@ -221,7 +272,7 @@ impl Image {
         })
     }
 
-    fn by_dlpack(array: &Bound<'_, PyAny>, name: &'static str, streams: &Streams) -> PyResult<Self> {
+    fn by_dlpack(array: &Bound<'_, PyAny>, plane: Plane, streams: &Streams) -> PyResult<Self> {
         let py = array.py();
         let arguments = PyDict::new(py);
         // If the stream is known, the producer need not synchronise.
@@ -230,32 +281,34 @@ impl Image {
             None => arguments.set_item(intern!(py, "stream"), streams.ours)?,
         }
         let capsule = array.call_method(intern!(py, "__dlpack__"), (), Some(&arguments))?;
-        Self::in_capsule(&capsule, name, |_| Ok(Place::Cuda { after: streams.callers }))
+        Self::in_capsule(&capsule, plane, |_| Ok(Place::Cuda { after: streams.callers }))
     }
 
     fn in_capsule(
         capsule: &Bound<'_, PyAny>,
-        name: &'static str,
+        plane: Plane,
         place: impl FnOnce(DlDevice) -> PyResult<Place>,
     ) -> PyResult<Self> {
         let borrowed = Borrowed::take(capsule)?;
         let tensor = borrowed.tensor();
         let place = place(tensor.device)?;
-        let element = match (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes) {
-            (dlpack::FLOAT, 16, 1) => Element::F16,
-            (dlpack::FLOAT, 32, 1) => Element::F32,
-            (dlpack::UINT, 8, 1) => Element::U8,
-            (code, bits, lanes) => {
-                let kind = match code {
-                    dlpack::INT => "int",
-                    dlpack::UINT => "uint",
-                    dlpack::FLOAT => "float",
-                    dlpack::BFLOAT => "bfloat",
-                    _ => "type",
-                };
-                return Err(wrong_dtype(name, &format!("{kind}{bits} x{lanes}")).into());
-            }
+        let (code, bits, lanes) = (tensor.dtype.code, tensor.dtype.bits, tensor.dtype.lanes);
+        let element = match (code, bits, lanes) {
+            (dlpack::FLOAT, 16, 1) => Some(Element::F16),
+            (dlpack::FLOAT, 32, 1) => Some(Element::F32),
+            (dlpack::UINT, 8, 1) => Some(Element::U8),
+            (dlpack::UINT | dlpack::INT, 16, 1) => Some(Element::U16),
+            (dlpack::UINT | dlpack::INT, 32, 1) => Some(Element::U32),
+            _ => None,
         };
+        let kind = match code {
+            dlpack::INT => "int",
+            dlpack::UINT => "uint",
+            dlpack::FLOAT => "float",
+            dlpack::BFLOAT => "bfloat",
+            _ => "type",
+        };
+        let element = plane.allow(element, &format!("{kind}{bits} x{lanes}"))?;
         let axes = tensor.ndim as usize;
         // SAFETY: DLPack's arrays of `ndim` elements; strides may be null for a compact tensor.
         let (shape, strides) = unsafe {
@@ -270,7 +323,7 @@ impl Image {
             (shape, strides)
         };
         Ok(Image {
-            name,
+            plane,
             pointer: tensor.data as usize + tensor.byte_offset as usize,
             place,
             element,
@@ -283,7 +336,8 @@ impl Image {
 }
 
 /// The error for an array on another GPU than the engine's.
-pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault {
+pub fn elsewhere(plane: Plane, actual: i32, expected: i32, device: &str) -> Fault {
+    let name = plane.name();
     Fault::Frame(format!(
         "{name} lies on cuda:{actual}, expected cuda:{expected}, the engine's device {device}; make the camera \
          with device=\"cuda:{actual}\""
@@ -291,7 +345,8 @@ pub fn elsewhere(name: &str, actual: i32, expected: i32, device: &str) -> Fault 
 }
 
 /// The error for memory that neither the host nor CUDA reads.
-fn nowhere(name: &str, kind: i32) -> Fault {
+fn nowhere(plane: Plane, kind: i32) -> Fault {
+    let name = plane.name();
     Fault::Frame(format!("{name} lies on a device of DLPack type {kind}, expected the host or a CUDA device"))
 }
 
@@ -302,12 +357,6 @@ pub const LEGACY_DEFAULT_STREAM: u64 = 1;
 pub fn numpy(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     static NUMPY: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
     Ok(NUMPY.get_or_try_init(py, || py.import("numpy").map(Bound::unbind))?.bind(py))
-}
-
-/// The error for a type of elements that is not supported.
-pub fn wrong_dtype(name: &str, actual: &str) -> Fault {
-    let expected = if name == "motion" { "float16 or float32" } else { "float16, float32 or uint8 (sRGB)" };
-    Fault::Frame(format!("{name} has dtype {actual}, expected {expected}"))
 }
 
 /// Strides of a row-major array without gaps.

@@ -15,6 +15,7 @@ mod join;
 mod mapped;
 mod pack;
 mod packet;
+mod poses;
 mod process;
 mod report;
 mod ros;

@@ -3,9 +3,9 @@
 #![expect(unsafe_code, reason = "arrays of other libraries")]
 
 use crate::error::Fault;
-use crate::image::{Element, Image, Place};
+use crate::image::{Element, Image, Place, Plane};
 use esaac_interop::cuda::{Rows, Texture};
-use esaac_model::{HdrFormat, MotionFormat};
+use esaac_model::{HdrFormat, IdFormat, MotionFormat};
 
 /// An array as images of one kind, one for each camera: `[cameras][rows][columns][channels]`.
 pub struct Tiles {
@@ -36,8 +36,8 @@ impl Texel {
     pub fn hdr(self) -> HdrFormat {
         match self.element {
             Element::F16 => HdrFormat::F16x4,
-            Element::F32 => HdrFormat::F32x4,
             Element::U8 => HdrFormat::Srgb8x4,
+            _ => HdrFormat::F32x4,
         }
     }
 
@@ -49,39 +49,42 @@ impl Texel {
             _ => MotionFormat::F32x2,
         }
     }
+
+    /// The engine's format for such instance ids.
+    pub fn ids(self) -> IdFormat {
+        if self.element == Element::U16 { IdFormat::U16 } else { IdFormat::U32 }
+    }
 }
 
 impl Tiles {
     /// Takes an array as one image (`cameras` is `None`) or as one for each camera.
     pub fn of(image: Image, cameras: Option<usize>, size_px: (u32, u32)) -> Result<Self, Fault> {
         let (width, height) = (size_px.0 as usize, size_px.1 as usize);
-        let name = image.name;
-        let channels_allowed: &[usize] = if name == "motion" { &[2, 3, 4] } else { &[1, 3, 4] };
+        let (plane, name) = (image.plane, image.plane.name());
         let leading: Vec<usize> = cameras.into_iter().chain([height, width]).collect();
         let axes = leading.len();
-        let gray = name == "hdr" && image.shape.len() == axes;
-        let channels = if gray { 1 } else { image.shape.get(axes).copied().unwrap_or(0) };
+        let flat = plane.channels().contains(&1) && image.shape.len() == axes;
+        let channels = if flat { 1 } else { image.shape.get(axes).copied().unwrap_or(0) };
         let right = image.shape.get(..axes) == Some(&leading[..])
             && image.shape.len() <= axes + 1
-            && channels_allowed.contains(&channels);
+            && plane.channels().contains(&channels);
         if !right {
-            let allowed: Vec<String> = channels_allowed.iter().map(usize::to_string).collect();
             let leading: Vec<String> = leading.iter().map(usize::to_string).collect();
-            return Err(Fault::Frame(format!(
-                "{name} has shape {:?}, expected ({}, {})",
-                image.shape,
-                leading.join(", "),
-                allowed.join(" or "),
-            )));
+            let allowed: Vec<String> = plane.channels().iter().map(usize::to_string).collect();
+            let expected = match plane.channels() {
+                [1] => leading.join(", "),
+                _ => format!("{}, {}", leading.join(", "), allowed.join(" or ")),
+            };
+            let message = format!("{name} has shape {:?}, expected ({expected})", image.shape);
+            return Err(Fault::Frame(message));
         }
-        let at = |axis: usize| image.strides.get(axis).copied().unwrap_or(image.element.bytes() as isize);
+        let element = image.element.bytes() as isize;
+        let at = |axis: usize| image.strides.get(axis).copied().unwrap_or(element);
         let first = axes - 2;
         let camera_stride = if cameras.is_some() { at(0) } else { 0 };
-        let strides = [camera_stride, at(first), at(first + 1), at(first + 2)];
-        let element = image.element;
-        if name == "motion" && element == Element::U8 {
-            return Err(Fault::Frame("motion has dtype uint8, expected float16 or float32".to_owned()));
-        }
+        // The stride of an axis of one element means nothing, and libraries write anything there.
+        let channel_stride = if channels == 1 { element } else { at(first + 2) };
+        let strides = [camera_stride, at(first), at(first + 1), channel_stride];
         if image.texture.is_some() && cameras.is_some() {
             let message = format!("{name} is a texture, expected an array of all environments");
             return Err(Fault::Frame(message));
@@ -113,18 +116,19 @@ impl Tiles {
         (self.width as u32, self.height as u32)
     }
 
-    /// For messages.
-    pub fn name(&self) -> &'static str {
-        self.image.name
+    /// What they hold.
+    pub fn plane(&self) -> Plane {
+        self.image.plane
     }
 
     /// The engine's format for it. Motion of four floats keeps all four, since that is how renderers store it.
     pub fn texel(&self) -> Texel {
         let element = self.image.element;
-        let channels = match self.image.name {
-            "motion" if element == Element::F32 && self.pixel_channels() == 4 => 4,
-            "motion" => 2,
-            _ => 4,
+        let channels = match self.image.plane {
+            Plane::Motion if element == Element::F32 && self.pixel_channels() == 4 => 4,
+            Plane::Motion => 2,
+            Plane::Hdr => 4,
+            Plane::Depth | Plane::Ids => 1,
         };
         Texel { channels, element }
     }
@@ -173,8 +177,8 @@ impl Tiles {
 
     /// Fails if a device cannot copy it: pixels must be contiguous, and no stride negative.
     fn check_on_device(&self) -> Result<(), Fault> {
-        let name = self.image.name;
-        if self.channels == 1 {
+        let name = self.image.plane.name();
+        if self.channels != self.texel().channels && self.channels == 1 {
             return Err(Fault::Frame(format!(
                 "{name} has one channel on a CUDA device, expected 3 or 4; repeat it there"
             )));

@@ -23,13 +23,14 @@ pub fn counts<'py>(py: Python<'py>, counts: &Diagnostics) -> PyResult<Bound<'py,
 /// Numbers that all cameras share: times of the last step, and copies so far.
 pub fn shared(
     py: Python<'_>,
-    [gpu_ns, submit_to_packet_ns, step_ns]: [u64; 3],
+    [gpu_ns, submit_to_packet_ns, step_ns, frames_ns]: [u64; 4],
     Copies { host, device }: Copies,
 ) -> PyResult<Bound<'_, PyDict>> {
     let row = PyDict::new(py);
     row.set_item("gpu_ns", gpu_ns)?;
     row.set_item("submit_to_packet_ns", submit_to_packet_ns)?;
     row.set_item("step_ns", step_ns)?;
+    row.set_item("frames_ns", frames_ns)?;
     row.set_item("host_copies", host)?;
     row.set_item("device_copies", device)?;
     Ok(row)

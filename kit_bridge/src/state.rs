@@ -1,14 +1,17 @@
 //! The cameras of one `Engine`, between two calls.
 
+mod given;
+
 use crate::bank::{Bank, Copies, Format, Frames};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
-use crate::image::{Place, elsewhere};
+use crate::poses::Moving;
 use esaac_engine::{
     ApsFrame, Device, Diagnostics, HeldPackets, MemoryUse, PacketPlace, Representation, RigOptions, Share,
     Tick,
 };
-use esaac_model::{Packet, SensorModel, frame};
+use esaac_model::paths::Intrinsics;
+use esaac_model::{Packet, SensorModel, Synthesis, frame};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -32,7 +35,11 @@ pub struct State {
     formats: Vec<Format>,
     /// The present sensors.
     pub sensors: Vec<SensorModel>,
-    last_ns: Vec<Option<i64>>,
+    lenses: Vec<Option<Intrinsics>>,
+    /// Time of each camera's last frame.
+    pub last_ns: Vec<Option<i64>>,
+    /// Time of each camera's first frame since its reset; the beginning of time for one that was not reset.
+    first_ns: Vec<Option<i64>>,
     packets: Packets,
     /// Whether the packets of all cameras are joined into one.
     together: bool,
@@ -40,6 +47,8 @@ pub struct State {
     pub copies: Copies,
     /// Time of the last step: copies, device and packets.
     step_ns: u64,
+    /// The part of it until the frames lay where the engine reads them.
+    frames_ns: u64,
     device: Arc<Device>,
 }
 
@@ -69,20 +78,31 @@ pub struct Saved {
     pub formats: Vec<Format>,
     /// Time of each camera's last frame.
     pub last_ns: Vec<Option<i64>>,
+    /// Time of each camera's first frame since its reset.
+    pub first_ns: Vec<Option<i64>>,
 }
 
 impl State {
     /// Cameras that have seen nothing yet. Their first frames set the formats.
-    pub fn new(device: &Arc<Device>, sensors: Vec<SensorModel>, packets: Packets, tiled: bool) -> Self {
+    pub fn new(
+        device: &Arc<Device>,
+        sensors: Vec<SensorModel>,
+        lenses: Vec<Option<Intrinsics>>,
+        packets: Packets,
+        tiled: bool,
+    ) -> Self {
         State {
             together: tiled && sensors.len() > 1,
             banks: Vec::new(),
             formats: Vec::new(),
             last_ns: vec![None; sensors.len()],
+            first_ns: vec![Some(i64::MIN); sensors.len()],
             sensors,
+            lenses,
             packets,
             copies: Copies::default(),
             step_ns: 0,
+            frames_ns: 0,
             device: Arc::clone(device),
         }
     }
@@ -92,6 +112,7 @@ impl State {
         &mut self,
         frames: &Frames,
         t_ns: &[Option<i64>],
+        moving: &Moving,
         side: Option<&Arc<CudaSide>>,
     ) -> Result<Events, Fault> {
         let started = Instant::now();
@@ -100,10 +121,16 @@ impl State {
                 frame::check_time(camera as u32, *last_ns, *t_ns)?;
             }
         }
+        let scenes = self.scenes(frames, t_ns, moving)?;
         self.check_formats(frames)?;
         self.check_devices(frames, side)?;
-        let on_device = (0..self.sensors.len())
-            .any(|c| frames.of(c).is_some_and(|(hdr, ..)| matches!(hdr.place(), Place::Cuda { .. })));
+        for (camera, scene) in scenes {
+            if let Some((bank, own)) = self.bank(camera)? {
+                bank.rig.set_scene(own, scene)?;
+            }
+        }
+        let on_device =
+            (0..self.sensors.len()).any(|c| frames.of(c).is_some_and(|(images, _)| images.on_device()));
         if on_device {
             let side = side.expect("frames on a device come with its side");
             let link = side.link();
@@ -116,9 +143,11 @@ impl State {
                 bank.bring(frames, None, &mut self.copies)?;
             }
         }
+        self.frames_ns = started.elapsed().as_nanos() as u64;
         step_all(&mut self.banks, frames, t_ns)?;
-        for (last_ns, t_ns) in self.last_ns.iter_mut().zip(t_ns) {
+        for ((last_ns, first_ns), t_ns) in self.last_ns.iter_mut().zip(&mut self.first_ns).zip(t_ns) {
             *last_ns = t_ns.or(*last_ns);
+            *first_ns = first_ns.or(*t_ns);
         }
         let events = self.events(side);
         self.step_ns = started.elapsed().as_nanos() as u64;
@@ -183,57 +212,13 @@ impl State {
         Ok(Arc::new(block))
     }
 
-    /// The first frames set each camera's formats; later ones must have the same.
-    fn check_formats(&mut self, frames: &Frames) -> Result<(), Fault> {
-        let given = |camera: usize| {
-            frames.of(camera).map(|(hdr, motion, _)| (hdr.texel(), motion.map(|m| m.texel())))
+    /// What each camera's brightness between two frames is made by; `None` before the first frame, which tells.
+    pub fn syntheses(&self) -> Vec<Option<Synthesis>> {
+        let resolve = |(camera, sensor): (usize, &SensorModel)| {
+            let format = self.formats.get(camera)?;
+            Some(sensor.synthesis.resolve(format.depth.is_some(), format.motion.is_some()))
         };
-        if self.banks.is_empty() {
-            let formats: Option<Vec<Format>> = (0..self.sensors.len()).map(given).collect();
-            let formats = formats.ok_or_else(|| {
-                Fault::Frame("the first step needs a frame of every camera: they tell the formats".to_owned())
-            })?;
-            self.banks = Bank::all(&self.device, &self.sensors, &formats, self.rig_options())?;
-            self.formats = formats;
-            return Ok(());
-        }
-        for (camera, expected) in self.formats.iter().enumerate() {
-            let Some(actual) = given(camera) else { continue };
-            if actual != *expected {
-                return Err(Fault::Frame(format!(
-                    "camera {camera}: {}, expected {} as in its first frame",
-                    describe(actual),
-                    describe(*expected)
-                )));
-            }
-        }
-        Ok(())
-    }
-
-    /// Frames on a CUDA device must be on the engine's.
-    fn check_devices(&self, frames: &Frames, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
-        for (hdr, motion) in frames.images.iter().flatten() {
-            for tiles in [Some(hdr), motion.as_ref()].into_iter().flatten() {
-                // A texture has no address. Its context is checked when it is copied.
-                let addressed = tiles.texture().is_none();
-                if let (Place::Cuda { .. }, Some(side), true) = (tiles.place(), side, addressed) {
-                    let actual = side.link().device_of(tiles.pointer())?;
-                    if actual != side.ordinal {
-                        let device = &self.device.info().name;
-                        return Err(elsewhere(tiles.name(), actual, side.ordinal, device));
-                    }
-                }
-                if tiles.place() == Place::Host && hdr.place() != Place::Host {
-                    let message = "hdr lies on a CUDA device and motion on the host, expected both on one";
-                    return Err(Fault::Frame(message.to_owned()));
-                }
-                if tiles.place() != Place::Host && hdr.place() == Place::Host {
-                    let message = "hdr lies on the host and motion on a CUDA device, expected both on one";
-                    return Err(Fault::Frame(message.to_owned()));
-                }
-            }
-        }
-        Ok(())
+        self.sensors.iter().enumerate().map(resolve).collect()
     }
 
     /// The bank of a camera, and its number there.
@@ -255,9 +240,15 @@ impl State {
             if let Some((bank, own)) = self.bank(camera)? {
                 bank.rig.reset(own)?;
             }
-            self.last_ns[camera] = None;
+            self.restart(camera);
         }
         Ok(())
+    }
+
+    fn restart(&mut self, camera: usize) {
+        if self.last_ns[camera].take().is_some() {
+            self.first_ns[camera] = None;
+        }
     }
 
     /// Changes a camera's parameters from its next step on.
@@ -265,7 +256,7 @@ impl State {
         if let Some((bank, own)) = self.bank(camera)? {
             bank.rig.set_sensor(own, sensor.clone())?;
             if bank.rig.is_at_start(own)? {
-                self.last_ns[camera] = None;
+                self.restart(camera);
             }
         } else {
             let (old, new) = (&self.sensors[camera], &sensor);
@@ -298,14 +289,14 @@ impl State {
         self.banks.iter().flat_map(of_bank).collect()
     }
 
-    /// Times of the last step: the GPU's, from submit to packet, and the whole. Of several banks, which run at once,
-    /// the longest counts.
-    pub fn times_ns(&self) -> [u64; 3] {
+    /// Times of the last step: the GPU's, from submit to packet, the whole, and of that the frames' way to the engine.
+    /// Of several banks, which run at once, the longest counts.
+    pub fn times_ns(&self) -> [u64; 4] {
         let longest = |of: fn(&Bank) -> u64| self.banks.iter().map(of).max().unwrap_or(0);
         // 0 where the device tells no times.
         let gpu_ns = longest(|bank| bank.rig.last_tick().gpu_ns().unwrap_or(0));
         let rigs = [gpu_ns, longest(|bank| bank.rig.last_tick().submit_to_packet_ns)];
-        [rigs[0], rigs[1], self.step_ns]
+        [rigs[0], rigs[1], self.step_ns, self.frames_ns]
     }
 
     /// Memory, by camera and purpose.
@@ -327,16 +318,23 @@ impl State {
             return Err(Fault::Argument("nothing to save: no frame has been stepped yet".to_owned()));
         }
         let banks = self.banks.iter().map(|bank| Ok(bank.rig.save()?)).collect::<Result<_, Fault>>()?;
-        Ok(Saved { banks, formats: self.formats.clone(), last_ns: self.last_ns.clone() })
+        let (last_ns, first_ns) = (self.last_ns.clone(), self.first_ns.clone());
+        Ok(Saved { banks, formats: self.formats.clone(), last_ns, first_ns })
     }
 
     /// Takes up a saved state, of cameras with the same sensors.
     pub fn restore(&mut self, saved: Saved) -> Result<(), Fault> {
         let (expected, actual) = (self.sensors.len(), saved.formats.len());
-        if expected != actual || expected != saved.last_ns.len() {
+        if [actual, saved.last_ns.len(), saved.first_ns.len()] != [expected; 3] {
             return Err(Fault::Argument(format!("saved state of {actual} cameras, expected {expected}")));
         }
-        let mut banks = Bank::all(&self.device, &self.sensors, &saved.formats, self.rig_options())?;
+        if (0..expected).any(|camera| saved.formats[camera].depth.is_some() && self.lenses[camera].is_none())
+        {
+            let message = "saved state of cameras with depth, expected cameras made with intrinsics=";
+            return Err(Fault::Argument(message.to_owned()));
+        }
+        let mut banks =
+            Bank::all(&self.device, &self.sensors, &saved.formats, &self.lenses, self.rig_options())?;
         if banks.len() != saved.banks.len() {
             let message = format!("saved state of {} rigs, expected {}", saved.banks.len(), banks.len());
             return Err(Fault::Argument(message));
@@ -344,16 +342,9 @@ impl State {
         for (bank, saved) in banks.iter_mut().zip(&saved.banks) {
             bank.rig.restore(saved)?;
         }
-        (self.banks, self.formats, self.last_ns) = (banks, saved.formats, saved.last_ns);
+        (self.banks, self.formats) = (banks, saved.formats);
+        (self.last_ns, self.first_ns) = (saved.last_ns, saved.first_ns);
         Ok(())
-    }
-}
-
-fn describe((hdr, motion): Format) -> String {
-    let hdr = format!("{:?} colour", hdr.element).to_lowercase();
-    match motion {
-        Some(motion) => format!("{hdr} with {} channels of {:?} motion", motion.channels, motion.element),
-        None => format!("{hdr} without motion"),
     }
 }
 

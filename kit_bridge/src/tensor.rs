@@ -198,6 +198,12 @@ impl Tensor {
         PyList::new(py, parts)?.try_iter()
     }
 
+    /// `value in tensor`. Without this, Python would iterate and put its own message over that of `__iter__`.
+    fn __contains__(&self, value: &Bound<'_, PyAny>) -> PyResult<bool> {
+        let _ = value;
+        Err(self.refused(NoPart::Element))
+    }
+
     /// NumPy calls this. Copying from the device must be asked for, so this is an error.
     #[pyo3(signature = (dtype=None, copy=None))]
     fn __array__(&self, dtype: Option<&Bound<'_, PyAny>>, copy: Option<bool>) -> PyResult<Py<PyAny>> {

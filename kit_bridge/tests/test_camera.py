@@ -170,6 +170,7 @@ def test_aps_statistics_and_memory_are_reported():
     statistics = cam.statistics
     assert statistics["invalid_pixels"] == 1 and statistics["unarmed_pixels"] == 1
     assert statistics["host_copies"] == 4 and statistics["device_copies"] == 0 and statistics["gpu_ns"] > 0
+    assert 0 < statistics["frames_ns"] < statistics["step_ns"] - statistics["submit_to_packet_ns"]
     uses = cam.memory()
     assert sum(use["bytes"] for use in uses) > 40 * 24 * 8 and {use["camera"] for use in uses} >= {0, None}
 

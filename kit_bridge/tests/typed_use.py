@@ -13,6 +13,7 @@ def use() -> None:
     frame = np.zeros((260, 346, 4), np.float32)
     with esaac.EventCamera(sensor, device="cuda:0", packets="cuda") as camera:
         packet: esaac.Packet = camera.step(frame, t_ns=0, depth=None)
+        synthesis: str | None = camera.synthesis
         camera.sensor = sensor
         count: int = camera.statistics["substeps"] + len(packet) + packet.watermark_ns
         aps: esaac.ApsFrame | None = camera.aps
@@ -20,6 +21,17 @@ def use() -> None:
         camera.voxel_grid(bins=5)
         state: bytes = camera.save()
         camera.restore(state)
+    lens = esaac.Intrinsics.from_matrix(np.eye(3), half_pixel_centres=True)
+    times_ns, places = np.array([0, 1]), np.zeros((2, 7))
+    poses = esaac.Poses(times_ns, places, places[:, None], ids={1: 0, 2: None}, order="wxyz", axes="ros")
+    recorder = esaac.PoseRecorder(ids=[0, 1], limit=100)
+    recorder.record(0, places[0], places)
+    recorder.clear()
+    rigid = esaac.EventCamera(sensor, intrinsics=lens, synthesis="rigid")
+    rigid.step(
+        frame, t_ns=0, depth=frame[..., 0] / lens.ray_lengths(346, 260), ids=frame[..., 0], poses=recorder
+    )
+    esaac.Rig([sensor], intrinsics=[(1, 1, 0, 0)]).step([(frame, None, frame)], 0, poses=[poses])
     rig = esaac.Rig([sensor, "dvs128"])
     packets: list[esaac.Packet] = rig.step([(frame, None), None], [0, None]) or rig.last_packets
     tiled = esaac.TiledEventCamera("dvs128", 64, packets="mapped", packet_ring=3, width=64, height=64)
@@ -38,4 +50,17 @@ def use() -> None:
     try:
         esaac.SensorModel(substeps=65)
     except esaac.SensorError as error:
-        print(error.parameter, error.expected, error.actual, rate, names, count, aps, uses, cuda, lines, last)
+        print(
+            error.parameter,
+            error.expected,
+            error.actual,
+            rate,
+            names,
+            count,
+            aps,
+            uses,
+            cuda,
+            lines,
+            last,
+            synthesis,
+        )

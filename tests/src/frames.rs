@@ -39,6 +39,7 @@ impl Sequence {
             hdr: (self.hdr, &frame.hdr),
             motion: self.motion.zip(frame.motion.as_deref()),
             depth: None,
+            ids: None,
         }
     }
 

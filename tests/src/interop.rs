@@ -8,11 +8,14 @@ use crate::frames::{Frame, Sequence, scene, times};
 use crate::run::camera;
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    Buffer, CameraConfig, Commands, Device, DeviceChoice, Kernel, MemoryLocation, Rig, Validation,
+    Buffer, CameraConfig, Commands, Device, DeviceChoice, InputBuffers, Kernel, MemoryLocation, Rig,
+    Validation,
 };
 use esaac_interop::{
-    CameraTerms, Copies, Images, InteropError, Producer, ProducerOptions, Server, ServerOptions, Service,
+    CameraTerms, Copies, Images, InteropError, Planes, Producer, ProducerOptions, Server, ServerOptions,
+    Service,
 };
+use esaac_model::paths::SceneMotion;
 use esaac_model::{HdrFormat, MotionFormat, SensorModel};
 use esaac_scene::SceneKind;
 use std::path::{Path, PathBuf};
@@ -89,23 +92,6 @@ pub fn there_and_back(sensor: &SensorModel, count: usize) -> Sequence {
     sequence
 }
 
-/// Size and formats of a camera's images.
-#[must_use]
-pub fn images(config: &CameraConfig) -> Images {
-    Images {
-        width_px: config.sensor.width,
-        height_px: config.sensor.height,
-        hdr: config.hdr,
-        motion: config.motion,
-    }
-}
-
-/// Terms of three slots in which the producer waits.
-#[must_use]
-pub fn lossless(config: &CameraConfig) -> CameraTerms {
-    CameraTerms { images: images(config), slots: 3, latest: false }
-}
-
 /// A service of several cameras, numbered in order.
 #[must_use]
 pub fn service(
@@ -118,7 +104,7 @@ pub fn service(
         (0..).zip(cameras).map(|(number, (sensor, sequence))| camera(sensor, number, sequence)).collect();
     let rig = Rig::new(&DEVICE, &configs).expect("a rig");
     let terms: Vec<CameraTerms> =
-        configs.iter().map(|config| CameraTerms { latest, ..lossless(config) }).collect();
+        configs.iter().map(|config| CameraTerms { latest, ..config.into() }).collect();
     Service::open(rig, path, &terms, options).expect("a service")
 }
 
@@ -130,7 +116,7 @@ pub fn trusting() -> ServerOptions {
 
 /// A server without a rig, for tests of what happens before the first frame.
 pub fn server(path: &Path, config: &CameraConfig, options: ServerOptions) -> Result<Server, InteropError> {
-    Server::open(&DEVICE, path, &[lossless(config)], options)
+    Server::open(&DEVICE, path, &[config.into()], options)
 }
 
 /// A producer that uploads frames.
@@ -138,7 +124,7 @@ pub struct Uploader {
     device: Arc<Device>,
     /// The link.
     pub producer: Producer,
-    staging: [Buffer; 2],
+    staging: Planes<Buffer>,
     commands: Commands,
 }
 
@@ -150,31 +136,52 @@ impl Uploader {
         options: &ProducerOptions,
     ) -> Result<Self, InteropError> {
         let producer = Producer::connect(device, path, options)?;
-        let staging = [producer.client().images().hdr_bytes(), producer.client().images().motion_bytes()]
-            .map(|bytes| {
-                device
-                    .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
-                    .expect("a frame's bytes")
-            });
+        let staging = producer.client().images().bytes().map(|&bytes| {
+            device
+                .allocate("upload", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::CpuToGpu)
+                .expect("a frame's bytes")
+        });
         Ok(Uploader { device: Arc::clone(device), producer, staging, commands: Commands::new(device)? })
     }
 
     /// Writes a frame into a free slot and announces it with time `t_ns`.
     pub fn send(&mut self, frame: &Frame, t_ns: i64) -> Result<(), InteropError> {
+        let slot = self.upload(Planes::of(&frame.hdr, frame.motion.as_deref()))?;
+        self.producer.publish(slot, t_ns, COPIES)
+    }
+
+    /// As [`Uploader::send`], with depth, ids and poses where the camera takes them.
+    pub fn send_scene(
+        &mut self,
+        images: Planes<&[u8]>,
+        t_ns: i64,
+        scene: &SceneMotion,
+    ) -> Result<(), InteropError> {
+        let slot = self.upload(images)?;
+        self.producer.publish_scene(slot, t_ns, COPIES, scene)
+    }
+
+    /// Writes those images of a frame that the camera takes into a free slot.
+    fn upload(&mut self, frame: Planes<&[u8]>) -> Result<u32, InteropError> {
         let slot = self.producer.slot()?;
-        self.staging[0].write(0, &frame.hdr);
-        if let Some(motion) = &frame.motion {
-            self.staging[1].write(0, motion);
+        let given = [Some(frame.hdr), frame.motion, frame.depth, frame.ids];
+        let taken = self.taken(given);
+        for (staging, bytes) in self.staging.iter_mut().zip(&taken) {
+            if let Some(bytes) = bytes {
+                staging.write(0, bytes);
+            }
         }
-        let (device, staging, commands) = (&self.device, &self.staging, &self.commands);
+        let (device, commands) = (&self.device, &self.commands);
         let images = self.producer.client().images();
+        let written = |(staging, bytes): (_, &Option<&[u8]>)| bytes.map(|_| staging);
+        let sources: Vec<Option<&Buffer>> = self.staging.iter().zip(&taken).map(written).collect();
         self.producer.write(slot, |place, hooks| {
             let record = |commands| match place.images() {
                 None => {
-                    let inputs = place.inputs();
-                    let targets = [Some(inputs.hdr), inputs.motion.filter(|_| frame.motion.is_some())];
-                    for (source, target) in staging.iter().zip(targets) {
-                        let Some(target) = target else { continue };
+                    let InputBuffers { hdr, motion, depth, ids } = place.inputs();
+                    let targets = [Some(hdr), motion, depth, ids].into_iter().flatten();
+                    for (source, target) in sources.iter().zip(targets) {
+                        let Some(source) = source else { continue };
                         let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: target.bytes() }];
                         // SAFETY: `commands` is being recorded; both buffers live until it has run.
                         unsafe {
@@ -182,11 +189,10 @@ impl Uploader {
                         };
                     }
                 }
-                Some((hdr, motion)) => {
-                    let targets = [Some(hdr), motion.filter(|_| frame.motion.is_some())];
-                    for (source, target) in staging.iter().zip(targets) {
-                        let Some(target) = target else { continue };
-                        render_to_image(device, commands, source, target, images);
+                Some(targets) => {
+                    for (source, target) in sources.iter().zip(targets.iter()) {
+                        let Some(source) = source else { continue };
+                        render_to_image(device, commands, source, *target, images);
                     }
                 }
             };
@@ -194,9 +200,17 @@ impl Uploader {
             unsafe { commands.record(record) }?;
             device.run_with_hooks(commands, hooks)
         })?;
-        self.producer.publish(slot, t_ns, Copies { device: 1, host: 1 })
+        Ok(slot)
+    }
+
+    /// Of what is given for each image, that of images that the camera takes.
+    fn taken<'a>(&self, given: [Option<&'a [u8]>; 4]) -> Vec<Option<&'a [u8]>> {
+        self.staging.as_ref().paired(given).iter().map(|(_, bytes)| *bytes).collect()
     }
 }
+
+/// What the uploader makes of each frame.
+const COPIES: Copies = Copies { device: 1, host: 1 };
 
 /// Records a copy of tightly packed rows to an image, in place of a renderer's drawing.
 fn render_to_image(

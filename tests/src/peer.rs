@@ -2,7 +2,7 @@
 
 use crate::device::DEVICE;
 use esaac_interop::wire::{
-    Hello, MAX_BYTES, MAX_FDS, MEMORY_BROUGHT, MEMORY_EXPORTED, Message, Refusal, TIMELINE_CARRIED,
+    Hello, MAX_BYTES, MAX_FDS, MEMORY_BROUGHT, MEMORY_EXPORTED, Message, Refusal, TIMELINE_CARRIED, Version,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{BorrowedFd, OwnedFd};
@@ -18,6 +18,7 @@ use std::path::Path;
 /// A connection that enforces no protocol.
 pub struct Peer {
     fd: OwnedFd,
+    version: Version,
 }
 
 /// A greeting as a producer on the device under test sends it.
@@ -38,6 +39,15 @@ pub fn bringing() -> Hello {
     Hello { memories: MEMORY_BROUGHT, ..greeting() }
 }
 
+/// A socket that producers connect to.
+#[must_use]
+pub fn listen(path: &Path) -> OwnedFd {
+    let Peer { fd, .. } = Peer::unconnected();
+    rustix::net::bind(&fd, &SocketAddrUnix::new(path).unwrap()).expect("a new socket");
+    rustix::net::listen(&fd, 4).expect("a socket that listens");
+    fd
+}
+
 impl Peer {
     /// Connects.
     #[must_use]
@@ -51,7 +61,20 @@ impl Peer {
     #[must_use]
     pub fn unconnected() -> Self {
         let fd = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None).unwrap();
-        Peer { fd }
+        Peer { fd, version: Version::NEWEST }
+    }
+
+    /// The same peer, which speaks another version.
+    #[must_use]
+    pub fn speaking(self, version: Version) -> Self {
+        Peer { version, ..self }
+    }
+
+    /// The next producer that connects to a socket of [`listen`]: this side is the engine.
+    #[must_use]
+    pub fn accept(listener: &OwnedFd) -> Self {
+        let fd = rustix::net::accept(listener).expect("a producer connects");
+        Peer { fd, version: Version::NEWEST }
     }
 
     /// Connects a socket from [`Peer::unconnected`].
@@ -70,13 +93,21 @@ impl Peer {
 
     /// Sends a message.
     pub fn send(&self, message: Message, fds: &[BorrowedFd<'_>]) {
-        self.send_bytes(&message.to_bytes(fds.len()), fds);
+        self.send_bytes(&message.to_bytes(self.version, fds.len()), fds);
     }
 
     /// The next message and its descriptors; `None` once the connection is closed. The engine answers
     /// within ten seconds.
     #[must_use]
     pub fn receive(&self) -> Option<(Message, Vec<OwnedFd>)> {
+        let (bytes, fds) = self.receive_bytes()?;
+        let message = Message::parse(self.version, &bytes, fds.len());
+        Some((message.expect("the engine speaks well"), fds))
+    }
+
+    /// As [`Peer::receive`], the message as it came.
+    #[must_use]
+    pub fn receive_bytes(&self) -> Option<(Vec<u8>, Vec<OwnedFd>)> {
         let limit = Timespec { tv_sec: 10, tv_nsec: 0 };
         let ready = poll(&mut [PollFd::new(&self.fd, PollFlags::IN)], Some(&limit)).unwrap();
         assert_eq!(ready, 1, "no answer in ten seconds");
@@ -99,7 +130,7 @@ impl Peer {
             })
             .flatten()
             .collect();
-        Some((Message::parse(&bytes[..count], fds.len()).expect("the engine speaks well"), fds))
+        Some((bytes[..count].to_vec(), fds))
     }
 
     /// The engine's refusal, after which it closes the connection.

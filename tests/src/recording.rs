@@ -52,7 +52,13 @@ fn light(x: usize, y: usize, t_s: f64) -> f64 {
 /// Records `frames` APS frames and the events between them.
 #[must_use]
 pub fn record(sensor: &SensorModel, frames: usize) -> Recording {
-    let config = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let config = CameraConfig {
+        sensor: sensor.clone(),
+        camera: 0,
+        hdr: HdrFormat::F32x4,
+        motion: None,
+        geometry: None,
+    };
     let mut rig = Rig::new(&DEVICE, &[config]).expect("a rig of one camera");
     let pixels = |t_s: f64| {
         (0..SIZE.1 as usize).flat_map(move |y| (0..SIZE.0 as usize).map(move |x| light(x, y, t_s)))
@@ -63,7 +69,8 @@ pub fn record(sensor: &SensorModel, frames: usize) -> Recording {
         let t_ns = step as i64 * FRAME_NS / RENDERED as i64;
         let t_s = t_ns as f64 * 1e-9;
         let hdr: Vec<u8> = pixels(t_s).flat_map(|v| [v as f32; 4]).flat_map(f32::to_le_bytes).collect();
-        rig.upload(0, &FrameBytes { hdr: &hdr, motion: None }).expect("a frame of the rig's size");
+        rig.upload(0, &FrameBytes { hdr: &hdr, motion: None, ..FrameBytes::default() })
+            .expect("a frame of the rig's size");
         recording.events.extend(rig.step(&[t_ns]).expect("frames in order").packets[0].iter());
         if step % RENDERED == 0 {
             // The APS frames of such sensors have eight bits.

@@ -24,7 +24,13 @@ pub struct Step {
 /// A camera for a sequence.
 #[must_use]
 pub fn camera(sensor: &SensorModel, number: u32, sequence: &Sequence) -> CameraConfig {
-    CameraConfig { sensor: sensor.clone(), camera: number, hdr: sequence.hdr, motion: sequence.motion }
+    CameraConfig {
+        sensor: sensor.clone(),
+        camera: number,
+        hdr: sequence.hdr,
+        motion: sequence.motion,
+        geometry: None,
+    }
 }
 
 /// A rig of one camera.
@@ -37,7 +43,7 @@ pub fn rig(sensor: &SensorModel, sequence: &Sequence, options: RigOptions) -> Ri
 /// Steps camera 0 of a rig of one camera.
 pub fn step(rig: &mut Rig, sequence: &Sequence, index: usize) -> Step {
     let frame = &sequence.frames[index];
-    rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
+    rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() })
         .unwrap_or_else(|e| panic!("frame {index}: {e}"));
     let tick = rig.step(&[frame.t_ns]).unwrap_or_else(|e| panic!("frame {index}: {e}"));
     let (packet, aps, diagnostics) = (tick.packets[0].clone(), tick.aps[0].clone(), tick.diagnostics[0]);
@@ -92,8 +98,11 @@ pub fn engine_of_many_on(
         for (number, (_, sequence)) in cameras.iter().enumerate() {
             let frame = sequence.frames.get(index);
             if let Some(frame) = frame {
-                rig.upload(number, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
-                    .unwrap_or_else(|e| panic!("camera {number}, frame {index}: {e}"));
+                rig.upload(
+                    number,
+                    &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() },
+                )
+                .unwrap_or_else(|e| panic!("camera {number}, frame {index}: {e}"));
             }
             times_ns.push(frame.map(|frame| frame.t_ns));
         }

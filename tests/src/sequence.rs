@@ -32,10 +32,7 @@ pub fn key(k: usize) -> Key {
     let layout = FrameLayout {
         width_px: SIZE.0,
         height_px: SIZE.1,
-        names: ChannelNames {
-            colour: ["R", "G", "B"].map(str::to_owned),
-            motion: ["motion.X", "motion.Y"].map(str::to_owned),
-        },
+        names: ChannelNames::default(),
         hdr: HdrFormat::F32x4,
         motion: Some(MotionFormat::F32x2),
         motion_factors: [1.0; 2],

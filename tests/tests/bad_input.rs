@@ -38,8 +38,9 @@ fn images_of_the_wrong_size() {
     config.motion = Some(MotionFormat::F16x2);
     let mut rig = Rig::new(&DEVICE, &[config.clone(), config]).unwrap();
     let (hdr, motion) = (vec![0; 12 * 9 * 16], vec![0; 12 * 9 * 4]);
-    let upload =
-        |rig: &mut Rig, hdr: &[u8], motion: Option<&[u8]>| rig.upload(1, &FrameBytes { hdr, motion });
+    let upload = |rig: &mut Rig, hdr: &[u8], motion: Option<&[u8]>| {
+        rig.upload(1, &FrameBytes { hdr, motion, ..FrameBytes::default() })
+    };
     let short = upload(&mut rig, &hdr[1..], Some(&motion));
     assert_names(short, &["camera 1", "hdr", "1727", "1728", "12x9"]);
     assert_names(upload(&mut rig, &[], Some(&motion)), &["hdr", "0 bytes", "1728"]);
@@ -64,7 +65,7 @@ fn buffers_of_others_that_are_too_small() {
     };
     let (whole, short) = (buffer(12 * 9 * 16), buffer(160));
     let mut step = |hdr, motion| {
-        let inputs = Some(InputBuffers { hdr, motion });
+        let inputs = Some(InputBuffers { hdr, motion, depth: None, ids: None });
         rig.step_frames(&[Some(FrameInput { t_ns: 0, inputs })], &SubmitHooks::default()).map(|_| ())
     };
     assert_names(step(&short, Some(&whole)), &["camera 0", "hdr", "160 bytes", "1728"]);
@@ -78,7 +79,7 @@ fn buffers_of_others_that_are_too_small() {
 fn motion_missing_where_it_was_asked_for() {
     for (synthesis, name) in [(Synthesis::Motion, "motion"), (Synthesis::Paper, "paper")] {
         let sensor = SensorModel { synthesis, ..sensor() };
-        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
         assert_names(Rig::new(&DEVICE, &[config]), &["camera 0", name, "linear"]);
     }
     let base = sensor();
@@ -164,7 +165,7 @@ fn cameras_that_are_not_there() {
     let frames = frames(&base, 1);
     let mut rig = rig(&base, &frames, RigOptions::default());
     let words = ["1 cameras", "camera 7"];
-    let bytes = FrameBytes { hdr: &frames.frames[0].hdr, motion: None };
+    let bytes = FrameBytes { hdr: &frames.frames[0].hdr, motion: None, ..FrameBytes::default() };
     assert_names(rig.sensor(7).map(|_| ()), &words);
     assert_names(rig.inputs(7).map(|_| ()), &words);
     assert_names(rig.upload(7, &bytes), &words);

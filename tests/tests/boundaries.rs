@@ -94,7 +94,8 @@ fn moved_threshold(swing: f64, last: f64) {
             rig.set_sensor(0, base.clone()).expect("a sensor of the same size");
             oracle.set_sensor(base.clone()).expect("a sensor of the same size");
         }
-        rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None }).expect("a frame that fits");
+        rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None, ..FrameBytes::default() })
+            .expect("a frame that fits");
         by_engine.extend(rig.step(&[frame.t_ns]).expect("a frame in time").packets[0].iter());
         by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
     }

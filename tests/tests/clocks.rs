@@ -12,7 +12,7 @@ const EXTENSION: &str = "VK_EXT_calibrated_timestamps";
 fn rig(stage_times: bool) -> Rig {
     let sensor =
         SensorModel { width: 64, height: 48, synthesis: Synthesis::Linear, ..SensorModel::default() };
-    let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
     Rig::with_options(&DEVICE, &[config], RigOptions { stage_times, ..RigOptions::default() }).unwrap()
 }
 
@@ -29,7 +29,7 @@ fn stages_ran_within_the_tick_that_the_host_saw_and_one_after_the_other() {
     for stage_times in [true, false] {
         let mut rig = rig(stage_times);
         for index in 0..4 {
-            rig.upload(0, &FrameBytes { hdr: &frame(index), motion: None }).unwrap();
+            rig.upload(0, &FrameBytes { hdr: &frame(index), motion: None, ..FrameBytes::default() }).unwrap();
             let before = Instant::now();
             let told = rig.step(&[index as i64 * 1_000_000]).unwrap().stage_ns.to_vec();
             let after = Instant::now();
@@ -54,7 +54,7 @@ fn no_host_times() {
     assert!(DEVICE.calibrate().unwrap().is_none());
     let mut rig = rig(true);
     for index in 0..3 {
-        rig.upload(0, &FrameBytes { hdr: &frame(index), motion: None }).unwrap();
+        rig.upload(0, &FrameBytes { hdr: &frame(index), motion: None, ..FrameBytes::default() }).unwrap();
         let tick = rig.step(&[index as i64 * 1_000_000]).unwrap();
         assert_eq!(tick.packets[0].is_empty(), index == 0, "frame {index}");
         assert!(!tick.stage_ns.is_empty(), "durations need no calibration");

@@ -94,7 +94,8 @@ fn a_run_that_was_saved_and_restored_is_one_run() {
         let mut got = Vec::new();
         for frame in &moving.frames[range] {
             for number in 0..2 {
-                let bytes = FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() };
+                let bytes =
+                    FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() };
                 rig.upload(number, &bytes).expect("a frame that fits");
             }
             let tick = rig.step(&[frame.t_ns; 2]).expect("a frame in time");
@@ -205,7 +206,8 @@ fn a_still_scene_is_silent_for_an_hour() {
     let configs = cameras.map(|sensor| camera(&sensor, 0, &frames));
     let mut rig = Rig::new(&DEVICE, &configs).unwrap();
     for number in 0..2 {
-        rig.upload(number, &FrameBytes { hdr: &frames.frames[0].hdr, motion: None }).unwrap();
+        rig.upload(number, &FrameBytes { hdr: &frames.frames[0].hdr, motion: None, ..FrameBytes::default() })
+            .unwrap();
     }
     // One hour in intervals of the longest length. The input buffers stay as they are.
     for second in 0..=3600_i64 {
@@ -294,7 +296,8 @@ fn parameters_change_between_ticks_for_one_camera_alone() {
             oracles[1].set_sensor(sensor.clone()).unwrap();
         }
         for number in 0..2 {
-            rig.upload(number, &FrameBytes { hdr: &frame.hdr, motion: None }).unwrap();
+            rig.upload(number, &FrameBytes { hdr: &frame.hdr, motion: None, ..FrameBytes::default() })
+                .unwrap();
             let interval = oracles[number].step(&frames.oracle_frame(index)).unwrap();
             expected[number].extend(interval.packet.iter());
         }

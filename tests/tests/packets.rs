@@ -457,7 +457,7 @@ fn frames_may_lie_elsewhere_each_time() {
         };
         let motion = frame.motion.as_deref().expect("the scene has motion");
         let (hdr, motion) = (buffer("hdr", &frame.hdr), buffer("motion", motion));
-        let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion) };
+        let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion), depth: None, ids: None };
         let input = FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) };
         let tick = rig.step_frames(&[Some(input)], &SubmitHooks::default()).expect("a frame in time");
         assert_eq!(tick.packets[0], expected.packet, "frame {index}");

@@ -50,8 +50,11 @@ fn rig_of_three(options: RigOptions) -> (Rig, Vec<Sequence>) {
 fn tick<'a>(rig: &'a mut Rig, sequences: &[Sequence], index: usize) -> Tick<'a> {
     for (number, sequence) in sequences.iter().enumerate() {
         let frame = &sequence.frames[index];
-        rig.upload(number, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
-            .expect("a frame");
+        rig.upload(
+            number,
+            &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() },
+        )
+        .expect("a frame");
     }
     let times_ns: Vec<i64> = sequences.iter().map(|s| s.frames[index].t_ns).collect();
     rig.step(&times_ns).expect("a tick")
@@ -205,13 +208,16 @@ fn tiles_in_one_buffer_are_the_cameras_frames() {
         for number in 0..count {
             let frame = of_camera(number);
             apart
-                .upload(number, &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() })
+                .upload(
+                    number,
+                    &FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() },
+                )
                 .expect("a frame");
         }
         let times_ns = vec![frames.frames[index].t_ns; count];
         let expected = apart.step(&times_ns).expect("a tick").packets.to_vec();
         let (hdr, motion) = (tiles(|f| &f.hdr), tiles(|f| f.motion.as_deref().expect("motion")));
-        let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion) };
+        let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion), depth: None, ids: None };
         tiled.step_tiles(&times_ns, inputs, &SubmitHooks::default()).expect("a tick");
         assert_eq!(tiled.take_packets(), expected, "frame {index}");
         let error =

@@ -139,7 +139,8 @@ fn transfers_may_change_between_ticks() {
             rig.set_sensor(1, sensor.clone()).expect("of the same size");
             oracle.set_sensor(sensor).expect("of the same size");
             for number in 0..2 {
-                let bytes = FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() };
+                let bytes =
+                    FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() };
                 rig.upload(number, &bytes).expect("a frame that fits");
             }
             rig.step(&[frame.t_ns; 2]).expect("a frame in time");

@@ -124,7 +124,13 @@ fn an_image_at_the_address_of_a_freed_one_is_within_bounds() {
     let sensor =
         SensorModel { width: 16, height: 16, synthesis: Synthesis::Linear, ..SensorModel::default() };
     let bytes = sensor.pixels() * HdrFormat::F32x4.texel_bytes();
-    let config = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let config = CameraConfig {
+        sensor: sensor.clone(),
+        camera: 0,
+        hdr: HdrFormat::F32x4,
+        motion: None,
+        geometry: None,
+    };
     let mut rig = Rig::new(&device, &[config]).expect("a small rig");
     let image = || {
         let mut image = device
@@ -136,7 +142,7 @@ fn an_image_at_the_address_of_a_freed_one_is_within_bounds() {
     let mut t_ns = 0;
     let mut step = |rig: &mut Rig, hdr: &Buffer| {
         t_ns += 1_000_000;
-        let inputs = Some(InputBuffers { hdr, motion: None });
+        let inputs = Some(InputBuffers { hdr, motion: None, depth: None, ids: None });
         rig.step_frames(&[Some(FrameInput { t_ns, inputs })], &SubmitHooks::default()).expect("in time");
     };
     let (first, other) = (image(), image());

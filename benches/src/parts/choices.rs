@@ -9,16 +9,18 @@ pub(super) struct Choice {
     pub sensor: SensorModel,
     /// Whether its frames are f32, not f16.
     pub wide: bool,
+    /// Whether it is what `auto` is for frames with motion vectors, and the default otherwise.
     pub is_default: bool,
 }
 
-/// Every choice, for one sensor.
-pub(super) fn choices(base: &SensorModel, quick: bool) -> Vec<Choice> {
+/// Every choice, for one sensor; with exact paths if there are `poses`.
+pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choice> {
     let mut choices = Vec::new();
     let counts: &[u32] = if quick { &[8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
     let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
-        let is_default = !wide && sensor == *base;
+        let of_vectors = SensorModel { synthesis: base.synthesis.resolve(false, true), ..base.clone() };
+        let is_default = !wide && sensor == of_vectors;
         choices.push(Choice { name, family, sensor, wide, is_default });
     };
     let with = |synthesis, taps, transfers, substeps, substep_policy| SensorModel {
@@ -31,13 +33,17 @@ pub(super) fn choices(base: &SensorModel, quick: bool) -> Vec<Choice> {
     };
     let (fixed, adaptive) = (SubstepPolicy::Fixed, SubstepPolicy::Adaptive);
     add("none".into(), "none", with(Synthesis::None, Taps::Cubic, 1, 1, fixed), false);
-    for (family, synthesis, taps, transfers) in [
+    let families = [
         ("linear", Synthesis::Linear, Taps::Cubic, 1),
         ("paper", Synthesis::Paper, Taps::Bilinear, 1),
         ("motion bilinear", Synthesis::Motion, Taps::Bilinear, 1),
         ("motion cubic, 1 transfer", Synthesis::Motion, Taps::Cubic, 1),
         ("motion cubic, 2 transfers", Synthesis::Motion, Taps::Cubic, 2),
-    ] {
+        ("rigid cubic, 1 transfer", Synthesis::Rigid, Taps::Cubic, 1),
+        ("rigid cubic, 2 transfers", Synthesis::Rigid, Taps::Cubic, 2),
+    ];
+    let given = |synthesis| poses || synthesis != Synthesis::Rigid;
+    for (family, synthesis, taps, transfers) in families.into_iter().filter(|of| given(of.1)) {
         for &n in counts {
             let name = format!("{family}, fixed {n}");
             add(name, family, with(synthesis, taps, transfers, n, fixed), false);

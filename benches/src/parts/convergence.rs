@@ -65,12 +65,13 @@ enum Between {
     Synthesis(Synthesis, Taps, u32),
 }
 
-const METHODS: [(&str, Between); 5] = [
+const METHODS: [(&str, Between); 6] = [
     ("exact frames", Between::Exact),
     ("linear", Between::Synthesis(Synthesis::Linear, Taps::Cubic, 1)),
     ("motion bilinear", Between::Synthesis(Synthesis::Motion, Taps::Bilinear, 1)),
     ("motion cubic, 1 transfer", Between::Synthesis(Synthesis::Motion, Taps::Cubic, 1)),
     ("motion cubic, 2 transfers", Between::Synthesis(Synthesis::Motion, Taps::Cubic, 2)),
+    ("rigid cubic, 1 transfer", Between::Synthesis(Synthesis::Rigid, Taps::Cubic, 1)),
 ];
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
@@ -101,7 +102,11 @@ fn measure(laboratory: &Laboratory, kind: SceneKind) -> Result<Vec<Curve>> {
     let truth = Truth::of_scene(&scene, &base, pixels, (0, INTERVALS as i64 * FRAME_NS));
     let formats = (HdrFormat::F32x4, FORMATS.1);
     let feed = |step_ns| laboratory.feed(kind, size, formats.0, step_ns);
-    let mut stand = Stand::new(laboratory, &base, 1, formats, feed(FRAME_NS)?, RigOptions::default())?;
+    let stand = |synthesis| {
+        let sensor = SensorModel { synthesis, ..base.clone() };
+        Stand::new(laboratory, &sensor, 1, formats, feed(FRAME_NS)?, RigOptions::default())
+    };
+    let (mut plain, mut posed) = (stand(Synthesis::Motion)?, stand(Synthesis::Rigid)?);
     let rows = METHODS.iter().flat_map(|m| counts(laboratory).iter().map(|n| (*m, *n))).collect();
     let measured = laboratory.rows(kind.name(), rows, |((name, between), n)| {
         let (sensor, steps) = match between {
@@ -113,6 +118,7 @@ fn measure(laboratory: &Laboratory, kind: SceneKind) -> Result<Vec<Curve>> {
                 (sensor, 1)
             }
         };
+        let stand = if sensor.synthesis == Synthesis::Rigid { &mut posed } else { &mut plain };
         stand.set_sensor(&sensor)?;
         stand.set_feed(feed(FRAME_NS / steps as i64)?);
         let intervals = INTERVALS * steps;

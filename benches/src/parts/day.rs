@@ -79,6 +79,7 @@ fn day(laboratory: &Laboratory, seconds: i64) -> Result<Vec<DayRow>> {
         camera,
         hdr: HdrFormat::F32x4,
         motion: None,
+        geometry: None,
     };
     let sensors = [&steps, &leak, &shot];
     let configs: Vec<CameraConfig> = (0..).zip(sensors).map(config).collect();
@@ -93,15 +94,18 @@ fn day(laboratory: &Laboratory, seconds: i64) -> Result<Vec<DayRow>> {
     let dark = gray(&shot, &|_| shot.log_offset.ln());
     let level = gray(&leak, &|_| 1.0);
     let swings = [0.0, 1.0].map(|up| gray(&steps, &|pixel| up * [0.5, 5.05][pixel]));
-    rig.upload(1, &FrameBytes { hdr: &level, motion: None })?;
-    rig.upload(2, &FrameBytes { hdr: &dark, motion: None })?;
+    rig.upload(1, &FrameBytes { hdr: &level, motion: None, ..FrameBytes::default() })?;
+    rig.upload(2, &FrameBytes { hdr: &dark, motion: None, ..FrameBytes::default() })?;
     let start_s = DAY_S - seconds;
     // Compares the last hour with the first; in a short run, the last quarter with the first.
     let window = (seconds / 4).min(HOUR_S);
     let mut ends: [Ends; 3] = Default::default();
     let ticks: Vec<i64> = (0..=seconds).collect();
     laboratory.rows("a day", ticks, |tick| {
-        rig.upload(0, &FrameBytes { hdr: &swings[(tick % 2) as usize], motion: None })?;
+        rig.upload(
+            0,
+            &FrameBytes { hdr: &swings[(tick % 2) as usize], motion: None, ..FrameBytes::default() },
+        )?;
         let t_ns = (start_s + tick) * TICK_NS;
         let step = rig.step(&[t_ns; 3]).with_context(|| format!("second {tick}"))?;
         for (ends, packet) in ends.iter_mut().zip(step.packets) {

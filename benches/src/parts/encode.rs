@@ -61,7 +61,7 @@ fn measure(
     let model = clean(sensor);
     let mut feed = laboratory.scene(SceneKind::Flight, (model.width, model.height))?;
     let (hdr, motion) = FORMATS;
-    let config = CameraConfig { sensor: model, camera: 0, hdr, motion: Some(motion) };
+    let config = CameraConfig { sensor: model, camera: 0, hdr, motion: Some(motion), geometry: None };
     let options = RigOptions { packets: PacketPlace::InPlace, ..RigOptions::default() };
     let mut rig = Rig::with_options(laboratory.device(), &[config], options)?;
     let ticks = match (laboratory.is_software(), laboratory.options().quick) {

@@ -15,7 +15,7 @@ use crate::truth::Truth;
 use anyhow::Result;
 use esaac_engine::RigOptions;
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, MotionFormat, SensorModel};
+use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use esaac_oracle::metrics::{Comparison, compare};
 use esaac_scene::SceneKind;
 use serde::Serialize;
@@ -67,7 +67,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         "Each point is a choice. x: mean GPU time of an interval; the table adds bytes moved (counted). y: \
          Victor-Purpura distance per true event, 1 ms of shift costing as much as an event; the table adds the \
          99th percentile of the time error of events that match within 1 ms. Sensor without noise. A choice \
-         is on the frontier if no other is faster and as good, or better and as fast, by more than the noise.",
+         is on the frontier if no other is faster and as good, or better and as fast, by more than the noise. The \
+         default is that of frames with motion vectors; `rigid` needs depth and poses, 960 a second unless it says \
+         otherwise.",
     );
     let mut all = Vec::new();
     let scenes: &[SceneKind] = if laboratory.options().quick {
@@ -111,28 +113,42 @@ fn measure(
     feed: impl Fn(HdrFormat) -> Result<Feed>,
     judge: impl Fn(Vec<Event>) -> Comparison + Sync,
 ) -> Result<Vec<Point>> {
-    let stand = |hdr: HdrFormat| {
+    let stand = |hdr: HdrFormat, synthesis: Synthesis| {
         let formats: (HdrFormat, MotionFormat) = (hdr, FORMATS.1);
-        Stand::new(laboratory, base, 1, formats, feed(hdr)?, RigOptions::default())
+        let sensor = SensorModel { synthesis, ..base.clone() };
+        Stand::new(laboratory, &sensor, 1, formats, feed(hdr)?, RigOptions::default())
     };
-    let mut narrow = stand(HdrFormat::F16x4)?;
-    let mut wide = stand(HdrFormat::F32x4)?;
-    let choices: Vec<Choice> = choices(base, laboratory.options().quick)
+    let mut narrow = stand(HdrFormat::F16x4, base.synthesis)?;
+    let mut wide = stand(HdrFormat::F32x4, base.synthesis)?;
+    // A rig that takes depth and poses of its own, so that the other choices cost what they cost without.
+    let mut posed = match feed(HdrFormat::F16x4)?.geometry() {
+        Some(_) => Some(stand(HdrFormat::F16x4, Synthesis::Rigid)?),
+        None => None,
+    };
+    let choices: Vec<Choice> = choices(base, laboratory.options().quick, posed.is_some())
         .into_iter()
         .filter(|choice| laboratory.wants(&choice.name) || choice.is_default)
         .collect();
     let measured = laboratory.rows(what, choices, |choice| {
-        let stand = if choice.wide { &mut wide } else { &mut narrow };
+        let stand = match &mut posed {
+            Some(posed) if choice.sensor.synthesis == Synthesis::Rigid => posed,
+            _ if choice.wide => &mut wide,
+            _ => &mut narrow,
+        };
         stand.set_sensor(&choice.sensor)?;
         let run = stand.run(amount)?;
         Ok((run.events, run.timing, choice))
     })?;
     let mut points = judged(measured, judge);
+    mark_frontier(&mut points);
+    Ok(points)
+}
+
+fn mark_frontier(points: &mut [Point]) {
     let costs: Vec<_> = points.iter().map(|p| (p.gpu_us, p.victor_purpura)).collect();
     for (point, on) in points.iter_mut().zip(frontier(&costs, TIME_BAND, ERROR_BAND)) {
         point.on_frontier = on;
     }
-    Ok(points)
 }
 
 /// Compares each choice's events with the truth, on all threads of the machine.
@@ -208,10 +224,47 @@ fn rendered(laboratory: &Laboratory, sequence: &Sequence) -> Result<SceneFigures
     let passes = timed.frames.div_ceil(sequence.intervals()).min(most);
     let frames = sequence.intervals() + 1;
     let amount = Amount { frames, warm_up: 1, passes, keep: sequence.intervals() };
-    let feed = |hdr| Ok(Feed::Stored(sequence.frames(hdr)?));
+    let feed = |hdr| Ok(Feed::Stored(sequence.frames(hdr)?, sequence.motion(1)));
     let judge = |events: Vec<Event>| compare(size, truth.iter().copied(), events);
-    let points = measure(laboratory, &sequence.name, base, amount, feed, judge)?;
+    let mut points = measure(laboratory, &sequence.name, base, amount, feed, judge)?;
+    points.extend(with_fewer_poses(laboratory, sequence, amount)?);
+    mark_frontier(&mut points);
     Ok(figures(&sequence.name, size, (base.pixels(), truth.len()), points))
+}
+
+/// Every so many poses of a sequence are left, in turn.
+const POSE_STEPS: [usize; 3] = [4, 8, 16];
+
+/// Exact paths from fewer poses than the sequence has.
+fn with_fewer_poses(laboratory: &Laboratory, sequence: &Sequence, amount: Amount) -> Result<Vec<Point>> {
+    let truth = &sequence.truth;
+    let sensor = SensorModel { synthesis: Synthesis::Rigid, ..truth.sensor.clone() };
+    let size = (sensor.width, sensor.height);
+    let rate_hz = sequence.pose_rate_hz().unwrap_or_default();
+    let name = |step: usize| {
+        format!(
+            "rigid cubic, 1 transfer, adaptive {}, {:.0} poses a second",
+            sensor.substeps,
+            rate_hz / step as f64
+        )
+    };
+    let rows = POSE_STEPS.into_iter().filter(|&step| laboratory.wants(&name(step)));
+    let rows: Vec<_> = rows.filter_map(|step| Some((step, sequence.motion(step)?))).collect();
+    let measured = laboratory.rows(&sequence.name, rows, |(step, motion)| {
+        let hdr = HdrFormat::F16x4;
+        let feed = Feed::Stored(sequence.frames(hdr)?, Some(motion));
+        let run =
+            Stand::new(laboratory, &sensor, 1, (hdr, FORMATS.1), feed, RigOptions::default())?.run(amount)?;
+        let choice = Choice {
+            name: name(step),
+            family: "rigid, fewer poses",
+            sensor: sensor.clone(),
+            wide: false,
+            is_default: false,
+        };
+        Ok((run.events, run.timing, choice))
+    })?;
+    Ok(judged(measured, |events| compare(size, truth.events.iter().copied(), events)))
 }
 
 fn figures(

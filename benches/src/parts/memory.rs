@@ -1,14 +1,16 @@
 //! Memory per resolution.
 
-use super::sensors::{MODES, noisy};
+use super::sensors::{MODES, RIGID_MODES, noisy};
 use crate::cells;
 use crate::document::{Document, Outcome, short};
 use crate::floor::FORMATS;
 use crate::laboratory::Laboratory;
 use crate::paper::{FACTORS, MEMORY_MB, SENSORS};
+use crate::scenes::FRAME_NS;
 use anyhow::Result;
-use esaac_engine::{CameraConfig, Rig};
-use esaac_model::SensorModel;
+use esaac_engine::{CameraConfig, GeometryConfig, Rig};
+use esaac_model::{DepthFormat, IdFormat, SensorModel, Synthesis};
+use esaac_scene::SceneKind;
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -23,6 +25,9 @@ struct Row {
     /// Device memory of all cameras, in megabytes for each purpose.
     purposes_mb: Vec<(String, f64)>,
 }
+
+/// Modes of the rows whose memory is told by purpose.
+const PURPOSE_MODES: [&str; 2] = [MODES[0].0, RIGID_MODES[0].0];
 
 /// Most pixels of a rig on a software device, whose buffers lie in the machine's own memory.
 const SOFTWARE_PIXELS: usize = 8 * 1280 * 720;
@@ -43,6 +48,12 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
             for (mode, intensity) in MODES {
                 cells.push((SensorModel { intensity, ..noisy(sensor) }, mode, cameras, None));
             }
+        }
+    }
+    for (sensor, cameras) in SENSORS.into_iter().map(|sensor| (sensor, 1)).chain([("vga", 1), ("vga", 64)]) {
+        for (mode, intensity) in RIGID_MODES {
+            let model = SensorModel { intensity, synthesis: Synthesis::Rigid, ..noisy(sensor) };
+            cells.push((model, mode, cameras, None));
         }
     }
     let fits = |sensor: &SensorModel, cameras: usize| {
@@ -67,10 +78,21 @@ fn weigh(
     paper_mb: Option<f64>,
 ) -> Result<Row> {
     let (hdr, motion) = FORMATS;
+    // The instances of a scene, as they take memory too.
+    let scene = SceneKind::Flight.scene(sensor.width, sensor.height);
+    let config =
+        GeometryConfig { depth: DepthFormat::F32, ids: Some(IdFormat::U32), lens: scene.intrinsics() };
+    let geometry = (sensor.synthesis == Synthesis::Rigid).then_some(config);
     let configs: Vec<CameraConfig> = (0..cameras as u32)
-        .map(|camera| CameraConfig { sensor: sensor.clone(), camera, hdr, motion: Some(motion) })
+        .map(|camera| CameraConfig { sensor: sensor.clone(), camera, hdr, motion: Some(motion), geometry })
         .collect();
-    let memory = Rig::new(laboratory.device(), &configs)?.memory();
+    let mut rig = Rig::new(laboratory.device(), &configs)?;
+    if geometry.is_some() {
+        for camera in 0..cameras {
+            rig.set_scene(camera, scene.scene_motion(&[0, FRAME_NS]))?;
+        }
+    }
+    let memory = rig.memory();
     let mb = |on_host: bool| {
         memory.iter().filter(|m| m.on_host == on_host).map(|m| m.bytes as f64).sum::<f64>() / 1e6
     };
@@ -101,14 +123,14 @@ fn show(rows: &[Row], left_out: &[String]) -> Document {
     let mut table = vec![head];
     for sensor in SENSORS {
         let mut line = cells![sensor];
-        for row in rows.iter().filter(|r| r.sensor == sensor) {
+        for row in rows.iter().filter(|r| r.sensor == sensor && r.paper_mb.is_some()) {
             line.push(format!("{} / {}", short(row.device_mb), row.paper_mb.map_or("-".into(), short)));
         }
         table.push(line);
     }
     document.table(&table);
     let mut table = vec![cells!["cameras", "mode", "device MB", "host MB", "device MB a camera"]];
-    for row in rows.iter().filter(|r| r.paper_mb.is_none()) {
+    for row in rows.iter().filter(|r| r.paper_mb.is_none() && MODES.iter().any(|(mode, _)| *mode == r.mode)) {
         table.push(cells![
             format!("{} x {}", row.cameras, row.sensor),
             row.mode,
@@ -121,22 +143,51 @@ fn show(rows: &[Row], left_out: &[String]) -> Document {
     if !left_out.is_empty() {
         document.say(&format!("Left out on a software device: {}.", left_out.join(", ")));
     }
-    document.say("By purpose, x32, megabytes:");
-    let largest: Vec<&Row> =
-        rows.iter().filter(|r| r.cameras == 1 && r.substeps == 32 && r.mode == "gray").collect();
+    document.say(
+        "With synthesis `rigid` a camera takes depth (f32), instance ids (u32) and poses beside motion vectors, and \
+         keeps its pixels' surfaces:",
+    );
+    let mut table = vec![cells!["cameras", "mode", "motion, device MB", "rigid", "more"]];
+    for row in rows {
+        let Some(&(_, intensity)) = RIGID_MODES.iter().find(|(mode, _)| *mode == row.mode) else { continue };
+        let Some(&(mode, _)) = MODES.iter().find(|(_, of)| *of == intensity) else { continue };
+        let same = |r: &&Row| {
+            r.mode == mode && (&r.sensor, r.cameras, r.substeps) == (&row.sensor, row.cameras, row.substeps)
+        };
+        if let Some(without) = rows.iter().find(same) {
+            table.push(cells![
+                format!("{} x {}", row.cameras, row.sensor),
+                mode,
+                short(without.device_mb),
+                short(row.device_mb),
+                format!("{:.0}%", 100.0 * (row.device_mb / without.device_mb - 1.0))
+            ]);
+        }
+    }
+    document.table(&table);
+    for mode in PURPOSE_MODES {
+        document.say(&format!("By purpose, x32, {mode}, megabytes:"));
+        document.table(&by_purpose(rows, mode));
+    }
+    document
+}
+
+/// A line for each sensor, a column for each purpose.
+fn by_purpose(rows: &[Row], mode: &str) -> Vec<Vec<String>> {
+    let of_mode: Vec<&Row> =
+        rows.iter().filter(|r| r.cameras == 1 && r.substeps == 32 && r.mode == mode).collect();
     let mut names: Vec<&String> = Vec::new();
-    for (name, _) in largest.iter().flat_map(|r| &r.purposes_mb).filter(|(_, mb)| *mb >= 0.01) {
+    for (name, _) in of_mode.iter().flat_map(|r| &r.purposes_mb).filter(|(_, mb)| *mb >= 0.01) {
         if !names.contains(&name) {
             names.push(name);
         }
     }
     let mut table =
         vec![std::iter::once("sensor".to_owned()).chain(names.iter().map(|n| n.to_string())).collect()];
-    for row in largest {
+    for row in of_mode {
         let of = |name: &String| row.purposes_mb.iter().find(|(n, _)| n == name).map_or(0.0, |(_, mb)| *mb);
         let figures = names.iter().map(|name| format!("{:.2}", of(name)));
         table.push(std::iter::once(row.sensor.clone()).chain(figures).collect());
     }
-    document.table(&table);
-    document
+    table
 }

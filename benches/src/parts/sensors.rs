@@ -24,3 +24,7 @@ pub(super) fn stages(stages_us: &[(&'static str, f64)]) -> String {
 
 /// The paper's two modes.
 pub(super) const MODES: [(&str, Intensity); 2] = [("gray", Intensity::Gray), ("bayer", Intensity::BayerRggb)];
+
+/// The same with synthesis `rigid`.
+pub(super) const RIGID_MODES: [(&str, Intensity); 2] =
+    [("gray, rigid", Intensity::Gray), ("bayer, rigid", Intensity::BayerRggb)];

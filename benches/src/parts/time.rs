@@ -1,6 +1,6 @@
 //! Time per interval.
 
-use super::sensors::{MODES, clean, noisy, stages};
+use super::sensors::{MODES, RIGID_MODES, clean, noisy, stages};
 use crate::amount::Amount;
 use crate::cells;
 use crate::document::{Document, Outcome, short};
@@ -11,13 +11,17 @@ use crate::paper::{FACTORS, SENSORS, TIME_MS};
 use crate::plot::{Axes, Series, draw};
 use anyhow::Result;
 use esaac_engine::{PacketPlace, RigOptions};
-use esaac_model::{Intensity, SensorModel, Taps};
+use esaac_model::{Intensity, SensorModel, Synthesis, Taps};
 use esaac_scene::SceneKind;
 use serde::Serialize;
 
 /// Rows with bilinear taps, in addition to those with the default taps.
 const BILINEAR_MODES: [(&str, Intensity); 2] =
     [("gray, bilinear", Intensity::Gray), ("bayer, bilinear", Intensity::BayerRggb)];
+
+/// The mode of many cameras, and what tells a mode with synthesis `rigid` from the same without.
+const LUMINANCE_RIGID: &str = "luminance, rigid";
+const RIGID_SUFFIX: &str = ", rigid";
 
 /// The sensor of the rows with every effect off, as a preset is by default.
 const CLEAN_SENSOR: &str = "davis346";
@@ -61,6 +65,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
                 cases.push((SensorModel { taps, intensity, ..clean(sensor) }, mode, 1));
             }
         }
+        for (mode, intensity) in RIGID_MODES {
+            cases.push((SensorModel { synthesis: Synthesis::Rigid, intensity, ..noisy(sensor) }, mode, 1));
+        }
     }
     if !shortest {
         cases.push((noisy("vga"), "luminance", 1));
@@ -69,6 +76,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     if !laboratory.is_software() {
         cases.push((noisy("vga"), "luminance", 8));
         cases.push((noisy("vga"), "luminance", 64));
+        cases.push((SensorModel { synthesis: Synthesis::Rigid, ..noisy("vga") }, LUMINANCE_RIGID, 64));
         cases.push((noisy("davis346"), "luminance", 8));
     }
     let name = |(s, mode, cameras): &(SensorModel, &str, usize)| {
@@ -78,7 +86,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     // Rows of one size share rigs, because a software driver takes seconds to compile for a new one.
     let mut stands: Option<Stands<'_>> = None;
     let rows = laboratory.rows("time", cases, |(sensor, mode, cameras)| {
-        let fits = |s: &Stands<'_>| s.size == (sensor.width, sensor.height) && s.cameras == cameras;
+        let rigid = sensor.synthesis == Synthesis::Rigid;
+        let fits =
+            |s: &Stands<'_>| (s.size, s.cameras, s.rigid) == ((sensor.width, sensor.height), cameras, rigid);
         let stands = match &mut stands {
             Some(stands) if fits(stands) => stands,
             other => other.insert(Stands::new(laboratory, &sensor, cameras)?),
@@ -94,6 +104,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
 struct Stands<'l> {
     size: (u32, u32),
     cameras: usize,
+    /// Whether they take depth, ids and poses.
+    rigid: bool,
     plain: Stand<'l>,
     /// `None` on a software device, where time stamps cost too little to show.
     stamped: Option<Stand<'l>>,
@@ -103,6 +115,7 @@ struct Stands<'l> {
 impl<'l> Stands<'l> {
     fn new(laboratory: &'l Laboratory, sensor: &SensorModel, cameras: usize) -> Result<Self> {
         let size = (sensor.width, sensor.height);
+        let rigid = sensor.synthesis == Synthesis::Rigid;
         let stand = |stage_times, packets| {
             let feed = laboratory.scene(SceneKind::Flight, size)?;
             let options = RigOptions { stage_times, packets, ..RigOptions::default() };
@@ -110,11 +123,12 @@ impl<'l> Stands<'l> {
         };
         let owned = PacketPlace::Owned;
         if laboratory.is_software() {
-            return Ok(Stands { size, cameras, plain: stand(true, owned)?, stamped: None, on_device: None });
+            let plain = stand(true, owned)?;
+            return Ok(Stands { size, cameras, rigid, plain, stamped: None, on_device: None });
         }
         let (stamped, on_device) = (stand(true, owned)?, stand(false, PacketPlace::OnDevice)?);
         let plain = stand(false, owned)?;
-        Ok(Stands { size, cameras, plain, stamped: Some(stamped), on_device: Some(on_device) })
+        Ok(Stands { size, cameras, rigid, plain, stamped: Some(stamped), on_device: Some(on_device) })
     }
 
     fn measure(&mut self, laboratory: &Laboratory, sensor: &SensorModel, mode: &'static str) -> Result<Row> {
@@ -158,7 +172,7 @@ fn show(rows: &[Row]) -> Result<Document> {
     document.say(&format!(
         "Microseconds of GPU time per interval, the whole tick with the packet's way to host memory, and, after the \
          stroke, of ticks whose packets stay on the device; profile `noisy` but for the rows called clean, scene `flight`, motion \
-         with cubic taps and one transfer but for those called bilinear. The paper's figure (RTX 4060) runs from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
+         with cubic taps and one transfer but for those called bilinear, and along exact paths those called rigid. The paper's figure (RTX 4060) runs from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
         gray[0], gray[1], bayer[0], bayer[1]
     ));
     let in_table = |r: &&Row| r.cameras == 1 && MODES.iter().any(|&(mode, _)| r.mode == mode);
@@ -179,6 +193,13 @@ fn show(rows: &[Row]) -> Result<Document> {
     if table.len() > 1 {
         document.table(&table);
         document.plot("time", "Time per interval", plot(rows)?);
+    }
+    let prices = prices(rows);
+    if prices.len() > 1 {
+        document.say(
+            "What exact paths cost, x32: `rigid` from depth, ids and poses beside `motion` from vectors.",
+        );
+        document.table(&prices);
     }
     document.say(
         "Floor: the greater of compulsory bytes over measured memory bandwidth and counted operations over \
@@ -215,6 +236,26 @@ fn show(rows: &[Row]) -> Result<Document> {
     }
     document.table(&table);
     Ok(document)
+}
+
+/// A line for each pair of rows that differ in the synthesis alone.
+fn prices(rows: &[Row]) -> Vec<Vec<String>> {
+    let mut table = vec![cells!["row", "motion us", "rigid us", "ratio", "rigid stages, us"]];
+    for row in rows {
+        let Some(mode) = row.mode.strip_suffix(RIGID_SUFFIX) else { continue };
+        let same = |r: &&Row| {
+            r.mode == mode && (&r.sensor, r.cameras, r.substeps) == (&row.sensor, row.cameras, row.substeps)
+        };
+        let Some(motion) = rows.iter().find(same) else { continue };
+        table.push(cells![
+            format!("{} x {} {mode}", row.cameras, row.sensor),
+            motion.times(),
+            row.times(),
+            format!("{:.2}", row.timing.gpu_us.median / motion.timing.gpu_us.median),
+            stages(&row.stages_us)
+        ]);
+    }
+    table
 }
 
 fn plot(rows: &[Row]) -> Result<String> {

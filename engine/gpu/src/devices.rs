@@ -155,7 +155,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         ),
         needs("256 invocations a workgroup", core.limits.max_compute_work_group_invocations >= 256),
         needs("32 KiB of shared memory", core.limits.max_compute_shared_memory_size >= 32 * 1024),
-        needs("17 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 17),
+        needs("24 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 24),
         likes("timelineSemaphore", f12.timeline_semaphore == vk::TRUE),
         likes(TIMESTAMPS, stamps),
         likes("VK_KHR_external_memory_fd", has(ash::khr::external_memory_fd::NAME)),

@@ -1,6 +1,7 @@
 //! Errors of the engine.
 
 use ash::vk;
+use esaac_model::paths::{Intrinsics, MotionError};
 use esaac_model::{FrameError, SensorError};
 use std::sync::Arc;
 use thiserror::Error;
@@ -99,6 +100,48 @@ pub enum EngineError {
         /// Cameras in the rig.
         expected: usize,
         /// Camera asked for.
+        actual: usize,
+    },
+    /// Poses for a camera that gets no depth.
+    #[error(
+        "camera {camera} has no geometry, expected depth and a lens in its configuration before its poses"
+    )]
+    NoGeometry {
+        /// Camera number in the rig.
+        camera: usize,
+    },
+    /// A camera with synthesis `rigid` without poses.
+    #[error("camera {camera}: synthesis `rigid` needs poses; set them before the step")]
+    NoScene {
+        /// Camera number in the rig.
+        camera: usize,
+    },
+    /// Poses of a camera with another lens.
+    #[error("camera {camera}: the poses are those of a camera with {actual:?}, expected {expected:?}")]
+    Lens {
+        /// Camera number in the rig.
+        camera: usize,
+        /// The camera's lens.
+        expected: Box<Intrinsics>,
+        /// That of the poses.
+        actual: Box<Intrinsics>,
+    },
+    /// Poses that do not span an interval.
+    #[error("camera {camera}: {source}")]
+    Poses {
+        /// Camera number in the rig.
+        camera: usize,
+        /// What they lack.
+        source: Box<MotionError>,
+    },
+    /// More instances than surfaces can name.
+    #[error("camera {camera}: {actual} instances with poses, expected at most {expected}")]
+    TooManyInstances {
+        /// Camera number in the rig.
+        camera: usize,
+        /// Limit.
+        expected: usize,
+        /// Given.
         actual: usize,
     },
     /// Saved state that is damaged or belongs to other cameras.

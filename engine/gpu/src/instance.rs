@@ -5,7 +5,7 @@
 use crate::error::{Call, EngineError};
 use ash::{ext, vk};
 use std::ffi::{CStr, c_char, c_void};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -29,6 +29,10 @@ impl Validation {
         }
     }
 }
+
+/// The instance that was dropped first. It is never destroyed, so the driver stays loaded: without an instance the loader
+/// unloads it, and NVIDIA's driver can be loaded only some thirty times in a process.
+static KEPT: OnceLock<(ash::Entry, ash::Instance)> = OnceLock::new();
 
 type Messages = Mutex<Vec<String>>;
 
@@ -142,7 +146,9 @@ impl Drop for Instance {
             if let Some((debug, messenger)) = self.debug.take() {
                 debug.destroy_debug_utils_messenger(messenger, None);
             }
-            self.raw.destroy_instance(None);
+            if KEPT.set((self.entry.clone(), self.raw.clone())).is_err() {
+                self.raw.destroy_instance(None);
+            }
         }
     }
 }

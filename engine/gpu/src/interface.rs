@@ -3,7 +3,8 @@
 
 use esaac_kernels::Reflection;
 use esaac_layout::{
-    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GpuStruct, KernelInfo, Push, Slice, TEXELS,
+    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, Push, Slice,
+    TEXELS,
 };
 use std::collections::BTreeMap;
 
@@ -31,6 +32,9 @@ pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
         let table = reflection.uniform_strides.get(&(CAMERAS as u32)).copied();
         same("stride of `cameras`", table, Some(size_of::<Camera>() as u32))?;
         check_struct::<Camera>(&reflection)?;
+        let table = reflection.uniform_strides.get(&(GEOMETRIES as u32)).copied();
+        same("stride of `geometries`", table, Some(size_of::<Geometry>() as u32))?;
+        check_struct::<Geometry>(&reflection)?;
     }
     same("workgroup", reflection.workgroup, [kernel.threads, 1, 1])?;
     check_constants(kernel, &reflection)?;

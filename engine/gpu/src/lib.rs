@@ -45,7 +45,7 @@ pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use policy::{KernelPolicy, KernelSet};
 pub use rig::{
-    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, HeldPackets, InputBuffers, PacketPlace,
-    Representation, Rig, RigOptions, Share, StageSpan, Tick,
+    ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, GeometryConfig, HeldPackets, InputBuffers,
+    PacketPlace, Representation, Rig, RigOptions, Share, StageSpan, Tick,
 };
 pub use timeline::Timeline;

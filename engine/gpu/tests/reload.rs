@@ -37,7 +37,7 @@ impl Run {
         let (width, height) = Self::SIZE;
         let sensor = SensorModel { width, height, synthesis, ..SensorModel::default() };
         let motion = Some(MotionFormat::F32x2);
-        let camera = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion };
+        let camera = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion, geometry: None };
         Run { rig: Rig::new(device, &[camera]).expect("a rig"), frame: 0 }
     }
 
@@ -52,7 +52,9 @@ impl Run {
         let hdr: Vec<u8> = colour.flat_map(f32::to_le_bytes).collect();
         let motion: Vec<u8> =
             (0..width * height).flat_map(|_| [-1.0_f32, 0.0]).flat_map(f32::to_le_bytes).collect();
-        self.rig.upload(0, &FrameBytes { hdr: &hdr, motion: Some(&motion) }).expect("the frame fits");
+        self.rig
+            .upload(0, &FrameBytes { hdr: &hdr, motion: Some(&motion), ..FrameBytes::default() })
+            .expect("the frame fits");
         let tick = self.rig.step(&[self.frame as i64 * 33_333_333]).expect("a tick");
         self.frame += 1;
         tick.packets[0].clone()

@@ -1,8 +1,15 @@
 //! Bindings of the kernels: descriptor set 0.
 
-use crate::{Camera, Counters};
+use crate::{Camera, Counters, Geometry};
 
-/// A binding, uniform for `cameras` and storage for the rest: slot, name, GLSL element type.
+/// Whether the binding of a slot is a uniform buffer, a table with a row for each camera; the others are storage
+/// buffers.
+#[must_use]
+pub fn is_table(slot: usize) -> bool {
+    matches!(slot, CAMERAS | GEOMETRIES)
+}
+
+/// A binding: slot, name, GLSL element type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BindingSlot {
     /// Slot in descriptor set 0.
@@ -43,6 +50,14 @@ bindings! {
     REPORT = 15, "report", "Counters", size_of::<Counters>() as u32;
     SAMPLES = 16, "samples", "int", 4;
     TILE_ORDER = 17, "tile_order", "uint", 4;
+    GEOMETRIES = 18, "geometries", "Geometry", size_of::<Geometry>() as u32;
+    INSTANCES = 19, "instances", "uvec2", 8;
+    POSES = 20, "poses", "vec4", 16;
+    PATHS = 21, "paths", "vec4", 16;
+    SURFACES = 22, "surfaces", "uvec2", 8;
+    SLOPES = 23, "slopes", "uint", 4;
+    REPRESENTATIVES = 24, "representatives", "uint", 4;
+    PASSING = 25, "passing", "uint", 4;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

@@ -2,7 +2,7 @@
 //! against. Ids count on through the lists of a kernel: a constant's id is its index in its list plus the lengths of
 //! the lists before it.
 
-use esaac_model::{HdrFormat, Intensity, MotionFormat, Synthesis, Taps};
+use esaac_model::{HdrFormat, IdFormat, Intensity, MotionFormat, Synthesis, Taps};
 
 /// Type of a constant in GLSL.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ macro_rules! spec_enums {
     };
 }
 
-spec_enums!(Intensity, Synthesis, Taps, HdrFormat, MotionFormat);
+spec_enums!(Intensity, Synthesis, Taps, HdrFormat, MotionFormat, IdFormat);
 
 /// A constant as kernels declare it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,6 +132,10 @@ spec_constants! {
     hdr_format: HdrFormat,
     /// Format of motion images.
     motion_format: MotionFormat,
+    /// Whether frames have depth, and surfaces are found in them.
+    rigid: bool,
+    /// Format of images of instance ids.
+    id_format: IdFormat,
 }
 
 spec_constants! {
@@ -152,6 +156,8 @@ spec_constants! {
     intensity: Intensity,
     /// Whether frames are read by address, not by texel.
     by_address: bool,
+    /// Whether samples follow exact paths.
+    rigid: bool,
 }
 
 spec_constants! {

@@ -4,7 +4,7 @@ use crate::constants::{
     BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
     IngestCpuConstants, SortConstants,
 };
-use crate::sizes::{CROSS_THREADS, INGEST_THREADS, SORT_THREADS};
+use crate::sizes::{CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, SORT_THREADS};
 
 /// A kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,7 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("ingest_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel("ingest_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
     kernel("backward_transfer", "backward_transfer", INGEST_THREADS, &[BackwardTransferConstants::LIST]),
+    kernel("paths", "paths", PATHS_THREADS, &[]),
     kernel("deferred", "deferred", STRIDING_THREADS, &[]),
     kernel("cross_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
@@ -46,7 +47,7 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("voxel_grid", "voxel_grid", STRIDING_THREADS, &[]),
 ];
 
-/// Stages of a tick that are timed, in order. (`deferred` runs alongside the first. `merge` runs only for heavy
+/// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside the first. `merge` runs only for heavy
 /// packets, the other kernels only when a program asks for a representation.)
 pub const TICK_STAGES: &[&str] = &["ingest", "backward_transfer", "cross", "sort"];
 

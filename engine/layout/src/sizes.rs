@@ -23,5 +23,31 @@ pub const INGEST_THREADS: u32 =
 /// Threads of a workgroup of `sort` on a GPU.
 pub const SORT_THREADS: u32 = 256;
 
+/// Rows of an instance in `poses`, four numbers each: for each instant of
+/// [`POSE_INSTANTS`](esaac_model::synthesis::rigid::POSE_INSTANTS) the motion from camera axes then to those of key frame
+/// 0, a row of its matrix and its translation three times; the motion from key frame 0 to key frame 1 likewise; and
+/// its parallax, 0 if the instance has no poses, and whether it moves.
+pub const POSE_ROWS: u32 = 3 * esaac_model::synthesis::rigid::POSE_INSTANTS as u32 + 4;
+
+/// Words of a block in `representatives`: their number, and their pixels.
+pub const REPRESENTATIVE_WORDS: u32 =
+    (esaac_model::synthesis::rigid::BLOCK_SURFACES as u32 + 1).next_power_of_two();
+
+/// Entries of a block in `passing`. A block that more surfaces pass looks for them itself.
+pub const PASSING_ENTRIES: u32 = 64;
+
+/// Words of a block's head in `passing`: the number of surfaces that pass it, and the largest motion of them.
+pub const PASSING_HEAD_WORDS: u32 = 2;
+
+/// Instants in `paths` of an instance of a sensor with at most `substeps` sub-steps: the ends of all but the last
+/// sub-step, for every number of them.
+#[must_use]
+pub const fn path_instants(substeps: u32) -> u32 {
+    substeps * substeps.saturating_sub(1) / 2
+}
+
+/// Threads of a workgroup of `paths`.
+pub const PATHS_THREADS: u32 = 64;
+
 /// Most cameras of a rig: their table fits 64 KiB, the uniform-buffer size that the engine requires of a device.
 pub const MAX_CAMERAS: usize = 256;

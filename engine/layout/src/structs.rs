@@ -151,6 +151,50 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// What synthesis `rigid` knows of a camera in one tick: a row of the table of geometries, in the camera's `slot`.
+    Geometry {
+        /// Device address of the depth image.
+        depth_address: u64,
+        /// Device address of the image of instance ids; 0 if there are none.
+        id_address: u64,
+        /// Focal length along x, pixels; a radian for a fisheye.
+        focal_x_px: f32,
+        /// Focal length along y.
+        focal_y_px: f32,
+        /// 1 / focal length along x.
+        inverse_focal_x: f32,
+        /// 1 / focal length along y.
+        inverse_focal_y: f32,
+        /// Principal point, column.
+        centre_x_px: f32,
+        /// Principal point, row.
+        centre_y_px: f32,
+        /// Whether the lens is an equidistant fisheye; else a pinhole.
+        fisheye: u32,
+        /// First element in `surfaces` and in `slopes`, which have two sets of `pixels`, used in turn.
+        surface_base: u32,
+        /// First word in `representatives`, which has two sets of [`REPRESENTATIVE_WORDS`](crate::REPRESENTATIVE_WORDS)
+        /// a block, used in turn.
+        representative_base: u32,
+        /// First word in `passing`: two sets of heads, used in turn, then the entries of each block.
+        passing_base: u32,
+        /// First element in `instances`.
+        instance_base: u32,
+        /// Elements in `instances`: ids that have poses, ascending, each with its row.
+        known_ids: u32,
+        /// Rows of instances in `poses` and `paths`. Row 0 is the static world.
+        instances: u32,
+        /// First element in `poses`.
+        pose_base: u32,
+        /// First element in `paths`.
+        path_base: u32,
+        /// Instants of sub-steps of an instance in `paths`: those within the interval for every number of sub-steps up
+        /// to the sensor's.
+        path_instants: u32,
+    }
+}
+
+gpu_struct! {
     /// Counters of a camera in one tick; two sets, used in turn.
     Counters {
         /// Events emitted, whether they fit or not.
@@ -187,6 +231,14 @@ gpu_struct! {
         gathered: u32,
         /// Deferred events that `sort` has gathered so far.
         gathered_deferred: u32,
+        /// Pixels of the frame without a path because their depth is NaN or negative.
+        without_depth: u32,
+        /// Pixels without a path because their instance has no poses.
+        without_poses: u32,
+        /// Pixels without a path because the lens shows nothing there.
+        without_lens: u32,
+        /// Sub-steps of pixels that show what neither key frame shows.
+        unseen_samples: u32,
     }
 }
 

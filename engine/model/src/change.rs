@@ -19,8 +19,10 @@ impl SensorModel {
     pub fn change_to(&self, next: &SensorModel) -> ChangeEffects {
         // The stored planes hold ln(intensity * exposure_gain + log_offset), at half-pel samples or at pixels.
         let frames = |s: &SensorModel| {
-            let half_pel = s.synthesis == Synthesis::Motion && s.taps == Taps::Cubic;
-            (s.intensity, s.log_offset.to_bits(), s.exposure_gain.to_bits(), half_pel)
+            let half_pel = s.synthesis.has_half_pels() && s.taps == Taps::Cubic;
+            // Half-pel frames of `rigid` are made within the surfaces of the last frame, which it keeps.
+            let surfaces = s.synthesis == Synthesis::Rigid;
+            (s.intensity, s.log_offset.to_bits(), s.exposure_gain.to_bits(), half_pel, surfaces)
         };
         let draws = |s: &SensorModel| {
             let drawn =
@@ -58,6 +60,7 @@ mod tests {
         assert_eq!(change(|s| s.exposure_gain *= 2.0), resets);
         assert_eq!(change(|s| s.log_offset *= 2.0), resets);
         assert_eq!(change(|s| s.taps = Taps::Bilinear), resets);
+        assert_eq!(change(|s| s.synthesis = Synthesis::Rigid), resets);
         assert_eq!(change(|s| s.intensity = Intensity::BayerRggb), resets);
         let redraws = ChangeEffects { redraws_pixels: true, ..nothing };
         assert_eq!(change(|s| s.seed += 1), redraws);

@@ -39,6 +39,17 @@ pub enum DepthFormat {
     F32 = 0,
 }
 
+/// Format of an image of instance ids.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum IdFormat {
+    /// One u16.
+    U16 = 0,
+    /// One u32.
+    U32 = 1,
+}
+
 /// Why a frame is refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum FrameError {
@@ -93,6 +104,14 @@ pub enum FrameError {
         camera: u32,
         /// The synthesis asked for.
         synthesis: &'static str,
+    },
+    /// The synthesis needs depth and poses and the camera gets none.
+    #[error(
+        "camera {camera}: synthesis `rigid` needs depth, a lens and poses, and the camera gets none; configure its geometry or use `motion` or `linear`"
+    )]
+    MissingGeometry {
+        /// Camera number.
+        camera: u32,
     },
     /// The number of frames differs from the number of cameras in the rig.
     #[error("{actual} frames for {expected} cameras")]
@@ -159,6 +178,33 @@ impl DepthFormat {
     pub fn texel_bytes(self) -> usize {
         4
     }
+
+    /// Depth of texel `index`, metres.
+    #[must_use]
+    pub fn decode(self, bytes: &[u8], index: usize) -> f32 {
+        f32::from_le_bytes(bytes[4 * index..][..4].try_into().expect("four bytes"))
+    }
+}
+
+impl IdFormat {
+    /// Bytes a texel.
+    #[must_use]
+    pub fn texel_bytes(self) -> usize {
+        match self {
+            IdFormat::U16 => 2,
+            IdFormat::U32 => 4,
+        }
+    }
+
+    /// Id of texel `index`.
+    #[must_use]
+    pub fn decode(self, bytes: &[u8], index: usize) -> u32 {
+        let texel = &bytes[index * self.texel_bytes()..][..self.texel_bytes()];
+        match self {
+            IdFormat::U16 => u16::from_le_bytes([texel[0], texel[1]]).into(),
+            IdFormat::U32 => u32::from_le_bytes(texel.try_into().expect("four bytes")),
+        }
+    }
 }
 
 /// Checks a frame's time against the previous one's. The first frame (`None` before it) may have any time.
@@ -207,6 +253,8 @@ mod tests {
         assert_eq!(HdrFormat::F16x4.decode(&f16, 0), [0.5, 2.0, 65504.0]);
         let f32x4: Vec<u8> = [1.5_f32, -2.5, 9.0, 9.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(MotionFormat::F32x4.decode(&f32x4, 0), [1.5, -2.5]);
+        assert_eq!(IdFormat::U16.decode(&[1, 2, 0xff, 0xff], 1), 0xffff);
+        assert_eq!(IdFormat::U32.decode(&[0; 8].map(|_: u8| 3), 1), 0x0303_0303);
     }
 
     #[test]

@@ -92,7 +92,7 @@ pub mod substeps;
 pub mod synthesis;
 
 pub use change::ChangeEffects;
-pub use frame::{DepthFormat, FrameError, HdrFormat, MotionFormat};
+pub use frame::{DepthFormat, FrameError, HdrFormat, IdFormat, MotionFormat};
 pub use packet::{Packet, PacketView, Polarity};
 pub use pixel_draws::PixelDraws;
 pub use presets::{PRESETS, Preset, Profile};

@@ -34,11 +34,53 @@ pub enum Synthesis {
     Paper = 2,
     /// One sub-step: log-linear from frame to frame.
     None = 3,
+    /// Both frames read along the exact paths of a simulator's poses ([`rigid`](crate::synthesis::rigid)).
+    Rigid = 4,
+    /// The best that a camera's input allows; see [`Synthesis::resolve`]. No kernel knows it.
+    Auto = 5,
 }
 
 impl Synthesis {
     /// Every synthesis.
-    pub const ALL: [Synthesis; 4] = [Synthesis::Motion, Synthesis::Linear, Synthesis::Paper, Synthesis::None];
+    pub const ALL: [Synthesis; 6] = [
+        Synthesis::Motion,
+        Synthesis::Linear,
+        Synthesis::Paper,
+        Synthesis::None,
+        Synthesis::Rigid,
+        Synthesis::Auto,
+    ];
+
+    /// The synthesis of a camera that may or may not get depth and poses, and motion vectors: `Auto` is the best of
+    /// those that these allow, any other stays.
+    #[must_use]
+    pub fn resolve(self, has_geometry: bool, has_motion: bool) -> Synthesis {
+        match self {
+            Synthesis::Auto if has_geometry => Synthesis::Rigid,
+            Synthesis::Auto if has_motion => Synthesis::Motion,
+            Synthesis::Auto => Synthesis::Linear,
+            chosen => chosen,
+        }
+    }
+
+    /// Name, as in TOML and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Synthesis::Motion => "motion",
+            Synthesis::Linear => "linear",
+            Synthesis::Paper => "paper",
+            Synthesis::None => "none",
+            Synthesis::Rigid => "rigid",
+            Synthesis::Auto => "auto",
+        }
+    }
+
+    /// Whether it reads half-pel frames, with cubic taps.
+    #[must_use]
+    pub fn has_half_pels(self) -> bool {
+        matches!(self, Synthesis::Motion | Synthesis::Rigid)
+    }
 
     /// Whether it reads motion vectors.
     #[must_use]
@@ -161,7 +203,7 @@ sensor_model! {
     intensity: Intensity = Intensity::Luminance, "", "What a pixel sees: gray, luminance or bayer_rggb.";
     exposure_gain: f64 = 1.0, "", "Factor from the renderer's radiance to the sensor's intensity.";
     log_offset: f64 = crate::presets::LOG_OFFSET_HDR, "scene", "Dark level: L = ln(S + log_offset).";
-    synthesis: Synthesis = Synthesis::Motion, "", "Frame-gap synthesis: motion, linear, paper or none.";
+    synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
     transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
@@ -310,6 +352,27 @@ mod tests {
         assert_eq!(SensorModel::from_toml(&sensor.to_toml()), Ok(sensor));
         let error = SensorModel::from_toml("contrast_one = 0.2").unwrap_err().to_string();
         assert!(error.contains("contrast_one"), "{error}");
+    }
+
+    #[test]
+    fn auto_is_the_best_that_the_input_allows_and_a_choice_stays() {
+        let auto = |geometry, motion| Synthesis::Auto.resolve(geometry, motion);
+        assert_eq!(auto(true, true), Synthesis::Rigid);
+        assert_eq!(auto(true, false), Synthesis::Rigid);
+        assert_eq!(auto(false, true), Synthesis::Motion);
+        assert_eq!(auto(false, false), Synthesis::Linear);
+        for chosen in Synthesis::ALL.into_iter().filter(|&s| s != Synthesis::Auto) {
+            assert_eq!(chosen.resolve(true, true), chosen);
+            assert_eq!(chosen.resolve(false, false), chosen);
+        }
+    }
+
+    #[test]
+    fn names_are_those_of_toml() {
+        for synthesis in Synthesis::ALL {
+            let sensor = SensorModel { synthesis, ..SensorModel::default() };
+            assert!(sensor.to_toml().contains(&format!("synthesis = \"{}\"", synthesis.name())));
+        }
     }
 
     #[test]

@@ -3,7 +3,9 @@
 
 use esaac_model::frame::{check_size, check_time};
 use esaac_model::intensity::{bayer_component, weights};
-use esaac_model::{DepthFormat, FrameError, HdrFormat, Intensity, MotionFormat, SensorModel, Synthesis};
+use esaac_model::{
+    DepthFormat, FrameError, HdrFormat, IdFormat, Intensity, MotionFormat, SensorModel, Synthesis,
+};
 
 /// A rendered frame: rows tightly packed, top row first.
 #[derive(Clone, Copy, Debug)]
@@ -14,8 +16,10 @@ pub struct Frame<'a> {
     pub hdr: (HdrFormat, &'a [u8]),
     /// Motion, pixels: previous position = position + motion.
     pub motion: Option<(MotionFormat, &'a [u8])>,
-    /// Depth, metres. Its size is checked; no synthesis reads it.
+    /// Depth, metres, as the lens measures it.
     pub depth: Option<(DepthFormat, &'a [u8])>,
+    /// Instance ids; without them all is the static world.
+    pub ids: Option<(IdFormat, &'a [u8])>,
 }
 
 /// Checks a frame before any of it is read: its time, the sizes of its images, and motion where the synthesis needs it.
@@ -34,10 +38,14 @@ pub fn check(
     if let Some((format, bytes)) = frame.depth {
         check_size(camera, "depth", size, format.texel_bytes(), bytes.len())?;
     }
+    if let Some((format, bytes)) = frame.ids {
+        check_size(camera, "ids", size, format.texel_bytes(), bytes.len())?;
+    }
     let missing = |synthesis| Err(FrameError::MissingMotion { camera, synthesis });
     match (sensor.synthesis, frame.motion) {
         (Synthesis::Motion, None) => missing("motion"),
         (Synthesis::Paper, None) => missing("paper"),
+        (Synthesis::Rigid, _) if frame.depth.is_none() => Err(FrameError::MissingGeometry { camera }),
         _ => Ok(()),
     }
 }
@@ -53,6 +61,8 @@ pub struct Image {
     pub rgb: Vec<[f64; 3]>,
     /// Motion of each pixel, pixels, as the renderer gave it. It may be non-finite.
     pub motion: Option<Vec<[f64; 2]>>,
+    /// Depth of each pixel, metres, as the renderer gave it, and its instance.
+    pub geometry: Option<(Vec<f64>, Vec<u32>)>,
 }
 
 impl Image {
@@ -64,6 +74,7 @@ impl Image {
             height: sensor.height as usize,
             rgb: vec![[0.0; 3]; sensor.pixels()],
             motion: None,
+            geometry: None,
         }
     }
 
@@ -106,6 +117,13 @@ pub fn ingest(sensor: &SensorModel, held: &Image, frame: &Frame<'_>) -> Ingested
     ingested.image.motion = frame
         .motion
         .map(|(format, bytes)| (0..sensor.pixels()).map(|pixel| format.decode(bytes, pixel)).collect());
+    ingested.image.geometry = frame.depth.map(|(format, bytes)| {
+        let depth_m = (0..sensor.pixels()).map(|pixel| f64::from(format.decode(bytes, pixel))).collect();
+        let id = |pixel| {
+            frame.ids.map_or(esaac_model::paths::STATIC_WORLD, |(format, bytes)| format.decode(bytes, pixel))
+        };
+        (depth_m, (0..sensor.pixels()).map(id).collect())
+    });
     ingested
 }
 
@@ -156,7 +174,7 @@ mod tests {
     }
 
     fn frame(hdr: &[u8]) -> Frame<'_> {
-        Frame { t_ns: 0, hdr: (HdrFormat::F32x4, hdr), motion: None, depth: None }
+        Frame { t_ns: 0, hdr: (HdrFormat::F32x4, hdr), motion: None, depth: None, ids: None }
     }
 
     #[test]

@@ -7,15 +7,17 @@ use crate::physical::{self, PhysicalState};
 use crate::plan::{Plan, plan};
 use crate::sort::sort;
 use crate::stamp;
-use crate::synthesize::Gap;
-use crate::synthesize::half_pel::HalfPelFrame;
+use crate::synthesize::rigid::WithoutPath;
+use crate::synthesize::rigid::surface::{Geometry, Surfaces};
 use crate::synthesize::sampling::Sampling;
+use crate::synthesize::{Gap, History, Motions};
 use esaac_model::frame::check_time;
 use esaac_model::packet::Event;
+use esaac_model::paths::SceneMotion;
 use esaac_model::physical::{PhysicalDraws, PhysicalPixel, Readout};
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::{quantise_ns, substep_end_ns};
-use esaac_model::{FrameError, Packet, SensorError, SensorModel};
+use esaac_model::{FrameError, Packet, SensorError, SensorModel, Synthesis};
 
 /// Counts of what went wrong or was put off in an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,6 +34,10 @@ pub struct Diagnostics {
     pub lost_events: u64,
     /// Events that the sensor's rate controller dropped.
     pub capped_events: u64,
+    /// Pixels of this frame without an exact path, by reason.
+    pub without_path: WithoutPath,
+    /// Pixel sub-steps that show what neither key frame shows.
+    pub unseen_samples: u64,
 }
 
 /// Intensities at the ends of sub-steps, for comparing stage `synthesize` alone.
@@ -78,6 +84,7 @@ pub struct Oracle {
     sampling: Sampling,
     constants: Vec<PixelConstants>,
     keep_samples: bool,
+    scene: Option<SceneMotion>,
     physical: Option<Physical>,
     run: Run,
 }
@@ -119,7 +126,7 @@ struct Run {
     /// Length of the previous interval, nanoseconds.
     last_interval_ns: Option<u32>,
     /// Half-pel frames of the last frame, one per plane, which the next interval improves.
-    history: Option<Vec<HalfPelFrame>>,
+    history: Option<History>,
     /// `None` while a pixel is unarmed.
     pixels: Vec<Option<PixelState>>,
     deferred: Vec<Event>,
@@ -159,7 +166,16 @@ impl Oracle {
         sensor.validate()?;
         let constants = draw_constants(&sensor, camera);
         let run = Run::new(&sensor);
-        Ok(Oracle { sensor, camera, sampling, constants, keep_samples: false, physical: None, run })
+        Ok(Oracle {
+            sensor,
+            camera,
+            sampling,
+            constants,
+            keep_samples: false,
+            scene: None,
+            physical: None,
+            run,
+        })
     }
 
     /// A camera with physical pixels, before its first frame.
@@ -187,6 +203,12 @@ impl Oracle {
         self.keep_samples = keep;
     }
 
+    /// Sets the poses of the camera and of the instances that it sees, from the next step on. Synthesis `rigid` needs
+    /// them.
+    pub fn set_scene(&mut self, scene: SceneMotion) {
+        self.scene = Some(scene);
+    }
+
     /// The random draws of each pixel (`y * width + x`).
     #[must_use]
     pub fn constants(&self) -> &[PixelConstants] {
@@ -205,8 +227,10 @@ impl Oracle {
         self.physical.as_ref()?.states[pixel].as_ref()
     }
 
-    /// Steps to the next frame. The first frame arms the camera and yields an empty packet.
+    /// Steps to the next frame. The first frame arms the camera and yields an empty packet, and tells what synthesis
+    /// `auto` is.
     pub fn step(&mut self, frame: &Frame<'_>) -> Result<Interval, FrameError> {
+        self.sensor.synthesis = self.sensor.synthesis.resolve(false, frame.motion.is_some());
         ingest::check(&self.sensor, self.camera, self.run.times_ns.map(|(_, latest)| latest), frame)?;
         let ingested = ingest::ingest(&self.sensor, &self.run.image, frame);
         Ok(self.advance(frame.t_ns, ingested, &Between::Synthesis))
@@ -230,8 +254,11 @@ impl Oracle {
 
     /// Changes parameters between two frames. The size must stay the same. [`SensorModel::change_to`] tells what the
     /// camera discards or draws anew.
-    pub fn set_sensor(&mut self, sensor: SensorModel) -> Result<(), SensorError> {
+    pub fn set_sensor(&mut self, mut sensor: SensorModel) -> Result<(), SensorError> {
         sensor.validate()?;
+        if self.run.times_ns.is_some() {
+            sensor.synthesis = sensor.synthesis.resolve(false, self.run.image.motion.is_some());
+        }
         for (parameter, expected, actual) in
             [("width", self.sensor.width, sensor.width), ("height", self.sensor.height, sensor.height)]
         {
@@ -303,6 +330,12 @@ impl Oracle {
         interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
             motion.iter().filter(|v| !(v[0].is_finite() && v[1].is_finite())).count() as u64
         });
+        if let (Synthesis::Rigid, Some(scene), Some((depth_m, ids))) =
+            (self.sensor.synthesis, &self.scene, &image.geometry)
+        {
+            let geometry = Geometry { size: (image.width, image.height), depth_m, ids };
+            interval.diagnostics.without_path = WithoutPath::of(&Surfaces::new(scene, &geometry));
+        }
         let unarmed = match &self.physical {
             None => self.run.pixels.iter().filter(|p| p.is_none()).count(),
             Some(physical) => physical.states.iter().filter(|p| p.is_none()).count(),
@@ -354,9 +387,13 @@ impl Oracle {
         let start = std::mem::replace(&mut self.run.image, Image::black(&self.sensor));
         let sensor = &self.sensor;
         let ratio = self.run.last_interval_ns.map(|last_ns| f64::from(last_ns) / f64::from(interval_ns));
-        let gap = Gap::new(sensor, &start, end, ratio, self.run.history.take(), self.sampling);
+        let times_ns = [start_ns, start_ns + i64::from(interval_ns)];
+        let motions = self.scene.as_ref().map(|scene| Motions { scene, times_ns });
+        let history = self.run.history.take();
+        let gap = Gap::new(sensor, &start, end, ratio, history, self.sampling, motions);
+        let rigid_px = gap.rigid.as_ref().map(|rigid| rigid.motion_px());
         let plan = match between {
-            Between::Synthesis => plan(sensor, &start, end, interval_ns),
+            Between::Synthesis => plan(sensor, &start, end, interval_ns, rigid_px),
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
         };
         let exposure_ns = aps::exposure_ns(sensor, interval_ns);
@@ -419,6 +456,7 @@ impl Oracle {
         }
         let due = stamp::due(&mut self.run.deferred, end_ns);
         sort(due, sensor.max_events_per_interval, &mut interval.packet);
+        interval.diagnostics.unseen_samples = gap.unseen();
         self.run.history = gap.into_history();
         self.run.last_interval_ns = Some(interval_ns);
         interval.aps = exposure_ns.map(|_| aps_frame);

@@ -29,9 +29,16 @@ impl Plan {
 }
 
 /// Chooses the sub-steps of every block in the interval between two frames, `interval_ns` long. Ignores motion vectors
-/// with a non-finite component, and all motion if the synthesis uses none.
+/// with a non-finite component, and all motion if the synthesis uses none. `rigid_px` is the motion of each block by
+/// synthesis `rigid`, which counts in place of vectors.
 #[must_use]
-pub fn plan(sensor: &SensorModel, start: &Image, end: &Image, interval_ns: u32) -> Plan {
+pub fn plan(
+    sensor: &SensorModel,
+    start: &Image,
+    end: &Image,
+    interval_ns: u32,
+    rigid_px: Option<&[f64]>,
+) -> Plan {
     if sensor.synthesis == Synthesis::None {
         return Plan::uniform(sensor, 1);
     }
@@ -65,6 +72,9 @@ pub fn plan(sensor: &SensorModel, start: &Image, end: &Image, interval_ns: u32) 
                     around_px = around_px.max(motion_px[ny * blocks_x + nx]);
                 }
             }
+            if let Some(rigid_px) = rigid_px {
+                around_px = rigid_px[by * blocks_x + bx];
+            }
             let change = change_log[by * blocks_x + bx];
             substeps.push(substep_count(sensor, around_px, change, f64::from(interval_ns)));
         }
@@ -81,7 +91,8 @@ mod tests {
     use super::*;
 
     fn sensor() -> SensorModel {
-        SensorModel { width: 35, height: 17, substeps: 32, ..SensorModel::default() }
+        let synthesis = Synthesis::Motion;
+        SensorModel { width: 35, height: 17, substeps: 32, synthesis, ..SensorModel::default() }
     }
 
     fn still(sensor: &SensorModel) -> Image {
@@ -95,7 +106,7 @@ mod tests {
             let (mut start, mut end) = (still(&sensor), still(&sensor));
             let image = if moving_end { &mut end } else { &mut start };
             image.motion.as_mut().unwrap()[35 * 16 + 34] = [3.0, -4.0];
-            let plan = plan(&sensor, &start, &end, 33_333_333);
+            let plan = plan(&sensor, &start, &end, 33_333_333, None);
             assert_eq!(plan.blocks_x, 5);
             assert_eq!(plan.substeps, [1, 1, 1, 1, 1, 1, 1, 1, 10, 10, 1, 1, 1, 10, 10]);
             assert_eq!(plan.at(34, 16), 10);
@@ -108,7 +119,7 @@ mod tests {
         let (start, mut end) = (still(&sensor), still(&sensor));
         end.rgb[8] = [std::f64::consts::E - 1.0; 3];
         // sqrt(33.3 ms * 1 / (8 * 50 us)) = 9.13.
-        assert_eq!(plan(&sensor, &start, &end, 33_333_333).substeps, [1, 10]);
+        assert_eq!(plan(&sensor, &start, &end, 33_333_333, None).substeps, [1, 10]);
     }
 
     #[test]
@@ -117,10 +128,10 @@ mod tests {
         let (start, mut end) = (still(&sensor), still(&sensor));
         end.motion.as_mut().unwrap()[0] = [f64::NAN, 9.0];
         end.motion.as_mut().unwrap()[1] = [0.0, f64::INFINITY];
-        assert!(plan(&sensor, &start, &end, 33_333_333).substeps.iter().all(|&n| n == 1));
+        assert!(plan(&sensor, &start, &end, 33_333_333, None).substeps.iter().all(|&n| n == 1));
         end.motion.as_mut().unwrap()[2] = [9.0, 0.0];
         let linear = SensorModel { synthesis: Synthesis::Linear, ..sensor.clone() };
-        assert_eq!(plan(&sensor, &start, &end, 33_333_333).at(0, 0), 18);
-        assert_eq!(plan(&linear, &start, &end, 33_333_333).at(0, 0), 1);
+        assert_eq!(plan(&sensor, &start, &end, 33_333_333, None).at(0, 0), 18);
+        assert_eq!(plan(&linear, &start, &end, 33_333_333, None).at(0, 0), 1);
     }
 }

@@ -33,6 +33,7 @@ fn step(oracle: &mut Oracle, k: i64, hdr: &[u8], motion: &[u8]) -> Interval {
         hdr: (HdrFormat::F32x4, hdr),
         motion: Some((MotionFormat::F32x2, motion)),
         depth: None,
+        ids: None,
     };
     oracle.step(&frame).expect("a valid frame")
 }
@@ -209,6 +210,7 @@ fn bad_frames_leave_the_camera_as_it_was() {
         hdr: (HdrFormat::F32x4, &colour),
         motion: Some((MotionFormat::F32x2, &still)),
         depth: None,
+        ids: None,
     };
     assert!(matches!(oracle.step(&frame(0)), Err(FrameError::Time { camera: 5, .. })));
     assert!(matches!(oracle.step(&frame(2_000_000_000)), Err(FrameError::Gap { .. })));

@@ -88,6 +88,7 @@ impl Key {
             hdr: (HdrFormat::F32x4, &self.hdr),
             motion: Some((MotionFormat::F32x2, &self.motion)),
             depth: Some((DepthFormat::F32, &self.depth)),
+            ids: None,
         }
     }
 }

@@ -20,4 +20,4 @@ mod stream;
 pub use context::{CudaDevice, cuda_devices};
 pub use copy::{Strided, Texture};
 pub use in_process::{CudaBuffer, CudaLink, Rows};
-pub use producer::{CudaOptions, CudaProducer, SlotPointers};
+pub use producer::{CudaOptions, CudaProducer};

@@ -7,10 +7,11 @@ use super::copy::{Strided, check_source, copy_rows};
 use super::image::CudaImage;
 use super::semaphore::CudaTimeline;
 use super::stream::Stream;
-use crate::client::{Client, Copies, Descriptors, Greeting};
+use crate::client::{Client, Copies, Descriptors, Gives, Greeting};
 use crate::error::InteropError;
-use crate::ring::Images;
+use crate::images::{Images, Planes};
 use crate::wire::{self, ErrorCode, ImageMemory, NO_DRIVER};
+use esaac_model::paths::SceneMotion;
 use rustix::fd::OwnedFd;
 use std::path::Path;
 use std::sync::Arc;
@@ -31,6 +32,8 @@ pub struct CudaOptions {
     pub timelines: u32,
     /// Stream for copies and signals, a `CUstream` of the primary context; `None` for one of its own.
     pub stream: Option<u64>,
+    /// Whether it gives depth and poses.
+    pub geometry: Gives,
     /// How long it waits for the engine's answers.
     pub timeout: Duration,
 }
@@ -44,23 +47,14 @@ impl Default for CudaOptions {
             brings_memory: false,
             timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
             stream: None,
+            geometry: Gives::Images,
             timeout: Duration::from_secs(10),
         }
     }
 }
 
-/// Where a slot's images are, rows tightly packed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SlotPointers {
-    /// `CUdeviceptr` of the colour.
-    pub hdr: u64,
-    /// Of the motion, if there is any.
-    pub motion: Option<u64>,
-}
-
 struct CudaSlot {
-    hdr: CudaImage,
-    motion: Option<CudaImage>,
+    planes: Planes<CudaImage>,
     timeline: Option<CudaTimeline>,
 }
 
@@ -96,6 +90,7 @@ impl CudaProducer {
             size_px: options.size_px,
             memories: if options.brings_memory { wire::MEMORY_BROUGHT } else { wire::MEMORY_EXPORTED },
             timelines: options.timelines,
+            geometry: options.geometry,
             timeout: options.timeout,
         };
         let (client, descriptors) = Client::greet(path, &greeting)?;
@@ -138,11 +133,10 @@ impl CudaProducer {
         Ok(slot)
     }
 
-    /// Where to write a slot: no copy at all.
+    /// Where to write a slot, as `CUdeviceptr`s of images whose rows are tightly packed: no copy at all.
     #[must_use]
-    pub fn pointers(&self, slot: u32) -> SlotPointers {
-        let slot = &self.slots[slot as usize];
-        SlotPointers { hdr: slot.hdr.pointer(), motion: slot.motion.as_ref().map(CudaImage::pointer) }
+    pub fn pointers(&self, slot: u32) -> Planes<u64> {
+        self.slots[slot as usize].planes.map(CudaImage::pointer)
     }
 
     /// Has a frame copied into a slot, one copy on the device an image, in the stream's order.
@@ -151,21 +145,13 @@ impl CudaProducer {
     /// The images are memory of this device that stays valid until the copies are done, in the formats of
     /// [`Client::images`], with whole rows at their strides. (Strides shorter than a row, images that
     /// end outside their allocation and pointers that CUDA does not know are refused.)
-    pub unsafe fn copy(
-        &self,
-        slot: u32,
-        hdr: Strided,
-        motion: Option<Strided>,
-    ) -> Result<Copies, InteropError> {
+    pub unsafe fn copy(&self, slot: u32, frame: Planes<Strided>) -> Result<Copies, InteropError> {
         let (images, place) = (*self.client.images(), &self.slots[slot as usize]);
         let _entered = self.context.enter()?;
         let mut copies = Copies::default();
-        let targets = [
-            (Some(hdr), Some(&place.hdr), images.hdr.texel_bytes(), "hdr"),
-            (motion, place.motion.as_ref(), images.motion.map_or(0, |m| m.texel_bytes()), "motion"),
-        ];
-        for (source, target, texel_bytes, name) in targets {
-            let Some(target) = target else { continue };
+        let sources = [Some(frame.hdr), frame.motion, frame.depth, frame.ids];
+        let targets = images.texel_bytes().paired(sources);
+        for ((name, &(texel_bytes, source)), target) in targets.named().zip(place.planes.iter()) {
             let row_bytes = images.width_px as usize * texel_bytes;
             let rows = images.height_px as usize;
             let Some(source) = source else {
@@ -182,6 +168,28 @@ impl CudaProducer {
 
     /// Tells the engine of the frame in a slot, whose writing is in the stream.
     pub fn publish(&mut self, slot: u32, t_ns: i64, copies: Copies) -> Result<(), InteropError> {
+        self.publish_frame(slot, t_ns, copies, None)
+    }
+
+    /// As [`CudaProducer::publish`], with the poses from the last frame to this one. They are sent if the camera takes
+    /// them ([`Images::geometry`](crate::Images::geometry)); then they must come with every frame.
+    pub fn publish_scene(
+        &mut self,
+        slot: u32,
+        t_ns: i64,
+        copies: Copies,
+        scene: &SceneMotion,
+    ) -> Result<(), InteropError> {
+        self.publish_frame(slot, t_ns, copies, Some(scene))
+    }
+
+    fn publish_frame(
+        &mut self,
+        slot: u32,
+        t_ns: i64,
+        copies: Copies,
+        scene: Option<&SceneMotion>,
+    ) -> Result<(), InteropError> {
         {
             let _entered = self.context.enter()?;
             match &self.slots[slot as usize].timeline {
@@ -189,7 +197,7 @@ impl CudaProducer {
                 None => self.stream.finish()?,
             }
         }
-        self.client.publish(slot, t_ns, copies)
+        self.client.publish(slot, t_ns, copies, scene)
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has
@@ -225,15 +233,12 @@ fn slots(
             None => CudaImage::bring(context, &name, bytes),
         }
     };
+    let shapes = images.bytes().paired([offer.hdr, offer.motion, offer.depth, offer.ids]);
     let mut slots = Vec::new();
     for slot in 0..offer.slots {
-        let hdr = image(slot, "hdr", images.hdr_bytes(), &offer.hdr)?;
-        let motion = match images.motion {
-            Some(_) => Some(image(slot, "motion", images.motion_bytes(), &offer.motion)?),
-            None => None,
-        };
+        let planes = shapes.try_map(|what, (bytes, told)| image(slot, what, *bytes, told))?;
         let timeline = timelines.next().map(|fd| CudaTimeline::import(context, fd)).transpose()?;
-        slots.push(CudaSlot { hdr, motion, timeline });
+        slots.push(CudaSlot { planes, timeline });
     }
     if client.brings() {
         bring(client, &images, &slots)?;
@@ -244,16 +249,15 @@ fn slots(
 /// Hands CUDA's memory to the engine.
 fn bring(client: &Client, images: &Images, slots: &[CudaSlot]) -> Result<(), InteropError> {
     let mut fds: Vec<OwnedFd> = Vec::new();
-    let mut told = [ImageMemory::default(); 2];
+    let mut told = [ImageMemory::default(); 4];
     for slot in slots {
-        let (fd, memory) = slot.hdr.export(images.hdr_bytes())?;
-        fds.push(fd);
-        told[0] = memory;
-        if let Some(motion) = &slot.motion {
-            let (fd, memory) = motion.export(images.motion_bytes())?;
+        let sized = slot.planes.as_ref().paired(images.bytes().all());
+        let described = sized.try_map(|_, &(image, bytes)| {
+            let (fd, memory) = image.export(bytes)?;
             fds.push(fd);
-            told[1] = memory;
-        }
+            Ok::<_, InteropError>(memory)
+        });
+        told = described?.all();
     }
     client.bring(told, &fds)
 }

@@ -6,7 +6,8 @@ use super::links::{Link, Shared, hush, ring, turn_away};
 use super::pause::Pause;
 use crate::error::InteropError;
 use crate::image::ImageKind;
-use crate::ring::{Images, Ring, Source, export_timelines, make_timelines};
+use crate::images::{Images, geometry_to_wire};
+use crate::ring::{Ring, Source, export_timelines, make_timelines};
 use crate::session::{Action, Agreement, Session, Terms, agree, hello};
 use crate::socket::{Accepted, Credentials, Listener, Received, Socket, wait_readable};
 use crate::support::BUFFER_USAGE;
@@ -200,25 +201,31 @@ impl Hub {
                     Ok(false)
                 }
                 Action::End => Ok(false),
-                Action::Queue(_) => unreachable!("a session that awaits memory takes no frame"),
+                Action::Queue(..) | Action::Nothing => {
+                    unreachable!("a session that awaits memory takes no frame and no poses")
+                }
             };
         }
         let hello = *hello(&message)?;
+        let version = received.version()?;
+        guest.socket.speak(version);
         let claim = self.shared.claims.take(hello.camera as usize, guest.connection, guest.peer)?;
         let terms = self.shared.terms[claim.camera()];
-        let agreement = agree(&hello, &terms)?;
+        let agreement = agree(version, &hello, &terms)?;
         let session = Session::new(&terms, agreement);
         let exported = agreement.timeline == wire::TIMELINE_EXPORTED;
         let timelines = make_timelines(&self.shared.device, terms.slots, exported)?;
         let timeline_fds = export_timelines(&timelines)?;
         if agreement.brings() {
             let images = agreement.memory == wire::MEMORY_IMAGES;
-            self.offer(guest, &terms, agreement, wanted(&terms.images, images), &timeline_fds)?;
+            let wanted = wanted(&terms.images_by(agreement), images);
+            self.offer(guest, &terms, agreement, wanted, &timeline_fds)?;
             guest.bringing = Some(Bringing { claim, agreement, session, timelines });
             return Ok(true);
         }
         let source = Source::Own(agreement.memory);
-        let mut ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
+        let images = terms.images_by(agreement);
+        let mut ring = Ring::new(&self.shared.device, terms.camera, &images, source, timelines)?;
         let mut fds = ring.export_memory(&self.shared.device)?;
         fds.extend(timeline_fds);
         self.offer(guest, &terms, agreement, ring.described(), &fds)?;
@@ -232,10 +239,11 @@ impl Hub {
         guest: &Guest,
         terms: &Terms,
         agreement: Agreement,
-        [hdr, motion]: [ImageMemory; 2],
+        [hdr, motion, depth, ids]: [ImageMemory; 4],
         fds: &[OwnedFd],
     ) -> Result<(), InteropError> {
-        let images = &terms.images;
+        let images = terms.images_by(agreement);
+        let (depth_format, id_format, lens) = geometry_to_wire(images.geometry.as_ref());
         let offer = RingOffer {
             device_uuid: terms.device_uuid,
             driver_uuid: terms.driver_uuid,
@@ -252,6 +260,12 @@ impl Hub {
             buffer_usage: BUFFER_USAGE.as_raw(),
             hdr,
             motion,
+            depth,
+            ids,
+            depth_format,
+            id_format,
+            max_instances: if agreement.geometry { terms.max_instances } else { 0 },
+            lens,
             ..RingOffer::default()
         };
         let fds: Vec<_> = fds.iter().map(AsFd::as_fd).collect();
@@ -268,9 +282,10 @@ impl Hub {
     ) -> Result<(), InteropError> {
         let Bringing { claim, agreement, session, timelines } = bringing;
         let terms = &self.shared.terms[claim.camera()];
-        let Brought { hdr, motion, .. } = *brought;
-        let source = Source::Peer { kind: agreement.memory, fds, hdr, motion };
-        let ring = Ring::new(&self.shared.device, terms.camera, &terms.images, source, timelines)?;
+        let Brought { hdr, motion, depth, ids, .. } = *brought;
+        let source = Source::Peer { kind: agreement.memory, fds, told: [hdr, motion, depth, ids] };
+        let images = terms.images_by(agreement);
+        let ring = Ring::new(&self.shared.device, terms.camera, &images, source, timelines)?;
         guest.socket.send(&Message::Accepted(Header::default()), &[])?;
         self.link(guest, claim, agreement, session, ring);
         Ok(())
@@ -312,13 +327,13 @@ fn admit(peer: Credentials, guests: usize, cameras: usize) -> Result<(), Interop
 }
 
 /// What a producer must know of the memory that it shall bring: its size, and the usage of images.
-fn wanted(images: &Images, as_images: bool) -> [ImageMemory; 2] {
-    let of = |kind: ImageKind| ImageMemory {
+fn wanted(images: &Images, as_images: bool) -> [ImageMemory; 4] {
+    let of = |kind: &ImageKind| ImageMemory {
         bytes: kind.bytes,
         image_usage: if as_images { kind.usage().as_raw() } else { 0 },
         ..ImageMemory::default()
     };
-    [of(images.hdr_kind()), images.motion_kind().map_or(ImageMemory::default(), of)]
+    images.kinds().map(of).all()
 }
 
 #[cfg(test)]

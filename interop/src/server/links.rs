@@ -4,6 +4,7 @@ use super::claims::{Claim, Claims};
 use super::notices::Notices;
 use super::{ConnectionCounts, LinkCounts, Outcome, Ready, ServerOptions};
 use crate::error::InteropError;
+use crate::frame_scene::FrameScene;
 use crate::ring::Ring;
 use crate::session::{Action, Agreement, Session, Terms, is_written, may_release};
 use crate::socket::{Received, Socket};
@@ -20,6 +21,7 @@ const MAX_TURN: usize = 32;
 /// A frame that was announced by FRAME and is not stepped yet.
 pub(super) struct Pending {
     pub(super) notice: FrameNotice,
+    pub(super) scene: Option<FrameScene>,
     pub(super) since: Instant,
     pub(super) first: bool,
 }
@@ -204,6 +206,10 @@ impl Shared {
                         // The next frame is the first of its producer instead.
                         if let Some(next) = link.pending.front_mut() {
                             next.first |= old.first;
+                            // Its interval begins earlier.
+                            if let (Some(dropped), Some(scene)) = (&old.scene, &mut next.scene) {
+                                *scene = scene.after(dropped);
+                            }
                         }
                         state.counts[camera].dropped += 1;
                     }
@@ -231,6 +237,7 @@ impl Shared {
                     link: link.id,
                     ring: Arc::clone(&link.ring),
                     notice: pending.notice,
+                    scene: pending.scene,
                 });
             }
         }
@@ -273,13 +280,14 @@ impl Shared {
 pub(super) fn heard(state: &mut State, index: usize, received: &Received) -> Result<(), InteropError> {
     let link = &mut state.links[index];
     match link.session.receive(&received.message()?, received.fds.len())? {
-        Action::Queue(notice) => {
+        Action::Queue(notice, scene) => {
             link.ring.slot(notice.slot).timeline().heard(notice.value)?;
             let first = !std::mem::replace(&mut link.seen, true);
-            link.pending.push_back(Pending { notice, since: Instant::now(), first });
+            link.pending.push_back(Pending { notice, scene, since: Instant::now(), first });
             state.counts[link.camera()].frames += 1;
             Ok(())
         }
+        Action::Nothing => Ok(()),
         Action::End => {
             link.ending = true;
             Ok(())

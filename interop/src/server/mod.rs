@@ -12,13 +12,16 @@ mod pause;
 mod wait;
 
 use crate::error::InteropError;
-use crate::ring::{Images, Ring, Slot};
+use crate::frame_scene::FrameScene;
+use crate::images::Images;
+use crate::ring::{Ring, Slot};
 use crate::session::{Agreement, Terms};
 use crate::socket::Listener;
 use crate::support::{Support, safe_memories};
 use crate::wire::{self, FrameNotice};
 use claims::Claims;
-use esaac_engine::Device;
+use esaac_engine::{CameraConfig, Device};
+use esaac_model::Synthesis;
 use hub::Hub;
 use links::{Shared, State, ring};
 use notices::Notices;
@@ -29,14 +32,39 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// One camera of the rig as producers see it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraTerms {
-    /// Its images.
+    /// Its images, and the lens of depth and poses if it takes those.
     pub images: Images,
+    /// Whether it cannot do without depth and poses. Otherwise a producer that does not give them is served, and the
+    /// camera is simulated without.
+    pub requires_geometry: bool,
+    /// Most instances that may have poses.
+    pub max_instances: u32,
     /// Slots of its ring.
     pub slots: u32,
     /// Whether a newer frame replaces those that were not stepped yet. Otherwise the producer waits.
     pub latest: bool,
+}
+
+/// Instances with poses, unless a rig says otherwise.
+pub const DEFAULT_INSTANCES: u32 = 256;
+
+/// Slots of a ring, unless a rig says otherwise: one for the producer to write, one for the engine to read, and one that
+/// waits.
+pub const DEFAULT_SLOTS: u32 = 3;
+
+impl From<&CameraConfig> for CameraTerms {
+    /// The usual terms of a camera: its producer waits.
+    fn from(config: &CameraConfig) -> Self {
+        CameraTerms {
+            images: config.into(),
+            requires_geometry: config.sensor.synthesis == Synthesis::Rigid,
+            max_instances: DEFAULT_INSTANCES,
+            slots: DEFAULT_SLOTS,
+            latest: false,
+        }
+    }
 }
 
 /// How a server behaves.
@@ -133,6 +161,8 @@ pub struct Ready {
     pub t_ns: i64,
     /// Whether it is the first of its producer.
     pub first: bool,
+    /// Poses of its interval, if they come with the frames.
+    pub scene: Option<FrameScene>,
     link: u64,
     ring: Arc<Ring>,
     notice: FrameNotice,
@@ -180,6 +210,8 @@ impl Server {
             .map(|(camera, c)| Terms {
                 camera,
                 images: c.images,
+                requires_geometry: c.requires_geometry,
+                max_instances: c.max_instances,
                 slots: c.slots.clamp(1, wire::MAX_SLOTS),
                 backpressure: if c.latest { wire::LATEST } else { wire::LOSSLESS },
                 device_uuid: device.info().uuid,
@@ -255,6 +287,11 @@ impl Server {
     #[must_use]
     pub fn agreements(&self) -> Vec<Option<Agreement>> {
         self.shared.lock().agreed.clone()
+    }
+
+    /// The images that a camera takes.
+    pub(crate) fn images(&self, camera: usize) -> &Images {
+        &self.shared.terms[camera].images
     }
 
     /// Number of producers that have a ring now.

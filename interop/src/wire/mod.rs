@@ -1,27 +1,52 @@
 //! Messages on the socket: plain structs in the machine's byte order, one a packet, descriptors beside
 //! them. `include/esaac_interop.h` declares the same for C; `README.md` says who sends what when.
 //!
+//! **Versions.** A producer's HELLO says which version it speaks, and the engine answers in that. The structs here
+//! are those of version 2. In version 1 each is the same up to a length, and what follows is as if it were zero: no
+//! depth, no ids, no lens, no poses. Only the framing knows the lengths. ERROR is the same in both, so that a peer
+//! understands why it is refused before a version is agreed.
+//!
 //! Nothing that arrives is trusted: [`Message::parse`] gives a message whose kind, size, version and
 //! number of descriptors are as they must be, and [`crate::session`] judges what it says.
 
 mod framing;
+mod poses;
+mod refusal;
 
 pub use framing::{Message, WireError};
+pub(crate) use poses::in_messages;
+pub use poses::{Sample, Track};
+pub use refusal::{ErrorCode, Refusal};
 
 use bytemuck::{Pod, Zeroable};
 
 /// First word of every message: "ESIP" in memory.
 pub const MAGIC: u32 = u32::from_le_bytes(*b"ESIP");
-/// Version of this protocol.
-pub const VERSION: u16 = 1;
 /// No message is longer.
-pub const MAX_BYTES: usize = 280;
-/// No message has more descriptors.
-pub const MAX_FDS: usize = 3 * MAX_SLOTS as usize;
+pub const MAX_BYTES: usize = 1 << 16;
+/// No message has more descriptors: four images and a timeline a slot.
+pub const MAX_FDS: usize = 5 * MAX_SLOTS as usize;
+/// No track has more samples: a second, the longest interval, at 1000 Hz.
+pub const MAX_SAMPLES: usize = 1000;
+/// No frame has more samples in all its tracks.
+pub const MAX_POSES: usize = 1 << 16;
 /// No ring has more slots.
 pub const MAX_SLOTS: u32 = 16;
 /// No motion images.
 pub const NO_MOTION: u32 = u32::MAX;
+
+/// No depth images, or no ids. Their formats are one more than in the model.
+pub const NO_PLANE: u32 = 0;
+
+/// The producer gives depth, ids and poses where a camera takes them.
+pub const GIVES_GEOMETRY: u32 = 1;
+
+/// No lens.
+pub const NO_LENS: u32 = 0;
+/// [`esaac_model::paths::Projection::Pinhole`].
+pub const LENS_PINHOLE: u32 = 1;
+/// [`esaac_model::paths::Projection::Fisheye`].
+pub const LENS_FISHEYE: u32 = 2;
 
 /// A producer that has no Vulkan driver, but a device.
 pub const NO_DRIVER: [u8; 16] = [0; 16];
@@ -59,6 +84,19 @@ fn names(bits: u32, all: &[&str]) -> String {
     if named.is_empty() { "none".to_owned() } else { named.join(", ") }
 }
 
+/// A lens in words.
+#[must_use]
+pub fn lens_words(lens: &Lens) -> String {
+    let Lens { projection, fx_px, fy_px, cx_px, cy_px, .. } = lens;
+    let name = match *projection {
+        NO_LENS => return "none".to_owned(),
+        LENS_PINHOLE => "pinhole".to_owned(),
+        LENS_FISHEYE => "fisheye".to_owned(),
+        number => format!("lens {number}"),
+    };
+    format!("{name} fx={fx_px} fy={fy_px} cx={cx_px} cy={cy_px}")
+}
+
 /// The producer waits for a free slot; every frame counts.
 pub const LOSSLESS: u32 = 0;
 /// The newest frame counts; older ones are dropped.
@@ -69,13 +107,34 @@ pub const STEPPED: u32 = 0;
 /// A frame that a newer one has replaced.
 pub const DROPPED: u32 = 1;
 
+/// What a peer speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u16)]
+pub enum Version {
+    /// Colour and motion.
+    One = 1,
+    /// Depth, ids, lens and poses as well.
+    Two = 2,
+}
+
+impl Version {
+    /// The newest.
+    pub const NEWEST: Version = Version::Two;
+
+    /// The version of this number.
+    #[must_use]
+    pub fn from_number(number: u16) -> Option<Self> {
+        [Version::One, Version::Two].into_iter().find(|version| *version as u16 == number)
+    }
+}
+
 /// Beginning of every message.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Header {
     /// [`MAGIC`].
     pub magic: u32,
-    /// [`VERSION`].
+    /// [`Version`].
     pub version: u16,
     /// Which message.
     pub kind: u16,
@@ -99,9 +158,27 @@ pub struct ImageMemory {
     pub image_usage: u32,
 }
 
+/// A lens, as [`esaac_model::paths::Intrinsics`] has it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Lens {
+    /// [`NO_LENS`], [`LENS_PINHOLE`] or [`LENS_FISHEYE`].
+    pub projection: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Focal lengths: pixels; of a fisheye pixels a radian.
+    pub fx_px: f64,
+    /// Along y.
+    pub fy_px: f64,
+    /// Principal point; the centre of the first pixel is 0.
+    pub cx_px: f64,
+    /// Its y, down.
+    pub cy_px: f64,
+}
+
 /// Producer: I am this, and can do that.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Hello {
     /// Header.
     pub header: Header,
@@ -119,14 +196,16 @@ pub struct Hello {
     pub memories: u32,
     /// Timelines that it can use, as bits.
     pub timelines: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// [`GIVES_GEOMETRY`] or zero.
+    pub gives: u32,
+    /// Lens that it renders with; [`NO_LENS`] for as the rig has it.
+    pub lens: Lens,
 }
 
 /// Engine: this is your ring. Descriptors: memory of each slot's images (unless the producer brings
 /// them), then a timeline of each slot if those are exported.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RingOffer {
     /// Header.
     pub header: Header,
@@ -162,6 +241,20 @@ pub struct RingOffer {
     pub hdr: ImageMemory,
     /// Motion; zero without.
     pub motion: ImageMemory,
+    /// Depth; zero without.
+    pub depth: ImageMemory,
+    /// Instance ids; zero without.
+    pub ids: ImageMemory,
+    /// [`NO_PLANE`], or one more than `DepthFormat`. With depth, poses come with every frame.
+    pub depth_format: u32,
+    /// [`NO_PLANE`], or one more than `IdFormat`.
+    pub id_format: u32,
+    /// Most instances that may have poses; zero without depth.
+    pub max_instances: u32,
+    /// Zero.
+    pub reserved_2: u32,
+    /// Lens of depth and poses; [`NO_LENS`] without depth.
+    pub lens: Lens,
 }
 
 /// Producer: here is the memory that I bring. Descriptors: each slot's images.
@@ -174,6 +267,10 @@ pub struct Brought {
     pub hdr: ImageMemory,
     /// Motion; zero without.
     pub motion: ImageMemory,
+    /// Depth; zero without.
+    pub depth: ImageMemory,
+    /// Instance ids; zero without.
+    pub ids: ImageMemory,
 }
 
 /// Producer: this slot holds, or will hold at this value, a frame.
@@ -188,8 +285,8 @@ pub struct FrameNotice {
     pub device_copies: u32,
     /// Copies by way of the host.
     pub host_copies: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Samples in the POSES messages since the last FRAME.
+    pub poses: u32,
     /// Value of the slot's timeline when the frame is there: 2k + 1 for its k-th.
     pub value: u64,
     /// Time of the frame, nanoseconds.
@@ -208,158 +305,4 @@ pub struct Released {
     pub outcome: u32,
     /// Value of the slot's timeline: 2k + 2 after its k-th frame.
     pub value: u64,
-}
-
-/// Either: I close the connection, because of this.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-pub struct Refusal {
-    /// Header.
-    pub header: Header,
-    /// [`ErrorCode`].
-    pub code: u32,
-    /// Bytes of text.
-    pub text_bytes: u32,
-    /// UTF-8.
-    pub text: [u8; 256],
-}
-
-/// Why a connection is closed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum ErrorCode {
-    /// Anything else.
-    Internal = 0,
-    /// A message that is none, or not now.
-    Protocol = 1,
-    /// Another version of the protocol.
-    Version = 2,
-    /// No camera of this number, or of another size.
-    Camera = 3,
-    /// The camera has a producer.
-    Taken = 4,
-    /// Another device or driver, and no memory that both can use.
-    Device = 5,
-    /// No memory or timeline that both can use.
-    Unsupported = 6,
-    /// Memory that is not what it must be.
-    Memory = 7,
-    /// A timeline value out of turn.
-    Value = 8,
-    /// A frame's time.
-    Time = 9,
-    /// Something that did not come.
-    Timeout = 10,
-    /// Another user's process.
-    User = 11,
-    /// More connections than the engine takes.
-    Busy = 12,
-}
-
-impl ErrorCode {
-    const ALL: [ErrorCode; 13] = [
-        ErrorCode::Internal,
-        ErrorCode::Protocol,
-        ErrorCode::Version,
-        ErrorCode::Camera,
-        ErrorCode::Taken,
-        ErrorCode::Device,
-        ErrorCode::Unsupported,
-        ErrorCode::Memory,
-        ErrorCode::Value,
-        ErrorCode::Time,
-        ErrorCode::Timeout,
-        ErrorCode::User,
-        ErrorCode::Busy,
-    ];
-
-    /// The code of this number; unknown ones are internal.
-    #[must_use]
-    pub fn from_number(number: u32) -> Self {
-        Self::ALL.into_iter().find(|code| *code as u32 == number).unwrap_or(ErrorCode::Internal)
-    }
-}
-
-impl Refusal {
-    /// With as much of the text as there is room for.
-    #[must_use]
-    pub fn new(code: ErrorCode, text: &str) -> Self {
-        let mut refusal =
-            Refusal { header: Header::default(), code: code as u32, text_bytes: 0, text: [0; 256] };
-        let mut end = text.len().min(refusal.text.len());
-        while !text.is_char_boundary(end) {
-            end -= 1;
-        }
-        refusal.text[..end].copy_from_slice(&text.as_bytes()[..end]);
-        refusal.text_bytes = end as u32;
-        refusal
-    }
-
-    /// The words on one line, fit for a terminal and a log, whatever a peer has put there: what cannot be
-    /// printed is escaped, so that no text looks like another line or moves the cursor.
-    #[must_use]
-    pub fn words(&self) -> String {
-        let end = (self.text_bytes as usize).min(self.text.len());
-        printable(&String::from_utf8_lossy(&self.text[..end]))
-    }
-}
-
-/// A text without characters that cannot be printed, cut where it becomes long by being escaped.
-fn printable(text: &str) -> String {
-    let mut printed = String::new();
-    for character in text.chars() {
-        match character {
-            // Only within a string literal would these need it.
-            '"' | '\'' => printed.push(character),
-            _ => printed.extend(character.escape_debug()),
-        }
-        if printed.len() > MAX_PRINTED_BYTES {
-            printed.push_str("...");
-            break;
-        }
-    }
-    printed
-}
-
-/// A text that is escaped becomes longer, but not much longer than this.
-const MAX_PRINTED_BYTES: usize = 512;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_of_a_refusal_are_cut_between_characters() {
-        let refusal = Refusal::new(ErrorCode::Time, &"\u{e9}".repeat(200));
-        assert_eq!(refusal.words(), "\u{e9}".repeat(128));
-        let lying = Refusal { text_bytes: u32::MAX, ..refusal };
-        assert_eq!(lying.words().len(), 256);
-    }
-
-    #[test]
-    fn words_of_a_refusal_are_one_bounded_line_of_printable_characters() {
-        let quoted = "the camera's \"size\" of 3\u{b5}m";
-        assert_eq!(Refusal::new(ErrorCode::Camera, quoted).words(), quoted);
-        let hostile = "a\n\x1b[2Jb\r\0\u{202e}c\u{2028}\\";
-        let words = Refusal::new(ErrorCode::Camera, hostile).words();
-        assert_eq!(words, "a\\n\\u{1b}[2Jb\\r\\0\\u{202e}c\\u{2028}\\\\");
-        for filler in ["\u{7f}", "\0", "\u{202e}", "\u{e0001}"] {
-            let words = Refusal::new(ErrorCode::Camera, &filler.repeat(256)).words();
-            assert!(words.len() <= MAX_PRINTED_BYTES + 16, "{} bytes", words.len());
-            assert!(words.chars().all(|c| c.is_ascii_graphic()), "{words}");
-        }
-        // Bytes that are no text.
-        let mut garbage = Refusal::new(ErrorCode::Camera, "");
-        garbage.text = std::array::from_fn(|index| index as u8);
-        garbage.text_bytes = 256;
-        assert!(!garbage.words().chars().any(char::is_control), "{}", garbage.words());
-    }
-
-    #[test]
-    fn codes_read_back_and_unknown_ones_are_internal() {
-        for code in ErrorCode::ALL {
-            assert_eq!(ErrorCode::from_number(code as u32), code);
-        }
-        assert_eq!(ErrorCode::from_number(4_000_000_000), ErrorCode::Internal);
-    }
 }

@@ -14,6 +14,7 @@ from esaac.errors import (
     SensorError,
 )
 from esaac.files import EventWriter
+from esaac.poses import Intrinsics, PoseRecorder, Poses
 
 __all__ = [
     "ApsFrame",
@@ -26,7 +27,10 @@ __all__ = [
     "EventWriter",
     "ForkError",
     "FrameError",
+    "Intrinsics",
     "Packet",
+    "PoseRecorder",
+    "Poses",
     "Rig",
     "RosError",
     "SensorError",

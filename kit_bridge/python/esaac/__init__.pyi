@@ -1,4 +1,5 @@
-"""Event cameras for renderers. They take HDR frames and motion vectors and give time-ordered events, on the GPU.
+"""Event cameras for renderers. They take HDR frames, and motion vectors or depth and poses, and give time-ordered
+events, on the GPU.
 
 Arrays may be of NumPy, torch, Warp, CuPy, JAX, or any library with the buffer protocol, `__array_interface__`, DLPack
 or `__cuda_array_interface__`. On the host they may have any strides. On a CUDA device the pixels of a row must be
@@ -8,7 +9,13 @@ pass through the host.
 * `hdr`: `(height, width, 3 or 4)`, or `(height, width)` on the host; float16 or float32 linear, or uint8 sRGB.
 * `motion`: `(height, width, 2 to 4)`, float16 or float32, in pixels; the first two channels count. It points back in
   time: *previous position = position + motion*, x right, y down.
-* `depth` is accepted and not used.
+* `depth`: `(height, width)`, float32, metres. Of a pinhole the distance along the optical axis, of a fisheye that
+  from the camera's centre (`Intrinsics.ray_lengths` converts one to the other). Infinite or 0: a background at
+  infinity. NaN or negative: the pixel has no path, and is counted.
+* `ids`: `(height, width)`, uint16 or uint32 (int16 and int32 are read as these): the instance of each pixel. 0 is the
+  static world. Without ids everything is the static world.
+* `poses`: where the camera and the bodies are, see `Poses`. With depth and poses, synthesis `rigid` follows exact
+  paths; motion vectors then serve only pixels whose instance has no poses.
 
 The first frame sets the formats; later frames must have the same. Methods may be called from any thread. Calls on one
 camera wait for each other, and the interpreter is free while the device works. A camera made before fork() raises
@@ -35,6 +42,11 @@ from esaac.errors import FrameError as FrameError
 from esaac.errors import RosError as RosError
 from esaac.errors import SensorError as SensorError
 from esaac.files import EventWriter as EventWriter
+from esaac.poses import Axes as Axes
+from esaac.poses import Intrinsics as Intrinsics
+from esaac.poses import Order as Order
+from esaac.poses import PoseRecorder as PoseRecorder
+from esaac.poses import Poses as Poses
 
 __version__: str
 
@@ -240,8 +252,9 @@ class _Cameras:
 class EventCamera(_Cameras):
     """One event camera.
 
-    `device` is a number or UUID of `devices()`, or `"cuda:N"`; by default the best device. `stream`, of `step`, is
-    the CUDA stream that writes the arrays. It is needed only if the arrays do not tell it themselves, as DLPack's do.
+    `intrinsics` is its lens, which depth needs: an `Intrinsics`, or `(fx, fy, cx, cy)` of a pinhole. `device` is a
+    number or UUID of `devices()`, or `"cuda:N"`; by default the best device. `stream`, of `step`, is the CUDA stream
+    that writes the arrays. It is needed only if the arrays do not tell it themselves, as DLPack's do.
     """
 
     def __init__(
@@ -249,6 +262,7 @@ class EventCamera(_Cameras):
         sensor: SensorModel | str | None = None,
         *,
         profile: Profile | None = None,
+        intrinsics: Intrinsics | Sequence[float] | None = None,
         device: int | str | None = None,
         packets: Packets = "host",
         packet_ring: int | None = None,
@@ -261,9 +275,16 @@ class EventCamera(_Cameras):
         *,
         t_ns: int,
         depth: Array | None = None,
+        ids: Array | None = None,
+        poses: Poses | PoseRecorder | None = None,
         stream: int | None = None,
     ) -> Packet:
-        """The events between the last frame and this one; none for the first."""
+        """The events between the last frame and this one; none for the first.
+
+        `poses` must span that interval; for the first frame, its own time."""
+    @property
+    def synthesis(self) -> str | None:
+        """What `synthesis="auto"` has come to, by what the first frame brought; None before."""
     @property
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it. It is the camera's until the
@@ -281,7 +302,12 @@ class EventCamera(_Cameras):
     def aps(self) -> ApsFrame | None: ...
     @property
     def statistics(self) -> dict[str, int]:
-        """Counts and GPU time of the last step, and the number of copies since the start."""
+        """Counts and times of the last step, and the number of copies since the start.
+
+        `gpu_ns` is the device's time, `submit_to_packet_ns` the time from submission to packets on the host,
+        `step_ns` all time below Python, and `frames_ns` the part of it until the frames lie where the engine reads
+        them.
+        """
 
 class Rig(_Cameras):
     """Cameras of different sensors that step together."""
@@ -290,6 +316,7 @@ class Rig(_Cameras):
         self,
         sensors: Iterable[SensorModel | str],
         *,
+        intrinsics: Sequence[Intrinsics | Sequence[float] | None] | None = None,
         device: int | str | None = None,
         packets: Packets = "host",
         packet_ring: int | None = None,
@@ -297,12 +324,17 @@ class Rig(_Cameras):
     def __len__(self) -> int: ...
     def step(
         self,
-        frames: Sequence[tuple[Array, Array | None] | Array | None],
+        frames: Sequence[tuple[Array | None, ...] | Array | None],
         t_ns: int | Sequence[int | None],
         *,
+        poses: Sequence[Poses | PoseRecorder | None] | None = None,
         stream: int | None = None,
     ) -> list[Packet]:
-        """Steps the cameras whose frame is not None. A frame is `(hdr, motion)` or `hdr`."""
+        """Steps the cameras whose frame is not None. A frame is `hdr`, or `(hdr, motion, depth, ids)`, of which the
+        later ones may be None or left out. Each camera has poses, or a recorder, of its own."""
+    @property
+    def syntheses(self) -> list[str | None]:
+        """What `synthesis="auto"` has come to for each camera; None before its first frame."""
     @property
     def last_packets(self) -> list[Packet]:
         """What the last step returned; empty before the first."""
@@ -320,7 +352,7 @@ class Rig(_Cameras):
 class TiledEventCamera(_Cameras):
     """Many equal cameras, one for each environment of a tiled renderer, with arrays `(num_envs, height, width, c)`.
 
-    Each has its own noise. One call steps all, and one packet holds the events of all.
+    Each has its own noise. One call steps all, and one packet holds the events of all. All share `intrinsics`.
     """
 
     def __init__(
@@ -329,6 +361,7 @@ class TiledEventCamera(_Cameras):
         num_envs: int = 1,
         *,
         profile: Profile | None = None,
+        intrinsics: Intrinsics | Sequence[float] | None = None,
         device: int | str | None = None,
         packets: Packets = "host",
         packet_ring: int | None = None,
@@ -342,8 +375,13 @@ class TiledEventCamera(_Cameras):
         *,
         t_ns: int | Sequence[int],
         depth: Array | None = None,
+        ids: Array | None = None,
+        poses: Poses | PoseRecorder | None = None,
         stream: int | None = None,
     ) -> Packet: ...
+    @property
+    def synthesis(self) -> str | None:
+        """What `synthesis="auto"` has come to, by what the first frame brought; None before."""
     @property
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it."""

@@ -7,8 +7,9 @@ import numpy as np
 
 from esaac._native import Engine, SensorModel
 from esaac.errors import ArgumentError
+from esaac.poses import Intrinsics, PoseRecorder
 
-_MAGIC = b"ESAACPY1"
+_MAGIC = b"ESAACPY2"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,8 +24,9 @@ class ApsFrame:
 class _Cameras:
     """Methods of every kind of camera."""
 
-    def __init__(self, sensors, device, packets, packet_ring, tiled):
-        self._engine = Engine(sensors, device, packets, packet_ring, tiled)
+    def __init__(self, sensors, lenses, device, packets, packet_ring, tiled):
+        lenses = [lens and lens.told() for lens in lenses]
+        self._engine = Engine(sensors, lenses, device, packets, packet_ring, tiled)
 
     def close(self):
         """Frees device memory. A second call does nothing; any other call raises `ClosedError`."""
@@ -49,6 +51,17 @@ class _Cameras:
         """Memory in use: a list of `{camera, purpose, bytes, on_host}`; `camera` is None for what all share."""
         return self._engine.memory()
 
+    def _step_together(self, frame, t_ns, poses, stream):
+        given = poses
+        if isinstance(poses, PoseRecorder):
+            last = self._engine.last_ns
+            times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
+            given = poses.spanning(*_span(times, last))
+        packet = self._engine.step_tiles(frame, t_ns, given, stream)
+        if poses is not given:
+            poses.forget_before(min(times))
+        return packet
+
     def _last_packet(self):
         packets = self._engine.last
         return packets[0] if packets else None
@@ -64,7 +77,7 @@ class _Cameras:
         """Continues from a state that cameras with the same sensors have saved."""
         state = bytes(state)
         if state[:8] != _MAGIC or len(state) < 16:
-            raise ArgumentError("this is no saved state of cameras")
+            raise ArgumentError("this is no saved state of cameras, or another version's")
         end = 16 + int.from_bytes(state[8:16], "little")
         try:
             header = json.loads(state[16:end])
@@ -74,25 +87,41 @@ class _Cameras:
         for length in header["banks"]:
             banks.append(state[end : end + length])
             end += length
-        formats = [(tuple(hdr), motion and tuple(motion)) for hdr, motion in header["formats"]]
-        self._engine.restore(formats, header["last_ns"], banks)
+        formats = [tuple(plane and tuple(plane) for plane in planes) for planes in header["formats"]]
+        self._engine.restore(formats, (header["last_ns"], header["first_ns"]), banks)
 
     def _all_aps(self):
         return [None if frame is None else ApsFrame(*frame) for frame in self._engine.aps()]
+
+
+def _span(times_ns, last_ns):
+    """From the earliest frame before to the latest of these."""
+    return min(t if last is None else last for t, last in zip(times_ns, last_ns)), max(times_ns)
 
 
 class EventCamera(_Cameras):
     """One event camera. See `__init__.pyi`."""
 
     def __init__(
-        self, sensor=None, *, profile=None, device=None, packets="host", packet_ring=None, **parameters
+        self,
+        sensor=None,
+        *,
+        profile=None,
+        intrinsics=None,
+        device=None,
+        packets="host",
+        packet_ring=None,
+        **parameters,
     ):
-        sensor = SensorModel(sensor, profile=profile, **parameters)
-        super().__init__([sensor], device, packets, packet_ring, tiled=False)
+        sensor, lens = SensorModel(sensor, profile=profile, **parameters), Intrinsics.of(intrinsics)
+        super().__init__([sensor], [lens], device, packets, packet_ring, tiled=False)
 
-    def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
-        del depth
-        return self._engine.step_tiles(hdr, motion, t_ns, stream)
+    def step(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
+        return self._step_together((hdr, motion, depth, ids), t_ns, poses, stream)
+
+    @property
+    def synthesis(self):
+        return self._engine.syntheses[0]
 
     @property
     def last_packet(self):
@@ -129,8 +158,8 @@ class EventCamera(_Cameras):
 class _Several(_Cameras):
     """Methods of cameras that step together."""
 
-    def __init__(self, sensors, device, packets, packet_ring, tiled):
-        super().__init__(sensors, device, packets, packet_ring, tiled)
+    def __init__(self, sensors, lenses, device, packets, packet_ring, tiled):
+        super().__init__(sensors, lenses, device, packets, packet_ring, tiled)
         self._count = len(sensors)
 
     def __len__(self):
@@ -149,26 +178,44 @@ class _Several(_Cameras):
 class Rig(_Several):
     """Cameras of different sensors that step together. See `__init__.pyi`."""
 
-    def __init__(self, sensors, *, device=None, packets="host", packet_ring=None):
+    def __init__(self, sensors, *, intrinsics=None, device=None, packets="host", packet_ring=None):
         sensors = [SensorModel(sensor) for sensor in sensors]
-        super().__init__(sensors, device, packets, packet_ring, tiled=False)
+        lenses = [None] * len(sensors) if intrinsics is None else [Intrinsics.of(lens) for lens in intrinsics]
+        super().__init__(sensors, lenses, device, packets, packet_ring, tiled=False)
 
-    def step(self, frames, t_ns, *, stream=None):
+    def step(self, frames, t_ns, *, poses=None, stream=None):
         given = []
         for frame in frames:
             if frame is None:
                 given.append(None)
             elif isinstance(frame, (tuple, list)):
-                given.append((frame[0], frame[1] if len(frame) > 1 else None))
+                given.append((*frame, None, None, None)[:4])
             else:
-                given.append((frame, None))
+                given.append((frame, None, None, None))
         if isinstance(t_ns, (int, np.integer)):
             times = [int(t_ns)] * len(given)
         else:
             times = [None if t is None else int(t) for t in t_ns]
         times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
         given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
-        return self._engine.step(given, times, stream)
+        poses = [None] * self._count if poses is None else list(poses)
+        recorders = [
+            (index, each)
+            for index, (each, t) in enumerate(zip(poses, times))
+            if isinstance(each, PoseRecorder) and t is not None
+        ]
+        last = self._engine.last_ns if recorders else None
+        spanning = [None if isinstance(each, PoseRecorder) else each for each in poses]
+        for index, recorder in recorders:
+            spanning[index] = recorder.spanning(*_span(times[index : index + 1], last[index : index + 1]))
+        packets = self._engine.step(given, times, spanning, stream)
+        for index, recorder in recorders:
+            recorder.forget_before(times[index])
+        return packets
+
+    @property
+    def syntheses(self):
+        return self._engine.syntheses
 
     @property
     def last_packets(self):
@@ -200,6 +247,7 @@ class TiledEventCamera(_Several):
         num_envs=1,
         *,
         profile=None,
+        intrinsics=None,
         device=None,
         packets="host",
         packet_ring=None,
@@ -207,14 +255,17 @@ class TiledEventCamera(_Several):
     ):
         if not 1 <= num_envs <= 65536:
             raise ArgumentError(f"num_envs is {num_envs}, expected 1 to 65536")
-        sensor = SensorModel(sensor, profile=profile, **parameters)
-        super().__init__([sensor] * num_envs, device, packets, packet_ring, tiled=True)
+        sensor, lens = SensorModel(sensor, profile=profile, **parameters), Intrinsics.of(intrinsics)
+        super().__init__([sensor] * num_envs, [lens] * num_envs, device, packets, packet_ring, tiled=True)
 
-    def step(self, hdr, motion=None, *, t_ns, depth=None, stream=None):
-        del depth
+    def step(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
         # An array of times, of any library and on any device, becomes a list in one call.
         times = t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
-        return self._engine.step_tiles(hdr, motion, times, stream)
+        return self._step_together((hdr, motion, depth, ids), times, poses, stream)
+
+    @property
+    def synthesis(self):
+        return self._engine.syntheses[0]
 
     @property
     def last_packet(self):

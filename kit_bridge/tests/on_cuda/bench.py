@@ -1,18 +1,21 @@
-"""What Python costs, and what many environments cost: `python kit_bridge/tests/on_cuda/bench.py [--json FILE]`.
+"""What Python costs, and what many environments cost.
+
+python kit_bridge/tests/on_cuda/bench.py [--only TEXT] [--json FILE]
 
 Times are of whole calls, from frames on the device to a packet, p50 and p99. `rust` is what the same call takes below
 Python (copies, device, packets), `over` is what Python and the binding cost beyond that, `submit` the engine's own
-part of it.
+part of it. `readable` is the call without the frames' way to the engine: what precedes the submission, the device,
+and all that follows until Python has the arrays.
 """
 
 import argparse
+import functools
+import itertools
 import json
 import time
 
-import cupy
 import numpy as np
 import torch
-import warp as wp
 
 import esaac
 
@@ -21,25 +24,25 @@ TILES = ((64, 64), (256, 64), (1024, 64), (64, 128), (256, 128), (1024, 128))
 """Environments, and pixels a side of each."""
 
 
-def frames(height, width, count=32, envs=None):
-    """Low waves that move two pixels a frame, on the device, in float16: a few tenths of an event a pixel."""
+def frames(height, width, count=32, envs=None, shift_px=2):
+    """Low waves that move to the right, on the device, in float16: at 2 px a frame a tenth of an event a pixel."""
     x = torch.arange(width, device="cuda", dtype=torch.float32)
     made = []
     for index in range(count):
         phase = torch.zeros(envs or 1, 1, 1, device="cuda") + torch.arange(envs or 1, device="cuda").view(
             -1, 1, 1
         )
-        row = 1 + 0.3 * torch.sin(2 * torch.pi * (x - 2 * index + phase) / 64)
+        row = 1 + 0.3 * torch.sin(2 * torch.pi * (x - shift_px * index + phase) / 64)
         hdr = row.expand(envs or 1, height, width).unsqueeze(-1).expand(-1, -1, -1, 4).half().contiguous()
         motion = torch.zeros(envs or 1, height, width, 2, device="cuda")
-        motion[..., 0] = -2
+        motion[..., 0] = -shift_px
         made.append((hdr, motion) if envs else (hdr[0].clone(), motion[0].clone()))
     torch.cuda.synchronize()
     return made
 
 
 def measure(step, statistics, count, warm=30):
-    calls, rust, over, submit, events = [], [], [], [], []
+    calls, rust, over, submit, readable, gpu, events = [], [], [], [], [], [], []
     for index in range(warm + count):
         # The same frames, wave after wave, so that buffers have grown when it counts.
         torch.cuda.synchronize()
@@ -52,6 +55,8 @@ def measure(step, statistics, count, warm=30):
             rust.append(told["step_ns"] / 1e3)
             over.append((took - told["step_ns"]) / 1e3)
             submit.append(told["submit_to_packet_ns"] / 1e3)
+            readable.append((took - told["frames_ns"]) / 1e3)
+            gpu.append(told["gpu_ns"] / 1e3)
             events.append(len(packet))
         packet = None
     middle = lambda values: sorted(values)[len(values) // 2]
@@ -61,6 +66,8 @@ def measure(step, statistics, count, warm=30):
         "over_p50_us": middle(over),
         "rust_p50_us": middle(rust),
         "submit_p50_us": middle(submit),
+        "readable_p50_us": middle(readable),
+        "gpu_p50_us": middle(gpu),
         "events": middle(events),
     }
 
@@ -87,6 +94,19 @@ def one(packets, stream, hdr_channels=4, given=lambda tensor: tensor):
     return {**row, "host_copies": camera.statistics["host_copies"]}
 
 
+def warp_array(tensor):
+    import warp
+
+    warp.config.quiet = True
+    return warp.from_torch(tensor)
+
+
+def cupy_array(tensor):
+    import cupy
+
+    return cupy.from_dlpack(tensor)
+
+
 def many(envs, size, packets="cuda"):
     sensor = esaac.SensorModel("dvs128", width=size, height=size)
     camera = esaac.TiledEventCamera(sensor, envs, device="cuda:0", packets=packets)
@@ -111,19 +131,23 @@ def many(envs, size, packets="cuda"):
     }
 
 
-def vga(envs, packets):
-    """Packets on the host: how much longer than the GPU's work takes it until they can be read?"""
-    camera = esaac.TiledEventCamera("vga", envs, device="cuda:0", packets=packets)
-    made = frames(480, 640, 6, envs)
-    gpu = []
+def vga(envs, packets, on_host):
+    """How much longer than the GPU's work takes it until Python has the arrays of every environment?"""
+    camera = esaac.TiledEventCamera("vga", envs, profile="noisy", device="cuda:0", packets=packets)
+    made = frames(480, 640, 6, envs, shift_px=8)
+    if on_host:
+        made = [(hdr.cpu().numpy(), motion.cpu().numpy()) for hdr, motion in made]
+    in_place = packets == "mapped"
 
-    def statistics():
-        gpu.append(camera.statistics["gpu_ns"])
-        return camera.statistics
+    def step(index):
+        packet = camera.step(*made[index % len(made)], t_ns=FRAME_NS * index)
+        # Arrays of copied packets are there. Those over mapped memory are made of each environment's packet.
+        for part in map(packet.__getitem__, range(envs)) if in_place else ():
+            assert len(part.x) == len(part.y) == len(part.p) == len(part.t_offset_ns)
+        return packet
 
-    row = measure(lambda i: camera.step(*made[i % len(made)], t_ns=FRAME_NS * i), statistics, 48, warm=24)
-    gpu_us = sorted(gpu)[len(gpu) // 2] / 1e3
-    return {**row, "gpu_p50_us": gpu_us, "submit_over_gpu": row["submit_p50_us"] / gpu_us}
+    row = measure(step, lambda: camera.statistics, 96, warm=24)
+    return {**row, "readable_over_gpu": row["readable_p50_us"] / row["gpu_p50_us"]}
 
 
 def line(rows, of):
@@ -145,30 +169,8 @@ def table(rows):
         )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", metavar="FILE")
-    arguments = parser.parse_args()
-    wp.config.quiet = True
-    wp.init()
-    default = torch.cuda.default_stream().cuda_stream
-    rows = {
-        "320x320 x32, frames and packets on the host": numpy_frames(),
-        "320x320 x32, packets on the host": one("host", None),
-        "320x320 x32, packets on the host, stream named": one("host", default),
-        "320x320 x32, packets on the device": one("cuda", None),
-        "320x320 x32, packets on the device, stream named": one("cuda", default),
-        "320x320 x32, three channels, stream named": one("host", default, 3),
-        "320x320 x32, Warp arrays, packets on the host": one("host", None, given=wp.from_torch),
-        "320x320 x32, CuPy arrays, packets on the host": one("host", None, given=cupy.from_dlpack),
-    }
-    for envs in (8, 64):
-        for packets in ("host", "mapped"):
-            rows[f"{envs} x VGA, packets `{packets}`"] = vga(envs, packets)
-    tiles = {f"{envs} of {size}x{size}": many(envs, size) for envs, size in TILES}
-    rows |= tiles
-    for name, row in rows.items():
-        print(name, {key: round(value, 2) for key, value in row.items()})
+def show_tiles(tiles):
+    """Prints the table and how linear its figures are in pixels."""
     table(tiles)
     fits = {of: line(list(tiles.values()), of) for of in ("p50_us", "device_mb")}
     for of, fit in fits.items():
@@ -176,7 +178,38 @@ def main():
             f"{of} = {fit['at_none']:.1f} + {fit['per_million_px']:.1f} a million pixels, at most "
             f"{100 * fit['worst_error']:.0f}% off"
         )
-    rows["linear in pixels"] = fits
+    return fits
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", metavar="TEXT", default="", help="rows whose names contain this")
+    parser.add_argument("--json", metavar="FILE")
+    arguments = parser.parse_args()
+    default = torch.cuda.default_stream().cuda_stream
+    cases = {
+        "320x320 x32, frames and packets on the host": numpy_frames,
+        "320x320 x32, packets on the host": lambda: one("host", None),
+        "320x320 x32, packets on the host, stream named": lambda: one("host", default),
+        "320x320 x32, packets on the device": lambda: one("cuda", None),
+        "320x320 x32, packets on the device, stream named": lambda: one("cuda", default),
+        "320x320 x32, three channels, stream named": lambda: one("host", default, 3),
+        "320x320 x32, Warp arrays, packets on the host": lambda: one("host", None, given=warp_array),
+        "320x320 x32, CuPy arrays, packets on the host": lambda: one("host", None, given=cupy_array),
+    }
+    for envs, frames_of, packets in itertools.product((8, 64), ("NumPy", "torch"), ("host", "mapped")):
+        name = f"{envs} x VGA x32, frames of {frames_of}, packets `{packets}`"
+        cases[name] = functools.partial(vga, envs, packets, frames_of == "NumPy")
+    tiles = {f"{envs} of {size}x{size}": functools.partial(many, envs, size) for envs, size in TILES}
+    rows = {}
+    for name, case in (cases | tiles).items():
+        if arguments.only in name:
+            rows[name] = case()
+            print(name, {key: round(value, 2) for key, value in rows[name].items()}, flush=True)
+    if not rows:
+        parser.error(f"no row's name contains `{arguments.only}`")
+    if all(name in rows for name in tiles):
+        rows["linear in pixels"] = show_tiles({name: rows[name] for name in tiles})
     if arguments.json:
         with open(arguments.json, "w") as file:
             json.dump(rows, file, indent=1)

@@ -327,3 +327,46 @@ class _Plain:
     def __init__(self, tensor):
         self._tensor = tensor
         self.__cuda_array_interface__ = tensor.__cuda_array_interface__
+
+
+def rigid_frames(place, record, given):
+    """Events of a camera whose depth, ids and poses come by `place`, through a recorder or at once."""
+    import test_rigid as of
+
+    cam, packets, taken = of.camera(device="cuda:0", packets="cuda"), [], 0
+    recorder = esaac.PoseRecorder(ids={1: 0})
+    for index, (hdr, depth, ids) in enumerate(of.IMAGES):
+        while record and taken < len(of.TIMES_NS) and of.TIMES_NS[taken] <= (index + 1) * FRAME_NS:
+            camera_pose, bodies = place(of.CAMERA[taken]), place(of.BODIES[taken])
+            recorder.record(int(of.TIMES_NS[taken]), camera_pose, bodies)
+            taken += 1
+        poses = recorder if record else esaac.Poses(of.TIMES_NS, place(of.CAMERA), place(of.BODIES))
+        depth, ids = given(depth), given(ids.astype(np.int32))
+        packets.append(
+            on_host(cam.step(given(hdr), t_ns=index * FRAME_NS, depth=depth, ids=ids, poses=poses))
+        )
+    assert cam.statistics["host_copies"] == 0 and cam.statistics["device_copies"] == 3 * len(of.IMAGES)
+    return tuple(np.concatenate([packet[i] for packet in packets]) for i in range(4))
+
+
+@pytest.mark.parametrize("record", [False, True])
+def test_depth_ids_and_poses_of_every_library_give_the_same_bits(record):
+    import cupy
+    import test_rigid as of
+    import warp as wp
+
+    expected = of.run(of.camera(device="cuda:0"))
+    for place in (np.asarray, cuda, cupy.asarray, lambda array: wp.array(array, device="cuda:0")):
+        for given in (cuda, cupy.asarray, lambda array: wp.array(array, device="cuda:0")):
+            assert_same(rigid_frames(place, record, given), expected)
+
+
+def test_depth_on_the_host_beside_colour_on_the_device_is_told():
+    import test_rigid as of
+
+    hdr, depth, ids = of.IMAGES[0]
+    poses = esaac.Poses(of.TIMES_NS, of.CAMERA, of.BODIES)
+    with pytest.raises(esaac.FrameError, match="hdr lies on a CUDA device and depth on the host"):
+        of.camera(device="cuda:0").step(
+            cuda(hdr), t_ns=0, depth=depth, ids=cuda(ids.astype(np.int32)), poses=poses
+        )

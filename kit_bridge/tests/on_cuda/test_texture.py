@@ -7,12 +7,12 @@ import asyncio
 
 import carb.settings
 import numpy as np
-import omni.kit.app
 import omni.syntheticdata
 import omni.usd
 import pytest
 import torch
 from conftest import FRAME_NS, assert_same, bars, run
+from kit_stage import APP, TIMELINE, move
 from omni.replicator import core as rep
 from omni.syntheticdata import MipmappedArray
 from pxr import Gf, Sdf, Usd, UsdGeom
@@ -22,7 +22,6 @@ from esaac_sim.bridge import SETTINGS, Bridge
 from esaac_sim.extension import Log
 
 SIZE = {"width": 40, "height": 24, "contrast_on": 0.15, "contrast_off": 0.15}
-APP = omni.kit.app.get_app()
 
 
 def camera(**parameters):
@@ -68,6 +67,7 @@ def test_a_texture_of_another_size_or_format_is_told():
 @pytest.fixture
 def stage():
     rep.reset()
+    TIMELINE.reset()
     omni.syntheticdata.faults.__dict__.update(wrong_size=False, stale=False)
     settings = carb.settings.get_settings()
     settings.clear()
@@ -86,6 +86,7 @@ def stage():
 def seen(stage, path):
     """Events of a moving cube by a path, and the feed's copies."""
     carb.settings.get_settings().set(SETTINGS + "path", path)
+    TIMELINE.reset()
     rep._FRAME = 0
     bridge = Bridge(carb.settings.get_settings(), Log())
     asyncio.run(bridge.self_test(APP, stage))
@@ -94,10 +95,8 @@ def seen(stage, path):
     (feed,) = bridge.feeds
     packets = []
     feed.sinks.append(lambda feed, packet: packets.append(packet))
-    place = stage.GetPrimAtPath("/cube").GetAttribute("xformOp:translate")
-    for index in range(12):
-        place.Set(Gf.Vec3d(-0.5 + 0.02 * index, 0.2, 0))
-        APP.update()
+    move(stage, 12)
+    assert packets, (feed.message, bridge.problems)
     told = (
         feed.texture is not None,
         feed.message,

@@ -7,7 +7,7 @@ use crate::present::{cuda_or_a_clear_error, frames};
 use esaac_engine::{FrameBytes, Rig, Tick};
 use esaac_interop::cuda::{CudaDevice, CudaOptions, CudaProducer};
 use esaac_interop::wire::{TIMELINE_CARRIED, TIMELINE_EXPORTED};
-use esaac_interop::{ServerOptions, Support};
+use esaac_interop::{Planes, ServerOptions, Support};
 use esaac_model::presets::preset;
 use esaac_model::{Profile, SensorModel};
 use esaac_tests::cuda::{CudaImage, finish, use_device};
@@ -75,7 +75,7 @@ fn in_process(
         cuda.iter().flat_map(|_| (0..cameras).map(|_| on_cuda(&images.frames[0], sensor))).collect();
     for index in 0..count {
         let frame = &images.frames[index % images.frames.len()];
-        let bytes = FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() };
+        let bytes = FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() };
         (0..cameras).for_each(|camera| rig.upload(camera, &bytes).unwrap());
         for image in written.iter().flatten() {
             image.render_to(image.strided().pointer, 0);
@@ -123,7 +123,11 @@ fn produce(
             .map(|producer| {
                 let slot = producer.slot().unwrap();
                 // SAFETY: both images have the camera's formats and live until the producer is gone.
-                (slot, unsafe { producer.copy(slot, hdr.strided(), Some(motion.strided())) }.unwrap())
+                (
+                    slot,
+                    unsafe { producer.copy(slot, Planes::of(hdr.strided(), Some(motion.strided()))) }
+                        .unwrap(),
+                )
             })
             .collect();
         let done = |producers: &[CudaProducer]| {

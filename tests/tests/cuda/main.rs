@@ -5,6 +5,7 @@
 
 mod latency;
 mod present;
+mod rigid;
 mod same_events;
 mod two_gpus;
 mod waits;

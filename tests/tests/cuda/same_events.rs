@@ -6,7 +6,7 @@ use crate::present::{cuda_or_a_clear_error, frames};
 use esaac_engine::{FrameBytes, Rig, SubmitHooks};
 use esaac_interop::cuda::{CudaDevice, CudaOptions, CudaProducer, Strided};
 use esaac_interop::wire::{TIMELINE_CARRIED, TIMELINE_EXPORTED};
-use esaac_interop::{Copies, ServerOptions, Support};
+use esaac_interop::{Copies, Planes, ServerOptions, Support};
 use esaac_model::{SensorModel, Taps};
 use esaac_tests::cuda::{CudaImage, use_device};
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -71,7 +71,7 @@ fn run(device: CudaDevice, way: Way, timeline: u32) {
                 let slot = producer.slot().unwrap();
                 let copies = if way == Way::Copy {
                     // SAFETY: both images have the camera's formats and live until the producer is gone.
-                    unsafe { producer.copy(slot, hdr.strided(), Some(motion.strided())) }.unwrap()
+                    unsafe { producer.copy(slot, Planes::of(hdr.strided(), Some(motion.strided()))) }.unwrap()
                 } else {
                     let pointers = producer.pointers(slot);
                     hdr.render_to(pointers.hdr, producer.stream());
@@ -85,7 +85,8 @@ fn run(device: CudaDevice, way: Way, timeline: u32) {
         let mut events = 0;
         for index in 0..count {
             let frame = &images.frames[index % IMAGES];
-            let bytes = FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref() };
+            let bytes =
+                FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() };
             alone.upload(0, &bytes).unwrap();
             let own = alone.inputs(0).unwrap();
             let sums = [
@@ -158,7 +159,7 @@ fn strides_that_overrun_are_refused() {
     let hdr = image.strided();
     for (stride_bytes, words) in [(8, "hdr row"), (1 << 30, "hdr"), (usize::MAX, "hdr")] {
         // SAFETY: no image is as long as these strides say, which is refused before anything is copied.
-        let result = unsafe { producer.copy(slot, Strided { stride_bytes, ..hdr }, None) };
+        let result = unsafe { producer.copy(slot, Planes::of(Strided { stride_bytes, ..hdr }, None)) };
         let error = result.unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("expected"), "{error}");
     }

@@ -1,12 +1,13 @@
 //! Runs a rig through the operations, and recovers after a fault as a user would.
 
 use crate::alone;
-use crate::operations::{Operation, delayed, flashing, operations, sequences};
+use crate::operations::{Operation, delayed, depth_and_ids, flashing, lens, operations, scene, sequences};
 use crate::strike::Faults;
 use esaac_engine::{CameraConfig, EngineError, FrameBytes, HeldPackets, PacketPlace, Rig, RigOptions};
 use esaac_model::{HdrFormat, Packet, SensorModel};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::Sequence;
+use esaac_tests::geometry::geometry;
 
 pub const OPTIONS: RigOptions = RigOptions {
     keep_substeps: false,
@@ -23,6 +24,7 @@ pub fn rig_of(sensors: &[SensorModel; 2]) -> Result<Rig, EngineError> {
         camera: camera as u32,
         hdr: HdrFormat::F32x4,
         motion: None,
+        geometry: (camera == 0).then(|| geometry(lens())),
     };
     Rig::with_options(&DEVICE, &[config(0), config(1)], OPTIONS)
 }
@@ -41,12 +43,23 @@ pub fn given(held: &HeldPackets) -> Given {
     }
 }
 
+/// Where a driver can go on.
+#[derive(Clone)]
+pub struct Station {
+    pub sensors: [SensorModel; 2],
+    pub frame: usize,
+    pub instances: Option<u32>,
+    pub saved: Vec<u8>,
+}
+
 /// A rig and its progress through the operations.
 pub struct Driver {
     pub rig: Rig,
     pub sequences: [Sequence; 2],
     pub sensors: [SensorModel; 2],
     pub frame: usize,
+    /// Instances of the first camera's poses, if it has any.
+    pub instances: Option<u32>,
     /// The state after the last operation.
     pub saved: Vec<u8>,
     /// The last step's packets, held while the next one runs.
@@ -58,24 +71,27 @@ impl Driver {
         let sensors = [flashing(), delayed()];
         let rig = rig_of(&sensors).expect("a rig of two small cameras");
         let saved = rig.save().expect("a state");
-        Driver { rig, sequences: sequences(), sensors, frame: 0, saved, held: None }
+        Driver { rig, sequences: sequences(), sensors, frame: 0, instances: None, saved, held: None }
     }
 
     /// A driver that goes on from a saved state.
-    pub fn at(sensors: &[SensorModel; 2], frame: usize, saved: &[u8]) -> Self {
-        let mut rig = rig_of(sensors).expect("a rig of two small cameras");
-        rig.restore(saved).expect("a state");
-        let (sensors, saved) = (sensors.clone(), saved.to_vec());
-        Driver { rig, sequences: sequences(), sensors, frame, saved, held: None }
+    pub fn at(station: &Station) -> Self {
+        let rig = rig_of(&station.sensors).expect("a rig of two small cameras");
+        let Station { sensors, frame, instances, saved } = station.clone();
+        let mut driver = Driver { rig, sequences: sequences(), sensors, frame, instances, saved, held: None };
+        driver.make_anew();
+        driver
     }
 
     /// Runs an operation. A step returns its packets.
     pub fn run(&mut self, operation: &Operation) -> Result<Option<Given>, EngineError> {
         match operation {
             Operation::Step => {
+                let (depth, ids) = depth_and_ids();
                 for (camera, sequence) in self.sequences.iter().enumerate() {
                     let hdr = &sequence.frames[self.frame].hdr;
-                    self.rig.upload(camera, &FrameBytes { hdr, motion: None })?;
+                    let bytes = FrameBytes { hdr, depth: Some(&depth), ids: Some(&ids), motion: None };
+                    self.rig.upload(camera, &bytes)?;
                 }
                 let t_ns = self.sequences[0].frames[self.frame].t_ns;
                 let tick = self.rig.step(&[t_ns, t_ns])?;
@@ -92,6 +108,11 @@ impl Driver {
                 self.sensors[*camera] = sensor.clone();
                 Ok(None)
             }
+            Operation::Scene(instances) => {
+                self.rig.set_scene(0, scene(*instances))?;
+                self.instances = Some(*instances);
+                Ok(None)
+            }
             Operation::Reset(camera) => self.rig.reset(*camera).map(|()| None),
         }
     }
@@ -100,6 +121,10 @@ impl Driver {
     fn make_anew(&mut self) {
         self.rig = rig_of(&self.sensors).expect("a new rig");
         self.rig.restore(&self.saved).expect("the state saved last");
+        // Poses are input, as images are.
+        if let Some(instances) = self.instances {
+            self.rig.set_scene(0, scene(instances)).expect("poses of its lens");
+        }
     }
 
     /// Runs an operation while `faults` may strike, and recovers as a user would. The result is that of an undisturbed

@@ -27,7 +27,8 @@ fn held_packets_outlive_the_ring_and_the_rig() {
 #[test]
 fn owned_packets_cannot_be_held() {
     let _alone = alone();
-    let config = CameraConfig { sensor: flashing(), camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let config =
+        CameraConfig { sensor: flashing(), camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
     let rig = Rig::new(&DEVICE, &[config]).expect("a rig");
     assert!(rig.last_tick().hold().is_none());
 }

@@ -20,6 +20,7 @@ fn a_camera_with_more_workgroups_than_the_device_takes_is_refused_with_numbers()
         camera: 0,
         hdr: HdrFormat::F32x4,
         motion: None,
+        geometry: None,
     };
     Rig::new(&device, &[config(32)]).expect("one tile, which `cross` may take in two parts");
     let error = Rig::new(&device, &[config(32), config(64)]).map(|_| ()).unwrap_err();
@@ -38,12 +39,13 @@ fn a_device_without_a_clock_gives_the_same_events_and_no_times() {
     let device = device.expect("a device");
     let steps = |device: &Arc<Device>, stage_times| {
         let sensor = flashing();
-        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
         let options = RigOptions { stage_times, initial_events: 64, ..RigOptions::default() };
         let mut rig = Rig::with_options(device, &[config], options).expect("a rig");
         let frames = &sequences()[0].frames[..3];
         let step = |frame: &esaac_tests::frames::Frame| {
-            rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None }).expect("a frame");
+            rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion: None, ..FrameBytes::default() })
+                .expect("a frame");
             let tick = rig.step(&[frame.t_ns]).expect("a step");
             (tick.packets.to_vec(), tick.gpu_ns(), tick.stage_ns.len())
         };
@@ -67,10 +69,11 @@ fn event_counts_do_not_wrap_at_32_bits() {
     // below 2^32, so that the events of the last tiles would wrap it.
     for (contrast, before) in [(0.79, u32::MAX - 700), (0.2, u32::MAX - 3000)] {
         let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..flashing() };
-        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+        let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
         let mut rig = Rig::new(&DEVICE, &[config]).expect("a rig");
         let frames = &sequences()[0].frames;
-        rig.upload(0, &FrameBytes { hdr: &frames[0].hdr, motion: None }).expect("a frame");
+        rig.upload(0, &FrameBytes { hdr: &frames[0].hdr, motion: None, ..FrameBytes::default() })
+            .expect("a frame");
         rig.step(&[frames[0].t_ns]).expect("a first frame");
         // The state ends with two sets of counters. The second is that of the next tick.
         let mut saved = rig.save().expect("a state");
@@ -80,7 +83,8 @@ fn event_counts_do_not_wrap_at_32_bits() {
         counters.emitted = before;
         saved[second..].copy_from_slice(bytemuck::bytes_of(&counters));
         rig.restore(&saved).expect("a state");
-        rig.upload(0, &FrameBytes { hdr: &frames[1].hdr, motion: None }).expect("a frame");
+        rig.upload(0, &FrameBytes { hdr: &frames[1].hdr, motion: None, ..FrameBytes::default() })
+            .expect("a frame");
         let error = rig.step(&[frames[1].t_ns]).map(|_| ()).expect_err("more events than there is room for");
         let words = error.to_string();
         assert!(words.contains("no device memory") && words.contains("4294967295"), "{words}");

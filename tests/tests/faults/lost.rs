@@ -37,7 +37,10 @@ fn a_step_that_times_out_loses_the_rig_and_says_what_to_do() {
     refused(rig.save().map(|_| ()));
     refused(rig.restore(&driver.saved));
     refused(rig.represent_to_host(Representation::EventFrame).map(|_| ()));
-    refused(rig.upload(0, &FrameBytes { hdr: &driver.sequences[0].frames[1].hdr, motion: None }));
+    refused(rig.upload(
+        0,
+        &FrameBytes { hdr: &driver.sequences[0].frames[1].hdr, motion: None, ..FrameBytes::default() },
+    ));
     refused(rig.inputs(0).map(|_| ()));
     assert_eq!(rig.last_tick().events, [0, 0], "the failed tick shows no packets");
     assert!(rig.stage_host_times().expect("a lost rig's times").is_none(), "and no times");

@@ -1,5 +1,7 @@
 //! The operations during which faults strike, and what they need: two sensors and the frames of their cameras.
 
+use esaac_engine::Validation;
+use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::{Intensity, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_tests::frames::{Sequence, gray, intensity_of, times};
 
@@ -36,15 +38,51 @@ pub fn delayed() -> SensorModel {
     }
 }
 
+/// The first sensor as it follows surfaces along exact paths; under the validation layer it blends, since instrumented
+/// kernels of `rigid` take minutes to compile.
+pub fn following() -> SensorModel {
+    let synthesis =
+        if matches!(Validation::from_env(), Validation::On) { Synthesis::Linear } else { Synthesis::Rigid };
+    SensorModel { synthesis, substeps: 6, aps_exposure_ns: 0, ..flashing() }
+}
+
+/// The lens of the first camera.
+pub fn lens() -> Intrinsics {
+    Intrinsics::pinhole(14.0, 14.0, 7.5, 7.5).expect("a lens")
+}
+
+/// Poses for all frames of the first camera, which moves sideways before instances that rest.
+pub fn scene(instances: u32) -> SceneMotion {
+    let end = Pose::from_xyz_qxyzw(&[0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).expect("a pose");
+    let end_ns = *times(0, FRAMES).last().expect("frames");
+    let camera = PoseTrack::new(vec![0, end_ns], vec![Pose::IDENTITY, end]).expect("a track");
+    let mut scene = SceneMotion::new(lens(), camera);
+    for id in 1..=instances {
+        scene.insert(id, PoseTrack::still(Pose::IDENTITY)).expect("one id");
+    }
+    scene
+}
+
+/// Depth (f32) and instances (u32) of the first camera: a wall, before it a post of instance 1.
+pub fn depth_and_ids() -> (Vec<u8>, Vec<u8>) {
+    let post = |pixel: usize| (5..9).contains(&(pixel % 16));
+    let pixels = 0..flashing().pixels();
+    let depth = pixels.clone().flat_map(|pixel| if post(pixel) { 1.0_f32 } else { 3.0 }.to_le_bytes());
+    let ids = pixels.flat_map(|pixel| u32::from(post(pixel)).to_le_bytes());
+    (depth.collect(), ids.collect())
+}
+
 /// One operation on a rig.
 #[derive(Clone, Debug)]
 pub enum Operation {
     Step,
     Change(usize, SensorModel),
+    /// Poses for the first camera, and for as many instances.
+    Scene(u32),
     Reset(usize),
 }
 
-pub const FRAMES: usize = 8;
+pub const FRAMES: usize = 11;
 
 pub fn operations() -> Vec<Operation> {
     let bayer = SensorModel { intensity: Intensity::BayerRggb, ..flashing() };
@@ -54,6 +92,11 @@ pub fn operations() -> Vec<Operation> {
         Operation::Step,
         Operation::Change(0, bayer),
         Operation::Step,
+        Operation::Scene(1),
+        Operation::Change(0, following()),
+        Operation::Step,
+        Operation::Step,
+        Operation::Scene(9),
         Operation::Step,
         Operation::Change(1, quicker),
         Operation::Step,

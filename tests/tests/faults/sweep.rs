@@ -1,17 +1,21 @@
 //! A fault at each point in turn.
 
 use crate::alone;
-use crate::driver::{Driver, Given, rig_of, undisturbed};
+use crate::driver::{Driver, Given, Station, rig_of, undisturbed};
 use crate::operations::{Operation, delayed, flashing, operations};
 use crate::strike::{Faults, Kind};
-use esaac_model::SensorModel;
 use esaac_tests::device::assert_silent;
 
-/// State of the driver before each operation: sensors, frame and saved state.
-fn stations() -> Vec<([SensorModel; 2], usize, Vec<u8>)> {
+/// State of the driver before each operation.
+fn stations() -> Vec<Station> {
     let mut driver = Driver::new();
     let mut station = |operation: &Operation| {
-        let before = (driver.sensors.clone(), driver.frame, driver.rig.save().expect("a state"));
+        let before = Station {
+            sensors: driver.sensors.clone(),
+            frame: driver.frame,
+            instances: driver.instances,
+            saved: driver.rig.save().expect("a state"),
+        };
         driver.run(operation).expect("no fault");
         before
     };
@@ -24,9 +28,9 @@ fn whichever_call_fails_the_next_step_is_right_or_refused() {
     let (expected, stations, operations) = (undisturbed(), stations(), operations());
     let mut struck = 0;
     for kind in [Kind::Refusals, Kind::Losses] {
-        for (index, (sensors, frame, saved)) in stations.iter().enumerate() {
+        for (index, station) in stations.iter().enumerate() {
             for point in 0.. {
-                let mut driver = Driver::at(sensors, *frame, saved);
+                let mut driver = Driver::at(station);
                 let faults = Faults::at(kind, point);
                 let mut given = driver.run_with(&operations[index], &faults);
                 let check = |given: &Option<Given>, steps: usize| {

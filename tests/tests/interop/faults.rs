@@ -3,7 +3,7 @@
 use crate::connections::one_frame_goes_through;
 use esaac_interop::wire::{
     Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES,
-    Message, Refusal, RingOffer,
+    Message, Refusal, RingOffer, Version,
 };
 use esaac_interop::{Copies, Outcome, Producer, ProducerOptions, Server, ServerOptions, Support};
 use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
@@ -90,7 +90,7 @@ fn first_bytes(bytes: Vec<u8>) -> impl FnOnce(&Place) -> Refusal {
 }
 
 fn first(hello: Hello) -> impl FnOnce(&Place) -> Refusal {
-    first_bytes(Message::Hello(hello).to_bytes(0))
+    first_bytes(Message::Hello(hello).to_bytes(Version::Two, 0))
 }
 
 /// A linked peer that sends these messages.
@@ -106,9 +106,9 @@ fn then(messages: Vec<Message>) -> impl FnOnce(&Place) -> Refusal {
 
 #[test]
 fn wrong_version() {
-    let mut bytes = Message::Hello(greeting()).to_bytes(0);
+    let mut bytes = Message::Hello(greeting()).to_bytes(Version::Two, 0);
     bytes[4] = 9;
-    refused(first_bytes(bytes), ErrorCode::Version, &["version 9", "expected 1"]);
+    refused(first_bytes(bytes), ErrorCode::Version, &["version 9", "expected 1 or 2"]);
 }
 
 #[test]
@@ -119,11 +119,11 @@ fn another_protocol_and_truncated_messages() {
         ErrorCode::Protocol,
         &["3 bytes", "expected 16"].map(|w| if w == "3 bytes" { "header of 3 bytes" } else { w }),
     );
-    let hello = Message::Hello(greeting()).to_bytes(0);
-    refused(first_bytes(hello[..40].to_vec()), ErrorCode::Protocol, &["HELLO of 40 bytes", "expected 72"]);
+    let hello = Message::Hello(greeting()).to_bytes(Version::Two, 0);
+    refused(first_bytes(hello[..40].to_vec()), ErrorCode::Protocol, &["HELLO of 40 bytes", "expected 112"]);
     let long = [hello, vec![0; 4000]].concat();
-    refused(first_bytes(long), ErrorCode::Protocol, &["HELLO of 281 bytes", "expected 72"]);
-    let mut unknown = Message::Bye(Header::default()).to_bytes(0);
+    refused(first_bytes(long), ErrorCode::Protocol, &["HELLO of 4112 bytes", "expected 112"]);
+    let mut unknown = Message::Bye(Header::default()).to_bytes(Version::Two, 0);
     unknown[6] = 77;
     refused(first_bytes(unknown), ErrorCode::Protocol, &["kind 77"]);
 }
@@ -163,7 +163,7 @@ fn a_second_producer_for_a_camera() {
 #[test]
 fn messages_out_of_turn() {
     refused(
-        first_bytes(Message::Frame(frame(0, 1, 0)).to_bytes(0)),
+        first_bytes(Message::Frame(frame(0, 1, 0)).to_bytes(Version::Two, 0)),
         ErrorCode::Protocol,
         &["FRAME came first"],
     );

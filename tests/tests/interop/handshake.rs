@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// Time limit for each message: long enough for a working producer, short enough to wait for in a test.
-const HANDSHAKE: Duration = Duration::from_millis(500);
+/// Time limit for each message: long enough for a working producer on a GPU that other tests use too, short enough to wait
+/// for in a test.
+const HANDSHAKE: Duration = Duration::from_secs(2);
 
 fn impatient() -> ServerOptions {
     ServerOptions { handshake_timeout: HANDSHAKE, first_frame_timeout: HANDSHAKE, ..trusting() }
@@ -77,7 +78,7 @@ fn ends_in_time(act: impl FnOnce(&Place) -> Peer, missing: &str) {
         assert!(waited >= HANDSHAKE * 9 / 10 && waited < 10 * SECOND, "{waited:?}");
         refusal
     };
-    refused_by(impatient(), timed, ErrorCode::Timeout, &[missing, "did not come within 500ms"]);
+    refused_by(impatient(), timed, ErrorCode::Timeout, &[missing, "did not come within 2s"]);
 }
 
 #[test]
@@ -107,11 +108,11 @@ fn a_handshake_ends_in_time_while_the_engine_waits_for_frames() {
     let place = Place::default();
     let server = engine_with(&place, impatient());
     std::thread::scope(|scope| {
-        let waits = scope.spawn(|| server.wait(3 * SECOND).unwrap().len());
+        let waits = scope.spawn(|| server.wait(2 * HANDSHAKE).unwrap().len());
         let (peer, _) = linked(&place);
         let started = Instant::now();
         assert_eq!(ErrorCode::from_number(peer.refusal().code), ErrorCode::Timeout);
-        assert!(started.elapsed() < 2 * SECOND, "{:?}", started.elapsed());
+        assert!(started.elapsed() < HANDSHAKE * 9 / 5, "{:?}", started.elapsed());
         assert_eq!(waits.join().unwrap(), 0);
     });
     assert_eq!((server.counts()[0].lost, server.connected()), (1, 0));

@@ -24,10 +24,10 @@ const SOCKET: &str = "ESAAC_TEST_HOSTILE";
 /// The driver uses that length when it unmaps them, so that a wrong one does harm.
 fn overwrite(fd: &OwnedFd) {
     let Ok(stat) = rustix::fs::fstat(fd) else { return };
-    let mut bytes = vec![0xff; stat.st_size as usize];
     let length: u64 = 1 << 30;
-    bytes[..8].copy_from_slice(&length.to_ne_bytes());
-    // The result does not matter: the memory of a GPU is no file, and writing to it fails.
+    let mut bytes = length.to_ne_bytes().to_vec();
+    bytes.resize(bytes.len().max(stat.st_size as usize), 0xff);
+    // The result does not matter: the memory of a GPU is no file, has no size, and writing to it fails.
     let _ = rustix::io::pwrite(fd, &bytes, 0);
 }
 

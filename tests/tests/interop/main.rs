@@ -10,9 +10,11 @@ mod handshake;
 mod hostile;
 mod latency;
 mod logs;
+mod rigid;
 mod same_events;
 mod shortage;
 mod two_devices;
+mod versions;
 
 /// Number of frames of a long run: that of `ESAAC_LINK_FRAMES`, or `usual`.
 fn frames(usual: usize) -> usize {

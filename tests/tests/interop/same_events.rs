@@ -6,13 +6,13 @@ use esaac_engine::{FrameInput, Rig, RigOptions, SubmitHooks};
 use esaac_interop::wire::{
     MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED, TIMELINE_EXPORTED,
 };
-use esaac_interop::{Outcome, ProducerOptions, Server, ServerOptions, Support};
+use esaac_interop::{CameraTerms, Outcome, ProducerOptions, Server, ServerOptions, Support};
 use esaac_model::{SensorModel, Synthesis, Taps};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{FRAME_NS, Sequence};
 use esaac_tests::interop::{
-    Checksum, IMAGES, Place, Uploader, assert_device_silent, flight, lossless, other_device, server, service,
-    trusting, until,
+    Checksum, IMAGES, Place, Uploader, assert_device_silent, flight, other_device, server, service, trusting,
+    until,
 };
 use esaac_tests::run::{camera, engine_of_many, step};
 use std::time::Duration;
@@ -75,7 +75,8 @@ fn over_the_link(kinds: &[(u32, u32)]) {
     // Gathers all cameras into one tick.
     let options = ServerOptions { gather: 30 * SECOND, ..trusting() };
     let server =
-        Server::open(&DEVICE, &place.path(), &vec![lossless(&config); kinds.len()], options).unwrap();
+        Server::open(&DEVICE, &place.path(), &vec![CameraTerms::from(&config); kinds.len()], options)
+            .unwrap();
     let mut events = 0;
     std::thread::scope(|scope| {
         for (number, &(memory, timeline)) in (0..).zip(kinds) {

@@ -11,13 +11,13 @@ use std::sync::Arc;
 /// Between frames brightness is blended, because a recording has no motion vectors.
 pub fn simulate(device: &Arc<Device>, recording: &Recording, sensor: &SensorModel) -> Result<Vec<Event>> {
     let sensor = SensorModel { synthesis: Synthesis::Linear, aps_exposure_ns: 0, ..sensor.clone() };
-    let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None };
+    let config = CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: None };
     let mut rig = Rig::new(device, &[config])?;
     let mut events = Vec::new();
     for (index, frame) in recording.frames.iter().enumerate() {
         let texels = frame.pixels.iter().flat_map(|&v| [v, v, v, 1.0]);
         let hdr: Vec<u8> = texels.flat_map(f32::to_le_bytes).collect();
-        rig.upload(0, &FrameBytes { hdr: &hdr, motion: None })?;
+        rig.upload(0, &FrameBytes { hdr: &hdr, motion: None, ..FrameBytes::default() })?;
         let tick = rig.step(&[frame.middle_ns()]).with_context(|| {
             format!("frame {index} of the recording (frames are at most {MAX_INTERVAL_NS} ns apart)")
         })?;

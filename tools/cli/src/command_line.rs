@@ -37,7 +37,7 @@ pub enum Command {
     Simulate(Box<SimulateArguments>),
     /// Run the engine as a service that renderers in other processes feed
     Serve(Box<ServeArguments>),
-    /// Render a built-in scene into the memory of a running service
+    /// Render a built-in scene into the memory of a running service, or into a folder for `simulate`
     Render(RenderArguments),
     /// Measure speed, accuracy and memory of the engine on this machine
     Bench(BenchArguments),

@@ -1,23 +1,17 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
-use crate::frame_time::frame_time_ns;
-use crate::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
 use esaac_formats::exr_frame::{
-    ChannelNames, FrameHeader, FrameImages, FrameLayout, read_frame, read_header,
+    ChannelNames, DEPTH_CHANNEL, FrameHeader, FrameImages, FrameLayout, ID_CHANNEL, read_frame, read_header,
 };
+use esaac_formats::frame_time::frame_time_ns;
+use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
 
 /// Rate where neither the command line nor the folder says one.
 pub const DEFAULT_RATE_HZ: f64 = 30.0;
-
-/// Channel of depth, unless another is named.
-pub const DEPTH_CHANNEL: &str = "depth.Z";
-
-/// Channel of instance ids, unless another is named.
-pub const ID_CHANNEL: &str = "id";
 
 /// Frames decoded ahead of the simulation.
 const FRAMES_AHEAD: usize = 2;

@@ -1,7 +1,8 @@
 //! The report's part about how frames reached the engine.
 
 use esaac_interop::session::Agreement;
-use esaac_interop::{LinkCounts, Server, wire};
+use esaac_interop::wire::{self, Version};
+use esaac_interop::{LinkCounts, Service};
 use serde::Serialize;
 
 /// How a run's frames reached the engine.
@@ -13,6 +14,10 @@ pub struct LinkReport {
     pub memory: Option<String>,
     /// How the processes synchronise. `None` in one process.
     pub timeline: Option<String>,
+    /// The protocol's version, or versions. `None` in one process.
+    pub protocol: Option<String>,
+    /// Synthesis of each camera by what its producer gives. Empty in one process.
+    pub synthesis: Vec<String>,
     /// Frames simulated, all cameras.
     pub frames: u64,
     /// Frames that newer ones replaced.
@@ -32,11 +37,16 @@ impl LinkReport {
         LinkReport { processes: 1, frames, ..LinkReport::default() }
     }
 
-    /// Frames that reached a server.
+    /// Frames that reached a service.
     #[must_use]
-    pub fn of(server: &Server) -> Self {
-        let refused_connections = server.connections().refused;
-        LinkReport { refused_connections, ..LinkReport::counted(&server.counts(), &server.agreements()) }
+    pub fn of(service: &Service) -> Self {
+        let server = service.server();
+        let synthesis = service.synthesis().into_iter().map(|synthesis| synthesis.name().to_owned());
+        LinkReport {
+            refused_connections: server.connections().refused,
+            synthesis: synthesis.collect(),
+            ..LinkReport::counted(&server.counts(), &server.agreements())
+        }
     }
 
     fn counted(counts: &[LinkCounts], agreements: &[Option<Agreement>]) -> Self {
@@ -53,6 +63,8 @@ impl LinkReport {
             processes: 2,
             memory: names(|agreement| memory_name(agreement.memory)),
             timeline: names(|agreement| timeline_name(agreement.timeline)),
+            protocol: names(|agreement| if agreement.version == Version::One { "1" } else { "2" }),
+            synthesis: Vec::new(),
             frames,
             dropped_frames: sum(|c| c.dropped),
             refused_connections: 0,
@@ -64,12 +76,18 @@ impl LinkReport {
     /// One line of text.
     #[must_use]
     pub fn to_text(&self) -> String {
-        let way = match (&self.memory, &self.timeline) {
-            (Some(memory), Some(timeline)) => format!("2 processes, memory {memory}, timelines {timeline}"),
+        let way = match (&self.memory, &self.timeline, &self.protocol) {
+            (Some(memory), Some(timeline), Some(protocol)) => {
+                format!("2 processes, protocol {protocol}, memory {memory}, timelines {timeline}")
+            }
             _ => "1 process".to_owned(),
         };
+        let synthesis = match self.synthesis.as_slice() {
+            [] => String::new(),
+            of_cameras => format!("; synthesis {}", of_cameras.join(", ")),
+        };
         format!(
-            "{way}; {} frames, {} dropped; {} host copies and {} device copies per frame",
+            "{way}{synthesis}; {} frames, {} dropped; {} host copies and {} device copies per frame",
             self.frames, self.dropped_frames, self.host_copies, self.device_copies
         )
     }
@@ -104,10 +122,18 @@ mod tests {
     #[test]
     fn copies_are_a_frame() {
         let counts = LinkCounts { stepped: 4, device_copies: 6, host_copies: 0, ..LinkCounts::default() };
-        let agreement = Agreement { memory: wire::MEMORY_HOST, timeline: wire::TIMELINE_CARRIED };
+        let agreement = Agreement {
+            version: Version::Two,
+            memory: wire::MEMORY_HOST,
+            timeline: wire::TIMELINE_CARRIED,
+            geometry: true,
+        };
         let report = LinkReport::counted(&[counts, LinkCounts::default()], &[Some(agreement), None]);
         assert_eq!((report.device_copies, report.host_copies, report.frames), (1.5, 0.0, 4));
         assert_eq!(report.memory.as_deref(), Some("of the host"));
+        let report = LinkReport { synthesis: vec!["rigid".to_owned(), "motion".to_owned()], ..report };
+        assert!(report.to_text().contains("protocol 2, memory of the host"), "{}", report.to_text());
+        assert!(report.to_text().contains("; synthesis rigid, motion; 4 frames"), "{}", report.to_text());
         assert!(report.to_text().contains("0 host copies and 1.5 device copies"), "{}", report.to_text());
         assert!(LinkReport::in_process(3).to_text().starts_with("1 process; 3 frames"));
     }

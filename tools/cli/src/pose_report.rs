@@ -1,6 +1,6 @@
 //! The report's part about poses: what was read, and whether it predicts the motion vectors.
 
-use crate::scene_file::FolderScene;
+use esaac_formats::scene_file::FolderScene;
 use esaac_model::paths::conventions::{Agreement, ConventionReport, Mistake, Verdict};
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -1,10 +1,11 @@
 //! The rig file of `esaac serve`: cameras, image formats and rings.
 
 use anyhow::{Context, Result, ensure};
-use esaac_engine::CameraConfig;
-use esaac_interop::{CameraTerms, Images, wire};
+use esaac_engine::{CameraConfig, GeometryConfig};
+use esaac_interop::{CameraTerms, DEFAULT_INSTANCES, DEFAULT_SLOTS, wire};
+use esaac_model::paths::{Intrinsics, Projection};
 use esaac_model::presets::preset;
-use esaac_model::{HdrFormat, MotionFormat, PRESETS, Profile, SensorModel};
+use esaac_model::{DepthFormat, HdrFormat, IdFormat, MotionFormat, PRESETS, Profile, SensorModel};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -26,10 +27,37 @@ struct CameraEntry {
     #[serde(default = "default_hdr")]
     hdr: HdrFormat,
     motion: Option<MotionFormat>,
+    depth: Option<DepthFormat>,
+    ids: Option<IdFormat>,
+    /// Lens of depth and poses.
+    lens: Option<LensEntry>,
+    /// Most instances that may have poses.
+    #[serde(default = "default_instances")]
+    instances: u32,
     #[serde(default = "default_slots")]
     slots: u32,
     #[serde(default)]
     late: Late,
+}
+
+/// A lens. What is left out is as of a lens with square pixels whose axis goes through the middle of the image.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LensEntry {
+    #[serde(default)]
+    projection: ProjectionName,
+    fx: f64,
+    fy: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum ProjectionName {
+    #[default]
+    Pinhole,
+    Fisheye,
 }
 
 /// What happens to frames that come faster than the engine simulates them.
@@ -51,8 +79,12 @@ fn default_slots() -> u32 {
     DEFAULT_SLOTS
 }
 
-/// One slot for the producer to write, one for the engine to read, and one that waits.
-pub const DEFAULT_SLOTS: u32 = 3;
+fn default_instances() -> u32 {
+    DEFAULT_INSTANCES
+}
+
+/// Each instance takes memory and time of every frame.
+const MAX_INSTANCES: u32 = 4096;
 
 /// The cameras of a rig, and what the service offers to their producers.
 #[derive(Clone, Debug, Default)]
@@ -77,25 +109,19 @@ impl RigPlan {
         ensure!(!file.camera.is_empty(), "it has no [[camera]]");
         let mut plan = RigPlan::default();
         for (number, entry) in (0_u32..).zip(file.camera) {
-            let camera = entry.resolve(folder).with_context(|| format!("camera {number}"))?;
-            plan.push(
-                CameraConfig { sensor: camera, camera: number, hdr: entry.hdr, motion: entry.motion },
-                entry.slots,
-                matches!(entry.late, Late::Latest),
-            );
+            let camera = entry.resolve(number, folder).with_context(|| format!("camera {number}"))?;
+            plan.push(camera, entry.slots, matches!(entry.late, Late::Latest));
+            plan.terms[number as usize].max_instances = entry.instances;
         }
         Ok(plan)
     }
 
-    /// Adds a camera.
-    pub fn push(&mut self, camera: CameraConfig, slots: u32, latest: bool) {
-        let images = Images {
-            width_px: camera.sensor.width,
-            height_px: camera.sensor.height,
-            hdr: camera.hdr,
-            motion: camera.motion,
-        };
-        self.terms.push(CameraTerms { images, slots, latest });
+    /// Adds a camera. Its sensor gets the synthesis that `auto` is for its images, for reports to tell.
+    pub fn push(&mut self, mut camera: CameraConfig, slots: u32, latest: bool) {
+        // A camera that is `rigid` by `auto` can do without poses; one that was asked for it cannot.
+        self.terms.push(CameraTerms { slots, latest, ..(&camera).into() });
+        let synthesis = &mut camera.sensor.synthesis;
+        *synthesis = synthesis.resolve(camera.geometry.is_some(), camera.motion.is_some());
         self.cameras.push(camera);
     }
 
@@ -107,7 +133,35 @@ impl RigPlan {
 }
 
 impl CameraEntry {
-    fn resolve(&self, folder: &Path) -> Result<SensorModel> {
+    fn resolve(&self, number: u32, folder: &Path) -> Result<CameraConfig> {
+        let sensor = self.sensor(folder)?;
+        let geometry = self.geometry(&sensor)?;
+        Ok(CameraConfig { sensor, camera: number, hdr: self.hdr, motion: self.motion, geometry })
+    }
+
+    /// Depth, ids and lens, if the camera takes depth.
+    fn geometry(&self, sensor: &SensorModel) -> Result<Option<GeometryConfig>> {
+        let most = MAX_INSTANCES;
+        ensure!(self.instances <= most, "{} instances, expected at most {most}", self.instances);
+        let Some(depth) = self.depth else {
+            ensure!(self.ids.is_none() && self.lens.is_none(), "ids and lens are of use with `depth` alone");
+            return Ok(None);
+        };
+        let lens = self.lens.context("depth without a lens, expected `lens = { fx = ... }`, in pixels")?;
+        let projection = match lens.projection {
+            ProjectionName::Pinhole => Projection::Pinhole,
+            ProjectionName::Fisheye => Projection::Fisheye,
+        };
+        let middle_px = |pixels: u32| 0.5 * (f64::from(pixels) - 1.0);
+        let (cx, cy) = (
+            lens.cx.unwrap_or_else(|| middle_px(sensor.width)),
+            lens.cy.unwrap_or_else(|| middle_px(sensor.height)),
+        );
+        let lens = Intrinsics::new(projection, lens.fx, lens.fy.unwrap_or(lens.fx), cx, cy)?;
+        Ok(Some(GeometryConfig { depth, ids: self.ids, lens }))
+    }
+
+    fn sensor(&self, folder: &Path) -> Result<SensorModel> {
         let most = wire::MAX_SLOTS;
         ensure!((1..=most).contains(&self.slots), "{} slots, expected 1 to {most}", self.slots);
         let mut sensor = match preset(&self.sensor) {
@@ -173,6 +227,39 @@ mod tests {
         assert_eq!((plan.terms[0].slots, plan.terms[0].latest), (3, false));
         assert_eq!((plan.terms[1].slots, plan.terms[1].latest), (5, true));
         assert_eq!((plan.cameras[1].sensor.height, plan.cameras[1].camera), (10, 1));
+    }
+
+    #[test]
+    fn depth_comes_with_a_lens() {
+        let plan = |more: &str| {
+            RigPlan::parse(&format!("[[camera]]\nsensor = \"davis346\"\n{more}"), Path::new("/nonesuch"))
+        };
+        let whole = plan(
+            "depth = \"f32\"\nids = \"u16\"\ninstances = 12\n\
+             lens = { projection = \"fisheye\", fx = 100.0, fy = 101.0, cx = 2.0, cy = 3.0 }\n\
+             [camera.parameters]\nsynthesis = \"rigid\"",
+        )
+        .unwrap();
+        let lens = Intrinsics::fisheye(100.0, 101.0, 2.0, 3.0).unwrap();
+        let geometry = Some(GeometryConfig { depth: DepthFormat::F32, ids: Some(IdFormat::U16), lens });
+        assert_eq!((whole.cameras[0].geometry, whole.terms[0].images.geometry), (geometry, geometry));
+        assert_eq!((whole.terms[0].max_instances, whole.terms[0].requires_geometry), (12, true));
+        let short = plan("depth = \"f32\"\nlens = { fx = 250.0 }\n[camera.parameters]\nsynthesis = \"auto\"")
+            .unwrap();
+        let lens = Intrinsics::pinhole(250.0, 250.0, 172.5, 129.5).unwrap();
+        assert_eq!(
+            short.cameras[0].geometry,
+            Some(GeometryConfig { depth: DepthFormat::F32, ids: None, lens })
+        );
+        assert_eq!((short.terms[0].max_instances, short.terms[0].requires_geometry), (256, false));
+        let error = |more: &str| format!("{:#}", plan(more).unwrap_err());
+        assert!(error("depth = \"f32\"").contains("depth without a lens"));
+        assert!(error("ids = \"u32\"").contains("with `depth` alone"));
+        assert!(error("lens = { fx = 250.0 }").contains("with `depth` alone"));
+        assert!(error("depth = \"f16\"\nlens = { fx = 250.0 }").contains("f32"));
+        assert!(error("depth = \"f32\"\nlens = { fx = -1.0 }").contains("fx is -1"));
+        assert!(error("depth = \"f32\"\nlens = { fx = 1.0, f = 2.0 }").contains("unknown field `f`"));
+        assert!(error("instances = 5000").contains("expected at most 4096"));
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use crate::frame_folder::FrameFolder;
 use crate::pose_report::PoseReport;
-use crate::scene_file::FolderScene;
 use anyhow::{Context, Result};
 use esaac_formats::exr_frame::FrameImages;
+use esaac_formats::scene_file::FolderScene;
 use esaac_model::MotionFormat;
 use esaac_model::paths::conventions::{ConventionCheck, KeyFrame};
 

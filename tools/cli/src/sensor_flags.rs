@@ -22,38 +22,32 @@ pub struct SensorFlags {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProfileName(pub Profile);
 
-/// A sensor, and which of its choices the user made explicitly.
+/// A sensor, and what its size follows from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResolvedSensor {
     /// The sensor. It is not validated yet, because its size may follow from the frames.
     pub sensor: SensorModel,
     /// What fixed width and height, if anything did.
     pub size_from: Option<String>,
-    /// Whether the user explicitly chose a synthesis that needs motion vectors.
-    pub motion_by_name: bool,
 }
 
 impl SensorFlags {
     /// Applies preset or file, then the profile, then the parameters' flags. Without `--sensor` it starts
-    /// with `default`, which counts as no explicit choice.
+    /// with `default`, whose size counts as no choice.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
         let mut resolved = match &self.sensor {
-            None => ResolvedSensor { sensor: default, size_from: None, motion_by_name: false },
+            None => ResolvedSensor { sensor: default, size_from: None },
             Some(given) => named_sensor(given)?,
         };
         if let Some(ProfileName(profile)) = self.profile {
             profile.apply(&mut resolved.sensor);
-            resolved.motion_by_name |= profile == Profile::Paper;
         }
         for (parameter, value) in &self.explicit {
             resolved.sensor.set(parameter, value)?;
-            match *parameter {
-                "width" | "height" => resolved.size_from = Some("--width and --height".to_owned()),
-                "synthesis" => resolved.motion_by_name = true,
-                _ => {}
+            if matches!(*parameter, "width" | "height") {
+                resolved.size_from = Some("--width and --height".to_owned());
             }
         }
-        resolved.motion_by_name &= resolved.sensor.synthesis.needs_motion();
         Ok(resolved)
     }
 }
@@ -61,7 +55,7 @@ impl SensorFlags {
 fn named_sensor(given: &str) -> Result<ResolvedSensor> {
     if let Some(sensor) = preset(given) {
         let size_from = Some(format!("--sensor {given}"));
-        return Ok(ResolvedSensor { sensor, size_from, motion_by_name: false });
+        return Ok(ResolvedSensor { sensor, size_from });
     }
     let path = Path::new(given);
     if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
@@ -72,11 +66,7 @@ fn named_sensor(given: &str) -> Result<ResolvedSensor> {
     let sensor = SensorModel::from_toml(&text).with_context(|| format!("sensor file {given}"))?;
     let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
-    Ok(ResolvedSensor {
-        sensor,
-        size_from: sized.then(|| format!("sensor file {given}")),
-        motion_by_name: keys.contains_key("synthesis"),
-    })
+    Ok(ResolvedSensor { sensor, size_from: sized.then(|| format!("sensor file {given}")) })
 }
 
 fn flag(parameter: &str) -> String {
@@ -160,7 +150,6 @@ mod tests {
         assert_eq!((resolved.sensor.width, resolved.sensor.height), (240, 180));
         assert_eq!((resolved.sensor.latency_ns, resolved.sensor.refractory_ns), (7, 500_000));
         assert_eq!(resolved.size_from.as_deref(), Some("--sensor davis240"));
-        assert!(!resolved.motion_by_name);
     }
 
     #[test]
@@ -174,16 +163,6 @@ mod tests {
     }
 
     #[test]
-    fn motion_counts_as_asked_for_only_by_name() {
-        let asked =
-            |arguments: &[&str]| parse(arguments).resolve(SensorModel::default()).unwrap().motion_by_name;
-        assert!(!asked(&[]));
-        assert!(asked(&["--synthesis", "motion"]));
-        assert!(asked(&["--profile", "paper"]));
-        assert!(!asked(&["--profile", "paper", "--synthesis", "linear"]));
-    }
-
-    #[test]
     fn a_file_names_its_faults() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.toml");
@@ -191,9 +170,8 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             parse(&["--sensor", path.to_str().unwrap()]).resolve(SensorModel::default())
         };
-        let resolved = resolve("contrast_on = 0.3\nsynthesis = \"motion\"\n").unwrap();
+        let resolved = resolve("contrast_on = 0.3\n").unwrap();
         assert_eq!((resolved.sensor.contrast_on, resolved.size_from), (0.3, None));
-        assert!(resolved.motion_by_name);
         assert!(resolve("width = 64\nheight = 48\n").unwrap().size_from.unwrap().contains("s.toml"));
         let error = format!("{:#}", resolve("contrast_one = 0.3\n").unwrap_err());
         assert!(error.contains("s.toml") && error.contains("contrast_one"), "{error}");

@@ -98,7 +98,10 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
             connections.refused, connections.accepted, connections.not_accepted
         );
     }
-    let link = LinkReport::of(service.server());
+    let link = LinkReport::of(&service);
+    for (sensor, synthesis) in sensors.iter_mut().zip(service.synthesis()) {
+        sensor.synthesis = synthesis;
+    }
     let memory = MemoryReport::of(service.rig());
     drop(service);
     device_choice::check_validation(&device)?;

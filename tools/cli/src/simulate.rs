@@ -2,6 +2,7 @@
 
 use crate::arguments::CommonArguments;
 use crate::frame_folder::{FolderOptions, FrameFolder};
+use crate::input_check::InputCheck;
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
@@ -12,12 +13,15 @@ use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_check::SceneCheck;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags};
+use crate::synthesis_choice::SynthesisChoice;
 use crate::{colour, device_choice, output_file, progress, report};
-use anyhow::{Context, Result, ensure};
-use esaac_engine::{CameraConfig, Device, FrameBytes, Rig};
+use anyhow::{Result, ensure};
+use bytemuck::cast_slice;
+use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
 use esaac_formats::event_file::write_npz;
 use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
-use esaac_model::{FrameError, SensorModel, Synthesis};
+use esaac_model::paths::SceneMotion;
+use esaac_model::{DepthFormat, IdFormat, SensorModel, Synthesis};
 use esaac_ros::CameraPlan;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -92,15 +96,18 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
         arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
     output_file::check(&arguments.out)?;
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
-    let sensor = fit(resolved, &folder)?;
+    let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
+    let choice = SynthesisChoice::new(sensor.synthesis, &folder)?;
+    sensor.synthesis = choice.used;
 
     let camera = CameraPlan { image: true, ..ros::camera("camera_0".to_owned(), &sensor) };
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
-    let mut check = SceneCheck::new(&folder);
-    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels, &mut ros, pace, &mut check)?;
+    let mut checks =
+        Checks { scene: SceneCheck::new(&folder), input: InputCheck::new(&folder.layout, &sensor) };
+    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels, &mut ros, pace, &mut checks)?;
     device_choice::check_validation(&device)?;
 
     let camera = &record.cameras[0];
@@ -113,8 +120,12 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
     report.ros = ros.finish()?;
-    report.poses = check.report();
-    if let Some(warning) = report.poses.as_ref().and_then(|poses| poses.warning()) {
+    report.synthesis = Some(choice);
+    report.poses = checks.scene.report();
+    report.input_check = checks.input.report();
+    let of_poses = report.poses.as_ref().and_then(|poses| poses.warning());
+    let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
+    for warning in of_poses.into_iter().chain(of_input) {
         eprintln!("warning: {warning}");
     }
     let recording = arguments.ros.record.as_ref();
@@ -131,7 +142,7 @@ impl SimulateArguments {
             rate_hz: self.rate,
             names: ChannelNames {
                 colour: self.colour_channels.0.clone(),
-                motion: motion.map_or_else(|| ["motion.X", "motion.Y"].map(str::to_owned), |names| names.0),
+                motion: motion.map_or_else(|| ChannelNames::default().motion, |names| names.0),
             },
             motion_named: self.motion_channels.is_some(),
             motion_factors: self.motion_convention.factors(self.motion_y),
@@ -141,11 +152,10 @@ impl SimulateArguments {
     }
 }
 
-/// The sensor for these frames: it has their size, and without motion vectors its synthesis is `linear`. A
-/// sensor that explicitly asks for something else is an error.
+/// The sensor for these frames: it has their size.
 fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
-    let ResolvedSensor { mut sensor, size_from, motion_by_name } = resolved;
-    let FrameLayout { width_px, height_px, motion, .. } = folder.layout;
+    let ResolvedSensor { mut sensor, size_from } = resolved;
+    let FrameLayout { width_px, height_px, .. } = folder.layout;
     match size_from {
         None => (sensor.width, sensor.height) = (width_px, height_px),
         Some(origin) => ensure!(
@@ -157,18 +167,20 @@ fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
             folder.paths[0].parent().unwrap_or(&folder.paths[0]).display()
         ),
     }
-    if motion.is_none() && sensor.synthesis.needs_motion() {
-        let listed = folder.channels.join(", ");
-        let wanted = folder.layout.names.motion.join("` and `");
-        if motion_by_name {
-            let synthesis = if sensor.synthesis == Synthesis::Paper { "paper" } else { "motion" };
-            return Err(FrameError::MissingMotion { camera: 0, synthesis })
-                .with_context(|| format!("no channels `{wanted}`; the frames have: {listed}"));
-        }
-        eprintln!("warning: no channels `{wanted}` (the frames have: {listed}); using --synthesis linear");
-        sensor.synthesis = Synthesis::Linear;
-    }
     Ok(sensor)
+}
+
+/// What is looked at while the frames pass.
+struct Checks<'a> {
+    scene: SceneCheck<'a>,
+    input: InputCheck<'a>,
+}
+
+/// What the engine gets of the folder's geometry for exact paths: its format, and the poses.
+fn geometry<'a>(folder: &'a FrameFolder, sensor: &SensorModel) -> Option<(GeometryConfig, &'a SceneMotion)> {
+    let scene = folder.scene.as_ref().filter(|_| sensor.synthesis == Synthesis::Rigid)?;
+    let ids = folder.layout.ids.as_ref().map(|_| IdFormat::U32);
+    Some((GeometryConfig { depth: DepthFormat::F32, ids, lens: *scene.motion.lens() }, &scene.motion))
 }
 
 fn simulate(
@@ -178,20 +190,32 @@ fn simulate(
     kernels: &mut KernelSource,
     ros: &mut RosOutput,
     mut pace: Pace,
-    check: &mut SceneCheck<'_>,
+    checks: &mut Checks<'_>,
 ) -> Result<(RunRecord, Vec<MemoryReport>)> {
     let layout = &folder.layout;
-    let camera = CameraConfig { sensor: sensor.clone(), camera: 0, hdr: layout.hdr, motion: layout.motion };
+    let geometry = geometry(folder, sensor);
+    let camera = CameraConfig {
+        sensor: sensor.clone(),
+        camera: 0,
+        hdr: layout.hdr,
+        motion: layout.motion,
+        geometry: geometry.map(|(config, _)| config),
+    };
     let mut rig = Rig::with_options(device, &[camera], report::rig_options())?;
     let mut sensors = [sensor.clone()];
     kernels.load(&mut rig)?;
+    if let Some((_, scene)) = geometry {
+        rig.set_scene(0, scene.clone())?;
+    }
     let mut record = RunRecord::new(1);
     let mut exposure = None;
     let progress = progress::bar(folder.paths.len());
     for (index, images) in folder.decode().into_iter().enumerate() {
         let images = images?;
-        check.add(index, &images)?;
-        let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref() };
+        checks.scene.add(index, &images)?;
+        checks.input.add(&images);
+        let [depth, ids] = [images.depth.as_deref().map(cast_slice), images.ids.as_deref().map(cast_slice)];
+        let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref(), depth, ids };
         rig.upload(0, &frame)?;
         kernels.refresh(&mut rig, &progress);
         pace.wait(folder.time_ns(index));

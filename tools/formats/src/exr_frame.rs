@@ -6,6 +6,12 @@ use exr::prelude::{FlatSamples, MetaData, SampleType, Vec2};
 use half::f16;
 use std::path::Path;
 
+/// Channel of depth, unless another is named.
+pub const DEPTH_CHANNEL: &str = "depth.Z";
+
+/// Channel of instance ids, unless another is named.
+pub const ID_CHANNEL: &str = "id";
+
 /// Names of the channels to read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChannelNames {
@@ -13,6 +19,16 @@ pub struct ChannelNames {
     pub colour: [String; 3],
     /// Motion x and y.
     pub motion: [String; 2],
+}
+
+impl Default for ChannelNames {
+    /// `R G B motion.X motion.Y`.
+    fn default() -> Self {
+        ChannelNames {
+            colour: ["R", "G", "B"].map(str::to_owned),
+            motion: ["motion.X", "motion.Y"].map(str::to_owned),
+        }
+    }
 }
 
 /// The contents of a file's header that matter here.

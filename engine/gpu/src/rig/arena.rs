@@ -93,7 +93,7 @@ impl Arena {
                     return Ok(None);
                 }
                 let elements = match slot {
-                    layout::CAMERAS => layout::MAX_CAMERAS as u64,
+                    layout::CAMERAS | layout::GEOMETRIES => layout::MAX_CAMERAS as u64,
                     layout::REPORT => places.len() as u64,
                     layout::COUNTERS => 2 * places.len() as u64,
                     layout::SAMPLES if options.keep_substeps => {
@@ -118,9 +118,9 @@ impl Arena {
         self.buffers[slot].as_ref().or_else(packets).expect("every slot has a buffer")
     }
 
-    /// The table of cameras, for the host to fill while no tick is under way.
-    pub(super) fn camera_table(&mut self) -> &mut Buffer {
-        self.buffers[layout::CAMERAS].as_mut().expect("the table is in no packet set")
+    /// A table of parameters, for the host to fill while no tick is under way.
+    pub(super) fn table(&mut self, slot: usize) -> &mut Buffer {
+        self.buffers[slot].as_mut().expect("tables are in no packet set")
     }
 
     /// The packet set of the last or current tick.
@@ -283,7 +283,8 @@ fn allocate(
 ) -> Result<Buffer, EngineError> {
     let binding = &BINDINGS[slot];
     let (location, usage) = match slot {
-        layout::CAMERAS => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
+        slot if layout::is_table(slot) => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
+        layout::INSTANCES | layout::POSES => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::empty()),
         layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P
             if packets == PacketPlace::OnDevice =>
         {

@@ -1,8 +1,11 @@
 //! Where each camera's data lie in the rig's buffers.
 
-use super::parameters::plane_words;
+use super::parameters::{is_rigid, plane_words};
 use super::{CameraConfig, RigOptions};
-use esaac_layout::{self as layout, BINDINGS, STATE_WORDS, TILE_BLOCKS};
+use esaac_layout::{
+    self as layout, BINDINGS, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS,
+    STATE_WORDS, TILE_BLOCKS,
+};
 use esaac_model::SensorModel;
 use esaac_model::substeps::BLOCK_PX;
 
@@ -28,7 +31,19 @@ pub(super) struct Place {
     pub event_base: u32,
     pub aps_base: u32,
     pub tile_base: u32,
+    pub surface_base: u32,
+    pub representative_base: u32,
+    pub passing_base: u32,
+    pub instance_base: u32,
+    pub pose_base: u32,
+    pub path_base: u32,
+    /// Rows of instances that there is room for; 0 without synthesis `rigid`.
+    pub instances: u32,
+    /// Instants of sub-steps that an instance has room for in `paths`.
+    pub path_instants: u32,
     has_motion: bool,
+    /// Whether there is room for what synthesis `rigid` keeps.
+    is_rigid: bool,
 }
 
 impl Place {
@@ -53,11 +68,21 @@ impl Place {
             elements[slot] = Some(u64::from(self.event_capacity));
         }
         elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
+        let (rigid, blocks) = (u64::from(self.is_rigid), u64::from(self.blocks));
+        elements[layout::SURFACES] = Some(rigid * 2 * pixels);
+        elements[layout::SLOPES] = Some(rigid * 2 * pixels);
+        elements[layout::REPRESENTATIVES] = Some(rigid * 2 * blocks * u64::from(REPRESENTATIVE_WORDS));
+        elements[layout::PASSING] =
+            Some(rigid * blocks * u64::from(2 * PASSING_HEAD_WORDS + PASSING_ENTRIES));
+        let instances = rigid * u64::from(self.instances);
+        elements[layout::INSTANCES] = Some(instances);
+        elements[layout::POSES] = Some(instances * u64::from(POSE_ROWS));
+        elements[layout::PATHS] = Some(3 * instances * u64::from(self.path_instants));
         elements[layout::APS] = Some(pixels.next_multiple_of(8));
         elements
     }
 
-    /// First element of this camera's part of a buffer that outlives a tick.
+    /// First element of this camera's part of a buffer that outlives a tick or that tests read.
     pub(super) fn first_element(&self, slot: usize) -> u64 {
         u64::from(match slot {
             layout::COUNTERS => 2 * self.slot,
@@ -66,7 +91,12 @@ impl Place {
             layout::STATE => self.state_base,
             layout::BLOCKS => self.block_base,
             layout::GATHERED => self.event_base,
-            _ => unreachable!("`{}` does not outlive a tick", BINDINGS[slot].name),
+            layout::SURFACES | layout::SLOPES => self.surface_base,
+            layout::REPRESENTATIVES => self.representative_base,
+            layout::PASSING => self.passing_base,
+            layout::POSES => self.pose_base,
+            layout::PATHS => self.path_base,
+            _ => unreachable!("`{}` is not read back", BINDINGS[slot].name),
         })
     }
 
@@ -76,6 +106,7 @@ impl Place {
         match slot {
             layout::COUNTERS => 2,
             layout::PLANES => 2 * u64::from(plane_words(sensor)),
+            layout::SURFACES | layout::SLOPES | layout::REPRESENTATIVES if !is_rigid(sensor) => 0,
             _ => self.elements()[slot].unwrap_or(0),
         }
     }
@@ -96,9 +127,21 @@ impl Place {
         Place { bin_capacity: self.bin_capacity.max(room), ..self }
     }
 
-    /// This place with planes at least as large as `sensor` needs.
+    /// This place with planes at least as large as `sensor` needs, and room for what its synthesis keeps.
     pub(super) fn with_planes_of(self, sensor: &SensorModel) -> Self {
-        Place { plane_words: self.plane_words.max(plane_words(sensor)), ..self }
+        let instants = if is_rigid(sensor) { layout::path_instants(sensor.substeps) } else { 0 };
+        Place {
+            plane_words: self.plane_words.max(plane_words(sensor)),
+            is_rigid: self.is_rigid || is_rigid(sensor),
+            path_instants: self.path_instants.max(instants),
+            ..self
+        }
+    }
+
+    /// This place with room for at least `wanted` rows of instances.
+    pub(super) fn with_instances(self, wanted: u32) -> Self {
+        let instances = if wanted > self.instances { wanted.next_power_of_two() } else { self.instances };
+        Place { instances, ..self }
     }
 }
 
@@ -128,10 +171,9 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
             let blocks_x = sensor.width.div_ceil(BLOCK_PX);
             let events =
                 if options.initial_events == 0 { pixels + pixels / 2 } else { options.initial_events };
-            Place {
+            let place = Place {
                 slot: slot as u32,
                 pixels,
-                plane_words: plane_words(sensor),
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 tiles: blocks_x.div_ceil(TILE_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
@@ -139,8 +181,10 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
                 bin_capacity: BIN_CAPACITY,
                 event_capacity: round_events(events),
                 has_motion: config.motion.is_some(),
+                instances: 1,
                 ..Place::default()
-            }
+            };
+            place.with_planes_of(sensor)
         })
         .collect();
     lay_out(&mut places);
@@ -172,6 +216,12 @@ pub(super) fn lay_out(places: &mut [Place]) {
         place.event_base = take(layout::OVERFLOW);
         place.aps_base = take(layout::APS);
         place.tile_base = take(layout::TILE_ORDER);
+        place.surface_base = take(layout::SURFACES);
+        place.representative_base = take(layout::REPRESENTATIVES);
+        place.passing_base = take(layout::PASSING);
+        place.instance_base = take(layout::INSTANCES);
+        place.pose_base = take(layout::POSES);
+        place.path_base = take(layout::PATHS);
     }
 }
 
@@ -188,7 +238,7 @@ mod tests {
     fn config(synthesis: Synthesis) -> CameraConfig {
         let sensor =
             SensorModel { width: 40, height: 24, synthesis, taps: Taps::Cubic, ..SensorModel::default() };
-        CameraConfig { sensor, camera: 0, hdr: HdrFormat::F16x4, motion: None }
+        CameraConfig { sensor, camera: 0, hdr: HdrFormat::F16x4, motion: None, geometry: None }
     }
 
     #[test]

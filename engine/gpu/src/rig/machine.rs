@@ -187,6 +187,10 @@ mod tests {
         heavy: 0,
         gathered: 0,
         gathered_deferred: 0,
+        without_depth: 0,
+        without_poses: 0,
+        without_lens: 0,
+        unseen_samples: 0,
     };
 
     #[derive(Clone, Debug, PartialEq)]

@@ -13,8 +13,10 @@
 
 mod arena;
 mod code;
+mod config;
 mod geometry;
 mod held;
+mod input;
 mod machine;
 mod merge;
 mod parameters;
@@ -23,6 +25,7 @@ mod record;
 mod reload;
 mod represent;
 mod results;
+mod scene;
 mod snapshot;
 mod step;
 mod tick;
@@ -38,92 +41,33 @@ use crate::policy::KernelPolicy;
 use arena::{Arena, Move};
 use ash::vk;
 use bytemuck::cast_slice;
+use config::check_sensor;
 use esaac_layout::{self as layout, Camera, Counters, StateWord};
-use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorModel, Synthesis, frame};
+use esaac_model::SensorModel;
+use esaac_model::paths::SceneMotion;
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
+use input::Addresses;
 use results::Results;
+use scene::Instances;
 use std::sync::Arc;
 use std::time::Duration;
 use timing::Timing;
 use transfer::{Write, Writes};
 
+pub use config::{CameraConfig, GeometryConfig, RigOptions};
 pub use held::HeldPackets;
+pub use input::{FrameBytes, FrameInput, InputBuffers};
 pub use represent::{Representation, Share};
 pub use results::{ApsFrame, Diagnostics};
 pub use tick::{PacketPlace, StageSpan, Tick};
 
-/// A camera of a rig.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CameraConfig {
-    /// The sensor.
-    pub sensor: SensorModel,
-    /// Its number in random counters: two cameras with the same number and seed have the same noise.
-    pub camera: u32,
-    /// Format of its colour images.
-    pub hdr: HdrFormat,
-    /// Format of its motion images; `None` if it gets none.
-    pub motion: Option<MotionFormat>,
-}
-
-/// Options of a rig; none of them changes an event.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RigOptions {
-    /// Keep every sub-step's log intensity for [`Rig::substeps_q24`]: for tests, at a cost.
-    pub keep_substeps: bool,
-    /// Take GPU time stamps between stages, which costs a microsecond or two each; else only around the whole tick.
-    pub stage_times: bool,
-    /// Initial capacity of the event buffers, events per camera; 0 for one and a half per pixel. The buffers grow as
-    /// needed.
-    pub initial_events: u32,
-    /// Where the packets of a tick lie.
-    pub packets: PacketPlace,
-    /// Number of packet buffer sets that ticks write in turn; 0 for one. With [`PacketPlace::InPlace`], packets that
-    /// are [held](Tick::hold) over the next `packet_ring - 1` ticks cost nothing. Packets that are held longer cost the
-    /// next tick an allocation. Each set takes memory for the packets of all cameras.
-    pub packet_ring: u32,
-    /// How kernels are run; `None` for the policy that suits the device. Events are the same in any case.
-    pub policy: Option<KernelPolicy>,
-}
-
-impl RigOptions {
-    /// Number of packet sets, at least one.
-    fn ring(&self) -> usize {
-        self.packet_ring.max(1) as usize
-    }
-}
-
-/// A frame in host memory, rows tightly packed.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameBytes<'a> {
-    /// Colour image.
-    pub hdr: &'a [u8],
-    /// Motion image, if the camera has a motion format.
-    pub motion: Option<&'a [u8]>,
-}
-
-/// Buffers that a producer on the device writes a frame into, rows tightly packed.
-#[derive(Clone, Copy)]
-pub struct InputBuffers<'a> {
-    /// Colour image.
-    pub hdr: &'a Buffer,
-    /// Motion image, if the camera has a motion format.
-    pub motion: Option<&'a Buffer>,
-}
-
-/// A camera's frame for [`Rig::step_frames`].
-#[derive(Clone, Copy)]
-pub struct FrameInput<'a> {
-    /// Time of the frame, nanoseconds.
-    pub t_ns: i64,
-    /// Buffers that hold the frame; `None` for the camera's own input buffers.
-    pub inputs: Option<InputBuffers<'a>>,
-}
-
 /// Kinds of the descriptors that the kernels of a rig are bound to, slot by slot.
 fn slots() -> Vec<vk::DescriptorType> {
     let mut slots = vec![vk::DescriptorType::STORAGE_BUFFER; layout::BINDINGS.len()];
-    slots[layout::CAMERAS] = vk::DescriptorType::UNIFORM_BUFFER;
+    for slot in (0..slots.len()).filter(|&slot| layout::is_table(slot)) {
+        slots[slot] = vk::DescriptorType::UNIFORM_BUFFER;
+    }
     slots.resize(slots.len() + layout::TEXELS.len(), vk::DescriptorType::UNIFORM_TEXEL_BUFFER);
     slots
 }
@@ -134,8 +78,13 @@ struct CameraState {
     place: Place,
     hdr: Buffer,
     motion: Option<Buffer>,
-    /// Device addresses of the images that the current tick reads: colour, motion.
-    inputs: [u64; 2],
+    depth: Option<Buffer>,
+    ids: Option<Buffer>,
+    /// The images that the current tick reads.
+    inputs: Addresses,
+    /// Rows of instances; the poses of the next steps.
+    instances: Instances,
+    scene: Option<SceneMotion>,
     last_ns: Option<i64>,
     last_interval_ns: u32,
     epoch_ns: i64,
@@ -206,15 +155,20 @@ impl Rig {
         Rig::with_options(device, cameras, RigOptions::default())
     }
 
-    /// A rig. Errors: a sensor that is not valid, `motion` or `paper` synthesis without a motion format, more cameras
-    /// than `MAX_CAMERAS`, a camera too large for the device, no memory.
+    /// A rig. Errors: a sensor that is not valid, `motion` or `paper` synthesis without a motion format, `rigid` without
+    /// a geometry, more cameras than `MAX_CAMERAS`, a camera too large for the device, no memory.
     pub fn with_options(
         device: &Arc<Device>,
         configs: &[CameraConfig],
         options: RigOptions,
     ) -> Result<Self, EngineError> {
+        let configs: Vec<CameraConfig> = configs
+            .iter()
+            .map(|config| CameraConfig { sensor: config.resolved(&config.sensor), ..config.clone() })
+            .collect();
+        let configs = &configs[..];
         for (camera, config) in configs.iter().enumerate() {
-            check_sensor(camera, &config.sensor, config.motion.is_some())?;
+            check_sensor(camera, &config.sensor, config)?;
         }
         if configs.len() > layout::MAX_CAMERAS {
             return Err(EngineError::TooManyCameras { expected: layout::MAX_CAMERAS, actual: configs.len() });
@@ -277,7 +231,7 @@ impl Rig {
         self.cameras.is_empty()
     }
 
-    /// A camera's current sensor.
+    /// A camera's current sensor. Its synthesis is what `auto` has chosen.
     pub fn sensor(&self, camera: usize) -> Result<&SensorModel, EngineError> {
         Ok(&self.camera(camera)?.config.sensor)
     }
@@ -287,7 +241,8 @@ impl Rig {
     pub fn set_sensor(&mut self, camera: usize, sensor: SensorModel) -> Result<(), EngineError> {
         self.check_health()?;
         let state = self.camera(camera)?;
-        check_sensor(camera, &sensor, state.config.motion.is_some())?;
+        let sensor = state.config.resolved(&sensor);
+        check_sensor(camera, &sensor, &state.config)?;
         let old = &state.config.sensor;
         let effects = old.change_to(&sensor);
         if effects.resizes {
@@ -301,8 +256,8 @@ impl Rig {
         }
         let mut places = self.places();
         let mut writes = Vec::new();
+        places[camera] = places[camera].with_planes_of(&sensor);
         if effects.resets_frames {
-            places[camera] = places[camera].with_planes_of(&sensor);
             writes.push(fresh_counters(&state.place));
         }
         if effects.redraws_pixels {
@@ -337,7 +292,7 @@ impl Rig {
             writes.push(fresh_counters(&c.place));
             writes.push(pixel_draws(&c.place, &c.config.sensor, c.config.camera));
         }
-        let zeroed = [layout::BINS, layout::STATE, layout::BLOCKS];
+        let zeroed = [layout::BINS, layout::STATE, layout::BLOCKS, layout::PASSING];
         self.device.run_once(|commands| self.arena.record_zero(&self.device, commands, &zeroed))?;
         self.change(self.places(), writes, &[])
     }
@@ -358,6 +313,9 @@ impl Rig {
         let before = self.places();
         let planned: Option<Move> =
             if places == before { None } else { Some(self.arena.plan(&self.device, &before, places)?) };
+        if planned.is_none() && writes.is_empty() && zeroed.is_empty() {
+            return Ok(());
+        }
         let writes = Writes::new(&self.device, writes)?;
         let device = &self.device;
         let ran = device.run_once(|commands| {
@@ -403,33 +361,6 @@ impl Rig {
         EngineError::Lost { why }
     }
 
-    /// A camera's input buffers, for a producer on this device. The producer may write them whenever no tick runs.
-    pub fn inputs(&self, camera: usize) -> Result<InputBuffers<'_>, EngineError> {
-        self.check_health()?;
-        let c = self.camera(camera)?;
-        Ok(InputBuffers { hdr: &c.hdr, motion: c.motion.as_ref() })
-    }
-
-    /// Writes a frame from host memory into a camera's input buffers. An error if an image has the wrong size.
-    pub fn upload(&mut self, camera: usize, frame: &FrameBytes<'_>) -> Result<(), EngineError> {
-        let _zone = zone!("ingest");
-        self.check_health()?;
-        self.camera(camera)?;
-        let c = &mut self.cameras[camera];
-        let (sensor, number) = (&c.config.sensor, camera as u32);
-        let size = (sensor.width, sensor.height);
-        frame::check_size(number, "hdr", size, c.config.hdr.texel_bytes(), frame.hdr.len())?;
-        if let Some(format) = c.config.motion {
-            let given = frame.motion.unwrap_or_default().len();
-            frame::check_size(number, "motion", size, format.texel_bytes(), given)?;
-        }
-        c.hdr.write(0, frame.hdr);
-        if let (Some(buffer), Some(bytes)) = (&mut c.motion, frame.motion) {
-            buffer.write(0, bytes);
-        }
-        Ok(())
-    }
-
     /// The results of the last tick; empty before the first tick, and after a tick that was refused or failed. A rig
     /// that is lost after its last tick still shows it.
     #[must_use]
@@ -453,7 +384,12 @@ impl Rig {
     pub fn memory(&self) -> Vec<MemoryUse> {
         let mut uses = self.arena.memory(&self.cameras);
         for (number, c) in self.cameras.iter().enumerate() {
-            for (purpose, buffer) in [("input hdr", Some(&c.hdr)), ("input motion", c.motion.as_ref())] {
+            for (purpose, buffer) in [
+                ("input hdr", Some(&c.hdr)),
+                ("input motion", c.motion.as_ref()),
+                ("input depth", c.depth.as_ref()),
+                ("input ids", c.ids.as_ref()),
+            ] {
                 if let Some(buffer) = buffer {
                     uses.push(MemoryUse {
                         camera: Some(number),
@@ -520,9 +456,17 @@ impl CameraState {
         Ok(CameraState {
             hdr: input("hdr", config.hdr.texel_bytes())?,
             motion: config.motion.map(|m| input("motion", m.texel_bytes())).transpose()?,
+            depth: config.geometry.map(|g| input("depth", g.depth.texel_bytes())).transpose()?,
+            ids: config
+                .geometry
+                .and_then(|g| g.ids)
+                .map(|ids| input("ids", ids.texel_bytes()))
+                .transpose()?,
             config: config.clone(),
             place,
-            inputs: [0; 2],
+            inputs: Addresses::default(),
+            instances: Instances::new(),
+            scene: None,
             last_ns: None,
             last_interval_ns: 0,
             epoch_ns: 0,
@@ -542,6 +486,11 @@ impl CameraState {
         self.may_be_unarmed = true;
         self.holds_until_ns = None;
         self.frames = 0;
+        // No surface names a row any more. A scene has no more instances than there were rows.
+        self.instances = Instances::new();
+        if let Some(scene) = &self.scene {
+            self.instances = self.instances.with(scene, 0);
+        }
     }
 }
 
@@ -580,13 +529,4 @@ fn check_groups(device: &Device, policy: KernelPolicy, places: &[Place]) -> Resu
         }
     }
     Ok(())
-}
-
-fn check_sensor(camera: usize, sensor: &SensorModel, has_motion: bool) -> Result<(), EngineError> {
-    sensor.validate().map_err(|source| EngineError::Sensor { camera, source })?;
-    if has_motion || !sensor.synthesis.needs_motion() {
-        return Ok(());
-    }
-    let synthesis = if sensor.synthesis == Synthesis::Paper { "paper" } else { "motion" };
-    Err(FrameError::MissingMotion { camera: camera as u32, synthesis }.into())
 }

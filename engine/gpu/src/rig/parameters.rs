@@ -11,7 +11,7 @@ use esaac_layout::{
 use esaac_model::random::HAZARD_FRACTION_BITS;
 use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
 use esaac_model::{
-    Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
+    IdFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
 };
 
 /// Constants and options that determine which kernels run for a camera.
@@ -49,6 +49,8 @@ pub(super) fn permutation(
             half_pel: needs_half_pel(sensor) && sensor.transfers > 0,
             hdr_format: camera.config.hdr,
             motion_format: camera.config.motion.unwrap_or(MotionFormat::F16x2),
+            rigid: is_rigid(sensor),
+            id_format: camera.config.geometry.and_then(|g| g.ids).unwrap_or(IdFormat::U32),
         },
         cross: CrossConstants {
             intensity: sensor.intensity,
@@ -108,8 +110,11 @@ impl Permutation {
 
     /// The kernel of `backward_transfer`, if there are two transfers; `ingest` does the forward one.
     pub(super) fn backward_transfer(&self) -> Option<Specialised> {
-        let constants =
-            BackwardTransferConstants { intensity: self.ingest.intensity, by_address: self.by_address };
+        let constants = BackwardTransferConstants {
+            intensity: self.ingest.intensity,
+            by_address: self.by_address,
+            rigid: self.ingest.rigid,
+        };
         (self.transfers > 1)
             .then(|| Specialised { kernel: stages::BACKWARD_TRANSFER, constants: constants.words() })
     }
@@ -203,8 +208,8 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
     let aps_end_ns = sensor.aps_start_ns.saturating_add(sensor.aps_exposure_ns).min(interval_ns);
     let aps_max = ((1_u32 << sensor.aps_bits) - 1) as f32;
     Camera {
-        hdr_address: camera.inputs[0],
-        motion_address: camera.inputs[1],
+        hdr_address: camera.inputs.hdr,
+        motion_address: camera.inputs.motion,
         planes_address,
         start_ns,
         epoch_ns: camera.epoch_ns,
@@ -288,7 +293,12 @@ pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
 
 /// Whether warps read a half-pel frame.
 pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
-    sensor.synthesis == Synthesis::Motion && sensor.taps == Taps::Cubic
+    sensor.synthesis.has_half_pels() && sensor.taps == Taps::Cubic
+}
+
+/// Whether surfaces are found in frames and followed along exact paths.
+pub(super) fn is_rigid(sensor: &SensorModel) -> bool {
+    sensor.synthesis == Synthesis::Rigid
 }
 
 /// Words of a row of the half-pel frame: its samples, and two of border on either side.

@@ -3,7 +3,7 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::code::Code;
-use super::parameters::{Permutation, Specialised, camera_row, permutation, sort};
+use super::parameters::{Permutation, Specialised, camera_row, is_rigid, permutation, sort};
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
@@ -12,7 +12,7 @@ use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, sta
 use crate::policy::KernelPolicy;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{KERNELS, KernelInfo, Push, TICK_STAGES};
+use esaac_layout::{self as layout, KERNELS, KernelInfo, Push, TICK_STAGES};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -26,6 +26,9 @@ fn striding_groups(rig: &Rig) -> u32 {
     events.div_ceil(256 * rig.pipelines.policy.events_per_thread).clamp(4, MOST_GROUPS)
 }
 
+/// Workgroups per camera of `paths`, whose threads stride over instances and instants.
+const PATHS_GROUPS: u32 = 16;
+
 /// Number of bins over all cameras.
 fn all_bins(cameras: &[CameraState]) -> u32 {
     cameras.iter().map(|c| c.place.bin_count).sum()
@@ -37,6 +40,8 @@ pub(super) const STAMPS: u32 = TICK_STAGES.len() as u32 + 1;
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
     deferred: Kernel,
+    /// Compiled when a camera needs it first.
+    paths: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
     /// Kernels that make representations of packets, by stage; compiled at their first use.
@@ -52,10 +57,24 @@ impl Kernels {
     ) -> Result<Self, EngineError> {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
+            paths: None,
             sort: code.kernel(bindings, &sort(policy, all_bins(cameras)))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             forms: HashMap::new(),
         })
+    }
+
+    /// Compiles `paths` if a permutation needs it.
+    pub(super) fn need_paths(
+        &mut self,
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        permutations: &[Permutation],
+    ) -> Result<(), EngineError> {
+        if self.paths.is_none() && permutations.iter().any(|p| p.ingest.rigid) {
+            self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
+        }
+        Ok(())
     }
 }
 
@@ -165,7 +184,22 @@ impl Rig {
             self.record(needed, true)?;
         }
         self.prepare_rows(t_ns);
+        self.prepare_poses(t_ns);
         Ok(())
+    }
+
+    /// Fills the tables of instances and poses for a tick.
+    fn prepare_poses(&mut self, t_ns: &[Option<i64>]) {
+        for (camera, t_ns) in self.cameras.iter().zip(t_ns) {
+            let (Some(t_ns), Some(scene)) = (*t_ns, &camera.scene) else { continue };
+            if !is_rigid(&camera.config.sensor) {
+                continue;
+            }
+            let interval_ns = [camera.last_ns.unwrap_or(t_ns), t_ns];
+            let (known, poses) = (camera.instances.known(), camera.instances.poses(scene, interval_ns));
+            self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, &known);
+            self.arena.table(layout::POSES).write(camera.place.pose_base as usize, &poses);
+        }
     }
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
@@ -181,11 +215,15 @@ impl Rig {
 
     /// Fills the table of cameras for the next submission.
     pub(super) fn prepare_rows(&mut self, t_ns: &[Option<i64>]) {
+        if self.cameras.iter().any(|camera| is_rigid(&camera.config.sensor)) {
+            let geometries: Vec<_> = self.cameras.iter().map(CameraState::geometry_row).collect();
+            self.arena.table(layout::GEOMETRIES).write(0, &geometries);
+        }
         let order = order(&self.permutations());
         for (row, &camera) in self.parameters.iter_mut().zip(&order) {
             *row = camera_row(&self.cameras[camera], t_ns[camera], &self.arena);
         }
-        self.arena.camera_table().write(0, &self.parameters);
+        self.arena.table(layout::CAMERAS).write(0, &self.parameters);
     }
 
     /// Makes the descriptors of the current set name the current buffers.
@@ -223,8 +261,9 @@ impl Rig {
             self.pipelines.specialised.0.iter().map(move |(s, kernel)| (stage_of(s.kernel.0), kernel));
         let k = &self.pipelines.kernels;
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
+        let paths = k.paths.iter().map(|kernel| ("paths", kernel));
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
-        of_sensors.chain(events).chain(forms)
+        of_sensors.chain(events).chain(paths).chain(forms)
     }
 
     /// Names of the compiled kernels and their specialisation constants, for tests: which permutations ran.
@@ -242,10 +281,11 @@ impl Rig {
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
-        let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
+        let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
+        kernels.need_paths(code, bindings, permutations)?;
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
@@ -325,6 +365,11 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
                 if group.permutation.cross.effect_delay {
                     let extent = [striding_groups(rig), group.count, 1];
                     dispatch(commands, &rig.pipelines.kernels.deferred, group.first, extent);
+                }
+                if let Some(paths) =
+                    rig.pipelines.kernels.paths.as_ref().filter(|_| group.permutation.ingest.rigid)
+                {
+                    dispatch(commands, paths, group.first, [PATHS_GROUPS, group.count, 1]);
                 }
             }
             record_barrier(device, commands);

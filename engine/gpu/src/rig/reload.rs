@@ -30,7 +30,8 @@ impl Rig {
     fn exchange(&mut self, code: Code) -> Result<(), EngineError> {
         let bindings = Arc::clone(&self.pipelines.bindings);
         let policy = self.pipelines.policy;
-        let kernels = Kernels::new(policy, &self.cameras, &code, &bindings)?;
+        let mut kernels = Kernels::new(policy, &self.cameras, &code, &bindings)?;
+        kernels.need_paths(&code, &bindings, &self.permutations())?;
         let mut specialised = SensorKernels::default();
         for permutation in self.permutations() {
             specialised.need(&code, &bindings, policy, &permutation, false)?;

@@ -24,6 +24,14 @@ pub struct Diagnostics {
     pub deferred_events: u64,
     /// Events dropped because of the sensor's limit per interval.
     pub dropped_events: u64,
+    /// Pixels of the frame without a path because their depth is NaN or negative (synthesis `rigid`).
+    pub without_depth: u64,
+    /// Pixels without a path because their instance has no poses.
+    pub without_poses: u64,
+    /// Pixels without a path because the lens shows nothing there.
+    pub without_lens: u64,
+    /// Sub-steps of pixels at which neither frame shows what is there (synthesis `rigid`).
+    pub unseen_samples: u64,
     /// How often the event buffers had to grow.
     pub regrown: u64,
 }
@@ -127,6 +135,10 @@ impl Results {
             substeps: counters.substeps.into(),
             deferred_events: counters.deferred.into(),
             dropped_events: packet.dropped,
+            without_depth: counters.without_depth.into(),
+            without_poses: counters.without_poses.into(),
+            without_lens: counters.without_lens.into(),
+            unseen_samples: counters.unseen_samples.into(),
             regrown,
         };
         // The interval's end cuts the exposure off; nothing may be left of it.

@@ -1,14 +1,25 @@
 //! Saving and restoring a rig's state: a run that is saved, restored and continued gives the same events as a run
 //! without interruption.
 
+use super::scene::Instances;
 use super::transfer::{Part, Write, read_back};
-use super::{CameraState, Rig};
+use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{self as layout, BINDINGS, Counters};
+use esaac_model::paths::{Projection, STATIC_WORLD};
 use serde::{Deserialize, Serialize};
 
 /// Buffers that outlive a tick. A saved state holds the part of each that the sensors need.
-const KEPT: [usize; 5] = [layout::PLANES, layout::MOTION, layout::STATE, layout::BLOCKS, layout::COUNTERS];
+const KEPT: [usize; 8] = [
+    layout::PLANES,
+    layout::MOTION,
+    layout::STATE,
+    layout::BLOCKS,
+    layout::COUNTERS,
+    layout::SURFACES,
+    layout::SLOPES,
+    layout::REPRESENTATIVES,
+];
 
 /// Bytes of a deferred event.
 const DEFERRED_BYTES: u64 = BINDINGS[layout::GATHERED].stride as u64;
@@ -33,12 +44,22 @@ struct CameraHeader {
     sequence: u64,
     holds_until_ns: Option<i64>,
     deferred_events: u32,
+    /// Instances that the surfaces of the last frame may name, row by row.
+    instances: Vec<u32>,
+    /// The lens in which these surfaces were found: whether it is a fisheye, and the bits of its numbers.
+    lens: Option<(bool, [u64; 4])>,
 }
 
-const VERSION: u32 = 4;
+fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
+    let (focal_px, centre_px) = (geometry.lens.focal_px(), geometry.lens.centre_px());
+    let numbers = [focal_px.x, focal_px.y, centre_px.x, centre_px.y];
+    (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
+}
+
+const VERSION: u32 = 5;
 
 impl Rig {
-    /// Saves everything that the next tick depends on, as bytes for `restore`.
+    /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
     pub fn save(&self) -> Result<Vec<u8>, EngineError> {
         self.check_health()?;
         let counters = read_back(&self.device, &self.parts(layout::COUNTERS))?;
@@ -63,6 +84,8 @@ impl Rig {
                 sequence: c.sequence,
                 holds_until_ns: c.holds_until_ns,
                 deferred_events: last.deferred,
+                instances: c.instances.ids(),
+                lens: c.config.geometry.as_ref().map(lens_bits),
             });
         }
         let header = serde_json::to_vec(&Header { version: VERSION, cameras })
@@ -90,7 +113,7 @@ impl Rig {
         }
         self.make_room(&header)?;
         let writes = self.writes(&header, body);
-        self.change(self.places(), writes, &[layout::BINS])?;
+        self.change(self.places(), writes, &[layout::BINS, layout::PASSING])?;
         self.results.clear();
         for (c, saved) in self.cameras.iter_mut().zip(header.cameras) {
             c.last_ns = saved.last_ns;
@@ -102,8 +125,25 @@ impl Rig {
             c.holds_until_ns = saved.holds_until_ns;
             c.changed = true;
             c.may_be_unarmed = true;
+            c.instances = c.restored_instances(&saved.instances, saved.frames);
         }
         Ok(())
+    }
+
+    /// The words of a camera's part of a buffer, by its name in the list of bindings, for tests. Panics if there is no
+    /// such buffer; an error if there is no such camera.
+    #[doc(hidden)]
+    pub fn words(&self, camera: usize, name: &str) -> Result<Vec<u32>, EngineError> {
+        self.check_health()?;
+        let place = self.camera(camera)?.place;
+        let slot = BINDINGS.iter().position(|b| b.name == name).expect("a name in the list of bindings");
+        let stride = u64::from(BINDINGS[slot].stride);
+        let part = Part {
+            buffer: self.arena.buffer(slot),
+            offset: place.first_element(slot) * stride,
+            bytes: place.elements()[slot].unwrap_or(0) * stride,
+        };
+        Ok(bytemuck::pod_collect_to_vec(&read_back(&self.device, &[part])?))
     }
 
     /// Every camera's part of a buffer that outlives a tick.
@@ -126,6 +166,12 @@ impl Rig {
             if saved.sensor != c.config.sensor.to_toml() || saved.camera != c.config.camera {
                 return Err(bad(format!("camera {number} has another sensor than the one saved")));
             }
+            if saved.lens != c.config.geometry.as_ref().map(lens_bits) {
+                return Err(bad(format!("camera {number} has another lens than the one saved")));
+            }
+            if saved.instances.first() != Some(&STATIC_WORLD) {
+                return Err(bad(format!("camera {number} has no static world in its instances")));
+            }
             if saved.frame_slot > 1 {
                 return Err(bad(format!(
                     "camera {number} has frame slot {}, expected 0 or 1",
@@ -136,11 +182,14 @@ impl Rig {
         Ok(())
     }
 
-    /// Grows event buffers that are too small for the deferred events; nothing else changes.
+    /// Grows event buffers that are too small for the deferred events, and tables for the instances; nothing else
+    /// changes.
     fn make_room(&mut self, header: &Header) -> Result<(), EngineError> {
         let places = self.places();
-        let places =
-            places.iter().zip(&header.cameras).map(|(p, saved)| p.with_events(saved.deferred_events));
+        let places = places.iter().zip(&self.cameras).zip(&header.cameras).map(|((p, c), saved)| {
+            let instances = c.restored_instances(&saved.instances, saved.frames).len() as u32;
+            p.with_events(saved.deferred_events).with_instances(instances)
+        });
         self.change(places.collect(), Vec::new(), &[])
     }
 
@@ -176,6 +225,14 @@ impl Rig {
             write.bytes = bytemuck::cast_slice(&sets).to_vec();
         }
         writes
+    }
+}
+
+impl CameraState {
+    /// The rows of a saved camera, and those that its present poses need besides.
+    fn restored_instances(&self, saved: &[u32], frames: u64) -> Instances {
+        let saved = Instances::restored(saved);
+        self.scene.as_ref().map_or(saved.clone(), |scene| saved.with(scene, frames))
     }
 }
 

@@ -3,10 +3,9 @@
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
-use super::{CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
+use super::{Addresses, CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
-use crate::memory::Buffer;
 use crate::profile;
 use esaac_layout::{self as layout, Counters};
 use esaac_model::{FrameError, frame};
@@ -14,9 +13,6 @@ use std::time::{Duration, Instant};
 
 /// Bins grow if more than one event in this many of a packet overflows, or more than half of what `sort` searches.
 const OVERFLOW_SHARE: u32 = 8;
-
-/// Device addresses of a camera's images: colour, motion.
-type Addresses = [u64; 2];
 
 impl Rig {
     /// Steps every camera to its frame's time (nanoseconds) with the frame in its input buffers, and waits.
@@ -37,7 +33,7 @@ impl Rig {
     }
 
     /// As [`Rig::step`], with the output of a tiled renderer: the images of all cameras, which are of one size, lie one
-    /// after the other in one buffer for colour and one for motion.
+    /// after the other in one buffer for colour, one for motion and so on.
     pub fn step_tiles(
         &mut self,
         t_ns: &[i64],
@@ -49,6 +45,7 @@ impl Rig {
         let mut inputs = Vec::new();
         for (number, camera) in self.cameras.iter().enumerate() {
             frame::check_time(number as u32, camera.last_ns, t_ns[number])?;
+            camera.check_scene(number, t_ns[number])?;
             inputs.push(camera.addresses(number, Some(tiles), number)?);
         }
         let frames: Vec<_> =
@@ -71,6 +68,7 @@ impl Rig {
             inputs.push(match frame {
                 Some(frame) => {
                     frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
+                    camera.check_scene(number, frame.t_ns)?;
                     Some((frame.t_ns, camera.addresses(number, frame.inputs, 0)?))
                 }
                 None => None,
@@ -287,32 +285,5 @@ impl CameraState {
         self.frames += 1;
         self.sequence += 1;
         self.changed = false;
-    }
-
-    /// Device addresses of a frame, which is preceded in its buffers by `images_before` images of the same size. An
-    /// error if a buffer is too small.
-    fn addresses(
-        &self,
-        number: usize,
-        inputs: Option<InputBuffers<'_>>,
-        images_before: usize,
-    ) -> Result<Addresses, EngineError> {
-        let inputs = inputs.unwrap_or(InputBuffers { hdr: &self.hdr, motion: self.motion.as_ref() });
-        let sensor = &self.config.sensor;
-        let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {
-            let needed = sensor.pixels() * texel_bytes;
-            let before = images_before * needed;
-            let actual = (buffer.map_or(0, Buffer::bytes) as usize).saturating_sub(before);
-            let size = (sensor.width, sensor.height);
-            // A buffer may be longer than its image.
-            frame::check_size(number as u32, image, size, texel_bytes, actual.min(needed))?;
-            Ok::<u64, EngineError>(buffer.map_or(0, Buffer::address) + before as u64)
-        };
-        let hdr = holds("hdr", Some(inputs.hdr), self.config.hdr.texel_bytes())?;
-        let motion = match self.config.motion {
-            Some(format) => holds("motion", inputs.motion, format.texel_bytes())?,
-            None => 0,
-        };
-        Ok([hdr, motion])
     }
 }

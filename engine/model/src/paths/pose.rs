@@ -8,6 +8,9 @@ use thiserror::Error;
 /// and six printed digits are well within; a scale of a percent is well outside.
 pub const RIGID_TOLERANCE: f64 = 1e-3;
 
+/// What the squared length of a normalised quaternion differs from 1 by.
+const UNIT_ROUNDING: f64 = 8.0 * f64::EPSILON;
+
 /// Steps of Newton's iteration to the nearest rotation. Each squares the error, so that three take
 /// [`RIGID_TOLERANCE`] below rounding.
 const NEAREST_ROTATION_STEPS: u32 = 3;
@@ -113,7 +116,10 @@ impl Pose {
         if (length - 1.0).abs() > RIGID_TOLERANCE {
             return Err(PoseError::Quaternion { actual: length });
         }
-        Ok(Pose { rotation: quaternion.normalize(), translation_m: DVec3::new(x, y, z) })
+        // One that is of unit length but for rounding stays as it is, so that a pose that is sent on is the same.
+        let is_unit = (quaternion.length_squared() - 1.0).abs() <= UNIT_ROUNDING;
+        let rotation = if is_unit { quaternion } else { quaternion.normalize() };
+        Ok(Pose { rotation, translation_m: DVec3::new(x, y, z) })
     }
 
     /// A pose from a 4x4 matrix, row by row, that transforms columns: its last column is the translation, its last row
@@ -254,6 +260,16 @@ mod tests {
         assert!((turn.direction(DVec3::X) - DVec3::Y).length() < 1e-15);
         let rows = [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
         assert!((Pose::from_rows(&rows).unwrap().direction(DVec3::X) - DVec3::Y).length() < 1e-15);
+    }
+
+    #[test]
+    fn a_pose_that_is_read_back_is_the_same() {
+        for k in 0..1000 {
+            let turn = DVec3::new(0.1 * f64::from(k), (0.3 * f64::from(k)).sin(), -0.7);
+            let pose = Pose::new(DQuat::from_scaled_axis(turn) * 1.0001, DVec3::ONE).unwrap();
+            let [x, y, z, w] = pose.rotation().to_array();
+            assert_eq!(Pose::from_xyz_qxyzw(&[1.0, 1.0, 1.0, x, y, z, w]).unwrap(), pose);
+        }
     }
 
     #[test]

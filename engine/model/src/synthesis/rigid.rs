@@ -11,19 +11,24 @@
 //! points `X`, so that the inverse depth along a ray is `w = m . r`. A background at infinity has `m = 0`. Each pixel
 //! of a key frame shows a surface: its plane goes through the pixel's own point, with the slope of `w` to the left and
 //! right neighbour, or above and below. Of the two differences the smaller counts; it is 0 where they disagree in sign
-//! or where a neighbour is of another instance. A pixel without depth, of an instance without poses, or where the lens
-//! shows nothing, shows no surface. Seen from the other key frame the plane is `m' = A m / (1 + (A m) . b)`, with `A`
-//! and `b` from one key frame to the other.
+//! or where a neighbour is of another instance. It is kept as a fraction of `w`, rounded to f16, and holds for the
+//! tangents (pinhole) or the angles (fisheye) that the lens maps to pixels. A pixel without depth, of an instance
+//! without poses, or where the lens shows nothing, shows no surface. Seen from the other key frame the plane is `m' =
+//! A m / (1 + (A m) . b)`, with `A` and `b` from one key frame to the other.
 //!
-//! **Path.** A surface that pixel `x` shows at `a` is in key frame k where `A_k r + b_k w` is projected to. Here `w =
-//! m_k . A_k r / (1 - m_k . b_k)` is the inverse depth at `a`. This is exact for a plane, at any speed. A surface with
-//! `w < 0` is not before the camera.
+//! **Path.** The surface of plane `m` (axes of key frame 0) that pixel `x` shows at `a` has the inverse depth `w = m .
+//! A_0 r / (1 - m . b_0)` there. In key frame k it is where `A_k r + b_k w` is projected to. This is exact for a plane,
+//! at any speed. A surface with `w < 0` is not before the camera.
 //!
 //! **Belonging.** A pixel of a key frame belongs to a surface if both have the same instance and `|w - m . r| P < `
 //! [`BELONG_PX`], with the pixel's own `w` and `r`. `P` is the instance's **parallax**, the largest `f |b_k(a)|` at the
 //! knots, but at least 1 (pixels for each unit of inverse depth; `f` is the mean of the two focal lengths): depths that
 //! move alike need not be told apart. The knots are [`KNOTS`] instants from `a = 0` to 1, evenly spaced. Otherwise the
 //! pixel is **nearer** than the surface if its `w` is larger, or else **farther**.
+//!
+//! A pixel **continues** the surface of another one of its key frame if both have the same instance and `|w - m . r| `
+//! [`LEAST_MOTION_PX`]` <= `[`BELONG_PX`]` w`, with `m` of the other. This is known before the motion that follows the
+//! key frame. A pixel is **pure** if the 3x3 pixels around it continue its surface, and **inner** if the 5x5 do.
 //!
 //! **Candidates.** A pixel reads the surfaces that may show in its 8x8 block during the interval, and its own two.
 //!
@@ -32,22 +37,25 @@
 //! 2. Such a surface is a candidate of every block that it passes: the square of its own block, displaced as its pixel
 //!    is at one of the knots, lies within [`REACH_PX`] of the other block. Key frame 0 comes first, and blocks row by
 //!    row.
-//! 3. Two surfaces of one instance are one candidate if the paths of the block's centre along both differ by less than
-//!    [`MERGE_PX`] on each axis at all knots. The first counts. A block has at most [`BLOCK_CANDIDATES`].
-//! 4. A pixel's first candidates are the surfaces that it shows in key frames 0 and 1. If the two are one, by the path
-//!    of the pixel, its position is the mean of both, by `1 - a` and `a`; so is its `w`. Then come the block's that are
-//!    neither, by the same comparison, up to [`PIXEL_CANDIDATES`].
+//! 3. Two surfaces of one instance are one candidate along a ray if `|m . r - m' . r| P < `[`MERGE_PX`] for their planes
+//!    `m` and `m'` in the axes of both key frames. Along the ray of the block's centre the first counts. A block has at
+//!    most [`BLOCK_CANDIDATES`].
+//! 4. A pixel's first candidates are the surfaces that it shows in key frames 0 and 1. If the two are one along its ray,
+//!    the plane at `a` is the mean of both by `1 - a` and `a`, in the axes of each key frame. Then come the block's that
+//!    are neither, by the same comparison, up to [`PIXEL_CANDIDATES`].
 //!
 //! **What a key frame knows.** At the position where key frame k is read, the four pixels around are weighed
-//! bilinearly. `s` is the weight of those that belong to the candidate: it is seen. `h` is the weight of the nearer
-//! ones and of those without a surface: it may be hidden. The rest is farther: it is not there.
+//! bilinearly. A position within [`SNAP_SAMPLES`] of a row or column of half-pel samples counts as on it. `s` is the
+//! weight of those that belong to the candidate: it is seen. `h` is the weight of the nearer ones and of those without a
+//! surface: it may be hidden. The rest is farther: it is not there. Where the pixel nearest to the position belongs and
+//! is inner, `s = 1` and `h = 0`.
 //!
 //! **Coverage.** With weights `u_0 = (1 - a) e_0` and `u_1 = a e_1`, where `e = max(1 - o, `[`EDGE_WEIGHT`]`)` and `o`
 //! is how far the position lies outside the image, a candidate covers the pixel by `c = sum u s / sum u (1 - h)`: what
 //! is hidden in one key frame is judged by the other. It is 0 where the candidate is hidden in both. Its level is `L =
 //! sum u g E / sum u g`. Here `E` is the level that the key frame shows there. `g` is the weight of the pixels that
-//! belong, where a pixel counts [`MIXED_WEIGHT`] times if one of the 3x3 around it is of another surface: at a
-//! silhouette a pixel is a mixture of two surfaces, and what uncovers itself is seen unmixed in the other key frame.
+//! belong, where a pixel that is not pure counts [`MIXED_WEIGHT`] times: at a silhouette a pixel is a mixture of two
+//! surfaces, and what uncovers itself is seen unmixed in the other key frame. `g = 1` where the nearest is inner.
 //!
 //! **Composite.** Candidates count from near to far, by `w` at `a`. Each takes `c` of what the nearer ones leave. The
 //! mean of `exp(L)` by these shares is the pixel's `S + log_offset`. It is a mean in linear intensity, as a renderer's
@@ -57,35 +65,58 @@
 //! takes the level of its farthest candidate at the nearest pixels that belong to it, in the row and the column of its
 //! rounded position in both key frames, at most [`UNSEEN_REACH_PX`] away. The equally near ones count by `1 - a` in key
 //! frame 0 and by `a` in key frame 1. Without any, the pixel is blended as by `linear`. It is counted. A pixel that
-//! shows no surface in either key frame has no candidates and no path. It is blended as by `linear`, or takes `motion`
-//! where there are vectors, and is counted.
+//! shows no surface in either key frame has no candidates and no path. It is blended as by `linear`, and is counted.
 //!
-//! **Half-pel frames.** Each key frame has one, as in [`synthesis`](super), but within surfaces: a sample between
-//! pixels is *joined* if the pixels that it lies between belong to the surface of the first of them or have it belong
-//! to theirs. It is interpolated with sixteen taps ([`CUBIC_FRAME`](super::CUBIC_FRAME)) and clamped to the range of
-//! those pixels; taps of other surfaces count as the nearest of those. A sample that is not joined is their mean. The
-//! transfers follow the path of each sample to the other key frame. Their confidence is 1 where the four inner taps
-//! there are joined and belong, less how far the position lies outside the image; and for a sample between pixels the
-//! smallest of its own and theirs.
+//! **Half-pel frames.** Each key frame has one. From the frame alone it is that of [`synthesis`](super). A sample between
+//! pixels is *joined* if the pixels that it lies between continue the surface of the first of them. The transfers
+//! follow the path of each joined sample to the other key frame; the others stay as they are. The confidence is 1 where
+//! `E` there is read from the half-pel frame, less how far the position lies outside the image; and for a sample between
+//! pixels the smallest of its own and theirs.
 //!
-//! **Level.** `E` is read from the half-pel frame with sixteen taps ([`CUBIC_HALF_PEL`](super::CUBIC_HALF_PEL)),
-//! clamped to the four inner ones, if these are joined and belong to the candidate; outer ones that are not count as
-//! the inner tap nearest to them. Otherwise `E` is the mean of the pixels around that belong, weighed bilinearly.
+//! **Level.** `E` is read from the half-pel frame as in [`synthesis`](super), with twelve taps, where the nearest
+//! pixel belongs and is inner, or where the inner four taps are joined and belong. A tap belongs if its pixel does, or
+//! for a sample between pixels the first of those that it lies between. Those in a row or column that weighs at most
+//! [`SLIGHT_WEIGHT`] linearly need not. Outer taps may be of other surfaces: the clamp bounds what they do. Otherwise
+//! `E` is the mean of the pixels around that belong, weighed bilinearly.
+//!
+//! **Sub-steps.** The motion of a block is the longest way of the surfaces that pass it: the sum of their displacements
+//! from knot to knot, each as its pixel is displaced; 0 if that is less than [`REST_PX`]. A camera that shakes may end
+//! where it began. It counts in place of the motion vectors around the block
+//! ([`substep_count`](crate::substeps::substep_count)).
 
 pub use super::EDGE_WEIGHT;
 
-/// Instants at which paths are compared. Between nine of them a shake at 25 Hz turns by less than a tenth of its
-/// period in an interval at 30 Hz.
+/// Instants at which paths are followed from block to block. Between nine of them a shake at 25 Hz turns by less than a
+/// tenth of its period in an interval at 30 Hz.
 pub const KNOTS: usize = 9;
 
 /// Displacement, pixels, up to which a difference of depth counts as one surface.
 pub const BELONG_PX: f64 = 0.7;
 
-/// Difference of two paths, pixels, up to which surfaces of one instance are one candidate.
+/// Displacement, pixels, up to which a difference of depth counts as one candidate.
 pub const MERGE_PX: f64 = 0.7;
 
 /// How near to a block a surface must pass to be its candidate, pixels.
 pub const REACH_PX: f64 = 1.5;
+
+/// Instants at which the host gives the poses of an interval, evenly spaced from its start to its end. Those of
+/// sub-steps are interpolated from six of them each. Every fourth is a knot.
+pub const POSE_INSTANTS: usize = 33;
+
+/// Motion, pixels, below which a surface counts as at rest: rounding.
+pub const REST_PX: f64 = 1e-3;
+
+/// Weight below which an inner tap need not belong to the surface that is read: rounding decides on which side of a
+/// sample a position falls.
+pub const SLIGHT_WEIGHT: f64 = 1e-3;
+
+/// How near a row or column of half-pel samples a position counts as on it, samples. What is hidden changes there, and
+/// the range that a level is clamped to: rounding would decide on which side a position falls that does not move across.
+pub const SNAP_SAMPLES: f64 = 0.002;
+
+/// Motion, pixels, by which it is told whether neighbouring pixels show one surface. It is told when a key frame comes,
+/// before the motion that follows it is known.
+pub const LEAST_MOTION_PX: f64 = 8.0;
 
 /// Side of a block, pixels.
 pub const BLOCK_PX: usize = 8;

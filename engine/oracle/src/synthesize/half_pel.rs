@@ -44,6 +44,12 @@ impl HalfPelFrame {
         self.sampling
     }
 
+    /// Its samples, row by row, nepers.
+    #[must_use]
+    pub fn into_samples(self) -> Vec<f64> {
+        self.log
+    }
+
     /// Sample `(X, Y)`, nepers.
     #[must_use]
     pub fn entry(&self, x: usize, y: usize) -> f64 {

@@ -10,10 +10,35 @@ pub mod trajectory;
 pub mod transfer;
 
 use crate::ingest::{Image, plane_of};
+use esaac_model::paths::SceneMotion;
 use esaac_model::{SensorModel, Synthesis};
 use half_pel::HalfPelFrame;
 use motion::Motion;
+use rigid::candidates::Instant;
+use rigid::surface::Geometry;
+use rigid::{Input, Rigid, Sample};
 use sampling::Sampling;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+/// What an interval hands on to the next: half-pel frames of its end, one per plane.
+#[derive(Clone, Debug)]
+pub enum History {
+    /// Of synthesis `motion`.
+    Motion(Vec<HalfPelFrame>),
+    /// Of synthesis `rigid`.
+    Rigid(Vec<Vec<f64>>),
+}
+
+/// The motion of an interval's scene, for synthesis `rigid`.
+#[derive(Clone, Copy, Debug)]
+pub struct Motions<'a> {
+    /// Poses.
+    pub scene: &'a SceneMotion,
+    /// Times of the two frames.
+    pub times_ns: [i64; 2],
+}
 
 /// The two frames of an interval, prepared for a synthesis.
 pub struct Gap<'a> {
@@ -29,36 +54,79 @@ pub struct Gap<'a> {
     pub end_planes: Vec<Vec<f64>>,
     /// Both frames prepared for synthesis `motion`, if that is chosen and possible.
     pub motion: Option<Motion>,
+    /// Both frames prepared for synthesis `rigid`, likewise.
+    pub rigid: Option<Rigid<'a>>,
+    /// Pixel sub-steps that show what neither frame shows.
+    unseen: Cell<u64>,
+    /// Poses at the ends of sub-steps, by sub-step and their number.
+    instants: RefCell<BTreeMap<(u32, u32), Rc<Instant>>>,
 }
 
 impl<'a> Gap<'a> {
     /// Prepares the gap between two frames. `ratio` is the length of the previous interval over that of this one,
     /// `None` in the first interval. `history` comes from [`Gap::into_history`] of the previous interval. `sampling`
-    /// says how synthesis `motion` reads its frames.
+    /// says how synthesis `motion` reads its frames. Synthesis `rigid` needs `motions`.
     #[must_use]
     pub fn new(
         sensor: &'a SensorModel,
         start: &'a Image,
         end: &'a Image,
         ratio: Option<f64>,
-        history: Option<Vec<HalfPelFrame>>,
+        history: Option<History>,
         sampling: Sampling,
+        motions: Option<Motions<'a>>,
     ) -> Self {
         let start_planes = start.planes(sensor.intensity);
         let end_planes = end.planes(sensor.intensity);
-        let motion = match sensor.synthesis {
+        let planes = [&start_planes[..], &end_planes[..]];
+        let (mut motion, mut rigid) = (None, None);
+        match sensor.synthesis {
             Synthesis::Motion => {
-                Motion::new(sensor, start, end, [&start_planes, &end_planes], ratio, history, sampling)
+                let history = match history {
+                    Some(History::Motion(history)) => Some(history),
+                    _ => None,
+                };
+                motion = Motion::new(sensor, start, end, planes, ratio, history, sampling);
             }
-            Synthesis::Linear | Synthesis::Paper | Synthesis::None => None,
-        };
-        Gap { sensor, start, end, start_planes, end_planes, motion }
+            Synthesis::Rigid => {
+                let history = match history {
+                    Some(History::Rigid(history)) => Some(history),
+                    _ => None,
+                };
+                rigid = prepare_rigid(sensor, [start, end], planes, history, motions);
+            }
+            Synthesis::Linear | Synthesis::Paper | Synthesis::None | Synthesis::Auto => {}
+        }
+        let (unseen, instants) = (Cell::new(0), RefCell::new(BTreeMap::new()));
+        Gap { sensor, start, end, start_planes, end_planes, motion, rigid, unseen, instants }
     }
 
     /// The history for the next gap.
     #[must_use]
-    pub fn into_history(self) -> Option<Vec<HalfPelFrame>> {
-        self.motion.and_then(Motion::into_history)
+    pub fn into_history(self) -> Option<History> {
+        match self.rigid {
+            Some(rigid) => Some(History::Rigid(rigid.into_history())),
+            None => self.motion.and_then(Motion::into_history).map(History::Motion),
+        }
+    }
+
+    /// Pixel sub-steps so far that show what neither frame shows.
+    #[must_use]
+    pub fn unseen(&self) -> u64 {
+        self.unseen.get()
+    }
+
+    /// What synthesis `rigid` shows at the end of sub-step `i` of `n`.
+    fn rigid_sample(&self, rigid: &Rigid<'_>, plane: usize, (x, y): (usize, usize), i: u32, n: u32) -> f64 {
+        let instant = self
+            .instants
+            .borrow_mut()
+            .entry((i, n))
+            .or_insert_with(|| Rc::new(rigid.instant(f64::from(i) / f64::from(n))))
+            .clone();
+        let sample = rigid.sample(&instant, plane, x, y);
+        self.unseen.set(self.unseen.get() + u64::from(matches!(sample, Sample::Unseen(_))));
+        sample.intensity()
     }
 
     /// Writes the intensity of pixel `(x, y)` at the interval's start and at the end of each of `substeps` sub-steps to
@@ -72,7 +140,10 @@ impl<'a> Gap<'a> {
         for i in 1..substeps {
             let fraction = f64::from(i) / f64::from(substeps);
             let synthesized = match self.sensor.synthesis {
-                Synthesis::Linear | Synthesis::None => None,
+                Synthesis::Linear | Synthesis::None | Synthesis::Auto => None,
+                Synthesis::Rigid => {
+                    self.rigid.as_ref().map(|rigid| self.rigid_sample(rigid, plane, (x, y), i, substeps))
+                }
                 Synthesis::Paper => paper::sample(self, plane, x, y, fraction),
                 Synthesis::Motion => {
                     self.motion.as_ref().and_then(|motion| motion.sample(plane, x, y, fraction))
@@ -82,6 +153,25 @@ impl<'a> Gap<'a> {
         }
         samples.push(to);
     }
+}
+
+/// Both frames prepared for synthesis `rigid`, if they have depth and there are poses.
+fn prepare_rigid<'a>(
+    sensor: &SensorModel,
+    images: [&Image; 2],
+    planes: [&[Vec<f64>]; 2],
+    history: Option<Vec<Vec<f64>>>,
+    motions: Option<Motions<'a>>,
+) -> Option<Rigid<'a>> {
+    let Motions { scene, times_ns } = motions?;
+    let [start, end] = images.map(|image| {
+        let (depth_m, ids) = image.geometry.as_ref()?;
+        Some(Geometry { size: (image.width, image.height), depth_m, ids })
+    });
+    let geometries = [start?, end?];
+    let inputs =
+        [0, 1].map(|key| Input { t_ns: times_ns[key], planes: planes[key], geometry: geometries[key] });
+    Some(Rigid::new(scene, inputs, sensor.log_offset, sensor.transfers, history))
 }
 
 /// Synthesis `linear`: blends the two frames. A pixel without a usable motion vector falls back to it.

@@ -2,7 +2,7 @@
 
 import esaac
 
-from . import exposure, publishing, schema, self_test, sinks, writer
+from . import exposure, poses, publishing, schema, self_test, sinks, writer
 from .closing import CloseError, Closing
 from .feed import Feed
 from .frames import FrameUnusable
@@ -24,6 +24,7 @@ class Bridge:
         self.feeds, self.problems, self.checks = [], [], []
         self.unsaved = []
         self._attached, self._before, self._publisher = [], None, None
+        self._transforms = None
 
     def setting(self, name, default):
         value = self.settings.get(SETTINGS + name)
@@ -68,8 +69,10 @@ class Bridge:
         self._open_publisher([spec for spec in specs if spec.publish], off)
         for spec in specs:
             try:
+                if spec.with_geometry and self._transforms is None:
+                    self._transforms = poses.Transforms(stage)
                 self._attach(spec, off)
-            except (esaac.EsaacError, FrameUnusable, OSError) as error:
+            except (esaac.EsaacError, FrameUnusable, poses.PosesUnusable, OSError) as error:
                 self.problems.append(f"{spec.path}: {error}")
         for problem in self.problems:
             self.log.error(problem)
@@ -82,9 +85,16 @@ class Bridge:
             self.problems.append(
                 f"{spec.path}: the renderer's motion vectors failed the self-test, so mode `linear` is used"
             )
-            spec = _replaced(spec, sensor=spec.sensor.replace(synthesis="linear"))
+            linear = spec.sensor.replace(synthesis="linear")
+            spec = _replaced(spec, sensor=linear, with_motion=False)
+        if "motion" in off and spec.with_motion:
+            self.problems.append(
+                f"{spec.path}: the renderer's motion vectors failed the self-test, so what has no poses is blended"
+            )
+            spec = _replaced(spec, with_motion=False)
         by_texture = self._by_texture(spec, off)
-        feed = Feed(spec, device=self.setting("device", None) or None)
+        transforms = self._transforms if spec.with_geometry else None
+        feed = Feed(spec, device=self.setting("device", None) or None, transforms=transforms)
         try:
             self._add_sinks(feed)
             product, attached = writer.attach(spec, feed.write, with_hdr=not by_texture)
@@ -155,9 +165,12 @@ class Bridge:
             self.unsaved += [sink for sink in feed.sinks if isinstance(sink, sinks.Recorder)]
         if self._publisher is not None:
             closing.call(self._publisher.close)
+        if self._transforms is not None:
+            closing.call(self._transforms.close)
         if self._before is not None:
             closing.call(exposure.restore, self.settings, self._before)
         self.feeds, self._attached, self._before, self._publisher = [], [], None, None
+        self._transforms = None
         closing.finish()
 
     def detach_and_tell(self):

@@ -22,10 +22,17 @@ FORMS = {
 class Feed:
     """Steps an event camera with a writer's data, and counts frames, events and faults."""
 
-    def __init__(self, spec, device=None):
+    def __init__(self, spec, device=None, transforms=None):
         self.spec = spec
         self.texture = None
-        self.camera = esaac.EventCamera(spec.sensor, device=device, packets=spec.packets)
+        self.camera = esaac.EventCamera(
+            spec.sensor,
+            intrinsics=spec.intrinsics if transforms else None,
+            device=device,
+            packets=spec.packets,
+        )
+        self._transforms = transforms
+        self._recorder = transforms.recorder(spec.path) if transforms else None
         self.sinks = []
         self.frames = self.events = self.dropped = 0
         self.duplicates = self.gaps = self.unusable = self.faults = 0
@@ -40,10 +47,19 @@ class Feed:
     def write(self, data):
         """The writer calls this on the renderer's thread. The arrays are valid until it returns; `step` has read them
         by then."""
-        sensor = self.spec.sensor
+        spec, sensor = self.spec, self.spec.sensor
         try:
-            needs_motion = sensor.synthesis in ("motion", "paper")
-            frame = frame_of(data, sensor.width, sensor.height, needs_motion, self.spec.outputs, self.texture)
+            frame = frame_of(
+                data,
+                *(
+                    sensor.width,
+                    sensor.height,
+                    spec.with_motion,
+                    spec.outputs,
+                    self.texture,
+                    spec.with_geometry,
+                ),
+            )
         except FrameUnusable as unusable:
             self.unusable += 1
             self.message = str(unusable)
@@ -57,10 +73,15 @@ class Feed:
                 # The timeline was stopped, or rewound.
                 self.gaps += 1
                 self.camera.reset()
+                self._last_ns = None
                 self._tell("restart")
         started = time.perf_counter()
         try:
-            packet = self.camera.step(frame.hdr, frame.motion, t_ns=frame.t_ns)
+            packet = self._step(frame)
+        except FrameUnusable as unusable:
+            self.unusable += 1
+            self.message = str(unusable)
+            return
         except esaac.EsaacError as error:
             self.faults += 1
             self.message = f"{type(error).__name__}: {error}"
@@ -79,6 +100,23 @@ class Feed:
             self._guarded(sink, sink, self, packet)
         # The renderer may overwrite its memory from now on.
         self.frame = None
+
+    def _step(self, frame):
+        if self._recorder is not None:
+            if not len(self._recorder):
+                raise FrameUnusable(
+                    "no poses yet: physics has not stepped. Does the stage have a physics scene?"
+                )
+            since_ns = frame.t_ns if self._last_ns is None else self._last_ns
+            self._recorder.ids = self._transforms.table(frame.labels, since_ns)
+        return self.camera.step(
+            frame.hdr,
+            frame.motion,
+            t_ns=frame.t_ns,
+            depth=frame.depth if self._recorder is not None else None,
+            ids=frame.ids,
+            poses=self._recorder,
+        )
 
     def _tell(self, what, *arguments):
         for sink in self.sinks:

@@ -5,6 +5,7 @@ import dataclasses
 HDR = "HdrColor"
 MOTION = "motion_vectors"
 DEPTH = "distance_to_image_plane"
+IDS = "instance_id_segmentation"
 RGB = "rgb"
 TIME = "IsaacReadSimulationTime"
 
@@ -24,6 +25,9 @@ class Frame:
     t_ns: int
     rgb: object = None
     depth: object = None
+    ids: object = None
+    labels: dict = dataclasses.field(default_factory=dict)
+    """What each id is: the path of a prim, or a word."""
 
 
 def find(data, name):
@@ -53,17 +57,37 @@ def seconds(entry):
     return float(entry)
 
 
-def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None):
-    """Colour, motion and time of a writer's data, checked, and `rgb` and `depth` if `outputs` names them. Colour
-    comes from the texture, if there is one."""
+def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None, needs_geometry=False):
+    """Colour, motion and time of a writer's data, checked, depth and ids if they are needed, and `rgb` and `depth` if
+    `outputs` names them. Colour comes from the texture, if there is one."""
     hdr = texture.image(width, height) if texture else _image(data, HDR, height, width)
     motion = _image(data, MOTION, height, width) if needs_motion else None
     rgb = _image(data, RGB, height, width) if "rgb" in outputs else None
-    depth = _image(data, DEPTH, height, width, channels=()) if "depth" in outputs else None
+    wants_depth = needs_geometry or "depth" in outputs
+    depth = _image(data, DEPTH, height, width, channels=()) if wants_depth else None
+    ids = _beside(_image(data, IDS, height, width, channels=()), depth) if needs_geometry else None
     entry = find(data, TIME)
     if entry is None:
         raise FrameUnusable(f"no {TIME} among {sorted(data)}")
-    return Frame(hdr=hdr, motion=motion, t_ns=round(seconds(entry) * 1e9), rgb=rgb, depth=depth)
+    t_ns, labels = round(seconds(entry) * 1e9), _labels(data) if needs_geometry else {}
+    return Frame(hdr=hdr, motion=motion, t_ns=t_ns, rgb=rgb, depth=depth, ids=ids, labels=labels)
+
+
+def _labels(data):
+    entry = find(data, IDS)
+    info = entry.get("info", {}) if isinstance(entry, dict) else {}
+    if "idToLabels" not in info:
+        raise FrameUnusable(f"{IDS} has no `idToLabels`: what its ids are is not known")
+    return info["idToLabels"]
+
+
+def _beside(array, other):
+    """The array on the device of the other: Kit hands out segmentation on the host where it post-processes it."""
+    if hasattr(array, "__cuda_array_interface__") or not hasattr(other, "__cuda_array_interface__"):
+        return array
+    import warp
+
+    return warp.array(array, device=other.device)
 
 
 def _image(data, name, height, width, channels=(4,)):

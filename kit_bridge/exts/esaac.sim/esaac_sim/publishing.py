@@ -34,17 +34,19 @@ class Sink:
 
     def __init__(self, publisher, spec, log):
         self._publisher, self._name, self._log = publisher, _name(spec), log
+        self._with_depth = "depth" in spec.outputs
         self._imu = Imu(spec.imu) if spec.imu else None
 
     def __call__(self, feed, packet):
         frame = feed.frame
         aps = feed.camera.aps
+        depth = frame.depth if self._with_depth else None
         samples = self._imu.samples() if self._imu else ()
         # The first frame ends no interval, so it has no events to publish.
         packet = packet if feed.frames > 1 else None
         self._publisher.publish(
             frame.t_ns,
-            {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=frame.depth, imu=samples)},
+            {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=depth, imu=samples)},
         )
         for notice in self._publisher.notices():
             self._log.warn(notice)

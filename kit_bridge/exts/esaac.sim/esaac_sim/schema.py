@@ -51,6 +51,16 @@ class CameraSpec:
     imu: str
     """Path of an IMU sensor that is published with it, or empty."""
     focal_px: float
+    with_motion: bool
+    """Whether motion vectors are asked of the renderer."""
+    with_geometry: bool
+    """Whether depth and instance ids are asked of it, and poses recorded."""
+
+    @property
+    def intrinsics(self):
+        """Its lens; the centre of the first pixel is half a pixel from the corner."""
+        middle = self.sensor.width / 2, self.sensor.height / 2
+        return esaac.Intrinsics(self.focal_px, self.focal_px, *middle, half_pixel_centres=True)
 
 
 def register():
@@ -107,6 +117,9 @@ def spec_of(prim):
         except esaac.ArgumentError as error:
             raise SchemaError(f"{path}: {error}") from error
     sensor = _sensor(prim, path, outputs)
+    focal_px, with_geometry = _focal_px(prim, sensor.width), sensor.synthesis in ("rigid", "auto")
+    if with_geometry and not focal_px:
+        raise SchemaError(f"{path} has no horizontal aperture, which mode `{sensor.synthesis}` needs")
     return CameraSpec(
         path=path,
         sensor=sensor,
@@ -116,7 +129,9 @@ def spec_of(prim):
         topic=topic,
         frame_id=frame_id,
         imu=str(_value(prim, "imu")),
-        focal_px=_focal_px(prim, sensor.width),
+        focal_px=focal_px,
+        with_motion=sensor.synthesis in ("motion", "paper", "auto"),
+        with_geometry=with_geometry,
     )
 
 

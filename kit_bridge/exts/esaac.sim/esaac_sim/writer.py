@@ -8,7 +8,7 @@ import omni.replicator.core as rep
 
 import esaac
 
-from .frames import DEPTH, HDR, MOTION, RGB, TIME
+from .frames import DEPTH, HDR, IDS, MOTION, RGB, TIME
 
 NAME = "EsaacEventWriter"
 
@@ -16,12 +16,17 @@ NAME = "EsaacEventWriter"
 class EsaacEventWriter(rep.Writer):
     """Calls `sink(data)` for each frame."""
 
-    def __init__(self, sink, with_hdr=True, with_motion=True, with_rgb=False, with_depth=False):
+    def __init__(
+        self, sink, with_hdr=True, with_motion=True, with_rgb=False, with_depth=False, with_ids=False
+    ):
         self.version = esaac.__version__
         self.sink = sink
         get = rep.AnnotatorRegistry.get_annotator
         names = [HDR] * with_hdr + [MOTION] * with_motion + [RGB] * with_rgb + [DEPTH] * with_depth
         self.annotators = [get(name, device="cuda", do_array_copy=False) for name in names]
+        if with_ids:
+            colours_off = {"colorize": False}
+            self.annotators.append(get(IDS, init_params=colours_off, device="cuda", do_array_copy=False))
         # The time of the rendered frame. The simulation may be ahead of it.
         self.annotators.append(get(TIME, init_params={"resetOnStop": True}))
 
@@ -38,9 +43,10 @@ def attach(spec, sink, with_hdr=True):
     writer.initialize(
         sink=sink,
         with_hdr=with_hdr,
-        with_motion=sensor.synthesis in ("motion", "paper"),
+        with_motion=spec.with_motion,
         with_rgb="rgb" in spec.outputs,
-        with_depth="depth" in spec.outputs,
+        with_depth=spec.with_geometry or "depth" in spec.outputs,
+        with_ids=spec.with_geometry,
     )
     writer.attach([product])
     return product, writer

@@ -137,6 +137,8 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
         sensor.aps_gain = format!("{gain:.2e}").parse::<f64>()?.clamp(1e-6, 1e6);
     }
     sensor.validate()?;
+    // The frames have motion vectors.
+    sensor.synthesis = sensor.synthesis.resolve(false, true);
     let intensity = match sensor.intensity {
         Intensity::BayerRggb => Intensity::Luminance,
         Intensity::Gray | Intensity::Luminance => Intensity::BayerRggb,

@@ -3,24 +3,28 @@
 use super::collected::Collected;
 use super::{DemoArguments, HDR, MOTION, RATE_HZ, Simulated};
 use crate::arguments::CommonArguments;
-use crate::frame_time::frame_time_ns;
 use crate::kernel_source::KernelSource;
 use crate::link_report::LinkReport;
 use crate::pace::Pace;
 use crate::progress;
 use crate::render_process::{RenderJob, RenderProcess};
 use crate::report::{self, MemoryReport};
-use crate::rig_file::{DEFAULT_SLOTS, RigPlan};
+use crate::rig_file::RigPlan;
 use crate::ros::{self, RosOutput};
 use anyhow::{Context, Result, ensure};
-use esaac_engine::{CameraConfig, Device, InputBuffers, Rig};
-use esaac_interop::{ServerOptions, Service};
-use esaac_model::{Intensity, SensorModel};
+use esaac_engine::{CameraConfig, Device, GeometryConfig, InputBuffers, Rig};
+use esaac_formats::frame_time::frame_time_ns;
+use esaac_formats::scene_file::pose_times_ns;
+use esaac_interop::{DEFAULT_SLOTS, ServerOptions, Service};
+use esaac_model::{DepthFormat, IdFormat, Intensity, SensorModel, Synthesis};
 use esaac_ros::CameraPlan;
 use esaac_scene::Scene;
 use esaac_scene::renderer::{Renderer, Targets};
 use std::sync::Arc;
 use std::time::Duration;
+
+/// Poses a second for synthesis `rigid`: steps of a simulator.
+const POSE_RATE_HZ: f64 = 960.0;
 
 /// Rows of the overview.
 const INSTANTS: usize = 4;
@@ -54,7 +58,18 @@ impl<'a> Run<'a> {
         let slots = if device.is_software() { 1 } else { DEFAULT_SLOTS };
         let mut plan = RigPlan::default();
         for (camera, sensor) in (0..).zip(self.sensors) {
-            let config = CameraConfig { sensor: sensor.clone(), camera, hdr: HDR, motion: Some(MOTION) };
+            let exact = GeometryConfig {
+                depth: DepthFormat::F32,
+                ids: Some(IdFormat::U32),
+                lens: self.scene.intrinsics(),
+            };
+            let config = CameraConfig {
+                sensor: sensor.clone(),
+                camera,
+                hdr: HDR,
+                motion: Some(MOTION),
+                geometry: (sensor.synthesis == Synthesis::Rigid).then_some(exact),
+            };
             plan.push(config, slots, false);
         }
         plan
@@ -89,13 +104,17 @@ impl<'a> Run<'a> {
         let mut renderer = Renderer::new(device, self.scene.clone(), HDR, MOTION)?;
         let mut collected = Collected::new(self, device, ros)?;
         let mut pace = Pace::new(arguments.real_time);
+        for camera in (0..rig.len()).filter(|&camera| self.sensors[camera].synthesis == Synthesis::Rigid) {
+            let poses_ns = pose_times_ns(self.times_ns.len(), RATE_HZ, POSE_RATE_HZ);
+            rig.set_scene(camera, self.scene.scene_motion(&poses_ns))?;
+        }
         let progress = progress::bar(self.times_ns.len());
         for (index, &t_ns) in self.times_ns.iter().enumerate() {
             pace.wait(t_ns);
             let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
             for camera in 0..rig.len() {
-                let InputBuffers { hdr, motion, .. } = rig.inputs(camera)?;
-                renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth: None, ids: None })?;
+                let InputBuffers { hdr, motion, depth, ids } = rig.inputs(camera)?;
+                renderer.render(t_ns, previous_ns, Targets { hdr, motion, depth, ids })?;
             }
             kernels.refresh(&mut rig, &progress);
             collected.change_sensors(&mut rig);
@@ -150,7 +169,7 @@ impl<'a> Run<'a> {
         }
         progress.finish_and_clear();
         renderer.finish()?;
-        collected.finish(LinkReport::of(service.server()), MemoryReport::of(service.rig()))
+        collected.finish(LinkReport::of(&service), MemoryReport::of(service.rig()))
     }
 }
 

@@ -2,10 +2,12 @@
 
 mod text;
 
+use crate::input_check::InputReport;
 use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
 use crate::pose_report::PoseReport;
 use crate::run_record::{RunRecord, quantile};
+use crate::synthesis_choice::SynthesisChoice;
 use anyhow::Result;
 use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
 use esaac_model::SensorModel;
@@ -24,8 +26,12 @@ pub struct Report {
     pub link: LinkReport,
     /// Counts of ROS 2 messages, if any were published or recorded.
     pub ros: Option<Summary>,
+    /// Which synthesis the frames got and why, if it depended on them.
+    pub synthesis: Option<SynthesisChoice>,
     /// Poses that came with the frames, if any did.
     pub poses: Option<PoseReport>,
+    /// Whether events must be false because of what the frames lack, if that was looked at.
+    pub input_check: Option<InputReport>,
     /// Intervals simulated.
     pub intervals: usize,
     /// Simulated time, nanoseconds.

@@ -23,8 +23,14 @@ impl Report {
         if let Some(ros) = &self.ros {
             text.push_str(&format!("ROS 2     {}\n", ros.to_text()));
         }
+        if let Some(synthesis) = &self.synthesis {
+            text.push_str(&format!("synthesis {}\n", synthesis.to_text()));
+        }
         if let Some(poses) = &self.poses {
             text.push_str(&format!("poses     {}\n", poses.to_text()));
+        }
+        if let Some(warning) = self.input_check.as_ref().and_then(|check| check.warning.as_ref()) {
+            text.push_str(&format!("warning   {warning}\n"));
         }
         for (index, camera) in self.cameras.iter().enumerate() {
             text.push_str(&camera.to_text(index));
@@ -83,7 +89,7 @@ impl CameraReport {
             sensor.height,
             sensor.substeps,
             choice(&sensor.intensity),
-            choice(&sensor.synthesis),
+            sensor.synthesis.name(),
         );
         let mut line = |label: &str, value: String| text.push_str(&format!("  {label:<15}{value}\n"));
         line("events", format!("{} ({} ON, {} OFF)", self.events, self.on, self.off));

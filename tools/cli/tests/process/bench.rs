@@ -20,7 +20,9 @@ fn bench_writes_figures_tables_and_plots() {
     let file = std::fs::read_to_string(folder.path().join("bench.json")).unwrap();
     assert_eq!(serde_json::from_str::<serde_json::Value>(&file).unwrap(), printed);
     let rows = printed["parts"]["time"].as_array().unwrap();
-    assert_eq!(rows.len(), 4);
+    // A quick run has fewer sub-steps than x32 too, except on a software driver. At x32 each tap count has two modes,
+    // and `rigid` has two.
+    assert_eq!(rows.iter().filter(|row| row["substeps"] == 32).count(), 6, "{rows:?}");
     for row in rows {
         assert_eq!(row["sensor"], "dvs128", "{row}");
         let [median, floor] =

@@ -43,6 +43,25 @@ fn a_still_scene_has_no_events() {
 }
 
 #[test]
+fn exact_paths_are_simulated_in_one_process_and_in_two() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut arguments = vec!["demo", "--json", "--scene", "poles", "--out", folder.path().to_str().unwrap()];
+    arguments.extend(SMALL);
+    let f1 = |synthesis: &str, in_process: &[&str]| {
+        let (code, text, error) = run(&[&arguments[..], in_process, &["--synthesis", synthesis]].concat());
+        assert_eq!(code, 0, "{error}");
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(report["cameras"][0]["sensor"]["synthesis"], synthesis);
+        report["cameras"][0]["accuracy"]["f1"].as_f64().unwrap()
+    };
+    let motion = f1("motion", &["--in-process"]);
+    for in_process in [&["--in-process"][..], &[]] {
+        let rigid = f1("rigid", in_process);
+        assert!(rigid > motion + 0.2, "{in_process:?}: rigid {rigid}, motion {motion}");
+    }
+}
+
+#[test]
 fn an_unknown_scene_is_a_usage_error_that_lists_them() {
     let (code, _, error) = run(&["demo", "--scene", "nonesuch"]);
     assert_eq!(code, 2);

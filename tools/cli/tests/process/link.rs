@@ -34,8 +34,13 @@ struct Engine {
 
 impl Engine {
     fn start(arguments: &[&str]) -> Self {
+        Engine::of(RIG, arguments)
+    }
+
+    /// A service of two cameras.
+    fn of(rig: &str, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("rig.toml"), RIG).unwrap();
+        std::fs::write(folder.path().join("rig.toml"), rig).unwrap();
         let (socket, rig) = (folder.path().join("e.sock"), folder.path().join("rig.toml"));
         let mut child = esaac(&["serve", "--json", "--socket", text(&socket), "--rig", text(&rig)])
             .args(arguments)
@@ -68,7 +73,11 @@ impl Engine {
     }
 
     fn renderer(&self, arguments: &[&str]) -> Child {
-        esaac(&["render", "--socket", text(&self.socket()), "--scene", "edge"])
+        self.renderer_of("edge", arguments)
+    }
+
+    fn renderer_of(&self, scene: &str, arguments: &[&str]) -> Child {
+        esaac(&["render", "--socket", text(&self.socket()), "--scene", scene])
             .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -145,6 +154,48 @@ fn a_service_ends_by_itself_once_all_is_done() {
         assert!(out.path().join(format!("camera_{camera}.npz")).metadata().unwrap().len() > 1000);
         assert!(report["cameras"][camera]["events"].as_u64().unwrap() > 100, "{report}");
     }
+}
+
+/// A camera that takes depth, through another lens than the scene's.
+const EXACT_RIG: &str = r#"
+[[camera]]
+sensor = "dvs128"
+depth = "f32"
+ids = "u32"
+lens = { fx = 100.0 }
+[camera.parameters]
+synthesis = "auto"
+[[camera]]
+sensor = "dvs128"
+motion = "f32x2"
+[camera.parameters]
+synthesis = "linear"
+"#;
+
+#[test]
+fn depth_and_poses_go_over_the_link_and_the_report_says_so() {
+    let engine = Engine::of(&EXACT_RIG.replace("100.0", "170.667"), &["--once"]);
+    let renderer = engine.renderer_of("propeller", &["--frames", "3", "--pose-rate", "500"]);
+    let (code, said, error) = finish(renderer.wait_with_output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    assert!(said.contains("camera 0  3 frames stepped, 0 dropped; with depth and poses"), "{said}");
+    assert!(said.contains("camera 1  3 frames stepped, 0 dropped; without poses"), "{said}");
+    let (report, _) = engine.end();
+    assert_eq!(report["link"]["synthesis"], serde_json::json!(["rigid", "linear"]));
+    assert_eq!(report["link"]["protocol"], "2");
+    assert_eq!(report["cameras"][0]["sensor"]["synthesis"], "rigid");
+    assert!(report["cameras"][0]["events"].as_u64().unwrap() > 100, "{report}");
+}
+
+#[test]
+fn a_scene_with_another_lens_than_the_rig_s_is_not_rendered() {
+    let engine = Engine::of(EXACT_RIG, &[]);
+    let renderer = engine.renderer_of("propeller", &["--frames", "3"]);
+    let (code, _, error) = finish(renderer.wait_with_output().unwrap());
+    assert_eq!(code, 1);
+    assert!(error.contains("write in the rig file: lens = { fx = 170.66"), "{error}");
+    signal(&engine.child, "-TERM");
+    engine.end();
 }
 
 #[test]

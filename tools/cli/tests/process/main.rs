@@ -8,6 +8,8 @@ mod harness;
 mod link;
 mod listings;
 mod poses;
+mod render;
 mod ros;
 mod simulate;
+mod synthesis;
 mod usage;

@@ -63,15 +63,6 @@ print(json.dumps({'on': int((p == 1).sum()), 'off': int((p == -1).sum()), 'senso
 }
 
 #[test]
-fn without_motion_it_warns_and_uses_linear() {
-    let frames = Frames::new(3, false);
-    let (code, report, error) = simulate(&frames, &[]);
-    assert_eq!(code, 0, "{error}");
-    assert!(error.contains("warning: ") && error.contains("linear"), "{error}");
-    assert_eq!(report["cameras"][0]["sensor"]["synthesis"], "linear");
-}
-
-#[test]
 fn dropped_events_are_counted_and_exit_with_3() {
     let frames = Frames::new(3, true);
     let (code, report, error) =

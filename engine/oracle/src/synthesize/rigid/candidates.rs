@@ -3,7 +3,7 @@
 use super::surface::{Element, Surfaces, moved_plane, position};
 use esaac_model::paths::{Intrinsics, Pose, SceneMotion};
 use esaac_model::synthesis::rigid::{
-    BLOCK_CANDIDATES, BLOCK_PX, BLOCK_SURFACES, KNOTS, MERGE_PX, PIXEL_CANDIDATES, REACH_PX,
+    BLOCK_CANDIDATES, BLOCK_PX, BLOCK_SURFACES, MERGE_PX, PIXEL_CANDIDATES, REACH_PX, REST_PX,
 };
 use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
@@ -70,16 +70,15 @@ impl Surface {
     #[must_use]
     pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
         let poses = instant.to_keys(self.id)?;
-        let mut sources = Sources { at: [DVec2::ZERO; 2], inverse_depth: 0.0 };
-        for (key, pose) in poses.iter().enumerate() {
-            let (turned, shift) = (pose.direction(ray), pose.translation_m());
-            let room = 1.0 - self.planes[key].dot(shift);
-            let inverse_depth = self.planes[key].dot(turned) / room;
-            if room <= 0.0 || inverse_depth < 0.0 {
-                return None;
-            }
-            sources.at[key] = lens.project((turned + shift * inverse_depth).extend(1.0))?.pixel_px;
-            sources.inverse_depth = inverse_depth;
+        let (turned, shift) = (poses[0].direction(ray), poses[0].translation_m());
+        let room = 1.0 - self.planes[0].dot(shift);
+        let inverse_depth = self.planes[0].dot(turned) / room;
+        if room <= 0.0 || inverse_depth < 0.0 {
+            return None;
+        }
+        let mut sources = Sources { at: [DVec2::ZERO; 2], inverse_depth };
+        for (at, pose) in sources.at.iter_mut().zip(poses) {
+            *at = lens.project(pose.apply(ray.extend(inverse_depth)))?.pixel_px;
         }
         Some(sources)
     }
@@ -95,18 +94,11 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// Where it lies in both key frames.
+    /// The surface at `fraction` of the interval: the mean of both.
     #[must_use]
-    pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
-        if self.start == self.end {
-            return self.start.sources(lens, instant, ray);
-        }
-        let (start, end) = (self.start.sources(lens, instant, ray)?, self.end.sources(lens, instant, ray)?);
-        let a = instant.fraction;
-        Some(Sources {
-            at: [0, 1].map(|key| start.at[key].lerp(end.at[key], a)),
-            inverse_depth: (1.0 - a) * start.inverse_depth + a * end.inverse_depth,
-        })
+    pub fn at(&self, fraction: f64) -> Surface {
+        let planes = [0, 1].map(|key| self.start.planes[key].lerp(self.end.planes[key], fraction));
+        Surface { id: self.start.id, planes }
     }
 }
 
@@ -118,6 +110,8 @@ pub struct Interval<'a> {
     pub keys: &'a [Surfaces; 2],
     /// The knots.
     pub knots: &'a [Instant],
+    /// The parallax of an instance, pixels for each unit of inverse depth.
+    pub parallax_px_m: &'a dyn Fn(u32) -> f64,
 }
 
 impl Interval<'_> {
@@ -134,32 +128,25 @@ impl Interval<'_> {
         Surface::of_element(&element, key, &self.to_other(element.id, key)?)
     }
 
-    /// Positions in key frame 0 along a surface's path, one a knot.
-    fn path(&self, surface: &Surface, ray: DVec3) -> [Option<DVec2>; KNOTS] {
-        std::array::from_fn(|knot| Some(surface.sources(self.lens, &self.knots[knot], ray)?.at[0]))
-    }
-
-    /// Whether two surfaces are one candidate for a pixel of this ray.
+    /// Whether two surfaces are one candidate along a ray.
     fn is_same(&self, a: &Surface, b: &Surface, ray: DVec3) -> bool {
-        a.id == b.id
-            && self.path(a, ray).iter().zip(self.path(b, ray)).all(|(&a, b)| match (a, b) {
-                (Some(a), Some(b)) => (a - b).abs().max_element() < MERGE_PX,
-                (None, None) => true,
-                _ => false,
-            })
+        let parallax_px_m = (self.parallax_px_m)(a.id);
+        let apart_px = |key: usize| (a.planes[key] - b.planes[key]).dot(ray).abs() * parallax_px_m;
+        a.id == b.id && apart_px(0) < MERGE_PX && apart_px(1) < MERGE_PX
     }
 
-    /// The candidates of all pixels (`y * width + x`).
+    /// The candidates of all pixels (`y * width + x`), and the motion of each block, pixels.
     #[must_use]
-    pub fn candidates(&self) -> Vec<Vec<Candidate>> {
+    pub fn candidates(&self) -> (Vec<Vec<Candidate>>, Vec<f64>) {
         let size = self.keys[0].size;
-        let blocks = self.block_candidates();
-        (0..size.0 * size.1)
+        let (blocks, motion_px) = self.block_candidates();
+        let candidates = (0..size.0 * size.1)
             .map(|pixel| {
                 let block = pixel / size.0 / BLOCK_PX * size.0.div_ceil(BLOCK_PX) + pixel % size.0 / BLOCK_PX;
                 self.pixel_candidates(pixel, &blocks[block])
             })
-            .collect()
+            .collect();
+        (candidates, motion_px)
     }
 
     fn pixel_candidates(&self, pixel: usize, block: &[Surface]) -> Vec<Candidate> {
@@ -184,17 +171,22 @@ impl Interval<'_> {
         candidates
     }
 
-    /// The surfaces that pass each block.
-    fn block_candidates(&self) -> Vec<Vec<Surface>> {
+    /// The surfaces that pass each block, and the longest way of them.
+    fn block_candidates(&self) -> (Vec<Vec<Surface>>, Vec<f64>) {
         let size = self.keys[0].size;
         let (columns, rows) = (size.0.div_ceil(BLOCK_PX), size.1.div_ceil(BLOCK_PX));
         let mut candidates: Vec<Vec<Surface>> = vec![Vec::new(); columns * rows];
+        let mut motion_px = vec![0.0_f64; columns * rows];
         for key in 0..2 {
             for block in 0..columns * rows {
                 let corner = (block % columns * BLOCK_PX, block / columns * BLOCK_PX);
                 for pixel in self.block_surfaces(key, corner) {
                     let Some(surface) = self.surface(key, pixel) else { continue };
-                    for passed in self.passed_blocks(key, pixel, corner, (columns, rows)) {
+                    let places = self.places(key, pixel);
+                    let way_px = way_px(&places);
+                    let from = position(size, pixel);
+                    for passed in passed_blocks(&places, from, corner, (columns, rows)) {
+                        motion_px[passed] = motion_px[passed].max(way_px);
                         let centre = DVec2::new((passed % columns) as f64, (passed / columns) as f64)
                             * BLOCK_PX as f64
                             + 0.5 * (BLOCK_PX - 1) as f64;
@@ -207,7 +199,7 @@ impl Interval<'_> {
                 }
             }
         }
-        candidates
+        (candidates, motion_px)
     }
 
     /// Pixels of the surfaces that a block hands on: the nearest and the farthest of each instance, from near to far.
@@ -235,43 +227,55 @@ impl Interval<'_> {
         pixels.into_iter().map(|(_, pixel)| pixel).collect()
     }
 
-    /// Blocks that a block's square passes, displaced as one of its pixels is. Ascending.
-    fn passed_blocks(
-        &self,
-        key: usize,
-        pixel: usize,
-        corner: (usize, usize),
-        (columns, rows): (usize, usize),
-    ) -> Vec<usize> {
-        let mut passed = Vec::new();
+    /// Where a pixel's point is at each knot.
+    fn places(&self, key: usize, pixel: usize) -> Vec<Option<DVec2>> {
         let (Ok(element), Some(ray)) = (self.keys[key].element(pixel), self.keys[key].ray(pixel)) else {
-            return passed;
+            return Vec::new();
         };
-        let from = position(self.keys[key].size, pixel);
-        for knot in self.knots {
-            let Some(poses) = knot.to_keys(element.id) else { continue };
+        let place = |knot: &Instant| {
+            let poses = knot.to_keys(element.id)?;
             let moved = poses[key].inverse().apply(ray.extend(element.inverse_depth));
-            let Some(moved) = self.lens.project(moved) else { continue };
-            let shift = moved.pixel_px - from;
-            // The block's outermost pixel centres, displaced.
-            let first = DVec2::new(corner.0 as f64, corner.1 as f64) + shift - REACH_PX;
-            let last = first + (BLOCK_PX - 1) as f64 + 2.0 * REACH_PX;
-            let range = |first: f64, last: f64, blocks: usize| {
-                let side = BLOCK_PX as f64;
-                let low = (first / side).floor().max(0.0);
-                let high = (last / side).floor().min((blocks - 1) as f64);
-                (low <= high).then_some(low as usize..=high as usize)
-            };
-            let (Some(across), Some(down)) = (range(first.x, last.x, columns), range(first.y, last.y, rows))
-            else {
-                continue;
-            };
-            for row in down {
-                passed.extend(across.clone().map(|column| row * columns + column));
-            }
-        }
-        passed.sort_unstable();
-        passed.dedup();
-        passed
+            Some(self.lens.project(moved)?.pixel_px)
+        };
+        self.knots.iter().map(place).collect()
     }
+}
+
+/// Length of the way from place to place, pixels.
+fn way_px(places: &[Option<DVec2>]) -> f64 {
+    let steps = places.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).length()));
+    let way_px: f64 = steps.sum();
+    if way_px < REST_PX { 0.0 } else { way_px }
+}
+
+/// Blocks that a block's square passes, displaced as one of its pixels is from `from` to each of `places`. Ascending.
+fn passed_blocks(
+    places: &[Option<DVec2>],
+    from: DVec2,
+    corner: (usize, usize),
+    (columns, rows): (usize, usize),
+) -> Vec<usize> {
+    let mut passed = Vec::new();
+    for place in places.iter().flatten() {
+        let shift = *place - from;
+        // The block's outermost pixel centres, displaced.
+        let first = DVec2::new(corner.0 as f64, corner.1 as f64) + shift - REACH_PX;
+        let last = first + (BLOCK_PX - 1) as f64 + 2.0 * REACH_PX;
+        let range = |first: f64, last: f64, blocks: usize| {
+            let side = BLOCK_PX as f64;
+            let low = (first / side).floor().max(0.0);
+            let high = (last / side).floor().min((blocks - 1) as f64);
+            (low <= high).then_some(low as usize..=high as usize)
+        };
+        let (Some(across), Some(down)) = (range(first.x, last.x, columns), range(first.y, last.y, rows))
+        else {
+            continue;
+        };
+        for row in down {
+            passed.extend(across.clone().map(|column| row * columns + column));
+        }
+    }
+    passed.sort_unstable();
+    passed.dedup();
+    passed
 }

@@ -6,11 +6,13 @@ pub mod read;
 pub mod surface;
 pub mod transfer;
 
-use candidates::{Candidate, Instant, Interval, Sources};
+use super::half_pel::HalfPelFrame;
+use super::sampling::Sampling;
+use candidates::{Candidate, Instant, Interval, Sources, Surface};
 use esaac_model::paths::{NoPath, SceneMotion};
 use esaac_model::synthesis::rigid::{EDGE_WEIGHT, KNOTS, UNSEEN_REACH_PX, UNSEEN_SHARE};
 use glam::DVec2;
-use read::{KeyFrame, Seen, half_pel_alone, pixel_sample};
+use read::{KeyFrame, Seen, pixel_sample};
 use std::collections::BTreeMap;
 use surface::{Geometry, Surfaces};
 use transfer::{Route, transfer};
@@ -60,15 +62,33 @@ pub struct WithoutPath {
     pub lens: u64,
 }
 
+impl WithoutPath {
+    /// Those of a key frame.
+    #[must_use]
+    pub fn of(surfaces: &Surfaces) -> Self {
+        let mut counts = WithoutPath::default();
+        for pixel in 0..surfaces.size.0 * surfaces.size.1 {
+            match surfaces.element(pixel) {
+                Ok(_) => {}
+                Err(NoPath::NoPoses { .. } | NoPath::Time { .. }) => counts.poses += 1,
+                Err(NoPath::OutsideLens) => counts.lens += 1,
+                Err(NoPath::Depth | NoPath::BehindCamera) => counts.depth += 1,
+            }
+        }
+        counts
+    }
+}
+
 /// Two key frames prepared to be read along exact paths.
 pub struct Rigid<'a> {
     scene: &'a SceneMotion,
     times_ns: [i64; 2],
     log_offset: f64,
-    planes: [&'a [Vec<f64>]; 2],
+    planes: [Vec<Vec<f64>>; 2],
     parallax_px_m: BTreeMap<u32, f64>,
     keys: [KeyFrame; 2],
     candidates: Vec<Vec<Candidate>>,
+    motion_px: Vec<f64>,
     /// One pair a plane.
     half_pels: Vec<[Vec<f64>; 2]>,
 }
@@ -79,7 +99,7 @@ impl<'a> Rigid<'a> {
     #[must_use]
     pub fn new(
         scene: &'a SceneMotion,
-        inputs: [Input<'a>; 2],
+        inputs: [Input<'_>; 2],
         log_offset: f64,
         transfers: u32,
         history: Option<Vec<Vec<f64>>>,
@@ -90,9 +110,10 @@ impl<'a> Rigid<'a> {
         let parallax_px_m = parallax_px_m(scene, &knots);
         let parallax = |id: u32| parallax_px_m.get(&id).copied().unwrap_or(1.0);
         let surfaces = inputs.map(|input| Surfaces::new(scene, &input.geometry));
-        let interval = Interval { lens: scene.lens(), keys: &surfaces, knots: &knots };
-        let candidates = interval.candidates();
-        let keys = surfaces.clone().map(|surfaces| KeyFrame::new(surfaces, &parallax));
+        let interval =
+            Interval { lens: scene.lens(), keys: &surfaces, knots: &knots, parallax_px_m: &parallax };
+        let (candidates, motion_px) = interval.candidates();
+        let keys = surfaces.clone().map(KeyFrame::new);
         let routes: Vec<Route> = [1, 0]
             .into_iter()
             .take(transfers as usize)
@@ -104,12 +125,15 @@ impl<'a> Rigid<'a> {
                 let log = |key: usize| -> Vec<f64> {
                     inputs[key].planes[plane].iter().map(|s| (s + log_offset).ln()).collect()
                 };
-                let of_frame = [0, 1].map(|key| half_pel_alone(&keys[key], &log(key), &parallax));
+                let of_frame = [0, 1].map(|key| {
+                    HalfPelFrame::of_frame(keys[key].surfaces.size, Sampling::ENGINE, &log(key))
+                        .into_samples()
+                });
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
-        let planes = inputs.map(|input| input.planes);
-        Rigid { scene, times_ns, log_offset, planes, parallax_px_m, keys, candidates, half_pels }
+        let planes = inputs.map(|input| input.planes.to_vec());
+        Rigid { scene, times_ns, log_offset, planes, parallax_px_m, keys, candidates, motion_px, half_pels }
     }
 
     /// The poses at `fraction` of the interval.
@@ -124,20 +148,16 @@ impl<'a> Rigid<'a> {
         &self.candidates
     }
 
+    /// Motion of each block, row by row, pixels.
+    #[must_use]
+    pub fn motion_px(&self) -> &[f64] {
+        &self.motion_px
+    }
+
     /// Pixels without a path of key frame `key` (0 or 1).
     #[must_use]
     pub fn without_path(&self, key: usize) -> WithoutPath {
-        let mut counts = WithoutPath::default();
-        let surfaces = &self.keys[key].surfaces;
-        for pixel in 0..surfaces.size.0 * surfaces.size.1 {
-            match surfaces.element(pixel) {
-                Ok(_) => {}
-                Err(NoPath::NoPoses { .. } | NoPath::Time { .. }) => counts.poses += 1,
-                Err(NoPath::OutsideLens) => counts.lens += 1,
-                Err(NoPath::Depth | NoPath::BehindCamera) => counts.depth += 1,
-            }
-        }
-        counts
+        WithoutPath::of(&self.keys[key].surfaces)
     }
 
     /// What pixel `(x, y)` shows at an instant, in plane `plane`.
@@ -145,23 +165,26 @@ impl<'a> Rigid<'a> {
     pub fn sample(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
         let pixel = y * self.keys[0].surfaces.size.0 + x;
         let blended = || {
-            let [from, to] = self.planes.map(|planes| planes[plane][pixel]);
+            let [from, to] = [0, 1].map(|key| self.planes[key][plane][pixel]);
             super::linear(from, to, instant.fraction)
         };
         let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
             return Sample::NoPath(blended());
         };
-        let mut here: Vec<(Sources, &Candidate)> = candidates
+        let mut here: Vec<(Sources, Surface)> = candidates
             .iter()
-            .filter_map(|candidate| Some((candidate.sources(self.scene.lens(), instant, ray)?, candidate)))
+            .filter_map(|candidate| {
+                let surface = candidate.at(instant.fraction);
+                Some((surface.sources(self.scene.lens(), instant, ray)?, surface))
+            })
             .collect();
         if here.is_empty() {
             return Sample::NoPath(blended());
         }
         here.sort_by(|a, b| b.0.inverse_depth.total_cmp(&a.0.inverse_depth));
         let (mut light, mut shown) = (0.0, 0.0);
-        for (sources, candidate) in &here {
-            let Some((coverage, level)) = self.covers(instant.fraction, plane, sources, candidate) else {
+        for (sources, surface) in &here {
+            let Some((coverage, level)) = self.covers(instant.fraction, plane, sources, surface) else {
                 continue;
             };
             let share = (1.0 - shown) * coverage;
@@ -188,14 +211,14 @@ impl<'a> Rigid<'a> {
         fraction: f64,
         plane: usize,
         sources: &Sources,
-        candidate: &Candidate,
+        surface: &Surface,
     ) -> Option<(f64, f64)> {
         let (mut seen, mut known, mut levels, mut trust) = (0.0, 0.0, 0.0, 0.0);
         for (key, time) in [(0, 1.0 - fraction), (1, fraction)] {
             let frame = &self.keys[key];
             let at = sources.at[key];
             let weight = time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT);
-            let surface = self.seen(candidate, key);
+            let surface = self.seen(surface, key);
             let shares = frame.shares(at, &surface);
             seen += weight * shares.seen;
             known += weight * (1.0 - shares.hidden);
@@ -214,13 +237,13 @@ impl<'a> Rigid<'a> {
         fraction: f64,
         plane: usize,
         sources: &Sources,
-        candidate: &Candidate,
+        surface: &Surface,
     ) -> Option<f64> {
         let size = self.keys[0].surfaces.size;
         (1..=UNSEEN_REACH_PX).find_map(|distance_px| {
             let (mut sum, mut weights) = (0.0, 0.0);
             for (key, weight) in [(0, 1.0 - fraction), (1, fraction)] {
-                let surface = self.seen(candidate, key);
+                let surface = self.seen(surface, key);
                 for step in [DVec2::X, -DVec2::X, DVec2::Y, -DVec2::Y] {
                     let at = sources.at[key].round() + step * f64::from(distance_px);
                     let inside = at.cmpge(DVec2::ZERO).all() && at.x < size.0 as f64 && at.y < size.1 as f64;
@@ -235,11 +258,22 @@ impl<'a> Rigid<'a> {
         })
     }
 
-    /// A candidate as key frame `key` sees it.
-    fn seen(&self, candidate: &Candidate, key: usize) -> Seen {
-        let surface = if key == 0 { &candidate.start } else { &candidate.end };
+    /// A surface as key frame `key` sees it.
+    fn seen(&self, surface: &Surface, key: usize) -> Seen {
         let parallax_px_m = self.parallax_px_m.get(&surface.id).copied().unwrap_or(1.0);
         Seen { id: surface.id, plane: surface.planes[key], parallax_px_m }
+    }
+
+    /// Half-pel frames of both key frames, one pair a plane: sample `(X, Y)` at `Y * 2 * width + X`, nepers.
+    #[must_use]
+    pub fn half_pels(&self) -> &[[Vec<f64>; 2]] {
+        &self.half_pels
+    }
+
+    /// A key frame (0 or 1) as it is read.
+    #[must_use]
+    pub fn key(&self, key: usize) -> &KeyFrame {
+        &self.keys[key]
     }
 
     /// The half-pel frames of the end, which the next interval improves.

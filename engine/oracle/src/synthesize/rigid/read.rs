@@ -1,9 +1,10 @@
 //! Reading a key frame for a surface: how much of it is seen at a position, and its level there.
 
-use super::surface::{Element, Relation, Surfaces};
+use super::surface::{Relation, Surfaces};
+use crate::synthesize::taps::cubic;
 use crate::synthesize::trajectory::outside_px;
-use esaac_model::synthesis::rigid::MIXED_WEIGHT;
-use esaac_model::synthesis::{CUBIC_FRAME, CUBIC_HALF_PEL, cubic_weights};
+use esaac_model::synthesis::CUBIC_HALF_PEL;
+use esaac_model::synthesis::rigid::{MIXED_WEIGHT, SLIGHT_WEIGHT, SNAP_SAMPLES};
 use glam::{DVec2, DVec3};
 
 /// A surface as a key frame sees it.
@@ -33,9 +34,11 @@ pub struct Shares {
 pub struct KeyFrame {
     /// Its surfaces.
     pub surfaces: Surfaces,
-    /// Whether each pixel and those around it belong to one surface.
+    /// Whether the 3x3 pixels around each continue its surface.
     pub pure: Vec<bool>,
-    /// Whether each half-pel sample lies between pixels of one surface.
+    /// Whether the 5x5 pixels around each do.
+    pub inner: Vec<bool>,
+    /// Whether each half-pel sample lies between pixels that continue the surface of the first of them.
     pub joined: Vec<bool>,
 }
 
@@ -59,77 +62,54 @@ impl Cell {
         Cell { first: [x, y], fraction: [fx, fy], size }
     }
 
-    /// The sample `(i - 1, j - 1)` from the first, clamped to the image.
-    fn sample(&self, i: usize, j: usize) -> usize {
-        let on_axis = |first: usize, i: usize, size: usize| (first + i).saturating_sub(1).min(size - 1);
-        on_axis(self.first[1], j, self.size.1) * self.size.0 + on_axis(self.first[0], i, self.size.0)
-    }
-
     /// The four samples and their weights.
     fn corners(&self) -> [(usize, f64); 4] {
         let [fx, fy] = self.fraction;
+        let sample = |i: usize, j: usize| {
+            let (x, y) = (self.first[0] + i, self.first[1] + j);
+            y.min(self.size.1 - 1) * self.size.0 + x.min(self.size.0 - 1)
+        };
         [
-            (self.sample(1, 1), (1.0 - fx) * (1.0 - fy)),
-            (self.sample(2, 1), fx * (1.0 - fy)),
-            (self.sample(1, 2), (1.0 - fx) * fy),
-            (self.sample(2, 2), fx * fy),
+            (sample(0, 0), (1.0 - fx) * (1.0 - fy)),
+            (sample(1, 0), fx * (1.0 - fy)),
+            (sample(0, 1), (1.0 - fx) * fy),
+            (sample(1, 1), fx * fy),
         ]
     }
+}
 
-    /// Keys' interpolation over sixteen taps, clamped to the range of the inner four, or of the two or one that the
-    /// position lies between. A tap that `usable` refuses counts as the inner one nearest to it. `None` if it refuses
-    /// an inner one.
-    #[must_use]
-    pub fn cubic(&self, values: &[f64], parameter: f64, usable: impl Fn(usize) -> bool) -> Option<f64> {
-        // On a row or a column of samples, the next one does not count.
-        let [last_column, last_row] = self.fraction.map(|fraction| if fraction > 0.0 { 2 } else { 1 });
-        let inner = (1..=last_row).flat_map(|j| (1..=last_column).map(move |i| self.sample(i, j)));
-        if !inner.clone().all(&usable) {
-            return None;
-        }
-        let [across, down] = self.fraction.map(|fraction| cubic_weights(fraction, parameter));
-        let mut sum = 0.0;
-        for (j, down) in down.into_iter().enumerate() {
-            for (i, across) in across.into_iter().enumerate() {
-                let sample = self.sample(i, j);
-                let nearest = self.sample(i.clamp(1, last_column), j.clamp(1, last_row));
-                sum += across * down * values[if usable(sample) { sample } else { nearest }];
-            }
-        }
-        let low = inner.clone().map(|sample| values[sample]).fold(f64::INFINITY, f64::min);
-        let high = inner.map(|sample| values[sample]).fold(f64::NEG_INFINITY, f64::max);
-        Some(sum.clamp(low, high))
+impl Cell {
+    /// Those of the four samples whose row and column weigh more than slightly.
+    fn needed(&self) -> impl Iterator<Item = usize> {
+        let weighs = |fraction: f64| [fraction < 1.0 - SLIGHT_WEIGHT, fraction > SLIGHT_WEIGHT];
+        let ([columns, rows], corners) = (self.fraction.map(weighs), self.corners());
+        (0..4).filter(move |i| columns[i % 2] && rows[i / 2]).map(move |i| corners[i].0)
     }
 }
 
 impl KeyFrame {
-    /// Prepares a key frame. `parallax_px_m` is that of an instance.
+    /// Prepares a key frame.
     #[must_use]
-    pub fn new(surfaces: Surfaces, parallax_px_m: &dyn Fn(u32) -> f64) -> Self {
+    pub fn new(surfaces: Surfaces) -> Self {
         let (width, height) = surfaces.size;
-        // Whether one of two pixels belongs to the surface of the other.
-        let is_one = |a: usize, b: usize| {
-            let (Ok(first), Ok(second)) = (surfaces.element(a), surfaces.element(b)) else { return false };
-            let parallax_px_m = parallax_px_m(first.id);
-            first.id == second.id
-                && (surfaces.relation(b, first.id, first.plane, parallax_px_m) == Relation::Belongs
-                    || surfaces.relation(a, second.id, second.plane, parallax_px_m) == Relation::Belongs)
-        };
-        let pure = (0..width * height)
-            .map(|pixel| {
-                let (x, y) = (pixel % width, pixel / width);
-                (y.saturating_sub(1)..=(y + 1).min(height - 1)).all(|ny| {
-                    (x.saturating_sub(1)..=(x + 1).min(width - 1)).all(|nx| is_one(pixel, ny * width + nx))
+        let within = |reach: usize| -> Vec<bool> {
+            (0..width * height)
+                .map(|pixel| {
+                    let (x, y) = (pixel % width, pixel / width);
+                    let columns = x.saturating_sub(reach)..=(x + reach).min(width - 1);
+                    (y.saturating_sub(reach)..=(y + reach).min(height - 1))
+                        .all(|ny| columns.clone().all(|nx| surfaces.continues(pixel, ny * width + nx)))
                 })
-            })
-            .collect();
+                .collect()
+        };
+        let (pure, inner) = (within(1), within(2));
         let joined = (0..4 * width * height)
             .map(|sample| {
                 let first = parent((width, height), sample);
-                parents((width, height), sample).all(|parent| is_one(first, parent))
+                parents((width, height), sample).all(|parent| surfaces.continues(first, parent))
             })
             .collect();
-        KeyFrame { surfaces, pure, joined }
+        KeyFrame { surfaces, pure, inner, joined }
     }
 
     /// Whether a pixel belongs to a surface.
@@ -138,9 +118,23 @@ impl KeyFrame {
         self.surfaces.relation(pixel, seen.id, seen.plane, seen.parallax_px_m) == Relation::Belongs
     }
 
+    /// Whether the pixel nearest to a position belongs to a surface, and so does all around it.
+    #[must_use]
+    pub fn is_inner(&self, at: DVec2, surface: &Seen) -> bool {
+        let size = self.surfaces.size;
+        let last = DVec2::new((size.0 - 1) as f64, (size.1 - 1) as f64);
+        let nearest = (at.clamp(DVec2::ZERO, last) + 0.5).floor();
+        let pixel = nearest.y as usize * size.0 + nearest.x as usize;
+        self.inner[pixel] && self.belongs(pixel, surface)
+    }
+
     /// What is known of a surface at a position, pixels.
     #[must_use]
     pub fn shares(&self, at: DVec2, surface: &Seen) -> Shares {
+        let at = 0.5 * snapped(2.0 * at);
+        if self.is_inner(at, surface) {
+            return Shares { seen: 1.0, hidden: 0.0, trust: 1.0 };
+        }
         let mut shares = Shares::default();
         for (pixel, weight) in Cell::new(self.surfaces.size, at).corners() {
             match self.surfaces.relation(pixel, surface.id, surface.plane, surface.parallax_px_m) {
@@ -160,8 +154,12 @@ impl KeyFrame {
     #[must_use]
     pub fn half_pel_level(&self, half_pel: &[f64], at: DVec2, surface: &Seen) -> Option<f64> {
         let size = self.surfaces.size;
+        let samples = (2 * size.0, 2 * size.1);
         let usable = |sample: usize| self.joined[sample] && self.belongs(parent(size, sample), surface);
-        Cell::new((2 * size.0, 2 * size.1), 2.0 * at).cubic(half_pel, CUBIC_HALF_PEL, usable)
+        let place = snapped(2.0 * at);
+        let shows_it = || Cell::new(samples, place).needed().all(usable);
+        (self.is_inner(0.5 * place, surface) || shows_it())
+            .then(|| cubic(half_pel, samples, place.x, place.y, CUBIC_HALF_PEL, true))
     }
 
     /// Level of a surface at a position, nepers. `None` if none of the four pixels around shows it.
@@ -170,7 +168,7 @@ impl KeyFrame {
         self.half_pel_level(half_pel, at, surface).or_else(|| {
             let size = self.surfaces.size;
             let (mut sum, mut weights) = (0.0, 0.0);
-            for (pixel, weight) in Cell::new(size, at).corners() {
+            for (pixel, weight) in Cell::new(size, 0.5 * snapped(2.0 * at)).corners() {
                 if weight > 0.0 && self.belongs(pixel, surface) {
                     sum += weight * half_pel[pixel_sample(size, pixel)];
                     weights += weight;
@@ -185,6 +183,12 @@ impl KeyFrame {
     pub fn outside_px(&self, at: DVec2) -> f64 {
         outside_px(self.surfaces.size, at.to_array())
     }
+}
+
+/// A position in half-pel samples, on a row or column of them if it is near one.
+fn snapped(at: DVec2) -> DVec2 {
+    let nearest = at.round();
+    DVec2::select((at - nearest).abs().cmple(DVec2::splat(SNAP_SAMPLES)), nearest, at)
 }
 
 /// The half-pel sample at a pixel.
@@ -213,30 +217,4 @@ pub fn parents(size: (usize, usize), sample: usize) -> impl Iterator<Item = usiz
 #[must_use]
 pub fn sample_position(size: (usize, usize), sample: usize) -> DVec2 {
     0.5 * DVec2::new((sample % (2 * size.0)) as f64, (sample / (2 * size.0)) as f64)
-}
-
-/// Half-pel samples of a frame alone, within surfaces. One that is not joined is the mean of the pixels around.
-#[must_use]
-pub fn half_pel_alone(key: &KeyFrame, frame: &[f64], parallax_px_m: &dyn Fn(u32) -> f64) -> Vec<f64> {
-    let size = key.surfaces.size;
-    (0..4 * size.0 * size.1)
-        .map(|sample| {
-            let first = parent(size, sample);
-            if sample == pixel_sample(size, first) {
-                return frame[first];
-            }
-            let within = || {
-                let Element { id, plane, .. } = key.surfaces.element(first).ok()?;
-                let surface = Seen { id, plane, parallax_px_m: parallax_px_m(id) };
-                let is_parent = |pixel: usize| parents(size, sample).any(|parent| parent == pixel);
-                let usable = |pixel: usize| is_parent(pixel) || key.belongs(pixel, &surface);
-                Cell::new(size, sample_position(size, sample)).cubic(frame, CUBIC_FRAME, usable)
-            };
-            key.joined[sample].then(within).flatten().unwrap_or_else(|| {
-                let (sum, count) =
-                    parents(size, sample).fold((0.0, 0.0), |(s, n), p| (s + frame[p], n + 1.0));
-                sum / count
-            })
-        })
-        .collect()
 }

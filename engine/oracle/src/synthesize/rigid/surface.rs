@@ -1,8 +1,8 @@
 //! What a key frame shows: the surface of each pixel, and which pixels belong to a surface.
 
-use esaac_model::paths::{Intrinsics, NoPath, Pose, SceneMotion};
-use esaac_model::synthesis::rigid::BELONG_PX;
-use glam::{DMat3, DVec2, DVec3};
+use esaac_model::paths::{Intrinsics, NoPath, Pose, Projection, SceneMotion};
+use esaac_model::synthesis::rigid::{BELONG_PX, LEAST_MOTION_PX};
+use glam::{DVec2, DVec3};
 
 /// A key frame's geometry.
 #[derive(Clone, Copy, Debug)]
@@ -63,7 +63,9 @@ impl Surfaces {
         let point = |i: usize| -> Result<(DVec3, f64), NoPath> {
             has_poses(ids[i])?;
             let depth_m = depth_m[i];
-            if depth_m.is_nan() || depth_m < 0.0 {
+            // Kernels keep the inverse in single precision.
+            let has_inverse = depth_m == 0.0 || (1.0 / depth_m).abs() <= f64::from(f32::MAX);
+            if depth_m.is_nan() || depth_m < 0.0 || !has_inverse {
                 return Err(NoPath::Depth);
             }
             let ray = rays[i].ok_or(NoPath::OutsideLens)?;
@@ -73,10 +75,9 @@ impl Surfaces {
         let points: Vec<_> = (0..size.0 * size.1).map(point).collect();
         let elements = (0..points.len())
             .map(|i| {
-                let (ray, inverse_depth) = points[i]?;
-                let slope = |step: (usize, usize)| slope(size, ids, &points, i, step);
-                let plane =
-                    plane(lens, position(size, i), ray, inverse_depth, [slope((1, 0)), slope((0, 1))]);
+                let (_, inverse_depth) = points[i]?;
+                let slope = |step: (usize, usize)| inverse_depth * slope(size, ids, &points, i, step);
+                let plane = plane(lens, position(size, i), inverse_depth, [slope((1, 0)), slope((0, 1))]);
                 Ok(Element { id: ids[i], inverse_depth, plane })
             })
             .collect();
@@ -95,6 +96,17 @@ impl Surfaces {
     #[must_use]
     pub fn ray(&self, pixel: usize) -> Option<DVec3> {
         self.rays[pixel]
+    }
+
+    /// Whether pixel `b` continues the surface that pixel `a` shows: its inverse depth is that of the surface there, to
+    /// what [`LEAST_MOTION_PX`] of motion would tell apart.
+    #[must_use]
+    pub fn continues(&self, a: usize, b: usize) -> bool {
+        let (Ok(own), Ok(other), Some(ray)) = (self.elements[a], self.elements[b], self.rays[b]) else {
+            return false;
+        };
+        let behind = (other.inverse_depth - own.plane.dot(ray)).abs();
+        own.id == other.id && behind * LEAST_MOTION_PX <= BELONG_PX * other.inverse_depth
     }
 
     /// How a pixel lies to the surface of instance `id` and plane `plane`, in this key frame's axes.
@@ -128,8 +140,8 @@ pub fn position(size: (usize, usize), pixel: usize) -> DVec2 {
     DVec2::new((pixel % size.0) as f64, (pixel / size.0) as f64)
 }
 
-/// Change of inverse depth from a pixel to the next along one axis: the smaller of the differences to both neighbours,
-/// or 0 where they disagree in sign or a neighbour is of another instance.
+/// Change of inverse depth from a pixel to the next along one axis, as a fraction of it: the smaller of the differences
+/// to both neighbours, or 0 where they disagree in sign or a neighbour is of another instance. Rounded to f16.
 fn slope(
     (width, height): (usize, usize),
     ids: &[u32],
@@ -150,23 +162,63 @@ fn slope(
         return 0.0;
     };
     let (fall, rise) = (here - first, last - here);
-    if fall * rise <= 0.0 {
-        0.0
-    } else if fall.abs() < rise.abs() {
-        fall
-    } else {
-        rise
+    if fall * rise <= 0.0 || here == 0.0 {
+        return 0.0;
+    }
+    let smaller = if fall.abs() < rise.abs() { fall } else { rise };
+    half::f16::from_f64(smaller / here).to_f64()
+}
+
+/// The plane through the point of depth `1 / inverse_depth` at a pixel, with the given slopes of inverse depth along the
+/// image's axes.
+fn plane(lens: &Intrinsics, at: DVec2, inverse_depth: f64, [across, down]: [f64; 2]) -> DVec3 {
+    let Some(ray) = lens.ray(at) else { return DVec3::ZERO };
+    // Slopes over tangents, or over angles.
+    let slopes = DVec2::new(across, down) * lens.focal_px();
+    let a = (at - lens.centre_px()) / lens.focal_px();
+    match lens.projection() {
+        Projection::Pinhole => {
+            DVec3::new(slopes.x, -slopes.y, slopes.x * ray.x - slopes.y * ray.y - inverse_depth)
+        }
+        Projection::Fisheye => {
+            let facing = inverse_depth * ray;
+            let angle = a.length();
+            if angle == 0.0 {
+                return facing + DVec3::new(slopes.x, -slopes.y, 0.0);
+            }
+            // The ray turns outwards with the angle, and around the axis by its sine for each angle.
+            let (sine, cosine) = angle.sin_cos();
+            let away = a / angle;
+            let outwards = DVec3::new(cosine * away.x, -cosine * away.y, sine);
+            let around = DVec3::new(-away.y, -away.x, 0.0);
+            let by_angle = if sine > LEAST_SINE { angle / sine } else { 0.0 };
+            facing + outwards * away.dot(slopes) + around * (away.perp_dot(slopes) * by_angle)
+        }
     }
 }
 
-/// The plane through a pixel's point with the given slopes of inverse depth along the image's axes.
-fn plane(lens: &Intrinsics, at: DVec2, ray: DVec3, inverse_depth: f64, [across, down]: [f64; 2]) -> DVec3 {
-    let facing = ray * inverse_depth / ray.length_squared();
-    let (Some(right), Some(below)) = (lens.ray(at + DVec2::X), lens.ray(at + DVec2::Y)) else {
-        return facing;
-    };
-    // m . ray = w, m . right = w + across, m . below = w + down.
-    let rays = DMat3::from_cols(ray, right, below).transpose();
-    let solved = rays.inverse() * DVec3::new(inverse_depth, inverse_depth + across, inverse_depth + down);
-    if solved.is_finite() { solved } else { facing }
+/// Sine of a fisheye's angle below which, behind the camera, slopes around the axis say nothing.
+const LEAST_SINE: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The plane that a pixel shows gives back the inverse depths of a plane at the pixels around, as far as the slopes
+    /// are kept.
+    #[test]
+    fn a_plane_is_found_again_through_both_lenses() {
+        let truth = DVec3::new(0.05, -0.08, -0.3);
+        for lens in [
+            Intrinsics::pinhole(80.0, 85.0, 15.5, 11.5).unwrap(),
+            Intrinsics::fisheye(40.0, 42.0, 15.0, 11.0).unwrap(),
+        ] {
+            for at in [DVec2::new(15.0, 11.0), DVec2::new(3.0, 20.0), DVec2::new(29.0, 7.0)] {
+                let w = |at: DVec2| truth.dot(lens.ray(at).unwrap());
+                let slope = |step: DVec2| (w(at + step * 1e-4) - w(at - step * 1e-4)) / 2e-4;
+                let found = plane(&lens, at, w(at), [slope(DVec2::X), slope(DVec2::Y)]);
+                assert!((found - truth).length() < 1e-6, "{lens:?} {at}: {found}");
+            }
+        }
+    }
 }

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 from pxr import UsdGeom, UsdShade
 
+import omni.physx
 import omni.timeline
 import omni.usd
 
@@ -110,6 +111,7 @@ def reset():
     _FRAME = 0
     _PRODUCTS.clear()
     orchestrator.capture_on_play = True
+    omni.physx.reset()
     faults.__dict__.update(
         empty_frames=2, negate_motion=False, gamma=False, stopped_clock=False, repeat=False, suffix=True
     )
@@ -123,6 +125,7 @@ def draw():
         _FRAME = 0  # F5: writers ask for a time that begins anew.
     if not timeline.is_playing() or not orchestrator.capture_on_play:
         return
+    omni.physx.step_to(_FRAME, RATE_HZ)
     stage = omni.usd.get_context().get_stage()
     for product in list(_PRODUCTS):
         for _ in range(2 if faults.repeat else 1):  # F6
@@ -143,12 +146,16 @@ def _data(product, stage, frame):
     motion = np.zeros((height, width, 4), np.float32)
     depth = np.full((height, width), np.inf, np.float32)
     rgb = np.full((height, width, 4), 255, np.uint8)
+    ids = np.zeros((height, width), np.uint32)
+    labels = {"0": "BACKGROUND"}
     first = product.drawn == 0
     for cube, (x0, x1, y0, y1, z, centre) in _cubes(stage, product.camera, width, height):
         ys, xs = slice(max(y0, 0), max(min(y1, height), 0)), slice(max(x0, 0), max(min(x1, width), 0))
         light = _light(stage, cube)
         hdr[ys, xs] = np.sqrt(light) if faults.gamma else light
         depth[ys, xs] = z
+        ids[ys, xs] = len(labels) + 6
+        labels[str(len(labels) + 6)] = cube
         rgb[ys, xs, :3] = (200, 100, 50)
         before = product.before.get(cube, centre)
         moved = (before[0] - centre[0], before[1] - centre[1])  # F3
@@ -158,8 +165,8 @@ def _data(product, stage, frame):
         product.before[cube] = centre
     suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
     if product.drawn < faults.empty_frames:  # F4
-        hdr, motion, depth, rgb = (
-            np.empty((0,), dtype) for dtype in (np.float16, np.float32, np.float32, np.uint8)
+        hdr, motion, depth, rgb, ids = (
+            np.empty((0,), dtype) for dtype in (np.float16, np.float32, np.float32, np.uint8, np.uint32)
         )
     product.hdr = hdr
     seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
@@ -169,6 +176,7 @@ def _data(product, stage, frame):
         f"motion_vectors{suffix}": of(motion),
         f"distance_to_image_plane{suffix}": of(depth),
         f"rgb{suffix}": of(rgb),
+        f"instance_id_segmentation{suffix}": {"data": of(ids), "info": {"idToLabels": labels}},  # F14
         f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
     }
 
@@ -182,7 +190,10 @@ def _cubes(stage, camera_path, width, height):
             continue
         cube = UsdGeom.Cube(prim)
         half = cube.GetSizeAttr().Get() / 2
-        at = np.array(UsdGeom.Xformable(cube).ComputeLocalToWorldTransform(0).ExtractTranslation()) - eye
+        place = omni.physx.place(str(prim.GetPath()))
+        if place is None:
+            place = np.array(UsdGeom.Xformable(cube).ComputeLocalToWorldTransform(0).ExtractTranslation())
+        at = place - eye
         front = -at[2] - half
         if front <= 0.1:
             continue

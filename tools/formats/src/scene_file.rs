@@ -1,11 +1,11 @@
 //! What a folder of frames says about the motion of its scene: poses in `sequence.json`, or those of a still scene in
-//! nerfstudio's `transforms.json`.
+//! nerfstudio's `transforms.json`. The former is written, too.
 
 use crate::frame_time::frame_time_ns;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, Projection, SceneMotion};
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -13,19 +13,23 @@ use std::path::{Path, PathBuf};
 const AT_KEY_FRAME: f64 = 1e-6;
 
 /// `sequence.json`. Keys that are not listed are ignored.
-#[derive(Clone, Debug, Default, Deserialize)]
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct SequenceFile {
     /// Key frames a second.
     pub key_rate_hz: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     intrinsics: Option<LensEntry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pose_rate_hz: Option<f64>,
     // Read only where there are intrinsics: without them nobody said what is meant.
+    #[serde(skip_serializing_if = "Option::is_none")]
     camera_to_world: Option<serde_json::Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     instances: Option<BTreeMap<String, serde_json::Value>>,
 }
 
 /// A lens as `sequence.json` has it. The centre of pixel (i, j) is at (i, j).
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct LensEntry {
     #[serde(default)]
@@ -36,7 +40,7 @@ struct LensEntry {
     cy: f64,
 }
 
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum ProjectionName {
     #[default]
@@ -97,17 +101,26 @@ impl KeyFrames<'_> {
     fn time_ns(&self, index: usize) -> i64 {
         frame_time_ns(index, self.rate_hz)
     }
+}
 
-    /// Time of a pose that is taken `position` key frames after the first.
-    fn time_at_ns(&self, position: f64) -> i64 {
-        let nearest = position.round();
-        // Poses at a key frame have its time to the nanosecond, so that they span its interval.
-        if (position - nearest).abs() < AT_KEY_FRAME {
-            self.time_ns(nearest as usize)
-        } else {
-            (position * 1e9 / self.rate_hz).round() as i64
-        }
+/// Time of a pose that is taken `position` key frames after the first.
+fn pose_time_ns(position: f64, key_rate_hz: f64) -> i64 {
+    let nearest = position.round();
+    // Poses at a key frame have its time to the nanosecond, so that they span its interval.
+    if (position - nearest).abs() < AT_KEY_FRAME {
+        frame_time_ns(nearest as usize, key_rate_hz)
+    } else {
+        (position * 1e9 / key_rate_hz).round() as i64
     }
+}
+
+/// Times of the fewest poses at `pose_rate_hz` that span `keys` key frames.
+#[must_use]
+pub fn pose_times_ns(keys: usize, key_rate_hz: f64, pose_rate_hz: f64) -> Vec<i64> {
+    let keys_per_pose = key_rate_hz / pose_rate_hz;
+    let last_key = keys.saturating_sub(1) as f64;
+    let last = (last_key / keys_per_pose - AT_KEY_FRAME).ceil().max(0.0) as usize;
+    (0..=last).map(|j| pose_time_ns(j as f64 * keys_per_pose, key_rate_hz)).collect()
 }
 
 impl SequenceFile {
@@ -116,7 +129,32 @@ impl SequenceFile {
         read_json(&folder.join(Self::NAME))
     }
 
-    const NAME: &str = "sequence.json";
+    /// Name of the file.
+    pub const NAME: &str = "sequence.json";
+
+    /// The file of key frames whose scene moves like `motion`, with poses at [`pose_times_ns`].
+    #[must_use]
+    pub fn new(motion: &SceneMotion, key_rate_hz: f64, pose_rate_hz: f64) -> Self {
+        let matrices = |track: &PoseTrack| {
+            let rows: Vec<[[f64; 4]; 4]> = track.poses().iter().map(Pose::to_rows).collect();
+            serde_json::json!(rows)
+        };
+        let lens = motion.lens();
+        let projection = match lens.projection() {
+            Projection::Pinhole => ProjectionName::Pinhole,
+            Projection::Fisheye => ProjectionName::Fisheye,
+        };
+        let (focal_px, centre_px) = (lens.focal_px(), lens.centre_px());
+        let (fx, fy, cx, cy) = (focal_px.x, focal_px.y, centre_px.x, centre_px.y);
+        let instances = motion.ids().filter_map(|id| Some((id.to_string(), matrices(motion.instance(id)?))));
+        SequenceFile {
+            key_rate_hz: Some(key_rate_hz),
+            intrinsics: Some(LensEntry { projection, fx, fy, cx, cy }),
+            pose_rate_hz: Some(pose_rate_hz),
+            camera_to_world: Some(matrices(motion.camera())),
+            instances: Some(instances.collect()),
+        }
+    }
 
     /// The poses, if there are any.
     fn motion(&self, keys: &KeyFrames<'_>) -> Result<Option<SceneMotion>> {
@@ -139,7 +177,8 @@ impl SequenceFile {
         // A sequence that is played at another rate takes its poses along.
         let keys_per_pose = self.key_rate_hz.unwrap_or(keys.rate_hz) / pose_rate_hz;
         let track = |poses: Vec<Pose>| {
-            let times_ns = (0..poses.len()).map(|j| keys.time_at_ns(j as f64 * keys_per_pose)).collect();
+            let time_ns = |j| pose_time_ns(j as f64 * keys_per_pose, keys.rate_hz);
+            let times_ns = (0..poses.len()).map(time_ns).collect();
             PoseTrack::new(times_ns, poses)
         };
         let count = camera.len();

@@ -1,60 +1,31 @@
 //! The engine's side of the protocol, without sockets, memory or devices: which message may come when, and
 //! which value a slot's timeline has next. Every message of a peer is checked here before it has any effect.
 
+mod poses;
+mod terms;
+
+pub use terms::{Agreement, Terms, agree, hello};
+
 use crate::error::InteropError;
-use crate::ring::Images;
-use crate::wire::{self, Brought, ErrorCode, FrameNotice, Hello, ImageMemory, Message, WireError};
-use esaac_engine::{DeviceChoice, EngineError};
+use crate::frame_scene::FrameScene;
+use crate::images::Images;
+use crate::wire::{Brought, ErrorCode, FrameNotice, Message, WireError};
+use esaac_engine::EngineError;
 use esaac_model::frame;
+use poses::Poses;
 
 /// Largest frame time to either side of zero. The sum or difference of two still fits into 64 bits.
 const MAX_T_NS: i64 = 1 << 62;
 
-/// What the engine offers for one camera, from its rig and its device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Terms {
-    /// Camera.
-    pub camera: u32,
-    /// Its images.
-    pub images: Images,
-    /// Slots of its ring.
-    pub slots: u32,
-    /// [`wire::LOSSLESS`] or [`wire::LATEST`].
-    pub backpressure: u32,
-    /// The engine's device.
-    pub device_uuid: [u8; 16],
-    /// Its driver.
-    pub driver_uuid: [u8; 16],
-    /// Memories that it can use, as bits.
-    pub memories: u32,
-    /// Timelines that it can use, as bits.
-    pub timelines: u32,
-}
-
-/// What both sides will use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Agreement {
-    /// One memory bit.
-    pub memory: u32,
-    /// One timeline bit.
-    pub timeline: u32,
-}
-
-impl Agreement {
-    /// Whether the producer hands over memory.
-    #[must_use]
-    pub fn brings(&self) -> bool {
-        matches!(self.memory, wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES)
-    }
-}
-
 /// What a message asks of the engine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     /// Import the memory that came.
     Import(Brought),
-    /// A frame is there, or will be at its value.
-    Queue(FrameNotice),
+    /// A frame is there, or will be at its value; with the poses of its interval, if those come.
+    Queue(FrameNotice, Option<FrameScene>),
+    /// Nothing yet: poses of a frame that will come.
+    Nothing,
     /// No more frames will come.
     End,
 }
@@ -76,6 +47,8 @@ pub struct Session {
     /// Value of each slot's timeline. It is even while the slot is the producer's.
     values: Vec<u64>,
     last_ns: Option<i64>,
+    /// Poses of the next frame, if the producer gives them.
+    poses: Option<Poses>,
 }
 
 /// Whether a frame that was told of with the value `told` is written, if its slot's timeline has `reached` a
@@ -101,92 +74,17 @@ fn refused(code: ErrorCode, text: String) -> InteropError {
     InteropError::Refused { code, text }
 }
 
-/// The first message of a connection must be this.
-pub fn hello(message: &Message) -> Result<&Hello, InteropError> {
-    match message {
-        Message::Hello(hello) => Ok(hello),
-        other => Err(refused(ErrorCode::Protocol, format!("{} came first, expected HELLO", other.name()))),
-    }
-}
-
-/// Chooses the best memory and timeline that both sides have.
-pub fn agree(hello: &Hello, terms: &Terms) -> Result<Agreement, InteropError> {
-    let actual = (hello.width_px, hello.height_px);
-    let expected = (terms.images.width_px, terms.images.height_px);
-    if actual != (0, 0) && actual != expected {
-        return Err(refused(
-            ErrorCode::Camera,
-            format!(
-                "camera {} has {}x{} px in the rig, the producer renders {}x{} px",
-                terms.camera, expected.0, expected.1, actual.0, actual.1
-            ),
-        ));
-    }
-    // CUDA names its device, but no Vulkan driver.
-    let same_driver = hello.driver_uuid == terms.driver_uuid || hello.driver_uuid == wire::NO_DRIVER;
-    let same_device = hello.device_uuid == terms.device_uuid && same_driver;
-    let both = hello.memories & terms.memories;
-    // The best first. A producer that offers its own memory renders there; any other would cost it a copy.
-    let kinds = [wire::MEMORY_BROUGHT, wire::MEMORY_IMAGES, wire::MEMORY_EXPORTED, wire::MEMORY_HOST];
-    let usable = |kind: &&u32| both & **kind != 0 && (same_device || **kind == wire::MEMORY_HOST);
-    let Some(&memory) = kinds.iter().find(usable) else {
-        return Err(if both == 0 {
-            refused(
-                ErrorCode::Unsupported,
-                format!(
-                    "memories: the producer has {}, the engine {}, none in common",
-                    wire::memory_names(hello.memories),
-                    wire::memory_names(terms.memories)
-                ),
-            )
-        } else {
-            refused(
-                ErrorCode::Device,
-                format!(
-                    "the producer is on device {}, the engine on {}; start both on one device",
-                    names(hello.device_uuid, hello.driver_uuid),
-                    names(terms.device_uuid, terms.driver_uuid)
-                ),
-            )
-        });
-    };
-    let shared = hello.timelines & terms.timelines;
-    let timeline = if same_device && shared & wire::TIMELINE_EXPORTED != 0 {
-        wire::TIMELINE_EXPORTED
-    } else if shared & wire::TIMELINE_CARRIED != 0 {
-        wire::TIMELINE_CARRIED
-    } else {
-        return Err(refused(
-            ErrorCode::Unsupported,
-            format!(
-                "timelines: the producer has {}, the engine {}, none in common",
-                wire::timeline_names(hello.timelines),
-                wire::timeline_names(terms.timelines)
-            ),
-        ));
-    };
-    Ok(Agreement { memory, timeline })
-}
-
-/// UUID of a device, and of its driver if it has one, in words.
-fn names(device: [u8; 16], driver: [u8; 16]) -> String {
-    let device = DeviceChoice::Uuid(device);
-    if driver == wire::NO_DRIVER {
-        return device.to_string();
-    }
-    format!("{device} with driver {}", DeviceChoice::Uuid(driver))
-}
-
 impl Session {
     /// A connection that has agreed.
     #[must_use]
     pub fn new(terms: &Terms, agreement: Agreement) -> Self {
         Session {
             camera: terms.camera,
-            images: terms.images,
+            images: terms.images_by(agreement),
             state: if agreement.brings() { State::Bringing } else { State::Streaming },
             values: vec![0; terms.slots as usize],
             last_ns: None,
+            poses: agreement.geometry.then(|| Poses::new(terms.max_instances)),
         }
     }
 
@@ -201,9 +99,19 @@ impl Session {
             (State::Streaming, Message::Frame(notice)) => {
                 expect_fds("FRAME", 0, fds)?;
                 self.check_frame(notice)?;
+                let scene = self.scene(notice)?;
                 self.values[notice.slot as usize] = notice.value;
                 self.last_ns = Some(notice.t_ns);
-                Ok(Action::Queue(*notice))
+                Ok(Action::Queue(*notice, scene))
+            }
+            (State::Streaming, Message::Poses(tracks)) => {
+                expect_fds("POSES", 0, fds)?;
+                let Some(poses) = &mut self.poses else {
+                    let text = format!("POSES came, but camera {} takes no depth and poses", self.camera);
+                    return Err(refused(ErrorCode::Protocol, text));
+                };
+                poses.add(tracks)?;
+                Ok(Action::Nothing)
             }
             (State::Bringing | State::Streaming, Message::Bye(_)) => {
                 expect_fds("BYE", 0, fds)?;
@@ -244,7 +152,8 @@ impl Session {
 
     fn check_brought(&self, brought: &Brought, fds: usize) -> Result<(), InteropError> {
         expect_fds("BROUGHT", self.values.len() * self.images.count(), fds)?;
-        let check = |image: &'static str, memory: &ImageMemory, bytes: u64| {
+        let told = [brought.hdr, brought.motion, brought.depth, brought.ids];
+        self.images.bytes().paired(told).named().try_for_each(|(image, &(bytes, memory))| {
             // An allocation is longer than its buffer by the driver's rounding, not by more.
             let most = (2 * bytes).max(4 << 20);
             if memory.bytes == bytes && (bytes..=most).contains(&memory.allocation_bytes) {
@@ -257,12 +166,18 @@ impl Session {
                     memory.bytes, memory.allocation_bytes
                 ),
             ))
-        };
-        check("hdr", &brought.hdr, self.images.hdr_bytes())?;
-        match self.images.motion {
-            Some(_) => check("motion", &brought.motion, self.images.motion_bytes()),
-            None => Ok(()),
+        })
+    }
+
+    /// The poses that came for a frame, if they come.
+    fn scene(&mut self, notice: &FrameNotice) -> Result<Option<FrameScene>, InteropError> {
+        let came = self.poses.as_ref().map_or(0, Poses::samples);
+        if notice.poses as usize != came {
+            let text = format!("FRAME says that {} poses came for it, {came} did", notice.poses);
+            return Err(refused(ErrorCode::Protocol, text));
         }
+        let Some((poses, geometry)) = self.poses.as_mut().zip(self.images.geometry) else { return Ok(None) };
+        poses.take(geometry.lens, self.last_ns.unwrap_or(notice.t_ns), notice.t_ns).map(Some)
     }
 
     fn check_frame(&self, notice: &FrameNotice) -> Result<(), InteropError> {

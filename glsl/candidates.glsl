@@ -1,0 +1,268 @@
+// Candidates of a tile's blocks, for synthesis `rigid`: the surfaces that pass each block, in order, those that move
+// alike once. Part of cross.glsl; twin of the oracle's `candidates`. Needs surfaces.glsl, and the buffers
+// `representatives` and `passing`.
+
+// A surface as both key frames see it: an instance, and a plane in the axes of each.
+struct Surface {
+    uint instance;
+    vec3 planes[2];
+};
+
+// The candidates of each block of the tile, and their number.
+const uint LISTED = SYNTHESIS == SYNTHESIS_RIGID ? TILE_BLOCKS * BLOCK_CANDIDATES : 1u;
+shared uint listed_instance[LISTED];
+shared vec3 listed_plane[2u * LISTED];
+shared uint listed_count[TILE_BLOCKS];
+
+// What passes: a pixel with PASSING_KEY as `passing` has it, its instance (NO_INSTANCE if it is left out), its inverse
+// depth, and that along the ray of the block's centre in both key frames. Some entries for each block of the tile, or
+// as many as the workgroup has threads for a block with more. Then their order.
+const uint PASSERS = SYNTHESIS == SYNTHESIS_RIGID ? TILE_BLOCKS * PASSING_ENTRIES : 1u;
+shared uint passer_pixel[PASSERS];
+shared uint passer_instance[PASSERS];
+shared float passer_depth[PASSERS];
+shared vec2 passer_depths[PASSERS];
+shared uint passer_order[PASSERS];
+shared uint passer_count[TILE_BLOCKS];
+
+// The chosen ones of each block, likewise.
+shared uint chosen_pixel[LISTED];
+shared uint chosen_instance[LISTED];
+shared vec2 chosen_depths[LISTED];
+
+// The surface that a pixel of key frame `key` shows. `seen` becomes false if there is none.
+Surface surface_of_pixel(Camera cam, Geometry geo, uint key, ivec2 at, inout bool seen) {
+    const uint base = surface_base(cam, geo, key);
+    const uvec2 shown = load_surface(base, cam, at);
+    Surface surface;
+    surface.instance = instance_of(shown);
+    // An instance without parallax has lost its poses.
+    seen = seen && has_surface(shown) && parallax_of(geo, surface.instance) != 0.0;
+    if (!seen) {
+        return surface;
+    }
+    const float inverse_depth = inverse_depth_of(shown);
+    const vec3 own = plane_of(geo, vec2(at), inverse_depth, load_slopes(base, cam, at, inverse_depth));
+    const Pose to_end = pose_between_keys(geo, surface.instance);
+    if (key == 0u) {
+        surface.planes[0] = own;
+        surface.planes[1] = moved_plane(own, to_end, seen);
+    } else {
+        surface.planes[0] = moved_plane(own, inverse_of(to_end), seen);
+        surface.planes[1] = own;
+    }
+    return surface;
+}
+
+// Whether two surfaces of one instance, of these inverse depths along a ray in both key frames, are one candidate.
+bool are_one(vec2 depths, vec2 other, float parallax) {
+    const vec2 apart_px = abs(depths - other) * parallax;
+    return max(apart_px.x, apart_px.y) < MERGE_PX;
+}
+
+vec2 depths_along(vec3 planes[2], vec3 ray) {
+    return vec2(dot3(planes[0], ray), dot3(planes[1], ray));
+}
+
+vec2 block_centre(uvec2 block) {
+    return vec2(block * BLOCK_PX) + 0.5 * float(BLOCK_PX - 1u);
+}
+
+// Block of the tile's `b`th block.
+uvec2 tile_block(uint b) {
+    return corner / BLOCK_PX + uvec2(b, 0u);
+}
+
+// Whether the tile's `b`th block lies in the image.
+bool has_block(Camera cam, uint b) {
+    return tile_block(b).x < cam.blocks_x;
+}
+
+uint block_head(Camera cam, Geometry geo, uint b) {
+    const uvec2 block = tile_block(b);
+    return passing_head(cam, geo, block.y * cam.blocks_x + block.x);
+}
+
+// Largest motion of what passes a block, as the bits of a float.
+uint passing_motion(Camera cam, uint b) {
+    const Geometry geo = geometries[cam.slot];
+    return has_block(cam, b) ? passing[block_head(cam, geo, b) + 1u] : 0u;
+}
+
+// Notes an entry.
+void note_passer(Camera cam, Geometry geo, uint entry, uint pixel, uvec2 block) {
+    const uint key = pixel >> 31;
+    const uint own = pixel & ~PASSING_KEY;
+    const ivec2 at = ivec2(own % cam.width, own / cam.width);
+    const vec2 centre = block_centre(block);
+    bool seen = lens_shows(geo, centre);
+    const Surface surface = surface_of_pixel(cam, geo, key, at, seen);
+    passer_pixel[entry] = pixel;
+    passer_instance[entry] = seen ? surface.instance : NO_INSTANCE;
+    passer_depth[entry] = inverse_depth_of(load_surface(surface_base(cam, geo, key), cam, at));
+    passer_depths[entry] = seen ? depths_along(surface.planes, ray_of(geo, centre)) : vec2(0.0);
+}
+
+// Whether one entry comes before another: by key frame, block, and from near to far.
+bool comes_before(Camera cam, uint entry, uint other) {
+    const uvec2 pixels = uvec2(passer_pixel[entry], passer_pixel[other]);
+    const uvec2 keys = pixels >> 31;
+    const uvec2 own = pixels & ~PASSING_KEY;
+    const uvec2 of_block = (own / cam.width) / BLOCK_PX * cam.blocks_x + (own % cam.width) / BLOCK_PX;
+    if (keys.x != keys.y) {
+        return keys.x < keys.y;
+    } else if (of_block.x != of_block.y) {
+        return of_block.x < of_block.y;
+    }
+    const vec2 depths = vec2(passer_depth[entry], passer_depth[other]);
+    return depths.x > depths.y || (depths.x == depths.y && own.x < own.y);
+}
+
+// Chooses an entry for a block's list, unless the list is full or has it. By one thread.
+void choose(Geometry geo, uint b, uint entry) {
+    const uint instance = passer_instance[entry];
+    const uint count = listed_count[b];
+    if (instance == NO_INSTANCE || count >= BLOCK_CANDIDATES) {
+        return;
+    }
+    const vec2 depths = passer_depths[entry];
+    const float parallax = parallax_of(geo, instance);
+    const uint first = b * BLOCK_CANDIDATES;
+    for (uint c = first; c < first + count; ++c) {
+        if (chosen_instance[c] == instance && are_one(chosen_depths[c], depths, parallax)) {
+            return;
+        }
+    }
+    chosen_pixel[first + count] = passer_pixel[entry];
+    chosen_instance[first + count] = instance;
+    chosen_depths[first + count] = depths;
+    listed_count[b] = count + 1u;
+}
+
+// Whether the surface of a representative passes a block.
+bool passes(Camera cam, Geometry geo, uint key, uint pixel, ivec2 block) {
+    const ivec2 at = ivec2(pixel % cam.width, pixel / cam.width);
+    const uvec2 shown = load_surface(surface_base(cam, geo, key), cam, at);
+    const uint instance = instance_of(shown);
+    if (!has_surface(shown) || parallax_of(geo, instance) == 0.0) {
+        return false;
+    }
+    const float inverse_depth = inverse_depth_of(shown);
+    const ivec2 own_block = at / int(BLOCK_PX);
+    vec3 point = ray_of(geo, vec2(at));
+    if (key == 1u) {
+        point = moved(inverse_of(pose_between_keys(geo, instance)), point, inverse_depth);
+    }
+    const bool moves = instance_moves(geo, instance);
+    bool passed = false;
+    uint knot = 0u;
+    do {
+        bool seen = true;
+        vec2 place = vec2(at);
+        if (moves) {
+            place = project(geo, moved(inverse_of(pose_at_knot(geo, instance, knot)), point, inverse_depth), seen);
+        }
+        const ivec4 blocks_passed = passed_blocks(cam, own_block, place - vec2(at));
+        passed = passed
+            || (seen && all(lessThanEqual(blocks_passed.xy, block)) && all(greaterThanEqual(blocks_passed.zw, block)));
+        knot += 1u;
+    } while (knot < (moves ? KNOTS : 1u) && !passed);
+    return passed;
+}
+
+// The list of a block that more surfaces pass than `passing` has room for: from all representatives within reach.
+void list_all_within_reach(Camera cam, Geometry geo, uint b) {
+    const uint lane = gl_LocalInvocationID.x;
+    const ivec2 block = ivec2(tile_block(b));
+    const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
+    // What passes has not moved further than the longest way of all that do.
+    const float motion_px = uintBitsToFloat(passing_motion(cam, b));
+    const int reach = int(min((motion_px + REACH_PX) / float(BLOCK_PX) + 2.0, 65536.0));
+    const ivec2 first = max(block - reach, ivec2(0));
+    const uvec2 extent = uvec2(min(block + reach, last_block) - first + 1);
+    const uint of_key = extent.x * extent.y * BLOCK_SURFACES;
+    uint start = 0u;
+    do {
+        const uint item = start + lane;
+        if (lane < PASSERS) {
+            passer_instance[lane] = NO_INSTANCE;
+        }
+        if (lane < PASSERS && item < 2u * of_key) {
+            const uint key = item / of_key;
+            const uint in_key = item % of_key;
+            const uint place = in_key % BLOCK_SURFACES;
+            const uint number = in_key / BLOCK_SURFACES;
+            const uint from = (uint(first.y) + number / extent.x) * cam.blocks_x + uint(first.x) + number % extent.x;
+            const uint word = representative_word(cam, geo, key, from);
+            if (place < representatives[word]) {
+                const uint pixel = representatives[word + 1u + place];
+                if (passes(cam, geo, key, pixel, block)) {
+                    note_passer(cam, geo, lane, pixel | (key == 1u ? PASSING_KEY : 0u), uvec2(block));
+                }
+            }
+        }
+        barrier();
+        if (lane == 0u) {
+            for (uint entry = 0u; entry < min(gl_WorkGroupSize.x, PASSERS); ++entry) {
+                choose(geo, b, entry);
+            }
+        }
+        barrier();
+        start += min(gl_WorkGroupSize.x, PASSERS);
+    } while (start < 2u * of_key && listed_count[b] < BLOCK_CANDIDATES);
+}
+
+// Makes the lists of the tile's blocks. Called by the whole workgroup; ends with a barrier.
+void list_candidates(Camera cam) {
+    const Geometry geo = geometries[cam.slot];
+    const uint lane = gl_LocalInvocationID.x;
+    if (lane < TILE_BLOCKS) {
+        passer_count[lane] = has_block(cam, lane) ? passing[block_head(cam, geo, lane)] : 0u;
+        listed_count[lane] = 0u;
+    }
+    barrier();
+    for (uint e = lane; e < PASSERS; e += gl_WorkGroupSize.x) {
+        const uint b = e / PASSING_ENTRIES;
+        if (e % PASSING_ENTRIES < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
+            const uvec2 block = tile_block(b);
+            const uint entries = passing_entries(cam, geo, block.y * cam.blocks_x + block.x);
+            note_passer(cam, geo, e, passing[entries + e % PASSING_ENTRIES], block);
+        }
+    }
+    barrier();
+    for (uint e = lane; e < PASSERS; e += gl_WorkGroupSize.x) {
+        const uint first = e / PASSING_ENTRIES * PASSING_ENTRIES;
+        const uint count = passer_count[e / PASSING_ENTRIES];
+        if (e - first < count && count <= PASSING_ENTRIES) {
+            uint place = 0u;
+            for (uint other = first; other < first + count; ++other) {
+                place += uint(other != e && comes_before(cam, other, e));
+            }
+            passer_order[first + place] = e;
+        }
+    }
+    barrier();
+    if (lane < TILE_BLOCKS && passer_count[lane] <= PASSING_ENTRIES) {
+        for (uint place = 0u; place < passer_count[lane]; ++place) {
+            choose(geo, lane, passer_order[lane * PASSING_ENTRIES + place]);
+        }
+    }
+    barrier();
+    for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+        if (passer_count[b] > PASSING_ENTRIES) {
+            list_all_within_reach(cam, geo, b);
+        }
+    }
+    for (uint c = lane; c < LISTED; c += gl_WorkGroupSize.x) {
+        if (c % BLOCK_CANDIDATES < listed_count[c / BLOCK_CANDIDATES]) {
+            const uint pixel = chosen_pixel[c] & ~PASSING_KEY;
+            const ivec2 at = ivec2(pixel % cam.width, pixel / cam.width);
+            bool seen = true;
+            const Surface surface = surface_of_pixel(cam, geo, chosen_pixel[c] >> 31, at, seen);
+            listed_instance[c] = surface.instance;
+            listed_plane[2u * c] = surface.planes[0];
+            listed_plane[2u * c + 1u] = surface.planes[1];
+        }
+    }
+    barrier();
+}

@@ -1,0 +1,211 @@
+// The surface of each pixel of a frame, from depth and instance ids, for synthesis `rigid`. Part of ingest.glsl; the
+// equations are in the model crate's `synthesis::rigid`.
+
+#include "surfaces.glsl"
+
+layout(buffer_reference, std430) readonly buffer Halves1 { uint16_t v[]; };
+layout(buffer_reference, std430) readonly buffer Floats1 { float v[]; };
+
+// The surface cache: the tile and two pixels around it. Beyond the image it repeats the border pixels.
+const uint SURFACE_APRON_PX = 2u;
+const uint SURFACE_X = TILE_WIDTH_PX + 2u * SURFACE_APRON_PX;
+const uint SURFACE_PIXELS = RIGID ? SURFACE_X * (BLOCK_PX + 2u * SURFACE_APRON_PX) : 1u;
+shared float cached_depth[SURFACE_PIXELS];
+shared float cached_inverse_depth[SURFACE_PIXELS];
+shared uint cached_instance[SURFACE_PIXELS];
+
+// For each pixel of the tile: which of the 5x5 pixels around continue its surface, row by row.
+shared uint continuing[RIGID ? TILE_ANCHORS : 1u];
+const uint ALL_CONTINUE = (1u << 25) - 1u;
+// The 3x3 of these pixels.
+const uint PURE_BITS = 7u << 6 | 7u << 11 | 7u << 16;
+
+// Bit of the pixel `offset` away, in `continuing`.
+uint continuing_bit(ivec2 offset) {
+    return 1u << uint(5 * (offset.y + 2) + offset.x + 2);
+}
+
+uint surface_index(ivec2 at) {
+    const uvec2 in_cache = uvec2(at - tile_origin + int(SURFACE_APRON_PX));
+    return in_cache.y * SURFACE_X + in_cache.x;
+}
+
+bool shows_surface(ivec2 at) {
+    return cached_instance[surface_index(at)] != NO_INSTANCE;
+}
+
+// The row of an instance, NO_INSTANCE if it has no poses.
+uint row_of(Geometry geo, uint id) {
+    uint first = 0u;
+    uint count = geo.known_ids;
+    while (count > 1u) {
+        const uint half_count = count / 2u;
+        const bool after = instances[geo.instance_base + first + half_count].x <= id;
+        first = after ? first + half_count : first;
+        count = after ? count - half_count : half_count;
+    }
+    const uvec2 known = instances[geo.instance_base + first];
+    return known.x == id ? known.y : NO_INSTANCE;
+}
+
+uint read_id(Geometry geo, uint pixel) {
+    if (geo.id_address == 0ul) {
+        return 0u;
+    }
+    return ID_FORMAT == ID_U16 ? uint(Halves1(geo.id_address).v[pixel]) : Words1(geo.id_address).v[pixel];
+}
+
+// Loads depth and instance of a pixel into the cache, and counts those of the tile without a path. Notes what makes the
+// half-pel samples of the frame before out of date.
+void load_geometry(Camera cam, Geometry geo, uint number, bool counts) {
+    const ivec2 at = tile_origin - int(SURFACE_APRON_PX) + ivec2(number % SURFACE_X, number / SURFACE_X);
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    const ivec2 clamped_at = clamp(at, ivec2(0), last);
+    const uint pixel = uint(clamped_at.y) * cam.width + uint(clamped_at.x);
+    const float depth = Floats1(geo.depth_address).v[pixel];
+    const uint id = read_id(geo, pixel);
+    // A depth of 0 is background at infinity, as infinity is.
+    const uint bits = floatBitsToUint(depth);
+    const bool nan = (bits & 0x7fffffffu) > 0x7f800000u;
+    const bool nought = (bits & 0x7fffffffu) == 0u;
+    const float far_depth = nought ? uintBitsToFloat(0x7f800000u) : depth;
+    const bool infinite = floatBitsToUint(far_depth) == 0x7f800000u;
+    const float inverse_depth = infinite ? 0.0 : 1.0 / far_depth;
+    uint instance = row_of(geo, id);
+    const bool poses_missing = instance == NO_INSTANCE;
+    // One so small that its inverse is infinite has no place either.
+    const bool depth_missing = nan || (!nought && (bits & 0x80000000u) != 0u) || not_finite(inverse_depth);
+    const bool lens_missing = !lens_shows(geo, vec2(clamped_at));
+    if (counts && clamped_at == at && all(lessThan(uvec2(at - tile_origin), uvec2(TILE_WIDTH_PX, BLOCK_PX)))) {
+        const uint counter = 2u * cam.slot + cam.frame_slot;
+        if (poses_missing) {
+            atomicAdd(counters[counter].without_poses, 1u);
+        } else if (depth_missing) {
+            atomicAdd(counters[counter].without_depth, 1u);
+        } else if (lens_missing) {
+            atomicAdd(counters[counter].without_lens, 1u);
+        }
+    }
+    if (depth_missing || lens_missing) {
+        instance = NO_INSTANCE;
+    }
+    const float shown_inverse = instance == NO_INSTANCE ? 0.0 : inverse_depth;
+    cached_depth[number] = far_depth;
+    cached_inverse_depth[number] = shown_inverse;
+    cached_instance[number] = instance;
+    if (instance != NO_INSTANCE && instance_moves(geo, instance)) {
+        any_change = 1u;
+    }
+}
+
+// The fraction by which inverse depth changes from one depth to another.
+float inverse_depth_rise(float depth, float other) {
+    return not_finite(other) ? -1.0 : (depth - other) / other;
+}
+
+// Slope of inverse depth along one axis, as a fraction of it: the smaller of the differences to both neighbours, or 0
+// where they disagree in sign, or where a neighbour is of another instance or beyond the image.
+float slope_along(Camera cam, ivec2 at, ivec2 axis) {
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    if (any(lessThan(at - axis, ivec2(0))) || any(greaterThan(at + axis, last))) {
+        return 0.0;
+    }
+    const uint own = surface_index(at);
+    const uint before = surface_index(at - axis);
+    const uint after = surface_index(at + axis);
+    const uint instance = cached_instance[own];
+    const float depth = cached_depth[own];
+    if (cached_instance[before] != instance || cached_instance[after] != instance || not_finite(depth)) {
+        return 0.0;
+    }
+    const float fall = -inverse_depth_rise(depth, cached_depth[before]);
+    const float rise = inverse_depth_rise(depth, cached_depth[after]);
+    return fall * rise <= 0.0 ? 0.0 : abs(fall) < abs(rise) ? fall : rise;
+}
+
+// A pixel's surface, from the cache.
+struct Own {
+    uint instance;
+    float inverse_depth;
+    // Packed slopes.
+    uint slopes;
+    vec3 plane;
+};
+
+Own own_surface(Camera cam, Geometry geo, ivec2 at) {
+    const uint cached = surface_index(at);
+    Own own;
+    own.instance = cached_instance[cached];
+    own.inverse_depth = cached_inverse_depth[cached];
+    own.slopes = 0u;
+    own.plane = vec3(0.0);
+    if (own.instance != NO_INSTANCE) {
+        own.slopes = packHalf2x16(vec2(slope_along(cam, at, ivec2(1, 0)), slope_along(cam, at, ivec2(0, 1))));
+        own.plane = plane_of(geo, vec2(at), own.inverse_depth, unpackHalf2x16(own.slopes) * own.inverse_depth);
+    }
+    return own;
+}
+
+// Which of the 5x5 pixels around continue a pixel's surface: their inverse depth is that of the surface there, to what
+// LEAST_MOTION_PX of motion would tell apart.
+uint continuing_around(Camera cam, Geometry geo, ivec2 at, Own own) {
+    if (own.instance == NO_INSTANCE) {
+        return 0u;
+    }
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    const vec2 slopes_px = unpackHalf2x16(own.slopes) * own.inverse_depth;
+    uint bits = 0u;
+    for (int y = -2; y <= 2; ++y) {
+        for (int x = -2; x <= 2; ++x) {
+            const ivec2 near = clamp(at + ivec2(x, y), ivec2(0), last);
+            const uint cached = surface_index(near);
+            const vec2 away = vec2(near - at);
+            // Through a pinhole, a plane's inverse depth is linear in the image.
+            const float expected = geo.fisheye == 0u
+                ? fma(slopes_px.x, away.x, fma(slopes_px.y, away.y, own.inverse_depth))
+                : dot3(own.plane, ray_of(geo, vec2(near)));
+            const float inverse_depth = cached_inverse_depth[cached];
+            const bool continues = abs(inverse_depth - expected) * LEAST_MOTION_PX <= BELONG_PX * inverse_depth;
+            if (cached_instance[cached] == own.instance && continues) {
+                bits |= continuing_bit(ivec2(x, y));
+            }
+        }
+    }
+    return bits;
+}
+
+// Whether all of some pixels do.
+bool all_continue(uint bits, uint wanted) {
+    return (bits & wanted) == wanted;
+}
+
+// The pixels that the half-pel sample of a phase lies between.
+uint parents_of(int phase) {
+    const ivec2 offset = phase_offset_of(phase);
+    return continuing_bit(ivec2(0)) | continuing_bit(ivec2(offset.x, 0)) | continuing_bit(ivec2(0, offset.y))
+        | continuing_bit(offset);
+}
+
+// Finds and writes the surface of a pixel of the tile. The workgroup of the first component writes.
+void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
+    const ivec2 at = tile_origin + ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
+    if (at.x >= int(cam.width) || at.y >= int(cam.height)) {
+        return;
+    }
+    const Own own = own_surface(cam, geo, at);
+    const uint bits = continuing_around(cam, geo, at, own);
+    continuing[number] = bits;
+    if (!writes) {
+        return;
+    }
+    uint word = own.instance;
+    word |= all_continue(bits, PURE_BITS) ? SURFACE_PURE : 0u;
+    word |= bits == ALL_CONTINUE ? SURFACE_INNER : 0u;
+    for (int phase = 1; phase < 4; ++phase) {
+        word |= all_continue(bits, parents_of(phase)) ? SURFACE_JOINED << uint(phase) : 0u;
+    }
+    const uint element = surface_base(cam, geo, 1u) + uint(at.y) * cam.width + uint(at.x);
+    surfaces[element] = uvec2(floatBitsToUint(own.inverse_depth), word);
+    slopes[element] = own.slopes;
+}
+

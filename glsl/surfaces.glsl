@@ -1,0 +1,304 @@
+// Surfaces of key frames and their exact paths, for synthesis `rigid`. Twin of the oracle's `synthesize::rigid`; the
+// equations are in the model crate's `synthesis::rigid`.
+//
+// Key frame 0 is the frame at the interval's start, key frame 1 the one at its end. Positions in an image are in
+// pixels. Points are homogeneous: a direction and an inverse depth. An instance is a row of the camera's tables; row 0
+// is the static world.
+//
+// Needs the buffers `surfaces`, `slopes` and `poses`, declared by the including file, and half_pel.glsl.
+
+// ---- Surfaces of pixels ----
+
+// What a pixel shows, as `surfaces` has it: x is the inverse depth, y the instance and these bits.
+const uint NO_INSTANCE = 0xffffu;
+// Whether the 3x3 and the 5x5 pixels around continue the pixel's surface.
+const uint SURFACE_PURE = 1u << 16;
+const uint SURFACE_INNER = 1u << 17;
+// Whether the half-pel sample of a phase (1 right, 2 below, 3 both) lies between pixels that continue it.
+const uint SURFACE_JOINED = 1u << 17;
+
+uint instance_of(uvec2 surface) {
+    return surface.y & 0xffffu;
+}
+
+bool has_surface(uvec2 surface) {
+    return instance_of(surface) != NO_INSTANCE;
+}
+
+float inverse_depth_of(uvec2 surface) {
+    return uintBitsToFloat(surface.x);
+}
+
+bool is_pure(uvec2 surface) {
+    return (surface.y & SURFACE_PURE) != 0u;
+}
+
+bool is_inner(uvec2 surface) {
+    return (surface.y & SURFACE_INNER) != 0u;
+}
+
+// Whether the half-pel sample of a phase is joined; a pixel's own sample (phase 0) always is.
+bool is_joined(uvec2 surface, uint phase) {
+    return phase == 0u || (surface.y & (SURFACE_JOINED << phase)) != 0u;
+}
+
+// First element of key frame `key` (0 or 1) in `surfaces` and `slopes`.
+uint surface_base(Camera cam, Geometry geo, uint key) {
+    return geo.surface_base + (key == 1u ? cam.frame_slot : 1u - cam.frame_slot) * cam.pixels;
+}
+
+uvec2 load_surface(uint base, Camera cam, ivec2 at) {
+    return surfaces[base + uint(at.y) * cam.width + uint(at.x)];
+}
+
+// Change of a pixel's inverse depth from pixel to pixel, along x and y.
+vec2 load_slopes(uint base, Camera cam, ivec2 at, float inverse_depth) {
+    return unpackHalf2x16(slopes[base + uint(at.y) * cam.width + uint(at.x)]) * inverse_depth;
+}
+
+// ---- Lens ----
+
+const float PI = 3.14159265358979;
+
+// Whether the lens shows anything at a position.
+bool lens_shows(Geometry geo, vec2 at) {
+    const vec2 a = (at - vec2(geo.centre_x_px, geo.centre_y_px)) * vec2(geo.inverse_focal_x, geo.inverse_focal_y);
+    return geo.fisheye == 0u || length(a) < PI;
+}
+
+// The point of depth 1 that a position shows, camera axes.
+vec3 ray_of(Geometry geo, vec2 at) {
+    const vec2 a = (at - vec2(geo.centre_x_px, geo.centre_y_px)) * vec2(geo.inverse_focal_x, geo.inverse_focal_y);
+    if (geo.fisheye == 0u) {
+        return vec3(a.x, -a.y, -1.0);
+    }
+    const float angle = length(a);
+    const float sine = angle > 0.0 ? sin(angle) / angle : 1.0;
+    return vec3(a.x * sine, -a.y * sine, -cos(angle));
+}
+
+// Where a point is in the image. `seen` becomes false if it has no image.
+vec2 project(Geometry geo, vec3 point, inout bool seen) {
+    const float forward = -point.z;
+    const vec2 across = vec2(point.x, -point.y);
+    vec2 a;
+    if (geo.fisheye == 0u) {
+        seen = seen && forward > 0.0;
+        a = across / (forward > 0.0 ? forward : 1.0);
+    } else {
+        const float radius = length(across);
+        seen = seen && (radius > 0.0 || forward > 0.0);
+        a = radius > 0.0 ? across * (atan(radius, forward) / radius) : vec2(0.0);
+    }
+    return fma(a, vec2(geo.focal_x_px, geo.focal_y_px), vec2(geo.centre_x_px, geo.centre_y_px));
+}
+
+// ---- Poses ----
+
+// A rigid motion: each row has a row of the rotation and the translation along one axis.
+struct Pose {
+    vec4 x;
+    vec4 y;
+    vec4 z;
+};
+
+float turned_axis(vec4 row, vec3 direction) {
+    return fma(row.x, direction.x, fma(row.y, direction.y, row.z * direction.z));
+}
+
+vec3 turned(Pose pose, vec3 direction) {
+    return vec3(
+        turned_axis(pose.x, direction), turned_axis(pose.y, direction), turned_axis(pose.z, direction));
+}
+
+vec3 shift_of(Pose pose) {
+    return vec3(pose.x.w, pose.y.w, pose.z.w);
+}
+
+// A homogeneous point after a motion.
+vec3 moved(Pose pose, vec3 point, float inverse_depth) {
+    return fma(shift_of(pose), vec3(inverse_depth), turned(pose, point));
+}
+
+Pose inverse_of(Pose pose) {
+    const vec3 shift = shift_of(pose);
+    const vec3 column_x = vec3(pose.x.x, pose.y.x, pose.z.x);
+    const vec3 column_y = vec3(pose.x.y, pose.y.y, pose.z.y);
+    const vec3 column_z = vec3(pose.x.z, pose.y.z, pose.z.z);
+    return Pose(
+        vec4(column_x, -turned_axis(vec4(column_x, 0.0), shift)),
+        vec4(column_y, -turned_axis(vec4(column_y, 0.0), shift)),
+        vec4(column_z, -turned_axis(vec4(column_z, 0.0), shift)));
+}
+
+Pose load_pose(uint row) {
+    return Pose(poses[row], poses[row + 1u], poses[row + 2u]);
+}
+
+// The motion of an instance from camera axes at instant `i` of POSE_INSTANTS to those of key frame 0.
+Pose pose_at_instant(Geometry geo, uint instance, uint i) {
+    return load_pose(geo.pose_base + instance * POSE_ROWS + 3u * i);
+}
+
+// The same at a knot.
+Pose pose_at_knot(Geometry geo, uint instance, uint knot) {
+    return pose_at_instant(geo, instance, knot * ((POSE_INSTANTS - 1u) / (KNOTS - 1u)));
+}
+
+// The motion of an instance from camera axes at key frame 0 to those of key frame 1.
+Pose pose_between_keys(Geometry geo, uint instance) {
+    return pose_at_instant(geo, instance, POSE_INSTANTS);
+}
+
+// An instance's parallax, pixels for each unit of inverse depth; 0 if it has no poses any more.
+float parallax_of(Geometry geo, uint instance) {
+    return poses[geo.pose_base + instance * POSE_ROWS + POSE_ROWS - 1u].x;
+}
+
+// Whether an instance moves before the camera during the interval.
+bool instance_moves(Geometry geo, uint instance) {
+    return poses[geo.pose_base + instance * POSE_ROWS + POSE_ROWS - 1u].y != 0.0;
+}
+
+// ---- Planes ----
+
+// The plane that a pixel shows, in its key frame's axes: m with m . X = 1.
+vec3 plane_of(Geometry geo, vec2 at, float inverse_depth, vec2 slopes_px) {
+    const vec3 ray = ray_of(geo, at);
+    // Change of inverse depth with the tangents, or the angles, that the lens maps to pixels.
+    const vec2 g = slopes_px * vec2(geo.focal_x_px, geo.focal_y_px);
+    if (geo.fisheye == 0u) {
+        const vec2 m = vec2(g.x, -g.y);
+        return vec3(m, fma(m.x, ray.x, fma(m.y, ray.y, -inverse_depth)));
+    }
+    const vec2 a = (at - vec2(geo.centre_x_px, geo.centre_y_px)) * vec2(geo.inverse_focal_x, geo.inverse_focal_y);
+    const float angle = length(a);
+    const float sine = length(ray.xy);
+    const vec3 facing = ray * inverse_depth;
+    if (angle == 0.0) {
+        return facing + vec3(g.x, -g.y, 0.0);
+    }
+    // Away from the axis, and around it.
+    const vec2 out_px = a / angle;
+    const vec3 outwards = vec3(-ray.z * out_px.x, ray.z * out_px.y, sine);
+    const vec3 around = vec3(-out_px.y, -out_px.x, 0.0);
+    const float m_out = fma(out_px.x, g.x, out_px.y * g.y);
+    const float m_around = sine > 1e-3 ? (out_px.x * g.y - out_px.y * g.x) * (angle / sine) : 0.0;
+    return fma(outwards, vec3(m_out), fma(around, vec3(m_around), facing));
+}
+
+float dot3(vec3 a, vec3 b) {
+    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
+}
+
+// A plane after a rigid motion. `seen` becomes false if the camera then is behind it.
+vec3 moved_plane(vec3 plane, Pose motion, inout bool seen) {
+    const vec3 m = turned(motion, plane);
+    const float scale = 1.0 + dot3(m, shift_of(motion));
+    seen = seen && scale > 0.0;
+    return m / (scale > 0.0 ? scale : 1.0);
+}
+
+// ---- What a key frame knows of a surface ----
+
+// A surface as a key frame sees it: its plane is in that key frame's axes.
+struct Seen {
+    uint instance;
+    vec3 plane;
+    float parallax;
+};
+
+// How a pixel of a key frame lies to a surface: it shows it, it shows something nearer or unknown, or something farther.
+const uint BELONGS = 0u;
+const uint HIDES = 1u;
+const uint FARTHER = 2u;
+
+uint relation(Geometry geo, uvec2 shown, vec2 at, Seen surface) {
+    if (!has_surface(shown)) {
+        return HIDES;
+    }
+    const float behind = inverse_depth_of(shown) - dot3(surface.plane, ray_of(geo, at));
+    if (instance_of(shown) == surface.instance && abs(behind) * surface.parallax < BELONG_PX) {
+        return BELONGS;
+    }
+    return behind > 0.0 ? HIDES : FARTHER;
+}
+
+bool belongs(Geometry geo, uvec2 shown, vec2 at, Seen surface) {
+    return relation(geo, shown, at, surface) == BELONGS;
+}
+
+// ---- Blocks that a surface passes ----
+
+// First and last block (xy, zw) that the square of a block passes, whose representative is displaced by `shift`; within
+// the image. Empty (first beyond last) if it passes none.
+ivec4 passed_blocks(Camera cam, ivec2 block, vec2 shift) {
+    const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
+    const vec2 first = vec2(block * int(BLOCK_PX)) + shift - REACH_PX;
+    const vec2 last = first + (float(BLOCK_PX - 1) + 2.0 * REACH_PX);
+    // Far outside, a block's number would not fit an integer.
+    const vec2 most = vec2(last_block) + 1.0;
+    const vec2 low = clamp(floor(first / float(BLOCK_PX)), vec2(-1.0), most);
+    const vec2 high = clamp(floor(last / float(BLOCK_PX)), vec2(-1.0), most);
+    return ivec4(max(ivec2(low), ivec2(0)), min(ivec2(high), last_block));
+}
+
+// ---- Lists ----
+
+// Word of a block in `representatives` of key frame `key`: their number, then their pixels from near to far.
+uint representative_word(Camera cam, Geometry geo, uint key, uint block) {
+    const uint slot = key == 1u ? cam.frame_slot : 1u - cam.frame_slot;
+    return geo.representative_base + (slot * cam.blocks + block) * REPRESENTATIVE_WORDS;
+}
+
+// Word of a block's head in `passing` of this tick: the number of surfaces that pass it (it may exceed
+// PASSING_ENTRIES), and the bits of the largest motion of them, pixels.
+uint passing_head(Camera cam, Geometry geo, uint block) {
+    return geo.passing_base + (cam.frame_slot * cam.blocks + block) * PASSING_HEAD_WORDS;
+}
+
+// Word of the first of a block's entries in `passing`: pixels, with PASSING_KEY for those of key frame 1, in any order.
+uint passing_entries(Camera cam, Geometry geo, uint block) {
+    return geo.passing_base + 2u * cam.blocks * PASSING_HEAD_WORDS + block * PASSING_ENTRIES;
+}
+
+const uint PASSING_KEY = 0x80000000u;
+
+// ---- Reading a half-pel frame within a surface ----
+
+// A position in half pixels, on a row or column of half-pel samples if it is near one: the range that a level is clamped
+// to changes there, and rounding would decide on which side a position falls that does not move across.
+vec2 snapped(vec2 at) {
+    const vec2 nearest = roundEven(at);
+    return mix(at, nearest, lessThanEqual(abs(at - nearest), vec2(SNAP_SAMPLES)));
+}
+
+// Whether a half-pel sample, clamped to the image, shows a surface.
+bool sample_shows(Camera cam, Geometry geo, uint base, ivec2 at, Seen surface) {
+    const ivec2 sample_at = min(at, 2 * ivec2(cam.width, cam.height) - 1);
+    const ivec2 pixel = sample_at / 2;
+    const uvec2 shown = load_surface(base, cam, pixel);
+    return is_joined(shown, uint(sample_at.x & 1) + 2u * uint(sample_at.y & 1))
+        && belongs(geo, shown, vec2(pixel), surface);
+}
+
+// Whether the half-pel frame shows a surface at a snapped position, in half pixels inside the image: the pixel nearest to it
+// belongs and is inner, or all of the four samples around do, but those in a row or column that weighs slightly.
+bool half_pel_shows(Camera cam, Geometry geo, uint base, vec2 at, Seen surface) {
+    const ivec2 nearest = min(ivec2(floor(fma(vec2(0.5), at, vec2(0.5)))), ivec2(cam.width, cam.height) - 1);
+    const uvec2 shown = load_surface(base, cam, nearest);
+    if (is_inner(shown) && belongs(geo, shown, vec2(nearest), surface)) {
+        return true;
+    }
+    const vec2 low = floor(at);
+    const bvec2 first = lessThan(at - low, vec2(1.0 - SLIGHT_WEIGHT));
+    const bvec2 second = greaterThan(at - low, vec2(SLIGHT_WEIGHT));
+    bool all_show = true;
+    for (int i = 0; i < 4; ++i) {
+        const bool needed = ((i & 1) == 0 ? first.x : second.x) && ((i & 2) == 0 ? first.y : second.y);
+        if (needed) {
+            all_show = all_show && sample_shows(cam, geo, base, ivec2(low) + ivec2(i & 1, i >> 1), surface);
+        }
+    }
+    return all_show;
+}

@@ -1,0 +1,127 @@
+//! Checks what a step is given: formats, devices, poses.
+
+use super::State;
+use crate::bank::{Bank, Format, Frames, Images};
+use crate::cuda::CudaSide;
+use crate::error::Fault;
+use crate::image::{Place, elsewhere};
+use crate::poses::{Moving, Wanted};
+use esaac_model::Synthesis;
+use esaac_model::paths::SceneMotion;
+use std::sync::Arc;
+
+impl State {
+    /// The scene of each camera that has poses. Synthesis `rigid` needs them at every step.
+    pub(super) fn scenes(
+        &self,
+        frames: &Frames,
+        t_ns: &[Option<i64>],
+        moving: &Moving,
+    ) -> Result<Vec<(usize, SceneMotion)>, Fault> {
+        let mut wanted: Vec<Vec<(usize, Wanted)>> = moving.poses.iter().map(|_| Vec::new()).collect();
+        for (camera, t_ns) in t_ns.iter().enumerate() {
+            let (Some((images, _)), Some(t_ns)) = (frames.of(camera), *t_ns) else { continue };
+            let Format { depth, ids, .. } = images.format();
+            let lens = self.lenses[camera];
+            let without = match moving.of(camera) {
+                _ if ids.is_some() && depth.is_none() => Some("ids without depth, expected both"),
+                _ if depth.is_some() && lens.is_none() => {
+                    Some("depth without a lens, expected a camera made with intrinsics=")
+                }
+                Some(_) if depth.is_none() => Some("poses without depth, expected both"),
+                None if depth.is_some() && self.synthesis(camera, images) == Synthesis::Rigid => {
+                    Some("no poses, expected poses= at every step with synthesis `rigid`")
+                }
+                _ => None,
+            };
+            if let Some(message) = without {
+                return Err(Fault::Frame(format!("camera {camera}: {message}")));
+            }
+            if let (Some((entry, poses, index)), Some(lens)) = (moving.of(camera), lens) {
+                poses.check_span(self.last_ns[camera].unwrap_or(t_ns), t_ns)?;
+                let first_ns = self.first_ns[camera].unwrap_or(t_ns);
+                wanted[entry].push((camera, Wanted { index, lens, first_ns }));
+            }
+        }
+        let mut scenes = Vec::new();
+        for (poses, wanted) in moving.poses.iter().zip(wanted) {
+            let Some(poses) = poses else { continue };
+            let (cameras, wanted): (Vec<_>, Vec<_>) = wanted.into_iter().unzip();
+            scenes.extend(cameras.into_iter().zip(poses.scenes(&wanted)?));
+        }
+        Ok(scenes)
+    }
+
+    fn synthesis(&self, camera: usize, images: &Images) -> Synthesis {
+        self.sensors[camera].synthesis.resolve(images.depth.is_some(), images.motion.is_some())
+    }
+
+    /// The first frames set each camera's formats; later ones must have the same.
+    pub(super) fn check_formats(&mut self, frames: &Frames) -> Result<(), Fault> {
+        let given = |camera: usize| frames.of(camera).map(|(images, _)| images.format());
+        if self.banks.is_empty() {
+            let formats: Option<Vec<Format>> = (0..self.sensors.len()).map(given).collect();
+            let formats = formats.ok_or_else(|| {
+                Fault::Frame("the first step needs a frame of every camera: they tell the formats".to_owned())
+            })?;
+            self.banks = Bank::all(&self.device, &self.sensors, &formats, &self.lenses, self.rig_options())?;
+            self.formats = formats;
+            return Ok(());
+        }
+        for (camera, expected) in self.formats.iter().enumerate() {
+            let Some(actual) = given(camera) else { continue };
+            if actual != *expected {
+                return Err(Fault::Frame(format!(
+                    "camera {camera}: {}, expected {} as in its first frame",
+                    describe(actual),
+                    describe(*expected)
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Frames on a CUDA device must be on the engine's.
+    pub(super) fn check_devices(&self, frames: &Frames, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
+        for images in frames.images.iter().flatten() {
+            for tiles in images.planes().into_iter().flatten() {
+                // A texture has no address. Its context is checked when it is copied.
+                let addressed = tiles.texture().is_none();
+                if let (Place::Cuda { .. }, Some(side), true) = (tiles.place(), side, addressed) {
+                    let actual = side.link().device_of(tiles.pointer())?;
+                    if actual != side.ordinal {
+                        let device = &self.device.info().name;
+                        return Err(elsewhere(tiles.plane(), actual, side.ordinal, device));
+                    }
+                }
+                let places = [images.hdr.place(), tiles.place()].map(|place| match place {
+                    Place::Host => "the host",
+                    Place::Cuda { .. } => "a CUDA device",
+                });
+                if places[0] != places[1] {
+                    return Err(Fault::Frame(format!(
+                        "hdr lies on {} and {} on {}, expected both on one",
+                        places[0],
+                        tiles.plane().name(),
+                        places[1]
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn describe(format: Format) -> String {
+    let hdr = format!("{:?} colour", format.hdr.element).to_lowercase();
+    let motion = match format.motion {
+        Some(motion) => format!(" with {} channels of {:?} motion", motion.channels, motion.element),
+        None => " without motion".to_owned(),
+    };
+    let geometry = match (format.depth, format.ids) {
+        (Some(_), Some(ids)) => format!(", with depth and {:?} ids", ids.element),
+        (Some(_), None) => ", with depth".to_owned(),
+        _ => String::new(),
+    };
+    hdr + &motion + &geometry
+}

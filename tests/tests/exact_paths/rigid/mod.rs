@@ -1,0 +1,5 @@
+//! Suites of synthesis `rigid`.
+
+mod input;
+mod levels;
+mod stages;

@@ -1,0 +1,358 @@
+//! Compares what `ingest` and `paths` prepare for synthesis `rigid` with the oracle: poses, surfaces, lists of blocks,
+//! half-pel frames.
+
+use esaac_engine::{KernelPolicy, Rig, RigOptions};
+use esaac_layout::{PASSING_ENTRIES, PASSING_HEAD_WORDS, REPRESENTATIVE_WORDS};
+use esaac_model::paths::{Intrinsics, SceneMotion};
+use esaac_model::synthesis::rigid::BLOCK_PX;
+use esaac_model::{Intensity, SensorModel, Synthesis};
+use esaac_oracle::synthesize::rigid::Rigid;
+use esaac_oracle::synthesize::rigid::read::KeyFrame;
+use esaac_scene::SceneKind;
+use esaac_tests::device::assert_silent;
+use esaac_tests::geometry::Rendered;
+use glam::{DMat3, DVec3};
+
+/// Size of the frames: neither is a multiple of a block.
+const SIZE: (u32, u32) = (75, 53);
+
+const SCENES: [SceneKind; 4] = [SceneKind::Shake, SceneKind::Poles, SceneKind::Propeller, SceneKind::Bounce];
+
+/// Error of a position in an image, pixels, that the interpolation of poses may add.
+const PATH_TOLERANCE_PX: f64 = 1e-4;
+
+/// Share of pixels that may differ: a test that falls the other way by rounding.
+const DIFFERING_SHARE: f64 = 1e-3;
+
+fn sensor() -> SensorModel {
+    SensorModel {
+        width: SIZE.0,
+        height: SIZE.1,
+        synthesis: Synthesis::Rigid,
+        intensity: Intensity::Luminance,
+        log_offset: 0.01,
+        substeps: 16,
+        ..SensorModel::default()
+    }
+}
+
+/// Runs a rig through all frames.
+fn run(rendered: &Rendered, sensor: &SensorModel) -> Rig {
+    run_by(rendered, sensor, None)
+}
+
+/// As [`run`], with kernels of another policy.
+fn run_by(rendered: &Rendered, sensor: &SensorModel, policy: Option<KernelPolicy>) -> Rig {
+    let mut rig = rendered.rig(sensor, RigOptions { policy, ..RigOptions::default() });
+    for frame in &rendered.frames {
+        rig.upload(0, &frame.bytes()).expect("a frame that fits");
+        rig.step(&[frame.t_ns]).expect("a frame in time");
+    }
+    rig
+}
+
+/// The last interval by the oracle, after all before it.
+fn oracle<'a>(rendered: &'a Rendered, planes: &'a [Vec<Vec<f64>>], sensor: &SensorModel) -> Rigid<'a> {
+    let input = |frame: usize| rendered.frames[frame].input(rendered.size, &planes[frame]);
+    let mut history = None;
+    let mut last = None;
+    for frame in 1..rendered.frames.len() {
+        if let Some(before) = last.take() {
+            history = Some(Rigid::into_history(before));
+        }
+        last = Some(Rigid::new(
+            &rendered.scene,
+            [input(frame - 1), input(frame)],
+            sensor.log_offset,
+            sensor.transfers,
+            history.take(),
+        ));
+    }
+    last.expect("at least two frames")
+}
+
+fn planes(rendered: &Rendered, sensor: &SensorModel) -> Vec<Vec<Vec<f64>>> {
+    rendered.frames.iter().map(|frame| frame.planes(sensor)).collect()
+}
+
+/// Position in key frame 0 of a point on a ray at an instant, by the twelve numbers of a pose.
+fn in_start(lens: &Intrinsics, rows: &[f32], ray: DVec3, inverse_depth: f64) -> glam::DVec2 {
+    let row = |axis: usize| {
+        DVec3::new(f64::from(rows[4 * axis]), f64::from(rows[4 * axis + 1]), f64::from(rows[4 * axis + 2]))
+    };
+    let shift = DVec3::new(f64::from(rows[3]), f64::from(rows[7]), f64::from(rows[11]));
+    let turn = DMat3::from_cols(row(0), row(1), row(2)).transpose();
+    lens.project((turn * ray + shift * inverse_depth).extend(1.0))
+        .expect("a point before the camera")
+        .pixel_px
+}
+
+/// Largest error of a path, pixels, over instances, numbers of sub-steps, and points.
+fn worst_path(rig: &Rig, scene: &SceneMotion, [from_ns, to_ns]: [i64; 2], substeps: u32) -> f64 {
+    let words = rig.words(0, "paths").expect("a rig that is well");
+    let paths: Vec<f32> = words.into_iter().map(f32::from_bits).collect();
+    let instants = esaac_layout::path_instants(substeps) as usize;
+    let lens = scene.lens();
+    let mut worst_px = 0.0_f64;
+    let ids = std::iter::once(0).chain(scene.ids());
+    for (row, id) in ids.enumerate() {
+        let mut instant = 0;
+        for n in 2..=substeps {
+            for i in 1..n {
+                let t_ns = from_ns + (f64::from(i) / f64::from(n) * (to_ns - from_ns) as f64).round() as i64;
+                let exact = scene.relative(id, t_ns, from_ns).expect("poses");
+                let rows = &paths[12 * (row * instants + instant)..][..12];
+                for (x, y, inverse_depth) in [(3.0, 5.0, 0.0), (60.0, 11.0, 0.2), (33.0, 47.0, 1.0)] {
+                    let ray = lens.ray(glam::DVec2::new(x, y)).expect("a ray");
+                    let Some(expected) = lens.project(exact.apply(ray.extend(inverse_depth))) else {
+                        continue;
+                    };
+                    let found = in_start(lens, rows, ray, inverse_depth);
+                    worst_px = worst_px.max((found - expected.pixel_px).length());
+                }
+                instant += 1;
+            }
+        }
+        assert_eq!(instant, instants);
+    }
+    worst_px
+}
+
+#[test]
+fn poses_at_sub_steps_are_those_of_the_tracks() {
+    for kind in SCENES {
+        let rendered = Rendered::of(kind, SIZE, 2);
+        let sensor = sensor();
+        let rig = run(&rendered, &sensor);
+        let times_ns = [rendered.frames[0].t_ns, rendered.frames[1].t_ns];
+        let worst_px = worst_path(&rig, &rendered.scene, times_ns, sensor.substeps);
+        println!("{kind:?}: {worst_px:.1e} px");
+        assert!(worst_px < PATH_TOLERANCE_PX, "{kind:?}: {worst_px:.2e} px");
+    }
+    assert_silent();
+}
+
+/// What `surfaces` says of a pixel: inverse depth, row, and the bits pure, inner, joined right, below, both.
+fn surface_words(rig: &Rig, frame: usize) -> Vec<[u32; 2]> {
+    let words = rig.words(0, "surfaces").expect("a rig that is well");
+    let pixels = (SIZE.0 * SIZE.1) as usize;
+    // A rig's first frame is in slot 0.
+    let slot = frame % 2;
+    words[2 * pixels * slot..][..2 * pixels].chunks(2).map(|pair| [pair[0], pair[1]]).collect()
+}
+
+fn expected_bits(key: &KeyFrame, pixel: usize) -> [bool; 5] {
+    let width = SIZE.0 as usize;
+    let (x, y) = (pixel % width, pixel / width);
+    let joined = |i: usize, j: usize| key.joined[(2 * y + j) * 2 * width + 2 * x + i];
+    [key.pure[pixel], key.inner[pixel], joined(1, 0), joined(0, 1), joined(1, 1)]
+}
+
+#[test]
+fn surfaces_and_their_bits_are_the_oracles() {
+    for kind in SCENES {
+        let rendered = Rendered::of(kind, SIZE, 3);
+        let sensor = sensor();
+        let rig = run(&rendered, &sensor);
+        let planes = planes(&rendered, &sensor);
+        let oracle = oracle(&rendered, &planes, &sensor);
+        let ids: Vec<u32> = std::iter::once(0).chain(rendered.scene.ids()).collect();
+        let found = surface_words(&rig, 2);
+        let key = oracle.key(1);
+        let mut differing = 0;
+        for (pixel, [inverse_depth, word]) in found.iter().enumerate() {
+            let row = (word & 0xffff) as usize;
+            match key.surfaces.element(pixel) {
+                Err(_) => assert_eq!(row, 0xffff, "{kind:?}: pixel {pixel}"),
+                Ok(element) => {
+                    assert_eq!(ids[row], element.id, "{kind:?}: pixel {pixel}");
+                    let error = f64::from(f32::from_bits(*inverse_depth)) - element.inverse_depth;
+                    assert!(error.abs() <= 1e-6 * element.inverse_depth, "{kind:?}: pixel {pixel}");
+                }
+            }
+            let bits = [16, 17, 18, 19, 20].map(|bit| (word >> bit) & 1 == 1);
+            differing += usize::from(bits != expected_bits(key, pixel));
+        }
+        let inner = key.inner.iter().filter(|&&inner| inner).count();
+        println!("{kind:?}: {differing} of {} differ, {inner} inner", found.len());
+        assert!(differing as f64 <= DIFFERING_SHARE * found.len() as f64, "{kind:?}: {differing}");
+        assert!(inner > 0 && inner < found.len(), "{kind:?}: both kinds of pixels");
+    }
+    assert_silent();
+}
+
+/// The representatives of a block by their definition: nearest and farthest pixel of each instance, near to far.
+fn representatives(key: &KeyFrame, block: (usize, usize)) -> Vec<f64> {
+    let size = key.surfaces.size;
+    let mut extremes = std::collections::BTreeMap::<u32, Vec<f64>>::new();
+    for y in block.1 * BLOCK_PX..((block.1 + 1) * BLOCK_PX).min(size.1) {
+        for x in block.0 * BLOCK_PX..((block.0 + 1) * BLOCK_PX).min(size.0) {
+            if let Ok(element) = key.surfaces.element(y * size.0 + x) {
+                extremes.entry(element.id).or_default().push(element.inverse_depth);
+            }
+        }
+    }
+    let mut depths: Vec<f64> = extremes
+        .into_values()
+        .flat_map(|mut depths| {
+            depths.sort_by(|a, b| b.total_cmp(a));
+            let (nearest, farthest) = (depths[0], depths[depths.len() - 1]);
+            // One pixel alone, or pixels of one depth, are one representative.
+            if nearest == farthest { vec![nearest] } else { vec![nearest, farthest] }
+        })
+        .collect();
+    depths.sort_by(|a, b| b.total_cmp(a));
+    depths.truncate(esaac_model::synthesis::rigid::BLOCK_SURFACES);
+    depths
+}
+
+#[test]
+fn blocks_have_the_oracles_representatives() {
+    for kind in SCENES {
+        let rendered = Rendered::of(kind, SIZE, 3);
+        let sensor = sensor();
+        let rig = run(&rendered, &sensor);
+        let planes = planes(&rendered, &sensor);
+        let oracle = oracle(&rendered, &planes, &sensor);
+        let words = rig.words(0, "representatives").expect("a rig that is well");
+        let (columns, rows) = (SIZE.0.div_ceil(8) as usize, SIZE.1.div_ceil(8) as usize);
+        let mut most = 0;
+        for block in 0..columns * rows {
+            // The third frame is in slot 0.
+            let list = &words[block * REPRESENTATIVE_WORDS as usize..];
+            let pixels = &list[1..=list[0] as usize];
+            let at = (block % columns, block / columns);
+            let expected = representatives(oracle.key(1), at);
+            most = most.max(expected.len());
+            assert_eq!(pixels.len(), expected.len(), "{kind:?}: block {at:?}");
+            for (&pixel, expected) in pixels.iter().zip(expected) {
+                let found = oracle.key(1).surfaces.element(pixel as usize).expect("a surface").inverse_depth;
+                // In f32, two pixels may be as near.
+                assert!((found - expected).abs() <= 1e-6 * expected, "{kind:?}: block {at:?}");
+            }
+        }
+        assert!(most > 2, "{kind:?}: some block shows two instances");
+    }
+    assert_silent();
+}
+
+#[test]
+fn a_block_lists_what_it_shows_itself_and_a_resting_surface_nothing_else() {
+    let rendered = Rendered::of(SceneKind::Bounce, SIZE, 3);
+    let rig = run(&rendered, &sensor());
+    let (columns, rows) = (SIZE.0.div_ceil(8) as usize, SIZE.1.div_ceil(8) as usize);
+    let blocks = columns * rows;
+    let words = rig.words(0, "passing").expect("a rig that is well");
+    let representatives = rig.words(0, "representatives").expect("a rig that is well");
+    let heads = (PASSING_HEAD_WORDS as usize) * blocks;
+    for block in 0..blocks {
+        // The third frame is in slot 0; the heads of the next tick are empty.
+        let [count, next] = [0, heads].map(|first| words[first + block * PASSING_HEAD_WORDS as usize]);
+        assert_eq!(next, 0);
+        assert!(count <= PASSING_ENTRIES, "block {block}: {count}");
+        let entries = &words[2 * heads + block * PASSING_ENTRIES as usize..][..count as usize];
+        let mut sorted = entries.to_vec();
+        sorted.sort_unstable();
+        sorted.dedup();
+        assert_eq!(sorted.len(), entries.len(), "block {block} lists a surface twice");
+        let list = &representatives[block * REPRESENTATIVE_WORDS as usize..];
+        for pixel in &list[1..=list[0] as usize] {
+            assert!(sorted.contains(&(pixel | 1 << 31)), "block {block} shows pixel {pixel} at the end");
+        }
+    }
+    assert_silent();
+}
+
+/// Words of the half-pel frames of the last two frames: by frame (0 the earlier), then plane, then sample.
+fn half_pel_words(rig: &Rig, frames: usize, planes: usize) -> [Vec<Vec<f64>>; 2] {
+    let words = rig.words(0, "planes").expect("a rig that is well");
+    let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+    let stride = 2 * width + 4;
+    let frame_words = stride * (2 * height + 3);
+    // A rig's first frame is in slot 0.
+    [frames % 2, 1 - frames % 2].map(|slot| {
+        (0..planes)
+            .map(|plane| {
+                let first = (slot * planes + plane) * frame_words;
+                let sample = |i: usize| {
+                    let (x, y) = (i % (2 * width), i / (2 * width));
+                    f64::from(f32::from_bits(words[first + (y + 1) * stride + x + 2]))
+                };
+                (0..4 * width * height).map(sample).collect()
+            })
+            .collect()
+    })
+}
+
+fn check_half_pels(kind: SceneKind, sensor: &SensorModel, policy: Option<KernelPolicy>) {
+    let rendered = Rendered::of(kind, SIZE, 4);
+    let rig = run_by(&rendered, sensor, policy);
+    let planes = planes(&rendered, sensor);
+    let oracle = oracle(&rendered, &planes, sensor);
+    let found = half_pel_words(&rig, rendered.frames.len(), planes[0].len());
+    for (plane, expected) in oracle.half_pels().iter().enumerate() {
+        for key in 0..2 {
+            let (mut differing, mut worst) = (0, 0.0_f64);
+            for (found, expected) in found[key][plane].iter().zip(&expected[key]) {
+                let error = (found - expected).abs();
+                worst = worst.max(error);
+                differing += usize::from(error > 1e-4);
+            }
+            let what = format!("{kind:?}, plane {plane}, key frame {key}");
+            println!("{what}: {differing} of {} differ, by up to {worst:.1e}", expected[key].len());
+            assert!(differing as f64 <= DIFFERING_SHARE * expected[key].len() as f64, "{what}: {differing}");
+        }
+    }
+}
+
+#[test]
+fn half_pel_frames_take_detail_along_exact_paths() {
+    for kind in SCENES {
+        check_half_pels(kind, &sensor(), None);
+    }
+    assert_silent();
+}
+
+#[test]
+fn half_pel_frames_of_mosaics_and_of_two_transfers_are_the_oracles_too() {
+    let mosaic = SensorModel { intensity: Intensity::BayerRggb, ..sensor() };
+    let both_ways = SensorModel { transfers: 2, ..sensor() };
+    for sensor in [mosaic, both_ways] {
+        check_half_pels(SceneKind::Propeller, &sensor, None);
+    }
+    assert_silent();
+}
+
+#[test]
+fn kernels_for_gpus_find_the_same() {
+    let rendered = Rendered::of(SceneKind::Poles, SIZE, 3);
+    let names = ["surfaces", "slopes", "paths"];
+    // There is room for more instances than have paths.
+    let instances = 1 + rendered.scene.ids().count();
+    let path_words = 12 * instances * esaac_layout::path_instants(sensor().substeps) as usize;
+    let words = |policy| {
+        let rig = run_by(&rendered, &sensor(), policy);
+        let lists = rig.words(0, "representatives").expect("a rig that is well");
+        // Both key frames have lists. What lies behind their ends means nothing.
+        let lists =
+            lists.chunks(REPRESENTATIVE_WORDS as usize).map(|list| list[..=list[0] as usize].to_vec());
+        let tables = names.map(|name| {
+            let mut words = rig.words(0, name).expect("a rig that is well");
+            if name == "paths" {
+                assert!(words.len() >= path_words);
+                words.truncate(path_words);
+            }
+            words
+        });
+        (tables, lists.collect::<Vec<_>>())
+    };
+    let (own, for_gpus) = (words(None), words(Some(KernelPolicy::gpu())));
+    for (name, (own, for_gpus)) in names.iter().zip(own.0.iter().zip(&for_gpus.0)) {
+        assert!(own == for_gpus, "{name}");
+    }
+    assert!(own.1 == for_gpus.1, "representatives");
+    check_half_pels(SceneKind::Poles, &sensor(), Some(KernelPolicy::gpu()));
+    let mosaic = SensorModel { intensity: Intensity::BayerRggb, transfers: 2, ..sensor() };
+    check_half_pels(SceneKind::Bounce, &mosaic, Some(KernelPolicy::gpu()));
+    assert_silent();
+}

@@ -1,0 +1,166 @@
+//! Depth, instance ids and poses over the link give the events that they give in one process, bit for bit.
+
+use esaac_engine::Rig;
+use esaac_interop::wire::{
+    ErrorCode, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED,
+};
+use esaac_interop::{CameraTerms, Gives, Planes, ProducerOptions, ServerOptions, Service};
+use esaac_model::paths::{Intrinsics, SceneMotion};
+use esaac_model::{IdFormat, Packet, Synthesis};
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::exact::{FRAMES, Run, SIZE, config};
+use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, trusting, until};
+use std::time::Duration;
+
+const SECOND: Duration = Duration::from_secs(1);
+
+fn send(run: &Run, uploader: &mut Uploader, index: usize, format: IdFormat) {
+    let ((t_ns, frame), ids) = (&run.frames[index], run.ids(index, format));
+    let images = Planes {
+        hdr: &*frame.hdr,
+        motion: Some(&*frame.motion),
+        depth: Some(&*frame.depth),
+        ids: Some(&*ids),
+    };
+    uploader.send_scene(images, *t_ns, &run.motion).unwrap();
+}
+
+fn options(camera: u32, memories: u32) -> ProducerOptions {
+    ProducerOptions {
+        camera,
+        memories,
+        timelines: TIMELINE_CARRIED,
+        geometry: Gives::Geometry,
+        timeout: 300 * SECOND,
+        ..ProducerOptions::default()
+    }
+}
+
+#[test]
+fn depth_ids_and_poses_give_the_events_of_one_process() {
+    let run = Run::default();
+    let expected = run.alone(&[0, 1, 2, 3]);
+    assert!(expected.iter().map(Packet::len).sum::<usize>() > 500);
+    let device = other_device();
+    for (memory, ids, copies) in [
+        (MEMORY_EXPORTED, IdFormat::U32, 1),
+        (MEMORY_BROUGHT, IdFormat::U16, 1),
+        // The engine copies the four images of each frame.
+        (MEMORY_IMAGES, IdFormat::U32, 5),
+        (MEMORY_IMAGES, IdFormat::U16, 5),
+        (MEMORY_HOST, IdFormat::U16, 1),
+    ] {
+        let config = run.config(ids);
+        let place = Place::default();
+        let rig = Rig::new(&DEVICE, std::slice::from_ref(&config)).unwrap();
+        let mut service = Service::open(rig, &place.path(), &[(&config).into()], trusting()).unwrap();
+        let mut uploader = Uploader::connect(&device, &place.path(), &options(0, memory)).unwrap();
+        for (index, expected) in expected.iter().enumerate() {
+            send(&run, &mut uploader, index, ids);
+            let tick = service.tick(60 * SECOND).unwrap().expect("a frame");
+            assert!(
+                tick.tick.packets[0] == *expected,
+                "memory {memory}, {ids:?}, frame {index}: other events"
+            );
+        }
+        assert_eq!(service.synthesis(), [Synthesis::Rigid]);
+        assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+        until("its goodbye", || service.counts()[0].finished == 1);
+        assert_eq!(service.counts()[0].device_copies, copies * FRAMES as u64);
+    }
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+/// The interval of a frame whose predecessors were dropped begins earlier than its poses do. It gets theirs too.
+#[test]
+fn poses_of_dropped_frames_are_not_lost() {
+    let run = Run::default();
+    let expected = run.alone(&[0, 3]);
+    let config = run.config(IdFormat::U32);
+    let terms = CameraTerms { latest: true, slots: 4, ..(&config).into() };
+    let place = Place::default();
+    let rig = Rig::new(&DEVICE, &[config]).unwrap();
+    let mut service = Service::open(rig, &place.path(), &[terms], ServerOptions::default()).unwrap();
+    let device = other_device();
+    let mut uploader = Uploader::connect(&device, &place.path(), &options(0, MEMORY_HOST)).unwrap();
+    for (frames, expected) in [(0..1, &expected[0]), (1..4, &expected[1])] {
+        let last = frames.end;
+        frames.for_each(|index| send(&run, &mut uploader, index, IdFormat::U32));
+        until("all frames", || service.counts()[0].frames == last as u64);
+        let tick = service.tick(60 * SECOND).unwrap().expect("the newest frame");
+        assert_eq!(tick.t_ns[0], Some(run.frames[last - 1].0));
+        assert!(tick.tick.packets[0] == *expected, "frame {last}: other events");
+    }
+    assert!(!expected[1].is_empty());
+    assert_eq!(uploader.producer.finish().unwrap(), (2, 2));
+    drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+/// A producer that gives colour and motion alone is served by a camera that can do without depth, by motion vectors.
+#[test]
+fn a_camera_that_takes_depth_does_without_where_it_may() {
+    let run = Run::default();
+    let any = config(Synthesis::Auto, IdFormat::U32, run.scene.intrinsics());
+    let strict = run.config(IdFormat::U32);
+    let terms = [&any, &strict].map(CameraTerms::from);
+    let place = Place::default();
+    let rig = Rig::new(&DEVICE, &[any, strict]).unwrap();
+    let mut service = Service::open(rig, &place.path(), &terms, ServerOptions::default()).unwrap();
+    let device = other_device();
+    let plain = |camera| ProducerOptions { geometry: Gives::Images, ..options(camera, MEMORY_HOST) };
+    let Err(error) = Uploader::connect(&device, &place.path(), &plain(1)) else { panic!("it needs depth") };
+    assert_eq!(error.code(), ErrorCode::Unsupported, "{error}");
+    let mut uploader = Uploader::connect(&device, &place.path(), &plain(0)).unwrap();
+    assert_eq!(uploader.producer.client().images().geometry, None);
+    let mut events = 0;
+    for index in 0..FRAMES {
+        send(&run, &mut uploader, index, IdFormat::U32);
+        let tick = service.tick(60 * SECOND).unwrap().expect("a frame");
+        events += tick.tick.packets[0].len();
+        let without = tick.tick.diagnostics[0].without_depth;
+        assert_eq!(without, if index == 0 { without } else { u64::from(SIZE.0 * SIZE.1) }, "frame {index}");
+    }
+    assert!(events > 200, "{events} events");
+    assert_eq!(service.synthesis(), [Synthesis::Motion, Synthesis::Rigid]);
+    assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+    drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+#[test]
+fn a_producer_is_told_before_it_sends_poses_that_the_engine_would_refuse() {
+    let run = Run::default();
+    let config = run.config(IdFormat::U32);
+    let terms = CameraTerms { max_instances: 1, ..(&config).into() };
+    let place = Place::default();
+    let rig = Rig::new(&DEVICE, &[config]).unwrap();
+    let service = Service::open(rig, &place.path(), &[terms], ServerOptions::default()).unwrap();
+    let device = other_device();
+    let wrong = Intrinsics::pinhole(1.0, 2.0, 3.0, 4.0).unwrap();
+    let other_lens = ProducerOptions { geometry: Gives::GeometryWith(wrong), ..options(0, MEMORY_HOST) };
+    let Err(error) = Uploader::connect(&device, &place.path(), &other_lens) else { panic!("another lens") };
+    assert!(error.to_string().contains("the producer renders with pinhole fx=1 fy=2 cx=3 cy=4"), "{error}");
+    let right = Gives::GeometryWith(run.scene.intrinsics());
+    let options = ProducerOptions { geometry: right, ..options(0, MEMORY_HOST) };
+    let mut uploader = Uploader::connect(&device, &place.path(), &options).unwrap();
+    let ((t_ns, frame), camera) = (&run.frames[0], run.motion.camera());
+    let images = Planes { hdr: &*frame.hdr, motion: None, depth: Some(&*frame.depth), ids: None };
+    let mut refused = |t_ns: i64, motion: &SceneMotion, words: &str| {
+        let error = uploader.send_scene(images, t_ns, motion).unwrap_err();
+        assert_eq!(error.code(), ErrorCode::Poses);
+        assert!(error.to_string().contains(words), "{error}");
+    };
+    refused(*t_ns, &SceneMotion::new(wrong, camera.clone()), "lens pinhole fx=1");
+    refused(-1, &run.motion, "expected them to span -1 to -1 ns");
+    let mut two = SceneMotion::new(*run.motion.lens(), camera.clone());
+    two.insert(1, camera.clone()).unwrap();
+    two.insert(2, camera.clone()).unwrap();
+    refused(*t_ns, &two, "2 instances have poses, the camera takes at most 1");
+    drop((uploader, service));
+    assert_device_silent(&device);
+    assert_silent();
+}

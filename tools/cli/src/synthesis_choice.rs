@@ -1,0 +1,71 @@
+//! Which synthesis a folder of frames gets: the one that was asked for, or the best that its frames allow.
+
+use crate::frame_folder::FrameFolder;
+use anyhow::{Context, Result, bail};
+use esaac_model::{FrameError, Synthesis};
+use serde::Serialize;
+
+/// The report's part about it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SynthesisChoice {
+    /// What the sensor says.
+    pub asked: Synthesis,
+    /// What was used.
+    pub used: Synthesis,
+    /// Why, if `auto` was asked for.
+    pub reason: Option<String>,
+}
+
+impl SynthesisChoice {
+    /// The choice for the frames of a folder.
+    ///
+    /// # Errors
+    /// If the synthesis is asked for by name and the frames lack something that it needs.
+    pub fn new(asked: Synthesis, folder: &FrameFolder) -> Result<Self> {
+        let (no_geometry, no_motion) = (lacks_geometry(folder), lacks_motion(folder));
+        let used = asked.resolve(no_geometry.is_none(), no_motion.is_none());
+        if let Some(lack) = no_motion.as_ref().filter(|_| used.needs_motion()) {
+            return Err(FrameError::MissingMotion { camera: 0, synthesis: used.name() })
+                .with_context(|| format!("{lack}; the frames have: {}", folder.channels.join(", ")));
+        }
+        if let Some(lack) = no_geometry.as_ref().filter(|_| used == Synthesis::Rigid) {
+            bail!(
+                "synthesis `rigid` needs depth and poses for every interval, and there are {lack}; give them or use \
+                 `auto`, which takes the best that there is"
+            );
+        }
+        let reason = (asked == Synthesis::Auto).then(|| match (no_geometry, no_motion) {
+            (None, _) => "there are depth and poses".to_owned(),
+            (Some(geometry), None) => format!("there are motion vectors, but {geometry}"),
+            (Some(geometry), Some(motion)) => format!("there are {motion}, and {geometry}"),
+        });
+        Ok(SynthesisChoice { asked, used, reason })
+    }
+
+    /// One line.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        match &self.reason {
+            Some(reason) => format!("{} ({}: {reason})", self.used.name(), self.asked.name()),
+            None => self.used.name().to_owned(),
+        }
+    }
+}
+
+fn lacks_motion(folder: &FrameFolder) -> Option<String> {
+    let wanted = folder.layout.names.motion.join("` and `");
+    folder.layout.motion.is_none().then(|| format!("no channels `{wanted}`"))
+}
+
+/// What is missing for exact paths through all intervals.
+fn lacks_geometry(folder: &FrameFolder) -> Option<String> {
+    let Some(scene) = &folder.scene else {
+        return Some("no poses".to_owned());
+    };
+    if folder.layout.depth.is_none() {
+        return Some("poses without depth".to_owned());
+    }
+    let last = folder.paths.len() - 1;
+    let spanned = scene.motion.check_span(folder.time_ns(0), folder.time_ns(last));
+    spanned.err().map(|error| format!("no poses for all intervals ({error})"))
+}
