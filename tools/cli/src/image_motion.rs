@@ -1,6 +1,5 @@
 //! How far images move, from the images alone: blocks of one are looked for in the other.
 
-use crate::input_check::upper;
 use esaac_formats::exr_frame::FrameLayout;
 use esaac_model::intensity::REC709;
 
@@ -94,4 +93,11 @@ pub fn fastest_px(before: &Luminance, after: &Luminance, share: f64) -> Option<f
         .filter_map(|corner| after.moved_px(before, corner))
         .collect();
     upper(&mut moved_px, share)
+}
+
+/// The value that a share of `values` reaches or exceeds. `None` of none.
+pub(crate) fn upper(values: &mut [f64], share: f64) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    let rank = ((1.0 - share) * values.len() as f64) as usize;
+    values.get(rank.min(values.len().wrapping_sub(1))).copied()
 }

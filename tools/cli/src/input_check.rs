@@ -1,6 +1,6 @@
 //! Tells when events must be false whatever the engine does: the frames move fast, and nothing in them says how.
 
-use crate::image_motion::{Luminance, fastest_px};
+use crate::image_motion::{Luminance, fastest_px, upper};
 use esaac_formats::exr_frame::{FrameImages, FrameLayout};
 use esaac_model::{MotionFormat, SensorModel, Synthesis};
 use serde::Serialize;
@@ -124,13 +124,6 @@ impl<'a> InputCheck<'a> {
         let format = self.layout.motion.unwrap_or(MotionFormat::F32x2);
         (0..motion.len() / format.texel_bytes()).map(|i| format.decode(motion, i)).collect()
     }
-}
-
-/// The value that a share of `values` reaches or exceeds. `None` of none.
-pub(crate) fn upper(values: &mut [f64], share: f64) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let rank = ((1.0 - share) * values.len() as f64) as usize;
-    values.get(rank.min(values.len().wrapping_sub(1))).copied()
 }
 
 /// Median distance from parabolas of what moves, from the vectors of three frames, the latest first.
