@@ -9,7 +9,7 @@ struct Surface {
 };
 
 // The candidates of each block of the tile, and their number.
-const uint LISTED = SYNTHESIS == SYNTHESIS_RIGID ? TILE_BLOCKS * BLOCK_CANDIDATES : 1u;
+const uint LISTED = RIGID ? TILE_BLOCKS * BLOCK_CANDIDATES : 1u;
 shared uint listed_instance[LISTED];
 shared vec3 listed_plane[2u * LISTED];
 shared uint listed_count[TILE_BLOCKS];
@@ -17,7 +17,7 @@ shared uint listed_count[TILE_BLOCKS];
 // What passes: a pixel with PASSING_KEY as `passing` has it, its instance (NO_INSTANCE if it is left out), its inverse
 // depth, and that along the ray of the block's centre in both key frames. Some entries for each block of the tile, or
 // as many as the workgroup has threads for a block with more. Then their order.
-const uint PASSERS = SYNTHESIS == SYNTHESIS_RIGID ? TILE_BLOCKS * PASSING_ENTRIES : 1u;
+const uint PASSERS = RIGID ? TILE_BLOCKS * PASSING_ENTRIES : 1u;
 shared uint passer_pixel[PASSERS];
 shared uint passer_instance[PASSERS];
 shared float passer_depth[PASSERS];

@@ -12,8 +12,9 @@
 // QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort`
 // makes the packet independent of it.
 //
-// The including file provides, before this one: frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND;
-// after it: the functions that are declared here without a body.
+// The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), frame loads,
+// `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that are declared here without a
+// body.
 
 // Rows of a sub-tile, and sub-tiles of a tile.
 const uint SUB_TILE_ROWS = gl_WorkGroupSize.x / TILE_WIDTH_PX;
@@ -95,7 +96,7 @@ float synthesize(Camera cam, Source s, float alpha) {
 
 // Log intensity at the end of sub-step `i` of `n`, at `alpha`, before the interval's end.
 float synthesize_substep(Camera cam, Source s, uint n, uint i, float alpha) {
-    if (SYNTHESIS != SYNTHESIS_RIGID) {
+    if (!RIGID) {
         return synthesize(cam, s, alpha);
     }
     bool blended = s.rigid.own == NO_SURFACE;
@@ -234,7 +235,7 @@ void load_activity(Camera cam, TileBlocks tile) {
             }
         }
     }
-    if (SYNTHESIS == SYNTHESIS_RIGID && lane < TILE_BLOCKS) {
+    if (RIGID && lane < TILE_BLOCKS) {
         neighbourhood_motion[lane] = passing_motion(cam, lane);
         if (SKIPS_STILL_TILES) {
             atomicOr(any_activity, neighbourhood_motion[lane]);
@@ -295,7 +296,7 @@ void cross_sub_tile(
             s.warp = warp_between(start, end);
             s.leaves = leaves_image(cam, vec2(at), start, end);
         }
-        if (SYNTHESIS == SYNTHESIS_RIGID) {
+        if (RIGID) {
             s.rigid = read_rigid_pixel(cam, at, (at.x - corner.x) / BLOCK_PX);
         }
     }
@@ -358,7 +359,7 @@ void cross_sub_tile(
         } else {
             atomicAdd(counters[counter].unarmed_pixels, 1u);
         }
-        if (SYNTHESIS == SYNTHESIS_RIGID && unseen_samples != 0u) {
+        if (RIGID && unseen_samples != 0u) {
             atomicAdd(counters[counter].unseen_samples, unseen_samples);
         }
         if (EFFECT_APS) {

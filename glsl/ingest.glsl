@@ -7,8 +7,9 @@
 // there, `motion` of this frame's slot, `blocks` and `tile_order`, all read by `backward_transfer` and `cross` after a
 // barrier. Arms pixels in `state`, which no other kernel touches before `cross`.
 //
-// The including file provides, before this one: CHANNELS, the number of colour components; COMPONENTS, how many of them
-// a workgroup takes, from `first_component()` on; `is_first(cam)`; frame loads and `store_pair`.
+// The including file provides, before this one: RIGID, whether this is the kernel of synthesis `rigid`; CHANNELS, the
+// number of colour components; COMPONENTS, how many of them a workgroup takes, from `first_component()` on;
+// `is_first(cam)`; frame loads and `store_pair`.
 
 #include "pixel_log_state.glsl"
 #include "trajectory.glsl"

@@ -161,7 +161,7 @@ uint continuing_around(Camera cam, Geometry geo, ivec2 at, Own own) {
             const uint cached = surface_index(near);
             const vec2 away = vec2(near - at);
             // Through a pinhole, a plane's inverse depth is linear in the image.
-            const float expected = geo.fisheye == 0u
+            const float expected = !FISHEYE
                 ? fma(slopes_px.x, away.x, fma(slopes_px.y, away.y, own.inverse_depth))
                 : dot3(own.plane, ray_of(geo, vec2(near)));
             const float inverse_depth = cached_inverse_depth[cached];

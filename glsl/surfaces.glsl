@@ -5,7 +5,7 @@
 // pixels. Points are homogeneous: a direction and an inverse depth. An instance is a row of the camera's tables; row 0
 // is the static world.
 //
-// Needs the buffers `surfaces`, `slopes` and `poses`, declared by the including file, and half_pel.glsl.
+// Needs FISHEYE, the buffers `surfaces`, `slopes` and `poses`, declared by the including file, and half_pel.glsl.
 
 // ---- Surfaces of pixels ----
 
@@ -63,13 +63,13 @@ const float PI = 3.14159265358979;
 // Whether the lens shows anything at a position.
 bool lens_shows(Geometry geo, vec2 at) {
     const vec2 a = (at - vec2(geo.centre_x_px, geo.centre_y_px)) * vec2(geo.inverse_focal_x, geo.inverse_focal_y);
-    return geo.fisheye == 0u || length(a) < PI;
+    return !FISHEYE || length(a) < PI;
 }
 
 // The point of depth 1 that a position shows, camera axes.
 vec3 ray_of(Geometry geo, vec2 at) {
     const vec2 a = (at - vec2(geo.centre_x_px, geo.centre_y_px)) * vec2(geo.inverse_focal_x, geo.inverse_focal_y);
-    if (geo.fisheye == 0u) {
+    if (!FISHEYE) {
         return vec3(a.x, -a.y, -1.0);
     }
     const float angle = length(a);
@@ -82,7 +82,7 @@ vec2 project(Geometry geo, vec3 point, inout bool seen) {
     const float forward = -point.z;
     const vec2 across = vec2(point.x, -point.y);
     vec2 a;
-    if (geo.fisheye == 0u) {
+    if (!FISHEYE) {
         seen = seen && forward > 0.0;
         a = across / (forward > 0.0 ? forward : 1.0);
     } else {
@@ -167,7 +167,7 @@ vec3 plane_of(Geometry geo, vec2 at, float inverse_depth, vec2 slopes_px) {
     const vec3 ray = ray_of(geo, at);
     // Change of inverse depth with the tangents, or the angles, that the lens maps to pixels.
     const vec2 g = slopes_px * vec2(geo.focal_x_px, geo.focal_y_px);
-    if (geo.fisheye == 0u) {
+    if (!FISHEYE) {
         const vec2 m = vec2(g.x, -g.y);
         return vec3(m, fma(m.x, ray.x, fma(m.y, ray.y, -inverse_depth)));
     }

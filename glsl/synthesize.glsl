@@ -12,7 +12,7 @@ struct Frames {
 
 // Whether frames are half-pel frames.
 bool has_half_pel_frames() {
-    return (SYNTHESIS == SYNTHESIS_MOTION || SYNTHESIS == SYNTHESIS_RIGID) && TAPS == TAPS_CUBIC;
+    return (RIGID || SYNTHESIS == SYNTHESIS_MOTION) && TAPS == TAPS_CUBIC;
 }
 
 Frames frames_of(Camera cam, uint channel) {

@@ -52,7 +52,7 @@ fn compiled(rig: &Rig, kernel: &str) -> Vec<Vec<u32>> {
 fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Vec<Step> {
     let mut rig = rig(sensor, sequence, forced(policy));
     let got = steps(&mut rig, sequence, 0..sequence.frames.len());
-    for (stage, constants) in [("ingest", 6), ("cross", 12)] {
+    for (stage, constants) in [("ingest", 6), ("cross", 13)] {
         let own = compiled(&rig, &format!("{stage}_gpu"));
         assert!(!own.is_empty() && own.iter().all(|words| words.len() == constants), "{stage}: {own:?}");
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");

@@ -132,10 +132,10 @@ spec_constants! {
     hdr_format: HdrFormat,
     /// Format of motion images.
     motion_format: MotionFormat,
-    /// Whether frames have depth, and surfaces are found in them.
-    rigid: bool,
     /// Format of images of instance ids.
     id_format: IdFormat,
+    /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
+    fisheye: bool,
 }
 
 spec_constants! {
@@ -156,8 +156,8 @@ spec_constants! {
     intensity: Intensity,
     /// Whether frames are read by address, not by texel.
     by_address: bool,
-    /// Whether samples follow exact paths.
-    rigid: bool,
+    /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
+    fisheye: bool,
 }
 
 spec_constants! {
@@ -187,6 +187,8 @@ spec_constants! {
     dump_samples: bool,
     /// Whether events are counted in one walk and scattered in a second, for sub-tiles with more than a queue holds.
     queue_overflowed: bool,
+    /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
+    fisheye: bool,
 }
 
 spec_constants! {
@@ -249,8 +251,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..12).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [12, 13, 14, 15]);
+        assert_eq!(ids(CrossConstants::LIST), (0..13).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [13, 14, 15, 16]);
     }
 
     #[test]

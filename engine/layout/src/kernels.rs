@@ -11,7 +11,8 @@ use crate::sizes::{CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, SORT_THREADS};
 pub struct KernelInfo {
     /// Its file, without `.comp`.
     pub name: &'static str,
-    /// Its stage. A stage may have one kernel for GPUs and one for the software driver.
+    /// Its stage. A stage may have one kernel for GPUs and one for the software driver, and one more of each for
+    /// synthesis `rigid`.
     pub stage: &'static str,
     /// Threads of a workgroup, before specialisation.
     pub threads: u32,
@@ -35,11 +36,21 @@ const STRIDING_THREADS: u32 = 256;
 pub const KERNELS: &[KernelInfo] = &[
     kernel("ingest_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel("ingest_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
+    kernel("ingest_rigid_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
+    kernel("ingest_rigid_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
     kernel("backward_transfer", "backward_transfer", INGEST_THREADS, &[BackwardTransferConstants::LIST]),
+    kernel(
+        "backward_transfer_rigid",
+        "backward_transfer",
+        INGEST_THREADS,
+        &[BackwardTransferConstants::LIST],
+    ),
     kernel("paths", "paths", PATHS_THREADS, &[]),
     kernel("deferred", "deferred", STRIDING_THREADS, &[]),
     kernel("cross_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
+    kernel("cross_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel("cross_rigid_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
     kernel("sort", "sort", SORT_THREADS, &[SortConstants::LIST]),
     kernel("merge", "merge", STRIDING_THREADS, &[]),
     kernel("gather", "gather", STRIDING_THREADS, &[]),

@@ -169,8 +169,6 @@ gpu_struct! {
         centre_x_px: f32,
         /// Principal point, row.
         centre_y_px: f32,
-        /// Whether the lens is an equidistant fisheye; else a pinhole.
-        fisheye: u32,
         /// First element in `surfaces` and in `slopes`, which have two sets of `pixels`, used in turn.
         surface_base: u32,
         /// First word in `representatives`, which has two sets of [`REPRESENTATIVE_WORDS`](crate::REPRESENTATIVE_WORDS)
@@ -191,6 +189,8 @@ gpu_struct! {
         /// Instants of sub-steps of an instance in `paths`: those within the interval for every number of sub-steps up
         /// to the sensor's.
         path_instants: u32,
+        /// Fills the row up to a multiple of 16 bytes.
+        unused: u32,
     }
 }
 

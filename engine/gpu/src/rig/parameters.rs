@@ -8,6 +8,7 @@ use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
     IngestConstants, IngestCpuConstants, SortConstants,
 };
+use esaac_model::paths::Projection;
 use esaac_model::random::HAZARD_FRACTION_BITS;
 use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
 use esaac_model::{
@@ -17,6 +18,8 @@ use esaac_model::{
 /// Constants and options that determine which kernels run for a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Permutation {
+    /// Whether the kernels are those of synthesis `rigid`.
+    pub rigid: bool,
     /// Constants of `ingest`.
     pub ingest: IngestConstants,
     /// Constants of `cross`, for its first run in a tick.
@@ -43,14 +46,17 @@ pub(super) fn permutation(
     // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
     // costs more than one more compilation. (A first frame has no interval in which pixels could be unarmed.)
     let leaves_out = policy.whole_tiles;
+    let geometry = camera.config.geometry.filter(|_| is_rigid(sensor));
+    let fisheye = geometry.is_some_and(|geometry| geometry.lens.projection() == Projection::Fisheye);
     Permutation {
+        rigid: is_rigid(sensor),
         ingest: IngestConstants {
             intensity: sensor.intensity,
             half_pel: needs_half_pel(sensor) && sensor.transfers > 0,
             hdr_format: camera.config.hdr,
             motion_format: camera.config.motion.unwrap_or(MotionFormat::F16x2),
-            rigid: is_rigid(sensor),
             id_format: camera.config.geometry.and_then(|g| g.ids).unwrap_or(IdFormat::U32),
+            fisheye,
         },
         cross: CrossConstants {
             intensity: sensor.intensity,
@@ -66,6 +72,7 @@ pub(super) fn permutation(
             taps: sensor.taps,
             dump_samples: options.keep_substeps,
             queue_overflowed: false,
+            fisheye,
         },
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
@@ -88,6 +95,7 @@ impl Permutation {
     pub(super) fn ingest(&self, policy: KernelPolicy) -> Specialised {
         let mut constants = self.ingest.words();
         let kernel = match policy.kernels {
+            KernelSet::Gpu if self.rigid => stages::INGEST_RIGID_GPU,
             KernelSet::Gpu => stages::INGEST_GPU,
             KernelSet::SoftwareDriver => {
                 let own = IngestCpuConstants {
@@ -96,7 +104,7 @@ impl Permutation {
                     may_be_first: self.may_be_first,
                 };
                 constants.extend(own.words());
-                stages::INGEST_CPU
+                if self.rigid { stages::INGEST_RIGID_CPU } else { stages::INGEST_CPU }
             }
         };
         Specialised { kernel, constants }
@@ -113,10 +121,10 @@ impl Permutation {
         let constants = BackwardTransferConstants {
             intensity: self.ingest.intensity,
             by_address: self.by_address,
-            rigid: self.ingest.rigid,
+            fisheye: self.ingest.fisheye,
         };
-        (self.transfers > 1)
-            .then(|| Specialised { kernel: stages::BACKWARD_TRANSFER, constants: constants.words() })
+        let kernel = if self.rigid { stages::BACKWARD_TRANSFER_RIGID } else { stages::BACKWARD_TRANSFER };
+        (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
     }
 
     /// The kernel of `cross`. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
@@ -124,6 +132,7 @@ impl Permutation {
     pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Specialised {
         let mut constants = CrossConstants { queue_overflowed, ..self.cross }.words();
         let kernel = match policy.kernels {
+            KernelSet::Gpu if self.rigid => stages::CROSS_RIGID_GPU,
             KernelSet::Gpu => stages::CROSS_GPU,
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
@@ -133,7 +142,7 @@ impl Permutation {
                     whole_tiles: policy.whole_tiles,
                 };
                 constants.extend(own.words());
-                stages::CROSS_CPU
+                if self.rigid { stages::CROSS_RIGID_CPU } else { stages::CROSS_CPU }
             }
         };
         Specialised { kernel, constants }

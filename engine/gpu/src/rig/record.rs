@@ -71,7 +71,7 @@ impl Kernels {
         bindings: &Arc<BindingSet>,
         permutations: &[Permutation],
     ) -> Result<(), EngineError> {
-        if self.paths.is_none() && permutations.iter().any(|p| p.ingest.rigid) {
+        if self.paths.is_none() && permutations.iter().any(|p| p.rigid) {
             self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
         }
         Ok(())
@@ -366,8 +366,7 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
                     let extent = [striding_groups(rig), group.count, 1];
                     dispatch(commands, &rig.pipelines.kernels.deferred, group.first, extent);
                 }
-                if let Some(paths) =
-                    rig.pipelines.kernels.paths.as_ref().filter(|_| group.permutation.ingest.rigid)
+                if let Some(paths) = rig.pipelines.kernels.paths.as_ref().filter(|_| group.permutation.rigid)
                 {
                     dispatch(commands, paths, group.first, [PATHS_GROUPS, group.count, 1]);
                 }

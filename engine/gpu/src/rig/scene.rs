@@ -5,7 +5,7 @@ use super::parameters::is_rigid;
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{Geometry, POSE_ROWS};
-use esaac_model::paths::{Pose, PoseTrack, Projection, STATIC_WORLD, SceneMotion};
+use esaac_model::paths::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS};
 use glam::DMat3;
 
@@ -213,7 +213,6 @@ impl CameraState {
             inverse_focal_y: (1.0 / focal_px.y) as f32,
             centre_x_px: centre_px.x as f32,
             centre_y_px: centre_px.y as f32,
-            fisheye: u32::from(geometry.lens.projection() == Projection::Fisheye),
             surface_base: place.surface_base,
             representative_base: place.representative_base,
             passing_base: place.passing_base,
@@ -223,6 +222,7 @@ impl CameraState {
             pose_base: place.pose_base,
             path_base: place.path_base,
             path_instants: place.path_instants,
+            unused: 0,
         }
     }
 }

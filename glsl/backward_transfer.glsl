@@ -1,0 +1,201 @@
+// backward_transfer: the previous frame's half-pel samples take detail from the current frame. Only for cameras with
+// both transfers; `ingest` does the forward transfer.
+//
+// One workgroup per tile; x over tiles, y over cameras. A thread first takes anchors, then one pixel with its three
+// half-pel samples, in all colour components. Reads the current half-pel frame in `planes`, writes half-pel samples of
+// the previous one. Runs after `ingest`; `cross` reads both.
+#include "common.glsl"
+#include "backward_transfer_constants.glsl"
+
+layout(local_size_x = INGEST_THREADS) in;
+
+BUFFER(, SLOT_PLANES, float, planes);
+BUFFER(readonly, SLOT_MOTION, vec2, motion);
+BUFFER(readonly, SLOT_BLOCKS, uvec4, blocks);
+BUFFER(readonly, SLOT_POSES, vec4, poses);
+BUFFER(readonly, SLOT_SURFACES, uvec2, surfaces);
+BUFFER(readonly, SLOT_SLOPES, uint, slopes);
+BUFFER(readonly, SLOT_PASSING, uint, passing);
+
+const uint COMPONENTS = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
+
+#include "tiles.glsl"
+#include "frame_load_by_texel.glsl"
+#include "trajectory.glsl"
+#include "half_pel.glsl"
+#include "store_by_word.glsl"
+#include "half_pel_store.glsl"
+
+vec2 motion_near(Camera cam, ivec2 at);
+
+#include "detail_transfer.glsl"
+
+vec2 motion_near(Camera cam, ivec2 at) {
+    const ivec2 clamped_at = clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1);
+    const vec2 m = motion_at(cam, motion_base(cam, true), clamped_at);
+    return floatBitsToUint(m.x) == INVALID_BIT ? vec2(NOWHERE_PX) : m;
+}
+
+#include "surfaces.glsl"
+#include "rigid_route.glsl"
+
+// Displacement of each anchor from the previous frame to the current one, pixels.
+shared vec2 shifts[ANCHORS];
+// Nonzero if anything moved or changed in the tile or the blocks around it.
+shared uint any_change;
+
+// One coordinate of the displacements of a quad of anchors.
+vec4 shift_quad(uint anchor, int axis) {
+    return vec4(
+        shifts[anchor][axis], shifts[anchor + 1u][axis], shifts[anchor + ANCHORS_X][axis],
+        shifts[anchor + ANCHORS_X + 1u][axis]);
+}
+
+// The way of a pixel's samples along its exact path.
+Route route_at(Camera cam, Geometry geo, ivec2 at) {
+    const uint base = surface_base(cam, geo, 0u);
+    const uvec2 shown = load_surface(base, cam, at);
+    const float inverse_depth = inverse_depth_of(shown);
+    const vec3 plane = plane_of(geo, vec2(at), inverse_depth, load_slopes(base, cam, at, inverse_depth));
+    return route_of(geo, instance_of(shown), plane, false);
+}
+
+// The transfer of a tile along exact paths. `current` and `previous` are the first words of the frames.
+void transfer_rigid(Camera cam, ivec2 corner, uint current, uint previous) {
+    const Geometry geo = geometries[cam.slot];
+    const uint lane = gl_LocalInvocationID.x;
+    const uint base = surface_base(cam, geo, 1u);
+    vec2 there;
+    for (uint number = lane; number < ANCHORS; number += gl_WorkGroupSize.x) {
+        const ivec2 at = anchor_pixel(cam, corner, anchor_at(number));
+        const uint anchor = anchor_index(anchor_at(number));
+        confidences[anchor] = follow(cam, geo, route_at(cam, geo, at), base, vec2(at), there);
+        if (confidences[anchor] > 0.0) {
+            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+                const float level = load_plane(previous + k * cam.frame_words + frame_word(cam, true, at));
+                residuals[k * ANCHORS + anchor] =
+                    level - half_pel_cubic(cam, current + k * cam.frame_words, there);
+            }
+        }
+    }
+    barrier();
+    const uvec2 in_tile = anchor_at(lane);
+    const uint anchor = anchor_index(in_tile);
+    const ivec2 at = corner + ivec2(in_tile);
+    if (!has_half_pels(cam, corner, in_tile) || confidences[anchor] == 0.0) {
+        return;
+    }
+    const Route route = route_at(cam, geo, at);
+    const uvec2 shown = load_surface(surface_base(cam, geo, 0u), cam, at);
+    for (int phase = 1; phase < 4; ++phase) {
+        const ivec2 offset = phase_offset_of(phase);
+        const float anchors = least_confidence(anchor, offset);
+        if (anchors == 0.0 || !is_joined(shown, uint(phase))) {
+            continue;
+        }
+        const vec2 position = vec2(at) + 0.5 * vec2(offset);
+        const float trust = min(anchors, follow(cam, geo, route, base, position, there));
+        if (trust > 0.0) {
+            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+                const uint frame = previous + k * cam.frame_words;
+                const uint word =
+                    frame + frame_word(cam, true, at) + uint(offset.x) + uint(offset.y) * cam.half_pel_stride;
+                const float told = half_pel_cubic(cam, current + k * cam.frame_words, there);
+                const float residual = mean_of_quad(residual_quad(k * ANCHORS + anchor), offset);
+                planes[word] = lerp(planes[word], told + residual, trust);
+            }
+        }
+    }
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        const uint frame = previous + k * cam.frame_words;
+        const uint word = frame + frame_word(cam, true, at);
+        const uint below = word + cam.half_pel_stride;
+        // Again, for the copies at the image's border.
+        store_entries(cam, frame, at, vec4(planes[word], planes[word + 1u], planes[below], planes[below + 1u]));
+    }
+}
+
+void main() {
+    const uint index = push.first_camera + gl_WorkGroupID.y;
+    const ivec2 corner = ivec2(tile_corner(cameras[index].blocks_x, gl_WorkGroupID.x));
+    if (cameras[index].frame_kind != FRAME_INTERVAL || corner.y >= int(cameras[index].height)) {
+        return;
+    }
+    const Camera cam = cameras[index];
+    const uint lane = gl_LocalInvocationID.x;
+    const uint current = cam.plane_base + cam.frame_slot * COMPONENTS * cam.frame_words;
+    const uint previous = cam.plane_base + (1u - cam.frame_slot) * COMPONENTS * cam.frame_words;
+
+    if (lane == 0u) {
+        any_change = 0u;
+    }
+    barrier();
+    if (lane < 3u * (TILE_BLOCKS + 2u)) {
+        const ivec2 near = corner / int(BLOCK_PX)
+            + ivec2(int(lane % (TILE_BLOCKS + 2u)) - 1, int(lane / (TILE_BLOCKS + 2u)) - 1);
+        const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
+        if (all(greaterThanEqual(near, ivec2(0))) && all(lessThanEqual(near, last_block))) {
+            const uint block = uint(near.y) * cam.blocks_x + uint(near.x);
+            const uvec4 stats = blocks[cam.block_base + cam.frame_slot * cam.blocks + block];
+            atomicOr(any_change, stats.x | stats.y | stats.w);
+            if (RIGID) {
+                atomicOr(any_change, passing[passing_head(cam, geometries[cam.slot], block) + 1u]);
+            }
+        }
+    }
+    barrier();
+    if (any_change == 0u) {
+        // Nothing moved or changed: the current frame has no further detail.
+        return;
+    }
+    if (RIGID) {
+        transfer_rigid(cam, corner, current, previous);
+        return;
+    }
+    for (uint number = lane; number < ANCHORS; number += gl_WorkGroupSize.x) {
+        const ivec2 at = anchor_pixel(cam, corner, anchor_at(number));
+        const uint anchor = anchor_index(anchor_at(number));
+        const vec2 shift = -motion_from_previous(cam, at);
+        const vec2 there = to_half_pel(cam, vec2(at) + shift);
+        shifts[anchor] = shift;
+        confidences[anchor] = confidence_at(cam, at, motions_around(cam, at), shift);
+        [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+            const float level = load_plane(previous + k * cam.frame_words + frame_word(cam, true, at));
+            residuals[k * ANCHORS + anchor] = level - half_pel_cubic(cam, current + k * cam.frame_words, there);
+        }
+    }
+    barrier();
+    const uvec2 in_tile = anchor_at(lane);
+    const ivec2 at = corner + ivec2(in_tile);
+    if (!has_half_pels(cam, corner, in_tile)) {
+        return;
+    }
+    const Correction corrections[3] = corrections_at(in_tile);
+    vec2 there[3];
+    const vec4 shifts_x = shift_quad(anchor_index(in_tile), 0);
+    const vec4 shifts_y = shift_quad(anchor_index(in_tile), 1);
+    float most_confidence = 0.0;
+    [[unroll]] for (int phase = 1; phase < 4; ++phase) {
+        const ivec2 phase_offset = phase_offset_of(phase);
+        const vec2 shift = vec2(mean_of_quad(shifts_x, phase_offset), mean_of_quad(shifts_y, phase_offset));
+        there[phase - 1] = to_half_pel(cam, vec2(at) + 0.5 * vec2(phase_offset) + shift);
+        most_confidence = max(most_confidence, corrections[phase - 1].confidence);
+    }
+    if (most_confidence == 0.0) {
+        return;
+    }
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        const uint base = previous + k * cam.frame_words;
+        const uint word = base + frame_word(cam, true, at);
+        const uint below = word + cam.half_pel_stride;
+        vec4 entries = vec4(planes[word], planes[word + 1u], planes[below], planes[below + 1u]);
+        [[unroll]] for (int phase = 1; phase < 4; ++phase) {
+            const Correction of = corrections[phase - 1];
+            if (of.confidence > 0.0) {
+                const float reprojected = half_pel_cubic(cam, current + k * cam.frame_words, there[phase - 1]);
+                entries[phase] = lerp(entries[phase], reprojected + of.residual[k], of.confidence);
+            }
+        }
+        store_entries(cam, base, at, entries);
+    }
+}

@@ -1,0 +1,103 @@
+// cross, for the software driver: see cross.glsl. A thread costs much before its first pixel, so a workgroup walks all
+// sub-tiles of a tile, each a row, one after the other. Events lie in slots of their pixel.
+//
+// The driver silently ends all loops of a thread after 65535 rounds in all. Pixels may have thousands of events in a
+// tile whose queue overflowed; so its rerun (QUEUE_OVERFLOWED) has more threads, one workgroup per sub-tile.
+#include "common.glsl"
+#include "cross_constants.glsl"
+#include "cross_cpu_constants.glsl"
+#include "random.glsl"
+#include "substeps.glsl"
+#include "tiles.glsl"
+
+layout(local_size_x = CROSS_THREADS, local_size_x_id = THREADS_ID) in;
+
+#include "cross_bindings.glsl"
+
+// Macros, not constants: a constant equal to a specialisation constant would take over its name.
+#define MAY_BIN_BY_SAMPLE AT_SAMPLE
+#define WALKS_SUSPEND EFFECT_SHOT
+
+#include "frame_load_by_texel.glsl"
+#include "udiv_float.glsl"
+
+uint fast_udiv(uint x, uint divisor) {
+    return float_udiv(x, divisor);
+}
+
+#include "thread_atomic.glsl"
+#include "cross.glsl"
+#include "event_slots.glsl"
+#include "shot_draws_cpu.glsl"
+
+// Linear intensity of the pixel in both frames, computed once: on this driver a branch costs the same whether it is
+// taken often or seldom.
+float light_previous;
+float light_current;
+
+void prepare_blend(Source s) {
+    light_previous = exp(s.log_previous);
+    light_current = exp(s.log_current);
+}
+
+float blend_frames(Source s, float alpha) {
+    return synthesize_linear(light_previous, light_current, alpha);
+}
+
+bool is_armed(PixelState before) {
+    return !MAY_BE_UNARMED || (before.reference != UNARMED && before.reference != ARMING);
+}
+
+// Sub-tiles that a workgroup takes.
+const uint OWN_SUB_TILES = WHOLE_TILES && !QUEUE_OVERFLOWED ? SUB_TILES : 1u;
+
+void main() {
+    const uint index = push.first_camera + gl_WorkGroupID.y;
+    const uint in_order = gl_WorkGroupID.x * OWN_SUB_TILES / SUB_TILES;
+    const uint first_sub_tile = gl_WorkGroupID.x * OWN_SUB_TILES % SUB_TILES;
+    if (cameras[index].frame_kind != FRAME_INTERVAL || in_order >= tile_count(cameras[index])) {
+        return;
+    }
+    const Camera cam = cameras[index];
+    corner =
+        tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, first_sub_tile * SUB_TILE_ROWS);
+    const TileBlocks tile = find_blocks(cam);
+    PixelState before;
+    Source s;
+    const uvec2 first = sub_tile_pixel();
+    if (!SKIPS_STILL_TILES && first.x < cam.width && first.y < cam.height) {
+        read_pixel(cam, first, before, s);
+    }
+    load_activity(cam, tile);
+    if (skip_sub_tiles(cam, tile, first_sub_tile, rows_of(first_sub_tile, OWN_SUB_TILES))) {
+        return;
+    }
+    const uint n = substeps_of_block(cam, tile);
+    if (RIGID) {
+        list_candidates(cam);
+    }
+    uint done = 0u;
+    do {
+        const uint sub_tile = first_sub_tile + done;
+        if (done != 0u) {
+            corner.y += SUB_TILE_ROWS;
+            barrier();
+            if (gl_LocalInvocationID.x == 0u) {
+                queue_count = 0u;
+            }
+            barrier();
+        }
+        if (OWN_SUB_TILES == 1u || (tile.rows_done & rows_of(sub_tile, 1u)) == 0u) {
+            const uvec2 at = sub_tile_pixel();
+            const bool in_image = at.x < cam.width && at.y < cam.height;
+            if ((SKIPS_STILL_TILES || done != 0u) && in_image) {
+                read_pixel(cam, at, before, s);
+            }
+            // A rerun's sub-tiles are larger than those of the first run, so some of their rows may be done.
+            const bool row_done = QUEUE_OVERFLOWED && ((tile.rows_done >> (at.y % BLOCK_PX)) & 1u) != 0u;
+            const bool counts = sub_tile == 0u && (tile.rows_done & 1u) == 0u;
+            cross_sub_tile(cam, sub_tile, tile.first_block, n, in_image && !row_done, counts, before, s);
+        }
+        done += 1u;
+    } while (done < OWN_SUB_TILES);
+}

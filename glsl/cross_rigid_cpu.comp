@@ -1,0 +1,7 @@
+// cross along exact paths, for the software driver: see cross_cpu.glsl.
+// Only for synthesis `rigid`, whose code makes a kernel several times as large.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+#define RIGID true
+#include "cross_cpu.glsl"
