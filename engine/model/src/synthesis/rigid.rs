@@ -77,7 +77,8 @@
 //! pixel belongs and is inner, or where the inner four taps are joined and belong. A tap belongs if its pixel does, or
 //! for a sample between pixels the first of those that it lies between. Those in a row or column that weighs at most
 //! [`SLIGHT_WEIGHT`] linearly need not. Outer taps may be of other surfaces: the clamp bounds what they do. Otherwise
-//! `E` is the mean of the pixels around that belong, weighed bilinearly.
+//! `E` is the mean of the pixels around that belong, weighed bilinearly. With bilinear taps there are no half-pel
+//! frames: `E` is that mean everywhere, of all four where the nearest is inner.
 //!
 //! **Sub-steps.** The motion of a block is the longest way of the surfaces that pass it: the sum of their displacements
 //! from knot to knot, each as its pixel is displaced; 0 if that is less than [`REST_PX`]. A camera that shakes may end

@@ -5,7 +5,7 @@ use esaac_engine::{
     CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, Rig, RigOptions, Validation,
 };
 use esaac_model::paths::{Intrinsics, MotionError, Pose, PoseTrack, SceneMotion};
-use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorModel, Synthesis};
+use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorModel, Synthesis, Taps};
 use esaac_oracle::synthesize::rigid::Rigid;
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -176,7 +176,7 @@ fn pixels_without_a_path_are_counted_by_their_reason() {
     let planes: Vec<_> = frames.iter().map(|frame| frame.planes(&sensor())).collect();
     let mut rig = rendered.rig(&sensor(), RigOptions::default());
     let input = |frame: usize| frames[frame].input(SIZE, &planes[frame]);
-    let oracle = Rigid::new(&rendered.scene, [input(0), input(1)], 0.01, 1, None);
+    let oracle = Rigid::new(&rendered.scene, [input(0), input(1)], 0.01, (Taps::Cubic, 1), None);
     for (key, frame) in frames.iter().enumerate() {
         rig.upload(0, &frame.bytes()).expect("a frame");
         let found = rig.step(&[frame.t_ns]).expect("a frame").diagnostics[0];
@@ -200,7 +200,7 @@ fn a_narrow_fisheye_counts_what_it_does_not_show() {
     let frames: Vec<KeyFrame> =
         rendered.frames.iter().map(|frame| changed(frame, |_, _, id| *id = 0)).collect();
     let input = |frame: usize| frames[frame].input(SIZE, &planes[frame]);
-    let oracle = Rigid::new(&rendered.scene, [input(0), input(1)], 0.01, 1, None);
+    let oracle = Rigid::new(&rendered.scene, [input(0), input(1)], 0.01, (Taps::Cubic, 1), None);
     let mut rig = rendered.rig(&sensor(), RigOptions::default());
     for (key, frame) in frames.iter().enumerate().take(2) {
         rig.upload(0, &frame.bytes()).expect("a frame");

@@ -3,7 +3,8 @@
 use esaac_engine::{KernelPolicy, Rig, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::{
-    DepthFormat, HdrFormat, IdFormat, Intensity, Polarity, SensorModel, SubstepPolicy, Synthesis, q24_to_log,
+    DepthFormat, HdrFormat, IdFormat, Intensity, Polarity, SensorModel, SubstepPolicy, Synthesis, Taps,
+    q24_to_log,
 };
 use esaac_oracle::{Frame, Interval, Oracle};
 use esaac_scene::SceneKind;
@@ -172,6 +173,14 @@ fn the_gpus_kernels_are_the_oracles_too() {
 fn two_transfers_and_fixed_substeps_are_the_oracles() {
     let sensor = SensorModel { transfers: 2, substep_policy: SubstepPolicy::Fixed, substeps: 8, ..sensor() };
     check(&sensor, &[SceneKind::Bounce, SceneKind::Poles], None);
+}
+
+#[test]
+fn bilinear_taps_are_the_oracles() {
+    let sensor = SensorModel { taps: Taps::Bilinear, ..sensor() };
+    for policy in [None, Some(KernelPolicy::gpu())] {
+        check(&sensor, &[SceneKind::Shake, SceneKind::Bounce], policy);
+    }
 }
 
 #[test]

@@ -64,7 +64,7 @@ fn oracle<'a>(rendered: &'a Rendered, planes: &'a [Vec<Vec<f64>>], sensor: &Sens
             &rendered.scene,
             [input(frame - 1), input(frame)],
             sensor.log_offset,
-            sensor.transfers,
+            (sensor.taps, sensor.transfers),
             history.take(),
         ));
     }

@@ -9,6 +9,7 @@ pub mod transfer;
 use super::half_pel::HalfPelFrame;
 use super::sampling::Sampling;
 use candidates::{Candidate, Instant, Interval, Sources, Surface};
+use esaac_model::Taps;
 use esaac_model::paths::{NoPath, SceneMotion};
 use esaac_model::synthesis::rigid::{EDGE_WEIGHT, KNOTS, UNSEEN_REACH_PX, UNSEEN_SHARE};
 use glam::DVec2;
@@ -84,6 +85,7 @@ pub struct Rigid<'a> {
     scene: &'a SceneMotion,
     times_ns: [i64; 2],
     log_offset: f64,
+    taps: Taps,
     planes: [Vec<Vec<f64>>; 2],
     parallax_px_m: BTreeMap<u32, f64>,
     keys: [KeyFrame; 2],
@@ -94,16 +96,17 @@ pub struct Rigid<'a> {
 }
 
 impl<'a> Rigid<'a> {
-    /// Prepares an interval. `transfers` and `history` are as in synthesis `motion`: `history` comes from
-    /// [`Rigid::into_history`] of the interval before.
+    /// Prepares an interval. `taps`, `transfers` and `history` are as in synthesis `motion`: `history` comes from
+    /// [`Rigid::into_history`] of the interval before. With bilinear taps there are no transfers.
     #[must_use]
     pub fn new(
         scene: &'a SceneMotion,
         inputs: [Input<'_>; 2],
         log_offset: f64,
-        transfers: u32,
+        (taps, transfers): (Taps, u32),
         history: Option<Vec<Vec<f64>>>,
     ) -> Self {
+        let transfers = if taps == Taps::Cubic { transfers } else { 0 };
         let times_ns = inputs.map(|input| input.t_ns);
         let knots: Vec<Instant> =
             (0..KNOTS).map(|knot| Instant::new(scene, times_ns, knot as f64 / (KNOTS - 1) as f64)).collect();
@@ -133,7 +136,18 @@ impl<'a> Rigid<'a> {
             })
             .collect();
         let planes = inputs.map(|input| input.planes.to_vec());
-        Rigid { scene, times_ns, log_offset, planes, parallax_px_m, keys, candidates, motion_px, half_pels }
+        Rigid {
+            scene,
+            times_ns,
+            log_offset,
+            taps,
+            planes,
+            parallax_px_m,
+            keys,
+            candidates,
+            motion_px,
+            half_pels,
+        }
     }
 
     /// The poses at `fraction` of the interval.
@@ -222,7 +236,7 @@ impl<'a> Rigid<'a> {
             let shares = frame.shares(at, &surface);
             seen += weight * shares.seen;
             known += weight * (1.0 - shares.hidden);
-            if let Some(level) = frame.level(&self.half_pels[plane][key], at, &surface) {
+            if let Some(level) = frame.level(&self.half_pels[plane][key], self.taps, at, &surface) {
                 levels += weight * shares.trust * level;
                 trust += weight * shares.trust;
             }

@@ -3,6 +3,7 @@
 use super::surface::{Relation, Surfaces};
 use crate::synthesize::taps::cubic;
 use crate::synthesize::trajectory::outside_px;
+use esaac_model::Taps;
 use esaac_model::synthesis::CUBIC_HALF_PEL;
 use esaac_model::synthesis::rigid::{MIXED_WEIGHT, SLIGHT_WEIGHT, SNAP_SAMPLES};
 use glam::{DVec2, DVec3};
@@ -162,14 +163,17 @@ impl KeyFrame {
             .then(|| cubic(half_pel, samples, place.x, place.y, CUBIC_HALF_PEL, true))
     }
 
-    /// Level of a surface at a position, nepers. `None` if none of the four pixels around shows it.
+    /// Level of a surface at a position, nepers; with bilinear taps, from the frame's pixels alone. `None` if none of the
+    /// four pixels around shows it.
     #[must_use]
-    pub fn level(&self, half_pel: &[f64], at: DVec2, surface: &Seen) -> Option<f64> {
-        self.half_pel_level(half_pel, at, surface).or_else(|| {
-            let size = self.surfaces.size;
+    pub fn level(&self, half_pel: &[f64], taps: Taps, at: DVec2, surface: &Seen) -> Option<f64> {
+        let between = (taps == Taps::Cubic).then(|| self.half_pel_level(half_pel, at, surface)).flatten();
+        between.or_else(|| {
+            let (size, at) = (self.surfaces.size, 0.5 * snapped(2.0 * at));
+            let inner = self.is_inner(at, surface);
             let (mut sum, mut weights) = (0.0, 0.0);
-            for (pixel, weight) in Cell::new(size, 0.5 * snapped(2.0 * at)).corners() {
-                if weight > 0.0 && self.belongs(pixel, surface) {
+            for (pixel, weight) in Cell::new(size, at).corners() {
+                if weight > 0.0 && (inner || self.belongs(pixel, surface)) {
                     sum += weight * half_pel[pixel_sample(size, pixel)];
                     weights += weight;
                 }

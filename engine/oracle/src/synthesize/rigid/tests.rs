@@ -4,7 +4,7 @@ use super::*;
 use crate::metrics::{Comparison, compare};
 use crate::truth;
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack};
-use esaac_model::{Intensity, SensorModel};
+use esaac_model::{Intensity, SensorModel, Taps};
 use glam::{DQuat, DVec3};
 
 const SIZE: (usize, usize) = (48, 32);
@@ -91,7 +91,8 @@ impl Stage {
         let mut history = None;
         for interval in 0..2 {
             let keys = [0, 1].map(|key| &rendered[(interval + key) * SUBSTEPS as usize]);
-            let rigid = Rigid::new(&self.scene, keys.map(input), LOG_OFFSET, 1, history.take());
+            let rigid =
+                Rigid::new(&self.scene, keys.map(input), LOG_OFFSET, (Taps::Cubic, 1), history.take());
             for step in 1..SUBSTEPS {
                 let instant = rigid.instant(step as f64 / SUBSTEPS as f64);
                 let pixels = 0..SIZE.0 * SIZE.1;
@@ -240,7 +241,8 @@ fn at_the_ends_of_the_interval_it_is_the_key_frames() {
     let moving = |t: f64| pose(DVec3::ZERO, DVec3::new(-0.6 + 0.4 * t, 0.0, 0.0));
     let stage = Stage::new(&shake, &moving, vec![wall(), bar(5.0, texture)]);
     let frames = [0, INTERVAL_NS].map(|t_ns| stage.frame(t_ns));
-    let rigid = Rigid::new(&stage.scene, [input(&frames[0]), input(&frames[1])], LOG_OFFSET, 1, None);
+    let rigid =
+        Rigid::new(&stage.scene, [input(&frames[0]), input(&frames[1])], LOG_OFFSET, (Taps::Cubic, 1), None);
     for (fraction, frame) in [(0.0, &frames[0]), (1.0, &frames[1])] {
         let instant = rigid.instant(fraction);
         for (pixel, intensity) in frame.planes[0].iter().enumerate() {
@@ -262,7 +264,8 @@ fn a_pixel_without_a_path_is_blended_and_counted_by_its_reason() {
         frame.ids[7] = 9;
     }
     let stage = Stage::new(&shake, &still, vec![]);
-    let rigid = Rigid::new(&stage.scene, [input(&frames[0]), input(&frames[1])], LOG_OFFSET, 1, None);
+    let rigid =
+        Rigid::new(&stage.scene, [input(&frames[0]), input(&frames[1])], LOG_OFFSET, (Taps::Cubic, 1), None);
     for key in 0..2 {
         assert_eq!(rigid.without_path(key), WithoutPath { depth: 2, poses: 1, lens: 0 });
     }
@@ -284,7 +287,8 @@ fn what_neither_key_frame_shows_is_counted_as_unseen() {
     let wall = Sheet { light: |_, _| 0.3, ..wall() };
     let stage = Stage::new(&still, &moving, vec![wall, bar(4.0, |_, _| 2.0)]);
     let frames = [0, INTERVAL_NS].map(|t_ns| stage.frame(t_ns));
-    let rigid = Rigid::new(&stage.scene, [input(&frames[0]), input(&frames[1])], LOG_OFFSET, 1, None);
+    let rigid =
+        Rigid::new(&stage.scene, [input(&frames[0]), input(&frames[1])], LOG_OFFSET, (Taps::Cubic, 1), None);
     let Sample::Unseen(behind) = rigid.sample(&rigid.instant(0.5), 0, 24, 16) else { panic!("not unseen") };
     assert!((behind - 0.3).abs() < 1e-6, "the wall beside it, not the bar: {behind}");
     assert!(matches!(rigid.sample(&rigid.instant(0.5), 0, 10, 16), Sample::Seen(_)));
