@@ -61,8 +61,8 @@ uint rows_of(uint first_sub_tile, uint sub_tiles) {
 // Whether a tile without motion and change can be skipped.
 const bool SKIPS_STILL_TILES = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES;
 
-// Whether sub-steps are read along a pixel's motion.
-const bool FOLLOWS_MOTION = NEEDS_MOTION(SYNTHESIS);
+// Whether sub-steps may be read along a pixel's motion: by synthesis `rigid` where a pixel has no path.
+const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 
 // Inputs of a pixel's synthesis.
 struct Source {
@@ -99,12 +99,19 @@ float synthesize_substep(Camera cam, Source s, uint n, uint i, float alpha) {
     if (!RIGID) {
         return synthesize(cam, s, alpha);
     }
-    bool blended = s.rigid.own == NO_SURFACE;
+    bool lost = s.rigid.own == NO_SURFACE;
     float level;
-    if (!blended) {
-        level = synthesize_rigid(cam, s.frames, s.at, s.rigid, n, i, alpha, blended);
+    if (!lost) {
+        level = synthesize_rigid(cam, s.frames, s.at, s.rigid, n, i, alpha, lost);
     }
-    return max(blended ? blend_frames(s, alpha) : level, cam.log_dark);
+    if (lost && s.warps) {
+        // Made for each sub-step: few pixels have no path, and all others would hold its registers.
+        const Warp warp = warp_at(cam, s.at, s.leaves);
+        level = synthesize_motion(cam, s.frames, vec2(s.at), warp, s.leaves, alpha);
+    } else if (lost) {
+        level = blend_frames(s, alpha);
+    }
+    return max(level, cam.log_dark);
 }
 
 // Loads the inputs that do not depend on the pixel's number of sub-steps.
@@ -115,7 +122,7 @@ Source read_source(Camera cam, uvec2 at) {
     const uint word = frame_word(cam, has_half_pel_frames(), ivec2(at));
     s.log_previous = load_plane(s.frames.previous + word);
     s.log_current = load_plane(s.frames.current + word);
-    s.warps = FOLLOWS_MOTION && has_vector(cam, motion_base(cam, true), ivec2(at));
+    s.warps = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) && has_vector(cam, motion_base(cam, true), ivec2(at));
     s.leaves = false;
     prepare_blend(s);
     return s;
@@ -236,9 +243,10 @@ void load_activity(Camera cam, TileBlocks tile) {
         }
     }
     if (RIGID && lane < TILE_BLOCKS) {
-        neighbourhood_motion[lane] = passing_motion(cam, lane);
+        const uint passing_bits = passing_motion(cam, lane);
+        atomicMax(neighbourhood_motion[lane], passing_bits);
         if (SKIPS_STILL_TILES) {
-            atomicOr(any_activity, neighbourhood_motion[lane]);
+            atomicOr(any_activity, passing_bits);
         }
     }
     if (counts_block(cam)) {
@@ -291,10 +299,7 @@ void cross_sub_tile(
         active_pixel = is_armed(before);
         s.warps = s.warps && n > 1u;
         if (SYNTHESIS == SYNTHESIS_MOTION && s.warps) {
-            const Trajectory start = trajectory_at_start(cam, ivec2(at));
-            const Trajectory end = trajectory_at_end(cam, ivec2(at));
-            s.warp = warp_between(start, end);
-            s.leaves = leaves_image(cam, vec2(at), start, end);
+            s.warp = warp_at(cam, at, s.leaves);
         }
         if (RIGID) {
             s.rigid = read_rigid_pixel(cam, at, (at.x - corner.x) / BLOCK_PX);

@@ -189,10 +189,10 @@ vec2 levels_beside(Camera cam, Geometry geo, uint frame, uint base, vec2 positio
     return sum;
 }
 
-// Log intensity of a pixel that has a path at the end of sub-step `i` of `n`, at `alpha`; `blended` becomes true if
-// there is none after all, and the frames are to be blended.
+// Log intensity of a pixel that has a path at the end of sub-step `i` of `n`, at `alpha`; `lost` becomes true if
+// there is none after all.
 float synthesize_rigid(
-    Camera cam, Frames frames, uvec2 at, RigidPixel p, uint n, uint i, float alpha, out bool blended
+    Camera cam, Frames frames, uvec2 at, RigidPixel p, uint n, uint i, float alpha, out bool lost
 ) {
     const Geometry geo = geometries[cam.slot];
     const vec3 ray = ray_of(geo, vec2(at));
@@ -260,15 +260,15 @@ float synthesize_rigid(
         level = lerp(start.level, end.level, trust_end / trust);
         const float coverage = min(weight_seen / weight_known, 1.0);
         if (coverage >= 1.0 && shown == 0.0) {
-            blended = false;
+            lost = false;
             return level;
         }
         const float share = (1.0 - shown) * coverage;
         light = fma(share, exp(level), light);
         shown += share;
     } while (left != 0u && shown < 1.0);
-    blended = !any_seen;
-    if (blended || shown >= UNSEEN_SHARE) {
+    lost = !any_seen;
+    if (lost || shown >= UNSEEN_SHARE) {
         return log(light / shown);
     }
     unseen_samples += 1u;
@@ -282,6 +282,6 @@ float synthesize_rigid(
             + alpha * levels_beside(cam, geo, frames.current, end_base, sources.zw, in_end, steps);
         steps += 1;
     } while (steps <= int(UNSEEN_REACH_PX) && sum.y == 0.0);
-    blended = sum.y == 0.0;
+    lost = sum.y == 0.0;
     return sum.x / sum.y;
 }

@@ -58,6 +58,14 @@ bool leaves_image(Camera cam, vec2 at, Trajectory start, Trajectory end) {
     return min(room.x, room.y) < 0.01;
 }
 
+// The warp of a pixel, and whether it may leave the image.
+Warp warp_at(Camera cam, uvec2 at, out bool leaves) {
+    const Trajectory start = trajectory_at_start(cam, ivec2(at));
+    const Trajectory end = trajectory_at_end(cam, ivec2(at));
+    leaves = leaves_image(cam, vec2(at), start, end);
+    return warp_between(start, end);
+}
+
 // Position in the current frame (xy) and in the previous one (zw).
 vec4 sources_at(vec2 at, Warp warp, float alpha) {
     const vec2 t = vec2(alpha);

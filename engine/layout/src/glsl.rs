@@ -44,9 +44,9 @@ pub fn generated_files() -> Vec<(String, String)> {
     files
 }
 
-/// Whether the synthesis `S` reads motion, as an expression.
-fn needs_motion() -> String {
-    let those = esaac_model::Synthesis::ALL.into_iter().filter(|s| s.needs_motion());
+/// Whether the synthesis `S` follows motion vectors, as an expression.
+fn follows_motion() -> String {
+    let those = esaac_model::Synthesis::ALL.into_iter().filter(|s| s.follows_motion());
     let equal: Vec<String> = those.map(|s| format!("(S) == {}", s as u32)).collect();
     format!("({})", equal.join(" || "))
 }
@@ -126,7 +126,7 @@ fn declarations() -> String {
         ("FRAME_NONE", format!("{}u", FrameKind::None as u32)),
         ("FRAME_FIRST", format!("{}u", FrameKind::First as u32)),
         ("FRAME_INTERVAL", format!("{}u", FrameKind::Interval as u32)),
-        ("NEEDS_MOTION(S)", needs_motion()),
+        ("SYNTHESIS_FOLLOWS_MOTION(S)", follows_motion()),
         ("SHOT_NOISE_FALL", format!("{:.6}", esaac_model::SHOT_NOISE_FALL)),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
         ("VOTE_FRACTION_BITS", esaac_model::VOTE_FRACTION_BITS.to_string()),

@@ -82,10 +82,16 @@ impl Synthesis {
         matches!(self, Synthesis::Motion | Synthesis::Rigid)
     }
 
-    /// Whether it reads motion vectors.
+    /// Whether it needs motion vectors.
     #[must_use]
     pub fn needs_motion(self) -> bool {
         matches!(self, Synthesis::Motion | Synthesis::Paper)
+    }
+
+    /// Whether it follows motion vectors, if there are some: `rigid` does where a pixel has no path.
+    #[must_use]
+    pub fn follows_motion(self) -> bool {
+        self.needs_motion() || self == Synthesis::Rigid
     }
 }
 

@@ -391,9 +391,8 @@ impl Oracle {
         let motions = self.scene.as_ref().map(|scene| Motions { scene, times_ns });
         let history = self.run.history.take();
         let gap = Gap::new(sensor, &start, end, ratio, history, self.sampling, motions);
-        let rigid_px = gap.rigid.as_ref().map(|rigid| rigid.motion_px());
         let plan = match between {
-            Between::Synthesis => plan(sensor, &start, end, interval_ns, rigid_px),
+            Between::Synthesis => plan(sensor, &start, end, interval_ns, gap.rigid.as_ref()),
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
         };
         let exposure_ns = aps::exposure_ns(sensor, interval_ns);

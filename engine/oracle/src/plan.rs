@@ -1,6 +1,7 @@
 //! Stage `plan`: how many sub-steps each block of pixels gets.
 
 use crate::ingest::{Image, plane_of};
+use crate::synthesize::rigid::Rigid;
 use esaac_model::substeps::{BLOCK_PX, substep_count};
 use esaac_model::{SensorModel, Synthesis};
 
@@ -29,20 +30,21 @@ impl Plan {
 }
 
 /// Chooses the sub-steps of every block in the interval between two frames, `interval_ns` long. Ignores motion vectors
-/// with a non-finite component, and all motion if the synthesis uses none. `rigid_px` is the motion of each block by
-/// synthesis `rigid`, which counts in place of vectors.
+/// with a non-finite component, and all motion if the synthesis uses none. With synthesis `rigid`, a block's own motion
+/// counts along paths, and vectors only where a frame shows no surface.
 #[must_use]
 pub fn plan(
     sensor: &SensorModel,
     start: &Image,
     end: &Image,
     interval_ns: u32,
-    rigid_px: Option<&[f64]>,
+    rigid: Option<&Rigid<'_>>,
 ) -> Plan {
     if sensor.synthesis == Synthesis::None {
         return Plan::uniform(sensor, 1);
     }
-    let uses_motion = sensor.synthesis.needs_motion();
+    let uses_vectors = sensor.synthesis.follows_motion();
+    let has_path = |key: usize, pixel: usize| rigid.is_some_and(|rigid| rigid.shows_surface(key, pixel));
     let (blocks_x, blocks_y) = blocks(sensor);
     let block = BLOCK_PX as usize;
     let (start_planes, end_planes) = (start.planes(sensor.intensity), end.planes(sensor.intensity));
@@ -55,9 +57,10 @@ pub fn plan(
             let plane = plane_of(sensor.intensity, x, y);
             let log = |planes: &[Vec<f64>]| (planes[plane][pixel] + sensor.log_offset).ln();
             change_log[index] = change_log[index].max((log(&end_planes) - log(&start_planes)).abs());
-            for motion in [&start.motion, &end.motion].into_iter().flatten().filter(|_| uses_motion) {
+            for (key, motion) in [&start.motion, &end.motion].into_iter().enumerate() {
+                let Some(motion) = motion.as_ref().filter(|_| uses_vectors) else { continue };
                 let [dx, dy] = motion[pixel];
-                if dx.is_finite() && dy.is_finite() {
+                if dx.is_finite() && dy.is_finite() && !has_path(key, pixel) {
                     motion_px[index] = motion_px[index].max(dx.hypot(dy));
                 }
             }
@@ -72,8 +75,8 @@ pub fn plan(
                     around_px = around_px.max(motion_px[ny * blocks_x + nx]);
                 }
             }
-            if let Some(rigid_px) = rigid_px {
-                around_px = rigid_px[by * blocks_x + bx];
+            if let Some(rigid) = rigid {
+                around_px = around_px.max(rigid.motion_px()[by * blocks_x + bx]);
             }
             let change = change_log[by * blocks_x + bx];
             substeps.push(substep_count(sensor, around_px, change, f64::from(interval_ns)));

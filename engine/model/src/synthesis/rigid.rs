@@ -64,8 +64,11 @@
 //! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel then
 //! takes the level of its farthest candidate at the nearest pixels that belong to it, in the row and the column of its
 //! rounded position in both key frames, at most [`UNSEEN_REACH_PX`] away. The equally near ones count by `1 - a` in key
-//! frame 0 and by `a` in key frame 1. Without any, the pixel is blended as by `linear`. It is counted. A pixel that
-//! shows no surface in either key frame has no candidates and no path. It is blended as by `linear`, and is counted.
+//! frame 0 and by `a` in key frame 1. It is counted.
+//!
+//! **Without a path.** A pixel that shows no surface in either key frame has no candidates and no path; so has an unseen
+//! one without a background nearby. It follows its motion vector as by `motion`, in the half-pel frames below. Without a
+//! vector it is blended as by `linear`. It is counted.
 //!
 //! **Half-pel frames.** Each key frame has one. From the frame alone it is that of [`synthesis`](super). A sample between
 //! pixels is *joined* if the pixels that it lies between continue the surface of the first of them. The transfers
@@ -82,7 +85,7 @@
 //!
 //! **Sub-steps.** The motion of a block is the longest way of the surfaces that pass it: the sum of their displacements
 //! from knot to knot, each as its pixel is displaced; 0 if that is less than [`REST_PX`]. A camera that shakes may end
-//! where it began. It counts in place of the motion vectors around the block
+//! where it began. Motion vectors in and around the block count only where their frame shows no surface
 //! ([`substep_count`](crate::substeps::substep_count)).
 
 pub use super::EDGE_WEIGHT;

@@ -38,6 +38,12 @@ impl HalfPelFrame {
         })
     }
 
+    /// The half-pel frame of these samples, row by row, of a frame of `size` pixels.
+    #[must_use]
+    pub fn of_samples(size: (usize, usize), sampling: Sampling, log: Vec<f64>) -> Self {
+        HalfPelFrame { size: (2 * size.0, 2 * size.1), log, sampling }
+    }
+
     /// How it is read.
     #[must_use]
     pub fn sampling(&self) -> Sampling {

@@ -52,7 +52,8 @@ pub struct Gap<'a> {
     pub start_planes: Vec<Vec<f64>>,
     /// Intensity planes of `end`.
     pub end_planes: Vec<Vec<f64>>,
-    /// Both frames prepared for synthesis `motion`, if that is chosen and possible.
+    /// Both frames prepared for synthesis `motion`, if that is chosen and possible; with synthesis `rigid`, for the
+    /// pixels that have no path.
     pub motion: Option<Motion>,
     /// Both frames prepared for synthesis `rigid`, likewise.
     pub rigid: Option<Rigid<'a>>,
@@ -94,6 +95,9 @@ impl<'a> Gap<'a> {
                     _ => None,
                 };
                 rigid = prepare_rigid(sensor, [start, end], planes, history, motions);
+                motion = rigid
+                    .as_ref()
+                    .and_then(|rigid| Motion::without_paths(sensor, start, end, ratio, rigid.half_pels()));
             }
             Synthesis::Linear | Synthesis::Paper | Synthesis::None | Synthesis::Auto => {}
         }
@@ -117,7 +121,8 @@ impl<'a> Gap<'a> {
     }
 
     /// What synthesis `rigid` shows at the end of sub-step `i` of `n`.
-    fn rigid_sample(&self, rigid: &Rigid<'_>, plane: usize, (x, y): (usize, usize), i: u32, n: u32) -> f64 {
+    fn rigid_sample(&self, plane: usize, (x, y): (usize, usize), i: u32, n: u32) -> Option<f64> {
+        let rigid = self.rigid.as_ref()?;
         let instant = self
             .instants
             .borrow_mut()
@@ -135,6 +140,8 @@ impl<'a> Gap<'a> {
         let pixel = y * self.end.width + x;
         let plane = plane_of(self.sensor.intensity, x, y);
         let (from, to) = (self.start_planes[plane][pixel], self.end_planes[plane][pixel]);
+        let along_vector =
+            |fraction| self.motion.as_ref().and_then(|motion| motion.sample(plane, x, y, fraction));
         samples.clear();
         samples.push(from);
         for i in 1..substeps {
@@ -142,12 +149,10 @@ impl<'a> Gap<'a> {
             let synthesized = match self.sensor.synthesis {
                 Synthesis::Linear | Synthesis::None | Synthesis::Auto => None,
                 Synthesis::Rigid => {
-                    self.rigid.as_ref().map(|rigid| self.rigid_sample(rigid, plane, (x, y), i, substeps))
+                    self.rigid_sample(plane, (x, y), i, substeps).or_else(|| along_vector(fraction))
                 }
                 Synthesis::Paper => paper::sample(self, plane, x, y, fraction),
-                Synthesis::Motion => {
-                    self.motion.as_ref().and_then(|motion| motion.sample(plane, x, y, fraction))
-                }
+                Synthesis::Motion => along_vector(fraction),
             };
             samples.push(synthesized.unwrap_or_else(|| linear(from, to, fraction)));
         }

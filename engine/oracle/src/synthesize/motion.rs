@@ -2,6 +2,7 @@
 //! intensity (equations in [`esaac_model::synthesis`]).
 
 use super::half_pel::HalfPelFrame;
+use super::rigid::read::pixel_sample;
 use super::sampling::Sampling;
 use super::taps::bilinear;
 use super::trajectory::{Warp, is_valid, outside_px, warps};
@@ -61,6 +62,37 @@ impl Motion {
         };
         let valid = motion.iter().copied().map(is_valid).collect();
         Some(Motion { size, log_offset: sensor.log_offset, warps, valid, planes })
+    }
+
+    /// Prepares an interval of synthesis `rigid` for the pixels that have no path. `half_pels` are those of
+    /// [`Rigid::half_pels`](super::rigid::Rigid::half_pels).
+    #[must_use]
+    pub fn without_paths(
+        sensor: &SensorModel,
+        start: &Image,
+        end: &Image,
+        ratio: Option<f64>,
+        half_pels: &[[Vec<f64>; 2]],
+    ) -> Option<Self> {
+        let motion = end.motion.as_ref()?;
+        let size = (end.width, end.height);
+        let at_pixels = |log: &Vec<f64>| -> Vec<f64> {
+            (0..size.0 * size.1).map(|pixel| log[pixel_sample(size, pixel)]).collect()
+        };
+        let frame = |log: &Vec<f64>| HalfPelFrame::of_samples(size, Sampling::ENGINE, log.clone());
+        let planes = match sensor.taps {
+            Taps::Bilinear => {
+                Planes::Bilinear(half_pels.iter().map(|pair| pair.each_ref().map(at_pixels)).collect())
+            }
+            Taps::Cubic => Planes::Cubic(half_pels.iter().map(|pair| pair.each_ref().map(frame)).collect()),
+        };
+        Some(Motion {
+            size,
+            log_offset: sensor.log_offset,
+            warps: warps(size, motion, start.motion.as_deref(), ratio),
+            valid: motion.iter().copied().map(is_valid).collect(),
+            planes,
+        })
     }
 
     /// Intensity of plane `plane` at pixel `(x, y)` and `fraction` of the interval, scene units. `None` if the pixel's

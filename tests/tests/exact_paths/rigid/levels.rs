@@ -1,15 +1,15 @@
 //! Compares synthesis `rigid` of the engine with the oracle: sub-steps, levels and events of whole runs.
 
-use esaac_engine::{KernelPolicy, Rig, RigOptions};
+use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, Rig, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::{
-    DepthFormat, HdrFormat, IdFormat, Intensity, Polarity, SensorModel, SubstepPolicy, Synthesis, Taps,
-    q24_to_log,
+    DepthFormat, HdrFormat, IdFormat, Intensity, MotionFormat, Polarity, SensorModel, SubstepPolicy,
+    Synthesis, Taps, q24_to_log,
 };
 use esaac_oracle::{Frame, Interval, Oracle};
 use esaac_scene::SceneKind;
-use esaac_tests::device::assert_silent;
-use esaac_tests::geometry::Rendered;
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::geometry::{KeyFrame, Rendered};
 
 /// Odd: the image cuts blocks off at the right and at the bottom.
 const SIZE: (u32, u32) = (75, 53);
@@ -55,12 +55,18 @@ struct Step {
     levels_q24: Option<Vec<Vec<i32>>>,
 }
 
-fn run(mut rig: Rig, rendered: &Rendered) -> Vec<Step> {
+/// Runs the engine over frames, with their motion vectors if `vectors`.
+fn run(sensor: &SensorModel, rendered: &Rendered, options: RigOptions, vectors: bool) -> Vec<Step> {
+    let motion = vectors.then_some(MotionFormat::F32x2);
+    let camera = CameraConfig { motion, ..rendered.camera(sensor) };
+    let mut rig = Rig::with_options(&DEVICE, &[camera], options).expect("a rig");
+    rig.set_scene(0, rendered.scene.clone()).expect("poses of its lens");
     let steps = rendered
         .frames
         .iter()
         .map(|frame| {
-            rig.upload(0, &frame.bytes()).expect("a frame that fits");
+            let motion = vectors.then_some(&frame.motion[..]);
+            rig.upload(0, &FrameBytes { motion, ..frame.bytes() }).expect("a frame that fits");
             let tick = rig.step(&[frame.t_ns]).expect("a frame in time");
             let (events, diagnostics) = (tick.packets[0].iter().collect(), tick.diagnostics[0]);
             Step {
@@ -76,7 +82,7 @@ fn run(mut rig: Rig, rendered: &Rendered) -> Vec<Step> {
     steps
 }
 
-fn oracle(sensor: &SensorModel, rendered: &Rendered) -> Vec<Interval> {
+fn oracle(sensor: &SensorModel, rendered: &Rendered, vectors: bool) -> Vec<Interval> {
     let mut oracle = Oracle::new(sensor.clone(), 0).expect("a valid sensor");
     oracle.keep_samples(true);
     oracle.set_scene(rendered.scene.clone());
@@ -87,7 +93,7 @@ fn oracle(sensor: &SensorModel, rendered: &Rendered) -> Vec<Interval> {
             let frame = Frame {
                 t_ns: frame.t_ns,
                 hdr: (HdrFormat::F32x4, &frame.hdr),
-                motion: None,
+                motion: vectors.then_some((MotionFormat::F32x2, &frame.motion[..])),
                 depth: Some((DepthFormat::F32, &frame.depth)),
                 ids: Some((IdFormat::U32, &frame.ids)),
             };
@@ -124,12 +130,22 @@ fn compare_levels(sensor: &SensorModel, intervals: &[Interval], steps: &[Step]) 
 
 /// Runs scenes by both, and compares sub-steps, levels and events.
 fn check(sensor: &SensorModel, scenes: &[SceneKind], policy: Option<KernelPolicy>) {
+    let rendered = scenes.iter().map(|&kind| (kind, Rendered::of(kind, SIZE, FRAMES)));
+    check_frames(sensor, &rendered.collect::<Vec<_>>(), policy, false);
+}
+
+/// The same for rendered frames, with their motion vectors if `vectors`.
+fn check_frames(
+    sensor: &SensorModel,
+    scenes: &[(SceneKind, Rendered)],
+    policy: Option<KernelPolicy>,
+    vectors: bool,
+) {
     let (mut pixels, mut differing, mut samples, mut far) = (0, 0, 0, 0);
-    for &kind in scenes {
-        let rendered = Rendered::of(kind, SIZE, FRAMES);
+    for (kind, rendered) in scenes {
         let options = RigOptions { policy, ..keep() };
-        let steps = run(rendered.rig(sensor, options), &rendered);
-        let intervals = oracle(sensor, &rendered);
+        let steps = run(sensor, rendered, options, vectors);
+        let intervals = oracle(sensor, rendered, vectors);
         for (index, (interval, step)) in intervals.iter().zip(&steps).enumerate() {
             let expected: u64 = interval.substeps_per_block.iter().map(|&n| u64::from(n)).sum();
             println!(
@@ -183,10 +199,40 @@ fn bilinear_taps_are_the_oracles() {
     }
 }
 
+/// The frames of a scene, with no depth in the right half of the image.
+fn without_depth_at_the_right(kind: SceneKind) -> Rendered {
+    let mut rendered = Rendered::of(kind, SIZE, FRAMES);
+    for frame in &mut rendered.frames {
+        let mut depth: Vec<f32> = bytemuck::pod_collect_to_vec(&frame.depth);
+        for row in depth.chunks_mut(SIZE.0 as usize) {
+            row[SIZE.0 as usize / 2..].fill(f32::NAN);
+        }
+        let bytes = bytemuck::pod_collect_to_vec(&depth);
+        *frame = KeyFrame::new(frame.t_ns, frame.hdr.clone(), frame.motion.clone(), bytes, frame.ids.clone());
+    }
+    rendered
+}
+
+#[test]
+fn pixels_without_a_path_follow_their_vectors() {
+    let scenes = [SceneKind::Flight, SceneKind::Bounce].map(|kind| (kind, without_depth_at_the_right(kind)));
+    for (policy, taps, transfers) in
+        [(None, Taps::Cubic, 2), (Some(KernelPolicy::gpu()), Taps::Cubic, 1), (None, Taps::Bilinear, 1)]
+    {
+        check_frames(&SensorModel { taps, transfers, ..sensor() }, &scenes, policy, true);
+    }
+    let (_, flight) = &scenes[0];
+    let [with, without] = [true, false].map(|vectors| run(&sensor(), flight, keep(), vectors));
+    let at_the_right = |steps: &[Step]| -> Vec<Event> {
+        steps.iter().flat_map(|s| s.events.clone()).filter(|e| u32::from(e.x) > SIZE.0 / 2 + 2).collect()
+    };
+    assert_ne!(at_the_right(&with), at_the_right(&without), "they are blended only without vectors");
+}
+
 #[test]
 fn a_run_is_the_same_bits_each_time() {
     let rendered = Rendered::of(SceneKind::Foliage, SIZE, FRAMES);
-    let [first, second] = [0, 1].map(|_| run(rendered.rig(&sensor(), keep()), &rendered));
+    let [first, second] = [0, 1].map(|_| run(&sensor(), &rendered, keep(), false));
     assert!(first.iter().any(|step| !step.events.is_empty()));
     for (first, second) in first.iter().zip(&second) {
         assert_eq!(first.events, second.events);

@@ -37,18 +37,21 @@ pub struct Input<'a> {
 pub enum Sample {
     /// Synthesised intensity, scene units.
     Seen(f64),
-    /// Neither key frame shows what is there: the background nearest to it, or both key frames blended.
-    Unseen(f64),
-    /// The pixel has no candidate: both key frames are blended.
-    NoPath(f64),
+    /// Neither key frame shows what is there: the background nearest to it, if there is any.
+    Unseen(Option<f64>),
+    /// The pixel has no candidate.
+    NoPath,
 }
 
 impl Sample {
-    /// The intensity, scene units.
+    /// The intensity, scene units. `None` if no path tells it.
     #[must_use]
-    pub fn intensity(self) -> f64 {
-        let (Sample::Seen(intensity) | Sample::Unseen(intensity) | Sample::NoPath(intensity)) = self;
-        intensity
+    pub fn intensity(self) -> Option<f64> {
+        match self {
+            Sample::Seen(intensity) => Some(intensity),
+            Sample::Unseen(intensity) => intensity,
+            Sample::NoPath => None,
+        }
     }
 }
 
@@ -86,7 +89,6 @@ pub struct Rigid<'a> {
     times_ns: [i64; 2],
     log_offset: f64,
     taps: Taps,
-    planes: [Vec<Vec<f64>>; 2],
     parallax_px_m: BTreeMap<u32, f64>,
     keys: [KeyFrame; 2],
     candidates: Vec<Vec<Candidate>>,
@@ -135,19 +137,7 @@ impl<'a> Rigid<'a> {
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
-        let planes = inputs.map(|input| input.planes.to_vec());
-        Rigid {
-            scene,
-            times_ns,
-            log_offset,
-            taps,
-            planes,
-            parallax_px_m,
-            keys,
-            candidates,
-            motion_px,
-            half_pels,
-        }
+        Rigid { scene, times_ns, log_offset, taps, parallax_px_m, keys, candidates, motion_px, half_pels }
     }
 
     /// The poses at `fraction` of the interval.
@@ -168,6 +158,12 @@ impl<'a> Rigid<'a> {
         &self.motion_px
     }
 
+    /// Whether a pixel of key frame `key` (0 or 1) shows a surface.
+    #[must_use]
+    pub fn shows_surface(&self, key: usize, pixel: usize) -> bool {
+        self.keys[key].surfaces.element(pixel).is_ok()
+    }
+
     /// Pixels without a path of key frame `key` (0 or 1).
     #[must_use]
     pub fn without_path(&self, key: usize) -> WithoutPath {
@@ -178,12 +174,8 @@ impl<'a> Rigid<'a> {
     #[must_use]
     pub fn sample(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
         let pixel = y * self.keys[0].surfaces.size.0 + x;
-        let blended = || {
-            let [from, to] = [0, 1].map(|key| self.planes[key][plane][pixel]);
-            super::linear(from, to, instant.fraction)
-        };
         let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
-            return Sample::NoPath(blended());
+            return Sample::NoPath;
         };
         let mut here: Vec<(Sources, Surface)> = candidates
             .iter()
@@ -193,7 +185,7 @@ impl<'a> Rigid<'a> {
             })
             .collect();
         if here.is_empty() {
-            return Sample::NoPath(blended());
+            return Sample::NoPath;
         }
         here.sort_by(|a, b| b.0.inverse_depth.total_cmp(&a.0.inverse_depth));
         let (mut light, mut shown) = (0.0, 0.0);
@@ -209,7 +201,7 @@ impl<'a> Rigid<'a> {
             let level = here.last().and_then(|(sources, farthest)| {
                 self.nearest_level(instant.fraction, plane, sources, farthest)
             });
-            return Sample::Unseen(level.map_or_else(blended, |level| self.intensity(level.exp())));
+            return Sample::Unseen(level.map(|level| self.intensity(level.exp())));
         }
         Sample::Seen(self.intensity(light / shown))
     }
