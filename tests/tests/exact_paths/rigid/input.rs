@@ -144,7 +144,7 @@ fn images_that_are_missing_or_of_the_wrong_size_are_named() {
 }
 
 /// A frame whose depth and ids are changed pixel by pixel.
-fn changed(frame: &KeyFrame, change: impl Fn(usize, &mut f32, &mut u32)) -> KeyFrame {
+pub(super) fn changed(frame: &KeyFrame, change: impl Fn(usize, &mut f32, &mut u32)) -> KeyFrame {
     let mut depth: Vec<f32> = bytemuck::pod_collect_to_vec(&frame.depth);
     let mut ids: Vec<u32> = bytemuck::pod_collect_to_vec(&frame.ids);
     for (pixel, (depth, id)) in depth.iter_mut().zip(&mut ids).enumerate() {
