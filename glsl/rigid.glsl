@@ -189,6 +189,33 @@ vec2 levels_beside(Camera cam, Geometry geo, uint frame, uint base, vec2 positio
     return sum;
 }
 
+// The silhouette of the nearest candidate that shows, if that covers the pixel in part.
+struct Silhouette {
+    // 0 if there is none.
+    float coverage;
+    // Light of the candidate, and what the key frames show along its path, mixtures and all.
+    float light;
+    float as_shown;
+    // Where that is, and the weight of the key frame at the interval's end.
+    vec4 sources;
+    float say_end;
+};
+
+// Light of a pixel with a silhouette; `behind` is that of the other candidates, and `surface` the first among them.
+float light_at_silhouette(Camera cam, Geometry geo, Frames frames, Silhouette s, float behind, Surface surface) {
+    const float parallax = parallax_of(geo, surface.instance);
+    const Known start = look(
+        cam, geo, frames.previous, surface_base(cam, geo, 0u), s.sources.xy,
+        Seen(surface.instance, surface.planes[0], parallax));
+    const Known end = look(
+        cam, geo, frames.current, surface_base(cam, geo, 1u), s.sources.zw,
+        Seen(surface.instance, surface.planes[1], parallax));
+    const float there = lerp(
+        start.seen > 0.0 ? exp(start.level) : behind, end.seen > 0.0 ? exp(end.level) : behind, s.say_end);
+    const float alike = max(1.0 - abs(log(behind / there)) * (1.0 / BACKGROUND_LOG), 0.0);
+    return lerp(lerp(behind, s.light, s.coverage), s.as_shown, alike);
+}
+
 // Log intensity of a pixel that has a path at the end of sub-step `i` of `n`, at `alpha`; `lost` becomes true if
 // there is none after all.
 float synthesize_rigid(
@@ -206,6 +233,10 @@ float synthesize_rigid(
     Surface surface;
     vec4 sources;
     bool any_seen = false;
+    Silhouette silhouette;
+    silhouette.coverage = 0.0;
+    Surface behind;
+    float largest_share = 0.0;
     do {
         uint chosen = 32u;
         float nearest = -1.0;
@@ -259,15 +290,35 @@ float synthesize_rigid(
         const float weight_known = fma(say_start, 1.0 - start.hidden, say_end * (1.0 - end.hidden));
         level = lerp(start.level, end.level, trust_end / trust);
         const float coverage = min(weight_seen / weight_known, 1.0);
-        if (coverage >= 1.0 && shown == 0.0) {
-            lost = false;
-            return level;
+        if (silhouette.coverage == 0.0 && shown == 0.0) {
+            if (coverage >= 1.0) {
+                lost = false;
+                return level;
+            } else if (coverage < 1.0 - SLIGHT_WEIGHT) {
+                const vec2 open = vec2(say_start * (1.0 - start.hidden), say_end * (1.0 - end.hidden));
+                const float open_end = open.y / (open.x + open.y);
+                const float as_shown = lerp(
+                    read_level(cam, frames.previous, 0.5 * snapped(2.0 * at_keys.xy)),
+                    read_level(cam, frames.current, 0.5 * snapped(2.0 * at_keys.zw)), open_end);
+                silhouette = Silhouette(coverage, exp(level), exp(as_shown), at_keys, open_end);
+                continue;
+            }
         }
         const float share = (1.0 - shown) * coverage;
+        if (share > largest_share + SLIGHT_WEIGHT) {
+            largest_share = share;
+            behind = here;
+        }
         light = fma(share, exp(level), light);
         shown += share;
     } while (left != 0u && shown < 1.0);
     lost = !any_seen;
+    if (silhouette.coverage != 0.0) {
+        return log(
+            shown < UNSEEN_SHARE
+                ? silhouette.as_shown
+                : light_at_silhouette(cam, geo, frames, silhouette, light / shown, behind));
+    }
     if (lost || shown >= UNSEEN_SHARE) {
         return log(light / shown);
     }

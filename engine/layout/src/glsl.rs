@@ -114,6 +114,7 @@ fn declarations() -> String {
         ("SLIGHT_WEIGHT", format!("{:.6}", rigid::SLIGHT_WEIGHT)),
         ("SNAP_SAMPLES", format!("{:.6}", rigid::SNAP_SAMPLES)),
         ("LEAST_MOTION_PX", format!("{:.6}", rigid::LEAST_MOTION_PX)),
+        ("BACKGROUND_LOG", format!("{:.6}", rigid::BACKGROUND_LOG)),
         ("MIXED_WEIGHT", format!("{:.6}", rigid::MIXED_WEIGHT)),
         ("UNSEEN_SHARE", format!("{:.6}", rigid::UNSEEN_SHARE)),
         ("UNSEEN_REACH_PX", rigid::UNSEEN_REACH_PX.to_string()),

@@ -18,7 +18,7 @@ pub struct CameraConfig {
     /// Format of its motion images; `None` if it gets none.
     pub motion: Option<MotionFormat>,
     /// Its depth, instance ids and lens; `None` if it gets none. Synthesis `rigid` needs them, and poses
-    /// ([`Rig::set_scene`]).
+    /// ([`Rig::set_scene`](super::Rig::set_scene)).
     pub geometry: Option<GeometryConfig>,
 }
 
@@ -44,7 +44,7 @@ pub struct GeometryConfig {
 /// Options of a rig; none of them changes an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RigOptions {
-    /// Keep every sub-step's log intensity for [`Rig::substeps_q24`]: for tests, at a cost.
+    /// Keep every sub-step's log intensity for [`Rig::substeps_q24`](super::Rig::substeps_q24): for tests, at a cost.
     pub keep_substeps: bool,
     /// Take GPU time stamps between stages, which costs a microsecond or two each; else only around the whole tick.
     pub stage_times: bool,
@@ -54,7 +54,7 @@ pub struct RigOptions {
     /// Where the packets of a tick lie.
     pub packets: PacketPlace,
     /// Number of packet buffer sets that ticks write in turn; 0 for one. With [`PacketPlace::InPlace`], packets that
-    /// are [held](Tick::hold) over the next `packet_ring - 1` ticks cost nothing. Packets that are held longer cost the
+    /// are [held](super::Tick::hold) over the next `packet_ring - 1` ticks cost nothing. Packets that are held longer cost the
     /// next tick an allocation. Each set takes memory for the packets of all cameras.
     pub packet_ring: u32,
     /// How kernels are run; `None` for the policy that suits the device. Events are the same in any case.

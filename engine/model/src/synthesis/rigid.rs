@@ -61,6 +61,15 @@
 //! mean of `exp(L)` by these shares is the pixel's `S + log_offset`. It is a mean in linear intensity, as a renderer's
 //! antialiasing is, and it is continuous in time: a silhouette passes as a ramp, without events of its own.
 //!
+//! **Silhouettes.** Renderers mix the colours of what meets in a pixel. Where the nearest candidate that shows covers the
+//! pixel in part, by `c < 1 - `[`SLIGHT_WEIGHT`], its silhouette passes. The mixture is then also known as it is: `R` is
+//! read at the candidate's positions in the half-pel frames, whatever surfaces the taps are of: the mean in log by `u (1 -
+//! h)`. It holds another background than the pixel's. `H` is the composite of the other candidates, and `B`
+//! what the one with the largest share among them (of shares within [`SLIGHT_WEIGHT`] the nearest) shows at the
+//! silhouette's positions in the key frames: `exp(E)`, the mean by `u (1 - h)`, or `H` where it does not show. The pixel is
+//! `v R + (1 - v) (c exp(L) + (1 - c) H)` with `v = max(1 - |ln(H / B)| / `[`BACKGROUND_LOG`]`, 0)`: the more alike both
+//! backgrounds are, the more the mixture counts. Without other candidates that show, it is `R`.
+//!
 //! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel then
 //! takes the level of its farthest candidate at the nearest pixels that belong to it, in the row and the column of its
 //! rounded position in both key frames, at most [`UNSEEN_REACH_PX`] away. The equally near ones count by `1 - a` in key
@@ -133,6 +142,9 @@ pub const BLOCK_CANDIDATES: usize = 12;
 
 /// Largest number of candidates of a pixel.
 pub const PIXEL_CANDIDATES: usize = 6;
+
+/// Difference of the background here from that in the key frames, nepers, at which a silhouette's mixture does not count.
+pub const BACKGROUND_LOG: f64 = 0.5;
 
 /// Weight of a pixel at a silhouette, which is a mixture of two surfaces, against one inside a surface.
 pub const MIXED_WEIGHT: f64 = 0.2;

@@ -11,7 +11,9 @@ use super::sampling::Sampling;
 use candidates::{Candidate, Instant, Interval, Sources, Surface};
 use esaac_model::Taps;
 use esaac_model::paths::{NoPath, SceneMotion};
-use esaac_model::synthesis::rigid::{EDGE_WEIGHT, KNOTS, UNSEEN_REACH_PX, UNSEEN_SHARE};
+use esaac_model::synthesis::rigid::{
+    BACKGROUND_LOG, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE,
+};
 use glam::DVec2;
 use read::{KeyFrame, Seen, pixel_sample};
 use std::collections::BTreeMap;
@@ -189,13 +191,34 @@ impl<'a> Rigid<'a> {
         }
         here.sort_by(|a, b| b.0.inverse_depth.total_cmp(&a.0.inverse_depth));
         let (mut light, mut shown) = (0.0, 0.0);
+        let mut silhouette = None;
+        let mut behind = (0.0, None);
         for (sources, surface) in &here {
             let Some((coverage, level)) = self.covers(instant.fraction, plane, sources, surface) else {
                 continue;
             };
+            if silhouette.is_none() && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT {
+                silhouette = Some((coverage, level.exp(), sources, surface));
+                continue;
+            }
             let share = (1.0 - shown) * coverage;
+            if share > behind.0 + SLIGHT_WEIGHT {
+                behind = (share, Some(surface));
+            }
             light += share * level.exp();
             shown += share;
+        }
+        if let Some((coverage, own, sources, surface)) = silhouette {
+            let weights = self.open_weights(instant.fraction, sources, surface);
+            let mixture = self.as_shown(plane, sources, weights);
+            let Some(behind) = behind.1.filter(|_| shown >= UNSEEN_SHARE) else {
+                return Sample::Seen(self.intensity(mixture));
+            };
+            let here = light / shown;
+            let there = self.background(plane, sources, weights, behind, here);
+            let alike = (1.0 - (here / there).ln().abs() / BACKGROUND_LOG).max(0.0);
+            let composite = coverage * own + (1.0 - coverage) * here;
+            return Sample::Seen(self.intensity(alike * mixture + (1.0 - alike) * composite));
         }
         if shown < UNSEEN_SHARE {
             let level = here.last().and_then(|(sources, farthest)| {
@@ -234,6 +257,42 @@ impl<'a> Rigid<'a> {
             }
         }
         (trust > 0.0).then(|| ((seen / known).min(1.0), levels / trust))
+    }
+
+    /// Weights of both key frames, less what may be hidden in them, at a candidate's positions. They sum to 1.
+    fn open_weights(&self, fraction: f64, sources: &Sources, surface: &Surface) -> [f64; 2] {
+        let weights = [(0, 1.0 - fraction), (1, fraction)].map(|(key, time)| {
+            let frame = &self.keys[key];
+            let at = sources.at[key];
+            let shares = frame.shares(at, &self.seen(surface, key));
+            time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT) * (1.0 - shares.hidden)
+        });
+        weights.map(|weight| weight / (weights[0] + weights[1]))
+    }
+
+    /// `exp(L)` of what both key frames show at a candidate's positions, whatever that is.
+    fn as_shown(&self, plane: usize, sources: &Sources, weights: [f64; 2]) -> f64 {
+        let level =
+            |key: usize| self.keys[key].any_level(&self.half_pels[plane][key], self.taps, sources.at[key]);
+        (weights[0] * level(0) + weights[1] * level(1)).exp()
+    }
+
+    /// `exp(L)` of the candidate behind a silhouette, at the silhouette's positions; `here` where it is not shown.
+    fn background(
+        &self,
+        plane: usize,
+        sources: &Sources,
+        weights: [f64; 2],
+        behind: &Surface,
+        here: f64,
+    ) -> f64 {
+        let light = |key: usize| {
+            let surface = self.seen(behind, key);
+            let level =
+                self.keys[key].level(&self.half_pels[plane][key], self.taps, sources.at[key], &surface);
+            level.map_or(here, f64::exp)
+        };
+        weights[0] * light(0) + weights[1] * light(1)
     }
 
     /// Level of a candidate beside what hides it: that of the nearest pixels that belong, in the row and the column of

@@ -163,6 +163,20 @@ impl KeyFrame {
             .then(|| cubic(half_pel, samples, place.x, place.y, CUBIC_HALF_PEL, true))
     }
 
+    /// Level at a position, nepers, of whatever is there.
+    #[must_use]
+    pub fn any_level(&self, half_pel: &[f64], taps: Taps, at: DVec2) -> f64 {
+        let size = self.surfaces.size;
+        let place = snapped(2.0 * at);
+        match taps {
+            Taps::Cubic => cubic(half_pel, (2 * size.0, 2 * size.1), place.x, place.y, CUBIC_HALF_PEL, true),
+            Taps::Bilinear => {
+                let corners = Cell::new(size, 0.5 * place).corners();
+                corners.iter().map(|&(pixel, weight)| weight * half_pel[pixel_sample(size, pixel)]).sum()
+            }
+        }
+    }
+
     /// Level of a surface at a position, nepers; with bilinear taps, from the frame's pixels alone. `None` if none of the
     /// four pixels around shows it.
     #[must_use]
