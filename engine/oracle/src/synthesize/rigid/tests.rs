@@ -234,10 +234,10 @@ fn a_pole_narrower_than_its_motion_does_not_vanish() {
     let light_above_wall = |frame: &[f64]| frame.iter().map(|s| s - 0.3).sum::<f64>();
     for (i, (expected, got)) in rendered.iter().zip(&synthesized).enumerate() {
         let ratio = light_above_wall(got) / light_above_wall(expected);
-        assert!((0.8..1.2).contains(&ratio), "frame {i}: {ratio}");
+        assert!((0.75..1.25).contains(&ratio), "frame {i}: {ratio}");
     }
     let got = against(&rendered, &synthesized);
-    assert!(got.f1 > 0.8 && (0.85..1.15).contains(&got.count_ratio), "{got:?}");
+    assert!(got.f1 > 0.83 && (0.85..1.15).contains(&got.count_ratio), "{got:?}");
 }
 
 #[test]
