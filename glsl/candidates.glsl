@@ -8,27 +8,30 @@ struct Surface {
     vec3 planes[2];
 };
 
-// The candidates of each block of the tile, and their number.
+// The candidates of each block of the tile, the parallax of their instances, and their number.
 const uint LISTED = RIGID ? TILE_BLOCKS * BLOCK_CANDIDATES : 1u;
 shared uint listed_instance[LISTED];
+shared float listed_parallax[LISTED];
 shared vec3 listed_plane[2u * LISTED];
 shared uint listed_count[TILE_BLOCKS];
 
-// What passes: a pixel with PASSING_KEY as `passing` has it, its instance (NO_INSTANCE if it is left out), its inverse
-// depth, and that along the ray of the block's centre in both key frames. Some entries for each block of the tile, or
-// as many as the workgroup has threads for a block with more. Then their order.
+// What passes: an entry of `passing`, its pixel, its instance (NO_INSTANCE if it is left out) with its parallax, and its
+// inverse depth along the ray of the block's centre in both key frames. Some for each block of the tile, or as many as
+// the workgroup has threads for a block with more.
 const uint PASSERS = RIGID ? TILE_BLOCKS * PASSING_ENTRIES : 1u;
+shared uint passer_entry[PASSERS];
 shared uint passer_pixel[PASSERS];
 shared uint passer_instance[PASSERS];
-shared float passer_depth[PASSERS];
+shared float passer_parallax[PASSERS];
 shared vec2 passer_depths[PASSERS];
-shared uint passer_order[PASSERS];
 shared uint passer_count[TILE_BLOCKS];
 
-// The chosen ones of each block, likewise.
+// The chosen ones of each block, likewise; and the first entry of each block that is left, in turns.
 shared uint chosen_pixel[LISTED];
 shared uint chosen_instance[LISTED];
 shared vec2 chosen_depths[LISTED];
+shared uint first_left[2u * TILE_BLOCKS];
+const uint NONE_LEFT = 0xffffffffu;
 
 // The surface that a pixel of key frame `key` shows. `seen` becomes false if there is none.
 Surface surface_of_pixel(Camera cam, Geometry geo, uint key, ivec2 at, inout bool seen) {
@@ -89,54 +92,84 @@ uint passing_motion(Camera cam, uint b) {
     return has_block(cam, b) ? passing[block_head(cam, geo, b) + 1u] : 0u;
 }
 
-// Notes an entry.
-void note_passer(Camera cam, Geometry geo, uint entry, uint pixel, uvec2 block) {
-    const uint key = pixel >> 31;
-    const uint own = pixel & ~PASSING_KEY;
-    const ivec2 at = ivec2(own % cam.width, own / cam.width);
+// Notes an entry of `passing` for a block.
+void note_passer(Camera cam, Geometry geo, uint passer, uint entry, uvec2 block) {
+    const uint key = entry >> 31;
+    const uint pixel = representatives[representative_word(cam, geo, key, 0u) + (entry & ~PASSING_KEY)];
+    const ivec2 at = ivec2(pixel % cam.width, pixel / cam.width);
     const vec2 centre = block_centre(block);
     bool seen = lens_shows(geo, centre);
     const Surface surface = surface_of_pixel(cam, geo, key, at, seen);
-    passer_pixel[entry] = pixel;
-    passer_instance[entry] = seen ? surface.instance : NO_INSTANCE;
-    passer_depth[entry] = inverse_depth_of(load_surface(surface_base(cam, geo, key), cam, at));
-    passer_depths[entry] = seen ? depths_along(surface.planes, ray_of(geo, centre)) : vec2(0.0);
+    passer_entry[passer] = entry;
+    passer_pixel[passer] = pixel | (entry & PASSING_KEY);
+    passer_instance[passer] = seen ? surface.instance : NO_INSTANCE;
+    passer_parallax[passer] = seen ? parallax_of(geo, surface.instance) : 0.0;
+    passer_depths[passer] = seen ? depths_along(surface.planes, ray_of(geo, centre)) : vec2(0.0);
 }
 
-// Whether one entry comes before another: by key frame, block, and from near to far.
-bool comes_before(Camera cam, uint entry, uint other) {
-    const uvec2 pixels = uvec2(passer_pixel[entry], passer_pixel[other]);
-    const uvec2 keys = pixels >> 31;
-    const uvec2 own = pixels & ~PASSING_KEY;
-    const uvec2 of_block = (own / cam.width) / BLOCK_PX * cam.blocks_x + (own % cam.width) / BLOCK_PX;
-    if (keys.x != keys.y) {
-        return keys.x < keys.y;
-    } else if (of_block.x != of_block.y) {
-        return of_block.x < of_block.y;
+// Leaves out what is one with a chosen one of its block.
+void leave_out(uint passer, uint chosen) {
+    if (passer_instance[passer] == chosen_instance[chosen]
+        && are_one(chosen_depths[chosen], passer_depths[passer], passer_parallax[passer])) {
+        passer_instance[passer] = NO_INSTANCE;
     }
-    const vec2 depths = vec2(passer_depth[entry], passer_depth[other]);
-    return depths.x > depths.y || (depths.x == depths.y && own.x < own.y);
 }
 
-// Chooses an entry for a block's list, unless the list is full or has it. By one thread.
-void choose(Geometry geo, uint b, uint entry) {
-    const uint instance = passer_instance[entry];
-    const uint count = listed_count[b];
-    if (instance == NO_INSTANCE || count >= BLOCK_CANDIDATES) {
-        return;
+// Chooses from what passes until the lists are full: the first that is left of each block, which leaves out what is one
+// with it, and again. `per_block` of PASSERS are of each block from `first_block` on. Called by the whole workgroup;
+// begins with what others have noted, ends with a barrier.
+void choose_passers(uint first_block, uint per_block) {
+    const uint lane = gl_LocalInvocationID.x;
+    if (lane < 2u * TILE_BLOCKS) {
+        first_left[lane] = NONE_LEFT;
     }
-    const vec2 depths = passer_depths[entry];
-    const float parallax = parallax_of(geo, instance);
-    const uint first = b * BLOCK_CANDIDATES;
-    for (uint c = first; c < first + count; ++c) {
-        if (chosen_instance[c] == instance && are_one(chosen_depths[c], depths, parallax)) {
-            return;
+    barrier();
+    for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+        const uint b = first_block + passer / per_block;
+        for (uint chosen = 0u; chosen < listed_count[b] && passer_instance[passer] != NO_INSTANCE; ++chosen) {
+            leave_out(passer, b * BLOCK_CANDIDATES + chosen);
         }
     }
-    chosen_pixel[first + count] = passer_pixel[entry];
-    chosen_instance[first + count] = instance;
-    chosen_depths[first + count] = depths;
-    listed_count[b] = count + 1u;
+    uint turn = 0u;
+    bool any_left = true;
+    do {
+        const uint turns = TILE_BLOCKS * (turn & 1u);
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            if (passer_instance[passer] != NO_INSTANCE) {
+                atomicMin(first_left[turns + first_block + passer / per_block], passer_entry[passer]);
+            }
+        }
+        barrier();
+        any_left = false;
+        for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+            any_left = any_left || (first_left[turns + b] != NONE_LEFT && listed_count[b] < BLOCK_CANDIDATES);
+        }
+        barrier();
+        if (lane < TILE_BLOCKS) {
+            first_left[TILE_BLOCKS - turns + lane] = NONE_LEFT;
+        }
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            const uint b = first_block + passer / per_block;
+            if (passer_instance[passer] != NO_INSTANCE && passer_entry[passer] == first_left[turns + b]
+                && listed_count[b] < BLOCK_CANDIDATES) {
+                const uint chosen = b * BLOCK_CANDIDATES + listed_count[b];
+                chosen_pixel[chosen] = passer_pixel[passer];
+                chosen_instance[chosen] = passer_instance[passer];
+                chosen_depths[chosen] = passer_depths[passer];
+                listed_count[b] += 1u;
+                passer_instance[passer] = NO_INSTANCE;
+            }
+        }
+        barrier();
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            const uint b = first_block + passer / per_block;
+            if (passer_instance[passer] != NO_INSTANCE) {
+                leave_out(passer, b * BLOCK_CANDIDATES + listed_count[b] - 1u);
+            }
+        }
+        turn += 1u;
+    } while (any_left);
+    barrier();
 }
 
 // Whether the surface of a representative passes a block.
@@ -184,8 +217,8 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
     uint start = 0u;
     do {
         const uint item = start + lane;
-        if (lane < PASSERS) {
-            passer_instance[lane] = NO_INSTANCE;
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            passer_instance[passer] = NO_INSTANCE;
         }
         if (lane < PASSERS && item < 2u * of_key) {
             const uint key = item / of_key;
@@ -194,20 +227,17 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
             const uint number = in_key / BLOCK_SURFACES;
             const uint from = (uint(first.y) + number / extent.x) * cam.blocks_x + uint(first.x) + number % extent.x;
             const uint word = representative_word(cam, geo, key, from);
-            if (place < representatives[word]) {
+            const uint head = representatives[word];
+            if ((head & HAS_SILHOUETTE) != 0u && place < (head & ~HAS_SILHOUETTE)) {
                 const uint pixel = representatives[word + 1u + place];
                 if (passes(cam, geo, key, pixel, block)) {
-                    note_passer(cam, geo, lane, pixel | (key == 1u ? PASSING_KEY : 0u), uvec2(block));
+                    const uint entry = from * REPRESENTATIVE_WORDS + 1u + place;
+                    note_passer(cam, geo, lane, entry | (key == 1u ? PASSING_KEY : 0u), uvec2(block));
                 }
             }
         }
         barrier();
-        if (lane == 0u) {
-            for (uint entry = 0u; entry < min(gl_WorkGroupSize.x, PASSERS); ++entry) {
-                choose(geo, b, entry);
-            }
-        }
-        barrier();
+        choose_passers(b, PASSERS);
         start += min(gl_WorkGroupSize.x, PASSERS);
     } while (start < 2u * of_key && listed_count[b] < BLOCK_CANDIDATES);
 }
@@ -221,33 +251,23 @@ void list_candidates(Camera cam) {
         listed_count[lane] = 0u;
     }
     barrier();
-    for (uint e = lane; e < PASSERS; e += gl_WorkGroupSize.x) {
-        const uint b = e / PASSING_ENTRIES;
-        if (e % PASSING_ENTRIES < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
+    uint most = 0u;
+    for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+        most = max(most, passer_count[b]);
+    }
+    if (most == 0u) {
+        return;
+    }
+    for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+        const uint b = passer / PASSING_ENTRIES;
+        passer_instance[passer] = NO_INSTANCE;
+        if (passer % PASSING_ENTRIES < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
             const uvec2 block = tile_block(b);
             const uint entries = passing_entries(cam, geo, block.y * cam.blocks_x + block.x);
-            note_passer(cam, geo, e, passing[entries + e % PASSING_ENTRIES], block);
+            note_passer(cam, geo, passer, passing[entries + passer % PASSING_ENTRIES], block);
         }
     }
-    barrier();
-    for (uint e = lane; e < PASSERS; e += gl_WorkGroupSize.x) {
-        const uint first = e / PASSING_ENTRIES * PASSING_ENTRIES;
-        const uint count = passer_count[e / PASSING_ENTRIES];
-        if (e - first < count && count <= PASSING_ENTRIES) {
-            uint place = 0u;
-            for (uint other = first; other < first + count; ++other) {
-                place += uint(other != e && comes_before(cam, other, e));
-            }
-            passer_order[first + place] = e;
-        }
-    }
-    barrier();
-    if (lane < TILE_BLOCKS && passer_count[lane] <= PASSING_ENTRIES) {
-        for (uint place = 0u; place < passer_count[lane]; ++place) {
-            choose(geo, lane, passer_order[lane * PASSING_ENTRIES + place]);
-        }
-    }
-    barrier();
+    choose_passers(0u, PASSING_ENTRIES);
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
         if (passer_count[b] > PASSING_ENTRIES) {
             list_all_within_reach(cam, geo, b);
@@ -260,6 +280,7 @@ void list_candidates(Camera cam) {
             bool seen = true;
             const Surface surface = surface_of_pixel(cam, geo, chosen_pixel[c] >> 31, at, seen);
             listed_instance[c] = surface.instance;
+            listed_parallax[c] = parallax_of(geo, surface.instance);
             listed_plane[2u * c] = surface.planes[0];
             listed_plane[2u * c + 1u] = surface.planes[1];
         }

@@ -95,14 +95,14 @@ float synthesize(Camera cam, Source s, float alpha) {
 }
 
 // Log intensity at the end of sub-step `i` of `n`, at `alpha`, before the interval's end.
-float synthesize_substep(Camera cam, Source s, uint n, uint i, float alpha) {
+float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
     if (!RIGID) {
         return synthesize(cam, s, alpha);
     }
     bool lost = s.rigid.own == NO_SURFACE;
     float level;
     if (!lost) {
-        level = synthesize_rigid(cam, s.frames, s.at, s.rigid, n, i, alpha, lost);
+        level = synthesize_rigid(cam, geo, s.frames, s.at, s.rigid, n, i, alpha, lost);
     }
     if (lost && s.warps) {
         // Made for each sub-step: few pixels have no path, and all others would hold its registers.
@@ -142,6 +142,10 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     uint end_ns = 0u;
     uint over = 0u;
     float done = 0.0;
+    Geometry geo;
+    if (RIGID) {
+        geo = geometries[cam.slot];
+    }
     Walk w = begin_walk(cam, pixel, first_q24, to_q24(s.log_current), whole_ns, p);
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
@@ -159,7 +163,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
                 done += 1.0;
             }
             const int level_q24 =
-                to_q24(i == n ? s.log_current : synthesize_substep(cam, s, n, i, done * inverse));
+                to_q24(i == n ? s.log_current : synthesize_substep(cam, geo, s, n, i, done * inverse));
             if (DUMP_SAMPLES) {
                 samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
             }
@@ -225,7 +229,7 @@ void load_activity(Camera cam, TileBlocks tile) {
     }
     barrier();
     // Nine blocks around each of four, in both frames.
-    const uint loads = FOLLOWS_MOTION ? 18u * TILE_BLOCKS : 0u;
+    const uint loads = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) ? 18u * TILE_BLOCKS : 0u;
     for (uint load = lane; load < loads; load += gl_WorkGroupSize.x) {
         const uint which_block = load / 18u;
         const uint neighbour = load % 18u;
@@ -302,7 +306,7 @@ void cross_sub_tile(
             s.warp = warp_at(cam, at, s.leaves);
         }
         if (RIGID) {
-            s.rigid = read_rigid_pixel(cam, at, (at.x - corner.x) / BLOCK_PX);
+            s.rigid = read_rigid_pixel(cam, geometries[cam.slot], at, (at.x - corner.x) / BLOCK_PX);
         }
     }
 

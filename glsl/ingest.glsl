@@ -401,6 +401,9 @@ void main() {
     }
     if (lane == 0u) {
         any_change = is_first(cam) ? 1u : 0u;
+        if (RIGID) {
+            silhouettes = 0u;
+        }
     }
     barrier();
     if (RIGID) {

@@ -6,6 +6,24 @@ shared uint representing[2u * TILE_BLOCKS];
 shared uint represented_by[TILE_BLOCKS * BLOCK_SURFACES];
 shared uint own_motion[TILE_BLOCKS];
 
+// The representatives of the tile's blocks in both key frames, in any order, and their number: the pixel with
+// PASSING_KEY, the entry in `passing`, the block in the tile with HANDS_ON if its surfaces are candidates of the blocks that they pass, and the
+// motion, pixels.
+const uint HANDED = 2u * TILE_BLOCKS * BLOCK_SURFACES;
+const uint HANDS_ON = 0x80000000u;
+shared uint handed_count;
+shared uint handed_pixel[HANDED];
+shared uint handed_entry[HANDED];
+shared uint handed_block[HANDED];
+shared float handed_motion[HANDED];
+
+// At each knot: where a representative is, and the first and last block that it passes, two halves each.
+shared vec2 knot_place[HANDED * KNOTS];
+shared uvec2 knot_blocks[HANDED * KNOTS];
+
+// The square of a block and what it reaches is narrower than two blocks: it passes three in a row at most.
+const uint PASSED_IN_ROW = 3u;
+
 // Pixel `number` of a block of the tile.
 ivec2 block_pixel(uint block, uint number) {
     return tile_origin + ivec2(block * BLOCK_PX + number % BLOCK_PX, number / BLOCK_PX);
@@ -76,79 +94,125 @@ void list_representative(Camera cam, Geometry geo, uint number) {
     }
 }
 
-uint representative_count(uint block) {
-    return min(uint(bitCount(representing[2u * block]) + bitCount(representing[2u * block + 1u])), BLOCK_SURFACES);
+// A block's first word in `representatives`.
+uint representative_head(uint block) {
+    const uint count = uint(bitCount(representing[2u * block]) + bitCount(representing[2u * block + 1u]));
+    return min(count, BLOCK_SURFACES) | (((silhouettes >> block) & 1u) != 0u ? HAS_SILHOUETTE : 0u);
 }
 
 // Positions farther away than this are nowhere, pixels.
 const float FARTHEST_PX = 1e15;
 
-// Appends a representative of key frame `key` to the lists of the blocks that it passes. Returns its motion, pixels.
-float append_to_passed(Camera cam, Geometry geo, uint key, ivec2 block, uint pixel) {
+const float NOWHERE = 2.0 * FARTHEST_PX;
+
+// Notes the representatives of both key frames. By one thread for each place of both lists of each block.
+void hand_on(Camera cam, Geometry geo, uint number) {
+    const uint key = number / (TILE_BLOCKS * BLOCK_SURFACES);
+    const uint in_tile = (number / BLOCK_SURFACES) % TILE_BLOCKS;
+    const uint place = number % BLOCK_SURFACES;
+    const uvec2 block_at = uvec2(tile_origin) / BLOCK_PX + uvec2(in_tile, 0u);
+    if (block_at.x >= cam.blocks_x) {
+        return;
+    }
+    uint head = representative_head(in_tile);
+    uint pixel = represented_by[in_tile * BLOCK_SURFACES + place];
+    if (key == 0u) {
+        const uint word = representative_word(cam, geo, 0u, block_at.y * cam.blocks_x + block_at.x);
+        head = representatives[word];
+        pixel = representatives[word + 1u + place];
+    }
+    if (place < (head & ~HAS_SILHOUETTE)) {
+        const uint entry = atomicAdd(handed_count, 1u);
+        const uint block = block_at.y * cam.blocks_x + block_at.x;
+        handed_pixel[entry] = pixel | (key == 1u ? PASSING_KEY : 0u);
+        handed_entry[entry] = (block * REPRESENTATIVE_WORDS + 1u + place) | (key == 1u ? PASSING_KEY : 0u);
+        handed_block[entry] = in_tile | ((head & HAS_SILHOUETTE) != 0u ? HANDS_ON : 0u);
+    }
+}
+
+// Finds where a representative is at a knot, and which blocks it passes there.
+void follow_to_knot(Camera cam, Geometry geo, uint number) {
+    const uint entry = number / KNOTS;
+    const uint knot = number % KNOTS;
+    const uint pixel = handed_pixel[entry] & ~PASSING_KEY;
+    const bool in_start = (handed_pixel[entry] & PASSING_KEY) == 0u;
     const ivec2 at = ivec2(pixel % cam.width, pixel / cam.width);
     uint instance;
     float inverse_depth;
-    if (key == 1u) {
-        instance = cached_instance[surface_index(at)];
-        inverse_depth = cached_inverse_depth[surface_index(at)];
-    } else {
+    bool seen = true;
+    if (in_start) {
         const uvec2 shown = load_surface(surface_base(cam, geo, 0u), cam, at);
         instance = instance_of(shown);
         inverse_depth = inverse_depth_of(shown);
         // Its poses may have been taken away.
-        if (parallax_of(geo, instance) == 0.0) {
-            return 0.0;
+        seen = parallax_of(geo, instance) != 0.0;
+    } else {
+        instance = cached_instance[surface_index(at)];
+        inverse_depth = cached_inverse_depth[surface_index(at)];
+    }
+    vec2 place = vec2(at);
+    if (instance_moves(geo, instance)) {
+        vec3 point = ray_of(geo, vec2(at));
+        if (!in_start) {
+            point = moved(inverse_of(pose_between_keys(geo, instance)), point, inverse_depth);
         }
+        place = project(geo, moved(inverse_of(pose_at_knot(geo, instance, knot)), point, inverse_depth), seen);
     }
-    vec3 point = ray_of(geo, vec2(at));
-    if (key == 1u) {
-        point = moved(inverse_of(pose_between_keys(geo, instance)), point, inverse_depth);
-    }
-    const bool moves = instance_moves(geo, instance);
-    ivec4 passed[KNOTS];
+    // Lengths of larger numbers have none. NaN is none either.
+    seen = seen && all(lessThan(abs(place), vec2(FARTHEST_PX)));
+    const ivec2 block = tile_origin / int(BLOCK_PX) + ivec2(handed_block[entry] & ~HANDS_ON, 0);
+    const ivec4 blocks_passed = seen ? passed_blocks(cam, block, place - vec2(at)) : ivec4(0, 0, -1, -1);
+    const bool passes_any = all(lessThanEqual(blocks_passed.xy, blocks_passed.zw));
+    knot_place[number] = seen ? place : vec2(NOWHERE);
+    knot_blocks[number] = passes_any
+        ? uvec2(blocks_passed.x | blocks_passed.y << 16, blocks_passed.z | blocks_passed.w << 16)
+        : uvec2(0xffffffffu, 0u);
+}
+
+// Adds up the way of a representative from knot to knot.
+void measure_way(uint entry) {
     float motion_px = 0.0;
-    vec2 last_place = vec2(at);
-    bool last_seen = false;
-    const uint knots = moves ? KNOTS : 1u;
-    for (uint knot = 0u; knot < knots; ++knot) {
-        bool seen = true;
-        vec2 place = vec2(at);
-        if (moves) {
-            place = project(geo, moved(inverse_of(pose_at_knot(geo, instance, knot)), point, inverse_depth), seen);
+    for (uint knot = 1u; knot < KNOTS; ++knot) {
+        const vec2 before = knot_place[entry * KNOTS + knot - 1u];
+        const vec2 place = knot_place[entry * KNOTS + knot];
+        motion_px += before.x < NOWHERE && place.x < NOWHERE ? length(place - before) : 0.0;
+    }
+    handed_motion[entry] = motion_px < REST_PX ? 0.0 : motion_px;
+    atomicMax(own_motion[handed_block[entry] & ~HANDS_ON], floatBitsToUint(handed_motion[entry]));
+}
+
+bool passes_at(uint entry, uint knot, uvec2 block) {
+    const uvec2 passed = knot_blocks[entry * KNOTS + knot];
+    const uvec2 first = uvec2(passed.x & 0xffffu, passed.x >> 16);
+    const uvec2 last = uvec2(passed.y & 0xffffu, passed.y >> 16);
+    return all(lessThanEqual(first, block)) && all(greaterThanEqual(last, block));
+}
+
+// Tells one of the blocks that a representative passes at a knot, unless it passed that at an earlier one.
+void tell_passed(Camera cam, Geometry geo, uint number) {
+    const uint entry = number / (KNOTS * PASSED_IN_ROW * PASSED_IN_ROW);
+    const uint knot = number / (PASSED_IN_ROW * PASSED_IN_ROW) % KNOTS;
+    const uint beside = number % (PASSED_IN_ROW * PASSED_IN_ROW);
+    const uint first = knot_blocks[entry * KNOTS + knot].x;
+    const uvec2 block = uvec2(first & 0xffffu, first >> 16) + uvec2(beside % PASSED_IN_ROW, beside / PASSED_IN_ROW);
+    bool tells = passes_at(entry, knot, block);
+    uint before = 0u;
+    while (before < knot && tells) {
+        tells = !passes_at(entry, before, block);
+        before += 1u;
+    }
+    if (!tells) {
+        return;
+    }
+    const uint passed_block = block.y * cam.blocks_x + block.x;
+    const uint head = passing_head(cam, geo, passed_block);
+    atomicMax(passing[head + 1u], floatBitsToUint(handed_motion[entry]));
+    if ((handed_block[entry] & HANDS_ON) != 0u) {
+        const uint place = atomicAdd(passing[head], 1u);
+        if (place < PASSING_ENTRIES) {
+            passing[passing_entries(cam, geo, passed_block) + place] = handed_entry[entry];
         }
-        // Lengths of larger numbers have none. NaN is none either.
-        seen = seen && all(lessThan(abs(place), vec2(FARTHEST_PX)));
-        passed[knot] = seen ? passed_blocks(cam, block, place - vec2(at)) : ivec4(0, 0, -1, -1);
-        motion_px += seen && last_seen ? length(place - last_place) : 0.0;
-        last_place = place;
-        last_seen = seen;
     }
-    if (motion_px < REST_PX) {
-        motion_px = 0.0;
-    }
-    for (uint knot = 0u; knot < knots; ++knot) {
-        for (int y = passed[knot].y; y <= passed[knot].w; ++y) {
-            for (int x = passed[knot].x; x <= passed[knot].z; ++x) {
-                bool known = false;
-                for (uint before = 0u; before < knot; ++before) {
-                    known = known
-                        || (all(lessThanEqual(passed[before].xy, ivec2(x, y)))
-                            && all(greaterThanEqual(passed[before].zw, ivec2(x, y))));
-                }
-                if (!known) {
-                    const uint passed_block = uint(y) * cam.blocks_x + uint(x);
-                    const uint head = passing_head(cam, geo, passed_block);
-                    const uint entry = atomicAdd(passing[head], 1u);
-                    atomicMax(passing[head + 1u], floatBitsToUint(motion_px));
-                    if (entry < PASSING_ENTRIES) {
-                        passing[passing_entries(cam, geo, passed_block) + entry] =
-                            pixel | (key == 1u ? PASSING_KEY : 0u);
-                    }
-                }
-            }
-        }
-    }
-    return motion_px;
 }
 
 // Writes the lists of the tile's blocks. Called by the whole workgroup.
@@ -158,6 +222,9 @@ void write_lists(Camera cam, Geometry geo) {
         representing[2u * lane] = 0u;
         representing[2u * lane + 1u] = 0u;
         own_motion[lane] = 0u;
+    }
+    if (lane == 0u) {
+        handed_count = 0u;
     }
     barrier();
     for (uint number = lane; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
@@ -170,7 +237,7 @@ void write_lists(Camera cam, Geometry geo) {
     const uvec2 first_block = uvec2(tile_origin) / BLOCK_PX;
     if (lane < TILE_BLOCKS && first_block.x + lane < cam.blocks_x) {
         const uint block = first_block.y * cam.blocks_x + first_block.x + lane;
-        representatives[representative_word(cam, geo, 1u, block)] = representative_count(lane);
+        representatives[representative_word(cam, geo, 1u, block)] = representative_head(lane);
         // The heads of the next tick.
         const uint head = geo.passing_base + ((1u - cam.frame_slot) * cam.blocks + block) * PASSING_HEAD_WORDS;
         passing[head] = 0u;
@@ -180,29 +247,25 @@ void write_lists(Camera cam, Geometry geo) {
     if (is_first(cam)) {
         return;
     }
-    for (uint number = lane; number < 2u * TILE_BLOCKS * BLOCK_SURFACES; number += gl_WorkGroupSize.x) {
-        const uint key = number / (TILE_BLOCKS * BLOCK_SURFACES);
-        const uint in_tile = (number / BLOCK_SURFACES) % TILE_BLOCKS;
-        const uint place = number % BLOCK_SURFACES;
-        if (first_block.x + in_tile >= cam.blocks_x) {
-            continue;
-        }
-        const uvec2 block_at = first_block + uvec2(in_tile, 0u);
-        uint count = representative_count(in_tile);
-        uint pixel = represented_by[in_tile * BLOCK_SURFACES + place];
-        if (key == 0u) {
-            const uint word = representative_word(cam, geo, 0u, block_at.y * cam.blocks_x + block_at.x);
-            count = representatives[word];
-            pixel = representatives[word + 1u + place];
-        }
-        if (place < count) {
-            atomicMax(own_motion[in_tile], floatBitsToUint(append_to_passed(cam, geo, key, ivec2(block_at), pixel)));
-        }
+    for (uint number = lane; number < HANDED; number += gl_WorkGroupSize.x) {
+        hand_on(cam, geo, number);
     }
     barrier();
+    const uint handed = handed_count;
+    for (uint number = lane; number < handed * KNOTS; number += gl_WorkGroupSize.x) {
+        follow_to_knot(cam, geo, number);
+    }
+    barrier();
+    for (uint entry = lane; entry < handed; entry += gl_WorkGroupSize.x) {
+        measure_way(entry);
+    }
+    barrier();
+    const uint told = handed * KNOTS * PASSED_IN_ROW * PASSED_IN_ROW;
+    for (uint number = lane; number < told; number += gl_WorkGroupSize.x) {
+        tell_passed(cam, geo, number);
+    }
     if (lane < TILE_BLOCKS) {
         block_motion[lane] = max(block_motion[lane], own_motion[lane]);
     }
     barrier();
 }
-

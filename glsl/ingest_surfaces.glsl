@@ -17,8 +17,11 @@ shared uint cached_instance[SURFACE_PIXELS];
 // For each pixel of the tile: which of the 5x5 pixels around continue its surface, row by row.
 shared uint continuing[RIGID ? TILE_ANCHORS : 1u];
 const uint ALL_CONTINUE = (1u << 25) - 1u;
-// The 3x3 of these pixels.
-const uint PURE_BITS = 7u << 6 | 7u << 11 | 7u << 16;
+
+// A bit for each block of the tile: whether it has a silhouette, pixels that are not inner.
+shared uint silhouettes;
+// The 3x3 pixels around the first of them.
+const uint PURE_BITS = 7u | 7u << 5 | 7u << 10;
 
 // Bit of the pixel `offset` away, in `continuing`.
 uint continuing_bit(ivec2 offset) {
@@ -195,14 +198,21 @@ void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
     const Own own = own_surface(cam, geo, at);
     const uint bits = continuing_around(cam, geo, at, own);
     continuing[number] = bits;
+    if (bits != ALL_CONTINUE) {
+        atomicOr(silhouettes, 1u << ((number % TILE_WIDTH_PX) / BLOCK_PX));
+    }
     if (!writes) {
         return;
     }
     uint word = own.instance;
-    word |= all_continue(bits, PURE_BITS) ? SURFACE_PURE : 0u;
-    word |= bits == ALL_CONTINUE ? SURFACE_INNER : 0u;
-    for (int phase = 1; phase < 4; ++phase) {
-        word |= all_continue(bits, parents_of(phase)) ? SURFACE_JOINED << uint(phase) : 0u;
+    uint around = 0u;
+    for (uint pixel = 0u; pixel < 9u; ++pixel) {
+        const uint first = 5u * (pixel / 3u) + pixel % 3u;
+        if (pixel != 4u) {
+            word |= ((bits >> (first + 6u)) & 1u) << (SURFACE_CONTINUES_SHIFT + around);
+            word |= all_continue(bits >> first, PURE_BITS) ? 1u << (SURFACE_PURE_SHIFT + around) : 0u;
+            around += 1u;
+        }
     }
     const uint element = surface_base(cam, geo, 1u) + uint(at.y) * cam.width + uint(at.x);
     surfaces[element] = uvec2(floatBitsToUint(own.inverse_depth), word);

@@ -9,35 +9,80 @@ const uint ONE_SURFACE = 1u;
 const uint SAME_SURFACE = 2u;
 const uint TWO_SURFACES = 3u;
 
-// A pixel's candidates: its own surfaces and, a bit each, those of its block's list.
+// A pixel's candidates: its own surfaces and those of its block's list. `order` has four bits for each, from near to far
+// in the middle of the interval: its number plus one.
 struct RigidPixel {
     uint own;
     Surface start;
     Surface end;
     uint block;
-    uint listed;
+    uint order;
 };
 
 // Sub-steps of this thread's pixel that show what neither key frame shows.
 uint unseen_samples;
 
-// Bits of a pixel's candidates, in order: two of its own, then those of the list.
+// Numbers of a pixel's candidates: two of its own, then those of the list.
 const uint OWN_CANDIDATES = 2u;
+const uint ORDER_BITS = 4u;
+const uint ORDER_MASK = (1u << ORDER_BITS) - 1u;
 
-bool is_listed_one(uint c, Surface other, vec3 ray, float parallax) {
+bool is_listed_one(uint c, Surface other, vec3 ray) {
     const vec2 depths = vec2(dot3(listed_plane[2u * c], ray), dot3(listed_plane[2u * c + 1u], ray));
-    return listed_instance[c] == other.instance && are_one(depths, depths_along(other.planes, ray), parallax);
+    return listed_instance[c] == other.instance && are_one(depths, depths_along(other.planes, ray), listed_parallax[c]);
 }
 
-RigidPixel read_rigid_pixel(Camera cam, uvec2 at, uint in_tile) {
-    const Geometry geo = geometries[cam.slot];
+Surface listed_surface(uint c) {
+    return Surface(listed_instance[c], vec3[2](listed_plane[2u * c], listed_plane[2u * c + 1u]));
+}
+
+// Candidate `c` of a pixel at `alpha`.
+Surface candidate_at(RigidPixel p, uint c, float alpha) {
+    if (c >= OWN_CANDIDATES) {
+        return listed_surface(p.block + c - OWN_CANDIDATES);
+    } else if (p.own == SAME_SURFACE) {
+        return Surface(
+            p.start.instance,
+            vec3[2](
+                fma(vec3(alpha), p.end.planes[0] - p.start.planes[0], p.start.planes[0]),
+                fma(vec3(alpha), p.end.planes[1] - p.start.planes[1], p.start.planes[1])));
+    }
+    return c == 0u ? p.start : p.end;
+}
+
+// Inserts a candidate into a pixel's order, behind those that are as near. `depths` are the inverse depths of those in it,
+// in order.
+void insert(inout RigidPixel p, inout float depths[PIXEL_CANDIDATES], uint c, float inverse_depth) {
+    uint place = 0u;
+    [[unroll]] for (uint before = 0u; before < PIXEL_CANDIDATES; ++before) {
+        place += uint(((p.order >> (ORDER_BITS * before)) & ORDER_MASK) != 0u && depths[before] >= inverse_depth);
+    }
+    [[unroll]] for (uint moved_to = PIXEL_CANDIDATES - 1u; moved_to > 0u; --moved_to) {
+        depths[moved_to] = moved_to > place ? depths[moved_to - 1u] : depths[moved_to];
+    }
+    [[unroll]] for (uint i = 0u; i < PIXEL_CANDIDATES; ++i) {
+        depths[i] = i == place ? inverse_depth : depths[i];
+    }
+    const uint nearer = (1u << (ORDER_BITS * place)) - 1u;
+    p.order = (p.order & nearer) | ((c + 1u) << (ORDER_BITS * place)) | ((p.order & ~nearer) << ORDER_BITS);
+}
+
+// Inverse depth of a candidate along a ray in the middle of the interval; less than 0 if it is not before the camera.
+float depth_in_middle(Geometry geo, Surface surface, vec3 ray) {
+    float inverse_depth;
+    bool seen = true;
+    point_on_path(pose_at_instant(geo, surface.instance, POSE_INSTANTS / 2u), surface.planes[0], ray, inverse_depth, seen);
+    return seen ? inverse_depth : -1.0;
+}
+
+RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
     RigidPixel p;
     bool in_start = true;
     bool in_end = true;
     p.start = surface_of_pixel(cam, geo, 0u, ivec2(at), in_start);
     p.end = surface_of_pixel(cam, geo, 1u, ivec2(at), in_end);
     p.block = in_tile * BLOCK_CANDIDATES;
-    p.listed = 0u;
+    p.order = 0u;
     const vec3 ray = ray_of(geo, vec2(at));
     if (!in_start && !in_end) {
         p.own = NO_SURFACE;
@@ -53,41 +98,34 @@ RigidPixel read_rigid_pixel(Camera cam, uvec2 at, uint in_tile) {
                 depths_along(p.start.planes, ray), depths_along(p.end.planes, ray), parallax_of(geo, p.start.instance));
         p.own = same ? SAME_SURFACE : TWO_SURFACES;
     }
-    uint room = PIXEL_CANDIDATES - (p.own == TWO_SURFACES ? 2u : 1u);
+    if (listed_count[in_tile] == 0u && p.own != TWO_SURFACES) {
+        p.order = 1u;
+        return p;
+    }
+    float depths[PIXEL_CANDIDATES];
+    insert(p, depths, 0u, depth_in_middle(geo, candidate_at(p, 0u, 0.5), ray));
+    uint room = PIXEL_CANDIDATES - 1u;
+    if (p.own == TWO_SURFACES) {
+        insert(p, depths, 1u, depth_in_middle(geo, p.end, ray));
+        room -= 1u;
+    }
+    uint listed = 0u;
     for (uint number = 0u; number < listed_count[in_tile]; ++number) {
         const uint c = p.block + number;
-        const float parallax = parallax_of(geo, listed_instance[c]);
-        bool known = is_listed_one(c, p.start, ray, parallax)
-            || (p.own == TWO_SURFACES && is_listed_one(c, p.end, ray, parallax));
-        uint before = p.listed;
+        bool known = is_listed_one(c, p.start, ray) || (p.own == TWO_SURFACES && is_listed_one(c, p.end, ray));
+        uint before = listed;
         while (before != 0u && !known) {
             const uint other = p.block + uint(findLSB(before));
             before &= before - 1u;
-            const Surface surface =
-                Surface(listed_instance[other], vec3[2](listed_plane[2u * other], listed_plane[2u * other + 1u]));
-            known = is_listed_one(c, surface, ray, parallax);
+            known = is_listed_one(c, listed_surface(other), ray);
         }
         if (!known && room != 0u) {
-            p.listed |= 1u << number;
+            listed |= 1u << number;
             room -= 1u;
+            insert(p, depths, OWN_CANDIDATES + number, depth_in_middle(geo, listed_surface(c), ray));
         }
     }
     return p;
-}
-
-// Candidate `c` of a pixel at `alpha`.
-Surface candidate_at(RigidPixel p, uint c, float alpha) {
-    if (c >= OWN_CANDIDATES) {
-        const uint listed = p.block + c - OWN_CANDIDATES;
-        return Surface(listed_instance[listed], vec3[2](listed_plane[2u * listed], listed_plane[2u * listed + 1u]));
-    } else if (p.own == SAME_SURFACE) {
-        return Surface(
-            p.start.instance,
-            vec3[2](
-                fma(vec3(alpha), p.end.planes[0] - p.start.planes[0], p.start.planes[0]),
-                fma(vec3(alpha), p.end.planes[1] - p.start.planes[1], p.start.planes[1])));
-    }
-    return c == 0u ? p.start : p.end;
 }
 
 // Where a candidate lies in key frame 0 (xy) and in key frame 1 (zw). `seen` becomes false if it is not before the
@@ -101,12 +139,15 @@ vec4 find_sources(
     return vec4(in_start, project(geo, moved(to_end, point, inverse_depth), seen));
 }
 
-// What a key frame knows of a surface at a position: shares of the pixels around, and its level.
+// What a key frame knows of a surface at a position: shares of the pixels around, its level, and that of what is behind
+// it with the share of that.
 struct Known {
     float seen;
     float hidden;
     float trust;
     float level;
+    float level_behind;
+    float behind;
 };
 
 // Level at a position from a frame whose pixels around it are of one surface.
@@ -116,62 +157,41 @@ float read_level(Camera cam, uint frame, vec2 position) {
         : frame_bilinear(cam, frame, position);
 }
 
-// What the four pixels around a position know of a surface, where not all is inside it.
+// What the four pixels around a position know of a surface, where they show more than one.
 Known look_around(Camera cam, Geometry geo, uint frame, uint base, vec2 position, Seen surface) {
     const Cell cell = cell_at(cam, position);
     const vec2 g = 1.0 - cell.f;
     const vec4 weights = vec4(g.x * g.y, cell.f.x * g.y, g.x * cell.f.y, cell.f.x * cell.f.y);
-    Known known = Known(0.0, 0.0, 0.0, 0.0);
-    // Whether each pixel belongs, and whether its half-pel samples are joined: four bits, the first of them the pixel.
-    uint usable = 0u;
-    [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+    Known known = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for (uint i = 0u; i < 4u; ++i) {
         const ivec2 at = ivec2((i & 1u) == 0u ? cell.low.x : cell.high.x, i < 2u ? cell.low.y : cell.high.y);
         const uvec2 shown = load_surface(base, cam, at);
+        const float level = load_plane(frame + frame_word(cam, TAPS == TAPS_CUBIC, at));
         const uint lies = relation(geo, shown, vec2(at), surface);
         if (lies == BELONGS) {
             known.seen += weights[i];
             known.trust = fma(is_pure(shown) ? 1.0 : MIXED_WEIGHT, weights[i], known.trust);
-            known.level = fma(weights[i], load_plane(frame + frame_word(cam, TAPS == TAPS_CUBIC, at)), known.level);
-            usable |= (((shown.y / SURFACE_JOINED) & 14u) | 1u) << (4u * i);
+            known.level = fma(weights[i], level, known.level);
         } else if (lies == HIDES) {
             known.hidden += weights[i];
+        } else {
+            known.behind += weights[i];
+            known.level_behind = fma(weights[i], level, known.level_behind);
         }
     }
-    if (known.seen == 0.0) {
-        return known;
-    }
-    known.level /= known.seen;
-    if (TAPS == TAPS_CUBIC) {
-        const vec2 at = to_half_pel(cam, position);
-        const ivec2 low = ivec2(floor(at));
-        const vec2 f = at - vec2(low);
-        const ivec2 last = 2 * ivec2(cam.width, cam.height) - 1;
-        bool joined = true;
-        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-            const uvec2 step_in = uvec2(i & 1u, i >> 1);
-            const bool needed = (step_in.x == 0u ? f.x < 1.0 - SLIGHT_WEIGHT : f.x > SLIGHT_WEIGHT)
-                && (step_in.y == 0u ? f.y < 1.0 - SLIGHT_WEIGHT : f.y > SLIGHT_WEIGHT);
-            const ivec2 half_pel = min(low + ivec2(step_in), last);
-            const uvec2 corner_of = uvec2(greaterThan(half_pel / 2, cell.low));
-            const uint phase = uint(half_pel.x & 1) + 2u * uint(half_pel.y & 1);
-            joined = joined
-                && (!needed || ((usable >> (4u * (corner_of.x + 2u * corner_of.y) + phase)) & 1u) != 0u);
-        }
-        if (joined) {
-            known.level = half_pel_cubic(cam, frame, at);
-        }
-    }
+    known.level /= known.seen > 0.0 ? known.seen : 1.0;
+    known.level_behind /= known.behind > 0.0 ? known.behind : 1.0;
     return known;
 }
 
-Known look(Camera cam, Geometry geo, uint frame, uint base, vec2 given, Seen surface) {
-    const vec2 position = 0.5 * snapped(2.0 * given);
-    const ivec2 nearest = ivec2(clamp(position, vec2(0.0), vec2(cam.width - 1u, cam.height - 1u)) + 0.5);
-    const uvec2 shown = load_surface(base, cam, nearest);
-    if (is_inner(shown) && belongs(geo, shown, vec2(nearest), surface)) {
-        return Known(1.0, 0.0, 1.0, read_level(cam, frame, position));
+// What a key frame knows of a surface at a spot; `as_shown` is the level there, whatever it is of.
+Known look(Camera cam, Geometry geo, uint frame, uint base, Spot spot, Seen surface, uint lies, float as_shown) {
+    if (!is_within(spot)) {
+        return look_around(cam, geo, frame, base, spot.position, surface);
     }
-    return look_around(cam, geo, frame, base, position, surface);
+    return Known(
+        lies == BELONGS ? 1.0 : 0.0, lies == HIDES ? 1.0 : 0.0, lies == BELONGS ? trust_within(spot) : 0.0, as_shown,
+        as_shown, lies == FARTHER ? 1.0 : 0.0);
 }
 
 // Adds up the levels of the pixels `steps` beside a position that belong to a surface, and counts them.
@@ -193,25 +213,17 @@ vec2 levels_beside(Camera cam, Geometry geo, uint frame, uint base, vec2 positio
 struct Silhouette {
     // 0 if there is none.
     float coverage;
-    // Light of the candidate, and what the key frames show along its path, mixtures and all.
+    // Light of the candidate; what the key frames show along its path, mixtures and all; and what they show behind it,
+    // with the share of that.
     float light;
     float as_shown;
-    // Where that is, and the weight of the key frame at the interval's end.
-    vec4 sources;
-    float say_end;
+    float light_behind;
+    float behind;
 };
 
-// Light of a pixel with a silhouette; `behind` is that of the other candidates, and `surface` the first among them.
-float light_at_silhouette(Camera cam, Geometry geo, Frames frames, Silhouette s, float behind, Surface surface) {
-    const float parallax = parallax_of(geo, surface.instance);
-    const Known start = look(
-        cam, geo, frames.previous, surface_base(cam, geo, 0u), s.sources.xy,
-        Seen(surface.instance, surface.planes[0], parallax));
-    const Known end = look(
-        cam, geo, frames.current, surface_base(cam, geo, 1u), s.sources.zw,
-        Seen(surface.instance, surface.planes[1], parallax));
-    const float there = lerp(
-        start.seen > 0.0 ? exp(start.level) : behind, end.seen > 0.0 ? exp(end.level) : behind, s.say_end);
+// Light of a pixel with a silhouette; `behind` is that of the other candidates.
+float light_at_silhouette(Silhouette s, float behind) {
+    const float there = lerp(behind, s.light_behind, s.behind);
     const float alike = max(1.0 - abs(log(behind / there)) * (1.0 / BACKGROUND_LOG), 0.0);
     return lerp(lerp(behind, s.light, s.coverage), s.as_shown, alike);
 }
@@ -219,51 +231,23 @@ float light_at_silhouette(Camera cam, Geometry geo, Frames frames, Silhouette s,
 // Log intensity of a pixel that has a path at the end of sub-step `i` of `n`, at `alpha`; `lost` becomes true if
 // there is none after all.
 float synthesize_rigid(
-    Camera cam, Frames frames, uvec2 at, RigidPixel p, uint n, uint i, float alpha, out bool lost
+    Camera cam, Geometry geo, Frames frames, uvec2 at, RigidPixel p, uint n, uint i, float alpha, out bool lost
 ) {
-    const Geometry geo = geometries[cam.slot];
     const vec3 ray = ray_of(geo, vec2(at));
     const uint start_base = surface_base(cam, geo, 0u);
     const uint end_base = surface_base(cam, geo, 1u);
     float light = 0.0;
     float shown = 0.0;
     float level = 0.0;
-    // The candidates that are left, and the one that is looked at: the nearest of them.
-    uint left = (p.own == TWO_SURFACES ? 3u : 1u) | (p.listed << OWN_CANDIDATES);
     Surface surface;
     vec4 sources;
     bool any_seen = false;
     Silhouette silhouette;
     silhouette.coverage = 0.0;
-    Surface behind;
-    float largest_share = 0.0;
+    uint order = p.order;
     do {
-        uint chosen = 32u;
-        float nearest = -1.0;
-        if ((left & (left - 1u)) == 0u) {
-            chosen = uint(findLSB(left));
-        } else {
-            uint rest = left;
-            do {
-                const uint c = uint(findLSB(rest));
-                rest &= rest - 1u;
-                const Surface other = candidate_at(p, c, alpha);
-                float inverse_depth;
-                bool seen = true;
-                point_on_path(pose_at_substep(geo, other.instance, n, i), other.planes[0], ray, inverse_depth, seen);
-                if (!seen) {
-                    left &= ~(1u << c);
-                } else if (inverse_depth > nearest) {
-                    nearest = inverse_depth;
-                    chosen = c;
-                }
-            } while (rest != 0u);
-            if (chosen == 32u) {
-                break;
-            }
-        }
-        left &= ~(1u << chosen);
-        const Surface here = candidate_at(p, chosen, alpha);
+        const Surface here = candidate_at(p, (order & ORDER_MASK) - 1u, alpha);
+        order >>= ORDER_BITS;
         bool seen = true;
         float inverse_depth;
         const vec4 at_keys =
@@ -275,10 +259,21 @@ float synthesize_rigid(
         surface = here;
         sources = at_keys;
         const float parallax = parallax_of(geo, here.instance);
+        const Spot start_spot = spot_at(cam, start_base, at_keys.xy);
+        const Spot end_spot = spot_at(cam, end_base, at_keys.zw);
+        const Seen in_start = Seen(here.instance, here.planes[0], parallax);
+        const Seen in_end = Seen(here.instance, here.planes[1], parallax);
+        const uint lies_start = relation(geo, start_spot.shown, vec2(start_spot.nearest), in_start);
+        const uint lies_end = relation(geo, end_spot.shown, vec2(end_spot.nearest), in_end);
+        if (lies_start != BELONGS && lies_end != BELONGS && is_within(start_spot) && is_within(end_spot)) {
+            continue;
+        }
+        // Both reads before any branch: their loads overlap.
+        const float start_shown = read_level(cam, frames.previous, start_spot.position);
+        const float end_shown = read_level(cam, frames.current, end_spot.position);
         const Known start =
-            look(cam, geo, frames.previous, start_base, at_keys.xy, Seen(here.instance, here.planes[0], parallax));
-        const Known end =
-            look(cam, geo, frames.current, end_base, at_keys.zw, Seen(here.instance, here.planes[1], parallax));
+            look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start, start_shown);
+        const Known end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end, end_shown);
         const float say_start = (1.0 - alpha) * max(1.0 - outside_px(cam, at_keys.xy), EDGE_WEIGHT);
         const float say_end = alpha * max(1.0 - outside_px(cam, at_keys.zw), EDGE_WEIGHT);
         const float trust_end = say_end * end.trust;
@@ -287,37 +282,35 @@ float synthesize_rigid(
             continue;
         }
         const float weight_seen = fma(say_start, start.seen, say_end * end.seen);
-        const float weight_known = fma(say_start, 1.0 - start.hidden, say_end * (1.0 - end.hidden));
+        const vec2 open = vec2(say_start * (1.0 - start.hidden), say_end * (1.0 - end.hidden));
         level = lerp(start.level, end.level, trust_end / trust);
-        const float coverage = min(weight_seen / weight_known, 1.0);
+        const float coverage = min(weight_seen / (open.x + open.y), 1.0);
         if (silhouette.coverage == 0.0 && shown == 0.0) {
             if (coverage >= 1.0) {
                 lost = false;
                 return level;
             } else if (coverage < 1.0 - SLIGHT_WEIGHT) {
-                const vec2 open = vec2(say_start * (1.0 - start.hidden), say_end * (1.0 - end.hidden));
                 const float open_end = open.y / (open.x + open.y);
-                const float as_shown = lerp(
-                    read_level(cam, frames.previous, 0.5 * snapped(2.0 * at_keys.xy)),
-                    read_level(cam, frames.current, 0.5 * snapped(2.0 * at_keys.zw)), open_end);
-                silhouette = Silhouette(coverage, exp(level), exp(as_shown), at_keys, open_end);
+                const vec2 behind = vec2(
+                    start.behind > 0.0 ? 1.0 - open_end : 0.0, end.behind > 0.0 ? open_end : 0.0);
+                const float behind_sum = behind.x + behind.y;
+                silhouette.coverage = coverage;
+                silhouette.light = exp(level);
+                silhouette.as_shown = exp(lerp(start_shown, end_shown, open_end));
+                silhouette.behind = behind_sum;
+                silhouette.light_behind = behind_sum > 0.0
+                    ? fma(behind.x, exp(start.level_behind), behind.y * exp(end.level_behind)) / behind_sum
+                    : 0.0;
                 continue;
             }
         }
         const float share = (1.0 - shown) * coverage;
-        if (share > largest_share + SLIGHT_WEIGHT) {
-            largest_share = share;
-            behind = here;
-        }
         light = fma(share, exp(level), light);
         shown += share;
-    } while (left != 0u && shown < 1.0);
+    } while (order != 0u && shown < 1.0);
     lost = !any_seen;
     if (silhouette.coverage != 0.0) {
-        return log(
-            shown < UNSEEN_SHARE
-                ? silhouette.as_shown
-                : light_at_silhouette(cam, geo, frames, silhouette, light / shown, behind));
+        return log(shown < UNSEEN_SHARE ? silhouette.as_shown : light_at_silhouette(silhouette, light / shown));
     }
     if (lost || shown >= UNSEEN_SHARE) {
         return log(light / shown);

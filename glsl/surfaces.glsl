@@ -9,13 +9,22 @@
 
 // ---- Surfaces of pixels ----
 
-// What a pixel shows, as `surfaces` has it: x is the inverse depth, y the instance and these bits.
+// What a pixel shows, as `surfaces` has it: x is the inverse depth, y the instance and two sets of bits, one for each of
+// the eight pixels around, row by row: whether that continues the pixel's surface, and whether it is pure as far as the
+// pixel can tell.
 const uint NO_INSTANCE = 0xffffu;
-// Whether the 3x3 and the 5x5 pixels around continue the pixel's surface.
-const uint SURFACE_PURE = 1u << 16;
-const uint SURFACE_INNER = 1u << 17;
-// Whether the half-pel sample of a phase (1 right, 2 below, 3 both) lies between pixels that continue it.
-const uint SURFACE_JOINED = 1u << 17;
+const uint SURFACE_CONTINUES_SHIFT = 16u;
+const uint SURFACE_PURE_SHIFT = 24u;
+// Bits of pixels around: left, right, above, below, and the four corners.
+const uint AROUND_LEFT = 1u << 3;
+const uint AROUND_RIGHT = 1u << 4;
+const uint AROUND_ABOVE = 1u << 1;
+const uint AROUND_BELOW = 1u << 6;
+const uint AROUND_ABOVE_LEFT = 1u << 0;
+const uint AROUND_ABOVE_RIGHT = 1u << 2;
+const uint AROUND_BELOW_LEFT = 1u << 5;
+const uint AROUND_BELOW_RIGHT = 1u << 7;
+const uint ALL_AROUND = 0xffu;
 
 uint instance_of(uvec2 surface) {
     return surface.y & 0xffffu;
@@ -29,17 +38,25 @@ float inverse_depth_of(uvec2 surface) {
     return uintBitsToFloat(surface.x);
 }
 
+uint continuing_of(uvec2 surface) {
+    return (surface.y >> SURFACE_CONTINUES_SHIFT) & ALL_AROUND;
+}
+
 bool is_pure(uvec2 surface) {
-    return (surface.y & SURFACE_PURE) != 0u;
+    return continuing_of(surface) == ALL_AROUND;
 }
 
+// Whether the 5x5 pixels around continue a pixel's surface.
 bool is_inner(uvec2 surface) {
-    return (surface.y & SURFACE_INNER) != 0u;
+    return surface.y >> SURFACE_CONTINUES_SHIFT == 0xffffu;
 }
 
-// Whether the half-pel sample of a phase is joined; a pixel's own sample (phase 0) always is.
+// Whether the half-pel sample of a phase (1 right, 2 below, 3 both) lies between pixels that continue a pixel's surface.
 bool is_joined(uvec2 surface, uint phase) {
-    return phase == 0u || (surface.y & (SURFACE_JOINED << phase)) != 0u;
+    const uint parents = phase == 1u ? AROUND_RIGHT
+        : phase == 2u                ? AROUND_BELOW
+                                     : AROUND_RIGHT | AROUND_BELOW | AROUND_BELOW_RIGHT;
+    return (continuing_of(surface) & parents) == parents;
 }
 
 // First element of key frame `key` (0 or 1) in `surfaces` and `slopes`.
@@ -245,7 +262,8 @@ ivec4 passed_blocks(Camera cam, ivec2 block, vec2 shift) {
 
 // ---- Lists ----
 
-// Word of a block in `representatives` of key frame `key`: their number, then their pixels from near to far.
+// Word of a block in `representatives` of key frame `key`: their number, with HAS_SILHOUETTE if the block has one, then
+// their pixels from near to far.
 uint representative_word(Camera cam, Geometry geo, uint key, uint block) {
     const uint slot = key == 1u ? cam.frame_slot : 1u - cam.frame_slot;
     return geo.representative_base + (slot * cam.blocks + block) * REPRESENTATIVE_WORDS;
@@ -257,12 +275,15 @@ uint passing_head(Camera cam, Geometry geo, uint block) {
     return geo.passing_base + (cam.frame_slot * cam.blocks + block) * PASSING_HEAD_WORDS;
 }
 
-// Word of the first of a block's entries in `passing`: pixels, with PASSING_KEY for those of key frame 1, in any order.
+// Word of the first of a block's entries in `passing`, in any order: places in `representatives`, counted from those of
+// the key frame's first block, with PASSING_KEY for those of key frame 1. So their order as numbers is that by key
+// frame, block, and from near to far.
 uint passing_entries(Camera cam, Geometry geo, uint block) {
     return geo.passing_base + 2u * cam.blocks * PASSING_HEAD_WORDS + block * PASSING_ENTRIES;
 }
 
 const uint PASSING_KEY = 0x80000000u;
+const uint HAS_SILHOUETTE = 0x80000000u;
 
 // ---- Reading a half-pel frame within a surface ----
 
@@ -273,32 +294,61 @@ vec2 snapped(vec2 at) {
     return mix(at, nearest, lessThanEqual(abs(at - nearest), vec2(SNAP_SAMPLES)));
 }
 
-// Whether a half-pel sample, clamped to the image, shows a surface.
-bool sample_shows(Camera cam, Geometry geo, uint base, ivec2 at, Seen surface) {
-    const ivec2 sample_at = min(at, 2 * ivec2(cam.width, cam.height) - 1);
-    const ivec2 pixel = sample_at / 2;
-    const uvec2 shown = load_surface(base, cam, pixel);
-    return is_joined(shown, uint(sample_at.x & 1) + 2u * uint(sample_at.y & 1))
-        && belongs(geo, shown, vec2(pixel), surface);
+// A position in a key frame.
+struct Spot {
+    // Snapped, pixels.
+    vec2 position;
+    // The pixel nearest to it, and the way from there.
+    ivec2 nearest;
+    vec2 off;
+    // What that pixel shows.
+    uvec2 shown;
+};
+
+Spot spot_at(Camera cam, uint base, vec2 position) {
+    Spot spot;
+    spot.position = 0.5 * snapped(2.0 * position);
+    const vec2 inside = clamp(spot.position, vec2(0.0), vec2(cam.width - 1u, cam.height - 1u));
+    spot.nearest = ivec2(inside + 0.5);
+    spot.off = inside - vec2(spot.nearest);
+    spot.shown = load_surface(base, cam, spot.nearest);
+    return spot;
 }
 
-// Whether the half-pel frame shows a surface at a snapped position, in half pixels inside the image: the pixel nearest to it
-// belongs and is inner, or all of the four samples around do, but those in a row or column that weighs slightly.
+// Bits of the pixels beside the nearest one that a position lies between: beside it in its row, in its column, and both.
+uvec3 bits_between(vec2 off) {
+    const bool right = off.x > 0.0;
+    const bool below = off.y > 0.0;
+    return uvec3(
+        off.x == 0.0 ? 0u : right ? AROUND_RIGHT : AROUND_LEFT,
+        off.y == 0.0 ? 0u : below ? AROUND_BELOW : AROUND_ABOVE,
+        off.x == 0.0 || off.y == 0.0 ? 0u
+            : below                  ? (right ? AROUND_BELOW_RIGHT : AROUND_BELOW_LEFT)
+                                     : (right ? AROUND_ABOVE_RIGHT : AROUND_ABOVE_LEFT));
+}
+
+// Whether the pixels that a position lies between continue the surface of the nearest, so that this speaks for all.
+bool is_within(Spot spot) {
+    const uvec3 between = bits_between(spot.off);
+    const uint needed = between.x | between.y | between.z;
+    return (continuing_of(spot.shown) & needed) == needed;
+}
+
+// Confidence in the light at a position within a surface: pixels that are not pure may be mixtures.
+float trust_within(Spot spot) {
+    if (is_inner(spot.shown)) {
+        return 1.0;
+    }
+    const uint pure = spot.shown.y >> SURFACE_PURE_SHIFT;
+    const uvec3 between = bits_between(spot.off);
+    const vec2 w = abs(spot.off);
+    const vec3 beside = mix(vec3(MIXED_WEIGHT), vec3(1.0), notEqual(between & pure, uvec3(0u)));
+    const float own = is_pure(spot.shown) ? 1.0 : MIXED_WEIGHT;
+    return lerp(lerp(own, beside.x, w.x), lerp(beside.y, beside.z, w.x), w.y);
+}
+
+// Whether the half-pel frame shows a surface at a snapped position, in half pixels inside the image.
 bool half_pel_shows(Camera cam, Geometry geo, uint base, vec2 at, Seen surface) {
-    const ivec2 nearest = min(ivec2(floor(fma(vec2(0.5), at, vec2(0.5)))), ivec2(cam.width, cam.height) - 1);
-    const uvec2 shown = load_surface(base, cam, nearest);
-    if (is_inner(shown) && belongs(geo, shown, vec2(nearest), surface)) {
-        return true;
-    }
-    const vec2 low = floor(at);
-    const bvec2 first = lessThan(at - low, vec2(1.0 - SLIGHT_WEIGHT));
-    const bvec2 second = greaterThan(at - low, vec2(SLIGHT_WEIGHT));
-    bool all_show = true;
-    for (int i = 0; i < 4; ++i) {
-        const bool needed = ((i & 1) == 0 ? first.x : second.x) && ((i & 2) == 0 ? first.y : second.y);
-        if (needed) {
-            all_show = all_show && sample_shows(cam, geo, base, ivec2(low) + ivec2(i & 1, i >> 1), surface);
-        }
-    }
-    return all_show;
+    const Spot spot = spot_at(cam, base, 0.5 * at);
+    return is_within(spot) && belongs(geo, spot.shown, vec2(spot.nearest), surface);
 }

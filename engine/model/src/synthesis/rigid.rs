@@ -34,9 +34,10 @@
 //!
 //! 1. Each block of each key frame, for each instance in it, has two surfaces: those of its nearest and of its farthest
 //!    pixel. The first [`BLOCK_SURFACES`] count, from near to far.
-//! 2. Such a surface is a candidate of every block that it passes: the square of its own block, displaced as its pixel
-//!    is at one of the knots, lies within [`REACH_PX`] of the other block. Key frame 0 comes first, and blocks row by
-//!    row.
+//! 2. Such a surface passes a block if the square of its own block, displaced as its pixel is at one of the knots, lies
+//!    within [`REACH_PX`] of the other block. It is a candidate there if its own block has a silhouette, a pixel that
+//!    is not inner: only at silhouettes can anything come into view that neither key frame shows in the pixel. Key frame
+//!    0 comes first, and blocks row by row.
 //! 3. Two surfaces of one instance are one candidate along a ray if `|m . r - m' . r| P < `[`MERGE_PX`] for their planes
 //!    `m` and `m'` in the axes of both key frames. Along the ray of the block's centre the first counts. A block has at
 //!    most [`BLOCK_CANDIDATES`].
@@ -44,30 +45,31 @@
 //!    the plane at `a` is the mean of both by `1 - a` and `a`, in the axes of each key frame. Then come the block's that
 //!    are neither, by the same comparison, up to [`PIXEL_CANDIDATES`].
 //!
-//! **What a key frame knows.** At the position where key frame k is read, the four pixels around are weighed
-//! bilinearly. A position within [`SNAP_SAMPLES`] of a row or column of half-pel samples counts as on it. `s` is the
-//! weight of those that belong to the candidate: it is seen. `h` is the weight of the nearer ones and of those without a
-//! surface: it may be hidden. The rest is farther: it is not there. Where the pixel nearest to the position belongs and
-//! is inner, `s = 1` and `h = 0`.
+//! **What a key frame knows.** A position within [`SNAP_SAMPLES`] of a row or column of half-pel samples counts as on
+//! it. If the pixels that the position lies between continue the surface of the nearest of them, this one speaks for all:
+//! either it belongs, `s = 1`, or it is nearer or shows no surface, `h = 1`, or it is farther. Otherwise the four pixels
+//! are weighed bilinearly. `s` is the weight of those that belong to the candidate: it is seen. `h` is the weight of the
+//! nearer ones and of those without a surface: it may be hidden. The rest is farther: it is not there.
 //!
 //! **Coverage.** With weights `u_0 = (1 - a) e_0` and `u_1 = a e_1`, where `e = max(1 - o, `[`EDGE_WEIGHT`]`)` and `o`
 //! is how far the position lies outside the image, a candidate covers the pixel by `c = sum u s / sum u (1 - h)`: what
 //! is hidden in one key frame is judged by the other. It is 0 where the candidate is hidden in both. Its level is `L =
 //! sum u g E / sum u g`. Here `E` is the level that the key frame shows there. `g` is the weight of the pixels that
 //! belong, where a pixel that is not pure counts [`MIXED_WEIGHT`] times: at a silhouette a pixel is a mixture of two
-//! surfaces, and what uncovers itself is seen unmixed in the other key frame. `g = 1` where the nearest is inner.
+//! surfaces, and what uncovers itself is seen unmixed in the other key frame. Where the nearest pixel speaks for all, a
+//! pixel beside it counts as pure if the 3x3 pixels around that continue the nearest one's surface.
 //!
-//! **Composite.** Candidates count from near to far, by `w` at `a`. Each takes `c` of what the nearer ones leave. The
-//! mean of `exp(L)` by these shares is the pixel's `S + log_offset`. It is a mean in linear intensity, as a renderer's
-//! antialiasing is, and it is continuous in time: a silhouette passes as a ramp, without events of its own.
+//! **Composite.** Candidates count from near to far, by `w` in the middle of the interval: rigid surfaces hardly change
+//! places along a ray within it, and one that is not there is not shown. Each takes `c` of what the nearer ones leave.
+//! The mean of `exp(L)` by these shares is the pixel's `S + log_offset`. It is a mean in linear intensity, as a
+//! renderer's antialiasing is, and it is continuous in time: a silhouette passes as a ramp, without events of its own.
 //!
 //! **Silhouettes.** Renderers mix the colours of what meets in a pixel. Where the nearest candidate that shows covers the
 //! pixel in part, by `c < 1 - `[`SLIGHT_WEIGHT`], its silhouette passes. The mixture is then also known as it is: `R` is
 //! read at the candidate's positions in the half-pel frames, whatever surfaces the taps are of: the mean in log by `u (1 -
-//! h)`. It holds another background than the pixel's. `H` is the composite of the other candidates, and `B`
-//! what the one with the largest share among them (of shares within [`SLIGHT_WEIGHT`] the nearest) shows at the
-//! silhouette's positions in the key frames: `exp(E)`, the mean by `u (1 - h)`, or `H` where it does not show. The pixel is
-//! `v R + (1 - v) (c exp(L) + (1 - c) H)` with `v = max(1 - |ln(H / B)| / `[`BACKGROUND_LOG`]`, 0)`: the more alike both
+//! h)`. It holds another background than the pixel's. `H` is the composite of the other candidates, and `B` what the key
+//! frames show behind the silhouette at its positions: the mean by `u (1 - h)` of `exp` of the level of the farther
+//! pixels around, or `H` in a key frame that shows none. The pixel is `v R + (1 - v) (c exp(L) + (1 - c) H)` with `v = max(1 - |ln(H / B)| / `[`BACKGROUND_LOG`]`, 0)`: the more alike both
 //! backgrounds are, the more the mixture counts. Without other candidates that show, it is `R`.
 //!
 //! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel then
@@ -86,11 +88,9 @@
 //! pixels the smallest of its own and theirs.
 //!
 //! **Level.** `E` is read from the half-pel frame as in [`synthesis`](super), with twelve taps, where the nearest
-//! pixel belongs and is inner, or where the inner four taps are joined and belong. A tap belongs if its pixel does, or
-//! for a sample between pixels the first of those that it lies between. Those in a row or column that weighs at most
-//! [`SLIGHT_WEIGHT`] linearly need not. Outer taps may be of other surfaces: the clamp bounds what they do. Otherwise
-//! `E` is the mean of the pixels around that belong, weighed bilinearly. With bilinear taps there are no half-pel
-//! frames: `E` is that mean everywhere, of all four where the nearest is inner.
+//! pixel speaks for all. Outer taps may be of other surfaces: the clamp bounds what they do. Otherwise `E` is the mean of
+//! the pixels around that belong, weighed bilinearly. With bilinear taps there are no half-pel frames: `E` is that mean
+//! everywhere, of all four where the nearest speaks for all.
 //!
 //! **Sub-steps.** The motion of a block is the longest way of the surfaces that pass it: the sum of their displacements
 //! from knot to knot, each as its pixel is displaced; 0 if that is less than [`REST_PX`]. A camera that shakes may end
@@ -119,8 +119,7 @@ pub const POSE_INSTANTS: usize = 33;
 /// Motion, pixels, below which a surface counts as at rest: rounding.
 pub const REST_PX: f64 = 1e-3;
 
-/// Weight below which an inner tap need not belong to the surface that is read: rounding decides on which side of a
-/// sample a position falls.
+/// Share of a pixel that counts as none: rounding decides on it.
 pub const SLIGHT_WEIGHT: f64 = 1e-3;
 
 /// How near a row or column of half-pel samples a position counts as on it, samples. What is hidden changes there, and

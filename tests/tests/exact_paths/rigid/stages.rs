@@ -132,7 +132,11 @@ fn poses_at_sub_steps_are_those_of_the_tracks() {
     assert_silent();
 }
 
-/// What `surfaces` says of a pixel: inverse depth, row, and the bits pure, inner, joined right, below, both.
+/// In a block's first word of `representatives`: it has a silhouette.
+const HAS_SILHOUETTE: u32 = 1 << 31;
+
+/// What `surfaces` says of a pixel: inverse depth; and row, eight bits for the pixels around that continue its surface,
+/// and eight for those that are pure as far as it can tell.
 fn surface_words(rig: &Rig, frame: usize) -> Vec<[u32; 2]> {
     let words = rig.words(0, "surfaces").expect("a rig that is well");
     let pixels = (SIZE.0 * SIZE.1) as usize;
@@ -141,11 +145,32 @@ fn surface_words(rig: &Rig, frame: usize) -> Vec<[u32; 2]> {
     words[2 * pixels * slot..][..2 * pixels].chunks(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
-fn expected_bits(key: &KeyFrame, pixel: usize) -> [bool; 5] {
-    let width = SIZE.0 as usize;
-    let (x, y) = (pixel % width, pixel / width);
-    let joined = |i: usize, j: usize| key.joined[(2 * y + j) * 2 * width + 2 * x + i];
-    [key.pure[pixel], key.inner[pixel], joined(1, 0), joined(0, 1), joined(1, 1)]
+/// The bits that `surfaces` has of a pixel, and which of them count: those of pixels in the image.
+fn expected_bits(key: &KeyFrame, pixel: usize) -> [u32; 2] {
+    let (width, height) = key.surfaces.size;
+    let (x, y) = ((pixel % width) as isize, (pixel / width) as isize);
+    let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|&step| step != (0, 0));
+    let (mut bits, mut known) = (0, 0);
+    for (i, (dx, dy)) in around.enumerate() {
+        let (column, row) = ((x + dx) as usize, (y + dy) as usize);
+        if column < width && row < height {
+            let other = row * width + column;
+            bits |= u32::from(key.surfaces.continues(pixel, other)) << i;
+            bits |= u32::from(key.surfaces.all_continue(pixel, other, 1)) << (8 + i);
+            known |= 0x101 << i;
+        }
+    }
+    [bits, known]
+}
+
+fn is_inner(key: &KeyFrame, pixel: usize) -> bool {
+    key.surfaces.all_continue(pixel, pixel, 2)
+}
+
+fn has_silhouette(key: &KeyFrame, block: (usize, usize)) -> bool {
+    let size = key.surfaces.size;
+    let side = |first: usize, size: usize| first * BLOCK_PX..((first + 1) * BLOCK_PX).min(size);
+    side(block.1, size.1).any(|y| side(block.0, size.0).any(|x| !is_inner(key, y * size.0 + x)))
 }
 
 #[test]
@@ -170,12 +195,13 @@ fn surfaces_and_their_bits_are_the_oracles() {
                     assert!(error.abs() <= 1e-6 * element.inverse_depth, "{kind:?}: pixel {pixel}");
                 }
             }
-            let bits = [16, 17, 18, 19, 20].map(|bit| (word >> bit) & 1 == 1);
-            differing += usize::from(bits != expected_bits(key, pixel));
+            let [expected, known] = expected_bits(key, pixel);
+            differing += (((word >> 16) & known) ^ expected).count_ones();
         }
-        let inner = key.inner.iter().filter(|&&inner| inner).count();
-        println!("{kind:?}: {differing} of {} differ, {inner} inner", found.len());
-        assert!(differing as f64 <= DIFFERING_SHARE * found.len() as f64, "{kind:?}: {differing}");
+        let inner = (0..found.len()).filter(|&pixel| is_inner(key, pixel)).count();
+        let bits = 16 * found.len();
+        println!("{kind:?}: {differing} of {bits} bits differ, {inner} pixels are inner");
+        assert!(f64::from(differing) <= DIFFERING_SHARE * bits as f64, "{kind:?}: {differing}");
         assert!(inner > 0 && inner < found.len(), "{kind:?}: both kinds of pixels");
     }
     assert_silent();
@@ -216,14 +242,17 @@ fn blocks_have_the_oracles_representatives() {
         let oracle = oracle(&rendered, &planes, &sensor);
         let words = rig.words(0, "representatives").expect("a rig that is well");
         let (columns, rows) = (SIZE.0.div_ceil(8) as usize, SIZE.1.div_ceil(8) as usize);
-        let mut most = 0;
+        let (mut most, mut with_silhouette) = (0, 0);
         for block in 0..columns * rows {
             // The third frame is in slot 0.
             let list = &words[block * REPRESENTATIVE_WORDS as usize..];
-            let pixels = &list[1..=list[0] as usize];
+            let pixels = &list[1..=(list[0] & !HAS_SILHOUETTE) as usize];
             let at = (block % columns, block / columns);
             let expected = representatives(oracle.key(1), at);
             most = most.max(expected.len());
+            let found = list[0] & HAS_SILHOUETTE != 0;
+            with_silhouette += usize::from(found);
+            assert_eq!(found, has_silhouette(oracle.key(1), at), "{kind:?}: block {at:?}");
             assert_eq!(pixels.len(), expected.len(), "{kind:?}: block {at:?}");
             for (&pixel, expected) in pixels.iter().zip(expected) {
                 let found = oracle.key(1).surfaces.element(pixel as usize).expect("a surface").inverse_depth;
@@ -232,12 +261,16 @@ fn blocks_have_the_oracles_representatives() {
             }
         }
         assert!(most > 2, "{kind:?}: some block shows two instances");
+        assert!(
+            (1..columns * rows).contains(&with_silhouette),
+            "{kind:?}: {with_silhouette} with a silhouette"
+        );
     }
     assert_silent();
 }
 
 #[test]
-fn a_block_lists_what_it_shows_itself_and_a_resting_surface_nothing_else() {
+fn a_block_with_a_silhouette_lists_what_it_shows_itself_and_none_lists_a_surface_twice() {
     let rendered = Rendered::of(SceneKind::Bounce, SIZE, 3);
     let rig = run(&rendered, &sensor());
     let (columns, rows) = (SIZE.0.div_ceil(8) as usize, SIZE.1.div_ceil(8) as usize);
@@ -256,8 +289,11 @@ fn a_block_lists_what_it_shows_itself_and_a_resting_surface_nothing_else() {
         sorted.dedup();
         assert_eq!(sorted.len(), entries.len(), "block {block} lists a surface twice");
         let list = &representatives[block * REPRESENTATIVE_WORDS as usize..];
-        for pixel in &list[1..=list[0] as usize] {
-            assert!(sorted.contains(&(pixel | 1 << 31)), "block {block} shows pixel {pixel} at the end");
+        if list[0] & HAS_SILHOUETTE != 0 {
+            for place in 0..list[0] & !HAS_SILHOUETTE {
+                let entry = (block as u32 * REPRESENTATIVE_WORDS + 1 + place) | 1 << 31;
+                assert!(sorted.contains(&entry), "block {block} shows its place {place} at the end");
+            }
         }
     }
     assert_silent();
@@ -334,8 +370,10 @@ fn kernels_for_gpus_find_the_same() {
         let rig = run_by(&rendered, &sensor(), policy);
         let lists = rig.words(0, "representatives").expect("a rig that is well");
         // Both key frames have lists. What lies behind their ends means nothing.
-        let lists =
-            lists.chunks(REPRESENTATIVE_WORDS as usize).map(|list| list[..=list[0] as usize].to_vec());
+        let lists = lists.chunks(REPRESENTATIVE_WORDS as usize).map(|list| {
+            let count = (list[0] & !HAS_SILHOUETTE) as usize;
+            list[..=count].to_vec()
+        });
         let tables = names.map(|name| {
             let mut words = rig.words(0, name).expect("a rig that is well");
             if name == "paths" {

@@ -3,7 +3,7 @@
 use super::surface::{Element, Surfaces, moved_plane, position};
 use esaac_model::paths::{Intrinsics, Pose, SceneMotion};
 use esaac_model::synthesis::rigid::{
-    BLOCK_CANDIDATES, BLOCK_PX, BLOCK_SURFACES, MERGE_PX, PIXEL_CANDIDATES, REACH_PX, REST_PX,
+    BLOCK_CANDIDATES, BLOCK_PX, BLOCK_SURFACES, KNOTS, MERGE_PX, PIXEL_CANDIDATES, REACH_PX, REST_PX,
 };
 use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
@@ -53,8 +53,6 @@ pub struct Surface {
 pub struct Sources {
     /// Position in each key frame, pixels.
     pub at: [DVec2; 2],
-    /// Inverse depth at the instant, 1/m.
-    pub inverse_depth: f64,
 }
 
 impl Surface {
@@ -66,17 +64,22 @@ impl Surface {
         Some(Surface { id: element.id, planes })
     }
 
-    /// Where the surface that lies on a ray at an instant is in both key frames. `None` if it is not before a camera.
+    /// Inverse depth along a ray at an instant, 1/m. `None` if the surface is not before the camera.
     #[must_use]
-    pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
+    pub fn inverse_depth(&self, instant: &Instant, ray: DVec3) -> Option<f64> {
         let poses = instant.to_keys(self.id)?;
         let (turned, shift) = (poses[0].direction(ray), poses[0].translation_m());
         let room = 1.0 - self.planes[0].dot(shift);
         let inverse_depth = self.planes[0].dot(turned) / room;
-        if room <= 0.0 || inverse_depth < 0.0 {
-            return None;
-        }
-        let mut sources = Sources { at: [DVec2::ZERO; 2], inverse_depth };
+        (room > 0.0 && inverse_depth >= 0.0).then_some(inverse_depth)
+    }
+
+    /// Where the surface that lies on a ray at an instant is in both key frames. `None` if it is not before a camera.
+    #[must_use]
+    pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
+        let poses = instant.to_keys(self.id)?;
+        let inverse_depth = self.inverse_depth(instant, ray)?;
+        let mut sources = Sources { at: [DVec2::ZERO; 2] };
         for (at, pose) in sources.at.iter_mut().zip(poses) {
             *at = lens.project(pose.apply(ray.extend(inverse_depth)))?.pixel_px;
         }
@@ -135,7 +138,8 @@ impl Interval<'_> {
         a.id == b.id && apart_px(0) < MERGE_PX && apart_px(1) < MERGE_PX
     }
 
-    /// The candidates of all pixels (`y * width + x`), and the motion of each block, pixels.
+    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and the motion of
+    /// each block, pixels.
     #[must_use]
     pub fn candidates(&self) -> (Vec<Vec<Candidate>>, Vec<f64>) {
         let size = self.keys[0].size;
@@ -168,6 +172,9 @@ impl Interval<'_> {
                 candidates.push(Candidate { start: surface, end: surface });
             }
         }
+        let middle = &self.knots[KNOTS / 2];
+        let depth = |candidate: &Candidate| candidate.at(0.5).inverse_depth(middle, ray).unwrap_or(-1.0);
+        candidates.sort_by(|a, b| depth(b).total_cmp(&depth(a)));
         candidates
     }
 
@@ -180,6 +187,7 @@ impl Interval<'_> {
         for key in 0..2 {
             for block in 0..columns * rows {
                 let corner = (block % columns * BLOCK_PX, block / columns * BLOCK_PX);
+                let has_silhouette = self.has_silhouette(key, corner);
                 for pixel in self.block_surfaces(key, corner) {
                     let Some(surface) = self.surface(key, pixel) else { continue };
                     let places = self.places(key, pixel);
@@ -187,6 +195,9 @@ impl Interval<'_> {
                     let from = position(size, pixel);
                     for passed in passed_blocks(&places, from, corner, (columns, rows)) {
                         motion_px[passed] = motion_px[passed].max(way_px);
+                        if !has_silhouette {
+                            continue;
+                        }
                         let centre = DVec2::new((passed % columns) as f64, (passed / columns) as f64)
                             * BLOCK_PX as f64
                             + 0.5 * (BLOCK_PX - 1) as f64;
@@ -200,6 +211,15 @@ impl Interval<'_> {
             }
         }
         (candidates, motion_px)
+    }
+
+    /// Whether a block has pixels that are not inner.
+    fn has_silhouette(&self, key: usize, corner: (usize, usize)) -> bool {
+        let surfaces = &self.keys[key];
+        let (width, height) = surfaces.size;
+        let mut pixels = (corner.1..(corner.1 + BLOCK_PX).min(height))
+            .flat_map(|y| (corner.0..(corner.0 + BLOCK_PX).min(width)).map(move |x| y * width + x));
+        pixels.any(|pixel| !surfaces.all_continue(pixel, pixel, 2))
     }
 
     /// Pixels of the surfaces that a block hands on: the nearest and the farthest of each instance, from near to far.

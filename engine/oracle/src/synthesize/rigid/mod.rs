@@ -15,7 +15,7 @@ use esaac_model::synthesis::rigid::{
     BACKGROUND_LOG, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE,
 };
 use glam::DVec2;
-use read::{KeyFrame, Seen, pixel_sample};
+use read::{KeyFrame, Known, Seen, pixel_sample};
 use std::collections::BTreeMap;
 use surface::{Geometry, Surfaces};
 use transfer::{Route, transfer};
@@ -83,6 +83,28 @@ impl WithoutPath {
         }
         counts
     }
+}
+
+/// What a key frame knows of a candidate, and how much it counts by its time.
+struct View {
+    weight: f64,
+    known: Known,
+}
+
+impl View {
+    /// The weight, less what may be hidden.
+    fn open(&self) -> f64 {
+        self.weight * (1.0 - self.known.hidden)
+    }
+}
+
+/// Coverage of a candidate and its level, nepers. `None` if it covers nothing, or is hidden in both key frames.
+fn covers(views: &[View; 2]) -> Option<(f64, f64)> {
+    let sum = |of: &dyn Fn(&View) -> f64| views.iter().map(of).sum::<f64>();
+    let trust = sum(&|view| view.weight * view.known.trust);
+    let levels = sum(&|view| view.known.level.map_or(0.0, |level| view.weight * view.known.trust * level));
+    let coverage = sum(&|view| view.weight * view.known.seen) / sum(&View::open);
+    (trust > 0.0).then(|| (coverage.min(1.0), levels / trust))
 }
 
 /// Two key frames prepared to be read along exact paths.
@@ -179,7 +201,8 @@ impl<'a> Rigid<'a> {
         let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
             return Sample::NoPath;
         };
-        let mut here: Vec<(Sources, Surface)> = candidates
+        // From near to far.
+        let here: Vec<(Sources, Surface)> = candidates
             .iter()
             .filter_map(|candidate| {
                 let surface = candidate.at(instant.fraction);
@@ -189,33 +212,28 @@ impl<'a> Rigid<'a> {
         if here.is_empty() {
             return Sample::NoPath;
         }
-        here.sort_by(|a, b| b.0.inverse_depth.total_cmp(&a.0.inverse_depth));
         let (mut light, mut shown) = (0.0, 0.0);
         let mut silhouette = None;
-        let mut behind = (0.0, None);
         for (sources, surface) in &here {
-            let Some((coverage, level)) = self.covers(instant.fraction, plane, sources, surface) else {
-                continue;
-            };
+            let views = self.views(instant.fraction, plane, sources, surface);
+            let Some((coverage, level)) = covers(&views) else { continue };
             if silhouette.is_none() && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT {
-                silhouette = Some((coverage, level.exp(), sources, surface));
+                silhouette = Some((coverage, level.exp(), views));
                 continue;
             }
             let share = (1.0 - shown) * coverage;
-            if share > behind.0 + SLIGHT_WEIGHT {
-                behind = (share, Some(surface));
-            }
             light += share * level.exp();
             shown += share;
         }
-        if let Some((coverage, own, sources, surface)) = silhouette {
-            let weights = self.open_weights(instant.fraction, sources, surface);
-            let mixture = self.as_shown(plane, sources, weights);
-            let Some(behind) = behind.1.filter(|_| shown >= UNSEEN_SHARE) else {
+        if let Some((coverage, own, views)) = silhouette {
+            let open: f64 = views.iter().map(View::open).sum();
+            let mean = |of: &dyn Fn(&View) -> f64| views.iter().map(|v| v.open() / open * of(v)).sum::<f64>();
+            let mixture = mean(&|view| view.known.as_shown).exp();
+            if shown < UNSEEN_SHARE {
                 return Sample::Seen(self.intensity(mixture));
-            };
+            }
             let here = light / shown;
-            let there = self.background(plane, sources, weights, behind, here);
+            let there = mean(&|view| view.known.behind.map_or(here, f64::exp));
             let alike = (1.0 - (here / there).ln().abs() / BACKGROUND_LOG).max(0.0);
             let composite = coverage * own + (1.0 - coverage) * here;
             return Sample::Seen(self.intensity(alike * mixture + (1.0 - alike) * composite));
@@ -234,65 +252,14 @@ impl<'a> Rigid<'a> {
         (light - self.log_offset).max(0.0)
     }
 
-    /// Coverage of a candidate and its level, nepers. `None` if it covers nothing, or is hidden in both key frames.
-    fn covers(
-        &self,
-        fraction: f64,
-        plane: usize,
-        sources: &Sources,
-        surface: &Surface,
-    ) -> Option<(f64, f64)> {
-        let (mut seen, mut known, mut levels, mut trust) = (0.0, 0.0, 0.0, 0.0);
-        for (key, time) in [(0, 1.0 - fraction), (1, fraction)] {
-            let frame = &self.keys[key];
-            let at = sources.at[key];
+    /// What both key frames know of a candidate.
+    fn views(&self, fraction: f64, plane: usize, sources: &Sources, surface: &Surface) -> [View; 2] {
+        [(0, 1.0 - fraction), (1, fraction)].map(|(key, time)| {
+            let (frame, at) = (&self.keys[key], sources.at[key]);
             let weight = time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT);
-            let surface = self.seen(surface, key);
-            let shares = frame.shares(at, &surface);
-            seen += weight * shares.seen;
-            known += weight * (1.0 - shares.hidden);
-            if let Some(level) = frame.level(&self.half_pels[plane][key], self.taps, at, &surface) {
-                levels += weight * shares.trust * level;
-                trust += weight * shares.trust;
-            }
-        }
-        (trust > 0.0).then(|| ((seen / known).min(1.0), levels / trust))
-    }
-
-    /// Weights of both key frames, less what may be hidden in them, at a candidate's positions. They sum to 1.
-    fn open_weights(&self, fraction: f64, sources: &Sources, surface: &Surface) -> [f64; 2] {
-        let weights = [(0, 1.0 - fraction), (1, fraction)].map(|(key, time)| {
-            let frame = &self.keys[key];
-            let at = sources.at[key];
-            let shares = frame.shares(at, &self.seen(surface, key));
-            time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT) * (1.0 - shares.hidden)
-        });
-        weights.map(|weight| weight / (weights[0] + weights[1]))
-    }
-
-    /// `exp(L)` of what both key frames show at a candidate's positions, whatever that is.
-    fn as_shown(&self, plane: usize, sources: &Sources, weights: [f64; 2]) -> f64 {
-        let level =
-            |key: usize| self.keys[key].any_level(&self.half_pels[plane][key], self.taps, sources.at[key]);
-        (weights[0] * level(0) + weights[1] * level(1)).exp()
-    }
-
-    /// `exp(L)` of the candidate behind a silhouette, at the silhouette's positions; `here` where it is not shown.
-    fn background(
-        &self,
-        plane: usize,
-        sources: &Sources,
-        weights: [f64; 2],
-        behind: &Surface,
-        here: f64,
-    ) -> f64 {
-        let light = |key: usize| {
-            let surface = self.seen(behind, key);
-            let level =
-                self.keys[key].level(&self.half_pels[plane][key], self.taps, sources.at[key], &surface);
-            level.map_or(here, f64::exp)
-        };
-        weights[0] * light(0) + weights[1] * light(1)
+            let known = frame.look(&self.half_pels[plane][key], self.taps, at, &self.seen(surface, key));
+            View { weight, known }
+        })
     }
 
     /// Level of a candidate beside what hides it: that of the nearest pixels that belong, in the row and the column of

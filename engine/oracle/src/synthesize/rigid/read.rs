@@ -5,7 +5,7 @@ use crate::synthesize::taps::cubic;
 use crate::synthesize::trajectory::outside_px;
 use esaac_model::Taps;
 use esaac_model::synthesis::CUBIC_HALF_PEL;
-use esaac_model::synthesis::rigid::{MIXED_WEIGHT, SLIGHT_WEIGHT, SNAP_SAMPLES};
+use esaac_model::synthesis::rigid::{MIXED_WEIGHT, SNAP_SAMPLES};
 use glam::{DVec2, DVec3};
 
 /// A surface as a key frame sees it.
@@ -19,15 +19,21 @@ pub struct Seen {
     pub parallax_px_m: f64,
 }
 
-/// What a key frame knows of a surface at a position: weights of the four pixels around.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Shares {
-    /// Of those that belong.
+/// What a key frame knows of a surface at a position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// Weight of the pixels around that belong.
     pub seen: f64,
-    /// Of those that may hide it.
+    /// Weight of those that may hide it.
     pub hidden: f64,
-    /// Of those that belong, less where they may hold a mixture.
+    /// Weight of those that belong, less where they may hold a mixture.
     pub trust: f64,
+    /// Its level, nepers. `None` if none of them belongs.
+    pub level: Option<f64>,
+    /// Level of those that are farther, nepers. `None` if there are none.
+    pub behind: Option<f64>,
+    /// Level there, of whatever it is, nepers.
+    pub as_shown: f64,
 }
 
 /// A key frame as it is read.
@@ -37,8 +43,6 @@ pub struct KeyFrame {
     pub surfaces: Surfaces,
     /// Whether the 3x3 pixels around each continue its surface.
     pub pure: Vec<bool>,
-    /// Whether the 5x5 pixels around each do.
-    pub inner: Vec<bool>,
     /// Whether each half-pel sample lies between pixels that continue the surface of the first of them.
     pub joined: Vec<bool>,
 }
@@ -79,13 +83,12 @@ impl Cell {
     }
 }
 
-impl Cell {
-    /// Those of the four samples whose row and column weigh more than slightly.
-    fn needed(&self) -> impl Iterator<Item = usize> {
-        let weighs = |fraction: f64| [fraction < 1.0 - SLIGHT_WEIGHT, fraction > SLIGHT_WEIGHT];
-        let ([columns, rows], corners) = (self.fraction.map(weighs), self.corners());
-        (0..4).filter(move |i| columns[i % 2] && rows[i / 2]).map(move |i| corners[i].0)
-    }
+/// The pixel nearest to a position, and the way from there.
+struct Spot {
+    /// The position, snapped.
+    at: DVec2,
+    nearest: usize,
+    off: DVec2,
 }
 
 impl KeyFrame {
@@ -93,24 +96,14 @@ impl KeyFrame {
     #[must_use]
     pub fn new(surfaces: Surfaces) -> Self {
         let (width, height) = surfaces.size;
-        let within = |reach: usize| -> Vec<bool> {
-            (0..width * height)
-                .map(|pixel| {
-                    let (x, y) = (pixel % width, pixel / width);
-                    let columns = x.saturating_sub(reach)..=(x + reach).min(width - 1);
-                    (y.saturating_sub(reach)..=(y + reach).min(height - 1))
-                        .all(|ny| columns.clone().all(|nx| surfaces.continues(pixel, ny * width + nx)))
-                })
-                .collect()
-        };
-        let (pure, inner) = (within(1), within(2));
+        let pure = (0..width * height).map(|pixel| surfaces.all_continue(pixel, pixel, 1)).collect();
         let joined = (0..4 * width * height)
             .map(|sample| {
                 let first = parent((width, height), sample);
                 parents((width, height), sample).all(|parent| surfaces.continues(first, parent))
             })
             .collect();
-        KeyFrame { surfaces, pure, inner, joined }
+        KeyFrame { surfaces, pure, joined }
     }
 
     /// Whether a pixel belongs to a surface.
@@ -119,81 +112,119 @@ impl KeyFrame {
         self.surfaces.relation(pixel, seen.id, seen.plane, seen.parallax_px_m) == Relation::Belongs
     }
 
-    /// Whether the pixel nearest to a position belongs to a surface, and so does all around it.
-    #[must_use]
-    pub fn is_inner(&self, at: DVec2, surface: &Seen) -> bool {
+    fn relation(&self, pixel: usize, seen: &Seen) -> Relation {
+        self.surfaces.relation(pixel, seen.id, seen.plane, seen.parallax_px_m)
+    }
+
+    fn spot(&self, at: DVec2) -> Spot {
         let size = self.surfaces.size;
         let last = DVec2::new((size.0 - 1) as f64, (size.1 - 1) as f64);
-        let nearest = (at.clamp(DVec2::ZERO, last) + 0.5).floor();
-        let pixel = nearest.y as usize * size.0 + nearest.x as usize;
-        self.inner[pixel] && self.belongs(pixel, surface)
+        let at = 0.5 * snapped(2.0 * at);
+        let inside = at.clamp(DVec2::ZERO, last);
+        let nearest = (inside + 0.5).floor();
+        Spot { at, nearest: nearest.y as usize * size.0 + nearest.x as usize, off: inside - nearest }
     }
 
-    /// What is known of a surface at a position, pixels.
+    /// The pixels beside the nearest one that a position lies between, with their bilinear weights.
+    fn beside(&self, spot: &Spot) -> impl Iterator<Item = (usize, f64)> {
+        let (width, off) = (self.surfaces.size.0, spot.off);
+        let (x, y) = (spot.nearest % width, spot.nearest / width);
+        let next = |at: usize, off: f64| if off > 0.0 { at + 1 } else { at.saturating_sub(1) };
+        let (column, row) = (next(x, off.x), next(y, off.y));
+        let w = off.abs();
+        [
+            (y * width + column, w.x * (1.0 - w.y)),
+            (row * width + x, (1.0 - w.x) * w.y),
+            (row * width + column, w.x * w.y),
+        ]
+        .into_iter()
+        .filter(|&(_, weight)| weight > 0.0)
+    }
+
+    /// Whether the pixels that a position lies between continue the surface of the nearest, so that this speaks for all.
+    fn is_within(&self, spot: &Spot) -> bool {
+        self.beside(spot).all(|(pixel, _)| self.surfaces.continues(spot.nearest, pixel))
+    }
+
+    /// What is known of a surface at a position, pixels; `half_pel` is the half-pel frame. With bilinear taps levels are
+    /// from the frame's pixels alone.
     #[must_use]
-    pub fn shares(&self, at: DVec2, surface: &Seen) -> Shares {
-        let at = 0.5 * snapped(2.0 * at);
-        if self.is_inner(at, surface) {
-            return Shares { seen: 1.0, hidden: 0.0, trust: 1.0 };
+    pub fn look(&self, half_pel: &[f64], taps: Taps, at: DVec2, surface: &Seen) -> Known {
+        let spot = self.spot(at);
+        let as_shown = self.level(half_pel, taps, spot.at);
+        if !self.is_within(&spot) {
+            return Known { as_shown, ..self.look_around(half_pel, &spot, surface) };
         }
-        let mut shares = Shares::default();
-        for (pixel, weight) in Cell::new(self.surfaces.size, at).corners() {
-            match self.surfaces.relation(pixel, surface.id, surface.plane, surface.parallax_px_m) {
+        let lies = self.relation(spot.nearest, surface);
+        let share = |of: Relation| if lies == of { 1.0 } else { 0.0 };
+        let level = |of: Relation| (lies == of).then_some(as_shown);
+        Known {
+            seen: share(Relation::Belongs),
+            hidden: share(Relation::Hides),
+            trust: share(Relation::Belongs) * self.trust_within(&spot),
+            level: level(Relation::Belongs),
+            behind: level(Relation::Farther),
+            as_shown,
+        }
+    }
+
+    /// Confidence in the light at a position within a surface: a pixel is pure, as far as the nearest one tells, if the
+    /// 3x3 pixels around it continue the nearest one's surface.
+    fn trust_within(&self, spot: &Spot) -> f64 {
+        let trust = |pixel: usize| {
+            if self.surfaces.all_continue(spot.nearest, pixel, 1) { 1.0 } else { MIXED_WEIGHT }
+        };
+        let beside: f64 = self.beside(spot).map(|(_, weight)| weight).sum();
+        let trust_beside: f64 = self.beside(spot).map(|(pixel, weight)| weight * trust(pixel)).sum();
+        (1.0 - beside) * trust(spot.nearest) + trust_beside
+    }
+
+    /// What the four pixels around a position know of a surface, where they show more than one.
+    fn look_around(&self, half_pel: &[f64], spot: &Spot, surface: &Seen) -> Known {
+        let size = self.surfaces.size;
+        let mut known =
+            Known { seen: 0.0, hidden: 0.0, trust: 0.0, level: None, behind: None, as_shown: 0.0 };
+        let (mut level, mut behind, mut farther) = (0.0, 0.0, 0.0);
+        for (pixel, weight) in Cell::new(size, spot.at).corners() {
+            let own = half_pel[pixel_sample(size, pixel)];
+            match self.relation(pixel, surface) {
                 Relation::Belongs => {
-                    shares.seen += weight;
-                    shares.trust += if self.pure[pixel] { weight } else { MIXED_WEIGHT * weight };
+                    known.seen += weight;
+                    known.trust += if self.pure[pixel] { weight } else { MIXED_WEIGHT * weight };
+                    level += weight * own;
                 }
-                Relation::Hides => shares.hidden += weight,
-                Relation::Farther => {}
+                Relation::Hides => known.hidden += weight,
+                Relation::Farther => {
+                    farther += weight;
+                    behind += weight * own;
+                }
             }
         }
-        shares
+        known.level = (known.seen > 0.0).then(|| level / known.seen);
+        known.behind = (farther > 0.0).then(|| behind / farther);
+        known
     }
 
-    /// Level of a surface at a position from a half-pel frame, nepers. `None` if not all of the four samples around
-    /// show it.
+    /// Level of a surface at a position from a half-pel frame, nepers. `None` if the pixels around do not all show it.
     #[must_use]
     pub fn half_pel_level(&self, half_pel: &[f64], at: DVec2, surface: &Seen) -> Option<f64> {
-        let size = self.surfaces.size;
-        let samples = (2 * size.0, 2 * size.1);
-        let usable = |sample: usize| self.joined[sample] && self.belongs(parent(size, sample), surface);
-        let place = snapped(2.0 * at);
-        let shows_it = || Cell::new(samples, place).needed().all(usable);
-        (self.is_inner(0.5 * place, surface) || shows_it())
-            .then(|| cubic(half_pel, samples, place.x, place.y, CUBIC_HALF_PEL, true))
+        let spot = self.spot(at);
+        (self.is_within(&spot) && self.belongs(spot.nearest, surface))
+            .then(|| self.level(half_pel, Taps::Cubic, spot.at))
     }
 
-    /// Level at a position, nepers, of whatever is there.
-    #[must_use]
-    pub fn any_level(&self, half_pel: &[f64], taps: Taps, at: DVec2) -> f64 {
+    /// Level at a snapped position, nepers, of whatever is there.
+    fn level(&self, half_pel: &[f64], taps: Taps, at: DVec2) -> f64 {
         let size = self.surfaces.size;
-        let place = snapped(2.0 * at);
         match taps {
-            Taps::Cubic => cubic(half_pel, (2 * size.0, 2 * size.1), place.x, place.y, CUBIC_HALF_PEL, true),
+            Taps::Cubic => {
+                cubic(half_pel, (2 * size.0, 2 * size.1), 2.0 * at.x, 2.0 * at.y, CUBIC_HALF_PEL, true)
+            }
             Taps::Bilinear => {
-                let corners = Cell::new(size, 0.5 * place).corners();
+                let corners = Cell::new(size, at).corners();
                 corners.iter().map(|&(pixel, weight)| weight * half_pel[pixel_sample(size, pixel)]).sum()
             }
         }
-    }
-
-    /// Level of a surface at a position, nepers; with bilinear taps, from the frame's pixels alone. `None` if none of the
-    /// four pixels around shows it.
-    #[must_use]
-    pub fn level(&self, half_pel: &[f64], taps: Taps, at: DVec2, surface: &Seen) -> Option<f64> {
-        let between = (taps == Taps::Cubic).then(|| self.half_pel_level(half_pel, at, surface)).flatten();
-        between.or_else(|| {
-            let (size, at) = (self.surfaces.size, 0.5 * snapped(2.0 * at));
-            let inner = self.is_inner(at, surface);
-            let (mut sum, mut weights) = (0.0, 0.0);
-            for (pixel, weight) in Cell::new(size, at).corners() {
-                if weight > 0.0 && (inner || self.belongs(pixel, surface)) {
-                    sum += weight * half_pel[pixel_sample(size, pixel)];
-                    weights += weight;
-                }
-            }
-            (weights > 0.0).then(|| sum / weights)
-        })
     }
 
     /// How far a position lies outside the image, pixels.

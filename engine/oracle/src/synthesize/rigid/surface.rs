@@ -109,6 +109,16 @@ impl Surfaces {
         own.id == other.id && behind * LEAST_MOTION_PX <= BELONG_PX * other.inverse_depth
     }
 
+    /// Whether the pixels up to `reach` around `centre`, clamped to the image, continue the surface of pixel `of`.
+    #[must_use]
+    pub fn all_continue(&self, of: usize, centre: usize, reach: usize) -> bool {
+        let (width, height) = self.size;
+        let (x, y) = (centre % width, centre / width);
+        let columns = x.saturating_sub(reach)..=(x + reach).min(width - 1);
+        (y.saturating_sub(reach)..=(y + reach).min(height - 1))
+            .all(|row| columns.clone().all(|column| self.continues(of, row * width + column)))
+    }
+
     /// How a pixel lies to the surface of instance `id` and plane `plane`, in this key frame's axes.
     #[must_use]
     pub fn relation(&self, pixel: usize, id: u32, plane: DVec3, parallax_px_m: f64) -> Relation {
