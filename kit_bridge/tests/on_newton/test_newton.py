@@ -167,7 +167,8 @@ def test_paths_are_within_a_fiftieth_of_a_pixel_of_where_newton_shows_them(on_li
 
 
 @pytest.mark.parametrize("on_link", [True, False])
-def test_events_are_those_of_newton_rendered_at_960_hz(on_link, monkeypatch):
+def test_events_agree_with_those_of_newton_rendered_at_960_hz(on_link, monkeypatch):
+    """The bound is for this scene and the mean of its worlds, with `antialiasing` 6, where the default is 3."""
     monkeypatch.setattr(rigid_numpy, "WIDTH", WIDTH)
     seconds = 0.2
     truth = run(TRUTH_HZ, seconds, on_link, "linear")

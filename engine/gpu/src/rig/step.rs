@@ -32,8 +32,8 @@ impl Rig {
         self.step_frames(&frames, &SubmitHooks::default())
     }
 
-    /// As [`Rig::step_some`], with the output of a tiled renderer: the images of all cameras, which are of one size, lie one
-    /// after the other in one buffer for colour, one for motion and so on.
+    /// As [`Rig::step_some`], with the output of a tiled renderer: the images of all cameras, which are of one size,
+    /// lie one after the other in one buffer for colour, one for motion and so on.
     pub fn step_tiles(
         &mut self,
         t_ns: &[Option<i64>],
