@@ -93,6 +93,32 @@ test_python() {
     (cd kit_bridge && "$environment/bin/python" -m pytest --quiet)
 }
 
+# Event cameras in Isaac Lab and Newton, in an environment of their own. Isaac Lab is for Python 3.12 alone.
+test_isaac_lab() {
+    local folder candidate python="" wanted
+    for candidate in python3.12 "${PYENV_ROOT:-$HOME/.pyenv}"/versions/3.12*/bin/python3.12; do
+        if "$candidate" -c 'import ensurepip, venv' >/dev/null 2>&1; then
+            python="$candidate"
+            break
+        fi
+    done
+    if [ -z "$python" ]; then
+        say "Isaac Lab is left out: no Python 3.12 here; install python3.12 and python3.12-venv, or: pyenv install 3.12"
+        return
+    fi
+    folder="$(realpath "$target")/isaac-python" wanted=$(sha256sum <tools/python/isaac.txt)
+    if [ "$(cat "$folder/installed" 2>/dev/null)" != "$wanted" ]; then
+        say "pip install: isaac"
+        "$python" -m venv --clear "$folder"
+        "$folder/bin/pip" install --quiet --disable-pip-version-check --only-binary :all: --no-deps \
+            --require-hashes -r tools/python/isaac.txt
+        echo "$wanted" >"$folder/installed"
+    fi
+    "$folder/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps \
+        "$(realpath "$target")"/wheels/esaac-*.whl
+    (cd kit_bridge/tests/on_newton && "$folder/bin/python" -m pytest --quiet)
+}
+
 # A node of the sourced ROS 2, where one is sourced. Elsewhere its types alone, which proves that it compiles
 # and no more: ROS's own messages are stand-ins, and nothing is linked or run.
 test_rclrs() {
@@ -164,6 +190,7 @@ if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then
 fi
 step "feature rclrs" test_rclrs
 step "Python package" test_python
+step "Isaac Lab" test_isaac_lab
 # Links, the book, and every command of the README and the guide.
 step "documents" tools/docs.sh
 step "spirv-val" validate_kernels

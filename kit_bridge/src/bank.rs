@@ -126,10 +126,12 @@ impl Bank {
         Ok(banks)
     }
 
-    /// Copies the frames of this bank's cameras to where its rig reads them.
+    /// Copies the frames of this bank's cameras to where its rig reads them. Of the host's, those that have no time
+    /// are left out.
     pub fn bring(
         &mut self,
         frames: &Frames,
+        t_ns: &[Option<i64>],
         link: Option<&CudaLink>,
         copies: &mut Copies,
     ) -> Result<(), Fault> {
@@ -146,7 +148,7 @@ impl Bank {
             return Ok(());
         }
         for (own, camera) in self.cameras.clone().enumerate() {
-            let Some((images, index)) = frames.of(camera) else { continue };
+            let (Some((images, index)), Some(_)) = (frames.of(camera), t_ns[camera]) else { continue };
             if images.on_device() {
                 let link = link.expect("frames on a device come with a link");
                 for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[own]) {
@@ -182,9 +184,8 @@ impl Bank {
         let Bank { rig, cameras, copied, .. } = self;
         let own = &t_ns[cameras.clone()];
         if frames.tiled && on_device(frames, cameras.start) {
-            let times: Vec<i64> = own.iter().flatten().copied().collect();
             let inputs = inputs(&copied[0]).expect("tiles were copied");
-            rig.step_tiles(&times, inputs, &SubmitHooks::default())?;
+            rig.step_tiles(own, inputs, &SubmitHooks::default())?;
             return Ok(());
         }
         let inputs: Vec<Option<FrameInput<'_>>> = cameras

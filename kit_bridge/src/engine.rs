@@ -97,7 +97,8 @@ impl Engine {
         Ok(Engine { inner: OwnProcess::new(inner), last: Mutex::default(), size_px, tiled, packets })
     }
 
-    /// Steps all cameras with one array of each kind. `t_ns` is one time, or one for each camera.
+    /// Steps the cameras that have a time, with one array of each kind for all. `t_ns` is one time, or one for each
+    /// camera.
     #[pyo3(signature = (frame, t_ns, poses, stream))]
     fn step_tiles(
         &self,
@@ -360,7 +361,7 @@ fn times(t_ns: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Option<i64>>> {
         Err(error) => error,
     };
     let Ok(each) = t_ns.try_iter() else { return Err(not_one) };
-    let times: Vec<_> = each.map(|t_ns| Ok(Some(t_ns?.extract::<i64>()?))).collect::<PyResult<_>>()?;
+    let times: Vec<_> = each.map(|t_ns| t_ns?.extract::<Option<i64>>()).collect::<PyResult<_>>()?;
     if times.len() != count {
         let message = format!("{} times for {count} cameras", times.len());
         return Err(Fault::Argument(message).into());

@@ -135,12 +135,12 @@ impl State {
             let side = side.expect("frames on a device come with its side");
             let link = side.link();
             for bank in &mut self.banks {
-                bank.bring(frames, Some(&link), &mut self.copies)?;
+                bank.bring(frames, t_ns, Some(&link), &mut self.copies)?;
             }
             link.finish()?;
         } else {
             for bank in &mut self.banks {
-                bank.bring(frames, None, &mut self.copies)?;
+                bank.bring(frames, t_ns, None, &mut self.copies)?;
             }
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;

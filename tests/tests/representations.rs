@@ -218,8 +218,14 @@ fn tiles_in_one_buffer_are_the_cameras_frames() {
         let expected = apart.step(&times_ns).expect("a tick").packets.to_vec();
         let (hdr, motion) = (tiles(|f| &f.hdr), tiles(|f| f.motion.as_deref().expect("motion")));
         let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion), depth: None, ids: None };
+        let times_ns: Vec<_> = times_ns.into_iter().map(Some).collect();
         tiled.step_tiles(&times_ns, inputs, &SubmitHooks::default()).expect("a tick");
         assert_eq!(tiled.take_packets(), expected, "frame {index}");
+        // One camera alone goes on.
+        let later_ns = [None, times_ns[1].map(|t_ns| t_ns + 1_000_000), None];
+        let expected = apart.step_some(&later_ns).expect("a tick").packets.to_vec();
+        tiled.step_tiles(&later_ns, inputs, &SubmitHooks::default()).expect("a tick");
+        assert_eq!(tiled.take_packets(), expected, "frame {index}, one camera");
         let error =
             tiled.step_tiles(&times_ns[1..], inputs, &SubmitHooks::default()).map(|_| ()).unwrap_err();
         assert!(error.to_string().contains("2 frames for 3 cameras"), "{error}");

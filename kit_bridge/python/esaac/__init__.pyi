@@ -373,12 +373,14 @@ class TiledEventCamera(_Cameras):
         hdr: Array,
         motion: Array | None = None,
         *,
-        t_ns: int | Sequence[int],
+        t_ns: int | Sequence[int | None],
         depth: Array | None = None,
         ids: Array | None = None,
         poses: Poses | PoseRecorder | None = None,
         stream: int | None = None,
-    ) -> Packet: ...
+    ) -> Packet:
+        """Steps all environments, or those whose time is not None. The others wait: their images are not looked at,
+        and they have no events in the packet."""
     @property
     def synthesis(self) -> str | None:
         """What `synthesis="auto"` has come to, by what the first frame brought; None before."""

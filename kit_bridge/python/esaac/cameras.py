@@ -52,14 +52,16 @@ class _Cameras:
         return self._engine.memory()
 
     def _step_together(self, frame, t_ns, poses, stream):
-        given = poses
-        if isinstance(poses, PoseRecorder):
-            last = self._engine.last_ns
-            times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
-            given = poses.spanning(*_span(times, last))
-        packet = self._engine.step_tiles(frame, t_ns, given, stream)
-        if poses is not given:
-            poses.forget_before(min(times))
+        if not isinstance(poses, PoseRecorder):
+            return self._engine.step_tiles(frame, t_ns, poses, stream)
+        last = self._engine.last_ns
+        times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
+        stepped = [(t, before) for t, before in zip(times, last) if t is not None]
+        given = poses.spanning(*_span(*zip(*stepped))) if stepped else None
+        packet = self._engine.step_tiles(frame, times, given, stream)
+        # Cameras that wait need what came after their last frame.
+        needed = [t if t is not None else before for t, before in zip(times, last)]
+        poses.forget_before(min((t for t in needed if t is not None), default=0))
         return packet
 
     def _last_packet(self):

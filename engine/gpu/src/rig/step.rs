@@ -32,24 +32,27 @@ impl Rig {
         self.step_frames(&frames, &SubmitHooks::default())
     }
 
-    /// As [`Rig::step`], with the output of a tiled renderer: the images of all cameras, which are of one size, lie one
-    /// after the other in one buffer for colour, one for motion and so on.
+    /// As [`Rig::step_some`], with the output of a tiled renderer: the images of all cameras, which are of one size,
+    /// lie one after the other in one buffer for colour, one for motion and so on.
     pub fn step_tiles(
         &mut self,
-        t_ns: &[i64],
+        t_ns: &[Option<i64>],
         tiles: InputBuffers<'_>,
         hooks: &SubmitHooks<'_>,
     ) -> Result<Tick<'_>, EngineError> {
         self.check_health()?;
         self.check_count(t_ns.len())?;
-        let mut inputs = Vec::new();
-        for (number, camera) in self.cameras.iter().enumerate() {
-            frame::check_time(number as u32, camera.last_ns, t_ns[number])?;
-            camera.check_scene(number, t_ns[number])?;
-            inputs.push(camera.addresses(number, Some(tiles), number)?);
+        let mut frames = Vec::new();
+        for ((number, camera), t_ns) in self.cameras.iter().enumerate().zip(t_ns) {
+            frames.push(match *t_ns {
+                Some(t_ns) => {
+                    frame::check_time(number as u32, camera.last_ns, t_ns)?;
+                    camera.check_scene(number, t_ns)?;
+                    Some((t_ns, camera.addresses(number, Some(tiles), number)?))
+                }
+                None => None,
+            });
         }
-        let frames: Vec<_> =
-            t_ns.iter().zip(inputs).map(|(&t_ns, addresses)| Some((t_ns, addresses))).collect();
         self.tick(&frames, hooks)
     }
 

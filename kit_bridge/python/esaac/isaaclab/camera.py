@@ -1,0 +1,204 @@
+"""The event camera of a scene."""
+
+import numpy as np
+from isaaclab.sensors import Camera
+from isaaclab.sim import SimulationContext
+from isaaclab_newton.physics import NewtonCfg, NewtonManager
+
+from esaac._native import SensorModel
+from esaac.cameras import TiledEventCamera
+from esaac.errors import ArgumentError
+from esaac.isaaclab.cfg import EVENT_TYPES, EventRendererCfg
+from esaac.isaaclab.outputs import Outputs
+from esaac.isaaclab.schedule import Schedule
+from esaac.newton.bodies import WorldBodies
+from esaac.newton.cameras import stream_of
+from esaac.newton.substeps import Mounts, SubstepLog
+from esaac.newton.view import View
+from esaac.poses import Intrinsics
+
+
+class EventCamera(Camera):
+    def __init__(self, cfg):
+        _check(cfg)
+        self._event_types = [name for name in cfg.data_types if name in EVENT_TYPES]
+        images = cfg.copy()
+        images.data_types = [name for name in cfg.data_types if name not in EVENT_TYPES]
+        self.events = None
+        super().__init__(images)
+        physics = SimulationContext.instance().cfg.physics
+        if not isinstance(physics, NewtonCfg):
+            actual = type(physics).__name__
+            raise ArgumentError(
+                f"physics is a {actual}, expected Newton's; set SimulationCfg(physics=NewtonCfg())"
+            )
+        # Newton keeps the hook for good, so it must not keep the camera.
+        self._record = _Recorder()
+        NewtonManager.register_state_force_callback(self._record)
+
+    def __del__(self):
+        recorder = getattr(self, "_record", None)
+        if recorder is not None:
+            recorder.log = None
+        # One that was refused has registered nothing.
+        if hasattr(self, "_initialize_handle"):
+            super().__del__()
+
+    @property
+    def frame_period_s(self):
+        """Time between frames, in whole physics steps."""
+        return self._schedule.period_steps * self._sim_physics_dt
+
+    def update(self, dt, force_recompute=False):
+        if not self._is_initialized:
+            return
+        self._schedule.check(dt)
+        super().update(dt, force_recompute=False)
+        self._schedule.advance(self._physics_step())
+        self._tell_due()
+        # Frames between two reads count too, so none waits for a read.
+        self._update_outdated_buffers(force_recompute=True)
+
+    def reset(self, env_ids=None, env_mask=None):
+        super().reset(env_ids, env_mask)
+        envs = np.zeros(self._num_envs, bool)
+        envs[_numbers(env_ids, env_mask)] = True
+        self._schedule.reset(envs)
+        self._outputs.forget(envs)
+        self._tell_due()
+
+    def _initialize_impl(self):
+        super()._initialize_impl()
+        self._tell_due()
+
+    def _create_buffers(self):
+        count, (height, width) = self._num_envs, self.image_shape
+        self._schedule = Schedule(count, self.cfg.update_period, self._sim_physics_dt)
+        model = NewtonManager.get_model()
+        self._bodies = WorldBodies(model)
+        self._last_substep = np.zeros(count, np.int64)
+        # Newton's manager does not know its own substep yet.
+        substeps = SimulationContext.instance().cfg.physics.num_substeps
+        substep_s = self._sim_physics_dt / substeps
+        limit = max(64, 4 * substeps * self._schedule.period_steps)
+        self._log = self._record.log = SubstepLog(model, substep_s, limit)
+        # The renderer asks for it before the matrix is known.
+        self._render_data.view = _Pending
+        super()._create_buffers()
+        lens = Intrinsics.from_matrix(self._data.intrinsic_matrices.torch[0], half_pixel_centres=True)
+        self._render_data.view = View(
+            model,
+            self._bodies,
+            lens,
+            width,
+            height,
+            antialiasing=self.cfg.antialiasing,
+            background=_linear(self.cfg.background_color),
+        )
+        on_gpu = {"device": str(self._device), "packets": "cuda"} if model.device.is_cuda else {}
+        if self.events is not None:
+            self.events.close()
+        self.events = TiledEventCamera(_sensor(self.cfg), count, intrinsics=lens, **on_gpu)
+        self._outputs = Outputs(self._event_types, count, height, width, self.cfg.voxel_bins, self._device)
+        self._publish()
+
+    def _update_buffers_impl(self, env_mask):
+        if not self._schedule.due.any():
+            return
+        super()._update_buffers_impl(env_mask)
+        self._step()
+        self._schedule.done(self._physics_step())
+
+    def _step(self):
+        """Events of the environments that are due, from the frame that was just drawn."""
+        due, restarts = self._schedule.due, self._schedule.due & self._schedule.restarts
+        now = self._log.substeps()
+        # What has been drawn at this very substep already, and not been reset, has nothing to add.
+        due = due & (restarts | (self._last_substep < now))
+        if not due.any():
+            return
+        if restarts.any():
+            self.events.reset(np.flatnonzero(restarts))
+        first = np.where(restarts, now, self._last_substep)[due].min()
+        poses = self._log.poses(first, now, NewtonManager.get_state_0(), self._bodies, self._mounts())
+        t_ns, view = self._log.time_ns(now), self._render_data.view
+        times = t_ns if due.all() else [t_ns if one else None for one in due]
+        colour = view.colour if self._render_data.averaged is None else self._render_data.averaged
+        stream = stream_of(view.depth.device)
+        packet = self.events.step(
+            colour, t_ns=times, depth=view.depth, ids=view.ids, poses=poses, stream=stream
+        )
+        self._last_substep[due] = now
+        self._outputs.update(packet, self.events, due)
+        self._publish()
+
+    def _mounts(self):
+        positions, turns = self._view.get_local_poses()
+        places = np.concatenate([positions.warp.numpy(), turns.warp.numpy()], axis=1)
+        return Mounts(self._view._site_body.numpy(), places)
+
+    def _physics_step(self):
+        return round(NewtonManager.get_simulation_time() / self._sim_physics_dt)
+
+    def _tell_due(self):
+        """Isaac Lab's own flags follow the schedule."""
+        self._is_outdated.assign(self._schedule.due)
+        self._data_dirty = True
+
+    def _publish(self):
+        self._data._output.update(self._outputs.arrays)
+        self._data.info.update(dict.fromkeys(self._outputs.arrays))
+
+
+class _Recorder:
+    """What Newton calls before every substep."""
+
+    log = None
+
+    def __call__(self, state):
+        if self.log is not None:
+            self.log.record(state)
+
+
+class _Pending:
+    """Stands for a view that is made later."""
+
+
+def _check(cfg):
+    """Settings without which events would be wrong in silence."""
+    if not isinstance(cfg.renderer_cfg, EventRendererCfg):
+        actual = type(cfg.renderer_cfg).__name__
+        raise ArgumentError(f"renderer_cfg is a {actual}, expected an esaac.isaaclab.EventRendererCfg")
+    if cfg.background_color is None:
+        raise ArgumentError(
+            "background_color is None, expected a colour: what no ray hits would be black, and every edge before it "
+            "of endless contrast"
+        )
+    if not cfg.update_latest_camera_pose:
+        raise ArgumentError(
+            "update_latest_camera_pose is False, expected True: else a camera does not follow its link"
+        )
+    if cfg.spawn is not None and (cfg.spawn.distortion is not None or "Fisheye" in type(cfg.spawn).__name__):
+        raise ArgumentError(
+            "spawn has a distorted or fisheye lens, expected a PinholeCameraCfg without distortion"
+        )
+
+
+def _sensor(cfg):
+    sensor = SensorModel.from_toml(cfg.sensor) if "\n" in cfg.sensor else SensorModel(cfg.sensor)
+    return sensor.replace(profile=cfg.profile, width=cfg.width, height=cfg.height, **cfg.parameters)
+
+
+def _linear(colour):
+    """Of sRGB, as Isaac Lab reads a background."""
+    colour = np.clip(np.asarray(colour, np.float64), 0, 1)
+    return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+
+
+def _numbers(env_ids, env_mask):
+    """Environments that Isaac Lab names: by a mask, numbers of any library, a slice, or None for all."""
+    if env_mask is not None:
+        return env_mask.numpy()
+    if env_ids is None or isinstance(env_ids, slice):
+        return slice(None) if env_ids is None else env_ids
+    return np.asarray(env_ids.tolist() if hasattr(env_ids, "tolist") else list(env_ids), np.int64)

@@ -1,0 +1,22 @@
+"""What the tests share: the example's comparison of events with truth, and an Isaac Lab environment, made once."""
+
+import pathlib
+import sys
+
+import pytest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
+
+
+@pytest.fixture(scope="session")
+def env():
+    """Making it takes most of the tests' time, so tests share it. Each begins with a reset."""
+    import lab
+    from isaaclab.app import launch_simulation
+    from isaaclab.envs import ManagerBasedEnv
+
+    cfg = lab.EnvCfg()
+    with launch_simulation(cfg, {"headless": True, "device": "cpu"}):
+        made = ManagerBasedEnv(cfg)
+        yield made
+        made.close()

@@ -1,0 +1,262 @@
+"""Event cameras of Newton: their paths and events against what Newton itself draws."""
+
+import newton
+import numpy as np
+import pytest
+import rigid_numpy
+import warp as wp
+import worlds
+from worlds import FRAME_HZ, HEIGHT, LENS, PHYSICS_HZ, TRUTH_HZ, WIDTH, Moving
+
+import esaac
+from esaac.newton import EventCameras
+
+SENSOR = {"width": WIDTH, "height": HEIGHT, "contrast_on": 0.15, "contrast_off": 0.15}
+COLUMNS = ("x", "y", "t_ns", "p")
+WORLDS = 2
+
+
+def cameras(moving, on_link=False, rate_hz=PHYSICS_HZ, **options):
+    options = {"substep_s": 1 / rate_hz, "intrinsics": LENS, **SENSOR, **moving.mounted(on_link), **options}
+    return EventCameras(moving.model, "dvs128", **options)
+
+
+def events_of(packets, world):
+    return tuple(np.concatenate([getattr(packet[world], name) for packet in packets]) for name in COLUMNS)
+
+
+def run(frame_hz, seconds, on_link, synthesis):
+    """Events of each world, from colour that is averaged so well that its noise counts for little."""
+    moving = Moving(WORLDS)
+    physics_hz = max(PHYSICS_HZ, frame_hz)
+    made, packets = cameras(moving, on_link, physics_hz, synthesis=synthesis, antialiasing=6), []
+    for frame in range(round(seconds * frame_hz) + 1):
+        for substep in range(physics_hz * (frame - 1) // frame_hz, physics_hz * frame // frame_hz):
+            if substep >= 0:
+                made.record(moving.at(substep / physics_hz))
+        state = moving.at(frame / frame_hz)
+        packets.append(
+            made.step(state) if synthesis != "motion" else stepped_with_motion(made, state, moving)
+        )
+    made.close()
+    return [events_of(packets, world) for world in range(WORLDS)]
+
+
+def stepped_with_motion(made, state, moving):
+    """A step as of a renderer that gives motion vectors in place of depth and poses."""
+    handed, step = {}, made.events.step
+
+    def told(colour, *, t_ns, depth, ids, poses, stream):
+        earlier = max(len(poses) - 1 - PHYSICS_HZ // FRAME_HZ, 0)
+        images = depth.numpy(), ids.numpy()
+        vectors = [
+            predicted(poses, world, *(image[world] for image in images), earlier)[0] - PIXELS
+            for world in range(moving.worlds)
+        ]
+        return step(colour, np.array(vectors, np.float32), t_ns=t_ns)
+
+    made.events.step = told
+    handed = made.step(state)
+    made.events.step = step
+    return handed
+
+
+PIXELS = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(float)
+
+
+def turned(quaternion, points):
+    x, w = quaternion[..., :3], quaternion[..., 3:]
+    return points + 2 * np.cross(x, np.cross(x, points) + w * points)
+
+
+def moved(pose, points):
+    return turned(pose[..., 3:], points) + pose[..., :3]
+
+
+def unmoved(pose, points):
+    return turned(pose[..., 3:] * (-1, -1, -1, 1), points - pose[..., :3])
+
+
+def predicted(poses, world, depth, ids, step):
+    """Where the poses say each pixel's surface was at an earlier step: pixels, and points in the camera's axes."""
+    fx, fy, cx, cy = LENS
+    across, down = (PIXELS[..., 0] - cx) / fx, (PIXELS[..., 1] - cy) / fy
+    points = moved(
+        poses.camera[-1, world], depth[..., None] * np.stack([across, -down, -np.ones_like(down)], -1)
+    )
+    for number in range(poses.bodies.shape[2]):
+        on = ids == number + 1
+        points[on] = moved(
+            poses.bodies[step, world, number], unmoved(poses.bodies[-1, world, number], points[on])
+        )
+    points = unmoved(poses.camera[step, world], points)
+    pixels = np.stack(
+        [cx - fx * points[..., 0] / points[..., 2], cy + fy * points[..., 1] / points[..., 2]], -1
+    )
+    return pixels, points
+
+
+def drawn(moving, state, cameras, directions):
+    """Albedo, distance and shape along rays `(height, width, 3)` of each world; Newton's own colours of a surface."""
+    moving.model.bvh_refit_shapes(state)
+    config = newton.sensors.SensorTiledCamera.RenderConfig(
+        enable_textures=True, enable_backface_culling=False
+    )
+    sensor = newton.sensors.SensorTiledCamera(moving.model, default_render_config=config)
+    images = []
+    for world in range(moving.worlds):
+        rays = np.zeros((1, HEIGHT, WIDTH, 2, 3), np.float32)
+        rays[0, ..., 1, :] = directions[world] / np.linalg.norm(directions[world], axis=-1, keepdims=True)
+        given = {
+            "albedo_image": sensor.utils.create_albedo_image_output(WIDTH, HEIGHT),
+            "depth_image": sensor.utils.create_depth_image_output(WIDTH, HEIGHT),
+            "shape_index_image": sensor.utils.create_shape_index_image_output(WIDTH, HEIGHT),
+        }
+        places = wp.array(cameras[None], dtype=wp.transformf, device="cpu")
+        sensor.update(state, places, wp.array(rays, dtype=wp.vec3f, device="cpu"), **given)
+        albedo, distance, shape = (array.numpy()[world, 0] for array in given.values())
+        images.append(((albedo & 255).astype(float), distance, shape, rays[0, ..., 1, :].astype(float)))
+    return images
+
+
+def flat(depth):
+    """Pixels whose neighbours are of the same plane: its inverse depth is linear in the image."""
+    inverse, planar = 1 / depth.astype(float), np.zeros(depth.shape, bool)
+    bends = [np.abs(np.diff(inverse, 2, axis=axis)) for axis in (0, 1)]
+    planar[1:-1, 1:-1] = (bends[0][:, 1:-1] < 1e-4) & (bends[1][1:-1] < 1e-4)
+    return planar
+
+
+@pytest.mark.parametrize("on_link", [True, False])
+def test_paths_are_within_a_fiftieth_of_a_pixel_of_where_newton_shows_them(on_link):
+    moving, handed = Moving(WORLDS), {}
+    made = cameras(moving, on_link)
+    step = made.events.step
+    made.events.step = lambda *arrays, **given: handed.update(given) or step(*arrays, **given)
+    made.step(moving.at(0.0))
+    for substep in range(8):
+        made.record(moving.at(substep / PHYSICS_HZ))
+    made.step(moving.at(8 / PHYSICS_HZ))
+    poses, depth, ids = handed["poses"], handed["depth"].numpy(), handed["ids"].numpy()
+    assert len(poses) == 9
+    straight = [predicted(poses, world, depth[world], ids[world], -1)[1] for world in range(WORLDS)]
+    last = drawn(moving, moving.at(8 / PHYSICS_HZ), poses.camera[-1], straight)
+    away_px, across_px = [], 0.0
+    for substep in range(9):
+        there = [predicted(poses, world, depth[world], ids[world], substep)[1] for world in range(WORLDS)]
+        now = drawn(moving, moving.at(substep / PHYSICS_HZ), poses.camera[substep], there)
+        for world in range(WORLDS):
+            albedo, distance, shape, rays = now[world]
+            away = np.linalg.norm(rays * distance[..., None] - there[world], axis=-1)
+            same = (shape == last[world][2]) & (away < 0.02)
+            slopes = np.stack(np.gradient(last[world][0])[::-1], axis=-1)
+            for number in np.unique(ids[world]):
+                inner = same & (ids[world] == number) & flat(depth[world])
+                away_px.append((away * LENS[0] / distance)[inner])
+                shift, *_ = np.linalg.lstsq(slopes[inner], (albedo - last[world][0])[inner], rcond=None)
+                across_px = max(across_px, float(np.linalg.norm(shift)))
+    away_px = np.concatenate(away_px)
+    # Beside an edge of the box, a few points are hidden by the box itself.
+    hidden, furthest_px = np.mean(away_px > 0.02), np.quantile(away_px, 0.995)
+    print(
+        f"{len(away_px)} points: {furthest_px:.5f} px along a ray (99.5% of them; {100 * hidden:.2f}% are hidden), "
+        f"{across_px:.5f} px across (mean of a surface)"
+    )
+    assert len(away_px) > 9 * WORLDS * 1500
+    assert furthest_px < 0.02 and across_px < 0.02
+
+
+@pytest.mark.parametrize("on_link", [True, False])
+def test_events_agree_with_those_of_newton_rendered_at_960_hz(on_link, monkeypatch):
+    """The bound is for this scene and the mean of its worlds, with `antialiasing` 6, where the default is 3."""
+    monkeypatch.setattr(rigid_numpy, "WIDTH", WIDTH)
+    seconds = 0.2
+    truth = run(TRUTH_HZ, seconds, on_link, "linear")
+    scores = {}
+    for synthesis in ("rigid", "motion", "linear"):
+        got = run(FRAME_HZ, seconds, on_link, synthesis)
+        scores[synthesis] = [rigid_numpy.f1(events, expected) for events, expected in zip(got, truth)]
+    where = "on a link that shakes" if on_link else "still"
+    told = {name: [round(score, 3) for score in each] for name, each in scores.items()}
+    print(f"camera {where}, {[len(t[0]) for t in truth]} events: F1 within 1 ms {told}")
+    assert np.mean(scores["rigid"]) >= 0.85
+    assert min(scores["rigid"]) > max(scores["motion"] + scores["linear"])
+
+
+EXACT_S = 0.004
+"""A substep in whole nanoseconds, so that the same episode has the same intervals at any time."""
+
+
+def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
+    moving, random = Moving(4), np.random.default_rng(7)
+    frames, per_frame = 60, 8
+    made = cameras(moving, substep_s=EXACT_S, profile="noisy")
+    fresh = cameras(moving, substep_s=EXACT_S, profile="noisy")
+    expected, begun, resets = [], np.zeros(4, int), 0
+    for frame in range(frames):
+        for substep in range(per_frame if frame else 0):
+            fresh.record(moving.at((per_frame * (frame - 1) + substep) * EXACT_S))
+        expected.append(fresh.step(moving.at(per_frame * frame * EXACT_S)))
+    for frame in range(frames):
+        for substep in range(per_frame if frame else 0):
+            made.record(moving.at((per_frame * (frame - 1 - begun) + substep) * EXACT_S))
+        packet = made.step(moving.at(per_frame * (frame - begun) * EXACT_S))
+        for world in range(4):
+            reference = expected[frame - begun[world]][world]
+            shift_ns = round(per_frame * begun[world] * EXACT_S * 1e9)
+            for name in ("x", "y", "p"):
+                np.testing.assert_array_equal(getattr(packet[world], name), getattr(reference, name))
+            np.testing.assert_array_equal(packet[world].t_ns - shift_ns, reference.t_ns)
+        again = np.flatnonzero(random.random(4) < 0.3)
+        if len(again) and frame < frames - 1:
+            begun[again] = frame
+            made.reset(again)
+            # The first frame of the new episode, of these worlds alone.
+            assert len(made.step(moving.at(per_frame * (frame - begun) * EXACT_S), worlds=again)) == 0
+            resets += len(again)
+    assert resets > 50 and sum(len(packet) for packet in expected) > 10_000
+
+
+def test_substeps_that_are_lost_are_told():
+    moving = Moving(1)
+    made = cameras(moving, limit=10)
+    made.step(moving.at(0))
+    with pytest.raises(esaac.ArgumentError, match="has had its frame at substep 0, expected record"):
+        made.step(moving.at(0))
+    for substep in range(11):
+        made.record(moving.at(substep / PHYSICS_HZ))
+    with pytest.raises(esaac.FrameError, match="11 substeps since the last frame, expected at most 10"):
+        made.step(moving.at(11 / PHYSICS_HZ))
+
+
+def test_what_hits_nothing_has_the_background_and_turns_with_the_camera():
+    moving = Moving(1)
+    behind = worlds.STILL.copy()
+    behind[3:] = (0, 1, 0, 0)
+    behind[:3] = moving.origins[0]
+    made = cameras(moving, places=behind, background=(0.1, 0.2, 0.3))
+    made.step(moving.at(0))
+    np.testing.assert_allclose(made.view.colour.numpy()[0, 5, 5], (0.1, 0.2, 0.3), rtol=1e-6)
+    assert not made.view.depth.numpy().any() and not made.view.ids.numpy().any()
+
+
+def test_averaging_draws_an_edge_between_two_pixels():
+    moving = Moving(1)
+    edges, one_ray = {}, None
+    for antialiasing in (1, 2, 3):
+        made = cameras(moving, antialiasing=antialiasing)
+        made.step(moving.at(0.05))
+        edges[antialiasing] = made.view.colour.numpy()[0, ..., 0]
+        depths = made.view.depth.numpy()
+        if antialiasing > 1:
+            # Depth is that of the pixel's middle, however many rays its colour has.
+            np.testing.assert_allclose(depths, one_ray, rtol=1e-5)
+            assert np.abs(edges[antialiasing] - edges[1]).max() > 0.02
+        one_ray = depths if one_ray is None else one_ray
+    with pytest.raises(esaac.ArgumentError, match="antialiasing is 0, expected 1 to 8"):
+        cameras(moving, antialiasing=0)
+    fisheye = esaac.Intrinsics(*LENS, "fisheye")
+    with pytest.raises(esaac.ArgumentError, match="expected `pinhole`"):
+        cameras(moving, intrinsics=fisheye)
+    with pytest.raises(esaac.ArgumentError, match=r"places have shape \(6,\), expected \(7,\) or \(1, 7\)"):
+        cameras(moving, places=np.zeros(6))
