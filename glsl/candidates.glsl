@@ -231,8 +231,7 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
             if ((head & HAS_SILHOUETTE) != 0u && place < (head & ~HAS_SILHOUETTE)) {
                 const uint pixel = representatives[word + 1u + place];
                 if (passes(cam, geo, key, pixel, block)) {
-                    const uint entry = from * REPRESENTATIVE_WORDS + 1u + place;
-                    note_passer(cam, geo, lane, entry | (key == 1u ? PASSING_KEY : 0u), uvec2(block));
+                    note_passer(cam, geo, lane, passing_entry(key, from, place), uvec2(block));
                 }
             }
         }

@@ -6,8 +6,8 @@ shared uint representing[2u * TILE_BLOCKS];
 shared uint represented_by[TILE_BLOCKS * BLOCK_SURFACES];
 shared uint own_motion[TILE_BLOCKS];
 
-// The representatives of the tile's blocks in both key frames, in any order, and their number: the pixel with
-// PASSING_KEY, the entry in `passing`, the block in the tile with HANDS_ON if its surfaces are candidates of the blocks that they pass, and the
+// The representatives of the tile's blocks in both key frames, in any order, and their number: the pixel, the
+// entry in `passing`, the block in the tile with HANDS_ON if its surfaces are candidates of the blocks that they pass, and the
 // motion, pixels.
 const uint HANDED = 2u * TILE_BLOCKS * BLOCK_SURFACES;
 const uint HANDS_ON = 0x80000000u;
@@ -124,8 +124,8 @@ void hand_on(Camera cam, Geometry geo, uint number) {
     if (place < (head & ~HAS_SILHOUETTE)) {
         const uint entry = atomicAdd(handed_count, 1u);
         const uint block = block_at.y * cam.blocks_x + block_at.x;
-        handed_pixel[entry] = pixel | (key == 1u ? PASSING_KEY : 0u);
-        handed_entry[entry] = (block * REPRESENTATIVE_WORDS + 1u + place) | (key == 1u ? PASSING_KEY : 0u);
+        handed_pixel[entry] = pixel;
+        handed_entry[entry] = passing_entry(key, block, place);
         handed_block[entry] = in_tile | ((head & HAS_SILHOUETTE) != 0u ? HANDS_ON : 0u);
     }
 }
@@ -134,8 +134,8 @@ void hand_on(Camera cam, Geometry geo, uint number) {
 void follow_to_knot(Camera cam, Geometry geo, uint number) {
     const uint entry = number / KNOTS;
     const uint knot = number % KNOTS;
-    const uint pixel = handed_pixel[entry] & ~PASSING_KEY;
-    const bool in_start = (handed_pixel[entry] & PASSING_KEY) == 0u;
+    const uint pixel = handed_pixel[entry];
+    const bool in_start = (handed_entry[entry] & PASSING_KEY) == 0u;
     const ivec2 at = ivec2(pixel % cam.width, pixel / cam.width);
     uint instance;
     float inverse_depth;

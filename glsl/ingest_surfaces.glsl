@@ -17,11 +17,11 @@ shared uint cached_instance[SURFACE_PIXELS];
 // For each pixel of the tile: which of the 5x5 pixels around continue its surface, row by row.
 shared uint continuing[RIGID ? TILE_ANCHORS : 1u];
 const uint ALL_CONTINUE = (1u << 25) - 1u;
+// Three rows of three of them, from the first on.
+const uint PURE_BITS = 7u | 7u << 5 | 7u << 10;
 
 // A bit for each block of the tile: whether it has a silhouette, pixels that are not inner.
 shared uint silhouettes;
-// The 3x3 pixels around the first of them.
-const uint PURE_BITS = 7u | 7u << 5 | 7u << 10;
 
 // Bit of the pixel `offset` away, in `continuing`.
 uint continuing_bit(ivec2 offset) {

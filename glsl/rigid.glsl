@@ -57,12 +57,10 @@ void insert(inout RigidPixel p, inout float depths[PIXEL_CANDIDATES], uint c, fl
     [[unroll]] for (uint before = 0u; before < PIXEL_CANDIDATES; ++before) {
         place += uint(((p.order >> (ORDER_BITS * before)) & ORDER_MASK) != 0u && depths[before] >= inverse_depth);
     }
-    [[unroll]] for (uint moved_to = PIXEL_CANDIDATES - 1u; moved_to > 0u; --moved_to) {
-        depths[moved_to] = moved_to > place ? depths[moved_to - 1u] : depths[moved_to];
+    [[unroll]] for (uint i = PIXEL_CANDIDATES - 1u; i > 0u; --i) {
+        depths[i] = i > place ? depths[i - 1u] : i == place ? inverse_depth : depths[i];
     }
-    [[unroll]] for (uint i = 0u; i < PIXEL_CANDIDATES; ++i) {
-        depths[i] = i == place ? inverse_depth : depths[i];
-    }
+    depths[0] = place == 0u ? inverse_depth : depths[0];
     const uint nearer = (1u << (ORDER_BITS * place)) - 1u;
     p.order = (p.order & nearer) | ((c + 1u) << (ORDER_BITS * place)) | ((p.order & ~nearer) << ORDER_BITS);
 }
@@ -130,9 +128,8 @@ RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
 
 // Where a candidate lies in key frame 0 (xy) and in key frame 1 (zw). `seen` becomes false if it is not before the
 // camera.
-vec4 find_sources(
-    Geometry geo, Pose pose, Surface surface, vec3 ray, out float inverse_depth, inout bool seen
-) {
+vec4 find_sources(Geometry geo, Pose pose, Surface surface, vec3 ray, inout bool seen) {
+    float inverse_depth;
     const vec3 point = point_on_path(pose, surface.planes[0], ray, inverse_depth, seen);
     const vec2 in_start = project(geo, point, seen);
     const Pose to_end = pose_between_keys(geo, surface.instance);
@@ -249,9 +246,7 @@ float synthesize_rigid(
         const Surface here = candidate_at(p, (order & ORDER_MASK) - 1u, alpha);
         order >>= ORDER_BITS;
         bool seen = true;
-        float inverse_depth;
-        const vec4 at_keys =
-            find_sources(geo, pose_at_substep(geo, here.instance, n, i), here, ray, inverse_depth, seen);
+        const vec4 at_keys = find_sources(geo, pose_at_substep(geo, here.instance, n, i), here, ray, seen);
         if (!seen) {
             continue;
         }

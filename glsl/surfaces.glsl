@@ -285,6 +285,11 @@ uint passing_entries(Camera cam, Geometry geo, uint block) {
 const uint PASSING_KEY = 0x80000000u;
 const uint HAS_SILHOUETTE = 0x80000000u;
 
+// The entry of a place in a block's list of representatives.
+uint passing_entry(uint key, uint block, uint place) {
+    return (block * REPRESENTATIVE_WORDS + 1u + place) | (key == 1u ? PASSING_KEY : 0u);
+}
+
 // ---- Reading a half-pel frame within a surface ----
 
 // A position in half pixels, on a row or column of half-pel samples if it is near one: the range that a level is clamped

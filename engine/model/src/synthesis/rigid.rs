@@ -69,8 +69,9 @@
 //! read at the candidate's positions in the half-pel frames, whatever surfaces the taps are of: the mean in log by `u (1 -
 //! h)`. It holds another background than the pixel's. `H` is the composite of the other candidates, and `B` what the key
 //! frames show behind the silhouette at its positions: the mean by `u (1 - h)` of `exp` of the level of the farther
-//! pixels around, or `H` in a key frame that shows none. The pixel is `v R + (1 - v) (c exp(L) + (1 - c) H)` with `v = max(1 - |ln(H / B)| / `[`BACKGROUND_LOG`]`, 0)`: the more alike both
-//! backgrounds are, the more the mixture counts. Without other candidates that show, it is `R`.
+//! pixels around, or `H` in a key frame that shows none. The pixel is `v R + (1 - v) (c exp(L) + (1 - c) H)` with
+//! `v = max(1 - |ln(H / B)| / `[`BACKGROUND_LOG`]`, 0)`: the more alike both backgrounds are, the more the mixture
+//! counts. Without other candidates that show, it is `R`.
 //!
 //! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel then
 //! takes the level of its farthest candidate at the nearest pixels that belong to it, in the row and the column of its

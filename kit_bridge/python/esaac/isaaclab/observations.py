@@ -1,5 +1,4 @@
-"""Observation terms. They read what the camera holds, so they may be computed any number of times. See
-`__init__.pyi`."""
+"""Observation terms. They read what the camera holds, so they may be computed any number of times."""
 
 from esaac.errors import ArgumentError
 

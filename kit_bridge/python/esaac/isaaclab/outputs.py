@@ -1,5 +1,4 @@
-"""What a step's packet becomes for Isaac Lab: tensors on the device that stay until the next frame. See
-`__init__.pyi`."""
+"""What a step's packet becomes for Isaac Lab: tensors on the device that stay until the next frame."""
 
 import torch
 import warp as wp

@@ -48,12 +48,8 @@ pub struct Surface {
     pub planes: [DVec3; 2],
 }
 
-/// Where a surface that a pixel shows lies in both key frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sources {
-    /// Position in each key frame, pixels.
-    pub at: [DVec2; 2],
-}
+/// Where a surface that a pixel shows lies in each key frame, pixels.
+pub type Sources = [DVec2; 2];
 
 impl Surface {
     /// The surface of a pixel of key frame `key` (0 or 1). `to_other` is the instance's motion from that key frame to
@@ -79,8 +75,8 @@ impl Surface {
     pub fn sources(&self, lens: &Intrinsics, instant: &Instant, ray: DVec3) -> Option<Sources> {
         let poses = instant.to_keys(self.id)?;
         let inverse_depth = self.inverse_depth(instant, ray)?;
-        let mut sources = Sources { at: [DVec2::ZERO; 2] };
-        for (at, pose) in sources.at.iter_mut().zip(poses) {
+        let mut sources = [DVec2::ZERO; 2];
+        for (at, pose) in sources.iter_mut().zip(poses) {
             *at = lens.project(pose.apply(ray.extend(inverse_depth)))?.pixel_px;
         }
         Some(sources)

@@ -255,7 +255,7 @@ impl<'a> Rigid<'a> {
     /// What both key frames know of a candidate.
     fn views(&self, fraction: f64, plane: usize, sources: &Sources, surface: &Surface) -> [View; 2] {
         [(0, 1.0 - fraction), (1, fraction)].map(|(key, time)| {
-            let (frame, at) = (&self.keys[key], sources.at[key]);
+            let (frame, at) = (&self.keys[key], sources[key]);
             let weight = time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT);
             let known = frame.look(&self.half_pels[plane][key], self.taps, at, &self.seen(surface, key));
             View { weight, known }
@@ -277,7 +277,7 @@ impl<'a> Rigid<'a> {
             for (key, weight) in [(0, 1.0 - fraction), (1, fraction)] {
                 let surface = self.seen(surface, key);
                 for step in [DVec2::X, -DVec2::X, DVec2::Y, -DVec2::Y] {
-                    let at = sources.at[key].round() + step * f64::from(distance_px);
+                    let at = sources[key].round() + step * f64::from(distance_px);
                     let inside = at.cmpge(DVec2::ZERO).all() && at.x < size.0 as f64 && at.y < size.1 as f64;
                     let pixel = at.y as usize * size.0 + at.x as usize;
                     if inside && self.keys[key].belongs(pixel, &surface) {

@@ -153,7 +153,7 @@ impl KeyFrame {
         let spot = self.spot(at);
         let as_shown = self.level(half_pel, taps, spot.at);
         if !self.is_within(&spot) {
-            return Known { as_shown, ..self.look_around(half_pel, &spot, surface) };
+            return self.look_around(half_pel, &spot, surface, as_shown);
         }
         let lies = self.relation(spot.nearest, surface);
         let share = |of: Relation| if lies == of { 1.0 } else { 0.0 };
@@ -180,10 +180,9 @@ impl KeyFrame {
     }
 
     /// What the four pixels around a position know of a surface, where they show more than one.
-    fn look_around(&self, half_pel: &[f64], spot: &Spot, surface: &Seen) -> Known {
+    fn look_around(&self, half_pel: &[f64], spot: &Spot, surface: &Seen, as_shown: f64) -> Known {
         let size = self.surfaces.size;
-        let mut known =
-            Known { seen: 0.0, hidden: 0.0, trust: 0.0, level: None, behind: None, as_shown: 0.0 };
+        let mut known = Known { seen: 0.0, hidden: 0.0, trust: 0.0, level: None, behind: None, as_shown };
         let (mut level, mut behind, mut farther) = (0.0, 0.0, 0.0);
         for (pixel, weight) in Cell::new(size, spot.at).corners() {
             let own = half_pel[pixel_sample(size, pixel)];
