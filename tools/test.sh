@@ -174,15 +174,15 @@ step "dependencies" check_dependencies
 # Some tests combine what others run apart, and the layer makes their many kernels slow to compile; one kernel of
 # synthesis `rigid` takes minutes. The next steps run them without the layer.
 rigid=(rigid poses:: synthesis:: render:: bench:: demo::exact_paths depth_and_poses its_depth the_default_is_reported)
-step "cargo test" env ESAAC_VALIDATION=1 cargo test --workspace --locked --no-fail-fast -- \
+step "suites" env ESAAC_VALIDATION=1 tools/suites.py -- \
     --skip the_gpus_kernels_agree_with_the_oracle --skip the_gpus_kernels_hold_every_case \
     --skip every_two_parameters_together "${rigid[@]/#/--skip=}"
+step "documentation tests" cargo test --workspace --locked --doc
 # Kernels that the layer does not watch are others on the software driver.
-step "cargo test, without the layer" cargo test --workspace --locked \
-    --lib --bins --test gpu_against_oracle --test gpu_policy --test stages --test packets --test invariants \
-    --test faults
-step "cargo test, rigid" cargo test --workspace --locked \
-    --test exact_paths --test frontier --test interop --test process -- "${rigid[@]}"
+step "suites, without the layer" tools/suites.py --suite unit --suite gpu_against_oracle --suite gpu_policy \
+    --suite stages --suite packets --suite invariants --suite faults
+step "suites, rigid" tools/suites.py --suite exact_paths --suite frontier --suite interop --suite process \
+    -- "${rigid[@]}"
 step "feature tracy" test_tracy
 # Off by default: Zenoh alone takes longer to build than all that is tested here.
 if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then

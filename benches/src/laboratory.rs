@@ -30,6 +30,8 @@ pub enum Part {
     Time,
     /// Time against cameras, pixels, sub-steps, events, motion
     Scale,
+    /// What poses cost the host
+    Host,
     /// Cost of each sensor effect
     Effects,
     /// Packets into ROS messages, from where the device wrote them

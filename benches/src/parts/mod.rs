@@ -6,6 +6,7 @@ mod day;
 mod effects;
 mod encode;
 mod frontier;
+mod host;
 mod memory;
 mod real_sensor;
 mod scale;
@@ -25,6 +26,7 @@ pub(crate) fn run(laboratory: &Laboratory, part: Part) -> Result<Outcome> {
         Part::Memory => memory::run(laboratory),
         Part::Time => time::run(laboratory),
         Part::Scale => scale::run(laboratory),
+        Part::Host => host::run(laboratory),
         Part::Effects => effects::run(laboratory),
         Part::Encode => encode::run(laboratory),
         Part::Day => day::run(laboratory),

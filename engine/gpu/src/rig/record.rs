@@ -4,6 +4,7 @@
 
 use super::code::Code;
 use super::parameters::{Permutation, Specialised, camera_row, is_rigid, permutation, sort};
+use super::scene::{Tables, tables};
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
@@ -190,15 +191,11 @@ impl Rig {
 
     /// Fills the tables of instances and poses for a tick.
     fn prepare_poses(&mut self, t_ns: &[Option<i64>]) {
-        for (camera, t_ns) in self.cameras.iter().zip(t_ns) {
-            let (Some(t_ns), Some(scene)) = (*t_ns, &camera.scene) else { continue };
-            if !is_rigid(&camera.config.sensor) {
-                continue;
-            }
-            let interval_ns = [camera.last_ns.unwrap_or(t_ns), t_ns];
-            let (known, poses) = (camera.instances.known(), camera.instances.poses(scene, interval_ns));
-            self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, &known);
-            self.arena.table(layout::POSES).write(camera.place.pose_base as usize, &poses);
+        for Tables { camera, poses } in tables(&self.cameras, t_ns) {
+            let camera = &self.cameras[camera];
+            let place = camera.place;
+            self.arena.table(layout::INSTANCES).write(place.instance_base as usize, camera.instances.known());
+            self.arena.table(layout::POSES).write(place.pose_base as usize, &poses);
         }
     }
 

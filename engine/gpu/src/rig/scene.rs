@@ -8,6 +8,8 @@ use esaac_layout::{Geometry, POSE_ROWS};
 use esaac_model::paths::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS};
 use glam::DMat3;
+use std::collections::HashSet;
+use std::num::NonZero;
 
 /// Most instances of a camera: `surfaces` has 16 bits for them, and one value means none.
 pub(super) const MOST_INSTANCES: usize = 0xffff;
@@ -21,6 +23,8 @@ const REST: f64 = 1e-9;
 pub(super) struct Instances {
     /// Row 0 is the static world.
     rows: Vec<Row>,
+    /// Ids with poses, ascending, each with its row: `instances`.
+    known: Vec<[u32; 2]>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +39,25 @@ enum Row {
 impl Instances {
     /// The static world alone.
     pub(super) fn new() -> Self {
-        Instances { rows: vec![Row::Posed(STATIC_WORLD)] }
+        Instances::of(vec![Row::Posed(STATIC_WORLD)])
+    }
+
+    fn of(rows: Vec<Row>) -> Self {
+        let mut known: Vec<[u32; 2]> = rows
+            .iter()
+            .enumerate()
+            .filter_map(|(row, &kind)| match kind {
+                Row::Posed(id) => Some([id, row as u32]),
+                Row::Left { .. } => None,
+            })
+            .collect();
+        known.sort_unstable();
+        Instances { rows, known }
+    }
+
+    /// Whether the instances with poses are those of `scene`.
+    fn are_those_of(&self, scene: &SceneMotion) -> bool {
+        self.known.iter().map(|&[id, _]| id).eq(std::iter::once(STATIC_WORLD).chain(scene.ids()))
     }
 
     /// Rows for the instances of `scene`, after `frames` frames. No other instance has poses.
@@ -50,19 +72,20 @@ impl Instances {
                 (false, left) => left,
             };
         }
-        for id in scene.ids().filter(|&id| self.row(id).is_none()) {
+        let named: HashSet<u32> = self.ids().into_iter().collect();
+        for id in scene.ids().filter(|id| !named.contains(id)) {
             let free = |row: &Row| matches!(row, Row::Left { frames: then, .. } if *then < frames);
             match rows.iter().position(free) {
                 Some(row) => rows[row] = Row::Posed(id),
                 None => rows.push(Row::Posed(id)),
             }
         }
-        Instances { rows }
+        Instances::of(rows)
     }
 
     /// Rows of a saved camera: the ids of its rows.
     pub(super) fn restored(ids: &[u32]) -> Self {
-        Instances { rows: ids.iter().map(|&id| Row::Posed(id)).collect() }
+        Instances::of(ids.iter().map(|&id| Row::Posed(id)).collect())
     }
 
     /// The instance of each row.
@@ -75,25 +98,9 @@ impl Instances {
         self.rows.len()
     }
 
-    fn row(&self, id: u32) -> Option<usize> {
-        self.rows
-            .iter()
-            .position(|&row| matches!(row, Row::Posed(own) | Row::Left { id: own, .. } if own == id))
-    }
-
-    /// Ids with poses, each with its row.
-    fn posed(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
-        self.rows.iter().enumerate().filter_map(|(row, &kind)| match kind {
-            Row::Posed(id) => Some([id, row as u32]),
-            Row::Left { .. } => None,
-        })
-    }
-
     /// Ids with poses, ascending, each with its row: `instances`.
-    pub(super) fn known(&self) -> Vec<[u32; 2]> {
-        let mut known: Vec<_> = self.posed().collect();
-        known.sort_unstable();
-        known
+    pub(super) fn known(&self) -> &[[u32; 2]] {
+        &self.known
     }
 
     /// `poses` of the interval from `from_ns` to `to_ns`, which the scene's poses span.
@@ -104,9 +111,7 @@ impl Instances {
                 from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64
             })
             .collect();
-        let at = |track: &PoseTrack| -> Vec<Pose> {
-            times_ns.iter().map(|&t_ns| track.at(t_ns).expect("poses that span the interval")).collect()
-        };
+        let at = |track: &PoseTrack| track.at_all(&times_ns).expect("poses that span the interval");
         let camera = at(scene.camera());
         let focal_px = 0.5 * scene.lens().focal_px().element_sum();
         let mut rows = Vec::with_capacity(self.rows.len() * POSE_ROWS as usize);
@@ -125,11 +130,15 @@ impl Instances {
 /// Appends the rows of an instance: `camera` and `body` are its poses and the camera's at all instants.
 fn push_poses(rows: &mut Vec<[f32; 4]>, camera: &[Pose], body: Option<&[Pose]>, focal_px: f64) {
     let last = camera.len() - 1;
-    // From camera axes at instant `i` to those at instant `key`.
-    let relative = |i: usize, key: usize| match body {
-        Some(body) => camera[key].inverse() * body[key] * body[i].inverse() * camera[i],
-        None => camera[key].inverse() * camera[i],
-    };
+    // From camera axes at instant `i` to those at the first instant, or the last.
+    let [to_first, to_last] = [0, last].map(|key| {
+        let from_world = camera[key].inverse();
+        let from_body = body.map_or(from_world, |body| from_world * body[key]);
+        move |i: usize| match body {
+            Some(body) => from_body * body[i].inverse() * camera[i],
+            None => from_body * camera[i],
+        }
+    });
     let mut moves = false;
     let mut push = |pose: &Pose| {
         let turn = DMat3::from_quat(pose.rotation());
@@ -141,14 +150,62 @@ fn push_poses(rows: &mut Vec<[f32; 4]>, camera: &[Pose], body: Option<&[Pose]>, 
             rows.push([row.0.x as f32, row.0.y as f32, row.0.z as f32, row.1 as f32]);
         }
     };
+    let mut largest_m: f64 = 0.0;
     for i in 0..=last {
-        push(&relative(i, 0));
+        let pose = to_first(i);
+        push(&pose);
+        if i % (last / (KNOTS - 1)) == 0 {
+            let shift_m = to_last(i).translation_m().length();
+            largest_m = largest_m.max(pose.translation_m().length()).max(shift_m);
+        }
     }
-    push(&relative(0, last));
-    let shift_m =
-        |i: usize| relative(i, 0).translation_m().length().max(relative(i, last).translation_m().length());
-    let largest_m = (0..KNOTS).map(|knot| shift_m(knot * last / (KNOTS - 1))).fold(0.0, f64::max);
+    push(&to_last(0));
     rows.push([(focal_px * largest_m).max(1.0) as f32, f32::from(u8::from(moves)), 0.0, 0.0]);
+}
+
+/// The tables of a camera for a tick.
+pub(super) struct Tables {
+    /// Number of the camera.
+    pub camera: usize,
+    /// `poses`.
+    pub poses: Vec<[f32; 4]>,
+}
+
+/// Instances for which a thread is worth starting.
+const THREAD_INSTANCES: usize = 32;
+
+/// Tables of the cameras that step with poses, to `t_ns`. Made by several threads if there are many instances.
+pub(super) fn tables(cameras: &[CameraState], t_ns: &[Option<i64>]) -> Vec<Tables> {
+    let wanted: Vec<_> = cameras
+        .iter()
+        .zip(t_ns)
+        .enumerate()
+        .filter(|(_, (camera, _))| is_rigid(&camera.config.sensor))
+        .filter_map(|(index, (camera, t_ns))| Some((index, camera, camera.scene.as_ref()?, (*t_ns)?)))
+        .collect();
+    let make = |wanted: &[(usize, &CameraState, &SceneMotion, i64)]| -> Vec<Tables> {
+        let tables = wanted.iter().map(|&(index, camera, scene, t_ns)| {
+            let interval_ns = [camera.last_ns.unwrap_or(t_ns), t_ns];
+            Tables { camera: index, poses: camera.instances.poses(scene, interval_ns) }
+        });
+        tables.collect()
+    };
+    let instances: usize = wanted.iter().map(|(_, camera, ..)| camera.instances.len()).sum();
+    let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = match instances / THREAD_INSTANCES {
+        0 | 1 => 1,
+        worth => worth.min(cores()),
+    };
+    let mut shares = wanted.chunks(wanted.len().div_ceil(threads).max(1));
+    let own = shares.next().unwrap_or_default();
+    std::thread::scope(|scope| {
+        let others: Vec<_> = shares.map(|share| scope.spawn(|| make(share))).collect();
+        let mut tables = make(own);
+        for thread in others {
+            tables.append(&mut thread.join().expect("a thread of poses does not panic"));
+        }
+        tables
+    })
 }
 
 impl Rig {
@@ -169,6 +226,10 @@ impl Rig {
                 expected: Box::new(lens),
                 actual: Box::new(*scene.lens()),
             });
+        }
+        if state.instances.are_those_of(&scene) {
+            self.cameras[camera].scene = Some(scene);
+            return Ok(());
         }
         let instances = state.instances.with(&scene, state.frames);
         if instances.len() > MOST_INSTANCES {
@@ -217,7 +278,7 @@ impl CameraState {
             representative_base: place.representative_base,
             passing_base: place.passing_base,
             instance_base: place.instance_base,
-            known_ids: self.instances.posed().count() as u32,
+            known_ids: self.instances.known().len() as u32,
             instances: self.instances.len() as u32,
             pose_base: place.pose_base,
             path_base: place.path_base,
