@@ -130,6 +130,14 @@ impl Instances {
 /// Appends the rows of an instance: `camera` and `body` are its poses and the camera's at all instants.
 fn push_poses(rows: &mut Vec<[f32; 4]>, camera: &[Pose], body: Option<&[Pose]>, focal_px: f64) {
     let last = camera.len() - 1;
+    let stands = |poses: &[Pose]| poses.iter().all(|pose| *pose == poses[0]);
+    if stands(camera) && body.is_none_or(stands) {
+        for _ in 0..=camera.len() {
+            rows.extend([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        }
+        rows.push([1.0, 0.0, 0.0, 0.0]);
+        return;
+    }
     // From camera axes at instant `i` to those at the first instant, or the last.
     let [to_first, to_last] = [0, last].map(|key| {
         let from_world = camera[key].inverse();
@@ -285,5 +293,45 @@ impl CameraState {
             path_instants: place.path_instants,
             unused: 0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::paths::Intrinsics;
+    use glam::{DQuat, DVec3};
+
+    fn scene(camera: PoseTrack, body: PoseTrack) -> SceneMotion {
+        let mut scene = SceneMotion::new(Intrinsics::pinhole(20.0, 20.0, 7.5, 7.5).unwrap(), camera);
+        scene.insert(4, body).unwrap();
+        scene
+    }
+
+    fn pose(turn: f64, x_m: f64) -> Pose {
+        Pose::new(DQuat::from_rotation_y(turn), DVec3::new(x_m, 2.0, -1.0)).unwrap()
+    }
+
+    #[test]
+    fn what_stands_is_what_moves_by_less_than_rounding() {
+        let rows = |camera: PoseTrack, body: PoseTrack| {
+            let scene = scene(camera, body);
+            Instances::new().with(&scene, 0).poses(&scene, [0, 32])
+        };
+        let track = |poses: [Pose; 2]| PoseTrack::new(vec![0, 32], poses.to_vec()).unwrap();
+        let stands = rows(PoseTrack::still(pose(0.3, 1.0)), track([pose(-0.2, 5.0); 2]));
+        let wavers = rows(
+            track([pose(0.3, 1.0), pose(0.3, 1.0 + 1e-12)]),
+            track([pose(-0.2, 5.0), pose(-0.2, 5.0 + 1e-12)]),
+        );
+        assert_eq!(stands, wavers);
+        assert_eq!(stands.len(), 2 * POSE_ROWS as usize);
+        // A body that moves before a camera that stands, and the world before a camera that moves.
+        let moves = |rows: &[[f32; 4]], row: usize| rows[(row + 1) * POSE_ROWS as usize - 1][1] != 0.0;
+        let body = rows(PoseTrack::still(pose(0.3, 1.0)), track([pose(0.0, 5.0), pose(0.1, 5.0)]));
+        let camera = rows(track([pose(0.3, 1.0), pose(0.3, 1.1)]), PoseTrack::still(pose(0.0, 5.0)));
+        assert_eq!([moves(&stands, 0), moves(&stands, 1)], [false, false]);
+        assert_eq!([moves(&body, 0), moves(&body, 1)], [false, true]);
+        assert_eq!([moves(&camera, 0), moves(&camera, 1)], [true, true]);
     }
 }

@@ -312,6 +312,35 @@ fn instances_may_come_and_go() {
 }
 
 #[test]
+fn each_of_many_cameras_has_its_own_poses() {
+    let rendered = rendered();
+    let expected = packets(&rendered);
+    let cameras = 16;
+    let mut rig = Rig::new(&DEVICE, &vec![rendered.camera(&sensor()); cameras]).expect("a rig");
+    for camera in 0..cameras {
+        // More instances at each, so that threads share them out unevenly.
+        let mut scene = rendered.scene.clone();
+        for id in 0..camera as u32 {
+            scene.insert(1000 + id, PoseTrack::still(Pose::IDENTITY)).expect("one id");
+        }
+        rig.set_scene(camera, scene).expect("a scene of this lens");
+    }
+    // One of them is wrong: nothing moves.
+    rig.set_scene(7, still_with_instances(&rendered, 0, 1 << 40)).expect("a scene of this lens");
+    for (index, frame) in rendered.frames.iter().enumerate() {
+        for camera in 0..cameras {
+            rig.upload(camera, &frame.bytes()).expect("a frame");
+        }
+        let tick = rig.step(&vec![frame.t_ns; cameras]).expect("a frame");
+        for (camera, packet) in tick.packets.iter().enumerate() {
+            let same = packet.iter().eq(expected[index].iter());
+            assert_eq!(same, camera != 7 || index == 0, "camera {camera}, frame {index}");
+        }
+    }
+    assert_silent();
+}
+
+#[test]
 fn memory_is_reported_by_purpose_and_only_where_it_is_used() {
     let rendered = rendered();
     let purposes = |synthesis: Synthesis| {
