@@ -2,4 +2,5 @@
 
 mod input;
 mod levels;
+mod plane;
 mod stages;
