@@ -266,9 +266,9 @@ def test_wrong_arguments_are_told():
         with pytest.raises(esaac.ArgumentError, match=message):
             cameras(moving, **wrong)
     made = cameras(moving)
-    for worlds in ([2], [-1], [0.5]):
+    for wrong in ([2], [-1], [0.5]):
         with pytest.raises(esaac.ArgumentError, match=r"worlds are .*, expected numbers from 0 to 1"):
-            made.step(moving.at(0), worlds=worlds)
+            made.step(moving.at(0), worlds=wrong)
 
 
 def test_substeps_that_are_lost_are_told():
