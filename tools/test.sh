@@ -116,6 +116,7 @@ test_isaac_lab() {
     fi
     "$folder/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps \
         "$(realpath "$target")"/wheels/esaac-*.whl
+    set_up_egl
     # As a user's type checker sees it, who has Isaac Lab.
     "$(realpath "$target")/python/bin/mypy" --strict --python-executable "$folder/bin/python" \
         kit_bridge/tests/typed_isaac.py

@@ -158,7 +158,8 @@ impl Bank {
                 let link = link.expect("frames on a device come with a link");
                 for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[own]) {
                     let Some(tiles) = tiles else { continue };
-                    copies.device += copy(link, tiles, index..index + 1, &[0..1], target)?;
+                    copies.device +=
+                        copy(link, tiles, index..index + 1, std::slice::from_ref(&(0..1)), target)?;
                 }
             } else {
                 self.upload(own, images, index)?;

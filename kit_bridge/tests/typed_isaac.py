@@ -6,6 +6,7 @@ import numpy as np
 
 import esaac
 from esaac.isaaclab import EventCameraCfg, EventRendererCfg, event_frame, voxel_grid
+from esaac.mujoco import EventCamera as MujocoCamera
 from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
 
 if TYPE_CHECKING:
@@ -31,6 +32,14 @@ def newton(model: Any, state: Any) -> None:
     view = View(model, bodies, (60, 60, 32, 24), 64, 48, antialiasing=2)
     view.draw(None, state, None)
     print(len(packet), frames, colour, depth, t_ns, steps.dtype, bodies.arranged(states).shape)
+
+
+def mujoco(model: Any, data: Any) -> None:
+    with MujocoCamera(model, "eye", "dvs128", antialiasing=1, width=64, height=48, device="cuda:0") as camera:
+        camera.record(data)
+        packet: esaac.Packet = camera.step(data)
+        camera.reset()
+        print(len(packet), camera.colour.dtype, camera.depth.shape, camera.ids, camera.events.event_frame())
 
 
 def isaac_lab(env: Any, entity: Any) -> None:
