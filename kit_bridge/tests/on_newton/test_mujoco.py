@@ -1,7 +1,7 @@
 """Event cameras of MuJoCo: their paths against MuJoCo's own poses and rays, their events against what it draws."""
 
-import mujoco_scene as scene  # isort: skip - it chooses how MuJoCo draws
 import mujoco
+import mujoco_scene as scene
 import numpy as np
 import pytest
 import rigid_numpy
