@@ -5,6 +5,8 @@ import pathlib
 import subprocess
 import sys
 
+import pytest
+
 SCRIPTS = pathlib.Path(__file__).parents[2] / "scripts"
 
 
@@ -24,3 +26,15 @@ def test_the_bench_tells_what_events_cost(tmp_path):
     assert abs(sum(told["share"].values()) - 1) < 1e-9 and told["share"]["physics"] > 0
     assert told["events_per_environment_and_step"] > 10
     assert told["memory_bytes"]["events"] > 0 and told["growth_bytes"]["events"] == 0
+
+
+@pytest.mark.parametrize("given", ["events", "frames"])
+def test_the_cart_pole_is_trained_and_judged(given, tmp_path):
+    result = tmp_path / "curve.json"
+    options = {"--envs": 4, "--iterations": 2, "--rollout": 4, "--episode-s": 0.05, "--input": given}
+    ran("isaaclab_cartpole.py", *[word for option in options.items() for word in option], "--json", result)
+    told = json.loads(result.read_text())
+    assert told["input"] == given and [point["iteration"] for point in told["curve"]] == [0, 1]
+    assert told["curve"][-1]["environment_steps"] == 2 * 4 * 4
+    # Nobody falls in three steps.
+    assert told["judged_survived"] == 1.0
