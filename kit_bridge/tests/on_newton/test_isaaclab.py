@@ -60,6 +60,21 @@ def test_an_observation_may_be_read_any_number_of_times(env):
     assert torch.equal(computed, frames[0])
 
 
+def test_rollouts_in_inference_mode_and_without_take_turns(env):
+    env.reset()
+    expected = act(env, 3)
+    env.reset()
+    with torch.inference_mode():
+        (first,) = act(env)
+    (second,) = act(env)
+    env.reset(env_ids=torch.tensor([1]))
+    with torch.inference_mode():
+        (third,) = act(env)
+    for got, wanted in zip((first, second, third), expected):
+        assert [len(events) for events in got][::2] == [len(events) for events in wanted][::2]
+    assert len(third[1]) == len(expected[0][1])
+
+
 def test_a_reset_sends_nothing_and_equals_a_fresh_run(env):
     env.reset()
     camera = env.scene["still"]

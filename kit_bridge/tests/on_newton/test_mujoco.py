@@ -235,6 +235,9 @@ def test_the_sky_is_far_away_sites_are_part_of_their_body_and_tendons_have_no_po
         data.time = 0.01
         assert len(cam.step(data)) == 0
         assert cam.events.statistics["without_poses"] > 0
+        data.time, model.cam_fovy[0] = 0.02, 50
+        with pytest.raises(esaac.ArgumentError, match="the lens of camera 0 is changed while it runs"):
+            cam.step(data)
 
 
 def test_wrong_arguments_are_told(model):

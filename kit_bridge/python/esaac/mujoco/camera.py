@@ -58,9 +58,9 @@ class EventCamera:
         camera_options = {name: options.pop(name) for name in _CAMERAS if name in options}
         given = esaac.SensorModel(sensor, **options)
         width, height = given.width, given.height
-        lens = lens_of(model, number, width, height)
+        self._lens = lens_of(model, number, width, height)
         self._recorder = PoseRecorder(order="wxyz", axes="opengl", limit=limit)
-        self.events = esaac.EventCamera(given, intrinsics=lens, **camera_options)
+        self.events = esaac.EventCamera(given, intrinsics=self._lens, **camera_options)
         self._view = View(model, number, width, height, antialiasing, scene_option)
         self._model, self._number = model, number
         # The simulation's own data are left as they are.
@@ -105,10 +105,16 @@ class EventCamera:
         """Draws the state at `data.time` and returns the events since the last frame. The first frame, and the first
         after a `reset`, sends nothing. Poses that are not recorded yet are.
 
-        A time that is not after the last frame's raises `esaac.FrameError`."""
+        A time that is not after the last frame's raises `esaac.FrameError`, a lens that was changed in the model
+        `esaac.ArgumentError`."""
         t_ns = _time_ns(data)
         if t_ns == self._stepped_ns:
             raise FrameError(f"the frame at {t_ns} ns has been drawn, expected mj_step in between")
+        sensor = self.events.sensor
+        if lens_of(self._model, self._number, sensor.width, sensor.height) != self._lens:
+            raise ArgumentError(
+                f"the lens of camera {self._number} is changed while it runs, expected it to stay; make a new camera"
+            )
         self.record(data)
         mujoco.mj_copyData(self._own, self._model, data)
         self._compute()
