@@ -141,7 +141,7 @@ class CartPole(DirectRLEnv):
         self._images = torch.zeros(shape, device=self.device)
         self._new = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         self._seen_step = -1
-        self.ended = self.survived = 0
+        self.ended = self.survived = self.ended_steps = 0
 
     @property
     def state(self):
@@ -188,10 +188,12 @@ class CartPole(DirectRLEnv):
         return (place.abs() > FURTHEST_M) | (lean.abs() > STEEPEST_RAD), late
 
     def _reset_idx(self, env_ids):
-        super()._reset_idx(env_ids)
         envs = torch.as_tensor(env_ids, device=self.device)
+        steps = int(self.episode_length_buf[envs].sum())
+        super()._reset_idx(env_ids)
         if hasattr(self, "_new"):
             self.ended += len(envs)
+            self.ended_steps += steps
             self.survived += int((self.reset_time_outs & ~self.reset_terminated)[envs].sum())
             self._images[envs], self._new[envs] = 0, True
         draw = lambda most: most * (2 * torch.rand(len(envs), 1, device=self.device) - 1)
@@ -260,19 +262,19 @@ def train(env, given):
     runner = OnPolicyRunner(wrapped, training_cfg(given), log_dir=None, device=given.device)
     curve, started = [], time.perf_counter()
     for iteration in range(given.iterations):
-        env.ended = env.survived = 0
+        env.ended = env.survived = env.ended_steps = 0
         runner.learn(1, init_at_random_ep_len=iteration == 0)
         runner.current_learning_iteration = iteration + 1
-        lengths = list(runner.logger.lenbuffer)
         curve.append(
             {
                 "iteration": iteration,
                 "seconds": time.perf_counter() - started,
                 "environment_steps": (iteration + 1) * given.rollout * env.num_envs,
-                "episode_s": sum(lengths) / len(lengths) * env.step_dt if lengths else None,
+                "episode_s": env.ended_steps * env.step_dt / env.ended if env.ended else None,
                 "survived": env.survived / env.ended if env.ended else None,
             }
         )
+        print(json.dumps(curve[-1]), flush=True)
     return {
         "input": given.input,
         "environments": env.num_envs,

@@ -36,5 +36,6 @@ def test_the_cart_pole_is_trained_and_judged(given, tmp_path):
     told = json.loads(result.read_text())
     assert told["input"] == given and [point["iteration"] for point in told["curve"]] == [0, 1]
     assert told["curve"][-1]["environment_steps"] == 2 * 4 * 4
+    assert 0 < told["curve"][-1]["episode_s"] <= 0.05
     # Nobody falls in three steps.
     assert told["judged_survived"] == 1.0
