@@ -100,6 +100,13 @@ set_up_ros_python() {
     export ESAAC_ROS_PYTHON
 }
 
+# set_up_egl: what MuJoCo draws with where there is no screen and no GPU.
+set_up_egl() {
+    if ! has_library libEGL_mesa.so.0 || ! has_library libEGL.so.1 || ! has_library libOpenGL.so.0; then
+        apt_install libegl1 libegl-mesa0 libopengl0 libgl1-mesa-dri
+    fi
+}
+
 # set_up_packages [tests]: what building and running need; with `tests`, what the tests need too.
 set_up_packages() {
     local missing=()

@@ -87,7 +87,7 @@ test_python() {
     "$environment/bin/ruff" check --config kit_bridge/pyproject.toml kit_bridge tools docs/book
     "$environment/bin/ruff" format --config kit_bridge/pyproject.toml --check kit_bridge tools docs/book
     # The types of the package, against a program that uses all of it.
-    "$environment/bin/mypy" --strict kit_bridge/tests/typed_use.py
+    "$environment/bin/mypy" --strict kit_bridge/tests/typed_use.py kit_bridge/tests/typed_isaac.py
     "$environment/bin/hadolint" docker/Dockerfile
     "$environment/bin/check-jsonschema" --builtin-schema vendor.compose-spec docker/compose.yaml
     (cd kit_bridge && "$environment/bin/python" -m pytest --quiet)
@@ -116,6 +116,10 @@ test_isaac_lab() {
     fi
     "$folder/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps \
         "$(realpath "$target")"/wheels/esaac-*.whl
+    set_up_egl
+    # As a user's type checker sees it, who has Isaac Lab.
+    "$(realpath "$target")/python/bin/mypy" --strict --python-executable "$folder/bin/python" \
+        kit_bridge/tests/typed_isaac.py
     (cd kit_bridge/tests/on_newton && "$folder/bin/python" -m pytest --quiet)
 }
 

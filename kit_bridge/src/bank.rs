@@ -4,6 +4,7 @@
 use crate::error::Fault;
 use crate::image::Place;
 use crate::pack::{Texel, Tiles};
+use crate::runs::runs;
 use esaac_engine::MAX_CAMERAS;
 use esaac_engine::{
     CameraConfig, Device, FrameBytes, FrameInput, GeometryConfig, InputBuffers, Rig, RigOptions, SubmitHooks,
@@ -13,6 +14,9 @@ use esaac_model::paths::Intrinsics;
 use esaac_model::{DepthFormat, SensorModel};
 use std::ops::Range;
 use std::sync::Arc;
+
+/// Images of so many bytes between two others are copied with them on a device: a second copy takes longer.
+const GAP_BYTES: usize = 1 << 20;
 
 /// Number of arrays that a frame may have: colour, motion, depth, ids.
 pub const PLANES: usize = 4;
@@ -126,8 +130,8 @@ impl Bank {
         Ok(banks)
     }
 
-    /// Copies the frames of this bank's cameras to where its rig reads them. Of the host's, those that have no time
-    /// are left out.
+    /// Copies the frames of this bank's cameras to where its rig reads them. Those that have no time are left out,
+    /// but for small gaps on a device.
     pub fn bring(
         &mut self,
         frames: &Frames,
@@ -139,11 +143,12 @@ impl Bank {
         self.copied.resize_with(targets, Copied::default);
         if frames.tiled && on_device(frames, self.cameras.start) {
             let (images, _) = frames.of(self.cameras.start).expect("tiles are for every camera");
-            let (first, count) = (self.cameras.start, self.cameras.len());
             let link = link.expect("frames on a device come with a link");
+            let own = &t_ns[self.cameras.clone()];
             for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[0]) {
                 let Some(tiles) = tiles else { continue };
-                copies.device += copy(link, tiles, first, count, target)?;
+                let runs = runs(own, GAP_BYTES / tiles.image_bytes().max(1));
+                copies.device += copy(link, tiles, self.cameras.clone(), &runs, target)?;
             }
             return Ok(());
         }
@@ -153,7 +158,8 @@ impl Bank {
                 let link = link.expect("frames on a device come with a link");
                 for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[own]) {
                     let Some(tiles) = tiles else { continue };
-                    copies.device += copy(link, tiles, index, 1, target)?;
+                    copies.device +=
+                        copy(link, tiles, index..index + 1, std::slice::from_ref(&(0..1)), target)?;
                 }
             } else {
                 self.upload(own, images, index)?;
@@ -219,15 +225,16 @@ fn geometry(format: &Format, lens: Option<Intrinsics>) -> Option<GeometryConfig>
     })
 }
 
-/// Copies the images of `count` cameras into their buffer, which is made at the first time.
+/// Copies the images of some of the array's cameras into the buffer of `cameras`, which is made at the first time.
+/// `runs` count from the first of `cameras`.
 fn copy(
     link: &CudaLink,
     tiles: &Tiles,
-    first: usize,
-    count: usize,
+    cameras: Range<usize>,
+    runs: &[Range<usize>],
     target: &mut Option<CudaBuffer>,
 ) -> Result<u64, Fault> {
-    let bytes = (tiles.image_bytes() * count) as u64;
+    let bytes = (tiles.image_bytes() * cameras.len()) as u64;
     let target = match target {
         Some(target) => target,
         None => target.insert(link.buffer(tiles.plane().name(), bytes)?),
@@ -245,12 +252,15 @@ fn copy(
         }?;
         return Ok(1);
     }
-    let rows = tiles.rows(first, count);
-    let copies = rows.len() as u64;
-    for (rows, offset) in rows {
-        // SAFETY: the array's owner guarantees its shape, and the array is kept until the step is over.
-        #[expect(unsafe_code, reason = "CUDA's edge")]
-        unsafe { link.copy(tiles.plane().name(), rows, target, offset) }?;
+    let mut copies = 0;
+    for run in runs {
+        let start = (run.start * tiles.image_bytes()) as u64;
+        for (rows, offset) in tiles.rows(cameras.start + run.start, run.len()) {
+            // SAFETY: the array's owner guarantees its shape, and the array is kept until the step is over.
+            #[expect(unsafe_code, reason = "CUDA's edge")]
+            unsafe { link.copy(tiles.plane().name(), rows, target, start + offset) }?;
+            copies += 1;
+        }
     }
     Ok(copies)
 }

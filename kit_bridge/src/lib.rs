@@ -20,6 +20,7 @@ mod process;
 mod report;
 mod ros;
 mod ros_tick;
+mod runs;
 mod saved;
 mod sensor;
 mod state;

@@ -220,6 +220,27 @@ def test_tiled_environments_on_the_device_are_those_of_the_host(count):
     assert device.statistics["host_copies"] == 0 and len(packet) > 500
 
 
+def test_images_of_environments_that_wait_are_not_copied():
+    # An image is larger than the gap that is copied along.
+    count, size = 5, {"width": 640, "height": 480}
+    sensor = esaac.SensorModel("dvs128", **size, contrast_on=0.15, contrast_off=0.15)
+    host = esaac.TiledEventCamera(sensor, count, device="cuda:0")
+    device = esaac.TiledEventCamera(sensor, count, device="cuda:0", packets="cuda")
+    for index, waiting in enumerate(([], [1, 2], [0, 4])):
+        pairs = [bars(640, 480, index + 0.3 * env) for env in range(count)]
+        hdr, motion = (np.stack(images) for images in zip(*pairs))
+        hdr[waiting] = np.nan
+        times = [None if env in waiting else FRAME_NS * index for env in range(count)]
+        expected = host.step(hdr, motion, t_ns=times)
+        before = device.statistics["device_copies"] if index else 0
+        packet = device.step(cuda(hdr), cuda(motion), t_ns=times)
+        # Runs of environments, of two arrays.
+        assert device.statistics["device_copies"] - before == 2 * (1, 2, 1)[index]
+        np.testing.assert_array_equal(packet.offsets, expected.offsets)
+        np.testing.assert_array_equal(torch.from_dlpack(packet.t_ns).cpu().numpy(), expected.t_ns)
+    assert len(packet) > 500
+
+
 def test_cupy_and_jax_take_and_give():
     import cupy
     import jax

@@ -1,10 +1,13 @@
-"""What the tests share: the example's comparison of events with truth, and an Isaac Lab environment, made once."""
+"""What the tests share: examples, how MuJoCo draws, and an Isaac Lab environment, made once."""
 
+import os
 import pathlib
 import sys
 
 import pytest
 
+# Read when MuJoCo is imported, which Newton does too.
+os.environ.setdefault("MUJOCO_GL", "egl")
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
 
 

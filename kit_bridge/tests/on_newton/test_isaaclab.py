@@ -60,6 +60,21 @@ def test_an_observation_may_be_read_any_number_of_times(env):
     assert torch.equal(computed, frames[0])
 
 
+def test_rollouts_in_inference_mode_and_without_take_turns(env):
+    env.reset()
+    expected = act(env, 3)
+    env.reset()
+    with torch.inference_mode():
+        (first,) = act(env)
+    (second,) = act(env)
+    env.reset(env_ids=torch.tensor([1]))
+    with torch.inference_mode():
+        (third,) = act(env)
+    for got, wanted in zip((first, second, third), expected):
+        assert [len(events) for events in got][::2] == [len(events) for events in wanted][::2]
+    assert len(third[1]) == len(expected[0][1])
+
+
 def test_a_reset_sends_nothing_and_equals_a_fresh_run(env):
     env.reset()
     camera = env.scene["still"]
@@ -76,6 +91,42 @@ def test_a_reset_sends_nothing_and_equals_a_fresh_run(env):
         assert len(early[1]) > 5
         assert torch.equal(early[1] + torch.tensor([0, 0, 100_000_000, 0]), late[1])
     assert sum(len(late[0]) for late in second) != sum(len(late[1]) for late in second)
+
+
+def act_unread(env, steps):
+    """Environment steps as a loop of one's own does them: nothing reads the camera before the first physics step."""
+    camera, packets = env.scene["still"], []
+    for _ in range(steps):
+        for _ in range(lab.DECIMATION):
+            env.scene.write_data_to_sim()
+            env.sim.step(render=False)
+            env.scene.update(env.physics_dt)
+        output = camera.data.output
+        events, offsets = (output[name].torch.clone() for name in ("events", "events_offsets"))
+        packets.append([events[a:b] for a, b in itertools.pairwise(offsets)])
+    return packets
+
+
+def reset_unread(env, envs):
+    envs = torch.tensor(envs)
+    env.scene.reset(envs)
+    env.event_manager.apply(mode="reset", env_ids=envs, global_env_step_count=0)
+
+
+def test_a_reset_that_is_not_read_begins_with_the_next_physics_step(env):
+    env.reset()
+    reset_unread(env, [0, 1, 2])
+    first = act_unread(env, 3)
+    events = env.scene["still"].data.output["events_offsets"].torch.diff().tolist()
+    reset_unread(env, [1])
+    kept = env.scene["still"]._outputs.arrays["events_offsets"].torch.diff().tolist()
+    assert kept == [events[0], 0, events[2]]
+    second = act_unread(env, 3)
+    for early, late in zip(first, second):
+        assert len(early[1]) > 5
+        assert torch.equal(early[1] + torch.tensor([0, 0, 100_000_000, 0]), late[1])
+    # The old episode goes on for the others, and the new one has no burst.
+    assert all(len(late[0]) > 5 and len(late[1]) < 3 * len(first[0][0]) for late in second)
 
 
 def test_trap_lazy_sensors_frames_between_reads_are_not_lost(env):

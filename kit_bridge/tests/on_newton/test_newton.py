@@ -10,6 +10,7 @@ from worlds import FRAME_HZ, HEIGHT, LENS, PHYSICS_HZ, TRUTH_HZ, WIDTH, Moving
 
 import esaac
 from esaac.newton import EventCameras
+from esaac.newton.frames import times_of
 
 SENSOR = {"width": WIDTH, "height": HEIGHT, "contrast_on": 0.15, "contrast_off": 0.15}
 COLUMNS = ("x", "y", "t_ns", "p")
@@ -215,6 +216,59 @@ def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
             assert len(made.step(moving.at(per_frame * (frame - begun) * EXACT_S), worlds=again)) == 0
             resets += len(again)
     assert resets > 50 and sum(len(packet) for packet in expected) > 10_000
+
+
+def test_a_reset_that_is_not_read_begins_with_the_next_frame():
+    moving, per_frame = Moving(2), 8
+    made, fresh = (cameras(moving, substep_s=EXACT_S, profile="noisy") for _ in range(2))
+
+    def interval(to, substeps):
+        for substep in substeps:
+            to.record(moving.at(substep * EXACT_S))
+        return to.step(moving.at((substeps[-1] + 1) * EXACT_S))
+
+    made.step(moving.at(0))
+    interval(made, range(per_frame))
+    # World 1 begins anew, and nobody asks for its first frame until three substeps have passed.
+    made.reset([1])
+    for substep in range(per_frame, per_frame + 3):
+        made.record(moving.at(substep * EXACT_S))
+    assert len(made.step(moving.at((per_frame + 3) * EXACT_S), worlds=[1])) == 0
+    fresh.step(moving.at((per_frame + 3) * EXACT_S))
+    late = interval(made, range(per_frame + 3, 2 * per_frame))
+    expected = interval(fresh, range(per_frame + 3, 2 * per_frame))
+    assert len(late[1]) > 100 and len(late[0]) > len(expected[0])
+    for name in ("x", "y", "p"):
+        np.testing.assert_array_equal(getattr(late[1], name), getattr(expected[1], name))
+    np.testing.assert_array_equal(late[1].t_ns - round((per_frame + 3) * EXACT_S * 1e9), expected[1].t_ns)
+
+
+def test_worlds_that_wait_have_no_time():
+    t_ns = 33_000_000
+    assert times_of(np.array([True, True]), t_ns) == t_ns
+    assert times_of(np.array([True, False, True]), t_ns) == [t_ns, None, t_ns]
+    assert times_of(np.array([False]), t_ns) == [None]
+
+
+def test_wrong_arguments_are_told():
+    moving = Moving(2)
+    for wrong, message in (
+        ({"substep_s": 0}, "substep_s is 0, expected seconds above 0"),
+        ({"limit": 0}, "limit is 0, expected at least 1"),
+        ({"bodies": 4}, "bodies are 4, expected -1 to 3"),
+        (
+            {"bodies": [0, 1, 2]},
+            r"bodies are \[0, 1, 2\], expected a number of a body, or one for each world",
+        ),
+        ({"intrinsics": None}, "intrinsics are None, expected Intrinsics"),
+        ({"places": np.zeros((3, 7))}, r"places have shape \(3, 7\), expected \(7,\) or \(2, 7\)"),
+    ):
+        with pytest.raises(esaac.ArgumentError, match=message):
+            cameras(moving, **wrong)
+    made = cameras(moving)
+    for wrong in ([2], [-1], [0.5]):
+        with pytest.raises(esaac.ArgumentError, match=r"worlds are .*, expected numbers from 0 to 1"):
+            made.step(moving.at(0), worlds=wrong)
 
 
 def test_substeps_that_are_lost_are_told():

@@ -1,25 +1,46 @@
 """The event camera of a scene."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from isaaclab.sensors import Camera
 from isaaclab.sim import SimulationContext
 from isaaclab_newton.physics import NewtonCfg, NewtonManager
 
-from esaac._native import SensorModel
-from esaac.cameras import TiledEventCamera
-from esaac.errors import ArgumentError
+from esaac import ArgumentError, Intrinsics, SensorModel, TiledEventCamera
 from esaac.isaaclab.cfg import EVENT_TYPES, EventRendererCfg
 from esaac.isaaclab.outputs import Outputs
 from esaac.isaaclab.schedule import Schedule
 from esaac.newton.bodies import WorldBodies
-from esaac.newton.cameras import stream_of
+from esaac.newton.frames import Frames
 from esaac.newton.substeps import Mounts, SubstepLog
 from esaac.newton.view import View
-from esaac.poses import Intrinsics
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from esaac.isaaclab.cfg import EventCameraCfg
 
 
 class EventCamera(Camera):
-    def __init__(self, cfg):
+    """The sensor that an `EventCameraCfg` makes; `env.scene["name"]` in an environment.
+
+    `data.output` has what `EventCameraCfg.data_types` asks for, of each environment's last frame. `events` is the
+    `esaac.TiledEventCamera`, with `statistics` and `memory()`; None before the simulation plays.
+
+    After a reset the next frame, drawn when the camera is read or updated, is the first of the episode: it has no
+    events. If nothing reads the camera before the next physics step, the episode's events begin after that step.
+
+    Settings without which events would be wrong in silence raise `esaac.ArgumentError`, which names them.
+    """
+
+    events: TiledEventCamera | None
+
+    def __init__(self, cfg: EventCameraCfg) -> None:
         _check(cfg)
         self._event_types = [name for name in cfg.data_types if name in EVENT_TYPES]
         images = cfg.copy()
@@ -36,7 +57,7 @@ class EventCamera(Camera):
         self._record = _Recorder()
         NewtonManager.register_state_force_callback(self._record)
 
-    def __del__(self):
+    def __del__(self) -> None:
         recorder = getattr(self, "_record", None)
         if recorder is not None:
             recorder.log = None
@@ -45,11 +66,12 @@ class EventCamera(Camera):
             super().__del__()
 
     @property
-    def frame_period_s(self):
-        """Time between frames, in whole physics steps."""
-        return self._schedule.period_steps * self._sim_physics_dt
+    def frame_period_s(self) -> float:
+        """Seconds between frames, in whole physics steps."""
+        return float(self._schedule.period_steps * self._sim_physics_dt)
 
-    def update(self, dt, force_recompute=False):
+    def update(self, dt: float, force_recompute: bool = False) -> None:
+        """Draws the frames that are due `dt` seconds after the last call. Isaac Lab calls it."""
         if not self._is_initialized:
             return
         self._schedule.check(dt)
@@ -59,7 +81,8 @@ class EventCamera(Camera):
         # Frames between two reads count too, so none waits for a read.
         self._update_outdated_buffers(force_recompute=True)
 
-    def reset(self, env_ids=None, env_mask=None):
+    def reset(self, env_ids: Sequence[int] | None = None, env_mask: Any = None) -> None:
+        """Begins new episodes. Isaac Lab calls it."""
         super().reset(env_ids, env_mask)
         envs = np.zeros(self._num_envs, bool)
         envs[_numbers(env_ids, env_mask)] = True
@@ -67,16 +90,15 @@ class EventCamera(Camera):
         self._outputs.forget(envs)
         self._tell_due()
 
-    def _initialize_impl(self):
+    def _initialize_impl(self) -> None:
         super()._initialize_impl()
         self._tell_due()
 
-    def _create_buffers(self):
+    def _create_buffers(self) -> None:
         count, (height, width) = self._num_envs, self.image_shape
         self._schedule = Schedule(count, self.cfg.update_period, self._sim_physics_dt)
         model = NewtonManager.get_model()
         self._bodies = WorldBodies(model)
-        self._last_substep = np.zeros(count, np.int64)
         # Newton's manager does not know its own substep yet.
         substeps = SimulationContext.instance().cfg.physics.num_substeps
         substep_s = self._sim_physics_dt / substeps
@@ -93,59 +115,50 @@ class EventCamera(Camera):
             width,
             height,
             antialiasing=self.cfg.antialiasing,
-            background=_linear(self.cfg.background_color),
+            background=_linear(self.cfg.background_color).tolist(),
         )
         on_gpu = {"device": str(self._device), "packets": "cuda"} if model.device.is_cuda else {}
         if self.events is not None:
             self.events.close()
         self.events = TiledEventCamera(_sensor(self.cfg), count, intrinsics=lens, **on_gpu)
+        self._frames = Frames(self.events, self._log, self._bodies)
         self._outputs = Outputs(self._event_types, count, height, width, self.cfg.voxel_bins, self._device)
         self._publish()
 
-    def _update_buffers_impl(self, env_mask):
+    def _update_buffers_impl(self, env_mask: Any) -> None:
         if not self._schedule.due.any():
             return
         super()._update_buffers_impl(env_mask)
         self._step()
         self._schedule.done(self._physics_step())
 
-    def _step(self):
+    def _step(self) -> None:
         """Events of the environments that are due, from the frame that was just drawn."""
-        due, restarts = self._schedule.due, self._schedule.due & self._schedule.restarts
         now = self._log.substeps()
+        self._frames.reset(self._schedule.due & self._schedule.restarts)
         # What has been drawn at this very substep already, and not been reset, has nothing to add.
-        due = due & (restarts | (self._last_substep < now))
+        due = self._schedule.due & ~self._frames.drawn_at(now)
         if not due.any():
             return
-        if restarts.any():
-            self.events.reset(np.flatnonzero(restarts))
-        first = np.where(restarts, now, self._last_substep)[due].min()
-        poses = self._log.poses(first, now, NewtonManager.get_state_0(), self._bodies, self._mounts())
-        t_ns, view = self._log.time_ns(now), self._render_data.view
-        times = t_ns if due.all() else [t_ns if one else None for one in due]
-        colour = view.colour if self._render_data.averaged is None else self._render_data.averaged
-        stream = stream_of(view.depth.device)
-        packet = self.events.step(
-            colour, t_ns=times, depth=view.depth, ids=view.ids, poses=poses, stream=stream
-        )
-        self._last_substep[due] = now
+        poses = self._frames.poses(due, now, NewtonManager.get_state_0(), self._mounts())
+        packet = self._frames.step(due, now, self._render_data.view, poses, self._render_data.averaged)
         self._outputs.update(packet, self.events, due)
         self._publish()
 
-    def _mounts(self):
+    def _mounts(self) -> Mounts:
         positions, turns = self._view.get_local_poses()
         places = np.concatenate([positions.warp.numpy(), turns.warp.numpy()], axis=1)
         return Mounts(self._view._site_body.numpy(), places)
 
-    def _physics_step(self):
+    def _physics_step(self) -> int:
         return round(NewtonManager.get_simulation_time() / self._sim_physics_dt)
 
-    def _tell_due(self):
+    def _tell_due(self) -> None:
         """Isaac Lab's own flags follow the schedule."""
         self._is_outdated.assign(self._schedule.due)
         self._data_dirty = True
 
-    def _publish(self):
+    def _publish(self) -> None:
         self._data._output.update(self._outputs.arrays)
         self._data.info.update(dict.fromkeys(self._outputs.arrays))
 
@@ -153,9 +166,9 @@ class EventCamera(Camera):
 class _Recorder:
     """What Newton calls before every substep."""
 
-    log = None
+    log: SubstepLog | None = None
 
-    def __call__(self, state):
+    def __call__(self, state: Any) -> None:
         if self.log is not None:
             self.log.record(state)
 
@@ -164,7 +177,7 @@ class _Pending:
     """Stands for a view that is made later."""
 
 
-def _check(cfg):
+def _check(cfg: EventCameraCfg) -> None:
     """Settings without which events would be wrong in silence."""
     if not isinstance(cfg.renderer_cfg, EventRendererCfg):
         actual = type(cfg.renderer_cfg).__name__
@@ -184,18 +197,18 @@ def _check(cfg):
         )
 
 
-def _sensor(cfg):
+def _sensor(cfg: EventCameraCfg) -> SensorModel:
     sensor = SensorModel.from_toml(cfg.sensor) if "\n" in cfg.sensor else SensorModel(cfg.sensor)
     return sensor.replace(profile=cfg.profile, width=cfg.width, height=cfg.height, **cfg.parameters)
 
 
-def _linear(colour):
+def _linear(colour: Any) -> NDArray[np.float64]:
     """Of sRGB, as Isaac Lab reads a background."""
     colour = np.clip(np.asarray(colour, np.float64), 0, 1)
     return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
 
 
-def _numbers(env_ids, env_mask):
+def _numbers(env_ids: Any, env_mask: Any) -> Any:
     """Environments that Isaac Lab names: by a mask, numbers of any library, a slice, or None for all."""
     if env_mask is not None:
         return env_mask.numpy()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from isaaclab.sensors import CameraCfg
 from isaaclab.utils import configclass
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
@@ -19,7 +21,24 @@ class EventRendererCfg(NewtonWarpRendererCfg):
 
 @configclass
 class EventCameraCfg(CameraCfg):
-    """A camera that sends events."""
+    """A camera of a scene that sends events: a `CameraCfg` with the settings below.
+
+    `update_period` [s] is the time between frames, a whole number of physics steps; 0 is each of them. Between two
+    frames events follow the poses of all physics substeps. `width` and `height` are in pixels. `spawn` must be a
+    `PinholeCameraCfg` without distortion.
+
+    `camera.data.output` has, of each environment's last frame:
+
+    * `events`: int64 `(n, 4)`: x, y [px], t_ns, p (0 OFF, 1 ON), one environment's events after the other's, each
+      sorted by time. Environment i has rows `events_offsets[i]` to `events_offsets[i + 1]`.
+    * `events_offsets`: int64 `(num_envs + 1,)`.
+    * `event_frame`: int32 `(num_envs, height, width, 2)`, the number of OFF and of ON events.
+    * `voxel_grid`: float32 `(num_envs, height, width, voxel_bins)`, +1 and -1 for each event, split between the two
+      nearest of the bins in time.
+
+    Each is there as `.torch` and `.warp`, on the simulation's device. `event_frame` and `voxel_grid` keep their
+    memory; `events` is new with each frame.
+    """
 
     class_type: type | str = "esaac.isaaclab.camera:EventCamera"
 
@@ -42,15 +61,17 @@ class EventCameraCfg(CameraCfg):
     profile: str | None = None
     """`clean`, `noisy` or `paper`."""
 
-    parameters: dict = {}
+    parameters: dict[str, Any] = {}
     """Parameters of the sensor that differ, such as `{"contrast_on": 0.2}`."""
 
     antialiasing: int = 3
-    """Rays along each axis of a pixel, whose colours are averaged. 1 turns it off."""
+    """Rays along each axis of a pixel, whose colours are averaged, 1 to 8. 1 turns it off."""
 
     voxel_bins: int = 5
+    """Bins of `voxel_grid`, 1 to 256."""
 
-    def validate_config(self):
+    def validate_config(self) -> None:
+        """Raises what Isaac Lab raises for any camera."""
         # The renderer knows nothing of events.
         images = self.copy()
         images.data_types = [name for name in self.data_types if name not in EVENT_TYPES]

@@ -1,17 +1,42 @@
 """Observation terms. They read what the camera holds, so they may be computed any number of times."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from esaac.errors import ArgumentError
 
+if TYPE_CHECKING:
+    import torch
 
-def event_frame(env, sensor_cfg, clip=None, channels_first=True):
+
+def event_frame(
+    env: Any, sensor_cfg: Any, clip: float | None = None, channels_first: bool = True
+) -> torch.Tensor:
+    """The number of OFF and of ON events of each pixel in the last environment step.
+
+    * `env`: the environment, with the camera in its scene.
+    * `sensor_cfg`: `SceneEntityCfg("name of the camera")`. Its `data_types` must have `event_frame`.
+    * `clip`: the most events that count, None for all.
+    * `channels_first`: float32 `(num_envs, 2, height, width)`, else `(num_envs, height, width, 2)`.
+
+    Raises `esaac.ArgumentError` if the camera has no such output, or more than one frame an environment step.
+    """
     return _read(env, sensor_cfg, "event_frame", clip, channels_first)
 
 
-def voxel_grid(env, sensor_cfg, clip=None, channels_first=True):
+def voxel_grid(
+    env: Any, sensor_cfg: Any, clip: float | None = None, channels_first: bool = True
+) -> torch.Tensor:
+    """Events of the last environment step in bins of time, ON as +1 and OFF as -1, each split between two bins.
+
+    Arguments and errors are those of `event_frame`. The result is float32 `(num_envs, voxel_bins, height, width)`, or
+    with the bins last. Values are clipped to -`clip` and `clip`.
+    """
     return _read(env, sensor_cfg, "voxel_grid", clip, channels_first)
 
 
-def _read(env, sensor_cfg, name, clip, channels_first):
+def _read(env: Any, sensor_cfg: Any, name: str, clip: float | None, channels_first: bool) -> torch.Tensor:
     camera = env.scene.sensors[sensor_cfg.name]
     period_s, step_s = camera.frame_period_s, env.step_dt
     if period_s < step_s * (1 - 1e-6):
@@ -25,7 +50,7 @@ def _read(env, sensor_cfg, name, clip, channels_first):
         raise ArgumentError(
             f"camera `{sensor_cfg.name}` has the outputs {sorted(output)}, expected `{name}`; add it to data_types"
         )
-    values = output[name].torch.float()
+    values: torch.Tensor = output[name].torch.float()
     if clip is not None:
         values = values.clamp(-clip, clip)
     return values.permute(0, 3, 1, 2) if channels_first else values

@@ -1,7 +1,14 @@
 """Which body of a world is which: ids of pixels, and poses of bodies in their order."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import warp as wp
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 UNKNOWN = 0xFFFFFFFF
 """Id of what has no pose of its own: particles and what deforms. No table has it, so such pixels are counted."""
@@ -10,9 +17,15 @@ _STILL = np.array([0, 0, 0, 0, 0, 0, 1], np.float64)
 
 
 class WorldBodies:
-    """Numbers the bodies of each world, from 0. Those of no world are in each of them, after its own."""
+    """Numbers the bodies of each world of a `newton.Model`, from 0. Those of no world are in each of them, after its
+    own.
 
-    def __init__(self, model):
+    `shape_ids` is a Warp array on the model's device: of each shape the id of its body, 0 if it is static.
+    """
+
+    shape_ids: Any
+
+    def __init__(self, model: Any) -> None:
         world_of = model.body_world.numpy() if model.body_count else np.zeros(0, np.int32)
         shared = np.flatnonzero(world_of < 0)
         own = [np.flatnonzero(world_of == world) for world in range(model.world_count)]
@@ -29,11 +42,11 @@ class WorldBodies:
         ids = np.array([0 if body < 0 else number[body] + 1 for body in shape_body], np.uint32)
         self.shape_ids = wp.array(ids, dtype=wp.uint32, device=model.device)
 
-    def arranged(self, poses):
+    def arranged(self, poses: NDArray[Any]) -> NDArray[np.float64]:
         """Poses `(steps, bodies of the model, 7)` as `(steps, worlds, bodies of a world, 7)`."""
         if self._of_world.size == 0:
             return np.zeros((len(poses), *self._of_world.shape, 7))
-        arranged = poses[:, self._of_world].astype(np.float64)
+        arranged: NDArray[np.float64] = poses[:, self._of_world].astype(np.float64)
         # A world may have fewer bodies than another.
         arranged[:, self._of_world < 0] = _STILL
         return arranged

@@ -1,35 +1,77 @@
 """Event cameras of a Newton model, one in each world."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import warp as wp
 from newton.sensors import SensorTiledCamera
 
-from esaac.cameras import TiledEventCamera
-from esaac.errors import ArgumentError
+from esaac import ArgumentError, TiledEventCamera
 from esaac.newton.bodies import WorldBodies
+from esaac.newton.frames import Frames
 from esaac.newton.substeps import Mounts, SubstepLog
 from esaac.newton.view import View
-from esaac.poses import Intrinsics
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from esaac import Intrinsics, Packet, SensorModel
 
 
 class EventCameras:
+    """An event camera in each world of a Newton model.
+
+    Call `record(state)` before each substep of the solver, and `step(state)` for each frame. Frames may be rare:
+    between two of them events follow the poses of all substeps.
+
+    `events` is the `esaac.TiledEventCamera`, with `event_frames()`, `voxel_grids()` and `statistics`. `view` has what
+    was drawn last: `colour`, `depth` and `ids`, Warp arrays on the model's device.
+    """
+
+    events: TiledEventCamera
+    view: View
+
     def __init__(
         self,
-        model,
-        sensor=None,
+        model: Any,
+        sensor: SensorModel | str | None = None,
         *,
-        substep_s,
-        intrinsics,
-        places,
-        bodies=-1,
-        tiled_camera=None,
-        antialiasing=3,
-        background=(0.5, 0.5, 0.5),
-        limit=256,
-        **options,
-    ):
+        substep_s: float,
+        intrinsics: Intrinsics | Sequence[float],
+        places: ArrayLike,
+        bodies: int | ArrayLike = -1,
+        tiled_camera: Any = None,
+        antialiasing: int = 3,
+        background: Sequence[float] = (0.5, 0.5, 0.5),
+        limit: int = 256,
+        **options: Any,
+    ) -> None:
+        """
+        * `model`: a finalised `newton.Model`. Each of its worlds has a camera.
+        * `sensor`: a preset or an `esaac.SensorModel`. `options` are more arguments of `esaac.TiledEventCamera`:
+          parameters of the sensor (`width=64, contrast_on=0.2`), `profile`, `packets`, `device`.
+        * `substep_s`: seconds from one `record` to the next. The clock counts substeps, so it does not drift.
+        * `intrinsics`: the pinhole of all cameras, an `esaac.Intrinsics` or `(fx, fy, cx, cy)` in pixels.
+        * `places`: `(7,)` or `(worlds, 7)`, metres and a quaternion x y z w: where a camera is in the axes of its
+          body, or in the world. It looks along -z, x right, y up.
+        * `bodies`: the body of the model that each camera sits on, one number or `(worlds,)`; -1 is the world.
+        * `tiled_camera`: a `newton.sensors.SensorTiledCamera` with lights and textures of its own. Without it there
+          is one with textures and a light without shadows.
+        * `antialiasing`: rays along each axis of a pixel, 1 to 8.
+        * `background`: linear red, green and blue of what no ray hits.
+        * `limit`: most substeps between two frames of a world.
+
+        Wrong values raise `esaac.ArgumentError`, those of the sensor `esaac.SensorError`.
+        """
         worlds = model.world_count
         self._model = model
+        if not substep_s > 0:
+            raise ArgumentError(f"substep_s is {substep_s}, expected seconds above 0")
+        if limit < 1:
+            raise ArgumentError(f"limit is {limit}, expected at least 1 substep")
         if tiled_camera is None:
             config = SensorTiledCamera.RenderConfig(enable_textures=True, enable_backface_culling=False)
             tiled_camera = SensorTiledCamera(model, default_render_config=config)
@@ -38,63 +80,74 @@ class EventCameras:
         places = np.asarray(places, np.float64)
         if places.shape not in ((7,), (worlds, 7)):
             raise ArgumentError(f"places have shape {places.shape}, expected (7,) or ({worlds}, 7)")
-        bodies = np.broadcast_to(np.asarray(bodies), (worlds,))
-        self._mounts = Mounts(bodies, np.broadcast_to(places, (worlds, 7)))
-        self._lens = Intrinsics.of(intrinsics)
-        device = {} if not model.device.is_cuda else {"device": str(model.device), "packets": "cuda"}
-        self.events = TiledEventCamera(sensor, worlds, intrinsics=self._lens, **{**device, **options})
+        self._mounts = Mounts(_bodies(bodies, model), np.broadcast_to(places, (worlds, 7)))
+        device: dict[str, Any] = (
+            {} if not model.device.is_cuda else {"device": str(model.device), "packets": "cuda"}
+        )
+        self.events = TiledEventCamera(sensor, worlds, intrinsics=intrinsics, **{**device, **options})
         width, height = self.events.sensor.width, self.events.sensor.height
         self._log = SubstepLog(model, substep_s, limit)
-        self._bodies = WorldBodies(model)
+        numbered = WorldBodies(model)
         self.view = View(
-            model, self._bodies, self._lens, width, height, antialiasing=antialiasing, background=background
+            model, numbered, intrinsics, width, height, antialiasing=antialiasing, background=background
         )
-        self._last = np.full(worlds, -1, np.int64)
+        self._frames = Frames(self.events, self._log, numbered)
 
-    def record(self, state):
+    def record(self, state: Any) -> None:
+        """Keeps the poses of a `newton.State` that a substep begins with. It only launches kernels, so a CUDA graph
+        may capture it."""
         self._log.record(state)
 
-    def step(self, state, worlds=None):
+    def step(self, state: Any, worlds: ArrayLike | None = None) -> Packet:
+        """Draws the present state, which is not recorded yet, and returns the events since each world's last frame.
+
+        `worlds` are the numbers of those that have a frame, all for None. The others wait: they have no events in
+        the packet, and their next interval begins at their last frame. The first frame of a world, and the first
+        after a `reset`, sends nothing.
+
+        Raises `esaac.ArgumentError` if nothing was recorded since a world's last frame, and `esaac.FrameError` if
+        more than `limit` substeps were."""
         now = self._log.substeps()
-        stepped = _chosen(worlds, len(self._last))
-        late = stepped & (self._last == now)
+        stepped = self._chosen(worlds)
+        late = stepped & self._frames.drawn_at(now)
         if late.any():
             raise ArgumentError(
                 f"world {np.flatnonzero(late)[0]} has had its frame at substep {now}, expected record() in between"
             )
-        first = np.where(self._last < 0, now, self._last)[stepped].min(initial=now)
-        poses = self._log.poses(first, now, state, self._bodies, self._mounts)
+        poses = self._frames.poses(stepped, now, state, self._mounts)
         self._draw(state, poses.camera[-1])
-        t_ns = self._log.time_ns(now)
-        times = t_ns if stepped.all() else [t_ns if one else None for one in stepped]
-        view, stream = self.view, stream_of(self._model.device)
-        packet = self.events.step(
-            view.colour, t_ns=times, depth=view.depth, ids=view.ids, poses=poses, stream=stream
-        )
-        self._last[stepped] = now
-        return packet
+        return self._frames.step(stepped, now, self.view, poses)
 
-    def reset(self, worlds=None):
-        chosen = _chosen(worlds, len(self._last))
-        self.events.reset(np.flatnonzero(chosen))
-        self._last[chosen] = -1
+    def reset(self, worlds: ArrayLike | None = None) -> None:
+        """Lets worlds, given by their numbers, or all begin anew: their next frame is the first."""
+        self._frames.reset(self._chosen(worlds))
 
-    def close(self):
+    def close(self) -> None:
+        """Frees the memory of the event cameras."""
         self.events.close()
 
-    def _draw(self, state, cameras):
+    def _draw(self, state: Any, cameras: NDArray[np.float64]) -> None:
         self._model.bvh_refit_shapes(state)
         self._model.bvh_refit_particles(state)
         transforms = wp.array(cameras[None], dtype=wp.transformf, device=self._model.device)
         self.view.draw(self._tiled_camera, state, transforms)
 
+    def _chosen(self, worlds: ArrayLike | None) -> NDArray[np.bool_]:
+        count = len(self.events)
+        if worlds is None:
+            return np.ones(count, np.bool_)
+        numbers = np.atleast_1d(np.asarray(worlds))
+        if numbers.size and (numbers.dtype.kind not in "iu" or numbers.min() < 0 or numbers.max() >= count):
+            raise ArgumentError(f"worlds are {numbers.tolist()}, expected numbers from 0 to {count - 1}")
+        chosen = np.zeros(count, np.bool_)
+        chosen[numbers.astype(np.int64)] = True
+        return chosen
 
-def stream_of(device):
-    """The stream in which Warp draws, for `step`; None on the host."""
-    return wp.get_stream(device).cuda_stream if device.is_cuda else None
 
-
-def _chosen(worlds, count):
-    chosen = np.zeros(count, bool)
-    chosen[slice(None) if worlds is None else np.asarray(worlds, np.int64)] = True
-    return chosen
+def _bodies(given: int | ArrayLike, model: Any) -> NDArray[np.int64]:
+    bodies = np.asarray(given)
+    if bodies.shape not in ((), (model.world_count,)) or bodies.dtype.kind not in "iu":
+        raise ArgumentError(f"bodies are {given!r}, expected a number of a body, or one for each world")
+    if bodies.min() < -1 or bodies.max() >= model.body_count:
+        raise ArgumentError(f"bodies are {given!r}, expected -1 to {model.body_count - 1}")
+    return np.broadcast_to(bodies, (model.world_count,)).astype(np.int64)

@@ -1,10 +1,19 @@
 """Poses of all bodies at every physics substep, kept on the device."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import warp as wp
 
 from esaac.errors import FrameError
 from esaac.poses import Poses
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from esaac.newton.bodies import WorldBodies
 
 
 @wp.kernel(enable_backward=False)
@@ -23,34 +32,40 @@ def _advance(count: wp.array(dtype=wp.int64)):
 
 
 class SubstepLog:
-    """The states that substeps began with. State k is that after k substeps, so the present one is not in it."""
+    """The last `limit` states of a `newton.Model` that substeps of `substep_s` seconds began with, on its device.
+
+    State k is that after k substeps, so the present one is not in it.
+    """
 
     # Samples before an interval, from which the velocity at its start comes.
     MARGIN = 2
 
-    def __init__(self, model, substep_s, limit=256):
+    def __init__(self, model: Any, substep_s: float, limit: int = 256) -> None:
         self._model, self._substep_s, self._limit = model, substep_s, limit
         # A row of one body more keeps the arrays from being empty.
         self._log = wp.zeros((limit, model.body_count + 1), dtype=wp.transformf, device=model.device)
         self._count = wp.zeros(1, dtype=wp.int64, device=model.device)
 
-    def record(self, state):
+    def record(self, state: Any) -> None:
         """Keeps a state that a substep begins with. It only launches kernels, so a CUDA graph may capture it."""
         if self._model.body_count:
             inputs = [state.body_q, self._count, self._log]
             wp.launch(_keep, self._model.body_count, inputs, device=self._model.device)
         wp.launch(_advance, 1, [self._count], device=self._model.device)
 
-    def substeps(self):
+    def substeps(self) -> int:
         """How many there have been."""
         return int(self._count.numpy()[0])
 
-    def time_ns(self, substep):
+    def time_ns(self, substep: int) -> int:
+        """When a substep ends, by the number that there have been; 0 is the start."""
         # Of the whole number, so that rounding does not add up.
         return round(substep * self._substep_s * 1e9)
 
-    def since(self, first, now, state):
-        """Bodies at substeps `first - MARGIN` (or 0) to `now`: numbers of the substeps, and `(steps, bodies, 7)`."""
+    def since(self, first: int, now: int, state: Any) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Bodies at substeps `first - MARGIN` (or 0) to `now`: numbers of the substeps, and `(steps, bodies, 7)`.
+
+        `state` is the present one. More than `limit` substeps raise `esaac.FrameError`."""
         if now - first > self._limit:
             raise FrameError(
                 f"{now - first} substeps since the last frame, expected at most {self._limit}: "
@@ -63,17 +78,17 @@ class SubstepLog:
         present = state.body_q.numpy() if self._model.body_count else np.zeros((0, 7), np.float32)
         return steps, np.concatenate([*parts, present[None]])
 
-    def poses(self, first, now, state, bodies, mounts):
+    def poses(self, first: int, now: int, state: Any, bodies: WorldBodies, mounts: Mounts) -> Poses:
         """What `step` needs for frames at substep `now` whose last ones were at `first` or later."""
         steps, states = self.since(first, now, state)
         times_ns = np.array([self.time_ns(step) for step in steps], np.int64)
         return Poses(times_ns, mounts.poses(states), bodies.arranged(states))
 
-    def _rows(self, start, end):
+    def _rows(self, start: int, end: int) -> Any:
         return self._log[start:end].numpy()[:, : self._model.body_count]
 
 
-def _runs(start, end, limit):
+def _runs(start: int, end: int, limit: int) -> list[tuple[int, int]]:
     """Slots of substeps `start` to `end - 1` in a ring, in at most two runs."""
     if start == end:
         return []
@@ -84,11 +99,11 @@ def _runs(start, end, limit):
 class Mounts:
     """Where each world's camera sits: on a body (or -1, the world), at a place in its axes."""
 
-    def __init__(self, bodies, places):
+    def __init__(self, bodies: ArrayLike, places: ArrayLike) -> None:
         self._bodies = np.asarray(bodies, np.int64)
         self._places = np.array(places, np.float64).reshape(len(self._bodies), 7)
 
-    def poses(self, states):
+    def poses(self, states: NDArray[Any]) -> NDArray[np.float64]:
         """Cameras `(steps, cameras, 7)` of bodies `(steps, bodies, 7)`."""
         cameras = np.repeat(self._places[None], len(states), axis=0)
         on = self._bodies >= 0

@@ -1,11 +1,19 @@
 """What Newton's tiled camera draws for event cameras: averaged colour, depth and ids."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import warp as wp
 
 from esaac.errors import ArgumentError
-from esaac.newton.bodies import UNKNOWN
+from esaac.newton.bodies import UNKNOWN, WorldBodies
 from esaac.poses import Intrinsics
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _MISS = wp.constant(wp.uint32(0xFFFFFFFF))
 """Newton's shape of a ray that hits nothing."""
@@ -56,10 +64,28 @@ class View:
 
     Newton casts one ray a pixel, so an edge moves by whole pixels. Here each pixel has `antialiasing` times
     `antialiasing` rays, whose colours are averaged, and one through its middle, for depth and id.
+
+    `colour` `(worlds, height, width, 3)`, float32 and linear, `depth` `(worlds, height, width)`, float32, metres
+    along the optical axis (0: no hit), and `ids` `(worlds, height, width)`, uint32, are Warp arrays on the model's
+    device.
     """
 
-    def __init__(self, model, bodies, lens, width, height, *, antialiasing=3, background=(0.5, 0.5, 0.5)):
-        lens = Intrinsics.of(lens)
+    colour: Any
+    depth: Any
+    ids: Any
+
+    def __init__(
+        self,
+        model: Any,
+        bodies: WorldBodies,
+        lens: Intrinsics | Sequence[float],
+        width: int,
+        height: int,
+        *,
+        antialiasing: int = 3,
+        background: Sequence[float] = (0.5, 0.5, 0.5),
+    ) -> None:
+        lens = _lens(lens)
         if lens.projection != "pinhole":
             raise ArgumentError(f"projection is `{lens.projection}`, expected `pinhole`: Newton's rays are")
         if not 1 <= antialiasing <= 8:
@@ -80,7 +106,7 @@ class View:
         self.depth = wp.zeros((worlds, height, width), dtype=wp.float32, device=device)
         self.ids = wp.zeros((worlds, height, width), dtype=wp.uint32, device=device)
 
-    def draw(self, sensor, state, cameras, colour=None):
+    def draw(self, sensor: Any, state: Any, cameras: Any, colour: Any = None) -> None:
         """Draws a state as cameras `(1, worlds)` see it, into `colour` or `self.colour`, `self.depth` and `self.ids`.
 
         `sensor` is a `newton.sensors.SensorTiledCamera`. The model's BVH must fit the state. It only launches
@@ -104,7 +130,14 @@ class View:
         )
 
 
-def _pattern(antialiasing):
+def _lens(given: Intrinsics | Sequence[float]) -> Intrinsics:
+    lens = Intrinsics.of(given)
+    if lens is None:
+        raise ArgumentError(f"intrinsics are {given}, expected Intrinsics or (fx, fy, cx, cy)")
+    return lens
+
+
+def _pattern(antialiasing: int) -> tuple[NDArray[np.float64], int, int]:
     """Places of rays in a pixel `(rays, 2)`; the first that counts for colour; the one in the middle."""
     along = (np.arange(antialiasing) + 0.5) / antialiasing - 0.5
     grid = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
@@ -113,7 +146,7 @@ def _pattern(antialiasing):
     return np.concatenate([np.zeros((1, 2)), grid]), 1, 0
 
 
-def _rays(lens, width, height, offsets):
+def _rays(lens: Intrinsics, width: int, height: int, offsets: NDArray[np.float64]) -> NDArray[np.float32]:
     """Starts and directions `(1, height, width * rays, 2, 3)`, the rays of a pixel side by side."""
     _, fx, fy, cx, cy = lens.told()
     x = (np.arange(width)[:, None] + offsets[:, 0] - cx) / fx

@@ -1,0 +1,66 @@
+"""Which worlds have a frame when, and the step that takes their cameras there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from esaac import Packet, Poses, TiledEventCamera
+    from esaac.newton.bodies import WorldBodies
+    from esaac.newton.substeps import Mounts, SubstepLog
+    from esaac.newton.view import View
+
+_NEVER = -1
+
+
+class Frames:
+    """The substep of each world's last frame. Worlds that are not stepped wait, and keep theirs."""
+
+    def __init__(self, events: TiledEventCamera, log: SubstepLog, bodies: WorldBodies) -> None:
+        self._events, self._log, self._bodies = events, log, bodies
+        self._last = np.full(len(events), _NEVER, np.int64)
+
+    def reset(self, worlds: NDArray[np.bool_]) -> None:
+        """The next frame of these worlds is the first of an episode."""
+        if worlds.any():
+            self._events.reset(np.flatnonzero(worlds))
+            self._last[worlds] = _NEVER
+
+    def drawn_at(self, now: int) -> NDArray[np.bool_]:
+        """Worlds that have had their frame at this substep."""
+        return self._last == now
+
+    def poses(self, stepped: NDArray[np.bool_], now: int, state: Any, mounts: Mounts) -> Poses:
+        """Of all substeps since the last frames of these worlds. A first frame needs its own alone."""
+        first = np.where(self._last == _NEVER, now, self._last)[stepped].min(initial=now)
+        return self._log.poses(int(first), now, state, self._bodies, mounts)
+
+    def step(
+        self, stepped: NDArray[np.bool_], now: int, view: View, poses: Poses, colour: Any = None
+    ) -> Packet:
+        """Events of these worlds, whose frame at this substep `view` has drawn."""
+        packet = self._events.step(
+            view.colour if colour is None else colour,
+            t_ns=times_of(stepped, self._log.time_ns(now)),
+            depth=view.depth,
+            ids=view.ids,
+            poses=poses,
+            stream=stream_of(view.depth.device),
+        )
+        self._last[stepped] = now
+        return packet
+
+
+def times_of(stepped: NDArray[np.bool_], t_ns: int) -> int | list[int | None]:
+    """What `TiledEventCamera.step` takes as the time where some environments wait."""
+    return t_ns if stepped.all() else [t_ns if one else None for one in stepped]
+
+
+def stream_of(device: Any) -> int | None:
+    """The stream in which Warp draws; None on the host."""
+    return int(wp.get_stream(device).cuda_stream) if device.is_cuda else None

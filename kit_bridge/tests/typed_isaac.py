@@ -1,0 +1,62 @@
+"""A program that uses the event cameras for Newton, Isaac Lab and MuJoCo, for a type checker; it is not run."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import esaac
+from esaac.isaaclab import EventCameraCfg, EventRendererCfg, event_frame, voxel_grid
+from esaac.mujoco import EventCamera as MujocoCamera
+from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
+
+if TYPE_CHECKING:
+    from esaac.isaaclab.camera import EventCamera
+
+
+def newton(model: Any, state: Any) -> None:
+    lens = esaac.Intrinsics(60, 60, 32, 24, half_pixel_centres=True)
+    place = np.array([0, 0, 1, 0, 0, 0, 1], float)
+    cameras = EventCameras(
+        model, "dvs128", substep_s=1 / 240, intrinsics=lens, places=place, bodies=[0, 2], width=64, height=48
+    )
+    cameras.record(state)
+    packet: esaac.Packet = cameras.step(state, worlds=[0])
+    cameras.reset(worlds=np.array([0]))
+    frames = cameras.events.event_frames()
+    colour, depth = cameras.view.colour, cameras.view.depth
+    cameras.close()
+    log, bodies = SubstepLog(model, 1 / 240, limit=64), WorldBodies(model)
+    log.record(state)
+    t_ns: int = log.time_ns(log.substeps())
+    steps, states = log.since(0, log.substeps(), state)
+    view = View(model, bodies, (60, 60, 32, 24), 64, 48, antialiasing=2)
+    view.draw(None, state, None)
+    print(len(packet), frames, colour, depth, t_ns, steps.dtype, bodies.arranged(states).shape)
+
+
+def mujoco(model: Any, data: Any) -> None:
+    with MujocoCamera(model, "eye", "dvs128", antialiasing=1, width=64, height=48, device="cuda:0") as camera:
+        camera.record(data)
+        packet: esaac.Packet = camera.step(data)
+        camera.reset()
+        print(len(packet), camera.colour.dtype, camera.depth.shape, camera.ids, camera.events.event_frame())
+
+
+def isaac_lab(env: Any, entity: Any) -> None:
+    cfg = EventCameraCfg(
+        prim_path="{ENV_REGEX_NS}/Robot/link/Events",
+        width=64,
+        height=64,
+        update_period=1 / 30,
+        sensor="dvs128",
+        profile="noisy",
+        parameters={"contrast_on": 0.2},
+        renderer_cfg=EventRendererCfg(),
+    )
+    frame = event_frame(env, entity, clip=3, channels_first=False)
+    grid = voxel_grid(env, entity)
+    camera: EventCamera = env.scene["events"]
+    period_s: float = camera.frame_period_s
+    if camera.events is not None:
+        print(camera.events.statistics)
+    print(cfg, frame.shape, grid.shape, period_s)
