@@ -78,7 +78,8 @@ impl Inner {
         let kept = Arc::clone(&self.state);
         later.submit(move || {
             let mut state = lock(&kept);
-            let events = open(&mut state).and_then(|cameras| cameras.end(begun, &frames, &t_ns, side.as_ref()));
+            let events =
+                open(&mut state).and_then(|cameras| cameras.end(begun, &frames, &t_ns, side.as_ref()));
             Done { frames: Some(frames), events }
         })?;
         Ok(None)

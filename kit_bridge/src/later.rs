@@ -38,7 +38,8 @@ impl Later {
         if self.running.is_none() && self.done.is_none() {
             return Ok(());
         }
-        let message = "the packets of the step that was submitted have not been taken, expected packet() first";
+        let message =
+            "the packets of the step that was submitted have not been taken, expected packet() first";
         Err(Fault::Argument(message.to_owned()))
     }
 
@@ -58,7 +59,9 @@ impl Later {
     /// The step that was submitted last, once it is done.
     pub fn take(&mut self) -> Result<Done, Fault> {
         self.wait();
-        self.done.take().ok_or_else(|| Fault::Argument("no step was submitted, expected submit() first".to_owned()))
+        self.done
+            .take()
+            .ok_or_else(|| Fault::Argument("no step was submitted, expected submit() first".to_owned()))
     }
 }
 

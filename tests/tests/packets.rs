@@ -97,15 +97,16 @@ fn crowded_bins_are_split_and_lose_nothing() {
     /// Bins of a small camera, and the most events of a bin that is not split.
     const BINS: usize = 128;
     const UNSPLIT_EVENTS: usize = 64;
+    let free = SensorModel { contrast_on: 0.02, contrast_off: 0.02, ..sensor() };
     let at_sample = SensorModel {
         timestamps: Timestamps::AtSample,
         synthesis: Synthesis::Linear,
         substep_policy: SubstepPolicy::Fixed,
-        ..sensor()
+        ..free.clone()
     };
     let sensors = [
-        sensor(),
-        SensorModel { timestamp_quantum_ns: 1000, ..sensor() },
+        SensorModel { timestamp_quantum_ns: 1000, ..free.clone() },
+        free,
         at_sample.clone(),
         SensorModel { timestamp_quantum_ns: 10_000_000, ..at_sample },
     ];
