@@ -8,7 +8,9 @@ from conftest import FRAME_NS, assert_same, bars, join
 
 import esaac
 
-SENSOR = esaac.SensorModel("dvs128", width=40, height=24, contrast_on=0.15, contrast_off=0.15, profile="noisy")
+SENSOR = esaac.SensorModel(
+    "dvs128", width=40, height=24, contrast_on=0.15, contrast_off=0.15, profile="noisy"
+)
 
 
 def tiles(count, index):
@@ -19,7 +21,10 @@ def tiles(count, index):
 @pytest.mark.parametrize("packets", ["host", "mapped"])
 def test_submitted_steps_give_the_packets_of_steps(packets):
     stepped, submitted = [], []
-    with esaac.EventCamera(SENSOR, packets=packets) as one, esaac.EventCamera(SENSOR, packets=packets) as other:
+    with (
+        esaac.EventCamera(SENSOR, packets=packets) as one,
+        esaac.EventCamera(SENSOR, packets=packets) as other,
+    ):
         for index in range(4):
             hdr, motion = bars(40, 24, index)
             stepped.append(columns(one.step(hdr, motion, t_ns=FRAME_NS * index)))
@@ -29,7 +34,9 @@ def test_submitted_steps_give_the_packets_of_steps(packets):
             packet = other.packet()
             assert other.last_packet is packet
             submitted.append(columns(packet))
-            counts = [{k: v for k, v in cam.statistics.items() if not k.endswith("_ns")} for cam in (one, other)]
+            counts = [
+                {k: v for k, v in cam.statistics.items() if not k.endswith("_ns")} for cam in (one, other)
+            ]
             assert counts[0] == counts[1]
     assert_same(joined(submitted), joined(stepped))
 
