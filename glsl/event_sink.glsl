@@ -1,10 +1,10 @@
 // The queue of a sub-tile's events, and the scatter from it into bins. Needs bins.glsl and scatter.glsl.
 //
 // Events wait in shared memory, so that all threads stamp and scatter them together. Shared memory limits occupancy, so
-// the queue is short: a sub-tile with more events runs again as QUEUE_OVERFLOWED. That permutation walks twice: first
-// to count the events, then to scatter them one by one.
+// the queue is only as long as earlier intervals needed it. A sub-tile with more events runs again as
+// QUEUE_OVERFLOWED. That permutation walks twice: first to count the events, then to scatter them one by one.
 
-const uint QUEUE_EVENTS = 8u * CROSS_THREADS;
+const uint QUEUE_EVENTS = QUEUE_PER_PX * CROSS_THREADS;
 
 // Time offset from the interval's start, and packed tag (see `event_tag`).
 shared uint queue_times_ns[QUEUE_EVENTS];

@@ -41,15 +41,16 @@ uint fast_udiv(uint x, uint divisor) {
 #include "bins.glsl"
 #include "event_order.glsl"
 
-// Most events that are ranked rather than sorted: the other half of `keys` receives them in order. Ranking takes as
-// many steps as a bin has events; beyond RANKED_BIN_EVENTS, a bitonic sort takes fewer.
+// Most events of a group that is ranked at once: the other half of `keys` receives them in order. Ranking takes as many
+// steps as a bin has events; beyond RANKED_BIN_EVENTS it takes fewer steps to split bins first.
 const uint RANKED_EVENTS = SORTABLE_EVENTS / 2u;
-const uint RANKED_BIN_EVENTS = 256u;
+const uint RANKED_BIN_EVENTS = 64u;
 
-// A group's events.
+// A group's events, or a part of them.
 shared uvec2 keys[SORTABLE_EVENTS];
 
 #include "bitonic_sort.glsl"
+#include "split_sort.glsl"
 
 // For each bin of the group: its events, where they begin, and how many overflow events were found.
 shared uint counts[GROUP_BINS];
@@ -116,12 +117,11 @@ uvec2 place_of_overflow(Camera cam, uvec2 event, uint first_bin, uint first, uin
     return bin >= first && bin < last ? uvec2(bin, cam.bin_capacity + atomicAdd(found[bin], 1u)) : uvec2(last, 0u);
 }
 
-// Which of bins [first, last) of the group holds their event number `e`: the last bin that begins at or before it. The
-// number of bins must be a power of two.
+// Which of bins [first, last) of the group holds their event number `e`: the last bin that begins at or before it.
 uint bin_with(uint e, uint first, uint last) {
     uint bin = first;
-    for (uint further = (last - first) / 2u; further > 0u; further /= 2u) {
-        bin += offsets[bin + further] - offsets[first] <= e ? further : 0u;
+    for (uint further = GROUP_BINS / 2u; further > 0u; further /= 2u) {
+        bin += bin + further < last && offsets[bin + further] - offsets[first] <= e ? further : 0u;
     }
     return bin;
 }
@@ -136,7 +136,18 @@ uint rank_among(uint e, uint first, uint last) {
     return rank;
 }
 
-// Writes keys [from, from + length) as events [first, first + length) of the packet; a subgroup writes whole lines.
+// Writes the `length` events that `split_sort` has put in order as events [first, first + length) of the packet; a
+// subgroup writes whole lines.
+void write_in_order(Camera cam, uint first, uint length) {
+    const uint line = first & ~31u;
+    for (uint position = line + gl_LocalInvocationID.x; position < first + length; position += gl_WorkGroupSize.x) {
+        if (position >= first) {
+            write_out(cam, position, keys[in_order[position - first]]);
+        }
+    }
+}
+
+// Writes keys [from, from + length) likewise.
 void write_keys(Camera cam, uint first, uint length, uint from) {
     const uint line = first & ~31u;
     for (uint position = line + gl_LocalInvocationID.x; position < first + length; position += gl_WorkGroupSize.x) {
@@ -146,14 +157,20 @@ void write_keys(Camera cam, uint first, uint length, uint from) {
     }
 }
 
-// Sorts bins [first, last) of the group, whose events fit shared memory and begin at `position` of the packet.
-void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint overflow_count, uint position) {
-    const uint lane = gl_LocalInvocationID.x;
-    const uint start = offsets[first];
+// Largest of bins [first, last) of the group.
+uint largest_of(uint first, uint last) {
     uint largest = 0u;
     for (uint b = first; b < last; ++b) {
         largest = max(largest, counts[b]);
     }
+    return largest;
+}
+
+// Loads the events of bins [first, last) of the group, which fit shared memory; the largest bin has `largest`. Ends
+// with a barrier.
+void load_bins(Camera cam, uint first_bin, uint first, uint last, uint largest, uint overflow_count) {
+    const uint lane = gl_LocalInvocationID.x;
+    const uint start = offsets[first];
     const uint length = offsets[last - 1u] + counts[last - 1u] - start;
     for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
         const uint bin = bin_with(e, first, last);
@@ -172,18 +189,40 @@ void sort_bins(Camera cam, uint first_bin, uint first, uint last, uint overflow_
         }
     }
     barrier();
-    if (length > RANKED_EVENTS || largest > RANKED_BIN_EVENTS) {
-        bitonic_sort(length);
-        write_keys(cam, position, length, 0u);
-        return;
-    }
-    for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
-        const uint bin = bin_with(e, first, last);
-        const uint bin_first = offsets[bin] - start;
-        keys[RANKED_EVENTS + bin_first + rank_among(e, bin_first, bin_first + counts[bin])] = keys[e];
+}
+
+// Sorts the group's `length` events, which begin at `position` of the packet, by ranks within their bins.
+void rank_group(Camera cam, uint first_bin, uint length, uint largest, uint overflow_count, uint position) {
+    load_bins(cam, first_bin, 0u, GROUP_BINS, largest, overflow_count);
+    for (uint e = gl_LocalInvocationID.x; e < length; e += gl_WorkGroupSize.x) {
+        const uint bin = bin_with(e, 0u, GROUP_BINS);
+        keys[RANKED_EVENTS + offsets[bin] + rank_among(e, offsets[bin], offsets[bin] + counts[bin])] = keys[e];
     }
     barrier();
     write_keys(cam, position, length, RANKED_EVENTS);
+}
+
+// Sorts the group's events, as many bins at once as fit shared memory.
+void split_group(Camera cam, uint first_bin, uint overflow_count, uint position) {
+    uint first = 0u;
+    while (first < GROUP_BINS) {
+        uint last = first + 1u;
+        // Bins of one time each are split by pixels, and so one at a time.
+        while (cam.bin_rows == 1u && last < GROUP_BINS
+            && offsets[last] + counts[last] - offsets[first] <= SORTABLE_EVENTS) {
+            last += 1u;
+        }
+        const uint length = offsets[last - 1u] + counts[last - 1u] - offsets[first];
+        load_bins(cam, first_bin, first, last, largest_of(first, last), overflow_count);
+        if (split_sort(length)) {
+            write_in_order(cam, position + offsets[first], length);
+        } else {
+            bitonic_sort(length);
+            write_keys(cam, position + offsets[first], length, 0u);
+        }
+        barrier();
+        first = last;
+    }
 }
 
 // Moves the group's events to `gathered`, in any order: `merge` sorts them.
@@ -289,9 +328,10 @@ void main() {
         return;
     }
     const uint position = cam.event_base + all.ahead;
-    const uint at_once = events <= RANKED_EVENTS ? GROUP_BINS : events <= SORTABLE_EVENTS ? GROUP_BINS / 2u : 1u;
-    for (uint b = 0u; b < GROUP_BINS; b += at_once) {
-        sort_bins(cam, first_bin, b, b + at_once, counted.overflow, position + offsets[b]);
-        barrier();
+    const uint largest = largest_of(0u, GROUP_BINS);
+    if (events <= RANKED_EVENTS && largest <= RANKED_BIN_EVENTS) {
+        rank_group(cam, first_bin, events, largest, counted.overflow, position);
+    } else {
+        split_group(cam, first_bin, counted.overflow, position);
     }
 }

@@ -207,6 +207,23 @@ impl Bank {
     }
 }
 
+/// Lets those who gave the frames write to them again once they are copied: their streams wait for ours. Where a
+/// stream is not known, the host waits.
+pub fn release(frames: &Frames, link: &CudaLink) -> Result<(), Fault> {
+    for images in frames.images.iter().flatten() {
+        for tiles in images.planes().into_iter().flatten() {
+            match tiles.place() {
+                Place::Host => {}
+                // SAFETY: the array's producer says that this is a stream of the device's primary context.
+                #[expect(unsafe_code, reason = "CUDA's edge")]
+                Place::Cuda { after: Some(stream) } => unsafe { link.lead(stream) }?,
+                Place::Cuda { after: None } => link.finish()?,
+            }
+        }
+    }
+    Ok(())
+}
+
 fn on_device(frames: &Frames, camera: usize) -> bool {
     frames.of(camera).is_some_and(|(images, _)| images.on_device())
 }

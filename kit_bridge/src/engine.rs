@@ -5,6 +5,7 @@ use crate::bank::{Frames, Images};
 use crate::cuda::CudaSide;
 use crate::error::Fault;
 use crate::image::{Image, Plane, Streams};
+use crate::later::{Done, Later};
 use crate::pack::Tiles;
 use crate::packet::PyPacket;
 use crate::poses::{self, GivenLens, GivenPoses, Moving};
@@ -32,16 +33,56 @@ pub struct Engine {
 }
 
 struct Inner {
-    state: Mutex<Option<State>>,
+    /// A step that was submitted. Whoever uses the state holds this lock and has waited for that step.
+    later: Mutex<Later>,
+    state: Arc<Mutex<Option<State>>>,
     side: Mutex<Option<Arc<CudaSide>>>,
     device: Arc<Device>,
 }
 
 impl Inner {
+    /// The lock that comes before the state's, once no step is under way.
+    fn settled(&self) -> MutexGuard<'_, Later> {
+        let mut later = lock(&self.later);
+        later.wait();
+        later
+    }
+
     /// Runs `work` on the open state.
     fn with<T>(&self, work: impl FnOnce(&mut State) -> Result<T, Fault>) -> Result<T, Fault> {
+        let _settled = self.settled();
+        work(open(&mut lock(&self.state))?)
+    }
+
+    /// Steps the cameras that have a time; with `submits` only begins to, and returns nothing.
+    fn step(
+        &self,
+        frames: Frames,
+        t_ns: Vec<Option<i64>>,
+        moving: &Moving,
+        submits: bool,
+    ) -> Result<Option<Events>, Fault> {
+        let side = lock(&self.side).clone();
+        let mut later = self.settled();
+        later.check_taken()?;
         let mut state = lock(&self.state);
-        work(state.as_mut().ok_or(Fault::Closed("the camera"))?)
+        let cameras = open(&mut state)?;
+        let begun = cameras.begin(&frames, &t_ns, moving, side.as_ref())?;
+        if !submits {
+            return cameras.end(begun, &frames, &t_ns, side.as_ref()).map(Some);
+        }
+        if let Some(side) = &side {
+            crate::bank::release(&frames, &side.link())?;
+        }
+        drop(state);
+        let kept = Arc::clone(&self.state);
+        later.submit(move || {
+            let mut state = lock(&kept);
+            let events =
+                open(&mut state).and_then(|cameras| cameras.end(begun, &frames, &t_ns, side.as_ref()));
+            Done { frames: Some(frames), events }
+        })?;
+        Ok(None)
     }
 
     /// CUDA's side of the device, opened at the first call.
@@ -56,6 +97,10 @@ impl Inner {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn open(state: &mut Option<State>) -> Result<&mut State, Fault> {
+    state.as_mut().ok_or(Fault::Closed("the camera"))
 }
 
 type Array<'py> = Bound<'py, PyAny>;
@@ -88,8 +133,8 @@ impl Engine {
         let packets = place(packets, packet_ring)?;
         let device = Arc::clone(device::open(py, device)?.get()?);
         let size_px = sensors.iter().map(|s| (s.width, s.height)).collect();
-        let state = Mutex::new(Some(State::new(&device, sensors, lenses, packets, tiled)));
-        let inner = Inner { state, side: Mutex::default(), device };
+        let state = Arc::new(Mutex::new(Some(State::new(&device, sensors, lenses, packets, tiled))));
+        let inner = Inner { later: Mutex::default(), state, side: Mutex::default(), device };
         if packets == Packets::Cuda {
             // Fail now if there is no CUDA, and not after the first frame.
             py.detach(|| inner.side())?;
@@ -98,8 +143,8 @@ impl Engine {
     }
 
     /// Steps the cameras that have a time, with one array of each kind for all. `t_ns` is one time, or one for each
-    /// camera.
-    #[pyo3(signature = (frame, t_ns, poses, stream))]
+    /// camera. With `submits`, `packet` gives the packet later.
+    #[pyo3(signature = (frame, t_ns, poses, stream, submits))]
     fn step_tiles(
         &self,
         py: Python<'_>,
@@ -107,7 +152,8 @@ impl Engine {
         t_ns: Bound<'_, PyAny>,
         poses: Option<GivenPoses<'_>>,
         stream: Option<u64>,
-    ) -> PyResult<Py<PyPacket>> {
+        submits: bool,
+    ) -> PyResult<Option<Py<PyPacket>>> {
         let count = self.size_px.len();
         let t_ns = times(&t_ns, count)?;
         let cameras = self.tiled.then_some(count);
@@ -115,14 +161,22 @@ impl Engine {
         let frames = Frames { images: vec![Some(images)], tiled: true };
         let poses = poses.map(|poses| poses.read(count)).transpose()?;
         let moving = Moving { poses: vec![poses], together: true };
-        let events = self.step_frames(py, &frames, t_ns, &moving)?;
-        let packet = PyPacket::together(py, events, self.packets != Packets::Host)?;
-        self.keep(vec![packet.clone_ref(py)]);
-        Ok(packet)
+        let events = self.step_frames(py, frames, t_ns, &moving, submits)?;
+        events.map(|events| self.together(py, events)).transpose()
     }
 
-    /// Steps the cameras that have a frame.
-    #[pyo3(signature = (frames, t_ns, poses, stream))]
+    /// The packet of the step that `step_tiles` submitted.
+    fn packet(&self, py: Python<'_>) -> PyResult<Py<PyPacket>> {
+        self.together(py, self.submitted(py)?)
+    }
+
+    /// The packets of the step that `step` submitted.
+    fn packets(&self, py: Python<'_>) -> PyResult<Vec<Py<PyPacket>>> {
+        self.each(py, self.submitted(py)?)
+    }
+
+    /// Steps the cameras that have a frame. With `submits`, `packets` gives the packets later.
+    #[pyo3(signature = (frames, t_ns, poses, stream, submits))]
     fn step(
         &self,
         py: Python<'_>,
@@ -130,7 +184,8 @@ impl Engine {
         t_ns: Vec<Option<i64>>,
         poses: Vec<Option<GivenPoses<'_>>>,
         stream: Option<u64>,
-    ) -> PyResult<Vec<Py<PyPacket>>> {
+        submits: bool,
+    ) -> PyResult<Option<Vec<Py<PyPacket>>>> {
         let expected = self.size_px.len();
         if frames.len() != expected || t_ns.len() != expected {
             let actual = (frames.len(), t_ns.len());
@@ -151,9 +206,8 @@ impl Engine {
         let frames = Frames { images, tiled: false };
         let read = |poses: &Option<GivenPoses<'_>>| poses.as_ref().map(|poses| poses.read(1)).transpose();
         let moving = Moving { poses: poses.iter().map(read).collect::<Result<_, _>>()?, together: false };
-        let packets = PyPacket::each(py, self.step_frames(py, &frames, t_ns, &moving)?)?;
-        self.keep(packets.iter().map(|packet| packet.clone_ref(py)).collect());
-        Ok(packets)
+        let events = self.step_frames(py, frames, t_ns, &moving, submits)?;
+        events.map(|events| self.each(py, events)).transpose()
     }
 
     /// Packets of the last step; none before the first.
@@ -257,6 +311,8 @@ impl Engine {
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let inner = self.inner.get()?;
         py.detach(|| {
+            let mut later = inner.settled();
+            drop(std::mem::take(&mut *later));
             drop(lock(&inner.state).take());
             drop(lock(&inner.side).take());
         });
@@ -283,15 +339,33 @@ impl Engine {
     fn step_frames(
         &self,
         py: Python<'_>,
-        frames: &Frames,
+        frames: Frames,
         t_ns: Vec<Option<i64>>,
         moving: &Moving,
-    ) -> PyResult<Events> {
+        submits: bool,
+    ) -> PyResult<Option<Events>> {
         let inner = self.inner.get()?;
-        Ok(py.detach(|| {
-            let side = lock(&inner.side).clone();
-            inner.with(|state| state.step(frames, &t_ns, moving, side.as_ref()))
-        })?)
+        Ok(py.detach(|| inner.step(frames, t_ns, moving, submits))?)
+    }
+
+    /// The events of the step that was submitted. Its arrays are let go.
+    fn submitted(&self, py: Python<'_>) -> PyResult<Events> {
+        let inner = self.inner.get()?;
+        let done = py.detach(|| lock(&inner.later).take())?;
+        drop(done.frames);
+        Ok(done.events?)
+    }
+
+    fn together(&self, py: Python<'_>, events: Events) -> PyResult<Py<PyPacket>> {
+        let packet = PyPacket::together(py, events, self.packets != Packets::Host)?;
+        self.keep(vec![packet.clone_ref(py)]);
+        Ok(packet)
+    }
+
+    fn each(&self, py: Python<'_>, events: Events) -> PyResult<Vec<Py<PyPacket>>> {
+        let packets = PyPacket::each(py, events)?;
+        self.keep(packets.iter().map(|packet| packet.clone_ref(py)).collect());
+        Ok(packets)
     }
 
     fn keep(&self, packets: Vec<Py<PyPacket>>) {

@@ -12,6 +12,7 @@ mod error;
 mod form;
 mod image;
 mod join;
+mod later;
 mod mapped;
 mod pack;
 mod packet;

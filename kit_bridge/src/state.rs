@@ -52,6 +52,13 @@ pub struct State {
     device: Arc<Device>,
 }
 
+/// A step that has begun.
+pub struct Begun {
+    started: Instant,
+    /// Whether frames are being copied on a CUDA device.
+    on_device: bool,
+}
+
 /// The events of a step.
 pub enum Events {
     /// One packet for each camera.
@@ -107,14 +114,15 @@ impl State {
         }
     }
 
-    /// Steps the cameras that have a time.
-    pub fn step(
+    /// Begins to step the cameras that have a time: checks what is given and has the frames copied. [`State::end`]
+    /// must follow, or the frames are lost.
+    pub fn begin(
         &mut self,
         frames: &Frames,
         t_ns: &[Option<i64>],
         moving: &Moving,
         side: Option<&Arc<CudaSide>>,
-    ) -> Result<Events, Fault> {
+    ) -> Result<Begun, Fault> {
         let started = Instant::now();
         for (camera, (last_ns, t_ns)) in self.last_ns.iter().zip(t_ns).enumerate() {
             if let Some(t_ns) = t_ns {
@@ -137,11 +145,25 @@ impl State {
             for bank in &mut self.banks {
                 bank.bring(frames, t_ns, Some(&link), &mut self.copies)?;
             }
-            link.finish()?;
         } else {
             for bank in &mut self.banks {
                 bank.bring(frames, t_ns, None, &mut self.copies)?;
             }
+        }
+        Ok(Begun { started, on_device })
+    }
+
+    /// Steps the cameras with what [`State::begin`] has been given.
+    pub fn end(
+        &mut self,
+        begun: Begun,
+        frames: &Frames,
+        t_ns: &[Option<i64>],
+        side: Option<&Arc<CudaSide>>,
+    ) -> Result<Events, Fault> {
+        let started = begun.started;
+        if let (true, Some(side)) = (begun.on_device, side) {
+            side.link().finish()?;
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;
         step_all(&mut self.banks, frames, t_ns)?;

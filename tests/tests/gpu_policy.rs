@@ -2,6 +2,7 @@
 //! the oracle and with the device's own kernels.
 
 use esaac_engine::{KernelPolicy, Rig, RigOptions};
+use esaac_layout::QUEUE_PER_PX;
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -52,7 +53,7 @@ fn compiled(rig: &Rig, kernel: &str) -> Vec<Vec<u32>> {
 fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Vec<Step> {
     let mut rig = rig(sensor, sequence, forced(policy));
     let got = steps(&mut rig, sequence, 0..sequence.frames.len());
-    for (stage, constants) in [("ingest", 6), ("cross", 13)] {
+    for (stage, constants) in [("ingest", 6), ("cross", 14)] {
         let own = compiled(&rig, &format!("{stage}_gpu"));
         assert!(!own.is_empty() && own.iter().all(|words| words.len() == constants), "{stage}: {own:?}");
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
@@ -128,7 +129,8 @@ fn larger_groups_of_bins_sort_the_same_packets_on_a_gpu() {
     assert_eq!(compiled(&rig, "sort"), [vec![16, 256, 1]]);
 }
 
-/// Sub-tiles with more events than the queue holds run again, and no others. Buffers grow meanwhile.
+/// Sub-tiles with more events than the queue holds run again, and no others; then the queue grows, if it may. Buffers
+/// grow meanwhile.
 #[test]
 fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
     const STEPS: u32 = 6;
@@ -152,12 +154,17 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
             let log = -1.0 - 0.013 * frame as f64 + if frame % 2 == 1 { swing(pixel) } else { 0.0 };
             intensity_of(&sensor, log)
         });
-        for initial_events in [1 << 20, 64] {
-            let options = RigOptions { initial_events, ..forced(POLICY) };
+        let short = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..POLICY };
+        for (initial_events, policy) in [(1 << 20, POLICY), (1 << 20, short), (64, short)] {
+            let options = RigOptions { initial_events, ..forced(policy) };
             let mut rig = rig(&sensor, &sequence, options);
             let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
-            let overflowed = compiled(&rig, "cross_gpu").iter().filter(|words| words[11] == 1).count();
-            assert_eq!(overflowed, 1, "no queue overflowed");
+            // Constants: whether the queue overflowed, its length.
+            let kernels = compiled(&rig, "cross_gpu");
+            assert_eq!(kernels.iter().filter(|words| words[11] == 1).count(), 1, "no queue overflowed");
+            let lengths: Vec<u32> =
+                kernels.iter().filter(|words| words[11] == 0).map(|words| words[12]).collect();
+            assert_eq!(lengths, if policy == short { vec![8] } else { vec![8, 16] });
             drop(rig);
             assert_silent();
             check_against_oracle(&sensor, &sequence, &got);

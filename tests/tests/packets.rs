@@ -91,6 +91,39 @@ fn every_kind_of_stamp_sorts() {
     assert_silent();
 }
 
+/// Bins with so many events that they are split before they are ranked: by time, and where a bin has one time, by pixel.
+#[test]
+fn crowded_bins_are_split_and_lose_nothing() {
+    /// Bins of a small camera, and the most events of a bin that is not split.
+    const BINS: usize = 128;
+    const UNSPLIT_EVENTS: usize = 64;
+    let free = SensorModel { contrast_on: 0.02, contrast_off: 0.02, ..sensor() };
+    let at_sample = SensorModel {
+        timestamps: Timestamps::AtSample,
+        synthesis: Synthesis::Linear,
+        substep_policy: SubstepPolicy::Fixed,
+        ..free.clone()
+    };
+    let sensors = [
+        SensorModel { timestamp_quantum_ns: 1000, ..free.clone() },
+        free,
+        at_sample.clone(),
+        SensorModel { timestamp_quantum_ns: 10_000_000, ..at_sample },
+    ];
+    for sensor in sensors {
+        let sequence = busy(3);
+        let steps = engine_with(&sensor, &sequence, RigOptions::default());
+        check_contract(&sensor, &sequence, &steps);
+        let found = compare(&sensor, 0, &sequence, &steps);
+        assert_eq!((found.unexplained, found.late), (vec![], vec![]), "{sensor:?}");
+        for step in &steps[1..] {
+            let events = step.packet.len();
+            assert!(events > BINS * UNSPLIT_EVENTS, "{events} events in {BINS} bins of {sensor:?}");
+        }
+    }
+    assert_silent();
+}
+
 #[test]
 fn delays_carry_over_and_lose_nothing() {
     let delays = [(1, 0), (20_000_000, 0), (0, 3_000_000), (90_000_000, 9_000_000), (999_999_999, 0)];

@@ -2,7 +2,7 @@
 //! here; none of them changes an event.
 
 use crate::device::Device;
-use esaac_layout::{CROSS_THREADS, INGEST_THREADS, SORT_THREADS, TILE_BLOCKS};
+use esaac_layout::{CROSS_THREADS, INGEST_THREADS, QUEUE_PER_PX, SORT_THREADS, TILE_BLOCKS};
 use esaac_model::substeps::BLOCK_PX;
 
 /// Which kernels run the two stages that have two kernels each: `ingest_gpu.comp` or `ingest_cpu.comp`, and
@@ -40,6 +40,9 @@ pub struct KernelPolicy {
     pub many_bins: u32,
     /// Most events that a thread strides over when the event buffers are full.
     pub events_per_thread: u32,
+    /// Longest event queue of `cross`, in events for each pixel of a sub-tile. The queue grows from
+    /// [`QUEUE_PER_PX`] to this while intervals overflow it.
+    pub most_queue_per_px: u32,
     /// Whether the dispatches of `ingest` and of `backward_transfer` run one after the other.
     pub serial: bool,
 }
@@ -59,6 +62,7 @@ impl KernelPolicy {
             many_bins: 1 << 13,
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
+            most_queue_per_px: 4 * QUEUE_PER_PX,
             serial: false,
         }
     }
@@ -79,6 +83,8 @@ impl KernelPolicy {
             group_bins_of_many: 32,
             many_bins: u32::MAX,
             events_per_thread: 64,
+            // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
+            most_queue_per_px: QUEUE_PER_PX,
             serial: true,
         }
     }

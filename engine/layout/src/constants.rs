@@ -187,6 +187,8 @@ spec_constants! {
     dump_samples: bool,
     /// Whether events are counted in one walk and scattered in a second, for sub-tiles with more than a queue holds.
     queue_overflowed: bool,
+    /// Events that the queue has room for, for each pixel of a sub-tile.
+    queue_per_px: u32,
     /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
     fisheye: bool,
 }

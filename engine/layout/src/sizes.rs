@@ -16,6 +16,9 @@ pub const TILE_BLOCKS: u32 = 4;
 /// own pixels are done, and makes place for the next.
 pub const CROSS_THREADS: u32 = TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * 4;
 
+/// Room in the shortest event queue of `cross`, in events for each pixel of a sub-tile.
+pub const QUEUE_PER_PX: u32 = 8;
+
 /// Threads of a workgroup of `ingest` and `backward_transfer` on a GPU: one for each pixel of a tile.
 pub const INGEST_THREADS: u32 =
     TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;

@@ -134,6 +134,19 @@ impl CudaLink {
         check("cuStreamWaitEvent", unsafe { sys::cuStreamWaitEvent(self.stream.raw, event, 0) })
     }
 
+    /// Whatever is put in `stream` from now on comes after the copies so far.
+    ///
+    /// # Safety
+    /// The stream is one of this device's primary context.
+    pub unsafe fn lead(&self, stream: u64) -> Result<(), InteropError> {
+        let _entered = self.context.enter()?;
+        let event = self.ordered.raw;
+        // SAFETY: a context is current, event and streams are of it.
+        check("cuEventRecord", unsafe { sys::cuEventRecord(event, self.stream.raw) })?;
+        // SAFETY: as above.
+        check("cuStreamWaitEvent", unsafe { sys::cuStreamWaitEvent(stream as sys::CUstream, event, 0) })
+    }
+
     /// Has rows copied to `offset` of a buffer.
     ///
     /// # Safety

@@ -282,6 +282,23 @@ class EventCamera(_Cameras):
         """The events between the last frame and this one; none for the first.
 
         `poses` must span that interval; for the first frame, its own time."""
+    def submit(
+        self,
+        hdr: Array,
+        motion: Array | None = None,
+        *,
+        t_ns: int,
+        depth: Array | None = None,
+        ids: Array | None = None,
+        poses: Poses | PoseRecorder | None = None,
+        stream: int | None = None,
+    ) -> None:
+        """Begins a step and returns while it runs. `packet` gives its packet; until then there is no other step.
+
+        Arrays on the host are copied before this returns. Those on a CUDA device may be written again by work that is
+        put into their stream afterwards."""
+    def packet(self) -> Packet:
+        """The packet of the step that was submitted, once it is done."""
     @property
     def synthesis(self) -> str | None:
         """What `synthesis="auto"` has come to, by what the first frame brought; None before."""
@@ -332,6 +349,17 @@ class Rig(_Cameras):
     ) -> list[Packet]:
         """Steps the cameras whose frame is not None. A frame is `hdr`, or `(hdr, motion, depth, ids)`, of which the
         later ones may be None or left out. Each camera has poses, or a recorder, of its own."""
+    def submit(
+        self,
+        frames: Sequence[tuple[Array | None, ...] | Array | None],
+        t_ns: int | Sequence[int | None],
+        *,
+        poses: Sequence[Poses | PoseRecorder | None] | None = None,
+        stream: int | None = None,
+    ) -> None:
+        """As `EventCamera.submit`, for all cameras."""
+    def packets(self) -> list[Packet]:
+        """The packets of the step that was submitted, once it is done."""
     @property
     def syntheses(self) -> list[str | None]:
         """What `synthesis="auto"` has come to for each camera; None before its first frame."""
@@ -381,6 +409,20 @@ class TiledEventCamera(_Cameras):
     ) -> Packet:
         """Steps all environments, or those whose time is not None. The others wait: their images are not looked at,
         and they have no events in the packet."""
+    def submit(
+        self,
+        hdr: Array,
+        motion: Array | None = None,
+        *,
+        t_ns: int | Sequence[int | None],
+        depth: Array | None = None,
+        ids: Array | None = None,
+        poses: Poses | PoseRecorder | None = None,
+        stream: int | None = None,
+    ) -> None:
+        """As `EventCamera.submit`, for all environments."""
+    def packet(self) -> Packet:
+        """The packet of the step that was submitted, once it is done."""
     @property
     def synthesis(self) -> str | None:
         """What `synthesis="auto"` has come to, by what the first frame brought; None before."""

@@ -51,14 +51,14 @@ class _Cameras:
         """Memory in use: a list of `{camera, purpose, bytes, on_host}`; `camera` is None for what all share."""
         return self._engine.memory()
 
-    def _step_together(self, frame, t_ns, poses, stream):
+    def _step_together(self, frame, t_ns, poses, stream, submits=False):
         if not isinstance(poses, PoseRecorder):
-            return self._engine.step_tiles(frame, t_ns, poses, stream)
+            return self._engine.step_tiles(frame, t_ns, poses, stream, submits)
         last = self._engine.last_ns
         times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
         stepped = [(t, before) for t, before in zip(times, last) if t is not None]
         given = poses.spanning(*_span(*zip(*stepped))) if stepped else None
-        packet = self._engine.step_tiles(frame, times, given, stream)
+        packet = self._engine.step_tiles(frame, times, given, stream, submits)
         # Cameras that wait need what came after their last frame.
         needed = [t if t is not None else before for t, before in zip(times, last)]
         poses.forget_before(min((t for t in needed if t is not None), default=0))
@@ -96,6 +96,11 @@ class _Cameras:
         return [None if frame is None else ApsFrame(*frame) for frame in self._engine.aps()]
 
 
+def _listed(t_ns):
+    """An array of times, of any library and on any device, as a list, in one call."""
+    return t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
+
+
 def _span(times_ns, last_ns):
     """From the earliest frame before to the latest of these."""
     return min(t if last is None else last for t, last in zip(times_ns, last_ns)), max(times_ns)
@@ -120,6 +125,12 @@ class EventCamera(_Cameras):
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
         return self._step_together((hdr, motion, depth, ids), t_ns, poses, stream)
+
+    def submit(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
+        self._step_together((hdr, motion, depth, ids), t_ns, poses, stream, submits=True)
+
+    def packet(self):
+        return self._engine.packet()
 
     @property
     def synthesis(self):
@@ -186,6 +197,15 @@ class Rig(_Several):
         super().__init__(sensors, lenses, device, packets, packet_ring, tiled=False)
 
     def step(self, frames, t_ns, *, poses=None, stream=None):
+        return self._step_each(frames, t_ns, poses, stream)
+
+    def submit(self, frames, t_ns, *, poses=None, stream=None):
+        self._step_each(frames, t_ns, poses, stream, submits=True)
+
+    def packets(self):
+        return self._engine.packets()
+
+    def _step_each(self, frames, t_ns, poses, stream, submits=False):
         given = []
         for frame in frames:
             if frame is None:
@@ -210,7 +230,7 @@ class Rig(_Several):
         spanning = [None if isinstance(each, PoseRecorder) else each for each in poses]
         for index, recorder in recorders:
             spanning[index] = recorder.spanning(*_span(times[index : index + 1], last[index : index + 1]))
-        packets = self._engine.step(given, times, spanning, stream)
+        packets = self._engine.step(given, times, spanning, stream, submits)
         for index, recorder in recorders:
             recorder.forget_before(times[index])
         return packets
@@ -261,9 +281,13 @@ class TiledEventCamera(_Several):
         super().__init__([sensor] * num_envs, [lens] * num_envs, device, packets, packet_ring, tiled=True)
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
-        # An array of times, of any library and on any device, becomes a list in one call.
-        times = t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
-        return self._step_together((hdr, motion, depth, ids), times, poses, stream)
+        return self._step_together((hdr, motion, depth, ids), _listed(t_ns), poses, stream)
+
+    def submit(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
+        self._step_together((hdr, motion, depth, ids), _listed(t_ns), poses, stream, submits=True)
+
+    def packet(self):
+        return self._engine.packet()
 
     @property
     def synthesis(self):

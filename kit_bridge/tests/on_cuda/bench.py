@@ -150,6 +150,44 @@ def vga(envs, packets, on_host):
     return {**row, "readable_over_gpu": row["readable_p50_us"] / row["gpu_p50_us"]}
 
 
+def beside_work(packets, submits, size=320):
+    """Steps beside other work of the GPU in the same stream, a few hundred microseconds of it: after each step, or
+    while it runs. `work_us` is what the work takes alone, `submit_us` and `packet_us` the caller's time in each call
+    of the camera (without `submit`, the first is the step), `period_us` all of it."""
+    camera = esaac.EventCamera("genx320", device="cuda:0", packets=packets)
+    made, big = frames(size, size), torch.randn(2048, 2048, device="cuda")
+
+    def work():
+        for _ in range(3):
+            big @ big
+
+    work()
+    torch.cuda.synchronize()
+    started = time.perf_counter_ns()
+    for _ in range(100):
+        work()
+    torch.cuda.synchronize()
+    work_us = (time.perf_counter_ns() - started) / 1e5
+    called, count, warm = [], 300, 30
+    for index in range(warm + count):
+        if index == warm:
+            torch.cuda.synchronize()
+            began = time.perf_counter_ns()
+        frame, t_ns = made[index % len(made)], FRAME_NS * index
+        before = time.perf_counter_ns()
+        packet = camera.submit(*frame, t_ns=t_ns) if submits else camera.step(*frame, t_ns=t_ns)
+        submitted = time.perf_counter_ns()
+        work()
+        worked = time.perf_counter_ns()
+        packet = camera.packet() if submits else packet
+        if index >= warm:
+            called.append((submitted - before, time.perf_counter_ns() - worked))
+    torch.cuda.synchronize()
+    period_us = (time.perf_counter_ns() - began) / 1e3 / count
+    submit_us, packet_us = (sorted(part)[count // 2] / 1e3 for part in zip(*called))
+    return {"period_us": period_us, "work_us": work_us, "submit_us": submit_us, "packet_us": packet_us}
+
+
 def line(rows, of):
     """`of` as a line over pixels, by least squares of relative errors: at no pixels, per million, largest error."""
     pixels = np.array([row["pixels"] for row in rows]) / 1e6
@@ -197,6 +235,9 @@ def main():
         "320x320 x32, Warp arrays, packets on the host": lambda: one("host", None, given=warp_array),
         "320x320 x32, CuPy arrays, packets on the host": lambda: one("host", None, given=cupy_array),
     }
+    for packets, submits in itertools.product(("host", "cuda"), (False, True)):
+        name = f"320x320 x32 beside work, packets `{packets}`, {'submitted' if submits else 'stepped'}"
+        cases[name] = functools.partial(beside_work, packets, submits)
     for envs, frames_of, packets in itertools.product((8, 64), ("NumPy", "torch"), ("host", "mapped")):
         name = f"{envs} x VGA x32, frames of {frames_of}, packets `{packets}`"
         cases[name] = functools.partial(vga, envs, packets, frames_of == "NumPy")

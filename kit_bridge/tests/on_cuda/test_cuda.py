@@ -107,6 +107,34 @@ def late(stream, hdr, motion):
     return made, motion
 
 
+@pytest.mark.parametrize("packets", ["host", "mapped", "cuda"])
+def test_tensors_of_a_submitted_step_may_be_written_again_in_their_stream(packets):
+    expected = run(camera(), count=5)
+    cam, parts = camera(packets=packets), []
+    given = tuple(map(cuda, bars(40, 24, 0)))
+    for index in range(5):
+        for tensor, array in zip(given, bars(40, 24, index)):
+            tensor.copy_(cuda(array))
+        cam.submit(*given, t_ns=FRAME_NS * index)
+        for tensor in given:
+            tensor.fill_(7.0)
+        parts.append(tuple(np.array(column) for column in on_host(cam.packet())))
+    assert_same(tuple(np.concatenate([part[i] for part in parts]) for i in range(4)), expected)
+    assert cam.statistics["host_copies"] == 0
+
+
+def test_submitted_frames_of_another_stream_are_waited_for():
+    expected, side = run(camera(), count=5), torch.cuda.Stream()
+    cam, parts = camera(), []
+    for index in range(5):
+        made, motion = late(side, *bars(40, 24, index))
+        cam.submit(made, motion, t_ns=FRAME_NS * index, stream=side.cuda_stream)
+        with torch.cuda.stream(side):
+            made.zero_()
+        parts.append(on_host(cam.packet()))
+    assert_same(tuple(np.concatenate([part[i] for part in parts]) for i in range(4)), expected)
+
+
 def test_streams_are_ordered():
     """Frames that are still being made when step is called are waited for."""
     expected = run(camera(), count=5)

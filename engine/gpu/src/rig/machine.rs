@@ -77,6 +77,8 @@ pub(super) struct TickEnd {
     pub counters: Vec<Option<Counters>>,
     /// How often each camera's event buffers grew.
     pub regrown: Vec<u64>,
+    /// Sub-tiles of all cameras with more events than their queue holds.
+    pub queue_overflows: u64,
 }
 
 /// How a tick fails.
@@ -100,6 +102,7 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
     let mut retry = Retry { resumed: Vec::new(), wanted_events: vec![0; progress.pending.len()] };
     for (camera, pending) in progress.pending.iter_mut().enumerate().filter(|(_, pending)| **pending) {
         let counted = counters(camera);
+        progress.end.queue_overflows += u64::from(counted.queue_overflows);
         let fitted = counted.emitted_fit == u32::MAX;
         if fitted && counted.queue_overflows == 0 {
             progress.end.counters[camera] = Some(counted);
@@ -131,7 +134,7 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
 /// Runs a tick. `in_tick` tells for each camera whether it takes part.
 pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<TickEnd, TickError> {
     let cameras = in_tick.len();
-    let end = TickEnd { counters: vec![None; cameras], regrown: vec![0; cameras] };
+    let end = TickEnd { counters: vec![None; cameras], regrown: vec![0; cameras], queue_overflows: 0 };
     let mut progress = Progress { pending: in_tick, end };
     let mut state = State::Prepared;
     let mut retries = 0;
@@ -251,7 +254,10 @@ mod tests {
         let counted = Counters { packet: 7, ..FITTED };
         let mut fake = Fake::new(&[&[counted, ZERO]]);
         let end = run(&mut fake, vec![true, false]).unwrap();
-        assert_eq!(end, TickEnd { counters: vec![Some(counted), None], regrown: vec![0, 0] });
+        assert_eq!(
+            end,
+            TickEnd { counters: vec![Some(counted), None], regrown: vec![0, 0], queue_overflows: 0 }
+        );
         assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
     }
 
@@ -271,7 +277,10 @@ mod tests {
         let done = Counters { emitted: 620, packet: 620, ..FITTED };
         let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
         let end = run(&mut fake, vec![true, true]).unwrap();
-        assert_eq!(end, TickEnd { counters: vec![Some(heavy), Some(done)], regrown: vec![0, 1] });
+        assert_eq!(
+            end,
+            TickEnd { counters: vec![Some(heavy), Some(done)], regrown: vec![0, 1], queue_overflows: 2 }
+        );
         let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
         let from_500 = Counters { queue_overflows: 0, ..overflowed };
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };

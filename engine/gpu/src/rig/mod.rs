@@ -20,6 +20,7 @@ mod input;
 mod machine;
 mod merge;
 mod parameters;
+mod queue;
 mod record;
 #[cfg(feature = "shaderc")]
 mod reload;
@@ -48,6 +49,7 @@ use esaac_model::paths::SceneMotion;
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
+use queue::QueueLength;
 use results::Results;
 use scene::Instances;
 use std::sync::Arc;
@@ -144,6 +146,8 @@ pub struct Rig {
     recordings: Recordings,
     /// The table of cameras, as the next submission reads it.
     parameters: Vec<Camera>,
+    /// The length of the event queues of `cross`.
+    queue: QueueLength,
     timing: Timing,
     results: Results,
     health: Health,
@@ -200,6 +204,7 @@ impl Rig {
                 representing: Commands::new(device)?,
             },
             parameters: vec![Camera::default(); cameras.len()],
+            queue: QueueLength::default(),
             timing: Timing::new(device, options.stage_times)?,
             results: Results::new(configs),
             health: Health::Good,

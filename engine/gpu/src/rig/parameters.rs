@@ -6,7 +6,7 @@ use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
-    IngestConstants, IngestCpuConstants, SortConstants,
+    IngestConstants, IngestCpuConstants, QUEUE_PER_PX, SortConstants,
 };
 use esaac_model::paths::Projection;
 use esaac_model::random::HAZARD_FRACTION_BITS;
@@ -35,12 +35,13 @@ pub(super) struct Permutation {
 }
 
 /// The permutation that a camera needs; code of effects that are off is left out. `texels`: whether the texel views
-/// cover all of `planes` and `motion`.
+/// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues.
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
     policy: KernelPolicy,
     texels: bool,
+    queue_per_px: u32,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
     // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
@@ -72,6 +73,7 @@ pub(super) fn permutation(
             taps: sensor.taps,
             dump_samples: options.keep_substeps,
             queue_overflowed: false,
+            queue_per_px,
             fisheye,
         },
         // Without half-pel frames there is nothing to transfer.
@@ -130,7 +132,9 @@ impl Permutation {
     /// The kernel of `cross`. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
     /// holds.
     pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Specialised {
-        let mut constants = CrossConstants { queue_overflowed, ..self.cross }.words();
+        // Without a queue, its length must not make another kernel.
+        let queue_per_px = if queue_overflowed { QUEUE_PER_PX } else { self.cross.queue_per_px };
+        let mut constants = CrossConstants { queue_overflowed, queue_per_px, ..self.cross }.words();
         let kernel = match policy.kernels {
             KernelSet::Gpu if self.rigid => stages::CROSS_RIGID_GPU,
             KernelSet::Gpu => stages::CROSS_GPU,

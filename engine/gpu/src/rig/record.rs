@@ -248,7 +248,8 @@ impl Rig {
     /// The permutation of each camera.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
-        self.cameras.iter().map(|c| permutation(c, self.options, policy, texels)).collect()
+        let queue_per_px = self.queue.per_px();
+        self.cameras.iter().map(|c| permutation(c, self.options, policy, texels, queue_per_px)).collect()
     }
 
     /// Every kernel that the rig has compiled, by stage.

@@ -1,6 +1,7 @@
 //! Stepping a rig: from frames and their times to a tick.
 
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
+use super::queue::Load;
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
 use super::{Addresses, CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
@@ -115,6 +116,8 @@ impl Rig {
             self.take(&t_ns, &end);
         }
         self.grow_bins(&end);
+        let most_per_px = self.pipelines.policy.most_queue_per_px;
+        self.queue.follow(Load::of(&self.cameras, &end), most_per_px);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
         let results = &self.results;
         profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());
