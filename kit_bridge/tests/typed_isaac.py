@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import esaac
-from esaac.isaaclab import EventCameraCfg, EventRendererCfg, event_frame, voxel_grid
+from esaac.isaaclab import (
+    EventCameraCfg,
+    EventReading,
+    EventRendererCfg,
+    event_frame,
+    randomize_sensor,
+    voxel_grid,
+)
 from esaac.mujoco import EventCamera as MujocoCamera
 from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
 
@@ -58,5 +65,20 @@ def isaac_lab(env: Any, entity: Any) -> None:
     camera: EventCamera = env.scene["events"]
     period_s: float = camera.frame_period_s
     if camera.events is not None:
+        camera.events.set_sensor(1, camera.events.sensors[0].replace(contrast_on=0.3))
         print(camera.events.statistics)
+    camera.set_parameters(None, {"contrast_on": [0.2, 0.3]})
+    randomize_sensor(env, None, entity, {"contrast_on": (0.1, 0.3)}, distribution="log_uniform")
     print(cfg, frame.shape, grid.shape, period_s)
+
+
+class Direct(EventReading):
+    def observed(self) -> dict[str, Any]:
+        rows, offsets = self.events("camera")
+        self.randomize_sensor([0], "camera", {"latency_ns": (0, 1000)})
+        return {
+            "rows": rows[: offsets[1]],
+            "frame": self.event_frame("camera", clip=3),
+            "grid": self.voxel_grid("camera", channels_first=False),
+            "memory": self.event_memory("camera", kept=(0.0, 0.9), clip=4),
+        }
