@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esaac import files as files
+from esaac import still as still
 from esaac.errors import ArgumentError as ArgumentError
 from esaac.errors import ClosedError as ClosedError
 from esaac.errors import DeviceError as DeviceError
