@@ -1,4 +1,4 @@
-"""A program that uses the event cameras for Newton, Isaac Lab and MuJoCo, for a type checker; it is not run."""
+"""A program that uses event cameras for Newton, MuJoCo, ovrtx and Isaac Lab, for a type checker; it is not run."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from esaac.isaaclab import (
 )
 from esaac.mujoco import EventCamera as MujocoCamera
 from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
+from esaac.ovrtx import EventCamera as OvrtxCamera
 
 if TYPE_CHECKING:
     from esaac.isaaclab.camera import EventCamera
@@ -47,6 +48,14 @@ def mujoco(model: Any, data: Any) -> None:
         packet: esaac.Packet = camera.step(data)
         camera.reset()
         print(len(packet), camera.colour.dtype, camera.depth.shape, camera.ids, camera.events.event_frame())
+
+
+def ovrtx(renderer: Any, poses: esaac.PoseRecorder) -> None:
+    names = {"HdrColor": "/Render/Camera/colour"}
+    with OvrtxCamera("/Render/Camera", "dvs128", intrinsics=(60, 60, 32, 24), variables=names) as camera:
+        packet: esaac.Packet = camera.step(renderer.step(), t_ns=0, poses=poses)
+        camera.reset()
+        print(len(packet), camera.events.statistics)
 
 
 def isaac_lab(env: Any, entity: Any) -> None:
