@@ -1,14 +1,17 @@
 """What is new in Isaac Sim 6: cameras with rates of their own, motion of two channels, and their sensor classes."""
 
+import asyncio
 import itertools
 
+import carb.settings
 import numpy as np
 import pytest
 from isaacsim.sensors.experimental.rtx import CameraSensor, RtxCamera
-from kit_stage import bridge, fresh_stage, move
+from kit_stage import APP, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
 from pxr import Sdf, Usd
 
+from esaac_sim.bridge import SETTINGS
 from esaac_sim.frames import FrameUnusable, frame_of
 from esaac_sim.rtx import events_of
 from esaac_sim.schema import SchemaError
@@ -58,6 +61,21 @@ def test_what_the_session_says_of_a_rate_holds_again(stage):
     assert rate.Get() == 0.0
     running.detach()
     assert rate.Get() == 30.0
+
+
+def test_a_renderer_that_keeps_its_rate_fails_the_self_test(stage):
+    carb.settings.get_settings().set(SETTINGS + "self_test", True)
+    stage.GetPrimAtPath("/camera").CreateAttribute(RATE, Sdf.ValueTypeNames.Float).Set(30.0)
+    camera(stage, "/every_frame", sensor="dvs128", overrides="width = 32\nheight = 24")
+    rep.faults.keeps_rate = True
+    running = bridge()
+    assert asyncio.run(running.self_test(APP, stage))
+    (rate,) = (check for check in running.checks if check.name == "rate")
+    assert not rate.holds and "it is not drawn at every frame" in rate.message
+    assert running.attach(stage) == 1 and running.feeds[0].spec.path == "/every_frame"
+    assert "/camera: omni:sensor:tickRate is 30, and the self-test saw" in running.problems[0]
+    running.detach()
+    assert stage.GetSessionLayer().empty and not stage.GetPrimAtPath("/EsaacSelfTest")
 
 
 def test_stale_images_would_come_in_bursts(stage):

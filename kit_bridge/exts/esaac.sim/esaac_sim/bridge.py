@@ -82,6 +82,11 @@ class Bridge:
     def _attach(self, spec, off):
         if "everything" in off:
             raise esaac.DeviceError("the self-test saw no frames that can be read; no camera is attached")
+        if "rate" in off and spec.tick_rate_hz:
+            raise esaac.DeviceError(
+                f"{ticks.ATTRIBUTE} is {spec.tick_rate_hz:g}, and the self-test saw that the renderer keeps to it, "
+                "so images may be old ones; set it to 0"
+            )
         if "motion" in off and spec.sensor.synthesis in ("motion", "paper"):
             self.problems.append(
                 f"{spec.path}: the renderer's motion vectors failed the self-test, so mode `linear` is used"

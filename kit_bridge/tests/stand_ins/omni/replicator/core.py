@@ -29,6 +29,7 @@ NO_FAULTS = {
     "repeat": False,
     "suffix": True,
     "motion_channels": 4,
+    "keeps_rate": False,
 }
 faults = types.SimpleNamespace(**NO_FAULTS)
 """What the renderer gets wrong; tests set it."""
@@ -148,7 +149,7 @@ def draw():
 
 
 def _data(product, stage, frame):
-    rate_hz = stage.GetPrimAtPath(product.camera).GetAttribute("omni:sensor:tickRate").Get() or RATE_HZ
+    rate_hz = _rate_hz(stage, product.camera)
     tick = int(frame * rate_hz / RATE_HZ + 1e-6)
     # F21: between two ticks there is the last image.
     if product.images is None or tick != product.tick:
@@ -169,6 +170,14 @@ def _data(product, stage, frame):
         f"instance_id_segmentation{suffix}": {"data": of(ids), "info": {"idToLabels": labels}},  # F14
         f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
     }
+
+
+def _rate_hz(stage, camera):
+    """F21. A renderer that keeps its rate does not look at the session's layer."""
+    if faults.keeps_rate:
+        own = stage.GetRootLayer().GetAttributeAtPath(f"{camera}.omni:sensor:tickRate")
+        return own.default if own and own.default else RATE_HZ
+    return stage.GetPrimAtPath(camera).GetAttribute("omni:sensor:tickRate").Get() or RATE_HZ
 
 
 def _drawn(product, stage):
