@@ -116,6 +116,7 @@ def test_a_camera_sensor_of_a_script_sends_events_of_its_own_images(stage, mode)
         move(stage, 14)
         assert feed.frames == 12 and feed.camera.synthesis == mode and not feed.faults, feed.message
         assert prim.GetAttribute(RATE).Get() == 0.0
+        assert carb.settings.get_settings().get("/rtx/post/histogram/enabled") is False
     for actual, same in zip([np.concatenate(part) for part in zip(*packets)], expected):
         np.testing.assert_array_equal(actual, same)
     # The script's own sensor stays.

@@ -10,17 +10,19 @@ The camera carries `esaac:*` attributes as any other. Do not attach it with a `B
 
 import contextlib
 
-from . import schema, ticks, writer
-from .closing import Closing
+import carb.settings
+
+from . import exposure, schema, ticks, writer
 from .feed import Feed
+from .poses import Transforms
 
 
 @contextlib.contextmanager
 def events_of(sensor, stage, device=None):
     """A `Feed` of a `CameraSensor`'s own render product, until the block ends. The sensor stays as it is.
 
-    Modes `rigid` and `auto` record poses, as of cameras that a `Bridge` attaches. Raises `SchemaError` for wrong
-    attributes and for a resolution that is not the event sensor's.
+    Modes `rigid` and `auto` record poses, and exposure is pinned, as for cameras that a `Bridge` attaches. The
+    renderer is not tested. Raises `SchemaError` for wrong attributes and for a resolution that is not the sensor's.
     """
     (path,) = sensor.authoring_object.paths
     spec = schema.spec_of(stage.GetPrimAtPath(path))
@@ -29,20 +31,15 @@ def events_of(sensor, stage, device=None):
         raise schema.SchemaError(
             f"{path} is drawn with the resolution (height, width) {drawn}, expected the sensor's {expected}"
         )
-    closing, every_frame = Closing(), ticks.EveryFrame(stage, [path])
-    transforms = feed = attached = None
-    try:
+    settings = carb.settings.get_settings()
+    with contextlib.ExitStack() as stack:
+        stack.callback(exposure.restore, settings, exposure.pin(settings))
+        stack.callback(ticks.EveryFrame(stage, [path]).restore)
+        transforms = None
         if spec.with_geometry:
-            # Physics need not be there for other modes.
-            from .poses import Transforms
-
             transforms = Transforms(stage)
+            stack.callback(transforms.close)
         feed = Feed(spec, device=device, transforms=transforms)
-        attached = writer.listen(spec, feed.write, str(sensor.render_product.GetPath()))
+        stack.callback(feed.close)
+        stack.callback(writer.listen(spec, feed.write, str(sensor.render_product.GetPath())).detach)
         yield feed
-    finally:
-        for close in (attached and attached.detach, feed and feed.close, transforms and transforms.close):
-            if close:
-                closing.call(close)
-        closing.call(every_frame.restore)
-        closing.finish()
