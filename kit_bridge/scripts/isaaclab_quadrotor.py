@@ -14,6 +14,7 @@ import json
 import math
 import pathlib
 import tempfile
+import time
 
 import isaaclab.sim as sim_utils
 import torch
@@ -222,6 +223,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("flight"), help="a folder")
     parser.add_argument("--no-ros", action="store_true", help="only record")
+    parser.add_argument("--wait", metavar="TOPIC", help="fly once this topic has a subscriber")
     given = parser.parse_args()
     sensor = esaac.SensorModel(given.sensor, profile=given.profile)
     if given.size:
@@ -235,11 +237,12 @@ def main():
             name: open_files.enter_context(esaac.EventWriter(given.out / f"{name}.h5", sensor))
             for name in names
         }
-        # It is there before the simulation starts, so that subscribers find it in time.
         publisher = open_files.enter_context(
             ros.Publisher(cameras, network=not given.no_ros, record=given.out / "run.mcap")
         )
         print("topics:", *publisher.topics, flush=True)
+        if given.wait:
+            wait_for_subscriber(publisher, given.wait)
 
         def send(t_ns, frames):
             publisher.publish(t_ns, frames)
@@ -252,6 +255,13 @@ def main():
         told = {"events": {name: len(writer) for name, writer in writers.items()}}
         told["dropped_ticks"] = publisher.close()["dropped_ticks"]
     print(json.dumps(told))
+
+
+def wait_for_subscriber(publisher, topic):
+    if topic not in publisher.topics:
+        raise SystemExit(f"no topic {topic}, expected one of {', '.join(publisher.topics)}")
+    while not any(each["topic"] == topic and each["subscribers"] for each in publisher.summary()["topics"]):
+        time.sleep(0.1)
 
 
 def simulate(given, scene, send):

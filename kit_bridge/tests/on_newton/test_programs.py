@@ -56,6 +56,7 @@ def test_what_the_quadrotor_sends_is_recorded_bit_for_bit(tmp_path):
     }
     command = [sys.executable, SCRIPTS / "isaaclab_quadrotor.py", "--device", "cpu", "--envs", "2"]
     command += ["--size", "48", "32", "--seconds", "0.2", "--out", tmp_path]
+    command += ["--wait", "/esaac/quadrotor_1/events"]
     environment = {key: value for key, value in os.environ.items() if key != "CYCLONEDDS_URI"}
     environment |= {"ROS_LOCALHOST_ONLY": "1", "ROS_DOMAIN_ID": str(domain(3))}
     with (
@@ -63,7 +64,6 @@ def test_what_the_quadrotor_sends_is_recorded_bit_for_bit(tmp_path):
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment) as child,
     ):
         try:
-            # The publisher is there before the simulation.
             while not child.stdout.readline().startswith("topics:"):
                 assert child.poll() is None, (tmp_path / "errors").read_text()
             with listening(domain(3), topics) as (wait, came):
