@@ -67,7 +67,7 @@ class EventCamera:
         * `variables`: paths of render variables by their `sourceName`. Without it, they are those whose path ends in
           that name.
         * `on_gpu`: False copies images to the host first.
-        * `check_every`: at every so many frames, whether the renderer has stopped to draw is checked, which copies
+        * `check_every`: at every so many frames, whether the renderer has stopped drawing is checked, which copies
           two images to the host; 0 is never.
 
         Wrong values raise `esaac.ArgumentError`, those of the sensor `esaac.SensorError`.
