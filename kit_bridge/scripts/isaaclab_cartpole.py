@@ -34,7 +34,7 @@ from isaaclab_newton.physics import MJWarpSolverCfg, NewtonCfg
 from isaaclab_rl.rsl_rl import RslRlVecEnvWrapper
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from esaac.isaaclab import EventCameraCfg
+from esaac.isaaclab import EventCameraCfg, EventReading
 
 PHYSICS_HZ, FRAME_HZ, SIZE_PX = 240, 60, 64
 KEPT = (0.5, 0.8, 0.95)
@@ -129,7 +129,7 @@ class CartPoleCfg(DirectRLEnvCfg):
     """Of an action of 1."""
 
 
-class CartPole(DirectRLEnv):
+class CartPole(EventReading, DirectRLEnv):
     """Observations are images `(num_envs, CHANNELS, SIZE_PX, SIZE_PX)` for the actor, the state for the critic."""
 
     def __init__(self, cfg):
@@ -138,9 +138,9 @@ class CartPole(DirectRLEnv):
         self._joints = _joints(self.robot)
         self._pushed = torch.tensor(self._joints[:1], device=self.device)
         shape = (self.num_envs, CHANNELS, SIZE_PX, SIZE_PX)
-        self._images = torch.zeros(shape, device=self.device)
-        self._new = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
-        self._seen_step = -1
+        self._frames = torch.zeros(shape, device=self.device)
+        self._begun = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        self._drawn = self.camera.frame_counts.copy()
         self.ended = self.survived = self.ended_steps = 0
 
     @property
@@ -158,24 +158,24 @@ class CartPole(DirectRLEnv):
         self.robot.actuators.target_command.set_effort_index(value=self._force_n, joint_ids=self._pushed)
 
     def _get_observations(self):
-        # Reading twice must not count twice.
-        if self._seen_step != self.common_step_counter or self._new.any():
-            self._see(self._new if self._seen_step == self.common_step_counter else slice(None))
-            self._seen_step = self.common_step_counter
-        return {"policy": self._images.clone(), "critic": self.state}
-
-    def _see(self, rows):
         output = self.camera.data.output
         if "event_frame" in output:
-            counts = output["event_frame"].torch.float()
-            image = (counts[..., 1] - counts[..., 0]).clamp(-4, 4) / 2
-            for channel, kept in enumerate((0.0, *KEPT)):
-                self._images[rows, channel] = kept * self._images[rows, channel] + image[rows]
+            images = self.event_memory("camera", kept=(0.0, *KEPT), clip=4) / 2
         else:
-            image = output["rgb_hdr"].torch.mean(dim=-1) * 2 - 1
-            earlier = torch.where(self._new[:, None, None, None], image[:, None], self._images[:, :-1])
-            self._images[rows] = torch.cat([image[:, None], earlier], dim=1)[rows]
-        self._new[:] = False
+            images = self._last_frames(output["rgb_hdr"].torch.mean(dim=-1) * 2 - 1)
+        return {"policy": images, "critic": self.state}
+
+    def _last_frames(self, image):
+        """The newest first. An episode begins with its first frame in each place."""
+        new = torch.from_numpy(self.camera.frame_counts != self._drawn).to(self.device)
+        rows = lambda envs: envs[:, None, None, None]
+        earlier = torch.where(rows(self._begun), image[:, None], self._frames[:, :-1])
+        frames = torch.cat([image[:, None], earlier], dim=1)
+        # Reading twice must not count twice.
+        self._frames = torch.where(rows(new), frames, self._frames)
+        self._begun = self._begun & ~new
+        self._drawn = self.camera.frame_counts.copy()
+        return self._frames
 
     def _get_rewards(self):
         place, lean, _, turning = self.state.unbind(dim=1)
@@ -191,11 +191,11 @@ class CartPole(DirectRLEnv):
         envs = torch.as_tensor(env_ids, device=self.device)
         steps = int(self.episode_length_buf[envs].sum())
         super()._reset_idx(env_ids)
-        if hasattr(self, "_new"):
+        if hasattr(self, "_begun"):
             self.ended += len(envs)
             self.ended_steps += steps
             self.survived += int((self.reset_time_outs & ~self.reset_terminated)[envs].sum())
-            self._images[envs], self._new[envs] = 0, True
+            self._begun[envs] = True
         draw = lambda most: most * (2 * torch.rand(len(envs), 1, device=self.device) - 1)
         robot = self.scene["robot"]
         joints = _joints(robot)

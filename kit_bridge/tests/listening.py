@@ -1,4 +1,4 @@
-"""Runs `ros_listener.py` beside a test, in the environment that has cyclonedds."""
+"""Runs `ros_listener.py` beside a test and reads recordings, in the environment that has cyclonedds and rosbags."""
 
 import contextlib
 import json
@@ -61,6 +61,12 @@ def listening(domain, topics):
     finally:
         child.kill()
         child.wait()
+
+
+def recorded(path):
+    """Messages of an MCAP file, by topic."""
+    command = [python(), HERE / "ros_recording.py", path]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout)
 
 
 def stamp_ns(message):

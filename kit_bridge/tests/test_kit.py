@@ -188,7 +188,7 @@ def checked(stage, **faults):
 
 def test_the_self_test_passes_on_a_renderer_that_keeps_its_word(stage):
     running, checks = checked(stage)
-    assert set(checks) == {"frames", "motion", "light", "clock", "memory"}
+    assert set(checks) == {"frames", "motion", "light", "clock", "rate", "memory"}
     assert all(check.holds for check in checks.values()), checks
     asyncio.run(running.self_test(APP, stage))
     assert running.attach(stage) == 1 and not running.problems
@@ -204,7 +204,7 @@ def test_the_self_test_plays_the_timeline_and_leaves_it_as_it_was(stage, before)
         APP.update()
         assert not TIMELINE.is_playing() and TIMELINE.get_current_time() > 0
     _, checks = checked(stage)
-    assert len(checks) == 5 and all(check.holds for check in checks.values()), checks
+    assert len(checks) == 6 and all(check.holds for check in checks.values()), checks
 
 
 def test_a_self_test_that_somebody_stops_is_made_again(stage):
@@ -222,7 +222,7 @@ def test_a_self_test_that_somebody_stops_is_made_again(stage):
     assert TIMELINE.is_stopped() and not running.checks and "stopped" in carb.LINES[-1][1]
     assert not stage.GetPrimAtPath("/EsaacSelfTest") and not rep._PRODUCTS
     assert asyncio.run(running.self_test(APP, stage))
-    assert len(running.checks) == 5 and all(check.holds for check in running.checks)
+    assert len(running.checks) == 6 and all(check.holds for check in running.checks)
 
 
 def test_a_replicator_that_does_not_capture_on_play_is_told(stage):
@@ -240,7 +240,7 @@ def test_standalone_scripts_begin_with_a_passed_self_test_and_a_stopped_timeline
     finally:
         asyncio.set_event_loop(None)
         loop.close()
-    assert len(running.checks) == 5 and all(check.holds for check in running.checks), running.checks
+    assert len(running.checks) == 6 and all(check.holds for check in running.checks), running.checks
     assert begun is stage and TIMELINE.is_stopped()
     assert running.attach(stage) == 1 and not running.problems
     move(stage, 6)

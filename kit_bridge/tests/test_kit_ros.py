@@ -1,10 +1,15 @@
 """What the Kit extension publishes, read by a subscriber that shares no code with it."""
 
+import sys
+
 import numpy as np
 import pytest
 from kit_stage import bridge, camera, fresh_stage, move
 from listening import assert_packets, domain, listening
 from pxr import Sdf
+
+import esaac
+from esaac_sim.imu import Imu
 
 
 @pytest.fixture
@@ -19,6 +24,20 @@ def publishes(stage, path, **attributes):
     for name, value in attributes.items():
         kind = Sdf.ValueTypeNames.TokenArray if isinstance(value, list) else Sdf.ValueTypeNames.String
         prim.CreateAttribute(f"esaac:{name}", kind).Set(value)
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_the_imu_of_isaac_sim_6_and_of_those_before_it(older, monkeypatch):
+    if older:
+        monkeypatch.setitem(sys.modules, "isaacsim.sensors.experimental.physics", None)
+    imu = Imu("/robot/imu")
+    (sample,) = imu.samples()
+    assert sample.angular_rate_rad_s == (0.0, 0.0, 0.25) and not imu.samples()
+    assert sample.specific_force_m_s2 == pytest.approx((0.0, 0.0, 9.81))
+    monkeypatch.setitem(sys.modules, "isaacsim.sensors.experimental.physics", None)
+    monkeypatch.setitem(sys.modules, "isaacsim.sensors.physics", None)
+    with pytest.raises(esaac.RosError, match="esaac:imu names /robot/imu, and neither"):
+        Imu("/robot/imu")
 
 
 @pytest.fixture
@@ -74,7 +93,7 @@ def test_what_cameras_publish_is_read_bit_for_bit_by_an_independent_subscriber(s
     assert [bytes(message["data"]) for message in aps] == frames and len(frames) == 9
     assert came["/robot/davis/camera_info"][0]["k"][0] == pytest.approx(24.0 / 20.955 * 64)
     imu = came["/robot/davis/imu"]
-    assert len(imu) == 10 and imu[0]["linear_acceleration"]["z"] == 9.81
+    assert len(imu) == 10 and imu[0]["linear_acceleration"]["z"] == pytest.approx(9.81)
     clock = [m["clock"]["sec"] * 10**9 + m["clock"]["nanosec"] for m in came["/clock"]]
     assert clock == [round(index / 60 * 1e9) for index in range(2, 12)]
 

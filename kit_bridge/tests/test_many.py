@@ -54,6 +54,30 @@ def test_cameras_without_a_frame_wait():
         esaac.Rig([])
 
 
+def test_an_environment_may_have_a_sensor_of_its_own():
+    count, other = 3, SENSOR.replace(contrast_on=0.3, contrast_off=0.25)
+    with esaac.TiledEventCamera(SENSOR, count) as tiled, esaac.TiledEventCamera(other, count) as others:
+        plain = esaac.TiledEventCamera(SENSOR, count)
+        tiled.set_sensor(1, other)
+        assert tiled.sensors == [SENSOR, other, SENSOR] and tiled.sensor == SENSOR
+        for index in range(4):
+            hdr, motion = tiles(count, index)
+            if index == 2:
+                # While it runs, too.
+                for camera in (tiled, others):
+                    camera.set_sensor(np.int64(1), SENSOR)
+            packets = [cam.step(hdr, motion, t_ns=FRAME_NS * index) for cam in (tiled, others, plain)]
+            for env, expected in ((0, packets[2]), (1, packets[1]), (2, packets[2])):
+                np.testing.assert_array_equal(packets[0][env].t_ns, expected[env].t_ns)
+                np.testing.assert_array_equal(packets[0][env].x, expected[env].x)
+            if index == 1:
+                assert 20 < len(packets[0][1]) < len(packets[2][1])
+        with pytest.raises(esaac.ArgumentError, match="24x16 px and cannot become 40x16 px"):
+            tiled.set_sensor(0, SENSOR.replace(width=40))
+        with pytest.raises(esaac.ArgumentError, match="no camera 3"):
+            tiled.set_sensor(3, SENSOR)
+
+
 def test_environments_are_cameras_of_a_rig():
     count = 5
     with esaac.TiledEventCamera(SENSOR, count) as tiled, esaac.Rig([SENSOR] * count) as rig:

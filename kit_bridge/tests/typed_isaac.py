@@ -1,13 +1,21 @@
-"""A program that uses the event cameras for Newton, Isaac Lab and MuJoCo, for a type checker; it is not run."""
+"""A program that uses event cameras for Newton, MuJoCo, ovrtx and Isaac Lab, for a type checker; it is not run."""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import esaac
-from esaac.isaaclab import EventCameraCfg, EventRendererCfg, event_frame, voxel_grid
+from esaac.isaaclab import (
+    EventCameraCfg,
+    EventReading,
+    EventRendererCfg,
+    event_frame,
+    randomize_sensor,
+    voxel_grid,
+)
 from esaac.mujoco import EventCamera as MujocoCamera
 from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
+from esaac.ovrtx import EventCamera as OvrtxCamera
 
 if TYPE_CHECKING:
     from esaac.isaaclab.camera import EventCamera
@@ -42,6 +50,14 @@ def mujoco(model: Any, data: Any) -> None:
         print(len(packet), camera.colour.dtype, camera.depth.shape, camera.ids, camera.events.event_frame())
 
 
+def ovrtx(renderer: Any, poses: esaac.PoseRecorder) -> None:
+    names = {"HdrColor": "/Render/Camera/colour"}
+    with OvrtxCamera("/Render/Camera", "dvs128", intrinsics=(60, 60, 32, 24), variables=names) as camera:
+        packet: esaac.Packet = camera.step(renderer.step(), t_ns=0, poses=poses)
+        camera.reset()
+        print(len(packet), camera.events.statistics)
+
+
 def isaac_lab(env: Any, entity: Any) -> None:
     cfg = EventCameraCfg(
         prim_path="{ENV_REGEX_NS}/Robot/link/Events",
@@ -58,5 +74,20 @@ def isaac_lab(env: Any, entity: Any) -> None:
     camera: EventCamera = env.scene["events"]
     period_s: float = camera.frame_period_s
     if camera.events is not None:
+        camera.events.set_sensor(1, camera.events.sensors[0].replace(contrast_on=0.3))
         print(camera.events.statistics)
+    camera.set_parameters(None, {"contrast_on": [0.2, 0.3]})
+    randomize_sensor(env, None, entity, {"contrast_on": (0.1, 0.3)}, distribution="log_uniform")
     print(cfg, frame.shape, grid.shape, period_s)
+
+
+class Direct(EventReading):
+    def observed(self) -> dict[str, Any]:
+        rows, offsets = self.events("camera")
+        self.randomize_sensor([0], "camera", {"latency_ns": (0, 1000)})
+        return {
+            "rows": rows[: offsets[1]],
+            "frame": self.event_frame("camera", clip=3),
+            "grid": self.voxel_grid("camera", channels_first=False),
+            "memory": self.event_memory("camera", kept=(0.0, 0.9), clip=4),
+        }

@@ -44,6 +44,12 @@ def use() -> None:
         publisher.publish(0, {"davis": ros.Frame(packet, aps, frame, frame, [sample])})
         publisher.set_sensor("davis", sensor)
         lines: list[str] = publisher.notices() + list(publisher.topics)
+    path = esaac.still.CameraPath.read("transforms.json", dataparser="dataparser_transforms.json")
+    still = esaac.EventCamera(sensor, intrinsics=path.lens, width=path.width, height=path.height)
+    depth = esaac.still.visible_depth(frame[..., 0], opacity=frame[..., 1], rays_of=path.lens)
+    still.step(frame, t_ns=0, depth=depth, poses=path.poses(times_ns))
+    views = esaac.still.view_of(path.world_from_camera) - path.views()
+    esaac.Poses.from_matrices(times_ns, views, axes="opencv", ids=[0])
     camera.step(esaac.CudaTexture(1, 346, 260, mipmapped=False), t_ns=1)
     uses: list[int] = [entry["bytes"] for entry in rig.memory()]
     cuda: int | None = esaac.devices()[0]["cuda"]

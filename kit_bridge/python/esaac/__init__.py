@@ -1,6 +1,6 @@
 """Event cameras for renderers. They take HDR frames and motion vectors and give time-ordered events, on the GPU."""
 
-from esaac import files
+from esaac import files, still
 from esaac._native import CudaTexture, Packet, SensorModel, Tensor, __version__, devices
 from esaac.cameras import ApsFrame, EventCamera, Rig, TiledEventCamera
 from esaac.errors import (
@@ -40,4 +40,5 @@ __all__ = [
     "__version__",
     "devices",
     "files",
+    "still",
 ]

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esaac import files as files
+from esaac import still as still
 from esaac.errors import ArgumentError as ArgumentError
 from esaac.errors import ClosedError as ClosedError
 from esaac.errors import DeviceError as DeviceError
@@ -430,7 +431,13 @@ class TiledEventCamera(_Cameras):
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it."""
     @property
-    def sensor(self) -> SensorModel: ...
+    def sensor(self) -> SensorModel:
+        """Of the first environment."""
+    @property
+    def sensors(self) -> list[SensorModel]:
+        """Of each environment."""
+    def set_sensor(self, env: int, sensor: SensorModel) -> None:
+        """Gives an environment a sensor of its own from its next step on. Any parameter but the size may differ."""
     def reset(self, envs: Any = None) -> None:
         """Lets some environments (a sequence or an array of numbers), or all, begin anew."""
     def event_frames(self) -> Array:

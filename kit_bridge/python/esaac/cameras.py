@@ -301,6 +301,13 @@ class TiledEventCamera(_Several):
     def sensor(self):
         return self._engine.sensors[0]
 
+    @property
+    def sensors(self):
+        return self._engine.sensors
+
+    def set_sensor(self, env, sensor):
+        self._engine.set_sensor(int(env), sensor)
+
     def reset(self, envs=None):
         if envs is None:
             envs = range(self._count)

@@ -6,6 +6,7 @@ import dataclasses
 import numpy as np
 
 from esaac.errors import ArgumentError, FrameError
+from esaac.matrices import poses_of
 
 # Camera axes of the engine (x right, y up, looking along -z) in those of each convention: quaternions x y z w.
 _AXES = {
@@ -85,6 +86,12 @@ class Poses:
         bodies = _ordered(bodies, order)
         self.bodies = np.ascontiguousarray(bodies[:, None] if bodies.ndim == 3 else bodies)
         self.tables = _tables(ids, self.bodies.shape[2])
+
+    @classmethod
+    def from_matrices(cls, times_ns, camera, bodies=None, *, ids=None, axes="opengl"):
+        camera = poses_of(on_host(camera), "camera")
+        bodies = None if bodies is None else poses_of(on_host(bodies), "bodies")
+        return cls(times_ns, camera, bodies, ids=ids, axes=axes)
 
     def __len__(self):
         return len(self.times_ns)

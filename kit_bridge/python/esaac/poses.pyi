@@ -103,6 +103,21 @@ class Poses:
         order: Order = "xyzw",
         axes: Axes = "usd",
     ) -> None: ...
+    @classmethod
+    def from_matrices(
+        cls,
+        times_ns: Array,
+        camera: Array,
+        bodies: Union[Array, None] = None,
+        *,
+        ids: Union[Table, Sequence[Table], None] = None,
+        axes: Axes = "opengl",
+    ) -> Poses:
+        """From matrices, world from camera and world from body: `(steps, 4, 4)` or `(steps, 3, 4)`, with one axis
+        more for several cameras or bodies. A matrix with a scale or a mirror raises `FrameError`.
+
+        A renderer that wants the view matrix, camera from world, has the inverse: give `numpy.linalg.inv(view)`, and
+        `axes="opencv"` if it looks along z, as gsplat and COLMAP do."""
     def __len__(self) -> int: ...
 
 class PoseRecorder:

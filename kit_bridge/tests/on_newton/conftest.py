@@ -8,7 +8,8 @@ import pytest
 
 # Read when MuJoCo is imported, which Newton does too.
 os.environ.setdefault("MUJOCO_GL", "egl")
-sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
+TESTS = pathlib.Path(__file__).parents[1]
+sys.path[:0] = [str(TESTS.parent / "scripts"), str(TESTS)]
 
 
 @pytest.fixture(scope="session")

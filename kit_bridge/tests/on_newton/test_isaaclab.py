@@ -7,11 +7,11 @@ import lab
 import numpy as np
 import pytest
 import torch
-from isaaclab.managers import SceneEntityCfg
+from isaaclab.managers import EventManager, EventTermCfg, SceneEntityCfg
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
 
 import esaac
-from esaac.isaaclab import event_frame
+from esaac.isaaclab import EventReading, event_frame, randomize_sensor
 from esaac.isaaclab.camera import EventCamera
 from esaac.isaaclab.schedule import Schedule
 
@@ -208,3 +208,145 @@ def test_settings_that_would_lose_events_are_named(env):
         esaac.isaaclab.voxel_grid(env, SceneEntityCfg("mounted"))
     with pytest.raises(esaac.ArgumentError, match="lens is changed while it runs"):
         camera.set_intrinsic_matrices(camera.data.intrinsic_matrices.torch * 1.5)
+
+
+class Direct(EventReading):
+    """What a direct environment inherits, over the scene that the tests share."""
+
+    def __init__(self, env):
+        self.scene, self.step_dt = env.scene, env.step_dt
+
+
+def test_a_direct_environment_reads_the_same_events_any_number_of_times(env):
+    env.reset()
+    direct = Direct(env)
+    expected = direct.event_memory("still", kept=(0.0, 0.5), clip=2)
+    assert expected.shape == (lab.ENVS, 2, lab.HEIGHT, lab.WIDTH) and not expected.any()
+    for _ in range(3):
+        (packet,) = act(env)
+        frame = direct.event_frame("still", channels_first=False)
+        image = (frame[..., 1] - frame[..., 0]).clamp(-2, 2)
+        expected = torch.stack([image, 0.5 * expected[:, 1] + image], dim=1)
+        for _ in range(2):
+            read = direct.event_memory("still", kept=(0.0, 0.5), clip=2)
+            torch.testing.assert_close(read, expected)
+            # What a reader does with it is its own.
+            read.zero_()
+            events, offsets = direct.events("still")
+            assert (
+                offsets.diff().tolist() == [len(of_env) for of_env in packet] and len(events) == offsets[-1]
+            )
+            assert torch.equal(direct.event_frame("still"), event_frame(env, STILL))
+            assert direct.voxel_grid("still").shape == (lab.ENVS, 5, lab.HEIGHT, lab.WIDTH)
+    assert expected[:, 1].abs().sum() > expected[:, 0].abs().sum() > 20
+    env.reset(env_ids=torch.tensor([1]))
+    read = direct.event_memory("still", kept=(0.0, 0.5), clip=2)
+    assert not read[1].any() and torch.equal(read[[0, 2], 1], expected[[0, 2], 1])
+
+
+def test_memories_of_inference_mode_go_on_outside_of_it(env):
+    env.reset()
+    direct = Direct(env)
+    with torch.inference_mode():
+        direct.event_memory("still", kept=(0.5,))
+        act(env)
+        first = direct.event_memory("still", kept=(0.5,)).clone()
+    act(env)
+    second = direct.event_memory("still", kept=(0.5,))
+    frame = direct.event_frame("still")
+    torch.testing.assert_close(second[:, 0], 0.5 * first[:, 0] + frame[:, 1] - frame[:, 0])
+
+
+def test_steps_that_a_memory_has_not_seen_are_told(env):
+    env.reset()
+    direct = Direct(env)
+    direct.event_memory("still")
+    act(env, 2)
+    with pytest.raises(esaac.ArgumentError, match="has drawn 2 frames of environment 0 .*, expected 1"):
+        direct.event_memory("still")
+    with pytest.raises(esaac.ArgumentError, match=r"kept is \[1.5\], expected shares from 0 to 1"):
+        direct.event_memory("still", kept=(1.5,))
+    with pytest.raises(esaac.ArgumentError, match="has the outputs .*expected `events`"):
+        direct.events("mounted")
+
+
+@pytest.fixture
+def sensors(env):
+    """The still camera's own sensors come back after the test."""
+    camera = env.scene["still"]
+    before = camera.events.sensors
+    yield before
+    for number, sensor in enumerate(before):
+        camera.events.set_sensor(number, sensor)
+
+
+def counts(packets):
+    return [[len(events) for events in packet] for packet in packets]
+
+
+def test_a_sensor_that_is_drawn_at_a_reset_sends_what_it_would_have_sent_from_the_start(env, sensors):
+    camera, other = env.scene["still"], {"contrast_on": (0.08, 0.08), "refractory_ns": (1e4, 1e4)}
+    env.reset()
+    before = counts(act(env, 3))
+    randomize_sensor(env, None, STILL, other)
+    env.reset()
+    everywhere = act(env, 3)
+    for number, sensor in enumerate(sensors):
+        camera.events.set_sensor(number, sensor)
+    env.reset()
+    term = EventTermCfg(
+        func=randomize_sensor, mode="reset", params={"sensor_cfg": STILL, "parameters": other}
+    )
+    manager = EventManager({"sensor": term}, env)
+    manager.apply(mode="reset", env_ids=torch.tensor([1], dtype=torch.int32), global_env_step_count=0)
+    told = [(own.contrast_on, own.refractory_ns) for own in camera.events.sensors]
+    assert told == [(0.15, sensors[0].refractory_ns), (0.08, 10_000), (0.15, sensors[2].refractory_ns)]
+    after = act(env, 3)
+    for step in range(3):
+        assert [len(after[step][number]) for number in (0, 2)] == before[step][::2]
+        own, expected = after[step][1], everywhere[step][1]
+        assert 5 < before[step][1] < len(expected)
+        shift_ns = after[0][1][0, 2] - everywhere[0][1][0, 2]
+        assert torch.equal(own[:, [0, 1, 3]], expected[:, [0, 1, 3]])
+        assert ((own - expected)[:, 2] - shift_ns).abs().max() <= 1
+
+
+def test_draws_are_within_their_range_and_repeated_by_the_seed(env, sensors):
+    camera, direct = env.scene["still"], Direct(env)
+    ranges = {"contrast_off": (0.2, 0.4), "shot_noise_rate_hz": (0.1, 10.0), "latency_ns": (0, 1000)}
+    drawn = []
+    for seed in (7, 7, 8):
+        torch.manual_seed(seed)
+        randomize_sensor(env, torch.arange(lab.ENVS), STILL, ranges)
+        drawn.append([tuple(getattr(own, name) for name in ranges) for own in camera.events.sensors])
+        for values in drawn[-1]:
+            assert all(low <= value <= high for value, (low, high) in zip(values, ranges.values()))
+            assert isinstance(values[2], int)
+    assert drawn[0] == drawn[1] != drawn[2] and len(set(drawn[0])) == lab.ENVS
+    torch.manual_seed(7)
+    direct.randomize_sensor([0, 2], "still", {"leak_rate_hz": (0.01, 1.0)}, distribution="log_uniform")
+    rates = [own.leak_rate_hz for own in camera.events.sensors]
+    assert rates[1] == sensors[1].leak_rate_hz and 0.01 <= rates[0] != rates[2] <= 1.0
+
+
+def test_parameters_that_cannot_differ_are_named_and_nothing_changes(env, sensors, monkeypatch):
+    camera = env.scene["still"]
+    for name in ("width", "synthesis", "contrast"):
+        with pytest.raises(
+            esaac.ArgumentError, match=f"`{name}` cannot differ .*expected one of contrast_on"
+        ):
+            randomize_sensor(env, None, STILL, {name: (1, 2)})
+    with pytest.raises(esaac.SensorError, match="contrast_on"):
+        camera.set_parameters([0, 1], {"contrast_on": [0.2, 99.0]})
+    with pytest.raises(esaac.ArgumentError, match="1 values of `contrast_on` for 2 environments"):
+        camera.set_parameters([0, 1], {"contrast_on": [0.2]})
+    with pytest.raises(esaac.ArgumentError, match="is 0.4 to 0.2, expected two ascending numbers"):
+        randomize_sensor(env, None, STILL, {"contrast_on": (0.4, 0.2)})
+    with pytest.raises(esaac.ArgumentError, match="is 0 to 0.2, expected two ascending numbers, above 0"):
+        randomize_sensor(env, None, STILL, {"contrast_on": (0, 0.2)}, distribution="log_uniform")
+    with pytest.raises(esaac.ArgumentError, match="is `normal`, expected uniform or log_uniform"):
+        randomize_sensor(env, None, STILL, {"contrast_on": (0.1, 0.2)}, distribution="normal")
+    assert camera.events.sensors == sensors
+    monkeypatch.setattr(camera, "events", None)
+    with pytest.raises(esaac.ArgumentError, match="before the simulation plays"):
+        randomize_sensor(env, None, STILL, {"contrast_on": (0.1, 0.2)})

@@ -2,7 +2,7 @@
 
 import esaac
 
-from . import exposure, poses, publishing, schema, self_test, sinks, writer
+from . import exposure, poses, publishing, schema, self_test, sinks, ticks, writer
 from .closing import CloseError, Closing
 from .feed import Feed
 from .frames import FrameUnusable
@@ -24,7 +24,7 @@ class Bridge:
         self.feeds, self.problems, self.checks = [], [], []
         self.unsaved = []
         self._attached, self._before, self._publisher = [], None, None
-        self._transforms = None
+        self._transforms = self._every_frame = None
 
     def setting(self, name, default):
         value = self.settings.get(SETTINGS + name)
@@ -66,6 +66,7 @@ class Bridge:
         self.problems = lost + problems
         off = self_test.disabled(self.checks)
         self._before = exposure.pin(self.settings)
+        self._every_frame = ticks.EveryFrame(stage, [spec.path for spec in specs])
         self._open_publisher([spec for spec in specs if spec.publish], off)
         for spec in specs:
             try:
@@ -81,6 +82,11 @@ class Bridge:
     def _attach(self, spec, off):
         if "everything" in off:
             raise esaac.DeviceError("the self-test saw no frames that can be read; no camera is attached")
+        if "rate" in off and spec.tick_rate_hz:
+            raise esaac.DeviceError(
+                f"{ticks.ATTRIBUTE} is {spec.tick_rate_hz:g}, and the self-test saw that the renderer keeps to it, "
+                "so images may be old ones; set it to 0"
+            )
         if "motion" in off and spec.sensor.synthesis in ("motion", "paper"):
             self.problems.append(
                 f"{spec.path}: the renderer's motion vectors failed the self-test, so mode `linear` is used"
@@ -167,10 +173,12 @@ class Bridge:
             closing.call(self._publisher.close)
         if self._transforms is not None:
             closing.call(self._transforms.close)
+        if self._every_frame is not None:
+            closing.call(self._every_frame.restore)
         if self._before is not None:
             closing.call(exposure.restore, self.settings, self._before)
         self.feeds, self._attached, self._before, self._publisher = [], [], None, None
-        self._transforms = None
+        self._transforms = self._every_frame = None
         closing.finish()
 
     def detach_and_tell(self):

@@ -61,11 +61,12 @@ def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None, n
     """Colour, motion and time of a writer's data, checked, depth and ids if they are needed, and `rgb` and `depth` if
     `outputs` names them. Colour comes from the texture, if there is one."""
     hdr = texture.image(width, height) if texture else _image(data, HDR, height, width)
-    motion = _image(data, MOTION, height, width) if needs_motion else None
+    # Isaac Sim 6 leaves out the two channels that say nothing.
+    motion = _image(data, MOTION, height, width, channels=((4,), (2,))) if needs_motion else None
     rgb = _image(data, RGB, height, width) if "rgb" in outputs else None
     wants_depth = needs_geometry or "depth" in outputs
-    depth = _image(data, DEPTH, height, width, channels=()) if wants_depth else None
-    ids = _beside(_image(data, IDS, height, width, channels=()), depth) if needs_geometry else None
+    depth = _image(data, DEPTH, height, width, channels=((),)) if wants_depth else None
+    ids = _beside(_image(data, IDS, height, width, channels=((),)), depth) if needs_geometry else None
     entry = find(data, TIME)
     if entry is None:
         raise FrameUnusable(f"no {TIME} among {sorted(data)}")
@@ -90,14 +91,15 @@ def _beside(array, other):
     return warp.array(array, device=other.device)
 
 
-def _image(data, name, height, width, channels=(4,)):
+def _image(data, name, height, width, channels=((4,),)):
     array = payload(find(data, name))
     if array is None:
         raise FrameUnusable(f"no {name} among {sorted(data)}")
     shape = tuple(getattr(array, "shape", ()))
     if not shape or 0 in shape:
         raise FrameUnusable(f"{name} is empty: the renderer has not drawn yet", expected=True)
-    if shape != (height, width, *channels):
+    allowed = [(height, width, *each) for each in channels]
+    if shape not in allowed:
         # Kit drops axes of length 1, so an image of one row or column cannot be told from a list.
-        raise FrameUnusable(f"{name} has shape {shape}, expected {(height, width, *channels)}")
+        raise FrameUnusable(f"{name} has shape {shape}, expected {' or '.join(map(str, allowed))}")
     return array

@@ -12,6 +12,8 @@ from pxr import Plug, Usd, UsdGeom
 import esaac
 import esaac.ros
 
+from . import ticks
+
 API = "EsaacEventCameraAPI"
 PREFIX = "esaac:"
 OUTPUTS = ("events", "event_frame", "voxel_grid", "aps", "rgb", "depth")
@@ -55,6 +57,8 @@ class CameraSpec:
     """Whether motion vectors are asked of the renderer."""
     with_geometry: bool
     """Whether depth and instance ids are asked of it, and poses recorded."""
+    tick_rate_hz: float
+    """How often the stage says that it is drawn; 0 is every frame."""
 
     @property
     def intrinsics(self):
@@ -132,7 +136,13 @@ def spec_of(prim):
         focal_px=focal_px,
         with_motion=sensor.synthesis in ("motion", "paper", "auto"),
         with_geometry=with_geometry,
+        tick_rate_hz=_tick_rate_hz(prim),
     )
+
+
+def _tick_rate_hz(prim):
+    attribute = prim.GetAttribute(ticks.ATTRIBUTE)
+    return float((attribute.Get() if attribute else None) or 0)
 
 
 def _focal_px(prim, width):

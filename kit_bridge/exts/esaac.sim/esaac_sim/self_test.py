@@ -6,6 +6,7 @@ failed check switches off what depends on it: wrong motion vectors the synthesis
 """
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -20,6 +21,10 @@ SPEED_M_PER_S = (0.6, 0.3)
 """Of the cube: to the right, and up."""
 RATE_HZ = 60.0
 FRAMES = 8
+TICK_HZ = 12.0
+"""Rate of the camera, as the stage says. `ticks.EveryFrame` must overrule it."""
+OLD = 4
+"""So many equal images in a row are one: over them the cube moves by more than a pixel."""
 RADIANCE = (0.5, 2.0)
 """Of the cube in the first and the second half of the frames: HdrColor follows light, not its square root."""
 
@@ -67,6 +72,7 @@ def judge(frames):
         _motion(drawn),
         _light(drawn),
         _clock(drawn),
+        _rate(drawn),
         _memory(frames),
     ]
 
@@ -135,6 +141,17 @@ def _clock(drawn):
     told = f"frames {1e3 * np.median(steps):.2f} ms apart, expected {1e3 / RATE_HZ:.2f}"
     holds = bool((steps > 0).all() and np.isclose(np.median(steps), 1 / RATE_HZ, rtol=0.05))
     return Check("clock", holds, told, disables="" if holds else "publish")
+
+
+def _rate(drawn):
+    longest = run = 1
+    for (before, _, _), (hdr, _, _) in itertools.pairwise(drawn):
+        run = run + 1 if np.array_equal(before, hdr) else 1
+        longest = max(longest, run)
+    told = f"at most {longest} equal images in a row, of a camera with a rate of {TICK_HZ:g} Hz"
+    holds = longest < OLD
+    told = told if holds else f"{told}, expected less than {OLD}: it is not drawn at every frame"
+    return Check("rate", holds, told, disables="" if holds else "rate")
 
 
 def _memory(frames):

@@ -4,6 +4,7 @@ import omni.replicator.core as rep
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 from . import self_test as the
+from .ticks import ATTRIBUTE, EveryFrame
 from .writer import EsaacEventWriter
 
 ROOT = "/EsaacSelfTest"
@@ -25,6 +26,8 @@ class SelfTestScene:
         camera.CreateVerticalApertureAttr(the.APERTURE_MM * the.SIZE_PX[1] / the.SIZE_PX[0])
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * self.metre, 100.0 * self.metre))
         camera.AddTranslateOp().Set(self._at(0, 0, 0))
+        camera.GetPrim().CreateAttribute(ATTRIBUTE, Sdf.ValueTypeNames.Float).Set(the.TICK_HZ)
+        self.every_frame = EveryFrame(stage, [f"{ROOT}/camera"])
         cube = UsdGeom.Cube.Define(stage, f"{ROOT}/cube")
         cube.CreateSizeAttr(the.CUBE_M * self.metre)
         self.place = cube.AddTranslateOp()
@@ -47,6 +50,7 @@ class SelfTestScene:
     def remove(self):
         self.writer.detach()
         self.product.destroy()
+        self.every_frame.restore()
         self.stage.RemovePrim(ROOT)
 
     def _keep(self, data):

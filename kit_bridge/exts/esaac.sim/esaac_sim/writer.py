@@ -38,6 +38,11 @@ def attach(spec, sink, with_hdr=True):
     """Makes a render product of the camera's size and puts a writer on it. Give both to `detach`."""
     sensor = spec.sensor
     product = rep.create.render_product(spec.path, (sensor.width, sensor.height))
+    return product, listen(spec, sink, product, with_hdr)
+
+
+def listen(spec, sink, product, with_hdr=True):
+    """Puts a writer on a render product, given as such or by its path. `detach` of the writer takes it off."""
     rep.WriterRegistry.register(EsaacEventWriter)
     writer = rep.writers.get(NAME)
     writer.initialize(
@@ -49,7 +54,7 @@ def attach(spec, sink, with_hdr=True):
         with_ids=spec.with_geometry,
     )
     writer.attach([product])
-    return product, writer
+    return writer
 
 
 def detach(product, writer):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +20,6 @@ from esaac.newton.substeps import Mounts, SubstepLog
 from esaac.newton.view import View
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from esaac.isaaclab.cfg import EventCameraCfg
@@ -30,7 +29,8 @@ class EventCamera(Camera):
     """The sensor that an `EventCameraCfg` makes; `env.scene["name"]` in an environment.
 
     `data.output` has what `EventCameraCfg.data_types` asks for, of each environment's last frame. `events` is the
-    `esaac.TiledEventCamera`, with `statistics` and `memory()`; None before the simulation plays.
+    `esaac.TiledEventCamera`, with `statistics` and `memory()`; None before the simulation plays. `frame_counts` and
+    `episode_counts` say how many frames and resets each environment has had.
 
     After a reset the next frame, drawn when the camera is read or updated, is the first of the episode: it has no
     events. If nothing reads the camera before the next physics step, the episode's events begin after that step.
@@ -39,6 +39,8 @@ class EventCamera(Camera):
     """
 
     events: TiledEventCamera | None
+    frame_counts: NDArray[np.int64]
+    episode_counts: NDArray[np.int64]
 
     def __init__(self, cfg: EventCameraCfg) -> None:
         _check(cfg)
@@ -70,6 +72,40 @@ class EventCamera(Camera):
         """Seconds between frames, in whole physics steps."""
         return float(self._schedule.period_steps * self._sim_physics_dt)
 
+    def env_numbers(self, env_ids: Any = None) -> NDArray[np.int64]:
+        """Numbers of the environments that Isaac Lab names: a list or a tensor of numbers, a slice, or None for
+        all."""
+        numbers: NDArray[np.int64] = np.arange(self._num_envs)[_numbers(env_ids, None)]
+        return numbers
+
+    def set_parameters(self, env_ids: Any, values: Mapping[str, Sequence[float]]) -> None:
+        """Changes parameters of the sensor in some environments, from their next frame on.
+
+        * `env_ids`: as for `env_numbers`.
+        * `values`: for each parameter, by its name in `esaac.SensorModel`, a number for each of these environments.
+
+        Raises `esaac.ArgumentError` for parameters that are no numbers or the same in all environments, and
+        `esaac.SensorError` for values out of range. Then nothing has changed."""
+        if self.events is None:
+            raise ArgumentError(
+                "the sensor's parameters are set before the simulation plays, expected it later; in an event term "
+                'set mode="reset"'
+            )
+        numbers, sensors = self.env_numbers(env_ids), self.events.sensors
+        for name, given in values.items():
+            _check_parameter(sensors[0], name)
+            if len(given) != len(numbers):
+                raise ArgumentError(
+                    f"{len(given)} values of `{name}` for {len(numbers)} environments, expected one for each"
+                )
+        changed = []
+        for index, env in enumerate(numbers):
+            sensor = sensors[env]
+            own = {name: _value(sensor, name, given[index]) for name, given in values.items()}
+            changed.append(sensor.replace(**own))
+        for env, sensor in zip(numbers, changed):
+            self.events.set_sensor(env, sensor)
+
     def update(self, dt: float, force_recompute: bool = False) -> None:
         """Draws the frames that are due `dt` seconds after the last call. Isaac Lab calls it."""
         if not self._is_initialized:
@@ -88,6 +124,7 @@ class EventCamera(Camera):
         envs[_numbers(env_ids, env_mask)] = True
         self._schedule.reset(envs)
         self._outputs.forget(envs)
+        self.episode_counts[envs] += 1
         self._tell_due()
 
     def _initialize_impl(self) -> None:
@@ -97,6 +134,7 @@ class EventCamera(Camera):
     def _create_buffers(self) -> None:
         count, (height, width) = self._num_envs, self.image_shape
         self._schedule = Schedule(count, self.cfg.update_period, self._sim_physics_dt)
+        self.frame_counts, self.episode_counts = (np.zeros(count, np.int64) for _ in range(2))
         model = NewtonManager.get_model()
         self._bodies = WorldBodies(model)
         # Newton's manager does not know its own substep yet.
@@ -143,6 +181,7 @@ class EventCamera(Camera):
         poses = self._frames.poses(due, now, NewtonManager.get_state_0(), self._mounts())
         packet = self._frames.step(due, now, self._render_data.view, poses, self._render_data.averaged)
         self._outputs.update(packet, self.events, due)
+        self.frame_counts[due] += 1
         self._publish()
 
     def _mounts(self) -> Mounts:
@@ -200,6 +239,24 @@ def _check(cfg: EventCameraCfg) -> None:
 def _sensor(cfg: EventCameraCfg) -> SensorModel:
     sensor = SensorModel.from_toml(cfg.sensor) if "\n" in cfg.sensor else SensorModel(cfg.sensor)
     return sensor.replace(profile=cfg.profile, width=cfg.width, height=cfg.height, **cfg.parameters)
+
+
+def _check_parameter(sensor: SensorModel, name: str) -> None:
+    """Fails if a parameter is no number, or if all environments share it."""
+    numbers = [
+        known
+        for known, _, _ in SensorModel.parameters()
+        if known not in ("width", "height") and type(getattr(sensor, known)) in (int, float)
+    ]
+    if name not in numbers:
+        raise ArgumentError(
+            f"`{name}` cannot differ from environment to environment, expected one of {', '.join(numbers)}"
+        )
+
+
+def _value(sensor: SensorModel, name: str, value: float) -> float:
+    """Rounded, if the parameter is an integer."""
+    return round(value) if isinstance(getattr(sensor, name), int) else float(value)
 
 
 def _linear(colour: Any) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ def event_frame(
 
     Raises `esaac.ArgumentError` if the camera has no such output, or more than one frame an environment step.
     """
-    return _read(env, sensor_cfg, "event_frame", clip, channels_first)
+    return image(env, sensor_cfg.name, "event_frame", clip, channels_first)
 
 
 def voxel_grid(
@@ -33,24 +33,31 @@ def voxel_grid(
     Arguments and errors are those of `event_frame`. The result is float32 `(num_envs, voxel_bins, height, width)`, or
     with the bins last. Values are clipped to -`clip` and `clip`.
     """
-    return _read(env, sensor_cfg, "voxel_grid", clip, channels_first)
+    return image(env, sensor_cfg.name, "voxel_grid", clip, channels_first)
 
 
-def _read(env: Any, sensor_cfg: Any, name: str, clip: float | None, channels_first: bool) -> torch.Tensor:
-    camera = env.scene.sensors[sensor_cfg.name]
-    period_s, step_s = camera.frame_period_s, env.step_dt
-    if period_s < step_s * (1 - 1e-6):
-        raise ArgumentError(
-            f"camera `{sensor_cfg.name}` has a frame every {period_s:g} s and the environment steps every "
-            f"{step_s:g} s, so events of frames in between would be lost; set the camera's update_period to "
-            f"{step_s:g}, since events follow every physics step all the same"
-        )
-    output = camera.data.output
-    if name not in output:
-        raise ArgumentError(
-            f"camera `{sensor_cfg.name}` has the outputs {sorted(output)}, expected `{name}`; add it to data_types"
-        )
-    values: torch.Tensor = output[name].torch.float()
+def image(env: Any, name: str, output: str, clip: float | None, channels_first: bool) -> torch.Tensor:
+    """An output of the camera with this name, as float32."""
+    values: torch.Tensor = held(env, name, output).float()
     if clip is not None:
         values = values.clamp(-clip, clip)
     return values.permute(0, 3, 1, 2) if channels_first else values
+
+
+def held(env: Any, name: str, output: str) -> torch.Tensor:
+    """What the camera with this name holds of the last environment step."""
+    camera = env.scene.sensors[name]
+    period_s, step_s = camera.frame_period_s, env.step_dt
+    if period_s < step_s * (1 - 1e-6):
+        raise ArgumentError(
+            f"camera `{name}` has a frame every {period_s:g} s and the environment steps every "
+            f"{step_s:g} s, so events of frames in between would be lost; set the camera's update_period to "
+            f"{step_s:g}, since events follow every physics step all the same"
+        )
+    outputs = camera.data.output
+    if output not in outputs:
+        raise ArgumentError(
+            f"camera `{name}` has the outputs {sorted(outputs)}, expected `{output}`; add it to data_types"
+        )
+    values: torch.Tensor = outputs[output].torch
+    return values

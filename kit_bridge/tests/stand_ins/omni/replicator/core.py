@@ -21,9 +21,17 @@ DEVICE = "cuda:0" if wp.is_cuda_available() else "cpu"
 BACKGROUND = 0.05
 RATE_HZ = 60.0
 
-faults = types.SimpleNamespace(
-    empty_frames=2, negate_motion=False, gamma=False, stopped_clock=False, repeat=False, suffix=True
-)
+NO_FAULTS = {
+    "empty_frames": 2,
+    "negate_motion": False,
+    "gamma": False,
+    "stopped_clock": False,
+    "repeat": False,
+    "suffix": True,
+    "motion_channels": 4,
+    "keeps_rate": False,
+}
+faults = types.SimpleNamespace(**NO_FAULTS)
 """What the renderer gets wrong; tests set it."""
 
 _PRODUCTS = []
@@ -36,6 +44,7 @@ class RenderProduct:
         self.camera, self.resolution = camera, resolution
         self.path = f"/Render/RenderProduct_{len(_PRODUCTS)}"
         self.writers, self.drawn, self.before, self.hdr = [], 0, {}, None
+        self.tick = self.images = None
         _PRODUCTS.append(self)
 
     def destroy(self):
@@ -71,7 +80,8 @@ class Writer:
     """F1: subclasses list annotators in `__init__` and have `write`."""
 
     def attach(self, products):
-        self.products = list(products)
+        by_path = {product.path: product for product in _PRODUCTS}
+        self.products = [by_path.get(product, product) for product in products]
         for product in self.products:
             product.writers.append(self)
 
@@ -112,9 +122,7 @@ def reset():
     _PRODUCTS.clear()
     orchestrator.capture_on_play = True
     omni.physx.reset()
-    faults.__dict__.update(
-        empty_frames=2, negate_motion=False, gamma=False, stopped_clock=False, repeat=False, suffix=True
-    )
+    faults.__dict__.update(NO_FAULTS)
 
 
 def draw():
@@ -141,6 +149,39 @@ def draw():
 
 
 def _data(product, stage, frame):
+    rate_hz = _rate_hz(stage, product.camera)
+    tick = int(frame * rate_hz / RATE_HZ + 1e-6)
+    # F21: between two ticks there is the last image.
+    if product.images is None or tick != product.tick:
+        product.tick, product.images = tick, _drawn(product, stage)
+    hdr, motion, depth, rgb, ids, labels = product.images
+    product.hdr = hdr
+    suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
+    seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
+    of = lambda array: wp.array(np.squeeze(array), device=DEVICE)  # F2
+    vectors = of(motion)
+    if motion.size and faults.motion_channels == 2:
+        vectors = vectors[:, :, :2]
+    return {
+        f"HdrColor{suffix}": of(hdr),
+        f"motion_vectors{suffix}": vectors,
+        f"distance_to_image_plane{suffix}": of(depth),
+        f"rgb{suffix}": of(rgb),
+        f"instance_id_segmentation{suffix}": {"data": of(ids), "info": {"idToLabels": labels}},  # F14
+        f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
+    }
+
+
+def _rate_hz(stage, camera):
+    """F21. A renderer that keeps its rate does not look at the session's layer."""
+    if faults.keeps_rate:
+        own = stage.GetRootLayer().GetAttributeAtPath(f"{camera}.omni:sensor:tickRate")
+        return own.default if own and own.default else RATE_HZ
+    return stage.GetPrimAtPath(camera).GetAttribute("omni:sensor:tickRate").Get() or RATE_HZ
+
+
+def _drawn(product, stage):
+    """Colour, motion, depth, bytes, ids and their labels."""
     width, height = product.resolution
     hdr = np.full((height, width, 4), BACKGROUND, np.float16)
     motion = np.zeros((height, width, 4), np.float32)
@@ -163,22 +204,11 @@ def _data(product, stage, frame):
             moved = (99.0, -99.0)  # F4
         motion[ys, xs, :2] = np.negative(moved) if faults.negate_motion else moved
         product.before[cube] = centre
-    suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
     if product.drawn < faults.empty_frames:  # F4
         hdr, motion, depth, rgb, ids = (
             np.empty((0,), dtype) for dtype in (np.float16, np.float32, np.float32, np.uint8, np.uint32)
         )
-    product.hdr = hdr
-    seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
-    of = lambda array: wp.array(np.squeeze(array), device=DEVICE)  # F2
-    return {
-        f"HdrColor{suffix}": of(hdr),
-        f"motion_vectors{suffix}": of(motion),
-        f"distance_to_image_plane{suffix}": of(depth),
-        f"rgb{suffix}": of(rgb),
-        f"instance_id_segmentation{suffix}": {"data": of(ids), "info": {"idToLabels": labels}},  # F14
-        f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
-    }
+    return hdr, motion, depth, rgb, ids, labels
 
 
 def _cubes(stage, camera_path, width, height):
