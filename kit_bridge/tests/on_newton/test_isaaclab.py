@@ -11,7 +11,7 @@ from isaaclab.managers import EventManager, EventTermCfg, SceneEntityCfg
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
 
 import esaac
-from esaac.isaaclab import EventReading, event_frame, randomize_sensor
+from esaac.isaaclab import EventReading, event_frame, outputs, randomize_sensor
 from esaac.isaaclab.camera import EventCamera
 from esaac.isaaclab.schedule import Schedule
 
@@ -350,3 +350,26 @@ def test_parameters_that_cannot_differ_are_named_and_nothing_changes(env, sensor
     monkeypatch.setattr(camera, "events", None)
     with pytest.raises(esaac.ArgumentError, match="before the simulation plays"):
         randomize_sensor(env, None, STILL, {"contrast_on": (0.1, 0.2)})
+
+
+def test_a_tensor_of_a_device_is_viewed_though_it_could_be_copied_to_the_host():
+    class Tensor:
+        """As `esaac.Tensor`: DLPack, and a copy on the host for NumPy."""
+
+        def __init__(self, inner):
+            self.inner = inner
+            self.dtype = inner.numpy().dtype
+
+        def __dlpack__(self, **given):
+            return self.inner.__dlpack__(**given)
+
+        def __dlpack_device__(self):
+            return self.inner.__dlpack_device__()
+
+        def __array__(self, *_, **__):
+            raise AssertionError("copied to the host")
+
+    inner = torch.arange(5, dtype=torch.int16)
+    assert outputs._tensor(Tensor(inner)).data_ptr() == inner.data_ptr()
+    host = outputs._tensor(np.arange(5, dtype=np.uint16))
+    assert host.dtype == torch.int32 and host.tolist() == [0, 1, 2, 3, 4]

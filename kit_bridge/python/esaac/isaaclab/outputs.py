@@ -1,5 +1,6 @@
 """What a step's packet becomes for Isaac Lab: tensors on the device that stay until the next frame."""
 
+import numpy as np
 import torch
 import warp as wp
 from isaaclab.utils.warp import ProxyArray
@@ -83,7 +84,7 @@ class Outputs:
 
 def _tensor(array):
     """A view of a NumPy array or of an `esaac.Tensor`."""
-    if hasattr(array, "__dlpack__") and not hasattr(array, "__array__"):
+    if not isinstance(array, np.ndarray):
         return torch.from_dlpack(array)
     # torch computes with few of the unsigned types.
     return torch.from_numpy(array.astype("int32") if array.dtype.kind == "u" else array)
