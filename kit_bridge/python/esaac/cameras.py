@@ -2,11 +2,12 @@
 
 import dataclasses
 import json
+import warnings
 
 import numpy as np
 
 from esaac._native import Engine, SensorModel
-from esaac.errors import ArgumentError
+from esaac.errors import ArgumentError, PoseWarning
 from esaac.poses import Intrinsics, PoseRecorder
 
 _MAGIC = b"ESAACPY2"
@@ -53,16 +54,33 @@ class _Cameras:
 
     def _step_together(self, frame, t_ns, poses, stream):
         if not isinstance(poses, PoseRecorder):
-            return self._engine.step_tiles(frame, t_ns, poses, stream)
+            packet = self._engine.step_tiles(frame, t_ns, poses, stream)
+            self._warn([(frame, poses)], 4)
+            return packet
         last = self._engine.last_ns
         times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
         stepped = [(t, before) for t, before in zip(times, last) if t is not None]
         given = poses.spanning(*_span(*zip(*stepped))) if stepped else None
         packet = self._engine.step_tiles(frame, times, given, stream)
+        self._warn([(frame, given)], 4)
         # Cameras that wait need what came after their last frame.
         needed = [t if t is not None else before for t, before in zip(times, last)]
         poses.forget_before(min((t for t in needed if t is not None), default=0))
         return packet
+
+    def _warn(self, given, stacklevel):
+        """Says what a step has found out about its poses, where motion vectors came with them."""
+        if all(frame is None or frame[1] is None or poses is None for frame, poses in given):
+            return
+        new = self._engine.new_pose_warnings()
+        if new:
+            camera, text = new[0]
+            others = f" (and {len(new) - 1} others)" if len(new) > 1 else ""
+            warnings.warn(f"camera {camera}{others}: {text}", PoseWarning, stacklevel=stacklevel)
+
+    @property
+    def pose_warnings(self):
+        return self._engine.pose_warnings()
 
     def _last_packet(self):
         packets = self._engine.last
@@ -211,6 +229,7 @@ class Rig(_Several):
         for index, recorder in recorders:
             spanning[index] = recorder.spanning(*_span(times[index : index + 1], last[index : index + 1]))
         packets = self._engine.step(given, times, spanning, stream)
+        self._warn(list(zip(given, spanning)), 3)
         for index, recorder in recorders:
             recorder.forget_before(times[index])
         return packets

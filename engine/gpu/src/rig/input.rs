@@ -92,7 +92,7 @@ impl Rig {
 
 impl CameraState {
     /// Its own input buffers.
-    fn input_buffers(&self) -> InputBuffers<'_> {
+    pub(super) fn input_buffers(&self) -> InputBuffers<'_> {
         InputBuffers {
             hdr: &self.hdr,
             motion: self.motion.as_ref(),

@@ -1,5 +1,6 @@
 //! Stepping a rig: from frames and their times to a tick.
 
+use super::conventions::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
@@ -53,6 +54,10 @@ impl Rig {
                 None => None,
             });
         }
+        let given = t_ns.iter().enumerate().map(|(number, t_ns)| {
+            t_ns.map(|t_ns| Given { t_ns, inputs: Some(tiles), images_before: number })
+        });
+        self.check_conventions(&given.collect::<Vec<_>>(), hooks)?;
         self.tick(&frames, hooks)
     }
 
@@ -77,6 +82,10 @@ impl Rig {
                 None => None,
             });
         }
+        let given = frames
+            .iter()
+            .map(|frame| frame.map(|FrameInput { t_ns, inputs }| Given { t_ns, inputs, images_before: 0 }));
+        self.check_conventions(&given.collect::<Vec<_>>(), hooks)?;
         self.tick(&inputs, hooks)
     }
 
@@ -288,5 +297,6 @@ impl CameraState {
         self.frames += 1;
         self.sequence += 1;
         self.changed = false;
+        self.vectors_span = true;
     }
 }
