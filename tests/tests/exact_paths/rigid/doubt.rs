@@ -2,9 +2,7 @@
 
 use super::input::changed;
 use esaac_engine::ash::vk;
-use esaac_engine::{
-    Buffer, CameraConfig, FrameBytes, FrameInput, InputBuffers, MemoryLocation, Rig, SubmitHooks,
-};
+use esaac_engine::{Buffer, CameraConfig, FrameBytes, InputBuffers, MemoryLocation, Rig, SubmitHooks};
 use esaac_model::paths::{Pose, PoseTrack, SceneMotion};
 use esaac_model::{MotionFormat, Packet, SensorModel, Synthesis};
 use esaac_scene::SceneKind;
@@ -275,38 +273,41 @@ fn vectors_of_frames_that_were_dropped_are_not_compared() {
     assert_silent();
 }
 
-/// Frames in buffers of others, for two cameras alike, one image after the other.
+/// Frames in buffers of others, for three cameras, one image after the other.
 #[test]
 fn tiles_in_buffers_of_others_are_compared_too() {
     let rendered = shaken();
     let wrong = with_poses(&rendered, |pose| pose.inverse(), |_, pose| pose);
-    let mut rig = Rig::new(&DEVICE, &vec![camera(&rendered, Synthesis::Auto); 2]).expect("a rig");
-    rig.set_scene(0, rendered.scene.clone()).expect("a scene of this lens");
-    rig.set_scene(1, wrong.scene.clone()).expect("a scene of this lens");
-    let buffer = |bytes: &[u8]| -> Buffer {
-        let twice = [bytes, bytes].concat();
+    let flipped = with_vectors(&rendered, |[x, y]| [-x, -y]);
+    let cameras = [&rendered, &wrong, &flipped];
+    let mut rig = Rig::new(&DEVICE, &vec![camera(&rendered, Synthesis::Auto); 3]).expect("a rig");
+    for (number, of_camera) in cameras.iter().enumerate() {
+        rig.set_scene(number, of_camera.scene.clone()).expect("a scene of this lens");
+    }
+    let buffer = |index: usize, image: fn(&KeyFrame) -> &[u8]| -> Buffer {
+        let tiles = cameras.map(|of_camera| image(&of_camera.frames[index])).concat();
         let usage = vk::BufferUsageFlags::empty();
         let mut buffer =
-            DEVICE.allocate("tiles", twice.len() as u64, usage, MemoryLocation::CpuToGpu).expect("memory");
-        buffer.write(0, &twice);
+            DEVICE.allocate("tiles", tiles.len() as u64, usage, MemoryLocation::CpuToGpu).expect("memory");
+        buffer.write(0, &tiles);
         buffer
     };
-    let expected = [run(&rendered, Synthesis::Auto), run(&wrong, Synthesis::Auto)];
+    let expected = cameras.map(|of_camera| run(of_camera, Synthesis::Auto));
     for (index, frame) in rendered.frames.iter().enumerate() {
-        let [hdr, motion, depth, ids] =
-            [&frame.hdr, &frame.motion, &frame.depth, &frame.ids].map(|b| buffer(b));
+        let images: [fn(&KeyFrame) -> &[u8]; 4] =
+            [|frame| &frame.hdr, |frame| &frame.motion, |frame| &frame.depth, |frame| &frame.ids];
+        let [hdr, motion, depth, ids] = images.map(|image| buffer(index, image));
         let inputs = InputBuffers { hdr: &hdr, motion: Some(&motion), depth: Some(&depth), ids: Some(&ids) };
-        let tick = if index % 2 == 0 {
-            rig.step_tiles(&[Some(frame.t_ns); 2], inputs, &SubmitHooks::default())
-        } else {
-            let input = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) });
-            rig.step_frames(&[input; 2], &SubmitHooks::default())
-        };
-        let tick = tick.expect("a frame");
+        let times_ns = [Some(frame.t_ns); 3];
+        let tick = rig.step_tiles(&times_ns, inputs, &SubmitHooks::default()).expect("a frame");
         for (camera, (packet, expected)) in tick.packets.iter().zip(&expected).enumerate() {
             assert!(packet.iter().eq(expected.packets[index].iter()), "camera {camera}, frame {index}");
         }
     }
-    assert_eq!([0, 1].map(|c| rig.synthesis(c).expect("a camera")), [Synthesis::Rigid, Synthesis::Motion]);
+    for (number, expected) in expected.iter().enumerate() {
+        assert_eq!(Some(&rig.synthesis(number).expect("a camera")), expected.synthesis.last());
+        assert_eq!(rig.convention_warning(number).expect("a camera"), expected.warning, "camera {number}");
+    }
+    assert!(expected[2].warning.as_deref().is_some_and(|text| text.contains("sign is flipped")));
     assert_silent();
 }
