@@ -18,6 +18,8 @@ pub struct FrameScene {
     pub from_ns: i64,
     /// Time of the frame.
     pub to_ns: i64,
+    /// Time of the frame that the producer sent before, to which motion vectors lead.
+    pub vectors_to_ns: i64,
 }
 
 impl FrameScene {
@@ -46,7 +48,7 @@ impl FrameScene {
                 motion.insert(id, joined(before, now)).expect("each id is there once");
             }
         }
-        FrameScene { motion, from_ns: dropped.from_ns, to_ns: self.to_ns }
+        FrameScene { motion, from_ns: dropped.from_ns, to_ns: self.to_ns, vectors_to_ns: self.vectors_to_ns }
     }
 }
 
@@ -115,7 +117,7 @@ mod tests {
 
     fn scene(camera: PoseTrack, from_ms: i64, to_ms: i64) -> FrameScene {
         let motion = SceneMotion::new(Intrinsics::pinhole(10.0, 10.0, 5.0, 5.0).unwrap(), camera);
-        FrameScene { motion, from_ns: from_ms * MS, to_ns: to_ms * MS }
+        FrameScene { motion, from_ns: from_ms * MS, to_ns: to_ms * MS, vectors_to_ns: from_ms * MS }
     }
 
     fn track(samples: &[Sample]) -> PoseTrack {

@@ -26,6 +26,8 @@ pub struct Service {
     /// Of each camera whose producer gives no depth though it takes some.
     stand_ins: Vec<Option<StandIn>>,
     resets: u64,
+    /// What was last said about each camera's poses.
+    warnings: Vec<Option<String>>,
 }
 
 impl Service {
@@ -33,7 +35,8 @@ impl Service {
     #[must_use]
     pub fn new(rig: Rig, server: Server) -> Self {
         let stand_ins = (0..rig.len()).map(|_| None).collect();
-        Service { last_ns: vec![None; rig.len()], stand_ins, rig, server, resets: 0 }
+        let (last_ns, warnings) = (vec![None; rig.len()], vec![None; rig.len()]);
+        Service { last_ns, stand_ins, rig, server, resets: 0, warnings }
     }
 
     /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
@@ -70,6 +73,13 @@ impl Service {
         self.server.counts()
     }
 
+    /// For each camera what to tell the user, if the depth and poses of its producer do not predict its motion vectors. It
+    /// is among [`Server::notices`] too.
+    #[must_use]
+    pub fn pose_warnings(&self) -> &[Option<String>] {
+        &self.warnings
+    }
+
     /// How often a camera started anew: for another producer, or after dropped frames had left a gap in time.
     #[must_use]
     pub fn resets(&self) -> u64 {
@@ -77,7 +87,8 @@ impl Service {
     }
 
     /// The synthesis of each camera by what its producer gives, or its last one. A camera that takes depth and gets none
-    /// is simulated by motion vectors, or without.
+    /// is simulated by motion vectors, or without; so is one with synthesis `auto` whose poses do not predict its motion
+    /// vectors.
     ///
     /// # Panics
     /// If the server has more cameras than the rig.
@@ -85,7 +96,7 @@ impl Service {
     pub fn synthesis(&self) -> Vec<Synthesis> {
         let agreements = self.server.agreements();
         let of = |(camera, agreed): (usize, &Option<Agreement>)| {
-            let own = self.rig.sensor(camera).expect("the server was opened for this rig").synthesis;
+            let own = self.rig.synthesis(camera).expect("the server was opened for this rig");
             let lacks = agreed.is_some_and(|agreed| !agreed.geometry);
             if own == Synthesis::Rigid && lacks {
                 return Synthesis::Auto.resolve(false, self.server.images(camera).motion.is_some());
@@ -125,12 +136,24 @@ impl Service {
             frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) });
         }
         let t_ns = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
-        let tick = step(&mut self.rig, &ready, &frames)?;
+        step(&mut self.rig, &ready, &frames)?;
         let _zone = zone!("release");
         for frame in &ready {
             self.server.release(frame, Outcome::Stepped)?;
+            self.warn_of_poses(frame.camera)?;
         }
-        Ok(Some(ServiceTick { tick, t_ns, first }))
+        Ok(Some(ServiceTick { tick: self.rig.last_tick(), t_ns, first }))
+    }
+
+    /// Says what is new about a camera's poses.
+    fn warn_of_poses(&mut self, camera: usize) -> Result<(), InteropError> {
+        let warning = self.rig.convention_warning(camera)?;
+        let is_new = warning.is_some() && warning != self.warnings[camera];
+        if let Some(text) = warning.as_ref().filter(|_| is_new) {
+            self.server.say(format!("camera {camera}: warning: {text}"));
+        }
+        self.warnings[camera] = warning;
+        Ok(())
     }
 
     /// Resets the cameras that start anew, hands over poses, and returns for which cameras the frame is the first.
@@ -149,6 +172,9 @@ impl Service {
             *last_ns = Some(frame.t_ns);
             if let Some(scene) = &frame.scene {
                 self.rig.set_scene(frame.camera, scene.motion.clone())?;
+                if scene.from_ns != scene.vectors_to_ns {
+                    self.rig.skip_convention_check(frame.camera)?;
+                }
             } else if let Some(stand_in) = self.stand_in(frame.camera)? {
                 let scene = stand_in.scene();
                 self.rig.set_scene(frame.camera, scene)?;
@@ -170,13 +196,10 @@ impl Service {
 /// Steps a rig with frames that are there: takes their buffers over and hands them back. The submission
 /// neither waits for nor signals a timeline that a producer can set: the server has seen that the frames are
 /// written, and signals that they are read once the device is done.
-fn step<'a>(
-    rig: &'a mut Rig,
-    ready: &[Ready],
-    frames: &[Option<FrameInput<'_>>],
-) -> Result<Tick<'a>, InteropError> {
+fn step(rig: &mut Rig, ready: &[Ready], frames: &[Option<FrameInput<'_>>]) -> Result<(), InteropError> {
     let before: Vec<_> = ready.iter().map(|frame| frame.slot().acquire()).collect();
     let after: Vec<_> = ready.iter().map(|frame| frame.slot().release()).collect();
     let hooks = SubmitHooks { before: &before, after: &after, ..SubmitHooks::default() };
-    Ok(rig.step_frames(frames, &hooks)?)
+    rig.step_frames(frames, &hooks)?;
+    Ok(())
 }

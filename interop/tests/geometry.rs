@@ -293,7 +293,7 @@ proptest! {
         prop_assert_eq!(format!("{:?}", &read), format!("{:?}", &tracks));
         if t_ns <= 0 || t_ns > 1_000_000_000 {
             prop_assert!(second_frame(read, t_ns).is_err());
-        } else if let Ok(FrameScene { motion, from_ns, to_ns }) = second_frame(read, t_ns) {
+        } else if let Ok(FrameScene { motion, from_ns, to_ns, .. }) = second_frame(read, t_ns) {
             prop_assert_eq!((from_ns, to_ns), (0, t_ns));
             let instances = motion.ids().map(|id| motion.instance(id).unwrap());
             for track in instances.chain([motion.camera()]) {

@@ -246,8 +246,18 @@ impl Engine {
     /// What each camera's synthesis has come to; None before its first frame.
     #[getter]
     fn syntheses(&self, py: Python<'_>) -> PyResult<Vec<Option<&'static str>>> {
-        let syntheses = self.call(py, |state| Ok(state.syntheses()))?;
+        let syntheses = self.call(py, |state| state.syntheses())?;
         Ok(syntheses.into_iter().map(|synthesis| synthesis.map(Synthesis::name)).collect())
+    }
+
+    /// For each camera what to tell, if its depth and poses do not predict its motion vectors.
+    fn pose_warnings(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
+        self.call(py, |state| state.pose_warnings())
+    }
+
+    /// Those that are new since the last call, with the numbers of their cameras.
+    fn new_pose_warnings(&self, py: Python<'_>) -> PyResult<Vec<(usize, String)>> {
+        self.call(py, State::new_pose_warnings)
     }
 
     /// Time of each camera's last frame.

@@ -7,8 +7,8 @@ use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
 use crate::poses::Moving;
 use esaac_engine::{
-    ApsFrame, Device, Diagnostics, HeldPackets, MemoryUse, PacketPlace, Representation, RigOptions, Share,
-    Tick,
+    ApsFrame, Device, Diagnostics, HeldPackets, MemoryUse, PacketPlace, Representation, Rig, RigOptions,
+    Share, Tick,
 };
 use esaac_model::paths::Intrinsics;
 use esaac_model::{Packet, SensorModel, Synthesis, frame};
@@ -36,6 +36,8 @@ pub struct State {
     /// The present sensors.
     pub sensors: Vec<SensorModel>,
     lenses: Vec<Option<Intrinsics>>,
+    /// What was last said about each camera's poses.
+    said: Vec<Option<String>>,
     /// Time of each camera's last frame.
     pub last_ns: Vec<Option<i64>>,
     /// Time of each camera's first frame since its reset; the beginning of time for one that was not reset.
@@ -101,6 +103,7 @@ impl State {
         State {
             together: tiled && sensors.len() > 1,
             banks: Vec::new(),
+            said: Vec::new(),
             formats: Vec::new(),
             last_ns: vec![None; sensors.len()],
             first_ns: vec![Some(i64::MIN); sensors.len()],
@@ -235,12 +238,31 @@ impl State {
     }
 
     /// What each camera's brightness between two frames is made by; `None` before the first frame, which tells.
-    pub fn syntheses(&self) -> Vec<Option<Synthesis>> {
-        let resolve = |(camera, sensor): (usize, &SensorModel)| {
-            let format = self.formats.get(camera)?;
-            Some(sensor.synthesis.resolve(format.depth.is_some(), format.motion.is_some()))
-        };
-        self.sensors.iter().enumerate().map(resolve).collect()
+    pub fn syntheses(&self) -> Result<Vec<Option<Synthesis>>, Fault> {
+        if self.banks.is_empty() {
+            return Ok(vec![None; self.sensors.len()]);
+        }
+        self.of_each(|rig, camera| Ok(Some(rig.synthesis(camera)?)))
+    }
+
+    /// For each camera what to tell, if its depth and poses do not predict its motion vectors.
+    pub fn pose_warnings(&self) -> Result<Vec<Option<String>>, Fault> {
+        self.of_each(|rig, camera| Ok(rig.convention_warning(camera)?))
+    }
+
+    /// Those that are new since the last call, with the numbers of their cameras.
+    pub fn new_pose_warnings(&mut self) -> Result<Vec<(usize, String)>, Fault> {
+        let warnings = self.pose_warnings()?;
+        let said = std::mem::replace(&mut self.said, warnings);
+        let all = self.said.iter().enumerate();
+        let new = all.filter(|&(camera, warning)| said.get(camera) != Some(warning));
+        Ok(new.filter_map(|(camera, warning)| Some((camera, warning.clone()?))).collect())
+    }
+
+    /// Something of each camera's rig and its number there.
+    fn of_each<T>(&self, of: impl Fn(&Rig, usize) -> Result<T, Fault>) -> Result<Vec<T>, Fault> {
+        let cameras = self.banks.iter().flat_map(|bank| (0..bank.rig.len()).map(move |own| (&bank.rig, own)));
+        cameras.map(|(rig, own)| of(rig, own)).collect()
     }
 
     /// The bank of a camera, and its number there.

@@ -1,6 +1,7 @@
 """Modes `rigid` and `auto` of the extension: depth, ids and poses of what moves, at every physics step."""
 
 import sys
+import warnings
 
 import numpy as np
 import omni.physx
@@ -90,6 +91,26 @@ def test_events_follow_the_paths_that_physics_took(stage):
     assert events > 200 and len(kept) == 12
     running.detach()
     copies.writer.detach()
+
+
+def test_vectors_that_the_poses_do_not_predict_are_told_of(stage):
+    stage.GetPrimAtPath("/camera").GetAttribute("esaac:mode").Set("auto")
+    rigid_body(stage)
+    for negated in (False, True):
+        rep.faults.negate_motion = negated
+        running = bridge()
+        running.attach(stage)
+        (feed,) = running.feeds
+        TIMELINE.play()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            for _ in range(8):
+                APP.update()
+        told = [w for w in caught if w.category is esaac.PoseWarning]
+        assert feed.frames > 4 and not feed.faults and feed.camera.synthesis == "rigid", feed.message
+        assert ("sign is flipped" in feed.message) == bool(told) == negated, feed.message
+        running.detach()
+        TIMELINE.stop()
 
 
 def test_what_a_script_moves_has_poses_from_its_second_interval_on(stage):

@@ -352,6 +352,10 @@ def changed(array, at, value):
             (TIMES_NS, changed(CAMERA, (3, 6), 2.0), BODIES),
             "poses: camera, step 3: the quaternion has length",
         ),
+        (
+            (TIMES_NS, changed(CAMERA, (3, slice(3, 7)), 0.0), BODIES),
+            "camera, step 3: the quaternion has length 0, expected 1",
+        ),
         ((TIMES_NS, changed(CAMERA, (3, 4), np.nan), BODIES), "camera, step 3: qy is NaN, expected a finite"),
         (
             (TIMES_NS, CAMERA, changed(BODIES, (5, 0, 0), np.inf)),

@@ -2,13 +2,18 @@
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, InputBuffers, MemoryLocation,
-    Rig, RigOptions, SubmitHooks, Timeline, Validation,
+    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, GeometryConfig, InputBuffers,
+    MemoryLocation, Rig, RigOptions, SubmitHooks, Timeline, Validation,
 };
-use esaac_model::{FrameError, HdrFormat, Intensity, MotionFormat, SensorError, SensorModel, Synthesis};
+use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
+use esaac_model::{
+    DepthFormat, FrameError, HdrFormat, IdFormat, Intensity, MotionFormat, SensorError, SensorModel,
+    Synthesis,
+};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, times};
 use esaac_tests::run::{camera, engine, rig, step};
+use std::sync::Arc;
 
 fn sensor() -> SensorModel {
     SensorModel { width: 12, height: 9, synthesis: Synthesis::None, ..SensorModel::default() }
@@ -71,6 +76,36 @@ fn buffers_of_others_that_are_too_small() {
     assert_names(step(&short, Some(&whole)), &["camera 0", "hdr", "160 bytes", "1728"]);
     assert_names(step(&whole, Some(&short)), &["camera 0", "motion", "160 bytes", "432"]);
     assert_names(step(&whole, None), &["camera 0", "motion", "0 bytes", "432"]);
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn depth_and_ids_that_are_too_small_or_on_another_device() {
+    let sensor = SensorModel { synthesis: Synthesis::Rigid, ..sensor() };
+    let lens = Intrinsics::pinhole(10.0, 10.0, 5.5, 4.0).unwrap();
+    let geometry = GeometryConfig { depth: DepthFormat::F32, ids: Some(IdFormat::U16), lens };
+    let config =
+        CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: Some(geometry) };
+    let mut rig = Rig::new(&DEVICE, &[config]).unwrap();
+    rig.set_scene(0, SceneMotion::new(lens, PoseTrack::still(Pose::IDENTITY))).unwrap();
+    let other = Device::open(DeviceChoice::Best, Validation::from_env()).unwrap();
+    let buffer = |device: &Arc<Device>, bytes| {
+        device.allocate("given", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly).unwrap()
+    };
+    let (whole, short) = (buffer(&DEVICE, 12 * 9 * 16), buffer(&DEVICE, 160));
+    let elsewhere = buffer(&other, 12 * 9 * 16);
+    let mut step = |depth, ids| {
+        let inputs = Some(InputBuffers { hdr: &whole, motion: None, depth, ids });
+        rig.step_frames(&[Some(FrameInput { t_ns: 0, inputs })], &SubmitHooks::default()).map(|_| ())
+    };
+    assert_names(step(Some(&short), Some(&whole)), &["camera 0", "depth", "160 bytes", "432"]);
+    assert_names(step(Some(&whole), Some(&short)), &["camera 0", "ids", "160 bytes", "216"]);
+    assert_names(step(None, Some(&whole)), &["camera 0", "depth", "0 bytes", "432"]);
+    let error = assert_names(step(Some(&whole), Some(&elsewhere)), &["camera 0", "ids", "the rig's device"]);
+    assert!(matches!(error, EngineError::OtherDevice { camera: 0, image: "ids", .. }), "{error}");
+    assert_names(step(Some(&elsewhere), Some(&whole)), &["camera 0", "depth", "the rig's device"]);
+    step(Some(&whole), Some(&whole)).unwrap();
     drop(rig);
     assert_silent();
 }

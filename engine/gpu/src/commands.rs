@@ -176,11 +176,25 @@ impl SubmitHooks<'_> {
 impl Device {
     /// Records with `record`, submits and waits. For set-up and producers, not for the hot path.
     pub fn run_once(&self, record: impl FnOnce(vk::CommandBuffer)) -> Result<(), EngineError> {
-        self.one_shot(|one_shot| {
+        self.run_once_with(&SubmitHooks::default(), record)
+    }
+
+    /// As [`Device::run_once`], with hooks.
+    pub(crate) fn run_once_with(
+        &self,
+        hooks: &SubmitHooks<'_>,
+        record: impl FnOnce(vk::CommandBuffer),
+    ) -> Result<(), EngineError> {
+        let ran = self.one_shot(|one_shot| {
             // SAFETY: this call alone has the buffer, whose last submission has finished. `one_shot` waits for this
             // submission; if the wait fails, it is abandoned and `Device::retire` destroys nothing that it may use.
             unsafe { one_shot.pooled.record(self, record) }?;
-            self.submit(one_shot.pooled.raw, &SubmitHooks::default(), one_shot.fence)
+            self.submit(one_shot.pooled.raw, hooks, one_shot.fence)
+        });
+        ran.inspect_err(|error| {
+            if error.leaves_work() {
+                hooks.abandon();
+            }
         })
     }
 

@@ -102,6 +102,20 @@ pub enum EngineError {
         /// Camera asked for.
         actual: usize,
     },
+    /// An image in a buffer of another device.
+    #[error(
+        "camera {camera}: {image} lies in a buffer of {actual}, expected one of the rig's device, {expected}"
+    )]
+    OtherDevice {
+        /// Camera number in the rig.
+        camera: usize,
+        /// Which image.
+        image: &'static str,
+        /// The rig's device.
+        expected: String,
+        /// The buffer's.
+        actual: String,
+    },
     /// Poses for a camera that gets no depth.
     #[error(
         "camera {camera} has no geometry, expected depth and a lens in its configuration before its poses"

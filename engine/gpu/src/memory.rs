@@ -155,6 +155,11 @@ impl Buffer {
         self.texels.as_ref().is_some_and(|t| t.whole)
     }
 
+    /// The device that it was made by.
+    pub(crate) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
     /// Vulkan handle.
     #[must_use]
     pub fn raw(&self) -> vk::Buffer {

@@ -90,7 +90,7 @@ impl Poses {
             motion.insert(id, track).map_err(|error| bad(error.to_string()))?;
         }
         motion.check_span(from_ns, to_ns).map_err(|error| bad(error.to_string()))?;
-        Ok(FrameScene { motion, from_ns, to_ns })
+        Ok(FrameScene { motion, from_ns, to_ns, vectors_to_ns: from_ns })
     }
 }
 

@@ -10,6 +10,7 @@ from esaac.errors import (
     EsaacError,
     ForkError,
     FrameError,
+    PoseWarning,
     RosError,
     SensorError,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "Intrinsics",
     "Packet",
     "PoseRecorder",
+    "PoseWarning",
     "Poses",
     "Rig",
     "RosError",

@@ -40,6 +40,7 @@ from esaac.errors import DeviceError as DeviceError
 from esaac.errors import EsaacError as EsaacError
 from esaac.errors import ForkError as ForkError
 from esaac.errors import FrameError as FrameError
+from esaac.errors import PoseWarning as PoseWarning
 from esaac.errors import RosError as RosError
 from esaac.errors import SensorError as SensorError
 from esaac.files import EventWriter as EventWriter
@@ -247,6 +248,11 @@ class _Cameras:
     @property
     def device(self) -> dict[str, str]: ...
     def memory(self) -> list[MemoryEntry]: ...
+    @property
+    def pose_warnings(self) -> list[str | None]:
+        """For each camera what is wrong, if its depth and poses do not predict its motion vectors: by how much, the
+        likely cause, and what follows. A step that finds it warns with `PoseWarning`. Empty before the first
+        frame."""
     def save(self) -> bytes: ...
     def restore(self, state: bytes) -> None: ...
 
@@ -302,7 +308,8 @@ class EventCamera(_Cameras):
         """The packet of the step that was submitted, once it is done."""
     @property
     def synthesis(self) -> str | None:
-        """What `synthesis="auto"` has come to, by what the first frame brought; None before."""
+        """What `synthesis="auto"` has come to, by what the first frame brought; None before. `motion` if depth and
+        poses do not predict the motion vectors."""
     @property
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it. It is the camera's until the
@@ -363,7 +370,7 @@ class Rig(_Cameras):
         """The packets of the step that was submitted, once it is done."""
     @property
     def syntheses(self) -> list[str | None]:
-        """What `synthesis="auto"` has come to for each camera; None before its first frame."""
+        """What `synthesis="auto"` has come to for each camera, as of an `EventCamera`."""
     @property
     def last_packets(self) -> list[Packet]:
         """What the last step returned; empty before the first."""
@@ -426,7 +433,8 @@ class TiledEventCamera(_Cameras):
         """The packet of the step that was submitted, once it is done."""
     @property
     def synthesis(self) -> str | None:
-        """What `synthesis="auto"` has come to, by what the first frame brought; None before."""
+        """What `synthesis="auto"` has come to, by what the first frame brought; None before. `motion` if depth and
+        poses do not predict the motion vectors."""
     @property
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it."""

@@ -2,11 +2,12 @@
 
 import dataclasses
 import json
+import warnings
 
 import numpy as np
 
 from esaac._native import Engine, SensorModel
-from esaac.errors import ArgumentError
+from esaac.errors import ArgumentError, PoseWarning
 from esaac.poses import Intrinsics, PoseRecorder
 
 _MAGIC = b"ESAACPY2"
@@ -53,16 +54,37 @@ class _Cameras:
 
     def _step_together(self, frame, t_ns, poses, stream, submits=False):
         if not isinstance(poses, PoseRecorder):
-            return self._engine.step_tiles(frame, t_ns, poses, stream, submits)
+            packet = self._engine.step_tiles(frame, t_ns, poses, stream, submits)
+            self._stepped([(frame, poses)], submits)
+            return packet
         last = self._engine.last_ns
         times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
         stepped = [(t, before) for t, before in zip(times, last) if t is not None]
         given = poses.spanning(*_span(*zip(*stepped))) if stepped else None
         packet = self._engine.step_tiles(frame, times, given, stream, submits)
+        self._stepped([(frame, given)], submits)
         # Cameras that wait need what came after their last frame.
         needed = [t if t is not None else before for t, before in zip(times, last)]
         poses.forget_before(min((t for t in needed if t is not None), default=0))
         return packet
+
+    def _stepped(self, given, submits):
+        """Notes whether a step has motion vectors beside poses. If it is done, says what it has found out."""
+        self._compares = any(frame and frame[1] is not None and poses is not None for frame, poses in given)
+        if not submits:
+            self._warn(5)
+
+    def _warn(self, stacklevel):
+        """Says what the last step has found out about its poses, where motion vectors came with them."""
+        new = self._engine.new_pose_warnings() if self._compares else []
+        if new:
+            camera, text = new[0]
+            others = f" (and {len(new) - 1} others)" if len(new) > 1 else ""
+            warnings.warn(f"camera {camera}{others}: {text}", PoseWarning, stacklevel=stacklevel)
+
+    @property
+    def pose_warnings(self):
+        return self._engine.pose_warnings()
 
     def _last_packet(self):
         packets = self._engine.last
@@ -130,7 +152,9 @@ class EventCamera(_Cameras):
         self._step_together((hdr, motion, depth, ids), t_ns, poses, stream, submits=True)
 
     def packet(self):
-        return self._engine.packet()
+        packet = self._engine.packet()
+        self._warn(3)
+        return packet
 
     @property
     def synthesis(self):
@@ -203,7 +227,9 @@ class Rig(_Several):
         self._step_each(frames, t_ns, poses, stream, submits=True)
 
     def packets(self):
-        return self._engine.packets()
+        packets = self._engine.packets()
+        self._warn(3)
+        return packets
 
     def _step_each(self, frames, t_ns, poses, stream, submits=False):
         given = []
@@ -231,6 +257,7 @@ class Rig(_Several):
         for index, recorder in recorders:
             spanning[index] = recorder.spanning(*_span(times[index : index + 1], last[index : index + 1]))
         packets = self._engine.step(given, times, spanning, stream, submits)
+        self._stepped(list(zip(given, spanning)), submits)
         for index, recorder in recorders:
             recorder.forget_before(times[index])
         return packets
@@ -287,7 +314,9 @@ class TiledEventCamera(_Several):
         self._step_together((hdr, motion, depth, ids), _listed(t_ns), poses, stream, submits=True)
 
     def packet(self):
-        return self._engine.packet()
+        packet = self._engine.packet()
+        self._warn(3)
+        return packet
 
     @property
     def synthesis(self):

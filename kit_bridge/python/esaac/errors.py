@@ -1,4 +1,4 @@
-"""The exceptions of this package. Each is an `EsaacError`, and one of Python's own kinds too."""
+"""The exceptions of this package. Each is an `EsaacError`, and one of Python's own kinds too. And its warnings."""
 
 
 class EsaacError(Exception):
@@ -37,3 +37,7 @@ class RosError(EsaacError, RuntimeError):
 
 class ForkError(EsaacError, RuntimeError):
     """A camera of the parent process was used in a forked child."""
+
+
+class PoseWarning(UserWarning):
+    """Depth and poses do not predict the motion vectors that came with them."""

@@ -5,7 +5,7 @@ use esaac_interop::wire::{
     ErrorCode, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED,
 };
 use esaac_interop::{CameraTerms, Gives, Planes, ProducerOptions, ServerOptions, Service};
-use esaac_model::paths::{Intrinsics, SceneMotion};
+use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::{IdFormat, Packet, Synthesis};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::exact::{FRAMES, Run, SIZE, config};
@@ -77,7 +77,8 @@ fn depth_ids_and_poses_give_the_events_of_one_process() {
 fn poses_of_dropped_frames_are_not_lost() {
     let run = Run::default();
     let expected = run.alone(&[0, 3]);
-    let config = run.config(IdFormat::U32);
+    // Vectors do not span the dropped frames. That is no reason to doubt the poses.
+    let config = config(Synthesis::Auto, IdFormat::U32, run.scene.intrinsics());
     let terms = CameraTerms { latest: true, slots: 4, ..(&config).into() };
     let place = Place::default();
     let rig = Rig::new(&DEVICE, &[config]).unwrap();
@@ -93,8 +94,53 @@ fn poses_of_dropped_frames_are_not_lost() {
         assert!(tick.tick.packets[0] == *expected, "frame {last}: other events");
     }
     assert!(!expected[1].is_empty());
+    assert_eq!((service.synthesis(), service.pose_warnings()), (vec![Synthesis::Rigid], &[None][..]));
     assert_eq!(uploader.producer.finish().unwrap(), (2, 2));
     drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+/// A producer whose poses do not predict its vectors is told of, and its vectors are followed where that is allowed.
+#[test]
+fn poses_that_disagree_with_the_vectors_are_told_of_and_left_out() {
+    let run = Run::default();
+    let turned = |pose: &Pose| pose.inverse();
+    let track = |track: &PoseTrack| {
+        PoseTrack::new(track.times_ns().to_vec(), track.poses().iter().map(turned).collect()).unwrap()
+    };
+    let mut wrong = SceneMotion::new(*run.motion.lens(), run.motion.camera().clone());
+    for id in run.motion.ids() {
+        wrong.insert(id, track(run.motion.instance(id).unwrap())).unwrap();
+    }
+    let any = config(Synthesis::Auto, IdFormat::U32, run.scene.intrinsics());
+    let device = other_device();
+    for memory in [MEMORY_EXPORTED, MEMORY_IMAGES, MEMORY_HOST] {
+        let place = Place::default();
+        let rig = Rig::new(&DEVICE, std::slice::from_ref(&any)).unwrap();
+        let mut service = Service::open(rig, &place.path(), &[(&any).into()], trusting()).unwrap();
+        let mut uploader = Uploader::connect(&device, &place.path(), &options(0, memory)).unwrap();
+        let mut without = Vec::new();
+        for index in 0..FRAMES {
+            let ((t_ns, frame), ids) = (&run.frames[index], run.ids(index, IdFormat::U32));
+            let images = Planes {
+                hdr: &*frame.hdr,
+                motion: Some(&*frame.motion),
+                depth: Some(&*frame.depth),
+                ids: Some(&*ids),
+            };
+            uploader.send_scene(images, *t_ns, &wrong).unwrap();
+            let tick = service.tick(60 * SECOND).unwrap().expect("a frame");
+            without.push(tick.tick.diagnostics[0].without_poses);
+        }
+        let warning = service.pose_warnings()[0].clone().expect("a warning");
+        assert!(warning.contains("body from world, not world from body"), "{warning}");
+        assert!(warning.contains("its poses are left out"), "{warning}");
+        let notices = service.server().notices();
+        assert!(notices.iter().any(|line| line.contains("camera 0: warning: ")), "{notices:?}");
+        assert!(without[0] == 0 && without[1..].iter().all(|&pixels| pixels > 64), "{without:?}");
+        assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+    }
     assert_device_silent(&device);
     assert_silent();
 }

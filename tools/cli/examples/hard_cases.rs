@@ -1,10 +1,12 @@
 //! Draws the pictures of the guide's page on input: `cargo run --release -p esaac-cli --example hard_cases -- DIR`.
 //!
 //! One for each scene that is hard to synthesise: a frame, and the events of a few milliseconds between two frames, the
-//! exact ones, those from motion vectors, and those from depth and poses.
+//! exact ones, those from motion vectors, and those from depth and poses. It prints how near the events of each input set
+//! come to the exact ones.
 
 use anyhow::{Context, Result, ensure};
 use bytemuck::cast_slice;
+use esaac_benches::truth::Truth;
 use esaac_cli::canvas::{Align, Canvas};
 use esaac_cli::{colour, output_file};
 use esaac_engine::{CameraConfig, Device, DeviceChoice, FrameBytes, GeometryConfig, Rig, Validation};
@@ -28,6 +30,9 @@ const FRAMES: usize = 4;
 /// The part of the last interval whose events are shown: its middle, where a synthesis has least to go by.
 const SHOWN: (f64, f64) = (0.4, 0.6);
 
+/// Pixels whose events are compared with the exact ones.
+const COMPARED_PIXELS: usize = 3000;
+
 const PAPER: [u8; 3] = [0xff; 3];
 const INK: [u8; 3] = [0x20, 0x24, 0x2b];
 const ENLARGED: usize = 3;
@@ -47,43 +52,72 @@ fn main() -> Result<()> {
     };
     ensure!(folder.is_dir(), "there is no folder {}", folder.display());
     let device = Device::open(DeviceChoice::Best, Validation::Off)?;
+    println!("| scene | colour | and motion vectors | depth and poses |\n|---|---|---|---|");
     for kind in CASES {
         let path = folder.join(format!("{}.png", kind.name()));
-        let canvas = picture(&device, kind).with_context(|| kind.name())?;
-        output_file::write(&path, |out| canvas.write_png(out))?;
-        println!("wrote {}", path.display());
+        let case = Case::of(&device, kind).with_context(|| kind.name())?;
+        output_file::write(&path, |out| case.picture().write_png(out))?;
+        let errors = case.simulated.each_ref().map(|events| case.error(events));
+        println!("| `{}` | {} |", kind.name(), errors.join(" | "));
     }
     Ok(())
 }
 
-fn picture(device: &Arc<Device>, kind: SceneKind) -> Result<Canvas> {
-    let scene = kind.scene(SIZE_PX.0, SIZE_PX.1);
-    let frames: Vec<Frame> = (0..FRAMES)
-        .map(|index| {
-            let t_ns = frame_time_ns(index, RATE_HZ);
-            let previous_ns = index.checked_sub(1).map(|before| frame_time_ns(before, RATE_HZ));
-            let images = render_cpu(&scene, t_ns, previous_ns, HdrFormat::F16x4, MotionFormat::F32x2);
-            Frame { t_ns, images }
-        })
-        .collect();
-    let sensor = SensorModel { width: SIZE_PX.0, height: SIZE_PX.1, ..SensorModel::default() };
-    let pixels: Vec<(u32, u32)> = all_pixels(&scene).collect();
-    let truth = exact_events(&scene, &sensor, &pixels, 0, frames[FRAMES - 1].t_ns).concat();
-    let panels = [
-        ("a frame", still(&frames[FRAMES - 1].images.hdr)),
-        ("exact events", shown(&frames, &truth)),
-        ("from motion vectors", shown(&frames, &simulated(device, &scene, &frames, Synthesis::Motion)?)),
-        ("from depth and poses", shown(&frames, &simulated(device, &scene, &frames, Synthesis::Rigid)?)),
-    ];
-    let (width, height) = (SIZE_PX.0 as usize * ENLARGED, SIZE_PX.1 as usize * ENLARGED);
-    let mut canvas = Canvas::new(panels.len() * (width + GAP_PX) - GAP_PX, height + TITLE_PX, PAPER);
-    for (column, (title, panel)) in panels.iter().enumerate() {
-        let x = column * (width + GAP_PX);
-        let middle = (x + width / 2) as f32;
-        canvas.text(title, (middle, TITLE_PX as f32 - 9.0), Align::Centre, 20.0, INK);
-        canvas.draw((x, TITLE_PX), &panel.enlarged(ENLARGED));
+/// A scene's frames, its exact events, and those of each input set.
+struct Case {
+    frames: Vec<Frame>,
+    truth: Vec<Event>,
+    judge: Truth,
+    /// By `linear`, `motion` and `rigid`.
+    simulated: [Vec<Event>; 3],
+}
+
+impl Case {
+    fn of(device: &Arc<Device>, kind: SceneKind) -> Result<Self> {
+        let scene = kind.scene(SIZE_PX.0, SIZE_PX.1);
+        let frames: Vec<Frame> = (0..FRAMES)
+            .map(|index| {
+                let t_ns = frame_time_ns(index, RATE_HZ);
+                let previous_ns = index.checked_sub(1).map(|before| frame_time_ns(before, RATE_HZ));
+                let images = render_cpu(&scene, t_ns, previous_ns, HdrFormat::F16x4, MotionFormat::F32x2);
+                Frame { t_ns, images }
+            })
+            .collect();
+        let sensor = SensorModel { width: SIZE_PX.0, height: SIZE_PX.1, ..SensorModel::default() };
+        let pixels: Vec<(u32, u32)> = all_pixels(&scene).collect();
+        let end_ns = frames[FRAMES - 1].t_ns;
+        let truth = exact_events(&scene, &sensor, &pixels, 0, end_ns).concat();
+        let judge = Truth::of_scene(&scene, &sensor, COMPARED_PIXELS, (0, end_ns));
+        let by = |synthesis| simulated(device, &scene, &frames, synthesis);
+        let simulated = [by(Synthesis::Linear)?, by(Synthesis::Motion)?, by(Synthesis::Rigid)?];
+        Ok(Case { frames, truth, judge, simulated })
     }
-    Ok(canvas)
+
+    fn picture(&self) -> Canvas {
+        let Case { frames, truth, simulated: [_, motion, rigid], .. } = self;
+        let panels = [
+            ("a frame", still(&frames[FRAMES - 1].images.hdr)),
+            ("exact events", shown(frames, truth)),
+            ("from motion vectors", shown(frames, motion)),
+            ("from depth and poses", shown(frames, rigid)),
+        ];
+        let (width, height) = (SIZE_PX.0 as usize * ENLARGED, SIZE_PX.1 as usize * ENLARGED);
+        let mut canvas = Canvas::new(panels.len() * (width + GAP_PX) - GAP_PX, height + TITLE_PX, PAPER);
+        for (column, (title, panel)) in panels.iter().enumerate() {
+            let x = column * (width + GAP_PX);
+            let middle = (x + width / 2) as f32;
+            canvas.text(title, (middle, TITLE_PX as f32 - 9.0), Align::Centre, 20.0, INK);
+            canvas.draw((x, TITLE_PX), &panel.enlarged(ENLARGED));
+        }
+        canvas
+    }
+
+    /// F1 within 1 ms, Victor-Purpura distance a true event, and events over true ones.
+    fn error(&self, events: &[Event]) -> String {
+        let found = self.judge.compare(events.iter().copied());
+        let ratio = events.len() as f64 / self.truth.len() as f64;
+        format!("{:.2} / {:.2} / {:.2}", found.f1, found.victor_purpura, ratio)
+    }
 }
 
 fn simulated(

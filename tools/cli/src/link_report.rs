@@ -18,6 +18,9 @@ pub struct LinkReport {
     pub protocol: Option<String>,
     /// Synthesis of each camera by what its producer gives. Empty in one process.
     pub synthesis: Vec<String>,
+    /// For each camera what is wrong with its depth and poses, if they do not predict its motion vectors. Empty in one
+    /// process.
+    pub pose_warnings: Vec<Option<String>>,
     /// Frames simulated, all cameras.
     pub frames: u64,
     /// Frames that newer ones replaced.
@@ -45,6 +48,7 @@ impl LinkReport {
         LinkReport {
             refused_connections: server.connections().refused,
             synthesis: synthesis.collect(),
+            pose_warnings: service.pose_warnings().to_vec(),
             ..LinkReport::counted(&server.counts(), &server.agreements())
         }
     }
@@ -65,6 +69,7 @@ impl LinkReport {
             timeline: names(|agreement| timeline_name(agreement.timeline)),
             protocol: names(|agreement| if agreement.version == Version::One { "1" } else { "2" }),
             synthesis: Vec::new(),
+            pose_warnings: Vec::new(),
             frames,
             dropped_frames: sum(|c| c.dropped),
             refused_connections: 0,

@@ -28,6 +28,8 @@ pub struct PoseReport {
     pub by_instance: BTreeMap<u32, AgreementReport>,
     /// Pixels of instances without poses among those looked at.
     pub pixels_without_poses: usize,
+    /// All that in words.
+    pub finding: String,
 }
 
 /// How vectors of some pixels agree with their paths.
@@ -70,7 +72,7 @@ impl PoseReport {
         scene: &FolderScene,
         (intervals_spanned, intervals): (usize, usize),
         missing: Option<&str>,
-        found: Option<ConventionReport>,
+        found: Option<&ConventionReport>,
     ) -> Self {
         let mut report = PoseReport {
             file: scene.file.display().to_string(),
@@ -80,6 +82,11 @@ impl PoseReport {
             intervals_spanned,
             missing: missing.map(str::to_owned),
             ..PoseReport::default()
+        };
+        report.finding = match (missing, &found) {
+            (Some(missing), _) => format!("not checked: the frames have no {missing}"),
+            (None, None) => "not checked: too few pixels have both depth and a motion vector".to_owned(),
+            (None, Some(found)) => found.to_string(),
         };
         if let Some(found) = found {
             report.agree = Some(found.agrees());
@@ -103,41 +110,7 @@ impl PoseReport {
             self.intervals_spanned,
             self.intervals
         );
-        format!("{read}\n          {}", self.finding())
-    }
-
-    /// What to tell on the standard error, if poses and vectors disagree.
-    #[must_use]
-    pub fn warning(&self) -> Option<String> {
-        (self.agree == Some(false)).then(|| format!("{}: {}", self.file, self.finding()))
-    }
-
-    fn finding(&self) -> String {
-        if let Some(missing) = &self.missing {
-            return format!("not checked: the frames have no {missing}");
-        }
-        let all = || {
-            let world = self.world.iter().map(|world| ("the static world".to_owned(), world));
-            world.chain(self.by_instance.iter().map(|(id, one)| (format!("instance {id}"), one)))
-        };
-        let without = match self.pixels_without_poses {
-            0 => String::new(),
-            n => format!("; {n} pixels of instances without poses"),
-        };
-        let wrong: Vec<String> = all().filter_map(|(what, found)| found.disagreement(&what)).collect();
-        let finding = if !wrong.is_empty() {
-            format!("depth and poses do not predict the motion vectors of {}", wrong.join("; of "))
-        } else if all().next().is_none() {
-            "not checked: too few pixels have both depth and a motion vector".to_owned()
-        } else if all().all(|(_, found)| found.verdict == VerdictName::Still) {
-            "depth and poses agree with the motion vectors, but nothing moves, so that little is checked"
-                .to_owned()
-        } else {
-            let within = |found: &AgreementReport| format!("{} px", significant(found.median_error_px));
-            let parts: Vec<String> = all().map(|(what, found)| format!("{what} {}", within(found))).collect();
-            format!("depth and poses predict the motion vectors within (median): {}", parts.join(", "))
-        };
-        finding + &without
+        format!("{read}\n          {}", self.finding)
     }
 }
 
@@ -161,28 +134,4 @@ impl AgreementReport {
             left_px,
         }
     }
-
-    /// How far vectors and paths are apart and why, if they are.
-    fn disagreement(&self, what: &str) -> Option<String> {
-        let apart = format!(
-            "{what}: {} px apart where {} px are predicted (medians)",
-            significant(self.median_error_px),
-            significant(self.median_motion_px)
-        );
-        match self.verdict {
-            VerdictName::Unexplained => Some(format!("{apart}, and no known mistake explains it")),
-            VerdictName::Mistaken => {
-                let causes: Vec<String> = self.causes.iter().map(|cause| cause.join(", and ")).collect();
-                let left = significant(self.left_px.unwrap_or_default());
-                Some(format!("{apart}; likely {} (then {left} px are left)", causes.join(", or ")))
-            }
-            VerdictName::Agrees | VerdictName::Still => None,
-        }
-    }
-}
-
-/// A length with two significant digits.
-fn significant(value: f64) -> String {
-    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
-    format!("{value:.digits$}")
 }

@@ -98,16 +98,18 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
-    let choice = SynthesisChoice::new(sensor.synthesis, &folder)?;
+    let check = SceneCheck::of(&folder)?;
+    let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;
 
     let camera = CameraPlan { image: true, ..ros::camera("camera_0".to_owned(), &sensor) };
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
-    let mut checks =
-        Checks { scene: SceneCheck::new(&folder), input: InputCheck::new(&folder.layout, &sensor) };
-    let (record, memory) = simulate(&device, &folder, &sensor, &mut kernels, &mut ros, pace, &mut checks)?;
+    let mut input_check = InputCheck::new(&folder.layout, &sensor);
+    let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
+    let (record, memory) =
+        simulate(&device, &source, &sensor, &mut kernels, &mut ros, pace, &mut input_check)?;
     device_choice::check_validation(&device)?;
 
     let camera = &record.cameras[0];
@@ -120,10 +122,10 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
     report.ros = ros.finish()?;
+    let of_poses = check.as_ref().and_then(|check| choice.warning(check));
     report.synthesis = Some(choice);
-    report.poses = checks.scene.report();
-    report.input_check = checks.input.report();
-    let of_poses = report.poses.as_ref().and_then(|poses| poses.warning());
+    report.poses = check.map(|check| check.report);
+    report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
     for warning in of_poses.into_iter().chain(of_input) {
         eprintln!("warning: {warning}");
@@ -170,36 +172,37 @@ fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
     Ok(sensor)
 }
 
-/// What is looked at while the frames pass.
-struct Checks<'a> {
-    scene: SceneCheck<'a>,
-    input: InputCheck<'a>,
+/// The frames, and what the engine gets of their geometry.
+struct Source<'a> {
+    folder: &'a FrameFolder,
+    geometry: Option<(GeometryConfig, SceneMotion)>,
 }
 
-/// What the engine gets of the folder's geometry for exact paths: its format, and the poses.
-fn geometry<'a>(folder: &'a FrameFolder, sensor: &SensorModel) -> Option<(GeometryConfig, &'a SceneMotion)> {
-    let scene = folder.scene.as_ref().filter(|_| sensor.synthesis == Synthesis::Rigid)?;
+/// What the engine gets of the folder's geometry for exact paths: its format, and the poses that are followed.
+fn geometry(folder: &FrameFolder, choice: &SynthesisChoice) -> Option<(GeometryConfig, SceneMotion)> {
+    let scene = folder.scene.as_ref().filter(|_| choice.used == Synthesis::Rigid)?;
     let ids = folder.layout.ids.as_ref().map(|_| IdFormat::U32);
-    Some((GeometryConfig { depth: DepthFormat::F32, ids, lens: *scene.motion.lens() }, &scene.motion))
+    let mut motion = scene.motion.clone();
+    scene.motion.ids().filter(|&id| !choice.trust.follows(id)).for_each(|id| motion.remove(id));
+    Some((GeometryConfig { depth: DepthFormat::F32, ids, lens: *motion.lens() }, motion))
 }
 
 fn simulate(
     device: &Arc<Device>,
-    folder: &FrameFolder,
+    Source { folder, geometry }: &Source<'_>,
     sensor: &SensorModel,
     kernels: &mut KernelSource,
     ros: &mut RosOutput,
     mut pace: Pace,
-    checks: &mut Checks<'_>,
+    input_check: &mut InputCheck<'_>,
 ) -> Result<(RunRecord, Vec<MemoryReport>)> {
     let layout = &folder.layout;
-    let geometry = geometry(folder, sensor);
     let camera = CameraConfig {
         sensor: sensor.clone(),
         camera: 0,
         hdr: layout.hdr,
         motion: layout.motion,
-        geometry: geometry.map(|(config, _)| config),
+        geometry: geometry.as_ref().map(|(config, _)| *config),
     };
     let mut rig = Rig::with_options(device, &[camera], report::rig_options())?;
     let mut sensors = [sensor.clone()];
@@ -212,8 +215,7 @@ fn simulate(
     let progress = progress::bar(folder.paths.len());
     for (index, images) in folder.decode().into_iter().enumerate() {
         let images = images?;
-        checks.scene.add(index, &images)?;
-        checks.input.add(&images);
+        input_check.add(&images);
         let [depth, ids] = [images.depth.as_deref().map(cast_slice), images.ids.as_deref().map(cast_slice)];
         let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref(), depth, ids };
         rig.upload(0, &frame)?;

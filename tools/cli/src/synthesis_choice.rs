@@ -1,7 +1,9 @@
 //! Which synthesis a folder of frames gets: the one that was asked for, or the best that its frames allow.
 
 use crate::frame_folder::FrameFolder;
+use crate::scene_check::SceneCheck;
 use anyhow::{Context, Result, bail};
+use esaac_model::paths::conventions::Trust;
 use esaac_model::{FrameError, Synthesis};
 use serde::Serialize;
 
@@ -14,15 +16,22 @@ pub struct SynthesisChoice {
     pub used: Synthesis,
     /// Why, if `auto` was asked for.
     pub reason: Option<String>,
+    /// The poses that are followed.
+    #[serde(skip)]
+    pub trust: Trust,
 }
 
 impl SynthesisChoice {
-    /// The choice for the frames of a folder.
+    /// The choice for the frames of a folder whose poses have been checked.
     ///
     /// # Errors
     /// If the synthesis is asked for by name and the frames lack something that it needs.
-    pub fn new(asked: Synthesis, folder: &FrameFolder) -> Result<Self> {
-        let (no_geometry, no_motion) = (lacks_geometry(folder), lacks_motion(folder));
+    pub fn new(asked: Synthesis, folder: &FrameFolder, check: Option<&SceneCheck>) -> Result<Self> {
+        let is_auto = asked == Synthesis::Auto;
+        let trust = check.filter(|_| is_auto).map_or(Trust::All, SceneCheck::trust);
+        let doubted = (trust == Trust::Nothing)
+            .then(|| "depth and poses do not predict them, so that the poses are left out".to_owned());
+        let (no_geometry, no_motion) = (lacks_geometry(folder).or(doubted), lacks_motion(folder));
         let used = asked.resolve(no_geometry.is_none(), no_motion.is_none());
         if let Some(lack) = no_motion.as_ref().filter(|_| used.needs_motion()) {
             return Err(FrameError::MissingMotion { camera: 0, synthesis: used.name() })
@@ -34,12 +43,25 @@ impl SynthesisChoice {
                  `auto`, which takes the best that there is"
             );
         }
-        let reason = (asked == Synthesis::Auto).then(|| match (no_geometry, no_motion) {
+        let reason = is_auto.then(|| match (no_geometry, no_motion) {
+            (None, _) if matches!(trust, Trust::Without(_)) => format!("there are depth and poses; {trust}"),
             (None, _) => "there are depth and poses".to_owned(),
             (Some(geometry), None) => format!("there are motion vectors, but {geometry}"),
             (Some(geometry), Some(motion)) => format!("there are {motion}, and {geometry}"),
         });
-        Ok(SynthesisChoice { asked, used, reason })
+        Ok(SynthesisChoice { asked, used, reason, trust })
+    }
+
+    /// What to tell on the standard error, if poses and vectors disagree: by how much, why, and what follows.
+    #[must_use]
+    pub fn warning(&self, check: &SceneCheck) -> Option<String> {
+        let disagreement = check.found.as_ref()?.disagreement()?;
+        let follows = match (self.asked, self.used) {
+            (Synthesis::Auto, _) => format!("; synthesis auto: {}", self.trust),
+            (_, Synthesis::Rigid) => "; the poses are followed, as synthesis rigid was asked for".to_owned(),
+            _ => String::new(),
+        };
+        Some(format!("{}: {disagreement}{follows}", check.report.file))
     }
 
     /// One line.

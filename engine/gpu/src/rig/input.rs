@@ -4,6 +4,7 @@ use super::{CameraState, Rig};
 use crate::error::EngineError;
 use crate::memory::Buffer;
 use esaac_model::{IdFormat, MotionFormat, frame};
+use std::sync::Arc;
 
 /// A frame in host memory, rows tightly packed.
 #[derive(Clone, Copy, Debug, Default)]
@@ -92,7 +93,7 @@ impl Rig {
 
 impl CameraState {
     /// Its own input buffers.
-    fn input_buffers(&self) -> InputBuffers<'_> {
+    pub(super) fn input_buffers(&self) -> InputBuffers<'_> {
         InputBuffers {
             hdr: &self.hdr,
             motion: self.motion.as_ref(),
@@ -102,7 +103,7 @@ impl CameraState {
     }
 
     /// Device addresses of a frame, which is preceded in its buffers by `images_before` images of the same size. An
-    /// error if a buffer is too small.
+    /// error if a buffer is too small, or of another device.
     pub(super) fn addresses(
         &self,
         number: usize,
@@ -111,7 +112,12 @@ impl CameraState {
     ) -> Result<Addresses, EngineError> {
         let inputs = inputs.unwrap_or_else(|| self.input_buffers());
         let sensor = &self.config.sensor;
+        let own = self.hdr.device();
         let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {
+            if let Some(device) = buffer.map(Buffer::device).filter(|device| !Arc::ptr_eq(device, own)) {
+                let [expected, actual] = [own, device].map(|device| device.info().name.clone());
+                return Err(EngineError::OtherDevice { camera: number, image, expected, actual });
+            }
             let needed = sensor.pixels() * texel_bytes;
             let before = images_before * needed;
             let actual = (buffer.map_or(0, Buffer::bytes) as usize).saturating_sub(before);

@@ -14,6 +14,7 @@
 mod arena;
 mod code;
 mod config;
+mod conventions;
 mod geometry;
 mod held;
 mod input;
@@ -44,8 +45,9 @@ use ash::vk;
 use bytemuck::cast_slice;
 use config::check_sensor;
 use esaac_layout::{self as layout, Camera, Counters, StateWord};
-use esaac_model::SensorModel;
 use esaac_model::paths::SceneMotion;
+use esaac_model::paths::conventions::PoseCheck;
+use esaac_model::{SensorModel, Synthesis};
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
@@ -87,6 +89,12 @@ struct CameraState {
     /// Rows of instances; the poses of the next steps.
     instances: Instances,
     scene: Option<SceneMotion>,
+    /// The synthesis that was asked for.
+    asked: Synthesis,
+    /// Whether its poses predict its motion vectors.
+    check: PoseCheck,
+    /// Whether the next frame's motion vectors lead to the last frame.
+    vectors_span: bool,
     last_ns: Option<i64>,
     last_interval_ns: u32,
     epoch_ns: i64,
@@ -166,6 +174,7 @@ impl Rig {
         configs: &[CameraConfig],
         options: RigOptions,
     ) -> Result<Self, EngineError> {
+        let asked: Vec<Synthesis> = configs.iter().map(|config| config.sensor.synthesis).collect();
         let configs: Vec<CameraConfig> = configs
             .iter()
             .map(|config| CameraConfig { sensor: config.resolved(&config.sensor), ..config.clone() })
@@ -185,7 +194,10 @@ impl Rig {
         let arena = Arena::new(device, &places, options)?;
         let mut cameras = Vec::with_capacity(configs.len());
         for (number, (config, place)) in configs.iter().zip(places).enumerate() {
-            cameras.push(CameraState::new(device, number, config, place)?);
+            cameras.push(CameraState {
+                asked: asked[number],
+                ..CameraState::new(device, number, config, place)?
+            });
         }
         let bindings = BindingSet::with_sets(device, slots(), options.ring() as u32)?;
         let kernels = record::Kernels::new(policy, &cameras, &code::Code::default(), &bindings)?;
@@ -236,7 +248,8 @@ impl Rig {
         self.cameras.is_empty()
     }
 
-    /// A camera's current sensor. Its synthesis is what `auto` has chosen.
+    /// A camera's current sensor. Its synthesis is what `auto` has chosen by the camera's images; [`Rig::synthesis`] also
+    /// tells whether its poses are followed.
     pub fn sensor(&self, camera: usize) -> Result<&SensorModel, EngineError> {
         Ok(&self.camera(camera)?.config.sensor)
     }
@@ -246,6 +259,7 @@ impl Rig {
     pub fn set_sensor(&mut self, camera: usize, sensor: SensorModel) -> Result<(), EngineError> {
         self.check_health()?;
         let state = self.camera(camera)?;
+        let asked = sensor.synthesis;
         let sensor = state.config.resolved(&sensor);
         check_sensor(camera, &sensor, &state.config)?;
         let old = &state.config.sensor;
@@ -272,11 +286,13 @@ impl Rig {
         let state = &mut self.cameras[camera];
         let held_ns = state.last_ns.map(|ns| ns + i64::from(state.config.sensor.refractory_ns));
         state.config.sensor = sensor;
+        state.asked = asked;
         state.changed = true;
         state.holds_until_ns = held_ns.max(state.holds_until_ns);
         if effects.resets_frames {
             state.forget();
         }
+        state.apply_trust();
         Ok(())
     }
 
@@ -472,6 +488,9 @@ impl CameraState {
             inputs: Addresses::default(),
             instances: Instances::new(),
             scene: None,
+            asked: config.sensor.synthesis,
+            check: PoseCheck::default(),
+            vectors_span: true,
             last_ns: None,
             last_interval_ns: 0,
             epoch_ns: 0,
@@ -491,11 +510,10 @@ impl CameraState {
         self.may_be_unarmed = true;
         self.holds_until_ns = None;
         self.frames = 0;
+        self.check = PoseCheck::default();
         // No surface names a row any more. A scene has no more instances than there were rows.
         self.instances = Instances::new();
-        if let Some(scene) = &self.scene {
-            self.instances = self.instances.with(scene, 0);
-        }
+        self.apply_trust();
     }
 }
 

@@ -5,6 +5,7 @@ use super::parameters::is_rigid;
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{Geometry, POSE_ROWS};
+use esaac_model::paths::conventions::Trust;
 use esaac_model::paths::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS};
 use glam::DMat3;
@@ -13,6 +14,9 @@ use std::num::NonZero;
 
 /// Most instances of a camera: `surfaces` has 16 bits for them, and one value means none.
 pub(super) const MOST_INSTANCES: usize = 0xffff;
+
+/// The row of an id that has none, in `instances`.
+const NO_ROW: u32 = 0xffff;
 
 /// How near to rest a motion counts as none: rounding of poses in f64, radians and metres.
 const REST: f64 = 1e-9;
@@ -51,6 +55,10 @@ impl Instances {
                 Row::Left { .. } => None,
             })
             .collect();
+        if known.is_empty() {
+            // Kernels look for every id among one at least.
+            known.push([STATIC_WORLD, NO_ROW]);
+        }
         known.sort_unstable();
         Instances { rows, known }
     }
@@ -60,12 +68,12 @@ impl Instances {
         self.known.iter().map(|&[id, _]| id).eq(std::iter::once(STATIC_WORLD).chain(scene.ids()))
     }
 
-    /// Rows for the instances of `scene`, after `frames` frames. No other instance has poses.
-    pub(super) fn with(&self, scene: &SceneMotion, frames: u64) -> Self {
+    /// Rows for the instances of `scene` whose poses are trusted, after `frames` frames. No other instance has poses.
+    pub(super) fn with(&self, scene: &SceneMotion, trust: &Trust, frames: u64) -> Self {
         let mut rows = self.rows.clone();
         for row in &mut rows {
             let (Row::Posed(id) | Row::Left { id, .. }) = *row;
-            let posed = id == STATIC_WORLD || scene.instance(id).is_some();
+            let posed = trust.follows(id) && (id == STATIC_WORLD || scene.instance(id).is_some());
             *row = match (posed, *row) {
                 (true, _) => Row::Posed(id),
                 (false, Row::Posed(_)) => Row::Left { id, frames },
@@ -73,7 +81,7 @@ impl Instances {
             };
         }
         let named: HashSet<u32> = self.ids().into_iter().collect();
-        for id in scene.ids().filter(|id| !named.contains(id)) {
+        for id in scene.ids().filter(|&id| trust.follows(id) && !named.contains(&id)) {
             let free = |row: &Row| matches!(row, Row::Left { frames: then, .. } if *then < frames);
             match rows.iter().position(free) {
                 Some(row) => rows[row] = Row::Posed(id),
@@ -235,17 +243,18 @@ impl Rig {
                 actual: Box::new(*scene.lens()),
             });
         }
-        if state.instances.are_those_of(&scene) {
+        if *state.trust() == Trust::All && state.instances.are_those_of(&scene) {
             self.cameras[camera].scene = Some(scene);
             return Ok(());
         }
-        let instances = state.instances.with(&scene, state.frames);
-        if instances.len() > MOST_INSTANCES {
-            let (expected, actual) = (MOST_INSTANCES, instances.len());
-            return Err(EngineError::TooManyInstances { camera, expected, actual });
+        let instances = state.instances.with(&scene, state.trust(), state.frames);
+        // There is room for those too whose poses are not followed: they may be again.
+        let rows = state.instances.with(&scene, &Trust::All, state.frames).len();
+        if rows > MOST_INSTANCES {
+            return Err(EngineError::TooManyInstances { camera, expected: MOST_INSTANCES, actual: rows });
         }
         let mut places = self.places();
-        places[camera] = places[camera].with_instances(instances.len() as u32);
+        places[camera] = places[camera].with_instances(rows as u32);
         self.change(places, Vec::new(), &[])?;
         let state = &mut self.cameras[camera];
         state.instances = instances;
@@ -313,10 +322,26 @@ mod tests {
     }
 
     #[test]
+    fn what_is_doubted_has_a_row_and_no_poses() {
+        let still = || PoseTrack::still(pose(0.1, 1.0));
+        let (all, scene) = (Instances::new(), scene(still(), still()));
+        let all = all.with(&scene, &Trust::All, 0);
+        assert_eq!((all.known(), all.ids()), (&[[0, 0], [4, 1]][..], vec![0, 4]));
+        let some = all.with(&scene, &Trust::Without([4].into()), 1);
+        assert_eq!((some.known(), some.ids()), (&[[0, 0]][..], vec![0, 4]));
+        let none = all.with(&scene, &Trust::Nothing, 1);
+        assert_eq!((none.known(), none.ids()), (&[[0, NO_ROW]][..], vec![0, 4]));
+        let rows = POSE_ROWS as usize;
+        assert!(some.poses(&scene, [0, 32])[rows..].iter().all(|row| *row == [0.0; 4]));
+        assert!(none.poses(&scene, [0, 32]).iter().all(|row| *row == [0.0; 4]));
+        assert_eq!(none.with(&scene, &Trust::All, 2), all);
+    }
+
+    #[test]
     fn what_stands_is_what_moves_by_less_than_rounding() {
         let rows = |camera: PoseTrack, body: PoseTrack| {
             let scene = scene(camera, body);
-            Instances::new().with(&scene, 0).poses(&scene, [0, 32])
+            Instances::new().with(&scene, &Trust::All, 0).poses(&scene, [0, 32])
         };
         let track = |poses: [Pose; 2]| PoseTrack::new(vec![0, 32], poses.to_vec()).unwrap();
         let stands = rows(PoseTrack::still(pose(0.3, 1.0)), track([pose(-0.2, 5.0); 2]));

@@ -6,6 +6,7 @@ use super::transfer::{Part, Write, read_back};
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{self as layout, BINDINGS, Counters};
+use esaac_model::paths::conventions::{PoseCheck, Trust};
 use esaac_model::paths::{Projection, STATIC_WORLD};
 use serde::{Deserialize, Serialize};
 
@@ -46,6 +47,8 @@ struct CameraHeader {
     deferred_events: u32,
     /// Instances that the surfaces of the last frame may name, row by row.
     instances: Vec<u32>,
+    /// The poses that are followed.
+    trust: Trust,
     /// The lens in which these surfaces were found: whether it is a fisheye, and the bits of its numbers.
     lens: Option<(bool, [u64; 4])>,
 }
@@ -56,7 +59,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
@@ -85,6 +88,7 @@ impl Rig {
                 holds_until_ns: c.holds_until_ns,
                 deferred_events: last.deferred,
                 instances: c.instances.ids(),
+                trust: c.check.trust().clone(),
                 lens: c.config.geometry.as_ref().map(lens_bits),
             });
         }
@@ -125,7 +129,8 @@ impl Rig {
             c.holds_until_ns = saved.holds_until_ns;
             c.changed = true;
             c.may_be_unarmed = true;
-            c.instances = c.restored_instances(&saved.instances, saved.frames);
+            c.check = PoseCheck::resumed(saved.trust);
+            c.instances = c.restored_instances(&saved.instances, c.trust(), saved.frames);
         }
         Ok(())
     }
@@ -187,7 +192,8 @@ impl Rig {
     fn make_room(&mut self, header: &Header) -> Result<(), EngineError> {
         let places = self.places();
         let places = places.iter().zip(&self.cameras).zip(&header.cameras).map(|((p, c), saved)| {
-            let instances = c.restored_instances(&saved.instances, saved.frames).len() as u32;
+            let rows = c.restored_instances(&saved.instances, &Trust::All, saved.frames);
+            let instances = rows.len() as u32;
             p.with_events(saved.deferred_events).with_instances(instances)
         });
         self.change(places.collect(), Vec::new(), &[])
@@ -230,9 +236,9 @@ impl Rig {
 
 impl CameraState {
     /// The rows of a saved camera, and those that its present poses need besides.
-    fn restored_instances(&self, saved: &[u32], frames: u64) -> Instances {
+    fn restored_instances(&self, saved: &[u32], trust: &Trust, frames: u64) -> Instances {
         let saved = Instances::restored(saved);
-        self.scene.as_ref().map_or(saved.clone(), |scene| saved.with(scene, frames))
+        self.scene.as_ref().map_or(saved.clone(), |scene| saved.with(scene, trust, frames))
     }
 }
 

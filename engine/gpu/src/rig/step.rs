@@ -1,5 +1,6 @@
 //! Stepping a rig: from frames and their times to a tick.
 
+use super::conventions::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::queue::Load;
 use super::timing::MOST_STAMPS;
@@ -54,6 +55,10 @@ impl Rig {
                 None => None,
             });
         }
+        let given = t_ns.iter().enumerate().map(|(number, t_ns)| {
+            t_ns.map(|t_ns| Given { t_ns, inputs: Some(tiles), images_before: number })
+        });
+        self.check_conventions(&given.collect::<Vec<_>>(), hooks)?;
         self.tick(&frames, hooks)
     }
 
@@ -78,6 +83,10 @@ impl Rig {
                 None => None,
             });
         }
+        let given = frames
+            .iter()
+            .map(|frame| frame.map(|FrameInput { t_ns, inputs }| Given { t_ns, inputs, images_before: 0 }));
+        self.check_conventions(&given.collect::<Vec<_>>(), hooks)?;
         self.tick(&inputs, hooks)
     }
 
@@ -291,5 +300,6 @@ impl CameraState {
         self.frames += 1;
         self.sequence += 1;
         self.changed = false;
+        self.vectors_span = true;
     }
 }

@@ -3,6 +3,7 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::arena::Arena;
+use crate::commands::SubmitHooks;
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::Buffer;
@@ -83,6 +84,15 @@ pub(super) struct Part<'a> {
 
 /// Reads parts back, and waits; returns their bytes one after the other.
 pub(super) fn read_back(device: &Arc<Device>, parts: &[Part<'_>]) -> Result<Vec<u8>, EngineError> {
+    read_back_after(device, parts, &SubmitHooks::default())
+}
+
+/// As [`read_back`], with hooks around each submission.
+pub(super) fn read_back_after(
+    device: &Arc<Device>,
+    parts: &[Part<'_>],
+    hooks: &SubmitHooks<'_>,
+) -> Result<Vec<u8>, EngineError> {
     let mut bytes = Vec::new();
     let mut rest = parts;
     while !rest.is_empty() {
@@ -94,20 +104,25 @@ pub(super) fn read_back(device: &Arc<Device>, parts: &[Part<'_>]) -> Result<Vec<
         // A part larger than a batch is read alone.
         let count = rest.iter().take_while(|part| fits(part)).count().max(1);
         let (batch, after) = rest.split_at(count);
-        read_batch(device, batch, &mut bytes)?;
+        read_batch(device, batch, hooks, &mut bytes)?;
         rest = after;
     }
     Ok(bytes)
 }
 
-fn read_batch(device: &Arc<Device>, parts: &[Part<'_>], bytes: &mut Vec<u8>) -> Result<(), EngineError> {
+fn read_batch(
+    device: &Arc<Device>,
+    parts: &[Part<'_>],
+    hooks: &SubmitHooks<'_>,
+    bytes: &mut Vec<u8>,
+) -> Result<(), EngineError> {
     let sum: u64 = parts.iter().map(|part| part.bytes).sum();
     if sum == 0 {
         return Ok(());
     }
     let usage = vk::BufferUsageFlags::empty();
     let staging = device.allocate("download", sum, usage, MemoryLocation::GpuToCpu)?;
-    device.run_once(|commands| {
+    device.run_once_with(hooks, |commands| {
         let mut dst_offset = 0;
         for part in parts.iter().filter(|part| part.bytes > 0) {
             let region = [vk::BufferCopy { src_offset: part.offset, dst_offset, size: part.bytes }];

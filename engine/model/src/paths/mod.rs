@@ -118,6 +118,11 @@ impl SceneMotion {
         Ok(())
     }
 
+    /// Takes the poses of an instance away.
+    pub fn remove(&mut self, id: u32) {
+        self.instances.remove(&id);
+    }
+
     /// The lens.
     #[must_use]
     pub fn lens(&self) -> &Intrinsics {
@@ -315,5 +320,7 @@ mod tests {
         assert_eq!(scene.insert(0, PoseTrack::still(Pose::IDENTITY)), Err(MotionError::StaticWorld));
         assert_eq!(scene.insert(7, PoseTrack::still(Pose::IDENTITY)), Err(MotionError::Twice { id: 7 }));
         assert_eq!(scene.ids().collect::<Vec<_>>(), [3, 7]);
+        scene.remove(3);
+        assert_eq!(scene.ids().collect::<Vec<_>>(), [7]);
     }
 }

@@ -93,7 +93,7 @@ class Feed:
         self.dropped += packet.dropped
         self.packet = packet
         self.forms = {name: form(self.camera) for name, form in FORMS.items() if name in self.spec.outputs}
-        self.message = "running"
+        self.message = self._warning() or "running"
         self._recent.append((started, len(packet)))
         self.frame = frame
         for sink in self.sinks:
@@ -117,6 +117,10 @@ class Feed:
             ids=frame.ids,
             poses=self._recorder,
         )
+
+    def _warning(self):
+        """What is wrong with the poses, if the renderer's motion vectors say otherwise."""
+        return self.camera.pose_warnings[0] if self._recorder is not None and self.spec.with_motion else None
 
     def _tell(self, what, *arguments):
         for sink in self.sinks:

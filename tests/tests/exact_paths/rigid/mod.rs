@@ -1,5 +1,6 @@
 //! Suites of synthesis `rigid`.
 
+mod doubt;
 mod input;
 mod levels;
 mod plane;

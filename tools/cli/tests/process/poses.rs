@@ -166,6 +166,55 @@ fn a_wrong_sign_is_told_and_the_convention_undoes_it() {
     assert_eq!(report["poses"]["agree"], true, "{error}");
 }
 
+/// What `simulate` takes with `auto`, why, and what it warns of.
+fn with_auto(posed: &Posed, arguments: &[&str]) -> (String, String, String) {
+    let out = posed.frames.file_argument("events.npz");
+    let all =
+        [&["simulate", posed.frames.argument(), "--json", "--out", &out, "--taps", "bilinear"], arguments];
+    let (code, text, error) = run(&all.concat());
+    assert_eq!(code, 0, "{error}");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    let word = |key: &str| report["synthesis"][key].as_str().unwrap_or("").to_owned();
+    (word("used"), word("reason"), error)
+}
+
+#[test]
+fn auto_does_not_follow_poses_that_disagree_with_the_vectors() {
+    // Vectors alone are wrong: the poses predict them.
+    let (used, _, error) = with_auto(&Posed::new(-1.0), &[]);
+    assert_eq!(used, "rigid");
+    assert!(error.contains("depth and poses are right by that and are followed"), "{error}");
+    // The camera's poses are.
+    let mut posed = Posed::new(1.0);
+    for j in 0..=(KEYS - 1) * POSES_PER_KEY {
+        let pose = camera(j as f64 / POSES_PER_KEY as f64).inverse();
+        posed.sequence["camera_to_world"][j] = json!(pose.to_rows());
+    }
+    posed.describe();
+    let (used, reason, error) = with_auto(&posed, &[]);
+    assert_eq!(used, "motion");
+    assert!(reason.contains("depth and poses do not predict them"), "{reason}");
+    assert!(
+        error.contains("warning: ") && error.contains("likely the camera's matrix is camera from world"),
+        "{error}"
+    );
+    assert!(error.contains("synthesis auto: all poses are left out"), "{error}");
+    let (used, _, error) = with_auto(&posed, &["--synthesis", "rigid"]);
+    assert_eq!(used, "rigid");
+    assert!(error.contains("the poses are followed, as synthesis rigid was asked for"), "{error}");
+    // A body's poses are.
+    let mut posed = Posed::new(1.0);
+    for j in 0..=(KEYS - 1) * POSES_PER_KEY {
+        let pose = body(j as f64 / POSES_PER_KEY as f64).inverse();
+        posed.sequence["instances"][BODY.to_string()][j] = json!(pose.to_rows());
+    }
+    posed.describe();
+    let (used, reason, error) = with_auto(&posed, &[]);
+    assert_eq!(used, "rigid");
+    let left_out = format!("instance {BODY}: its poses are left out, the pixels follow their vectors");
+    assert!(reason.contains(&left_out) && error.contains(&left_out), "{reason}: {error}");
+}
+
 #[test]
 fn a_still_scene_takes_its_poses_from_transforms_json() {
     let posed = still(&transforms());

@@ -85,6 +85,11 @@ pub(super) const BODY: [Mistake; 6] =
     [M::BodyInverted, M::BodyTransposed, M::BodyScalarFirst, M::BodyStill, M::PosesAhead, M::PosesBehind];
 
 impl Mistake {
+    /// Whether the vectors alone have it: depth and poses are right.
+    pub(super) fn is_of_vectors(self) -> bool {
+        SIGNS.concat().contains(&self) || UNITS.concat().contains(&self) || self == M::VectorsToNextFrame
+    }
+
     /// The vector in pixels, y down, that leads to the previous position.
     pub(super) fn vector_px(self, vector: DVec2, size_px: DVec2) -> DVec2 {
         match self {

@@ -9,12 +9,19 @@
 //! every [`Mistake`] is undone in turn, alone and together with a mistake of the vectors' sign and unit. What explains
 //! the vectors with the fewest mistakes is the cause. It explains them if what is left agrees, or is a quarter of the
 //! error at most.
+//!
+//! [`Trust`] is what synthesis `auto` makes of it, and [`PoseCheck`] looks at the frames of a running camera.
 
+mod check;
 mod mistake;
+mod text;
+mod trust;
 
+pub use check::PoseCheck;
 pub use mistake::Mistake;
+pub use trust::Trust;
 
-use super::{ImagePoint, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use super::{ImagePoint, NoPath, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use glam::DVec2;
 use mistake::{BODY, CAMERA, SIGNS, UNITS};
 use std::collections::BTreeMap;
@@ -45,6 +52,15 @@ const PIXELS_OF_INSTANCE: usize = 512;
 /// Pixels below which a median says nothing.
 const FEWEST_PIXELS: usize = 16;
 
+/// Pixels below which poses are not doubted: most of them may be at edges, where a pixel shows two surfaces.
+const DOUBT_PIXELS: usize = 64;
+
+/// Median error up to which poses are not doubted, pixels: vectors would not make better events.
+const DOUBT_PX: f64 = 0.1;
+
+/// The same over the median motion.
+const DOUBT_SHARE: f64 = 0.1;
+
 /// A key frame as the renderer gave it.
 #[derive(Clone, Copy, Debug)]
 pub struct KeyFrame<'a> {
@@ -52,6 +68,8 @@ pub struct KeyFrame<'a> {
     height_px: u32,
     t_ns: i64,
     previous_ns: i64,
+    /// The rows that the images have; `None` for all.
+    rows: Option<&'a [u32]>,
     depth_m: &'a [f32],
     ids: Option<&'a [u32]>,
     motion_px: &'a [[f32; 2]],
@@ -122,20 +140,41 @@ impl<'a> KeyFrame<'a> {
     /// # Errors
     /// If an image has another number of pixels.
     pub fn new(
-        (width_px, height_px): (u32, u32),
-        (previous_ns, t_ns): (i64, i64),
+        size_px: (u32, u32),
+        times_ns: (i64, i64),
         depth_m: &'a [f32],
         ids: Option<&'a [u32]>,
         motion_px: &'a [[f32; 2]],
     ) -> Result<Self, ShapeError> {
-        let expected = width_px as usize * height_px as usize;
+        KeyFrame::of_rows(size_px, times_ns, None, depth_m, ids, motion_px)
+    }
+
+    /// As [`KeyFrame::new`], of images that hold these rows alone.
+    ///
+    /// # Errors
+    /// If an image has another number of pixels.
+    pub fn of_rows(
+        (width_px, height_px): (u32, u32),
+        (previous_ns, t_ns): (i64, i64),
+        rows: Option<&'a [u32]>,
+        depth_m: &'a [f32],
+        ids: Option<&'a [u32]>,
+        motion_px: &'a [[f32; 2]],
+    ) -> Result<Self, ShapeError> {
+        let expected = width_px as usize * rows.map_or(height_px as usize, <[u32]>::len);
         let ids_len = ids.map_or(expected, <[u32]>::len);
         for (image, actual) in [("depth", depth_m.len()), ("ids", ids_len), ("motion", motion_px.len())] {
             if actual != expected {
                 return Err(ShapeError { image, expected, actual, width_px, height_px });
             }
         }
-        Ok(KeyFrame { width_px, height_px, t_ns, previous_ns, depth_m, ids, motion_px })
+        Ok(KeyFrame { width_px, height_px, t_ns, previous_ns, rows, depth_m, ids, motion_px })
+    }
+
+    /// Where pixel `i` of the images is.
+    fn pixel_px(&self, i: usize) -> DVec2 {
+        let (column, row) = (i % self.width_px as usize, i / self.width_px as usize);
+        DVec2::new(column as f64, self.rows.map_or(row as f64, |rows| f64::from(rows[row])))
     }
 }
 
@@ -175,16 +214,20 @@ impl ConventionCheck {
         for (id, pixels) in pixels {
             let stride = pixels.len().div_ceil(PIXELS_OF_INSTANCE);
             self.samples.entry(id).or_default().extend(pixels.iter().step_by(stride).map(|&i| Sample {
-                pixel_px: DVec2::new(
-                    (i % frame.width_px as usize) as f64,
-                    (i / frame.width_px as usize) as f64,
-                ),
+                pixel_px: frame.pixel_px(i),
                 size_px,
                 depth_m: f64::from(frame.depth_m[i]),
                 vector: DVec2::from(frame.motion_px[i].map(f64::from)),
                 t_ns: frame.t_ns,
                 previous_ns: frame.previous_ns,
             }));
+        }
+    }
+
+    /// Adds what another check has collected.
+    fn append(&mut self, other: ConventionCheck) {
+        for (id, mut samples) in other.samples {
+            self.samples.entry(id).or_default().append(&mut samples);
         }
     }
 
@@ -238,6 +281,31 @@ impl ConventionReport {
     }
 }
 
+impl Agreement {
+    /// Whether poses and depth are wrong, as far as the vectors tell, by more than what hardly changes an event. They are
+    /// right if the vectors' own sign, unit or frame explains all: then they predict the vectors.
+    #[must_use]
+    pub fn doubts_poses(&self) -> bool {
+        let slight_px = DOUBT_PX.max(DOUBT_SHARE * self.median_motion_px);
+        if self.pixels < DOUBT_PIXELS || self.median_error_px <= slight_px {
+            return false;
+        }
+        match &self.verdict {
+            Verdict::Agrees | Verdict::Still => false,
+            Verdict::Unexplained => true,
+            Verdict::Mistaken { causes, left_px } => {
+                let of_vectors = causes.iter().flatten().all(|mistake| mistake.is_of_vectors());
+                !of_vectors || *left_px > agreement_px(self.median_motion_px)
+            }
+        }
+    }
+}
+
+/// Median error that is rounding where the median motion is this, pixels.
+fn agreement_px(motion_px: f64) -> f64 {
+    AGREEMENT_PX.max(AGREEMENT_SHARE * motion_px)
+}
+
 /// All combinations of one of `mistakes` or none with a sign and a unit of the vectors, fewest mistakes first.
 fn with_vectors(mistakes: &[Mistake]) -> Vec<Vec<Mistake>> {
     let alone = mistakes.iter().map(std::slice::from_ref).chain([&[][..]]);
@@ -274,7 +342,7 @@ struct Fit {
 
 impl Fit {
     fn agrees(&self) -> bool {
-        self.error_px <= AGREEMENT_PX.max(AGREEMENT_SHARE * self.motion_px)
+        self.error_px <= agreement_px(self.motion_px)
     }
 }
 
@@ -331,12 +399,17 @@ impl Comparison<'_> {
             let lens = self.scene.lens();
             let depth_m = mistakes.iter().fold(sample.depth_m, |d, m| m.depth_m(d, pixel_px, lens));
             let Some(motion) = motion else { continue };
-            let Ok(ImagePoint { pixel_px: end_px, .. }) = lens.path(pixel_px, depth_m, motion) else {
-                continue;
+            let (length_px, error_px) = match lens.path(pixel_px, depth_m, motion) {
+                Ok(ImagePoint { pixel_px: end_px, .. }) => {
+                    let given_px = mistakes.iter().fold(sample.vector, |v, m| m.vector_px(v, size_px));
+                    ((end_px - pixel_px).length(), (end_px - pixel_px).distance(given_px))
+                }
+                // As far off as the image is large.
+                Err(NoPath::BehindCamera) => (size_px.length(), size_px.length()),
+                Err(_) => continue,
             };
-            let given_px = mistakes.iter().fold(sample.vector, |v, m| m.vector_px(v, size_px));
-            lengths.push((end_px - pixel_px).length());
-            errors.push((end_px - pixel_px).distance(given_px));
+            lengths.push(length_px);
+            errors.push(error_px);
         }
         (errors.len() >= FEWEST_PIXELS).then(|| Fit {
             pixels: errors.len(),

@@ -1,0 +1,72 @@
+//! A comparison in words.
+
+use super::{Agreement, ConventionReport, Verdict};
+use std::fmt;
+
+impl ConventionReport {
+    /// What disagrees and why, in words; `None` if nothing does.
+    #[must_use]
+    pub fn disagreement(&self) -> Option<String> {
+        let wrong: Vec<String> = self.parts().filter_map(|(what, found)| found.disagreement(&what)).collect();
+        let disagrees = !wrong.is_empty();
+        disagrees
+            .then(|| format!("depth and poses do not predict the motion vectors of {}", wrong.join("; of ")))
+    }
+
+    /// The static world and the instances, with their names.
+    fn parts(&self) -> impl Iterator<Item = (String, &Agreement)> {
+        let world = self.world.iter().map(|world| ("the static world".to_owned(), world));
+        world.chain(self.instances.iter().map(|(id, one)| (format!("instance {id}"), one)))
+    }
+}
+
+impl fmt::Display for ConventionReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(wrong) = self.disagreement() {
+            f.write_str(&wrong)?;
+        } else if self.parts().all(|(_, found)| found.verdict == Verdict::Still) {
+            f.write_str(
+                "depth and poses agree with the motion vectors, but nothing moves, so that little is checked",
+            )?;
+        } else {
+            let within = |(what, found): (String, &Agreement)| {
+                format!("{what} {} px", significant(found.median_error_px))
+            };
+            let parts: Vec<String> = self.parts().map(within).collect();
+            write!(f, "depth and poses predict the motion vectors within (median): {}", parts.join(", "))?;
+        }
+        match self.pixels_without_poses {
+            0 => Ok(()),
+            n => write!(f, "; {n} pixels of instances without poses"),
+        }
+    }
+}
+
+impl Agreement {
+    /// How far vectors and paths are apart and why, if they are.
+    fn disagreement(&self, what: &str) -> Option<String> {
+        let apart = format!(
+            "{what}: {} px apart where {} px are predicted (medians)",
+            significant(self.median_error_px),
+            significant(self.median_motion_px)
+        );
+        match &self.verdict {
+            Verdict::Unexplained => Some(format!("{apart}, and no known mistake explains it")),
+            Verdict::Mistaken { causes, left_px } => {
+                let words = causes.iter().map(|cause| {
+                    let words: Vec<String> = cause.iter().map(ToString::to_string).collect();
+                    words.join(", and ")
+                });
+                let causes = words.collect::<Vec<_>>().join(", or ");
+                Some(format!("{apart}; likely {causes} (then {} px are left)", significant(*left_px)))
+            }
+            Verdict::Agrees | Verdict::Still => None,
+        }
+    }
+}
+
+/// A length with two significant digits.
+fn significant(value: f64) -> String {
+    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
+    format!("{value:.digits$}")
+}
