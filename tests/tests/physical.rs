@@ -231,7 +231,7 @@ fn noise_has_the_oracles_rate_for_any_number_of_substeps() {
 }
 
 #[test]
-fn infinitely_fast_and_without_noise_it_is_the_log_pixel() {
+fn without_lag_and_noise_it_sends_the_log_pixels_events() {
     for (refractory_ns, leak_rate_hz) in [(0, 0.0), (700_000, 2.0)] {
         let fast = SensorModel {
             lux_per_unit: 1e5,
