@@ -171,19 +171,17 @@ Law law_at(Camera cam, PixelState p, Walk w, Part part, float share) {
     return noise_law(p.noise, sigma_at(cam, first), phase, max(second_phase(cam, w, t), 0.0));
 }
 
-// Begins the renewal after `events` events.
-void begin_renewal(Camera cam, uint pixel, uint events, inout PixelState p, inout Walk w) {
-    if (EFFECT_SHOT) {
-        p.clock = exponential_q27(draw(cam, pixel, STREAM_CLOCK, events).x);
-        w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, events));
-    }
+// Makes the draws of the renewal that begins.
+void begin_renewal(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    const uint events = p.events + w.ordinal;
+    p.clock = exponential_q27(draw(cam, pixel, STREAM_CLOCK, events).x);
+    w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, events));
 }
 
-// Ends the hold at time t: the reference is what the pixel shows, with the noise of the moment.
+// Ends the hold at time t: the reference is what the pixel shows, with the noise of the moment. A renewal begins.
 void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inout Walk w) {
     float noise = 0.0;
     const float share = share_of(part, t);
-    const uint events = p.events + w.ordinal;
     if (EFFECT_SHOT) {
         const float phase = max(p.phase + share * part.turned, 0.0);
         const float second = max(second_phase(cam, w, float(t)), 0.0);
@@ -191,7 +189,7 @@ void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inou
         const float lost = clamp(forgotten(phase, second), 0.0, 1.0);
         const float turned = w.slope == 0.0 ? 0.0 : slope_correlation(phase, second);
         const float unknown = sqrt(max(lost * (2.0 - lost) - turned * turned, 0.0));
-        const float fresh = normal_from_words(draw(cam, pixel, STREAM_RELEASE, events));
+        const float fresh = normal_from_words(draw(cam, pixel, STREAM_RELEASE, p.events + w.ordinal));
         noise = correlation(phase, second) * p.noise + sigma * (turned * w.slope + unknown * fresh);
     }
     p.noise = noise;
@@ -200,7 +198,6 @@ void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inou
     w.held_until = 0u;
     w.since_ns = int(t);
     p.phase = -share * part.turned;
-    begin_renewal(cam, pixel, events, p, w);
 }
 
 // Books an event at time t, at which the noise is `noise`: begins the hold or, without a refractory period, the next
@@ -220,7 +217,6 @@ void fire(
         w.slope = slope;
     } else {
         p.reference += on ? p.on_q24 : -p.off_q24;
-        begin_renewal(cam, pixel, p.events + w.ordinal, p, w);
     }
 }
 
@@ -283,6 +279,8 @@ uint spend(uint clock, float hazard) {
 void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Walk w) {
     Stretch stretch = Stretch(part.start, part.end, part.from, part.to);
     uint now = part.start;
+    // Draws are long. The software driver makes all those that stand in a loop, so they stand there once.
+    bool renews = false;
     bool goes_on = true;
     do {
         if (EFFECT_REFRACTORY && w.held_until != 0u) {
@@ -291,6 +289,11 @@ void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Wal
             }
             now = max(w.held_until, part.start);
             release(cam, pixel, now, part, p, w);
+            renews = true;
+        }
+        if (EFFECT_SHOT && renews) {
+            begin_renewal(cam, pixel, p, w);
+            renews = false;
         }
         float noise = 0.0;
         vec2 hazard = vec2(0.0);
@@ -338,6 +341,7 @@ void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Wal
                     : lerp(w.noise, noise, float(now - stretch.start) / float(stretch.end - stretch.start));
             }
             fire(cam, pixel, now, rises, met, 0.0, part, p, w);
+            renews = w.held_until == 0u;
         } else {
             now = noise_at;
             const vec2 hazards = hazards_at(cam, share_of(part, now), part, p, w);
@@ -348,6 +352,7 @@ void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Wal
             const float slope = sqrt(2.0 * exponential_of(words.z));
             const float lifted = nepers(reached - output_at(part, now));
             fire(cam, pixel, now, on, lifted, on ? slope : -slope, part, p, w);
+            renews = w.held_until == 0u;
         }
     } while (goes_on && walks_on(w.ordinal));
 }
