@@ -12,7 +12,8 @@
 // QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort`
 // makes the packet independent of it.
 //
-// The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), frame loads,
+// The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), PHYSICAL (defined
+// for the kernel of the physical pixel), frame loads,
 // `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that are declared here without a
 // body.
 
@@ -34,12 +35,20 @@ uvec2 corner;
 #include "paths.glsl"
 #include "candidates.glsl"
 #include "rigid.glsl"
+#ifdef PHYSICAL
+#include "pixel_physical_state.glsl"
+#else
 #include "pixel_log_state.glsl"
+#endif
 
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
 
+#ifdef PHYSICAL
+#include "pixel_physical.glsl"
+#else
 #include "pixel_log.glsl"
+#endif
 #include "bins.glsl"
 #include "scatter.glsl"
 #include "event_sink.glsl"
@@ -58,8 +67,12 @@ uint rows_of(uint first_sub_tile, uint sub_tiles) {
     return ((1u << (sub_tiles * SUB_TILE_ROWS)) - 1u) << (first_sub_tile * SUB_TILE_ROWS);
 }
 
-// Whether a tile without motion and change can be skipped.
+// Whether a tile without motion and change can be skipped. A physical pixel moves on after the light has come to rest.
+#ifdef PHYSICAL
+const bool SKIPS_STILL_TILES = false;
+#else
 const bool SKIPS_STILL_TILES = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES;
+#endif
 
 // Whether sub-steps may be read along a pixel's motion: by synthesis `rigid` where a pixel has no path.
 const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);

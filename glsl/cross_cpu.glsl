@@ -16,7 +16,11 @@ layout(local_size_x = CROSS_THREADS, local_size_x_id = THREADS_ID) in;
 
 // Macros, not constants: a constant equal to a specialisation constant would take over its name.
 #define MAY_BIN_BY_SAMPLE AT_SAMPLE
+#ifdef PHYSICAL
+#define WALKS_SUSPEND false
+#else
 #define WALKS_SUSPEND EFFECT_SHOT
+#endif
 
 #include "frame_load_by_texel.glsl"
 #include "udiv_float.glsl"
@@ -28,7 +32,9 @@ uint fast_udiv(uint x, uint divisor) {
 #include "thread_atomic.glsl"
 #include "cross.glsl"
 #include "event_slots.glsl"
+#ifndef PHYSICAL
 #include "shot_draws_cpu.glsl"
+#endif
 
 // Linear intensity of the pixel in both frames, computed once: on this driver a branch costs the same whether it is
 // taken often or seldom.

@@ -20,7 +20,9 @@ const bool WALKS_SUSPEND = false;
 #include "subgroup_atomic.glsl"
 #include "cross.glsl"
 #include "event_queue.glsl"
+#ifndef PHYSICAL
 #include "shot_draws_gpu.glsl"
+#endif
 
 float blend_frames(Source s, float alpha) {
     return synthesize_linear(exp(s.log_previous), exp(s.log_current), alpha);

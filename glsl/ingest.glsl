@@ -7,11 +7,15 @@
 // there, `motion` of this frame's slot, `blocks` and `tile_order`, all read by `backward_transfer` and `cross` after a
 // barrier. Arms pixels in `state`, which no other kernel touches before `cross`.
 //
-// The including file provides, before this one: RIGID, whether this is the kernel of synthesis `rigid`; CHANNELS, the
-// number of colour components; COMPONENTS, how many of them a workgroup takes, from `first_component()` on;
-// `is_first(cam)`; frame loads and `store_pair`.
+// The including file provides, before this one: RIGID, whether this is the kernel of synthesis `rigid`; PHYSICAL, defined
+// for the kernel of the physical pixel; CHANNELS, the number of colour components; COMPONENTS, how many of them a
+// workgroup takes, from `first_component()` on; `is_first(cam)`; frame loads and `store_pair`.
 
+#ifdef PHYSICAL
+#include "pixel_physical_state.glsl"
+#else
 #include "pixel_log_state.glsl"
+#endif
 #include "trajectory.glsl"
 #include "half_pel.glsl"
 #include "half_pel_store.glsl"

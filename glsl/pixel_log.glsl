@@ -74,17 +74,7 @@ float shot_share(Camera cam, int log_q24) {
     return 1.0 - SHOT_NOISE_FALL * clamp(intensity_of(cam, log_q24) * cam.inverse_white, 0.0, 1.0);
 }
 
-// Time of the fraction num / den of the sub-step, in (start, end].
-uint time_in_substep(uint start, uint end, float num, float den) {
-    const uint span = end - start;
-    const uint into = uint(clamp(ceil(float(span) * (num / den)), 1.0, float(span)));
-    return start + min(into, span);
-}
-
-// Log intensity (with leak) at time t of the sub-step.
-int level_at(int from, int to, uint start, uint end, uint t) {
-    return from + int(roundEven(float(to - from) * (float(t - start) / float(end - start))));
-}
+#include "chord.glsl"
 
 // floor(leak * (t - epoch)) in Q24 at t = base + since_start, modulo 2^32; `base` is the full product at the start. The
 // reference falls by differences of it.

@@ -67,6 +67,14 @@ impl PySensor {
     }
 }
 
+/// Whether parameters choose the physical pixel.
+fn names_physical_pixel(parameters: Option<&Bound<'_, PyDict>>) -> PyResult<bool> {
+    let Some(pixel) = parameters.map(|parameters| parameters.get_item("pixel")).transpose()?.flatten() else {
+        return Ok(false);
+    };
+    Ok(pixel.extract::<String>().is_ok_and(|pixel| pixel == "physical"))
+}
+
 /// A value as text for the model's parser.
 fn text(parameter: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     let wrong = || {
@@ -102,7 +110,13 @@ impl PySensor {
         profile: Option<&str>,
         parameters: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        Ok(PySensor(PySensor::with(PySensor::named(sensor)?, profile, parameters)?))
+        let mut named = PySensor::named(sensor)?;
+        // A preset with the physical pixel has the numbers of that sensor's.
+        let is_preset = sensor.is_none_or(|given| given.is_instance_of::<PyString>());
+        if is_preset && names_physical_pixel(parameters)? {
+            named = named.with_preset_pixel();
+        }
+        Ok(PySensor(PySensor::with(named, profile, parameters)?))
     }
 
     #[staticmethod]

@@ -193,6 +193,25 @@ def test_sensor_models_are_values():
     assert noisy.shot_noise_rate_hz == 5.0 and noisy.leak_rate_hz == 0
 
 
+def test_a_physical_pixel_has_the_numbers_of_its_preset():
+    hd = esaac.SensorModel("hd", pixel="physical", lux_per_unit=10.0)
+    assert (hd.pixel, hd.refractory_ns, hd.leak_rate_hz, hd.lux_per_unit) == ("physical", 79_000, -0.02, 10.0)
+    assert hd == esaac.SensorModel.from_toml(hd.to_toml()) and 'pixel="physical"' in repr(hd)
+    quiet = esaac.SensorModel("hd", profile="clean", pixel="physical")
+    assert (quiet.pixel, quiet.noise_gain, quiet.refractory_ns) == ("physical", 0.0, 0)
+    own = esaac.SensorModel("hd").replace(pixel="physical")
+    assert (own.pixel, own.refractory_ns) == ("physical", 0)
+    with pytest.raises(esaac.SensorError) as caught:
+        esaac.SensorModel("hd", pixel="physical", temperature_c=200.0)
+    assert caught.value.parameter == "temperature_c" and "-40 to 125" in caught.value.expected
+
+    physical = esaac.SensorModel("dvs128", pixel="physical", width=32, height=16, synthesis="linear")
+    with esaac.EventCamera(physical) as cam:
+        frames = [np.full((16, 32, 4), value, np.float32) for value in (0.1, 0.1, 1.0)]
+        events = [len(cam.step(frame, t_ns=k * 50_000_000)) for k, frame in enumerate(frames)]
+    assert events[0] == 0 and events[2] > 5 * 16 * 32
+
+
 @pytest.mark.parametrize(
     ("parameters", "parameter", "expected", "actual"),
     [

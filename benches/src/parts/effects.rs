@@ -34,7 +34,7 @@ struct Row {
 
 type Change = fn(&mut SensorModel);
 
-const EFFECTS: [(&str, Change); 10] = [
+const EFFECTS: [(&str, Change); 11] = [
     ("mismatch", |s| s.contrast_mismatch = 0.05),
     ("refractory", |s| s.refractory_ns = 500_000),
     ("leak", |s| s.leak_rate_hz = 0.1),
@@ -45,6 +45,7 @@ const EFFECTS: [(&str, Change); 10] = [
     ("APS", |s| s.aps_exposure_ns = 10_000_000),
     ("Bayer", |s| s.intensity = Intensity::BayerRggb),
     ("two transfers", |s| s.transfers = 2),
+    ("physical pixel", |s| *s = s.clone().with_preset_pixel()),
 ];
 
 /// Least relative difference of medians that counts as one, if the spread is smaller.

@@ -3,8 +3,8 @@
 
 use esaac_kernels::Reflection;
 use esaac_layout::{
-    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, Push, Slice,
-    TEXELS,
+    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, PHYSICALS,
+    Physical, Push, Slice, TEXELS,
 };
 use std::collections::BTreeMap;
 
@@ -35,6 +35,11 @@ pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
         let table = reflection.uniform_strides.get(&(GEOMETRIES as u32)).copied();
         same("stride of `geometries`", table, Some(size_of::<Geometry>() as u32))?;
         check_struct::<Geometry>(&reflection)?;
+    }
+    if reflection.structs.contains_key(Physical::NAME) {
+        let table = reflection.uniform_strides.get(&(PHYSICALS as u32)).copied();
+        same("stride of `physicals`", table, Some(size_of::<Physical>() as u32))?;
+        check_struct::<Physical>(&reflection)?;
     }
     same("workgroup", reflection.workgroup, [kernel.threads, 1, 1])?;
     check_constants(kernel, &reflection)?;

@@ -11,8 +11,8 @@ use crate::sizes::{CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, SORT_THREADS};
 pub struct KernelInfo {
     /// Its file, without `.comp`.
     pub name: &'static str,
-    /// Its stage. A stage may have one kernel for GPUs and one for the software driver, and one more of each for
-    /// synthesis `rigid`.
+    /// Its stage. A stage may have one kernel for GPUs and one for the software driver, more of each for synthesis
+    /// `rigid`, and twice as many for two pixel models.
     pub stage: &'static str,
     /// Threads of a workgroup, before specialisation.
     pub threads: u32,
@@ -38,6 +38,20 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("ingest_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
     kernel("ingest_rigid_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel("ingest_rigid_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
+    kernel("ingest_physical_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
+    kernel(
+        "ingest_physical_cpu",
+        "ingest",
+        INGEST_THREADS,
+        &[IngestConstants::LIST, IngestCpuConstants::LIST],
+    ),
+    kernel("ingest_physical_rigid_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
+    kernel(
+        "ingest_physical_rigid_cpu",
+        "ingest",
+        INGEST_THREADS,
+        &[IngestConstants::LIST, IngestCpuConstants::LIST],
+    ),
     kernel("backward_transfer", "backward_transfer", INGEST_THREADS, &[BackwardTransferConstants::LIST]),
     kernel(
         "backward_transfer_rigid",
@@ -51,6 +65,15 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
     kernel("cross_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_rigid_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
+    kernel("cross_physical_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel("cross_physical_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
+    kernel("cross_physical_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel(
+        "cross_physical_rigid_cpu",
+        "cross",
+        CROSS_THREADS,
+        &[CrossConstants::LIST, CrossCpuConstants::LIST],
+    ),
     kernel("sort", "sort", SORT_THREADS, &[SortConstants::LIST]),
     kernel("merge", "merge", STRIDING_THREADS, &[]),
     kernel("gather", "gather", STRIDING_THREADS, &[]),

@@ -195,6 +195,29 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// What kernels of the physical pixel know of a camera besides its row: a row of the table of physical pixels, in the
+    /// camera's `slot`.
+    Physical {
+        /// Logarithm of the rate, per second, that an intensity of 1 drives.
+        drive_log: f32,
+        /// The second pole, radians per second.
+        second_per_s: f32,
+        /// Variance of the noise behind the first pole, squared nepers.
+        variance: f32,
+        /// Nominal leak in the dark, Q7.24 per second.
+        dark_leak_q24_per_s: f32,
+        /// Leak that the light of the nominal dark current would cause, Q7.24 per second.
+        dark_light_q24_per_s: f32,
+        /// Leak for each unit of charge that light and dark current drive, Q7.24.
+        light_q24_per_charge: f32,
+        /// Fills the row up to a multiple of 16 bytes.
+        unused: u32,
+        /// As `unused`.
+        also_unused: u32,
+    }
+}
+
+gpu_struct! {
     /// Counters of a camera in one tick; two sets, used in turn.
     Counters {
         /// Events emitted, whether they fit or not.

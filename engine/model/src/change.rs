@@ -1,6 +1,6 @@
 //! What a running camera must discard or redo when its parameters change.
 
-use crate::{SensorModel, Synthesis, Taps};
+use crate::{Pixel, SensorModel, Synthesis, Taps};
 
 /// What a change of parameters requires beyond using the new values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,12 +22,18 @@ impl SensorModel {
             let half_pel = s.synthesis.has_half_pels() && s.taps == Taps::Cubic;
             // Half-pel frames of `rigid` are made within the surfaces of the last frame, which it keeps.
             let surfaces = s.synthesis == Synthesis::Rigid;
-            (s.intensity, s.log_offset.to_bits(), s.exposure_gain.to_bits(), half_pel, surfaces)
+            // A physical pixel's state refers to its own dark level, and to a noise that is there or not.
+            let dark_draw = if s.dark_spread_log > 0.0 { s.seed } else { 0 };
+            let physical = (s.pixel == Pixel::Physical)
+                .then(|| (s.dark_spread_log.to_bits(), dark_draw, s.noise_gain > 0.0));
+            let planes =
+                (s.intensity, s.dark_level().to_bits(), s.exposure_gain.to_bits(), half_pel, surfaces);
+            (planes, physical)
         };
         let draws = |s: &SensorModel| {
             let drawn =
                 [s.contrast_on, s.contrast_off, s.contrast_mismatch, s.leak_rate_hz, s.leak_spread_log];
-            (s.seed, drawn.map(f64::to_bits))
+            (s.seed, s.pixel, s.dark_spread_log.to_bits(), drawn.map(f64::to_bits))
         };
         ChangeEffects {
             resizes: (self.width, self.height) != (next.width, next.height),
@@ -66,5 +72,20 @@ mod tests {
         assert_eq!(change(|s| s.seed += 1), redraws);
         assert_eq!(change(|s| s.contrast_on *= 2.0), redraws);
         assert_eq!(change(|s| s.leak_rate_hz += 0.5), redraws);
+        assert_eq!(change(|s| s.temperature_c += 1.0), nothing, "no parameter of the log pixel");
+        let both = ChangeEffects { resets_frames: true, redraws_pixels: true, ..nothing };
+        assert_eq!(change(|s| s.pixel = Pixel::Physical), both);
+        let physical = SensorModel { pixel: Pixel::Physical, ..base.clone() };
+        let change = |change: fn(&mut SensorModel)| {
+            let mut next = physical.clone();
+            change(&mut next);
+            physical.change_to(&next)
+        };
+        assert_eq!(change(|s| s.log_offset *= 2.0), nothing, "no parameter of the physical pixel");
+        assert_eq!(change(|s| s.temperature_c += 1.0), resets, "the dark level moves");
+        assert_eq!(change(|s| s.second_pole_hz *= 2.0), nothing);
+        assert_eq!(change(|s| s.noise_gain = 0.5), nothing);
+        assert_eq!(change(|s| s.noise_gain = 0.0), resets);
+        assert_eq!(change(|s| s.dark_spread_log = 0.5), both);
     }
 }

@@ -1,5 +1,7 @@
-//! The random draws made once per pixel when a camera is created: two thresholds and the leak.
+//! The random draws made once per pixel when a camera is created: two thresholds, and the leak or, of a physical pixel, its
+//! factors.
 
+use crate::physical::PhysicalDraws;
 use crate::random::{PixelKey, Stream, leak_factor, threshold_log};
 use crate::{LOG_FRACTION_BITS, SensorModel, log_to_q24, q24_to_log};
 
@@ -14,7 +16,25 @@ pub struct PixelDraws {
     pub leak_per_ns: Vec<u32>,
 }
 
+/// Units of a neper in the logarithms of [`SensorModel::pixel_factors`].
+pub const FACTOR_UNITS: f64 = 2048.0;
+
 impl SensorModel {
+    /// Factors of the physical pixels of the camera with this number, row-major: logarithm of the dark current's in the
+    /// low half of a word and of the leak's in the high half, signed, in units of 1 / [`FACTOR_UNITS`].
+    #[must_use]
+    pub fn pixel_factors(&self, camera: u32) -> Vec<u32> {
+        let pixel = self.physical_pixel();
+        let half = |factor: f64| u32::from((factor.ln() * FACTOR_UNITS).round() as i16 as u16);
+        (0..self.pixels() as u32)
+            .map(|index| {
+                let key = PixelKey { seed: self.seed, camera, pixel: index };
+                let draws = PhysicalDraws::draw(self, &pixel, key);
+                half(draws.dark_factor) | half(draws.leak_factor) << 16
+            })
+            .collect()
+    }
+
     /// Draws for the camera with this number. Cameras of different numbers draw independently.
     #[must_use]
     pub fn pixel_draws(&self, camera: u32) -> PixelDraws {
@@ -42,6 +62,21 @@ fn leak_per_ns(leak_log_per_s: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn factors_are_logarithms_in_half_words() {
+        let even = SensorModel { width: 8, height: 4, ..SensorModel::default() };
+        assert_eq!(even.pixel_factors(0), [0; 32]);
+        let uneven = SensorModel { dark_spread_log: 1.0, leak_spread_log: 0.5, ..even };
+        for (pixel, word) in (0_u32..).zip(uneven.pixel_factors(3)) {
+            let key = PixelKey { seed: uneven.seed, camera: 3, pixel };
+            let draws = PhysicalDraws::draw(&uneven, &uneven.physical_pixel(), key);
+            let dark_log = f64::from(word as u16 as i16) / FACTOR_UNITS;
+            let leak_log = f64::from((word >> 16) as u16 as i16) / FACTOR_UNITS;
+            assert!((dark_log - draws.dark_factor.ln()).abs() < 3e-4, "{pixel}: {dark_log}");
+            assert!((leak_log - draws.leak_factor.ln()).abs() < 3e-4, "{pixel}: {leak_log}");
+        }
+    }
 
     #[test]
     fn without_mismatch_all_pixels_are_alike_and_with_it_they_differ() {

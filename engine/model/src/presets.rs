@@ -1,6 +1,7 @@
 //! Sensors and noise profiles by name.
 
-use crate::sensor::{SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use crate::physical::{PhysicalPixel, physical_preset};
+use crate::sensor::{Pixel, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use serde::{Deserialize, Serialize};
 
 /// Log offset of the paper's `log(S + 1)`, for intensities of 8-bit scale.
@@ -47,9 +48,15 @@ pub enum Profile {
 }
 
 impl Profile {
-    /// Sets the profile's parameters and leaves the others as they are.
+    /// Sets the profile's parameters and leaves the others as they are. `Paper` is a log pixel; the others keep the pixel
+    /// that a sensor has.
     pub fn apply(self, sensor: &mut SensorModel) {
         let clean = SensorModel::default();
+        if sensor.pixel == Pixel::Physical {
+            sensor.noise_gain = if self == Profile::Noisy { clean.noise_gain } else { 0.0 };
+            sensor.dark_spread_log = clean.dark_spread_log;
+            sensor.leak_per_lux_hz = clean.leak_per_lux_hz;
+        }
         sensor.contrast_mismatch = clean.contrast_mismatch;
         sensor.refractory_ns = clean.refractory_ns;
         sensor.leak_rate_hz = clean.leak_rate_hz;
@@ -71,6 +78,7 @@ impl Profile {
                 sensor.timestamp_quantum_ns = 1_000;
             }
             Profile::Paper => {
+                sensor.pixel = Pixel::Log;
                 sensor.log_offset = LOG_OFFSET_PAPER;
                 sensor.synthesis = Synthesis::Paper;
                 sensor.timestamps = Timestamps::AtSample;
@@ -91,6 +99,27 @@ pub fn preset(name: &str) -> Option<SensorModel> {
     })
 }
 
+/// As [`preset`], with the physical pixel of that sensor.
+#[must_use]
+pub fn preset_with_physical_pixel(name: &str) -> Option<SensorModel> {
+    preset(name).map(SensorModel::with_preset_pixel)
+}
+
+impl SensorModel {
+    /// This sensor with the physical pixel of the preset that it is named after
+    /// ([`PHYSICAL_PRESETS`](crate::physical::PHYSICAL_PRESETS)), or with a physical pixel of its own parameters if it has
+    /// another name. The noise is on. The preset's bus is not part of a sensor.
+    #[must_use]
+    pub fn with_preset_pixel(mut self) -> Self {
+        let pixel = match physical_preset(&self.name) {
+            Some(preset) => preset.apply(&mut self).0,
+            None => self.physical_pixel(),
+        };
+        let lux_per_unit = self.lux_per_unit;
+        self.with_physical(&PhysicalPixel { lux_per_unit, ..pixel })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -99,11 +128,27 @@ mod tests {
     fn every_preset_and_profile_is_valid() {
         for p in PRESETS {
             for profile in [Profile::Clean, Profile::Noisy, Profile::Paper] {
-                let mut sensor = preset(p.name).expect("listed");
-                profile.apply(&mut sensor);
-                sensor.validate().unwrap_or_else(|e| panic!("{} {profile:?}: {e}", p.name));
+                for sensor in [preset(p.name), preset_with_physical_pixel(p.name)] {
+                    let mut sensor = sensor.expect("listed");
+                    profile.apply(&mut sensor);
+                    sensor.validate().unwrap_or_else(|e| panic!("{} {profile:?}: {e}", p.name));
+                }
             }
         }
-        assert!(preset("nonesuch").is_none());
+        assert!(preset("nonesuch").is_none() && preset_with_physical_pixel("nonesuch").is_none());
+    }
+
+    #[test]
+    fn profiles_switch_the_noise_of_the_physical_pixel() {
+        let hd = preset_with_physical_pixel("hd").expect("listed");
+        assert_eq!((hd.pixel, hd.noise_gain, hd.leak_rate_hz), (Pixel::Physical, 1.0, -0.02));
+        let with = |profile: Profile| {
+            let mut sensor = hd.clone();
+            profile.apply(&mut sensor);
+            (sensor.pixel, sensor.noise_gain)
+        };
+        assert_eq!(with(Profile::Clean), (Pixel::Physical, 0.0));
+        assert_eq!(with(Profile::Noisy), (Pixel::Physical, 1.0));
+        assert_eq!(with(Profile::Paper).0, Pixel::Log);
     }
 }

@@ -2,11 +2,22 @@
 //! tables.
 
 use crate::MAX_LATENCY_NS;
+use crate::physical::PhysicalPixel;
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
 use crate::synthesis::MAX_TRANSFERS;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+
+/// What turns light into events.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pixel {
+    /// Watches log intensity.
+    Log,
+    /// A photoreceptor with speed and noise of its own; see [`physical`](crate::physical).
+    Physical,
+}
 
 /// How RGB becomes the scalar that a pixel sees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -195,20 +206,21 @@ sensor_model! {
     name: String = "davis346".to_owned(), "", "Name of the sensor.";
     width: u32 = 346, "px", "Columns.";
     height: u32 = 260, "px", "Rows.";
+    pixel: Pixel = Pixel::Log, "", "What turns light into events: log, or physical with speed and noise of a real pixel.";
     contrast_on: f64 = 0.2, "log", "ON contrast threshold.";
     contrast_off: f64 = 0.2, "log", "OFF contrast threshold.";
     contrast_mismatch: f64 = 0.0, "log", "Standard deviation of the thresholds from pixel to pixel.";
     refractory_ns: u32 = 0, "ns", "Refractory period: how long a pixel is held after an event.";
-    leak_rate_hz: f64 = 0.0, "Hz", "Rate of the ON events that a still pixel leaks.";
+    leak_rate_hz: f64 = 0.0, "Hz", "Rate of the ON events that a still pixel leaks; physical: at 25 C, below 0 OFF.";
     leak_spread_log: f64 = 0.0, "log", "Spread of the leak rate: standard deviation of its logarithm.";
-    shot_noise_rate_hz: f64 = 0.0, "Hz", "Shot-noise events of a dark pixel, both polarities together.";
+    shot_noise_rate_hz: f64 = 0.0, "Hz", "Shot-noise events of a dark log pixel, both polarities together.";
     white_level: f64 = 1.0, "scene", "Intensity of white: full scale of the APS frame, lowest shot noise.";
     latency_ns: u32 = 0, "ns", "Constant delay of an event's time stamp.";
     latency_jitter_ns: u32 = 0, "ns", "Standard deviation of the delay.";
     timestamp_quantum_ns: u32 = 1, "ns", "Time stamps are floored to a multiple of this.";
     intensity: Intensity = Intensity::Luminance, "", "What a pixel sees: gray, luminance or bayer_rggb.";
     exposure_gain: f64 = 1.0, "", "Factor from the renderer's radiance to the sensor's intensity.";
-    log_offset: f64 = crate::presets::LOG_OFFSET_HDR, "scene", "Dark level: L = ln(S + log_offset).";
+    log_offset: f64 = crate::presets::LOG_OFFSET_HDR, "scene", "Dark level of the log pixel: L = ln(S + log_offset).";
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
     transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
@@ -220,6 +232,15 @@ sensor_model! {
     aps_start_ns: u32 = 0, "ns", "Start of the exposure after the interval's start.";
     aps_gain: f64 = 1.0, "", "Gain of the APS frame.";
     aps_bits: u32 = 8, "bit", "Depth of an APS pixel.";
+    lux_per_unit: f64 = 100.0, "lux", "Physical: focal-plane illuminance of an intensity of 1.";
+    response_e_per_lux_s: f64 = 2.0e5, "e/s/lux", "Physical: photocurrent of a pixel for each focal-plane lux.";
+    dark_lux: f64 = 0.06, "lux", "Physical: illuminance that stands for the dark current at 25 C.";
+    dark_spread_log: f64 = 0.0, "log", "Physical: standard deviation of the dark current's logarithm (hot pixels).";
+    temperature_c: f64 = 25.0, "C", "Physical: temperature of the chip.";
+    photoreceptor_charge_e: f64 = 340.0, "e", "Physical: charge that moves the photoreceptor by one neper.";
+    second_pole_hz: f64 = 1000.0, "Hz", "Physical: corner frequency of the source follower.";
+    noise_gain: f64 = 1.0, "", "Physical: factor of the noise; 1 is twice photon shot noise, 0 is none.";
+    leak_per_lux_hz: f64 = 0.0, "Hz/lux", "Physical: rate of leak events for each focal-plane lux.";
     seed: u64 = 0, "", "Seed of everything random.";
 }
 
@@ -267,6 +288,53 @@ impl SensorModel {
         Ok(())
     }
 
+    /// The physical pixel that the parameters describe.
+    #[must_use]
+    pub fn physical_pixel(&self) -> PhysicalPixel {
+        PhysicalPixel {
+            lux_per_unit: self.lux_per_unit,
+            response_e_per_lux_s: self.response_e_per_lux_s,
+            dark_lux: self.dark_lux,
+            dark_spread_log: self.dark_spread_log,
+            temperature_c: self.temperature_c,
+            photoreceptor_charge_e: self.photoreceptor_charge_e,
+            second_pole_hz: self.second_pole_hz,
+            noise_gain: self.noise_gain,
+            leak_rate_hz: self.leak_rate_hz,
+            leak_per_lux_hz: self.leak_per_lux_hz,
+            leak_spread_log: self.leak_spread_log,
+        }
+    }
+
+    /// This sensor with a physical pixel in place of its own.
+    #[must_use]
+    pub fn with_physical(self, pixel: &PhysicalPixel) -> Self {
+        SensorModel {
+            pixel: Pixel::Physical,
+            lux_per_unit: pixel.lux_per_unit,
+            response_e_per_lux_s: pixel.response_e_per_lux_s,
+            dark_lux: pixel.dark_lux,
+            dark_spread_log: pixel.dark_spread_log,
+            temperature_c: pixel.temperature_c,
+            photoreceptor_charge_e: pixel.photoreceptor_charge_e,
+            second_pole_hz: pixel.second_pole_hz,
+            noise_gain: pixel.noise_gain,
+            leak_rate_hz: pixel.leak_rate_hz,
+            leak_per_lux_hz: pixel.leak_per_lux_hz,
+            leak_spread_log: pixel.leak_spread_log,
+            ..self
+        }
+    }
+
+    /// Intensity, scene units, that is added before the logarithm: `log_offset`, or the physical pixel's dark current.
+    #[must_use]
+    pub fn dark_level(&self) -> f64 {
+        match self.pixel {
+            Pixel::Log => self.log_offset,
+            Pixel::Physical => self.physical_pixel().dark_intensity(1.0),
+        }
+    }
+
     /// Number of pixels.
     #[must_use]
     pub fn pixels(&self) -> usize {
@@ -308,8 +376,11 @@ impl SensorModel {
             within(self.contrast_mismatch, 0.0, 0.5 * smaller),
         )?;
         check("refractory_ns", self.refractory_ns, "0 to 1000000000", self.refractory_ns <= 1_000_000_000)?;
-        check("leak_rate_hz", self.leak_rate_hz, "0 to 100", within(self.leak_rate_hz, 0.0, 100.0))?;
-        check("leak_spread_log", self.leak_spread_log, "0 to 1", within(self.leak_spread_log, 0.0, 1.0))?;
+        if self.pixel == Pixel::Log {
+            check("leak_rate_hz", self.leak_rate_hz, "0 to 100", within(self.leak_rate_hz, 0.0, 100.0))?;
+            check("leak_spread_log", self.leak_spread_log, "0 to 1", within(self.leak_spread_log, 0.0, 1.0))?;
+        }
+        self.physical_pixel().validate()?;
         check(
             "shot_noise_rate_hz",
             self.shot_noise_rate_hz,
@@ -391,11 +462,30 @@ mod tests {
         sensor.set("contrast-on", "0.25").unwrap();
         sensor.set("intensity", "bayer_rggb").unwrap();
         sensor.set("latency_ns", "100_000").unwrap();
+        sensor.set("pixel", "physical").unwrap();
+        sensor.set("temperature-c", "-12.5").unwrap();
+        assert_eq!((sensor.pixel, sensor.temperature_c), (Pixel::Physical, -12.5));
         assert_eq!((sensor.contrast_on, sensor.latency_ns), (0.25, 100_000));
         assert!(matches!(sensor.set("contrast", "1"), Err(SensorError::Unknown(_))));
         assert!(matches!(sensor.set("substeps", "many"), Err(SensorError::Value { .. })));
         assert!(matches!(sensor.set("intensity", "red"), Err(SensorError::Value { .. })));
         assert!(matches!(sensor.set("substeps", "-1"), Err(SensorError::Value { .. })));
+    }
+
+    #[test]
+    fn every_parameter_of_the_physical_pixel_is_one_of_the_sensor() {
+        let names: Vec<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
+        for parameter in crate::physical::PHYSICAL_PARAMETERS {
+            assert!(names.contains(&parameter.name), "{}", parameter.name);
+        }
+        let sensor = SensorModel { leak_rate_hz: 0.1, ..SensorModel::default() };
+        assert_eq!(sensor.physical_pixel(), PhysicalPixel::default(), "the defaults agree");
+        let pixel = PhysicalPixel { dark_lux: 0.5, leak_rate_hz: -2.0, ..PhysicalPixel::default() };
+        let physical = sensor.with_physical(&pixel);
+        assert_eq!((physical.physical_pixel(), physical.validate()), (pixel, Ok(())));
+        assert_eq!(physical.dark_level(), 0.005, "in scene units");
+        let error = SensorModel { pixel: Pixel::Log, ..physical }.validate().unwrap_err().to_string();
+        assert!(error.contains("leak_rate_hz"), "only a physical pixel leaks to OFF: {error}");
     }
 
     #[test]
@@ -411,6 +501,8 @@ mod tests {
             (SensorModel { width: 0, ..base.clone() }, "width"),
             (SensorModel { log_offset: 0.0, ..base.clone() }, "log_offset"),
             (SensorModel { latency_jitter_ns: 900_000_000, ..base.clone() }, "latency_ns"),
+            (SensorModel { lux_per_unit: -1.0, ..base.clone() }, "lux_per_unit"),
+            (SensorModel { temperature_c: 126.0, ..base.clone() }, "temperature_c"),
         ] {
             match sensor.validate() {
                 Err(SensorError::Range { parameter: actual, .. }) => assert_eq!(actual, parameter),

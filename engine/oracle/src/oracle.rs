@@ -17,7 +17,7 @@ use esaac_model::paths::SceneMotion;
 use esaac_model::physical::{PhysicalDraws, PhysicalPixel, Readout};
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::{quantise_ns, substep_end_ns};
-use esaac_model::{FrameError, Packet, SensorError, SensorModel, Synthesis};
+use esaac_model::{FrameError, Packet, Pixel, SensorError, SensorModel, Synthesis};
 
 /// Counts of what went wrong or was put off in an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -164,30 +164,23 @@ impl Oracle {
     /// A camera as from [`Oracle::new`], with a choice of how frames are read.
     pub fn with_sampling(sensor: SensorModel, camera: u32, sampling: Sampling) -> Result<Self, SensorError> {
         sensor.validate()?;
+        let sensor = with_dark_level(sensor);
         let constants = draw_constants(&sensor, camera);
         let run = Run::new(&sensor);
-        Ok(Oracle {
-            sensor,
-            camera,
-            sampling,
-            constants,
-            keep_samples: false,
-            scene: None,
-            physical: None,
-            run,
-        })
+        let physical = (sensor.pixel == Pixel::Physical)
+            .then(|| Physical::new(&sensor, camera, sensor.physical_pixel(), Readout::default()));
+        Ok(Oracle { sensor, camera, sampling, constants, keep_samples: false, scene: None, physical, run })
     }
 
-    /// A camera with physical pixels, before its first frame.
+    /// A camera with these physical pixels and a bus, before its first frame.
     pub fn physical(
         sensor: SensorModel,
         pixel: PhysicalPixel,
         readout: Readout,
         camera: u32,
     ) -> Result<Self, SensorError> {
-        pixel.validate()?;
         readout.validate()?;
-        let mut oracle = Oracle::new(sensor, camera)?;
+        let mut oracle = Oracle::new(sensor.with_physical(&pixel), camera)?;
         oracle.physical = Some(Physical::new(&oracle.sensor, camera, pixel, readout));
         Ok(oracle)
     }
@@ -274,11 +267,18 @@ impl Oracle {
         if effects.redraws_pixels {
             self.redraw(draw_constants(&sensor, self.camera));
         }
-        self.sensor = sensor;
-        if let Some(physical) = self.physical.as_mut().filter(|_| effects.redraws_pixels) {
-            let pixel = physical.pixel.clone();
-            physical.draws = Physical::new(&self.sensor, self.camera, pixel, physical.readout).draws;
-        }
+        self.sensor = with_dark_level(sensor);
+        self.physical = match (self.sensor.pixel, self.physical.take()) {
+            (Pixel::Log, _) => None,
+            (Pixel::Physical, old) => {
+                let readout = old.as_ref().map_or_else(Readout::default, |old| old.readout);
+                let new = Physical::new(&self.sensor, self.camera, self.sensor.physical_pixel(), readout);
+                Some(match old {
+                    Some(old) => Physical { pixel: new.pixel, draws: new.draws, ..old },
+                    None => new,
+                })
+            }
+        };
         if effects.resets_frames {
             self.reset();
         }
@@ -466,6 +466,12 @@ impl Oracle {
     fn key(&self, pixel: usize) -> PixelKey {
         PixelKey { seed: self.sensor.seed, camera: self.camera, pixel: pixel as u32 }
     }
+}
+
+/// The sensor with its dark level as `log_offset`, which the synthesis reads.
+fn with_dark_level(sensor: SensorModel) -> SensorModel {
+    let log_offset = sensor.dark_level();
+    SensorModel { log_offset, ..sensor }
 }
 
 fn draw_constants(sensor: &SensorModel, camera: u32) -> Vec<PixelConstants> {

@@ -101,6 +101,7 @@ class SensorModel:
     name: str
     width: int
     height: int
+    pixel: str
     contrast_on: float
     contrast_off: float
     contrast_mismatch: float
@@ -126,6 +127,15 @@ class SensorModel:
     aps_start_ns: int
     aps_gain: float
     aps_bits: int
+    lux_per_unit: float
+    response_e_per_lux_s: float
+    dark_lux: float
+    dark_spread_log: float
+    temperature_c: float
+    photoreceptor_charge_e: float
+    second_pole_hz: float
+    noise_gain: float
+    leak_per_lux_hz: float
     seed: int
 
     def __init__(
@@ -136,7 +146,10 @@ class SensorModel:
         profile: Profile | None = None,
         **parameters: Any,
     ) -> None:
-        """A preset (`"davis346"` by default) or a sensor, changed by a profile and then by parameters."""
+        """A preset (`"davis346"` by default) or a sensor, changed by a profile and then by parameters.
+
+        A preset with `pixel="physical"` has the numbers of that sensor's physical pixel.
+        """
     @staticmethod
     def from_toml(text: str) -> SensorModel: ...
     def to_toml(self) -> str: ...

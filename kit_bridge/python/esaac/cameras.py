@@ -28,6 +28,7 @@ class _Cameras:
     def __init__(self, sensors, lenses, device, packets, packet_ring, tiled):
         lenses = [lens and lens.told() for lens in lenses]
         self._engine = Engine(sensors, lenses, device, packets, packet_ring, tiled)
+        self._compares = False
 
     def close(self):
         """Frees device memory. A second call does nothing; any other call raises `ClosedError`."""

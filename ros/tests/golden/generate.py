@@ -90,7 +90,7 @@ def diagnostics():
 
 # Values that are texts; every number follows from its field's place.
 TEXTS = {
-    "name": "golden", "intensity": "bayer_rggb", "synthesis": "linear", "taps": "bilinear",
+    "name": "golden", "pixel": "physical", "intensity": "bayer_rggb", "synthesis": "linear", "taps": "bilinear",
     "substep_policy": "fixed", "timestamps": "at_sample",
 }
 

@@ -91,6 +91,7 @@ fn a_sensor_with_a_different_value_in_every_field_is_as_golden() {
         let field = &mut fields[parameter.name];
         *field = match (parameter.name, &*field) {
             ("name", _) => "golden".into(),
+            ("pixel", _) => "physical".into(),
             ("intensity", _) => "bayer_rggb".into(),
             ("synthesis", _) => "linear".into(),
             ("taps", _) => "bilinear".into(),

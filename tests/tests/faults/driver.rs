@@ -104,8 +104,8 @@ impl Driver {
                 Ok(Some(now))
             }
             Operation::Change(camera, sensor) => {
-                self.rig.set_sensor(*camera, sensor.clone())?;
-                self.sensors[*camera] = sensor.clone();
+                self.rig.set_sensor(*camera, (**sensor).clone())?;
+                self.sensors[*camera] = (**sensor).clone();
                 Ok(None)
             }
             Operation::Scene(instances) => {

@@ -76,7 +76,7 @@ pub fn depth_and_ids() -> (Vec<u8>, Vec<u8>) {
 #[derive(Clone, Debug)]
 pub enum Operation {
     Step,
-    Change(usize, SensorModel),
+    Change(usize, Box<SensorModel>),
     /// Poses for the first camera, and for as many instances.
     Scene(u32),
     Reset(usize),
@@ -90,17 +90,17 @@ pub fn operations() -> Vec<Operation> {
     vec![
         Operation::Step,
         Operation::Step,
-        Operation::Change(0, bayer),
+        Operation::Change(0, Box::new(bayer)),
         Operation::Step,
         Operation::Scene(1),
-        Operation::Change(0, following()),
+        Operation::Change(0, Box::new(following())),
         Operation::Step,
         Operation::Step,
         Operation::Scene(9),
         Operation::Step,
-        Operation::Change(1, quicker),
+        Operation::Change(1, Box::new(quicker)),
         Operation::Step,
-        Operation::Change(0, flashing()),
+        Operation::Change(0, Box::new(flashing())),
         Operation::Step,
         Operation::Reset(1),
         Operation::Step,

@@ -12,7 +12,7 @@ fn a_state_saved_after_planes_have_grown_is_taken_up_by_any_rig_of_its_sensors()
     let mut driver = Driver::new();
     let expected = undisturbed();
     // Up to the change from a sensor with larger planes back to the one with the smallest.
-    let shrinks = |o: &Operation| matches!(o, Operation::Change(0, sensor) if *sensor == flashing());
+    let shrinks = |o: &Operation| matches!(o, Operation::Change(0, sensor) if **sensor == flashing());
     let last = operations().iter().position(shrinks).expect("a change back");
     for operation in &operations()[..=last] {
         driver.run(operation).expect("no fault");

@@ -56,7 +56,7 @@ impl<'a> InputCheck<'a> {
         InputCheck {
             layout,
             synthesis: sensor.synthesis,
-            log_offset: sensor.log_offset,
+            log_offset: sensor.dark_level(),
             checked: 0,
             before: None,
             vectors: Vec::new(),

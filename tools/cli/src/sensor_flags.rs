@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use clap::builder::PossibleValue;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use esaac_model::presets::preset;
-use esaac_model::{PARAMETERS, PRESETS, Profile, SensorModel};
+use esaac_model::{PARAMETERS, PRESETS, Pixel, Profile, SensorModel};
 use std::path::Path;
 
 /// The flags `--sensor`, `--profile` and one for each parameter, as given.
@@ -33,11 +33,13 @@ pub struct ResolvedSensor {
 
 impl SensorFlags {
     /// Applies preset or file, then the profile, then the parameters' flags. Without `--sensor` it starts
-    /// with `default`, whose size counts as no choice.
+    /// with `default`, whose size counts as no choice. `--pixel physical` with a preset takes the numbers of that
+    /// sensor's physical pixel.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
+        let pixel = self.pixel()?;
         let mut resolved = match &self.sensor {
-            None => ResolvedSensor { sensor: default, size_from: None },
-            Some(given) => named_sensor(given)?,
+            None => ResolvedSensor { sensor: with_pixel(default, pixel), size_from: None },
+            Some(given) => named_sensor(given, pixel)?,
         };
         if let Some(ProfileName(profile)) = self.profile {
             profile.apply(&mut resolved.sensor);
@@ -50,12 +52,28 @@ impl SensorFlags {
         }
         Ok(resolved)
     }
+
+    /// The pixel that a flag names.
+    fn pixel(&self) -> Result<Option<Pixel>> {
+        let Some((parameter, value)) = self.explicit.iter().find(|(parameter, _)| *parameter == "pixel")
+        else {
+            return Ok(None);
+        };
+        let mut named = SensorModel::default();
+        named.set(parameter, value)?;
+        Ok(Some(named.pixel))
+    }
 }
 
-fn named_sensor(given: &str) -> Result<ResolvedSensor> {
+/// A preset with the pixel that a flag names.
+fn with_pixel(preset: SensorModel, pixel: Option<Pixel>) -> SensorModel {
+    if pixel == Some(Pixel::Physical) { preset.with_preset_pixel() } else { preset }
+}
+
+fn named_sensor(given: &str, pixel: Option<Pixel>) -> Result<ResolvedSensor> {
     if let Some(sensor) = preset(given) {
         let size_from = Some(format!("--sensor {given}"));
-        return Ok(ResolvedSensor { sensor, size_from });
+        return Ok(ResolvedSensor { sensor: with_pixel(sensor, pixel), size_from });
     }
     let path = Path::new(given);
     if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
@@ -150,6 +168,21 @@ mod tests {
         assert_eq!((resolved.sensor.width, resolved.sensor.height), (240, 180));
         assert_eq!((resolved.sensor.latency_ns, resolved.sensor.refractory_ns), (7, 500_000));
         assert_eq!(resolved.size_from.as_deref(), Some("--sensor davis240"));
+    }
+
+    #[test]
+    fn the_physical_pixel_takes_the_numbers_of_the_preset() {
+        let resolve = |arguments: &[&str]| parse(arguments).resolve(SensorModel::default()).map(|r| r.sensor);
+        let hd = resolve(&["--sensor", "hd", "--pixel", "physical", "--dark-lux", "0.5"]).unwrap();
+        assert_eq!((hd.pixel, hd.refractory_ns, hd.dark_lux), (Pixel::Physical, 79_000, 0.5));
+        assert_eq!((hd.noise_gain, hd.response_e_per_lux_s), (1.0, 9.4e4));
+        let quiet = resolve(&["--sensor", "hd", "--pixel", "physical", "--profile", "clean"]).unwrap();
+        assert_eq!((quiet.pixel, quiet.refractory_ns, quiet.noise_gain), (Pixel::Physical, 0, 0.0));
+        let plain = resolve(&["--pixel", "physical", "--leak-rate-hz", "-0.5"]).unwrap();
+        assert_eq!((plain.pixel, plain.leak_rate_hz), (Pixel::Physical, -0.5));
+        assert_eq!(plain.contrast_on, 0.337, "the default is a preset, too");
+        assert!(plain.validate().is_ok());
+        assert!(resolve(&["--pixel", "quantum"]).unwrap_err().to_string().contains("pixel"));
     }
 
     #[test]

@@ -3,8 +3,9 @@
 use crate::outcome::Outcome;
 use crate::table;
 use anyhow::{Result, bail};
-use esaac_model::presets::preset;
-use esaac_model::{PARAMETERS, PRESETS, SensorModel};
+use esaac_model::physical::{PhysicalPreset, Sourced, physical_preset};
+use esaac_model::presets::{preset, preset_with_physical_pixel};
+use esaac_model::{PARAMETERS, PRESETS, Pixel, SensorModel};
 use serde::Serialize;
 
 /// Arguments of `sensors`.
@@ -15,6 +16,26 @@ pub struct SensorsArguments {
     /// Print the preset as a sensor file that you can edit
     #[arg(long, requires = "name")]
     pub toml: bool,
+    /// Show the presets with this pixel
+    #[arg(long, value_parser = pixel_named, default_value = "log", value_name = "log|physical")]
+    pub pixel: Pixel,
+}
+
+fn pixel_named(name: &str) -> Result<Pixel, String> {
+    match name {
+        "log" => Ok(Pixel::Log),
+        "physical" => Ok(Pixel::Physical),
+        _ => Err("expected log or physical".to_owned()),
+    }
+}
+
+/// Where a number of a physical pixel comes from.
+#[derive(Serialize)]
+struct SourceRow {
+    parameter: &'static str,
+    value: f64,
+    assumed: bool,
+    source: &'static str,
 }
 
 #[derive(Serialize)]
@@ -30,6 +51,9 @@ struct PresetRow {
     name: &'static str,
     about: &'static str,
     parameters: SensorModel,
+    /// Sources of the physical pixel's numbers.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sources: Vec<SourceRow>,
 }
 
 #[derive(Serialize)]
@@ -40,7 +64,7 @@ struct Listing {
 
 /// Runs the command.
 pub fn run(arguments: &SensorsArguments, json: bool) -> Result<Outcome> {
-    let listing = listing(arguments.name.as_deref())?;
+    let listing = listing(arguments.name.as_deref(), arguments.pixel)?;
     if arguments.toml {
         return Ok(Outcome::complete(annotated_toml(&listing)));
     }
@@ -50,11 +74,22 @@ pub fn run(arguments: &SensorsArguments, json: bool) -> Result<Outcome> {
     Ok(Outcome::complete(text(&listing)))
 }
 
-fn listing(name: Option<&str>) -> Result<Listing> {
+fn listing(name: Option<&str>, pixel: Pixel) -> Result<Listing> {
+    let row = |name: &'static str, about: &'static str| match pixel {
+        Pixel::Log => {
+            PresetRow { name, about, parameters: preset(name).expect("listed"), sources: Vec::new() }
+        }
+        Pixel::Physical => PresetRow {
+            name,
+            about,
+            parameters: preset_with_physical_pixel(name).expect("listed"),
+            sources: sources(physical_preset(name).expect("listed")),
+        },
+    };
     let presets: Vec<PresetRow> = PRESETS
         .iter()
         .filter(|p| name.is_none_or(|name| name == p.name))
-        .map(|p| PresetRow { name: p.name, about: p.about, parameters: preset(p.name).expect("listed") })
+        .map(|p| row(p.name, p.about))
         .collect();
     if presets.is_empty() {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
@@ -77,6 +112,40 @@ fn listing(name: Option<&str>) -> Result<Listing> {
     Ok(Listing { presets, parameters })
 }
 
+/// The numbers of a physical pixel that come from somewhere. Those of its bus are left out: no camera has one.
+fn sources(preset: &PhysicalPreset) -> Vec<SourceRow> {
+    let row = |parameter, sourced: Sourced| SourceRow {
+        parameter,
+        value: sourced.value,
+        assumed: sourced.assumed,
+        source: sourced.source,
+    };
+    let microseconds = |sourced: Sourced| Sourced { value: 1e3 * sourced.value, ..sourced };
+    vec![
+        row("contrast_on", preset.contrast_log[0]),
+        row("contrast_off", preset.contrast_log[1]),
+        row("contrast_mismatch", preset.mismatch_log),
+        row("refractory_ns", microseconds(preset.refractory_us)),
+        row("latency_ns", microseconds(preset.latency_us)),
+        row("timestamp_quantum_ns", preset.tick_ns),
+        row("response_e_per_lux_s", preset.response_e_per_lux_s),
+        row("dark_lux", preset.dark_lux),
+        row("photoreceptor_charge_e", preset.photoreceptor_charge_e),
+        row("second_pole_hz", preset.second_pole_hz),
+        row("leak_rate_hz", preset.leak_rate_hz),
+        row("leak_per_lux_hz", preset.leak_per_lux_hz),
+    ]
+}
+
+fn sources_text(preset: &PresetRow) -> String {
+    let mut rows = vec![["parameter", "value", "", "source"].map(str::to_owned).to_vec()];
+    rows.extend(preset.sources.iter().map(|row| {
+        let assumed = if row.assumed { "assumed" } else { "" };
+        vec![row.parameter.to_owned(), row.value.to_string(), assumed.to_owned(), row.source.to_owned()]
+    }));
+    format!("\nThe physical pixel of {}:\n\n{}", preset.name, table::render(&rows))
+}
+
 fn text(listing: &Listing) -> String {
     let mut presets = vec![["sensor", "width px", "height px", "about"].map(str::to_owned).to_vec()];
     presets.extend(listing.presets.iter().map(|p| {
@@ -88,8 +157,10 @@ fn text(listing: &Listing) -> String {
         let flag = format!("--{}", p.name.replace('_', "-"));
         vec![flag, plain(&p.default), p.unit.to_owned(), p.about.to_owned()]
     }));
+    let with_sources = listing.presets.iter().filter(|preset| !preset.sources.is_empty());
+    let sources: String = with_sources.map(sources_text).collect();
     format!(
-        "{}\nEvery parameter is a flag and a key of a sensor file (`esaac sensors NAME --toml`).\n\n{}",
+        "{}\nEvery parameter is a flag and a key of a sensor file (`esaac sensors NAME --toml`).\n\n{}{sources}",
         table::render(&presets),
         table::render(&parameters)
     )
@@ -119,14 +190,30 @@ mod tests {
     #[test]
     fn the_printed_file_is_the_preset() {
         for p in PRESETS {
-            let text = annotated_toml(&listing(Some(p.name)).unwrap());
+            let text = annotated_toml(&listing(Some(p.name), Pixel::Log).unwrap());
             assert_eq!(SensorModel::from_toml(&text), Ok(preset(p.name).unwrap()), "{text}");
+            let text = annotated_toml(&listing(Some(p.name), Pixel::Physical).unwrap());
+            let expected = preset_with_physical_pixel(p.name).unwrap();
+            assert_eq!(SensorModel::from_toml(&text), Ok(expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn every_number_of_a_physical_pixel_has_a_source() {
+        for preset in listing(None, Pixel::Physical).unwrap().presets {
+            let values = toml::Table::try_from(&preset.parameters).unwrap();
+            for row in &preset.sources {
+                let value = &values[row.parameter];
+                let value = value.as_float().or(value.as_integer().map(|value| value as f64));
+                assert!((value.unwrap() - row.value).abs() < 1e-9, "{} {}", preset.name, row.parameter);
+            }
+            assert!(sources_text(&preset).contains("assumed"), "{}", preset.name);
         }
     }
 
     #[test]
     fn the_table_shows_every_preset_and_parameter() {
-        let text = text(&listing(None).unwrap());
+        let text = text(&listing(None, Pixel::Log).unwrap());
         for name in PRESETS.iter().map(|p| p.name) {
             assert!(text.contains(name), "{name}");
         }

@@ -93,7 +93,7 @@ impl Arena {
                     return Ok(None);
                 }
                 let elements = match slot {
-                    layout::CAMERAS | layout::GEOMETRIES => layout::MAX_CAMERAS as u64,
+                    slot if layout::is_table(slot) => layout::MAX_CAMERAS as u64,
                     layout::REPORT => places.len() as u64,
                     layout::COUNTERS => 2 * places.len() as u64,
                     layout::SAMPLES if options.keep_substeps => {

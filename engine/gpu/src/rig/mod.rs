@@ -47,7 +47,7 @@ use config::check_sensor;
 use esaac_layout::{self as layout, Camera, Counters, StateWord};
 use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
-use esaac_model::{SensorModel, Synthesis};
+use esaac_model::{Pixel, SensorModel, Synthesis};
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
@@ -524,13 +524,16 @@ fn fresh_counters(place: &Place) -> Write {
     Write { slot: layout::COUNTERS, offset, bytes: cast_slice(&fresh).to_vec() }
 }
 
-/// The write of a camera's random draws that are made once per pixel: thresholds and leak, which lie one after the
-/// other in `state`.
+/// The write of a camera's random draws that are made once per pixel: thresholds, and leak or factors, which lie one
+/// after the other in `state`.
 fn pixel_draws(place: &Place, sensor: &SensorModel, camera: u32) -> Write {
     let draws = sensor.pixel_draws(camera);
     let mut bytes = cast_slice(&draws.contrast_on_q24).to_vec();
     bytes.extend_from_slice(cast_slice(&draws.contrast_off_q24));
-    bytes.extend_from_slice(cast_slice(&draws.leak_per_ns));
+    match sensor.pixel {
+        Pixel::Log => bytes.extend_from_slice(cast_slice(&draws.leak_per_ns)),
+        Pixel::Physical => bytes.extend_from_slice(cast_slice(&sensor.pixel_factors(camera))),
+    }
     let first = place.first_element(layout::STATE) + StateWord::ContrastOn as u64 * sensor.pixels() as u64;
     Write { slot: layout::STATE, offset: first * 4, bytes }
 }

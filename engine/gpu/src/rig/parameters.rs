@@ -6,13 +6,14 @@ use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
-    IngestConstants, IngestCpuConstants, QUEUE_PER_PX, SortConstants,
+    IngestConstants, IngestCpuConstants, Physical, QUEUE_PER_PX, SortConstants,
 };
 use esaac_model::paths::Projection;
 use esaac_model::random::HAZARD_FRACTION_BITS;
 use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
 use esaac_model::{
-    IdFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps, log_to_q24,
+    IdFormat, Intensity, LOG_FRACTION_BITS, MotionFormat, Pixel, SensorModel, SubstepPolicy, Synthesis, Taps,
+    Timestamps, log_to_q24,
 };
 
 /// Constants and options that determine which kernels run for a camera.
@@ -20,6 +21,8 @@ use esaac_model::{
 pub(super) struct Permutation {
     /// Whether the kernels are those of synthesis `rigid`.
     pub rigid: bool,
+    /// Whether the kernels are those of the physical pixel.
+    pub physical: bool,
     /// Constants of `ingest`.
     pub ingest: IngestConstants,
     /// Constants of `cross`, for its first run in a tick.
@@ -49,8 +52,16 @@ pub(super) fn permutation(
     let leaves_out = policy.whole_tiles;
     let geometry = camera.config.geometry.filter(|_| is_rigid(sensor));
     let fisheye = geometry.is_some_and(|geometry| geometry.lens.projection() == Projection::Fisheye);
+    let physical = is_physical(sensor);
+    let (leaks, has_noise) = match sensor.pixel {
+        Pixel::Log => (sensor.leak_rate_hz > 0.0, sensor.shot_noise_rate_hz > 0.0),
+        Pixel::Physical => {
+            (sensor.leak_rate_hz != 0.0 || sensor.leak_per_lux_hz != 0.0, sensor.noise_gain > 0.0)
+        }
+    };
     Permutation {
         rigid: is_rigid(sensor),
+        physical,
         ingest: IngestConstants {
             intensity: sensor.intensity,
             half_pel: needs_half_pel(sensor) && sensor.transfers > 0,
@@ -64,8 +75,8 @@ pub(super) fn permutation(
             effect_mismatch: sensor.contrast_mismatch > 0.0,
             // A pixel that is held when the refractory period is switched off stays held until the period ends.
             effect_refractory: sensor.refractory_ns > 0 || camera.last_ns < camera.holds_until_ns,
-            effect_leak: sensor.leak_rate_hz > 0.0,
-            effect_shot: sensor.shot_noise_rate_hz > 0.0,
+            effect_leak: leaks,
+            effect_shot: has_noise,
             effect_delay: sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0,
             at_sample: sensor.timestamps == Timestamps::AtSample,
             effect_aps: sensor.aps_exposure_ns > 0,
@@ -97,8 +108,12 @@ impl Permutation {
     pub(super) fn ingest(&self, policy: KernelPolicy) -> Specialised {
         let mut constants = self.ingest.words();
         let kernel = match policy.kernels {
-            KernelSet::Gpu if self.rigid => stages::INGEST_RIGID_GPU,
-            KernelSet::Gpu => stages::INGEST_GPU,
+            KernelSet::Gpu => match (self.physical, self.rigid) {
+                (false, false) => stages::INGEST_GPU,
+                (false, true) => stages::INGEST_RIGID_GPU,
+                (true, false) => stages::INGEST_PHYSICAL_GPU,
+                (true, true) => stages::INGEST_PHYSICAL_RIGID_GPU,
+            },
             KernelSet::SoftwareDriver => {
                 let own = IngestCpuConstants {
                     by_address: self.by_address,
@@ -106,7 +121,12 @@ impl Permutation {
                     may_be_first: self.may_be_first,
                 };
                 constants.extend(own.words());
-                if self.rigid { stages::INGEST_RIGID_CPU } else { stages::INGEST_CPU }
+                match (self.physical, self.rigid) {
+                    (false, false) => stages::INGEST_CPU,
+                    (false, true) => stages::INGEST_RIGID_CPU,
+                    (true, false) => stages::INGEST_PHYSICAL_CPU,
+                    (true, true) => stages::INGEST_PHYSICAL_RIGID_CPU,
+                }
             }
         };
         Specialised { kernel, constants }
@@ -136,8 +156,12 @@ impl Permutation {
         let queue_per_px = if queue_overflowed { QUEUE_PER_PX } else { self.cross.queue_per_px };
         let mut constants = CrossConstants { queue_overflowed, queue_per_px, ..self.cross }.words();
         let kernel = match policy.kernels {
-            KernelSet::Gpu if self.rigid => stages::CROSS_RIGID_GPU,
-            KernelSet::Gpu => stages::CROSS_GPU,
+            KernelSet::Gpu => match (self.physical, self.rigid) {
+                (false, false) => stages::CROSS_GPU,
+                (false, true) => stages::CROSS_RIGID_GPU,
+                (true, false) => stages::CROSS_PHYSICAL_GPU,
+                (true, true) => stages::CROSS_PHYSICAL_RIGID_GPU,
+            },
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
                     by_address: self.by_address,
@@ -146,7 +170,12 @@ impl Permutation {
                     whole_tiles: policy.whole_tiles,
                 };
                 constants.extend(own.words());
-                if self.rigid { stages::CROSS_RIGID_CPU } else { stages::CROSS_CPU }
+                match (self.physical, self.rigid) {
+                    (false, false) => stages::CROSS_CPU,
+                    (false, true) => stages::CROSS_RIGID_CPU,
+                    (true, false) => stages::CROSS_PHYSICAL_CPU,
+                    (true, true) => stages::CROSS_PHYSICAL_RIGID_CPU,
+                }
             }
         };
         Specialised { kernel, constants }
@@ -258,7 +287,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         substeps_fixed: u32::from(sensor.substep_policy == SubstepPolicy::Fixed),
         no_skip: u32::from(camera.changed),
         exposure_gain: sensor.exposure_gain as f32,
-        log_offset: sensor.log_offset as f32,
+        log_offset: sensor.dark_level() as f32,
         refractory_ns: sensor.refractory_ns,
         latency_ns: sensor.latency_ns,
         latency_jitter_ns: sensor.latency_jitter_ns,
@@ -273,13 +302,32 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         aps_max,
         slot: place.slot,
         samples_base: samples_base(samples, arena.samples_pixels, place.slot),
-        log_dark: sensor.log_offset.ln() as f32,
+        log_dark: sensor.dark_level().ln() as f32,
         frame_words: frame_words(sensor),
         tile_base: place.tile_base,
         many_substeps: camera.many_substeps,
         bin_storage_base: place.bin_storage_base,
         bin_capacity: place.bin_capacity,
         half_pel_stride: if needs_half_pel(sensor) { half_pel_stride(sensor) } else { 0 },
+    }
+}
+
+/// A camera's row of the table of physical pixels.
+pub(super) fn physical_row(sensor: &SensorModel) -> Physical {
+    let pixel = sensor.physical_pixel();
+    let q24 = f64::from(1_u32 << LOG_FRACTION_BITS);
+    let drive_per_s = pixel.drive_per_s(1.0);
+    // Leak for an intensity of 1 and a second.
+    let light_q24 = q24 * sensor.contrast_on * pixel.leak_per_lux_hz * pixel.lux_per_unit;
+    Physical {
+        drive_log: drive_per_s.ln() as f32,
+        second_per_s: pixel.second_pole_per_s() as f32,
+        variance: (pixel.noise_gain * pixel.noise_gain / pixel.photoreceptor_charge_e) as f32,
+        dark_leak_q24_per_s: (q24 * sensor.contrast_on * pixel.leak_hz(0.0, 1.0)) as f32,
+        dark_light_q24_per_s: (light_q24 * pixel.dark_intensity(1.0)) as f32,
+        light_q24_per_charge: (light_q24 / drive_per_s) as f32,
+        unused: 0,
+        also_unused: 0,
     }
 }
 
@@ -312,6 +360,11 @@ pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
 /// Whether surfaces are found in frames and followed along exact paths.
 pub(super) fn is_rigid(sensor: &SensorModel) -> bool {
     sensor.synthesis == Synthesis::Rigid
+}
+
+/// Whether the pixel is the physical one.
+pub(super) fn is_physical(sensor: &SensorModel) -> bool {
+    sensor.pixel == Pixel::Physical
 }
 
 /// Words of a row of the half-pel frame: its samples, and two of border on either side.

@@ -3,7 +3,9 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::code::Code;
-use super::parameters::{Permutation, Specialised, camera_row, is_rigid, permutation, sort};
+use super::parameters::{
+    Permutation, Specialised, camera_row, is_physical, is_rigid, permutation, physical_row, sort,
+};
 use super::scene::{Tables, tables};
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
@@ -215,6 +217,10 @@ impl Rig {
         if self.cameras.iter().any(|camera| is_rigid(&camera.config.sensor)) {
             let geometries: Vec<_> = self.cameras.iter().map(CameraState::geometry_row).collect();
             self.arena.table(layout::GEOMETRIES).write(0, &geometries);
+        }
+        if self.cameras.iter().any(|camera| is_physical(&camera.config.sensor)) {
+            let physicals: Vec<_> = self.cameras.iter().map(|c| physical_row(&c.config.sensor)).collect();
+            self.arena.table(layout::PHYSICALS).write(0, &physicals);
         }
         let order = order(&self.permutations());
         for (row, &camera) in self.parameters.iter_mut().zip(&order) {

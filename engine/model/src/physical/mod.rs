@@ -1,9 +1,8 @@
 //! The physics-grounded pixel: a photoreceptor that is slow in the dark, noise before the comparator, a leak that
 //! depends on light and temperature, and a shared readout. It is an alternative to the log-intensity pixel of the
 //! crate's sections 4 to 6 and shares everything else with it: intensity, synthesis, refractory period, thresholds,
-//! latency, packets.
-//!
-//! So far the model and its reference exist (`esaac-oracle`); the engine does not offer it.
+//! latency, packets. A sensor has it with [`Pixel::Physical`](crate::Pixel). The engine has sections 1 to 5 and 7; the bus
+//! of section 6 is in the reference (`esaac-oracle`) alone.
 //!
 //! Sources: \[1\] Lichtsteiner, Posch, Delbruck, JSSC 43(2), 2008. \[2\] Graca, McReynolds, Delbruck, arXiv 2109.08640
 //! and 2304.04019 (noise of the photoreceptor). \[3\] wengflow/rpg_esim (photoreceptor's circuit). \[4\] Rice, Bell

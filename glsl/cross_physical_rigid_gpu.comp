@@ -1,0 +1,8 @@
+// cross along exact paths, for GPUs: see cross_gpu.glsl.
+// For the physical pixel and synthesis `rigid`.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+
+#define RIGID true
+#define PHYSICAL
+#include "cross_gpu.glsl"

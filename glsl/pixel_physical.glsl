@@ -1,0 +1,554 @@
+// The physical pixel's walk through one interval: photoreceptor, noise before the comparators, crossings, leak and
+// refractory period. Its equations are in the model's `physical`; the oracle's `physical` solves them without
+// approximation.
+//
+// The including kernel calls `begin_walk`, then `walk_substep` for each sub-step in turn, then `end_walk`. It provides
+// `emit(at_ns, on, ordinal)` and `walks_on(ordinal)` (whether a walk goes on after `ordinal` events).
+//
+// A sub-step is cut into parts, in which the photoreceptor's output is a straight line, or two if it turns. With noise, a
+// line is cut into stretches, in which the watched level (output, leak and noise) is one. An event or a release begins a
+// new stretch.
+
+const uint NEVER = 0xffffffffu;
+
+// Most parts of a sub-step.
+const uint MAX_PARTS = 256u;
+// Largest change of the level in a part, nepers.
+const float MAX_CHANGE_LOG = 0.2;
+// Lag of the first stage, nepers, beyond which a part is no longer than half its time constant.
+const float FAR_BEHIND_LOG = 0.5;
+// Distance of a stage from where it settles, nepers, beyond which a part is no longer than half its time constant: there
+// its output bends.
+const float BEND_LOG = 0.001;
+// Time constants of a stage in a part, up to which its output may turn within the part.
+const float STEEP_TURN = 4.0;
+// Largest charge of a part.
+const float MOST_CHARGE = 1e30;
+// Largest phase that is kept.
+const float MOST_PHASE = 40.0;
+// Longest time since a release that is kept, nanoseconds.
+const int LONGEST_NS = 1 << 30;
+// Most of a leak in one part, nepers.
+const float MOST_LEAK_LOG = 32.0;
+
+struct PixelState {
+    int reference;
+    // What the reference has above `reference`, in units of 2^-32 of its last bit.
+    uint fraction;
+    int on_q24;
+    int off_q24;
+    float dark_factor_log;
+    float leak_factor_log;
+    float excess;
+    float lag;
+    // Noise at the last release or, while the pixel is held, at its event; nepers.
+    float noise;
+    // Phase of the first stage since then.
+    float phase;
+    // Time of a release to come (above 0) or of the last one, from the interval's start.
+    int release_ns;
+    // Hazard left, Q27; while the pixel is held, the slope of the noise at its event, 0 for a signal's.
+    uint clock;
+    uint events;
+    // Whether it never had a valid colour.
+    bool silent;
+};
+
+PixelState load_pixel(Camera cam, uint pixel) {
+    PixelState p;
+    p.reference = int(load_state(cam, pixel, STATE_REFERENCE));
+    p.fraction = EFFECT_LEAK ? load_state(cam, pixel, STATE_FRACTION) : 0u;
+    p.on_q24 = EFFECT_MISMATCH ? int(load_state(cam, pixel, STATE_CONTRAST_ON)) : cam.contrast_on_q24;
+    p.off_q24 = EFFECT_MISMATCH ? int(load_state(cam, pixel, STATE_CONTRAST_OFF)) : cam.contrast_off_q24;
+    const vec2 factors = factors_log(cam, pixel);
+    p.dark_factor_log = factors.x;
+    p.leak_factor_log = factors.y;
+    p.excess = uintBitsToFloat(load_state(cam, pixel, STATE_EXCESS));
+    p.lag = uintBitsToFloat(load_state(cam, pixel, STATE_LAG));
+    p.noise = uintBitsToFloat(load_state(cam, pixel, STATE_NOISE));
+    p.phase = uintBitsToFloat(load_state(cam, pixel, STATE_PHASE));
+    p.release_ns = int(load_state(cam, pixel, STATE_RELEASE));
+    p.clock = load_state(cam, pixel, STATE_CLOCK);
+    p.events = load_state(cam, pixel, STATE_EVENTS);
+    p.silent = false;
+    return p;
+}
+
+// Makes an unarmed pixel emit nothing.
+void silence(inout PixelState p, int level) {
+    p.silent = true;
+    p.release_ns = 0;
+}
+
+void store_pixel(Camera cam, uint pixel, PixelState p) {
+    store_state(cam, pixel, STATE_REFERENCE, uint(p.reference));
+    if (EFFECT_LEAK) {
+        store_state(cam, pixel, STATE_FRACTION, p.fraction);
+    }
+    store_state(cam, pixel, STATE_EXCESS, floatBitsToUint(p.excess));
+    store_state(cam, pixel, STATE_LAG, floatBitsToUint(p.lag));
+    store_state(cam, pixel, STATE_NOISE, floatBitsToUint(p.noise));
+    store_state(cam, pixel, STATE_PHASE, floatBitsToUint(p.phase));
+    store_state(cam, pixel, STATE_RELEASE, uint(p.release_ns));
+    if (EFFECT_SHOT) {
+        store_state(cam, pixel, STATE_CLOCK, p.clock);
+    }
+    store_state(cam, pixel, STATE_EVENTS, p.events);
+}
+
+// A walk makes its draws where it needs them. It is never suspended, as that of pixel_log.glsl may be.
+bool needs_draw() {
+    return false;
+}
+
+bool is_suspended() {
+    return false;
+}
+
+#include "chord.glsl"
+
+float nepers(int q24) {
+    return float(q24) * (1.0 / LOG_SCALE);
+}
+
+// The state of a pixel's walk through an interval.
+struct Walk {
+    // At the end of the last sub-step: time after the interval's start, level as it is in the planes, the pixel's own level.
+    uint start;
+    int from_raw;
+    int from_level;
+    // End of the sub-step.
+    uint end;
+    uint ordinal;
+    // When the pixel is released, 0 if it is not held; time of the last event (while it is held) or release.
+    uint held_until;
+    int since_ns;
+    // Noise of the moment, nepers; the deviate of the noise that a signal meets; slope of the noise at the event that
+    // holds the pixel.
+    float noise;
+    float deviate;
+    float slope;
+    // APS: integral of the intensity.
+    float exposed;
+};
+
+// A straight line of the output: a part of a sub-step, or a piece of one.
+struct Part {
+    uint start;
+    uint end;
+    // Output with the leak within the part, Q24; rate of the first stage, per second; phase by which it turns.
+    int from;
+    int to;
+    float from_first;
+    float to_first;
+    float turned;
+};
+
+float share_of(Part part, uint t) {
+    return float(t - part.start) / float(part.end - part.start);
+}
+
+// Output with leak at time t.
+int output_at(Part part, uint t) {
+    return level_at(part.from, part.to, part.start, part.end, t);
+}
+
+// Standard deviation of the noise when nothing is known of it.
+float sigma_at(Camera cam, float first) {
+    return sigma_log(physicals[cam.slot].variance, first, physicals[cam.slot].second_per_s);
+}
+
+// Phase of the second stage from `since_ns` to the time t, which need not be whole.
+float second_phase(Camera cam, Walk w, float t) {
+    return physicals[cam.slot].second_per_s * ((t - float(w.since_ns)) * 1e-9);
+}
+
+// What is known of the noise at a share of the part.
+Law law_at(Camera cam, PixelState p, Walk w, Part part, float share) {
+    const float t = float(part.start) + share * float(part.end - part.start);
+    const float first = lerp(part.from_first, part.to_first, share);
+    const float phase = max(p.phase + share * part.turned, 0.0);
+    return noise_law(p.noise, sigma_at(cam, first), phase, max(second_phase(cam, w, t), 0.0));
+}
+
+// Makes the draws of the renewal that begins.
+void begin_renewal(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    const uint events = p.events + w.ordinal;
+    p.clock = exponential_q27(draw(cam, pixel, STREAM_CLOCK, events).x);
+    w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, events));
+}
+
+// Ends the hold at time t: the reference is what the pixel shows, with the noise of the moment. A renewal begins.
+void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inout Walk w) {
+    float noise = 0.0;
+    const float share = share_of(part, t);
+    if (EFFECT_SHOT) {
+        const float phase = max(p.phase + share * part.turned, 0.0);
+        const float second = max(second_phase(cam, w, float(t)), 0.0);
+        const float sigma = sigma_at(cam, lerp(part.from_first, part.to_first, share));
+        const float lost = clamp(forgotten(phase, second), 0.0, 1.0);
+        const float turned = w.slope == 0.0 ? 0.0 : slope_correlation(phase, second);
+        const float unknown = sqrt(max(lost * (2.0 - lost) - turned * turned, 0.0));
+        const float fresh = normal_from_words(draw(cam, pixel, STREAM_RELEASE, p.events + w.ordinal));
+        noise = correlation(phase, second) * p.noise + sigma * (turned * w.slope + unknown * fresh);
+    }
+    p.noise = noise;
+    w.noise = noise;
+    p.reference = output_at(part, t) + to_q24(noise);
+    w.held_until = 0u;
+    w.since_ns = int(t);
+    p.phase = -share * part.turned;
+}
+
+// Books an event at time t, at which the noise is `noise`: begins the hold or, without a refractory period, the next
+// renewal. `slope` is 0 for a signal.
+void fire(
+    Camera cam, uint pixel, uint t, bool on, float noise, float slope, Part part, inout PixelState p, inout Walk w
+) {
+    const uint at = AT_SAMPLE ? w.end : t;
+    emit(at, on, w.ordinal);
+    w.ordinal += 1u;
+    p.noise = noise;
+    w.noise = noise;
+    w.since_ns = int(t);
+    p.phase = -share_of(part, t) * part.turned;
+    if (EFFECT_REFRACTORY && cam.refractory_ns != 0u) {
+        w.held_until = at + cam.refractory_ns;
+        w.slope = slope;
+    } else {
+        p.reference += on ? p.on_q24 : -p.off_q24;
+    }
+}
+
+// A stretch of a part: the watched level is a straight line.
+struct Stretch {
+    uint start;
+    uint end;
+    int from;
+    int to;
+};
+
+// The stretch of a noisy pixel that begins now. Noise moves fast after a release: a stretch is no longer than the faster
+// pole's time constant or twice the time since the release.
+Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out float noise) {
+    uint end = part.end;
+    const float phase = p.phase + share_of(part, now) * part.turned;
+    if (min(phase, second_phase(cam, w, float(now))) < FORGOTTEN_PHASE) {
+        const float fastest = max(max(part.from_first, part.to_first), physicals[cam.slot].second_per_s);
+        const float longest_ns = max(1e9 / fastest, 2.0 * float(int(now) - w.since_ns));
+        const uint rest = part.end - now;
+        end = longest_ns < float(rest) ? now + max(uint(longest_ns), 1u) : part.end;
+    }
+    const Law law = law_at(cam, p, w, part, share_of(part, end));
+    noise = law.mean + law.deviation * w.deviate;
+    return Stretch(now, end, output_at(part, now) + to_q24(w.noise), output_at(part, end) + to_q24(noise));
+}
+
+// Hazards of OFF and ON noise at a share of the part.
+vec2 hazards_at(Camera cam, float share, Part part, PixelState p, Walk w) {
+    const float above = lerp(nepers(part.from - p.reference), nepers(part.to - p.reference), share);
+    const vec2 thresholds = vec2(nepers(p.off_q24), nepers(p.on_q24));
+    const float first = lerp(part.from_first, part.to_first, share);
+    return hazards_per_s(above, law_at(cam, p, w, part, share), thresholds, first, physicals[cam.slot].second_per_s);
+}
+
+// Hazard of both halves of a stretch, each as at its Gauss point.
+vec2 stretch_hazard(Camera cam, Stretch stretch, Part part, PixelState p, Walk w) {
+    if (stretch.end == stretch.start) {
+        return vec2(0.0);
+    }
+    const vec2 ends = vec2(share_of(part, stretch.start), share_of(part, stretch.end));
+    const vec2 early = hazards_at(cam, lerp(ends.x, ends.y, 0.21132487), part, p, w);
+    const vec2 late = hazards_at(cam, lerp(ends.x, ends.y, 0.78867513), part, p, w);
+    const float half_s = 0.5e-9 * float(stretch.end - stretch.start);
+    return half_s * vec2(early.x + early.y, late.x + late.y);
+}
+
+// Time at which the clock has run out, which it does within the stretch.
+uint noise_time(Stretch stretch, vec2 hazard, float clock) {
+    const float share = clock < hazard.x ? 0.5 * clock / hazard.x : 0.5 + 0.5 * (clock - hazard.x) / hazard.y;
+    return time_in_substep(stretch.start, stretch.end, min(share, 1.0), 1.0);
+}
+
+// Spends hazard that the clock has.
+uint spend(uint clock, float hazard) {
+    return clock - min(clock, uint(roundEven(hazard * float(1u << HAZARD_FRACTION_BITS))));
+}
+
+// Walks the pixel over a part, whose output is known.
+void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Walk w) {
+    Stretch stretch = Stretch(part.start, part.end, part.from, part.to);
+    uint now = part.start;
+    // Draws are long. The software driver makes all those that stand in a loop, so they stand there once.
+    bool renews = false;
+    bool goes_on = true;
+    do {
+        if (EFFECT_REFRACTORY && w.held_until != 0u) {
+            if (w.held_until > part.end) {
+                break;
+            }
+            now = max(w.held_until, part.start);
+            release(cam, pixel, now, part, p, w);
+            renews = true;
+        }
+        if (EFFECT_SHOT && renews) {
+            begin_renewal(cam, pixel, p, w);
+            renews = false;
+        }
+        float noise = 0.0;
+        vec2 hazard = vec2(0.0);
+        if (EFFECT_SHOT) {
+            stretch = noisy_stretch(cam, now, part, p, w, noise);
+            hazard = stretch_hazard(cam, stretch, part, p, w);
+        }
+        // After a change of parameters the level may lie beyond a threshold from the start.
+        const bool settles = cam.no_skip != 0u && now <= 1u && stretch.end != stretch.start;
+        const int from = settles ? level_at(stretch.from, stretch.to, stretch.start, stretch.end, now) : p.reference;
+        const bool starts_above = from - p.reference >= p.on_q24;
+        const bool starts_beyond = starts_above || p.reference - from >= p.off_q24;
+        const bool rises = starts_beyond ? starts_above : stretch.to - p.reference >= p.on_q24;
+        const bool falls = starts_beyond ? !starts_above : p.reference - stretch.to >= p.off_q24;
+        uint signal_at = NEVER;
+        if (rises || falls) {
+            const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
+            const int to_go = rises ? level - stretch.from : stretch.from - level;
+            const int slope = abs(stretch.to - stretch.from);
+            signal_at = to_go > 0 && !starts_beyond && stretch.end != stretch.start
+                ? time_in_substep(stretch.start, stretch.end, float(to_go), float(slope))
+                : now;
+            // The first instant of a sub-step belongs to the one before.
+            signal_at = max(max(signal_at, now), w.start + 1u);
+        }
+        uint noise_at = NEVER;
+        if (EFFECT_SHOT) {
+            const float clock = float(p.clock) / float(1u << HAZARD_FRACTION_BITS);
+            if (clock < hazard.x + hazard.y) {
+                noise_at = noise_time(stretch, hazard, clock);
+            } else if (signal_at == NEVER) {
+                p.clock = spend(p.clock, hazard.x + hazard.y);
+            }
+        }
+        if (signal_at == NEVER && noise_at == NEVER) {
+            now = stretch.end;
+            w.noise = noise;
+            goes_on = now < part.end;
+        } else if (signal_at <= noise_at) {
+            now = min(signal_at, part.end);
+            float met = 0.0;
+            if (EFFECT_SHOT) {
+                met = stretch.end == stretch.start
+                    ? w.noise
+                    : lerp(w.noise, noise, float(now - stretch.start) / float(stretch.end - stretch.start));
+            }
+            fire(cam, pixel, now, rises, met, 0.0, part, p, w);
+            renews = w.held_until == 0u;
+        } else {
+            now = noise_at;
+            const vec2 hazards = hazards_at(cam, share_of(part, now), part, p, w);
+            const uvec4 words = draw(cam, pixel, STREAM_CLOCK, p.events + w.ordinal);
+            const bool on = float(words.y) * (1.0 / 4294967296.0) * (hazards.x + hazards.y) < hazards.y;
+            // The noise lifts the output to the threshold.
+            const int reached = p.reference + (on ? p.on_q24 : -p.off_q24);
+            const float slope = sqrt(2.0 * exponential_of(words.z));
+            const float lifted = nepers(reached - output_at(part, now));
+            fire(cam, pixel, now, on, lifted, on ? slope : -slope, part, p, w);
+            renews = w.held_until == 0u;
+        }
+    } while (goes_on && walks_on(w.ordinal));
+}
+
+// Lowers the reference by what leaks away in `duration_s` and by the charge that the light drives in it. Returns the
+// whole units of Q24; the rest stays in the fraction.
+int leak(Camera cam, float duration_s, float charge, inout PixelState p) {
+    const Physical physical = physicals[cam.slot];
+    const float in_the_dark = physical.dark_leak_q24_per_s * exp(p.leak_factor_log)
+        - physical.dark_light_q24_per_s * exp(p.dark_factor_log);
+    const float most = MOST_LEAK_LOG * LOG_SCALE;
+    const float fall = clamp(in_the_dark * duration_s + physical.light_q24_per_charge * charge, -most, most);
+    const float whole = floor(abs(fall));
+    const uint rest = uint(min((abs(fall) - whole) * 4294967296.0, 4294967040.0));
+    uint over;
+    if (fall > 0.0) {
+        p.fraction = usubBorrow(p.fraction, rest, over);
+        return int(whole) + int(over);
+    }
+    p.fraction = uaddCarry(p.fraction, rest, over);
+    return -int(whole) - int(over);
+}
+
+// Slope of the output, nepers in a part of `duration_s` in which the second stage turns by `second`: that of the slower
+// stage, whose output the other follows.
+float output_slope(float drive, float duration_s, float second, PixelState p) {
+    return second < STEEP_TURN
+        ? -second * (log_1p(p.excess) + p.lag)
+        : drive * duration_s * (p.excess / (1.0 + p.excess));
+}
+
+// The instant within a part at which the output turns, and the output then; the part's end if it does not turn.
+// `from_slope` and `to_slope` are the slopes at both ends, nepers in a part.
+uint turning_point(Part part, float from_slope, float to_slope, out int output_q24) {
+    output_q24 = part.to;
+    const uint span = part.end - part.start;
+    if (from_slope * to_slope >= 0.0 || span < 2u) {
+        return part.end;
+    }
+    const uint into = clamp(uint(float(span) * (from_slope / (from_slope - to_slope))), 1u, span - 1u);
+    // The cubic through both ends with both slopes.
+    const float u = float(into) / float(span);
+    const float v = 1.0 - u;
+    const float beyond = u * v * v * from_slope - u * u * v * to_slope;
+    const float change = u * u * (3.0 - 2.0 * u) * nepers(part.to - part.from);
+    output_q24 = part.from + to_q24(clamp(change + beyond, -MAX_CHANGE_LOG, MAX_CHANGE_LOG));
+    return part.start + into;
+}
+
+// Walks a part, from `level` to `next_level`.
+void walk_part(
+    Camera cam, uint pixel, uint start, uint end, int level, int next_level, inout PixelState p, inout Walk w
+) {
+    const float duration_s = float(end - start) * 1e-9;
+    const float change = nepers(next_level - level);
+    const float drive = drive_per_s(cam, level);
+    const float next_drive = drive_per_s(cam, next_level);
+    const float charge = min(drive * duration_s * phi(change), MOST_CHARGE);
+    const float second = physicals[cam.slot].second_per_s * duration_s;
+    Part part;
+    part.start = start;
+    part.end = end;
+    part.from = level + to_q24(p.lag);
+    part.from_first = drive / (1.0 + p.excess);
+    const float from_slope = output_slope(drive, duration_s, second, p);
+    part.turned = advance_photoreceptor(charge, change, second, p.excess, p.lag);
+    const float to_slope = output_slope(next_drive, duration_s, second, p);
+    const int leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, p) : 0;
+    part.to = next_level + to_q24(p.lag) + leaked;
+    part.to_first = next_drive / (1.0 + p.excess);
+    // Two straight lines, up to the turn and from it, reach what one would cut off.
+    int output_q24;
+    const bool bends = min(second, charge) < STEEP_TURN;
+    const uint turn = turning_point(part, bends ? from_slope : 0.0, to_slope, output_q24);
+    Part piece = part;
+    do {
+        const float share = share_of(part, turn);
+        const bool is_first = piece.start == start && turn != end;
+        piece.end = is_first ? turn : end;
+        piece.to = is_first ? output_q24 : part.to;
+        piece.to_first = is_first ? lerp(part.from_first, part.to_first, share) : part.to_first;
+        piece.turned = part.turned * (turn == end ? 1.0 : is_first ? share : 1.0 - share);
+        watch_part(cam, pixel, piece, p, w);
+        p.phase = clamp(p.phase + piece.turned, 0.0, MOST_PHASE);
+        piece.start = piece.end;
+        piece.from = piece.to;
+        piece.from_first = piece.to_first;
+    } while (piece.start < end && walks_on(w.ordinal));
+    p.reference -= leaked;
+}
+
+// End of the part that begins at `start`, so that it is short enough for straight lines. `change` is that of the level
+// up to `end`, `most_change` that of a part.
+uint part_end(Camera cam, uint start, uint end, int level, float change, float most_change, PixelState p) {
+    const float rest_ns = float(end - start);
+    // Time constants of both stages up to `end`, the first one's at its present rate.
+    const float drive = drive_per_s(cam, level);
+    const float first = drive * (rest_ns * 1e-9);
+    const float second = physicals[cam.slot].second_per_s * (rest_ns * 1e-9);
+    float share = 1.0 / max(ceil(abs(change) / most_change), 1.0);
+    const float behind = log_1p(p.excess);
+    // Where the first stage would settle in light that goes on changing like this, and the second one behind the first.
+    const float first_settled = -log_1p(-min(change / first, 0.9));
+    const float node_per_s = drive * (p.excess / (1.0 + p.excess));
+    const float second_settled = -(behind + node_per_s / physicals[cam.slot].second_per_s);
+    const bool first_bends = abs(behind) > FAR_BEHIND_LOG || abs(behind - first_settled) > BEND_LOG;
+    if (first_bends && first * share > 0.5) {
+        share = 0.5 / first;
+    }
+    if (abs(p.lag - second_settled) > BEND_LOG && second * share > 0.5) {
+        share = 0.5 / second;
+    }
+    const float part_ns = ceil(share * rest_ns);
+    return part_ns < rest_ns ? start + max(uint(part_ns), 1u) : end;
+}
+
+// Begins a walk. `level` is that at the interval's start.
+Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_end, inout PixelState p) {
+    Walk w;
+    w.start = 0u;
+    w.from_raw = level;
+    w.from_level = own_level(cam, level, p.dark_factor_log);
+    w.end = 0u;
+    w.ordinal = 0u;
+    w.held_until = 0u;
+    w.since_ns = p.release_ns;
+    w.noise = 0.0;
+    w.deviate = 0.0;
+    w.slope = 0.0;
+    w.exposed = 0.0;
+    if (EFFECT_REFRACTORY && p.release_ns > 0) {
+        w.held_until = uint(p.release_ns);
+        w.since_ns = p.release_ns - int(cam.refractory_ns);
+        w.slope = EFFECT_SHOT ? uintBitsToFloat(p.clock) : 0.0;
+    } else if (EFFECT_SHOT && !p.silent) {
+        w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, p.events));
+        const float first = drive_per_s(cam, w.from_level) / (1.0 + p.excess);
+        const Law law = noise_law(p.noise, sigma_at(cam, first), p.phase, second_phase(cam, w, 0.0));
+        w.noise = law.mean + law.deviation * w.deviate;
+    }
+    return w;
+}
+
+// Adds the exposure of a sub-step.
+void expose(Camera cam, uint end, int to_raw, inout Walk w) {
+    const uint first = max(w.start, cam.aps_start_ns);
+    const uint last = min(end, cam.aps_end_ns);
+    if (first < last) {
+        const float mid = (0.5 * (float(first - w.start) + float(last - w.start))) / float(end - w.start);
+        const vec2 seen = exp(vec2(nepers(w.from_raw), nepers(to_raw))) - cam.log_offset;
+        w.exposed += lerp(seen.x, seen.y, mid) * float(last - first);
+    }
+}
+
+// Walks one sub-step, from the end of the last one to `end`, where the log intensity is `to_raw`.
+void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState p, inout Walk w) {
+    if (end == w.start) {
+        // A sub-step shorter than a nanosecond joins the next one.
+        return;
+    }
+    if (EFFECT_APS) {
+        expose(cam, end, to_raw, w);
+    }
+    const int to_level = own_level(cam, to_raw, p.dark_factor_log);
+    w.end = end;
+    if (!p.silent) {
+        const float most_change = max(MAX_CHANGE_LOG, abs(nepers(to_level - w.from_level)) * (1.0 / 48.0));
+        uint start = w.start;
+        int level = w.from_level;
+        uint parts = 0u;
+        do {
+            parts += 1u;
+            uint until = end;
+            if (parts < MAX_PARTS) {
+                until = part_end(cam, start, end, level, nepers(to_level - level), most_change, p);
+            }
+            const int next = until == end ? to_level : level_at(w.from_level, to_level, w.start, end, until);
+            walk_part(cam, pixel, start, until, level, next, p, w);
+            start = until;
+            level = next;
+        } while (start < end && walks_on(w.ordinal));
+    }
+    w.from_raw = to_raw;
+    w.from_level = to_level;
+    w.start = end;
+}
+
+// Called by a kernel only where a walk may be suspended.
+void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {}
+
+void end_walk(Camera cam, Walk w, inout PixelState p) {
+    p.events += w.ordinal;
+    if (EFFECT_REFRACTORY && w.held_until > w.start) {
+        p.release_ns = int(w.held_until - w.start);
+        p.clock = floatBitsToUint(w.slope);
+    } else {
+        p.release_ns = max(w.since_ns - int(w.start), -LONGEST_NS);
+    }
+}

@@ -1,0 +1,61 @@
+// State of the physical pixel: where its words lie, what is drawn once per pixel, and how it starts. Its walk through an
+// interval is in pixel_physical.glsl.
+
+layout(set = 0, binding = SLOT_PHYSICALS, std140) uniform Buffer_physicals { Physical physicals[MAX_CAMERAS]; };
+
+#include "photoreceptor.glsl"
+#include "pixel_noise.glsl"
+
+// Logarithms of the slowest and fastest rate of the first stage, per second; rates beyond are no different.
+const float LEAST_RATE_LOG = -40.0;
+const float MOST_RATE_LOG = 60.0;
+
+uint state_index(Camera cam, uint pixel, uint word) {
+    return cam.state_base + word * cam.pixels + pixel;
+}
+
+uint load_state(Camera cam, uint pixel, uint word) {
+    return state[state_index(cam, pixel, word)];
+}
+
+void store_state(Camera cam, uint pixel, uint word, uint value) {
+    state[state_index(cam, pixel, word)] = value;
+}
+
+// Logarithms of the pixel's dark current and leak, relative to the nominal ones.
+vec2 factors_log(Camera cam, uint pixel) {
+    const int word = int(load_state(cam, pixel, STATE_FACTORS));
+    return vec2(bitfieldExtract(word, 0, 16), bitfieldExtract(word, 16, 16)) / FACTOR_UNITS;
+}
+
+// The pixel's level: the planes have the nominal dark current in them, the pixel its own.
+int own_level(Camera cam, int level_q24, float dark_factor_log) {
+    if (dark_factor_log == 0.0) {
+        return level_q24;
+    }
+    const float light = max(exp(float(level_q24) * (1.0 / LOG_SCALE)) - cam.log_offset, 0.0);
+    return to_q24(log(light + cam.log_offset * exp(dark_factor_log)));
+}
+
+// Rate that light and dark current drive together, per second.
+float drive_per_s(Camera cam, int level_q24) {
+    const float rate_log = float(level_q24) * (1.0 / LOG_SCALE) + physicals[cam.slot].drive_log;
+    return exp(clamp(rate_log, LEAST_RATE_LOG, MOST_RATE_LOG));
+}
+
+// Arms a settled pixel: its reference is its level with the noise of the moment.
+void arm_pixel(Camera cam, uint pixel, int log_q24) {
+    const Physical physical = physicals[cam.slot];
+    const int level = own_level(cam, log_q24, factors_log(cam, pixel).x);
+    const float sigma = sigma_log(physical.variance, drive_per_s(cam, level), physical.second_per_s);
+    const float noise = sigma * normal_from_words(draw(cam, pixel, STREAM_RELEASE, 0u));
+    store_state(cam, pixel, STATE_REFERENCE, uint(level + to_q24(noise)));
+    store_state(cam, pixel, STATE_FRACTION, 0u);
+    store_state(cam, pixel, STATE_EXCESS, 0u);
+    store_state(cam, pixel, STATE_LAG, 0u);
+    store_state(cam, pixel, STATE_NOISE, floatBitsToUint(noise));
+    store_state(cam, pixel, STATE_PHASE, 0u);
+    store_state(cam, pixel, STATE_RELEASE, 0u);
+    store_state(cam, pixel, STATE_CLOCK, exponential_q27(draw(cam, pixel, STREAM_CLOCK, 0u).x));
+    store_state(cam, pixel, STATE_EVENTS, 0u);
+}
