@@ -6,24 +6,35 @@
 
 use super::CameraState;
 use super::machine::TickEnd;
-use esaac_layout::{Counters, QUEUE_PER_PX};
+use esaac_layout::{CROSS_THREADS, Counters, INGEST_THREADS, QUEUE_PER_PX};
 
-/// Queues grow if more than one tile in this many overflows. Below that, running a few sub-tiles again costs less than
-/// a longer queue for all.
-const TILES_PER_OVERFLOW: u64 = 1024;
+/// What a second run costs before its first sub-tile, in walks of a sub-tile.
+const RERUN_WALKS: u64 = 256;
 
-/// Queues shrink if for this many ticks each pixel has had, on average, less than one event in [`QUIET_SHARE`] of their
-/// length.
-const QUIET_TICKS: u32 = 100;
+/// Walks that each sub-tile of a second run costs.
+const OVERFLOW_WALKS: u64 = 2;
+
+/// What a queue of twice the first length costs: a walk for every so many sub-tiles.
+const SUB_TILES_PER_WALK: u64 = 8;
+
+/// Queues grow once so many ticks in a row would have been cheaper with a longer one.
+const BUSY_TICKS: u32 = 2;
+
+/// Queues shrink once for so many ticks in a row each pixel has had, on average, less than one event in
+/// [`QUIET_SHARE`] of their length.
+const QUIET_TICKS: u32 = 30;
 
 /// See [`QUIET_TICKS`].
 const QUIET_SHARE: u64 = 8;
+
+/// Sub-tiles of a tile.
+const SUB_TILES: u64 = (INGEST_THREADS / CROSS_THREADS) as u64;
 
 /// What a tick tells about the queues of its cameras.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Load {
     pixels: u64,
-    tiles: u64,
+    sub_tiles: u64,
     events: u64,
     overflows: u64,
 }
@@ -35,7 +46,7 @@ impl Load {
         for (camera, counters) in cameras.iter().zip(&end.counters) {
             let Some(Counters { emitted, .. }) = *counters else { continue };
             load.pixels += u64::from(camera.place.pixels);
-            load.tiles += u64::from(camera.place.tiles);
+            load.sub_tiles += u64::from(camera.place.tiles) * SUB_TILES;
             load.events += u64::from(emitted);
         }
         load
@@ -46,16 +57,21 @@ impl Load {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct QueueLength {
     per_px: u32,
+    busy_ticks: u32,
     quiet_ticks: u32,
 }
 
 impl Default for QueueLength {
     fn default() -> Self {
-        QueueLength { per_px: QUEUE_PER_PX, quiet_ticks: 0 }
+        QueueLength::of(QUEUE_PER_PX)
     }
 }
 
 impl QueueLength {
+    fn of(per_px: u32) -> Self {
+        QueueLength { per_px, busy_ticks: 0, quiet_ticks: 0 }
+    }
+
     /// Events that a queue has room for, for each pixel of a sub-tile.
     pub(super) fn per_px(self) -> u32 {
         self.per_px
@@ -63,16 +79,22 @@ impl QueueLength {
 
     /// Adapts the length after a tick. `most_per_px` limits it.
     pub(super) fn follow(&mut self, load: Load, most_per_px: u32) {
-        if load.overflows * TILES_PER_OVERFLOW > load.tiles {
-            *self =
-                QueueLength { per_px: (2 * self.per_px).min(most_per_px.max(self.per_px)), quiet_ticks: 0 };
-            return;
-        }
         let is_quiet = load.events * QUIET_SHARE < load.pixels * u64::from(self.per_px);
-        self.quiet_ticks = if is_quiet { self.quiet_ticks + 1 } else { 0 };
-        if self.quiet_ticks >= QUIET_TICKS {
-            *self = QueueLength { per_px: (self.per_px / 2).max(QUEUE_PER_PX), quiet_ticks: 0 };
+        self.busy_ticks = if self.is_too_short(load) { self.busy_ticks + 1 } else { 0 };
+        self.quiet_ticks = if is_quiet && self.busy_ticks == 0 { self.quiet_ticks + 1 } else { 0 };
+        if self.busy_ticks >= BUSY_TICKS {
+            *self = QueueLength::of((2 * self.per_px).min(most_per_px.max(self.per_px)));
+        } else if self.quiet_ticks >= QUIET_TICKS {
+            *self = QueueLength::of((self.per_px / 2).max(QUEUE_PER_PX));
         }
+    }
+
+    /// Whether a queue of twice the length would have cost less than running sub-tiles again. Shared memory grows with
+    /// the length, and what a queue costs grows faster.
+    fn is_too_short(self, load: Load) -> bool {
+        let times_first = u64::from(self.per_px / QUEUE_PER_PX);
+        let longer = load.sub_tiles * times_first.pow(3) / SUB_TILES_PER_WALK;
+        load.overflows > 0 && RERUN_WALKS + OVERFLOW_WALKS * load.overflows > longer
     }
 }
 
@@ -82,43 +104,55 @@ mod tests {
 
     const MOST: u32 = 32;
 
+    /// An image of 1280x720 pixels.
     fn load(events_per_px: u64, overflows: u64) -> Load {
-        Load { pixels: 10_000, tiles: 2048, events: events_per_px * 10_000, overflows }
+        Load { pixels: 921_600, sub_tiles: 7200, events: events_per_px * 921_600, overflows }
+    }
+
+    /// The lengths after each of `ticks` ticks.
+    fn lengths(load: Load, ticks: usize) -> Vec<u32> {
+        let mut length = QueueLength::default();
+        let mut after = || {
+            length.follow(load, MOST);
+            length.per_px()
+        };
+        (0..ticks).map(|_| after()).collect()
     }
 
     #[test]
     fn queues_grow_with_overflows_up_to_the_limit() {
-        let mut length = QueueLength::default();
-        let mut seen = Vec::new();
-        for _ in 0..4 {
-            length.follow(load(20, 3), MOST);
-            seen.push(length.per_px());
-        }
-        assert_eq!(seen, [16, 32, 32, 32]);
+        assert_eq!(lengths(load(20, 7000), 6), [8, 16, 16, 32, 32, 32]);
     }
 
     #[test]
-    fn few_overflows_of_many_tiles_change_nothing() {
+    fn a_longer_queue_must_be_worth_what_it_costs() {
+        // A seventh of the sub-tiles: worth twice the length, but not four times.
+        assert_eq!(lengths(load(5, 1000), 6), [8, 16, 16, 16, 16, 16]);
+        assert_eq!(lengths(load(2, 300), 4), [8; 4]);
+        // In a small image the second run itself costs most.
+        let small = Load { pixels: 43_200, sub_tiles: 338, events: 100_000, overflows: 1 };
+        assert_eq!(lengths(small, 4), [8, 16, 16, 16]);
+    }
+
+    #[test]
+    fn one_busy_tick_is_no_reason_to_grow() {
         let mut length = QueueLength::default();
-        length.follow(load(5, 2), MOST);
-        assert_eq!(length.per_px(), QUEUE_PER_PX);
-        length.follow(load(5, 3), MOST);
-        assert_eq!(length.per_px(), 2 * QUEUE_PER_PX);
+        for overflows in [7000, 0, 7000, 0] {
+            length.follow(load(5, overflows), MOST);
+            assert_eq!(length.per_px(), QUEUE_PER_PX);
+        }
     }
 
     #[test]
     fn queues_shrink_after_a_quiet_time_that_nothing_interrupts() {
-        let mut length = QueueLength::default();
-        length.follow(load(20, 3), MOST);
-        for _ in 1..QUIET_TICKS {
-            length.follow(load(1, 0), MOST);
+        let mut length = QueueLength::of(2 * QUEUE_PER_PX);
+        for events_per_px in [1, 2] {
+            for _ in 1..QUIET_TICKS {
+                length.follow(load(1, 0), MOST);
+            }
+            assert_eq!(length.per_px(), 2 * QUEUE_PER_PX);
+            length.follow(load(3 - events_per_px, 0), MOST);
         }
-        length.follow(load(2, 0), MOST);
-        for _ in 1..QUIET_TICKS {
-            length.follow(load(1, 0), MOST);
-        }
-        assert_eq!(length.per_px(), 2 * QUEUE_PER_PX);
-        length.follow(load(1, 0), MOST);
         assert_eq!(length, QueueLength::default());
     }
 
