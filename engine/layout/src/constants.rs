@@ -253,8 +253,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..13).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [13, 14, 15, 16]);
+        assert_eq!(ids(CrossConstants::LIST), (0..14).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [14, 15, 16, 17]);
     }
 
     #[test]
