@@ -35,6 +35,7 @@ uvec2 corner;
 #include "paths.glsl"
 #include "candidates.glsl"
 #include "rigid.glsl"
+#include "state_words.glsl"
 #ifdef PHYSICAL
 #include "pixel_physical_state.glsl"
 #else

@@ -11,6 +11,7 @@
 // for the kernel of the physical pixel; CHANNELS, the number of colour components; COMPONENTS, how many of them a
 // workgroup takes, from `first_component()` on; `is_first(cam)`; frame loads and `store_pair`.
 
+#include "state_words.glsl"
 #ifdef PHYSICAL
 #include "pixel_physical_state.glsl"
 #else

@@ -3,18 +3,6 @@
 
 const int64_t NOT_HELD = int64_t(0x8000000000000000ul);
 
-uint state_index(Camera cam, uint pixel, uint word) {
-    return cam.state_base + word * cam.pixels + pixel;
-}
-
-uint load_state(Camera cam, uint pixel, uint word) {
-    return state[state_index(cam, pixel, word)];
-}
-
-void store_state(Camera cam, uint pixel, uint word, uint value) {
-    state[state_index(cam, pixel, word)] = value;
-}
-
 // Hazard until a shot: Exp(1), scaled by the pixel's own threshold, since a pixel with a smaller threshold fires more
 // often.
 uint shot_hazard(Camera cam, uint pixel, uint stream, uint index, int threshold_q24, int nominal_q24) {

@@ -10,18 +10,6 @@ layout(set = 0, binding = SLOT_PHYSICALS, std140) uniform Buffer_physicals { Phy
 const float LEAST_RATE_LOG = -40.0;
 const float MOST_RATE_LOG = 60.0;
 
-uint state_index(Camera cam, uint pixel, uint word) {
-    return cam.state_base + word * cam.pixels + pixel;
-}
-
-uint load_state(Camera cam, uint pixel, uint word) {
-    return state[state_index(cam, pixel, word)];
-}
-
-void store_state(Camera cam, uint pixel, uint word, uint value) {
-    state[state_index(cam, pixel, word)] = value;
-}
-
 // Logarithms of the pixel's dark current and leak, relative to the nominal ones.
 vec2 factors_log(Camera cam, uint pixel) {
     const int word = int(load_state(cam, pixel, STATE_FACTORS));

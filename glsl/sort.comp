@@ -136,23 +136,14 @@ uint rank_among(uint e, uint first, uint last) {
     return rank;
 }
 
-// Writes the `length` events that `split_sort` has put in order as events [first, first + length) of the packet; a
-// subgroup writes whole lines.
-void write_in_order(Camera cam, uint first, uint length) {
+// Writes keys as events [first, first + length) of the packet; a subgroup writes whole lines. `split`: the keys in the
+// order that `split_sort` has found, else keys [from, from + length).
+void write_keys(Camera cam, uint first, uint length, uint from, bool split) {
     const uint line = first & ~31u;
     for (uint position = line + gl_LocalInvocationID.x; position < first + length; position += gl_WorkGroupSize.x) {
         if (position >= first) {
-            write_out(cam, position, keys[in_order[position - first]]);
-        }
-    }
-}
-
-// Writes keys [from, from + length) likewise.
-void write_keys(Camera cam, uint first, uint length, uint from) {
-    const uint line = first & ~31u;
-    for (uint position = line + gl_LocalInvocationID.x; position < first + length; position += gl_WorkGroupSize.x) {
-        if (position >= first) {
-            write_out(cam, position, keys[from + position - first]);
+            const uint e = position - first;
+            write_out(cam, position, keys[split ? uint(in_order[e]) : from + e]);
         }
     }
 }
@@ -199,7 +190,7 @@ void rank_group(Camera cam, uint first_bin, uint length, uint largest, uint over
         keys[RANKED_EVENTS + offsets[bin] + rank_among(e, offsets[bin], offsets[bin] + counts[bin])] = keys[e];
     }
     barrier();
-    write_keys(cam, position, length, RANKED_EVENTS);
+    write_keys(cam, position, length, RANKED_EVENTS, false);
 }
 
 // Sorts the group's events, as many bins at once as fit shared memory.
@@ -214,12 +205,11 @@ void split_group(Camera cam, uint first_bin, uint overflow_count, uint position)
         }
         const uint length = offsets[last - 1u] + counts[last - 1u] - offsets[first];
         load_bins(cam, first_bin, first, last, largest_of(first, last), overflow_count);
-        if (split_sort(length)) {
-            write_in_order(cam, position + offsets[first], length);
-        } else {
+        const bool split = split_sort(length);
+        if (!split) {
             bitonic_sort(length);
-            write_keys(cam, position + offsets[first], length, 0u);
         }
+        write_keys(cam, position + offsets[first], length, 0u, split);
         barrier();
         first = last;
     }
