@@ -35,6 +35,9 @@ uvec2 corner;
 #include "paths.glsl"
 #include "candidates.glsl"
 #include "rigid.glsl"
+#include "block_pairs.glsl"
+#include "layers.glsl"
+#include "layer_lists.glsl"
 #include "state_words.glsl"
 #ifdef PHYSICAL
 #include "pixel_physical_state.glsl"
@@ -91,6 +94,9 @@ struct Source {
     bool leaves;
     // Its surfaces, for synthesis `rigid`.
     RigidPixel rigid;
+    // Its layers from near to far, and the first of its block's; none if it follows one surface.
+    uint layers;
+    uint layer_block;
 };
 
 // Log of the linear blend of both frames at `alpha`. `prepare_blend` takes the exponentials in advance, on devices
@@ -103,6 +109,13 @@ float synthesize(Camera cam, Source s, float alpha) {
     if (SYNTHESIS == SYNTHESIS_LINEAR || !s.warps) {
         return max(blend_frames(s, alpha), cam.log_dark);
     } else if (SYNTHESIS == SYNTHESIS_MOTION) {
+        if (LAYERED && s.layers != 0u) {
+            bool lost;
+            const float level = synthesize_layers(cam, s.frames, vec2(s.at), s.layer_block, s.layers, alpha, lost);
+            if (!lost) {
+                return max(level, cam.log_dark);
+            }
+        }
         return max(synthesize_motion(cam, s.frames, vec2(s.at), s.warp, s.leaves, alpha), cam.log_dark);
     }
     return max(synthesize_paper(cam, s.frames, ivec2(s.at), alpha), cam.log_dark);
@@ -267,6 +280,13 @@ void load_activity(Camera cam, TileBlocks tile) {
             atomicOr(any_activity, passing_bits);
         }
     }
+    if (LAYERED && lane < TILE_BLOCKS) {
+        const uint meeting_bits = meeting_motion(cam, lane);
+        atomicMax(neighbourhood_motion[lane], meeting_bits);
+        if (SKIPS_STILL_TILES) {
+            atomicOr(any_activity, meeting_bits);
+        }
+    }
     if (counts_block(cam)) {
         const uint change_bits = blocks[tile.own_block].y;
         own_change[tile.in_tile] = change_bits;
@@ -318,6 +338,11 @@ void cross_sub_tile(
         s.warps = s.warps && n > 1u;
         if (SYNTHESIS == SYNTHESIS_MOTION && s.warps) {
             s.warp = warp_at(cam, at, s.leaves);
+            if (LAYERED) {
+                const uint in_tile = (at.x - corner.x) / BLOCK_PX;
+                s.layers = layers_of_pixel(cam, at, in_tile);
+                s.layer_block = in_tile * BLOCK_LAYERS;
+            }
         }
         if (RIGID) {
             s.rigid = read_rigid_pixel(cam, geometries[cam.slot], at, (at.x - corner.x) / BLOCK_PX);

@@ -17,3 +17,4 @@ BUFFER(readonly, SLOT_POSES, vec4, poses);
 BUFFER(readonly, SLOT_PATHS, vec4, paths);
 BUFFER(readonly, SLOT_REPRESENTATIVES, uint, representatives);
 BUFFER(readonly, SLOT_PASSING, uint, passing);
+BUFFER(readonly, SLOT_MEETINGS, uint, meetings);

@@ -4,4 +4,5 @@
 #extension GL_GOOGLE_include_directive : require
 
 #define RIGID false
+#define LAYERED false
 #include "cross_cpu.glsl"

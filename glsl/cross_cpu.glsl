@@ -67,6 +67,10 @@ void main() {
     const Camera cam = cameras[index];
     corner =
         tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, first_sub_tile * SUB_TILE_ROWS);
+    if (LAYERS > 1u && motions_meet(cam) != LAYERED) {
+        // The other kernel's tile.
+        return;
+    }
     const TileBlocks tile = find_blocks(cam);
     PixelState before;
     Source s;
@@ -81,6 +85,9 @@ void main() {
     const uint n = substeps_of_block(cam, tile);
     if (RIGID) {
         list_candidates(cam);
+    }
+    if (LAYERED) {
+        list_layers(cam);
     }
     uint done = 0u;
     do {

@@ -45,6 +45,10 @@ void main() {
     corner = tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, sub_tile * SUB_TILE_ROWS);
     const uvec2 at = sub_tile_pixel();
     const bool inside = at.x < cam.width && at.y < cam.height;
+    if (LAYERS > 1u && motions_meet(cam) != LAYERED) {
+        // The other kernel's tile.
+        return;
+    }
     const TileBlocks tile = find_blocks(cam);
     PixelState before;
     Source s;
@@ -59,6 +63,9 @@ void main() {
     const uint n = substeps_of_block(cam, tile);
     if (RIGID) {
         list_candidates(cam);
+    }
+    if (LAYERED) {
+        list_layers(cam);
     }
     if (inside && SKIPS_STILL_TILES) {
         read_pixel(cam, at, before, s);

@@ -4,5 +4,6 @@
 #extension GL_GOOGLE_include_directive : require
 
 #define RIGID false
+#define LAYERED false
 #define PHYSICAL
 #include "cross_cpu.glsl"

@@ -4,4 +4,5 @@
 #extension GL_GOOGLE_include_directive : require
 
 #define RIGID true
+#define LAYERED false
 #include "cross_cpu.glsl"

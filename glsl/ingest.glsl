@@ -268,11 +268,14 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
     }
 }
 
+#include "block_pairs.glsl"
+#include "ingest_meetings.glsl"
+
 // Writes a block's statistics.
 void write_block(Camera cam, uint in_tile) {
     const uint block = (uint(tile_origin.y) / BLOCK_PX) * cam.blocks_x + uint(tile_origin.x) / BLOCK_PX + in_tile;
     blocks[cam.block_base + cam.frame_slot * cam.blocks + block] =
-        uvec4(block_motion[in_tile], block_change[in_tile], 0u, block_invalid_motion[in_tile]);
+        uvec4(block_motion[in_tile], block_change[in_tile], 0u, LAYERED ? pair_word(in_tile) : 0u);
     const uint counter = 2u * cam.slot + cam.frame_slot;
     if (block_invalid[in_tile] != 0u) {
         atomicAdd(counters[counter].invalid_pixels, block_invalid[in_tile]);
@@ -403,6 +406,9 @@ void main() {
         block_change[lane] = 0u;
         block_invalid[lane] = 0u;
         block_invalid_motion[lane] = 0u;
+        if (LAYERED) {
+            largest_pair[lane] = 0u;
+        }
     }
     if (lane == 0u) {
         any_change = is_first(cam) ? 1u : 0u;
@@ -434,8 +440,16 @@ void main() {
         } while (number < CACHE_PIXELS - TILE_ANCHORS);
     }
     barrier();
+    if (LAYERED && channel == 0u && cam.has_motion != 0u && !is_first(cam)) {
+        for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {
+            compare_vectors(cam, pixel);
+        }
+        barrier();
+        mark_meetings(cam);
+    }
     if (channel == 0u && lane < TILE_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
         write_block(cam, lane);
+        clear_meetings(cam, lane);
     }
     if (RIGID) {
         for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {

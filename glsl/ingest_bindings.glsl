@@ -12,6 +12,7 @@ BUFFER(, SLOT_SURFACES, uvec2, surfaces);
 BUFFER(, SLOT_SLOPES, uint, slopes);
 BUFFER(, SLOT_REPRESENTATIVES, uint, representatives);
 BUFFER(, SLOT_PASSING, uint, passing);
+BUFFER(, SLOT_MEETINGS, uint, meetings);
 
 layout(buffer_reference, std430) readonly buffer Words1 { uint v[]; };
 layout(buffer_reference, std430) readonly buffer Words2 { uvec2 v[]; };

@@ -59,6 +59,7 @@ bindings! {
     REPRESENTATIVES = 24, "representatives", "uint", 4;
     PASSING = 25, "passing", "uint", 4;
     PHYSICALS = 26, "physicals", "Physical", size_of::<Physical>() as u32;
+    MEETINGS = 27, "meetings", "uint", 4;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

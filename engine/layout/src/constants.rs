@@ -136,6 +136,8 @@ spec_constants! {
     id_format: IdFormat,
     /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
     fisheye: bool,
+    /// Whether it is noted where motions meet.
+    layered: bool,
 }
 
 spec_constants! {
@@ -191,6 +193,9 @@ spec_constants! {
     queue_per_px: u32,
     /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
     fisheye: bool,
+    /// Most surfaces that a pixel may show between two frames. If more than one, tiles where motions meet are left to
+    /// kernels of their own.
+    layers: u32,
 }
 
 spec_constants! {
@@ -253,8 +258,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..14).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [14, 15, 16, 17]);
+        assert_eq!(ids(CrossConstants::LIST), (0..15).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [15, 16, 17, 18]);
     }
 
     #[test]

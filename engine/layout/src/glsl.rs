@@ -7,7 +7,7 @@ use crate::sizes::{
 };
 use crate::state::{PhysicalWord, StateWord};
 use crate::{Camera, Counters, FrameKind, Geometry, GpuStruct, Physical, Push, Slice, constants};
-use esaac_model::synthesis::rigid;
+use esaac_model::synthesis::{layers, rigid};
 
 fn glsl_type(rust: &str) -> &'static str {
     match rust {
@@ -135,6 +135,21 @@ fn declarations() -> String {
         ("BLOCK_SURFACES", format!("{}u", rigid::BLOCK_SURFACES)),
         ("BLOCK_CANDIDATES", format!("{}u", rigid::BLOCK_CANDIDATES)),
         ("PIXEL_CANDIDATES", format!("{}u", rigid::PIXEL_CANDIDATES)),
+        ("MEET_PX", format!("{:.6}", layers::MEET_PX)),
+        ("SMOOTH_PX", format!("{:.6}", layers::SMOOTH_PX)),
+        ("LAYER_SLOPE_PX", format!("{}u", layers::SLOPE_REACH_PX)),
+        ("LAYER_LEAST_DETERMINANT", format!("{:.6}", layers::LEAST_DETERMINANT)),
+        ("LAYER_REACH_BLOCKS", format!("{}u", layers::REACH_BLOCKS)),
+        ("LAYER_REACH_PX", format!("{:.6}", layers::REACH_PX)),
+        ("LAYER_MERGE_PX", format!("{:.6}", layers::MERGE_PX)),
+        ("LAYER_BELONG_PX", format!("{:.6}", layers::BELONG_PX)),
+        ("LAYER_BELONG_SHARE", format!("{:.6}", layers::BELONG_SHARE)),
+        ("LAYER_BEND_PX", format!("{:.6}", layers::BEND_PX)),
+        ("LAYER_BEND_SHARE", format!("{:.6}", layers::BEND_SHARE)),
+        ("LAYER_STEPS", format!("{}u", layers::MOST_STEPS)),
+        ("LAYER_VOTES", format!("{}u", layers::LEAST_VOTES)),
+        ("LAYER_BACKGROUND_LOG", format!("{:.6}", layers::BACKGROUND_LOG)),
+        ("BLOCK_LAYERS", format!("{}u", layers::BLOCK_LAYERS)),
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
         ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),

@@ -12,7 +12,7 @@ pub struct KernelInfo {
     /// Its file, without `.comp`.
     pub name: &'static str,
     /// Its stage. A stage may have one kernel for GPUs and one for the software driver, more of each for synthesis
-    /// `rigid`, and twice as many for two pixel models.
+    /// `rigid` and where motions meet, and twice as many for two pixel models.
     pub stage: &'static str,
     /// Threads of a workgroup, before specialisation.
     pub threads: u32,
@@ -65,11 +65,20 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
     kernel("cross_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_rigid_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
+    kernel("cross_layers_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel("cross_layers_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
     kernel("cross_physical_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_physical_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
     kernel("cross_physical_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel(
         "cross_physical_rigid_cpu",
+        "cross",
+        CROSS_THREADS,
+        &[CrossConstants::LIST, CrossCpuConstants::LIST],
+    ),
+    kernel("cross_physical_layers_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel(
+        "cross_physical_layers_cpu",
         "cross",
         CROSS_THREADS,
         &[CrossConstants::LIST, CrossCpuConstants::LIST],

@@ -6,6 +6,7 @@ use crate::physical::PhysicalPixel;
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
 use crate::synthesis::MAX_TRANSFERS;
+use crate::synthesis::layers::MAX_LAYERS;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -224,6 +225,7 @@ sensor_model! {
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
     transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
+    layers: u32 = 3, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 at the most.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
     timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";
@@ -404,6 +406,7 @@ impl SensorModel {
         check("exposure_gain", self.exposure_gain, "1e-6 to 1e6", within(self.exposure_gain, 1e-6, 1e6))?;
         check("log_offset", self.log_offset, "1e-6 to 1e3", within(self.log_offset, 1e-6, 1e3))?;
         check("transfers", self.transfers, "1 or 2", (1..=MAX_TRANSFERS).contains(&self.transfers))?;
+        check("layers", self.layers, "1 to 3", (1..=MAX_LAYERS).contains(&self.layers))?;
         check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
         check(
             "aps_exposure_ns",

@@ -59,6 +59,7 @@
 //! nothing under uniform motion. At rest neither costs anything. The test
 //! `cargo test -p esaac-tests --test approximations` measures both.
 
+pub mod layers;
 pub mod rigid;
 
 /// Keys' parameter for half-pel samples interpolated from one frame alone.

@@ -7,6 +7,7 @@ use crate::physical::{self, PhysicalState};
 use crate::plan::{Plan, plan};
 use crate::sort::sort;
 use crate::stamp;
+use crate::synthesize::motion::Motion;
 use crate::synthesize::rigid::WithoutPath;
 use crate::synthesize::rigid::surface::{Geometry, Surfaces};
 use crate::synthesize::sampling::Sampling;
@@ -392,7 +393,10 @@ impl Oracle {
         let history = self.run.history.take();
         let gap = Gap::new(sensor, &start, end, ratio, history, self.sampling, motions);
         let plan = match between {
-            Between::Synthesis => plan(sensor, &start, end, interval_ns, gap.rigid.as_ref()),
+            Between::Synthesis => {
+                let passing_px = gap.motion.as_ref().and_then(Motion::passing_px);
+                plan(sensor, &start, end, interval_ns, gap.rigid.as_ref(), passing_px.as_deref())
+            },
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
         };
         let exposure_ns = aps::exposure_ns(sensor, interval_ns);

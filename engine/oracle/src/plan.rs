@@ -39,6 +39,7 @@ pub fn plan(
     end: &Image,
     interval_ns: u32,
     rigid: Option<&Rigid<'_>>,
+    passing_px: Option<&[f64]>,
 ) -> Plan {
     if sensor.synthesis == Synthesis::None {
         return Plan::uniform(sensor, 1);
@@ -78,6 +79,9 @@ pub fn plan(
             if let Some(rigid) = rigid {
                 around_px = around_px.max(rigid.motion_px()[by * blocks_x + bx]);
             }
+            if let Some(passing_px) = passing_px {
+                around_px = around_px.max(passing_px[by * blocks_x + bx]);
+            }
             let change = change_log[by * blocks_x + bx];
             substeps.push(substep_count(sensor, around_px, change, f64::from(interval_ns)));
         }
@@ -109,7 +113,7 @@ mod tests {
             let (mut start, mut end) = (still(&sensor), still(&sensor));
             let image = if moving_end { &mut end } else { &mut start };
             image.motion.as_mut().unwrap()[35 * 16 + 34] = [3.0, -4.0];
-            let plan = plan(&sensor, &start, &end, 33_333_333, None);
+            let plan = plan(&sensor, &start, &end, 33_333_333, None, None);
             assert_eq!(plan.blocks_x, 5);
             assert_eq!(plan.substeps, [1, 1, 1, 1, 1, 1, 1, 1, 10, 10, 1, 1, 1, 10, 10]);
             assert_eq!(plan.at(34, 16), 10);
@@ -122,7 +126,7 @@ mod tests {
         let (start, mut end) = (still(&sensor), still(&sensor));
         end.rgb[8] = [std::f64::consts::E - 1.0; 3];
         // sqrt(33.3 ms * 1 / (8 * 50 us)) = 9.13.
-        assert_eq!(plan(&sensor, &start, &end, 33_333_333, None).substeps, [1, 10]);
+        assert_eq!(plan(&sensor, &start, &end, 33_333_333, None, None).substeps, [1, 10]);
     }
 
     #[test]
@@ -131,10 +135,10 @@ mod tests {
         let (start, mut end) = (still(&sensor), still(&sensor));
         end.motion.as_mut().unwrap()[0] = [f64::NAN, 9.0];
         end.motion.as_mut().unwrap()[1] = [0.0, f64::INFINITY];
-        assert!(plan(&sensor, &start, &end, 33_333_333, None).substeps.iter().all(|&n| n == 1));
+        assert!(plan(&sensor, &start, &end, 33_333_333, None, None).substeps.iter().all(|&n| n == 1));
         end.motion.as_mut().unwrap()[2] = [9.0, 0.0];
         let linear = SensorModel { synthesis: Synthesis::Linear, ..sensor.clone() };
-        assert_eq!(plan(&sensor, &start, &end, 33_333_333, None).at(0, 0), 18);
-        assert_eq!(plan(&linear, &start, &end, 33_333_333, None).at(0, 0), 1);
+        assert_eq!(plan(&sensor, &start, &end, 33_333_333, None, None).at(0, 0), 18);
+        assert_eq!(plan(&linear, &start, &end, 33_333_333, None, None).at(0, 0), 1);
     }
 }

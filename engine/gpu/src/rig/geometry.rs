@@ -67,6 +67,8 @@ impl Place {
         ] {
             elements[slot] = Some(u64::from(self.event_capacity));
         }
+        // For each element of `blocks`, at the same place.
+        elements[layout::MEETINGS] = Some(2 * u64::from(self.blocks));
         elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
         let (rigid, blocks) = (u64::from(self.is_rigid), u64::from(self.blocks));
         elements[layout::SURFACES] = Some(rigid * 2 * pixels);

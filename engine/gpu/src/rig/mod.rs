@@ -313,7 +313,7 @@ impl Rig {
             writes.push(fresh_counters(&c.place));
             writes.push(pixel_draws(&c.place, &c.config.sensor, c.config.camera));
         }
-        let zeroed = [layout::BINS, layout::STATE, layout::BLOCKS, layout::PASSING];
+        let zeroed = [layout::BINS, layout::STATE, layout::BLOCKS, layout::PASSING, layout::MEETINGS];
         self.device.run_once(|commands| self.arena.record_zero(&self.device, commands, &zeroed))?;
         self.change(self.places(), writes, &[])
     }

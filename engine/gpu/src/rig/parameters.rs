@@ -69,6 +69,7 @@ pub(super) fn permutation(
             motion_format: camera.config.motion.unwrap_or(MotionFormat::F16x2),
             id_format: camera.config.geometry.and_then(|g| g.ids).unwrap_or(IdFormat::U32),
             fisheye,
+            layered: layers(sensor) > 1,
         },
         cross: CrossConstants {
             intensity: sensor.intensity,
@@ -86,6 +87,7 @@ pub(super) fn permutation(
             queue_overflowed: false,
             queue_per_px,
             fisheye,
+            layers: layers(sensor),
         },
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
@@ -149,18 +151,27 @@ impl Permutation {
         (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
     }
 
-    /// The kernel of `cross`. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
+    /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their
+    /// own. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
     /// holds.
-    pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Specialised {
+    pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Vec<Specialised> {
+        let kinds = if self.cross.layers > 1 { &[false, true][..] } else { &[false] };
+        kinds.iter().map(|&meeting| self.cross_where(policy, queue_overflowed, meeting)).collect()
+    }
+
+    /// The kernel of `cross` of the tiles where motions meet (`meeting`), or of the others.
+    fn cross_where(&self, policy: KernelPolicy, queue_overflowed: bool, meeting: bool) -> Specialised {
         // Without a queue, its length must not make another kernel.
         let queue_per_px = if queue_overflowed { QUEUE_PER_PX } else { self.cross.queue_per_px };
         let mut constants = CrossConstants { queue_overflowed, queue_per_px, ..self.cross }.words();
         let kernel = match policy.kernels {
-            KernelSet::Gpu => match (self.physical, self.rigid) {
-                (false, false) => stages::CROSS_GPU,
-                (false, true) => stages::CROSS_RIGID_GPU,
-                (true, false) => stages::CROSS_PHYSICAL_GPU,
-                (true, true) => stages::CROSS_PHYSICAL_RIGID_GPU,
+            KernelSet::Gpu => match (self.physical, self.rigid, meeting) {
+                (false, false, false) => stages::CROSS_GPU,
+                (false, false, true) => stages::CROSS_LAYERS_GPU,
+                (false, true, _) => stages::CROSS_RIGID_GPU,
+                (true, false, false) => stages::CROSS_PHYSICAL_GPU,
+                (true, false, true) => stages::CROSS_PHYSICAL_LAYERS_GPU,
+                (true, true, _) => stages::CROSS_PHYSICAL_RIGID_GPU,
             },
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
@@ -170,11 +181,13 @@ impl Permutation {
                     whole_tiles: policy.whole_tiles,
                 };
                 constants.extend(own.words());
-                match (self.physical, self.rigid) {
-                    (false, false) => stages::CROSS_CPU,
-                    (false, true) => stages::CROSS_RIGID_CPU,
-                    (true, false) => stages::CROSS_PHYSICAL_CPU,
-                    (true, true) => stages::CROSS_PHYSICAL_RIGID_CPU,
+                match (self.physical, self.rigid, meeting) {
+                    (false, false, false) => stages::CROSS_CPU,
+                    (false, false, true) => stages::CROSS_LAYERS_CPU,
+                    (false, true, _) => stages::CROSS_RIGID_CPU,
+                    (true, false, false) => stages::CROSS_PHYSICAL_CPU,
+                    (true, false, true) => stages::CROSS_PHYSICAL_LAYERS_CPU,
+                    (true, true, _) => stages::CROSS_PHYSICAL_RIGID_CPU,
                 }
             }
         };
@@ -355,6 +368,11 @@ pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
 /// Whether warps read a half-pel frame.
 pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
     sensor.synthesis.has_half_pels() && sensor.taps == Taps::Cubic
+}
+
+/// Most surfaces that a pixel may show between two frames, told apart by motion vectors.
+pub(super) fn layers(sensor: &SensorModel) -> u32 {
+    if sensor.synthesis == Synthesis::Motion { sensor.layers } else { 1 }
 }
 
 /// Whether surfaces are found in frames and followed along exact paths.

@@ -96,12 +96,8 @@ impl SensorKernels {
         permutation: &Permutation,
         queue_overflowed: bool,
     ) -> Result<(), EngineError> {
-        let needed = [
-            Some(permutation.ingest(policy)),
-            permutation.backward_transfer(),
-            Some(permutation.cross(policy, queue_overflowed)),
-        ];
-        for specialised in needed.into_iter().flatten() {
+        let needed = [Some(permutation.ingest(policy)), permutation.backward_transfer()];
+        for specialised in needed.into_iter().flatten().chain(permutation.cross(policy, queue_overflowed)) {
             if let Entry::Vacant(missing) = self.0.entry(specialised) {
                 let kernel = code.kernel(bindings, missing.key())?;
                 missing.insert(kernel);
@@ -394,9 +390,10 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
         }
         stage_done();
         for group in groups {
-            let cross = &specialised[&group.permutation.cross(policy, !whole)];
-            let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
-            dispatch(commands, cross, group.first, extent);
+            for cross in group.permutation.cross(policy, !whole) {
+                let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
+                dispatch(commands, &specialised[&cross], group.first, extent);
+            }
         }
         record_barrier(device, commands);
         stage_done();

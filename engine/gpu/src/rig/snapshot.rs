@@ -117,7 +117,7 @@ impl Rig {
         }
         self.make_room(&header)?;
         let writes = self.writes(&header, body);
-        self.change(self.places(), writes, &[layout::BINS, layout::PASSING])?;
+        self.change(self.places(), writes, &[layout::BINS, layout::PASSING, layout::MEETINGS])?;
         self.results.clear();
         for (c, saved) in self.cameras.iter_mut().zip(header.cameras) {
             c.last_ns = saved.last_ns;

@@ -1,6 +1,7 @@
 //! Stage `synthesize`: the intensity of a pixel at the end of every sub-step, from the two frames of the interval.
 
 pub mod half_pel;
+pub mod layers;
 pub mod motion;
 pub mod paper;
 pub mod rigid;

@@ -2,6 +2,7 @@
 //! intensity (equations in [`esaac_model::synthesis`]).
 
 use super::half_pel::HalfPelFrame;
+use super::layers::{Layers, Levels};
 use super::rigid::read::pixel_sample;
 use super::sampling::Sampling;
 use super::taps::bilinear;
@@ -10,6 +11,7 @@ use super::transfer::{Route, Way, transfer};
 use crate::ingest::Image;
 use esaac_model::synthesis::{CUBIC_HALF_PEL, EDGE_PX, EDGE_WEIGHT};
 use esaac_model::{SensorModel, Taps};
+use glam::DVec2;
 
 /// Two frames prepared to be read along trajectories.
 pub struct Motion {
@@ -19,6 +21,8 @@ pub struct Motion {
     /// Whether each pixel's own vector is finite.
     valid: Vec<bool>,
     planes: Planes,
+    /// Where motions meet, unless a pixel has one surface by choice.
+    layers: Option<Layers>,
 }
 
 /// The images that trajectories are read in, one pair per intensity plane.
@@ -61,7 +65,8 @@ impl Motion {
             }
         };
         let valid = motion.iter().copied().map(is_valid).collect();
-        Some(Motion { size, log_offset: sensor.log_offset, warps, valid, planes })
+        let layers = (sensor.layers > 1).then(|| Layers::new(size, motion, start.motion.as_deref(), ratio, sensor.layers));
+        Some(Motion { size, log_offset: sensor.log_offset, warps, valid, planes, layers })
     }
 
     /// Prepares an interval of synthesis `rigid` for the pixels that have no path. `half_pels` are those of
@@ -92,6 +97,7 @@ impl Motion {
             warps: warps(size, motion, start.motion.as_deref(), ratio),
             valid: motion.iter().copied().map(is_valid).collect(),
             planes,
+            layers: None,
         })
     }
 
@@ -102,6 +108,12 @@ impl Motion {
         let pixel = y * self.size.0 + x;
         if !self.valid[pixel] {
             return None;
+        }
+        if let Some(layers) = self.layers.as_ref().filter(|layers| layers.has(pixel)) {
+            let levels = PlaneLevels { size: self.size, planes: &self.planes, plane };
+            if let Some(log) = layers.level(&levels, pixel, fraction) {
+                return Some((log.exp() - self.log_offset).max(0.0));
+            }
         }
         let [in_start, in_end] = self.warps[pixel].sources(x, y, fraction);
         let edge = |at: [f64; 2]| (1.0 - outside_px(self.size, at) / EDGE_PX).max(EDGE_WEIGHT);
@@ -121,12 +133,42 @@ impl Motion {
         Some((log.exp() - self.log_offset).max(0.0))
     }
 
+    /// Motion of what passes each block, row by row, pixels. `None` if pixels have one surface.
+    #[must_use]
+    pub fn passing_px(&self) -> Option<Vec<f64>> {
+        self.layers.as_ref().map(|layers| layers.motion_px().collect())
+    }
+
     /// The half-pel frames of the end, which the next interval improves. `None` with bilinear taps, which have none.
     #[must_use]
     pub fn into_history(self) -> Option<Vec<HalfPelFrame>> {
         match self.planes {
             Planes::Cubic(half_pel_frames) => Some(half_pel_frames.into_iter().map(|[_, end]| end).collect()),
             Planes::Bilinear(_) => None,
+        }
+    }
+}
+
+/// Levels of one intensity plane.
+struct PlaneLevels<'a> {
+    size: (usize, usize),
+    planes: &'a Planes,
+    plane: usize,
+}
+
+impl Levels for PlaneLevels<'_> {
+    fn at(&self, frame: usize, position: DVec2) -> f64 {
+        match self.planes {
+            Planes::Cubic(half_pels) => half_pels[self.plane][frame].at(position.to_array(), CUBIC_HALF_PEL),
+            Planes::Bilinear(logs) => bilinear(&logs[self.plane][frame], self.size, position.x, position.y),
+        }
+    }
+
+    fn pixel(&self, frame: usize, x: i64, y: i64) -> f64 {
+        let (x, y) = (x as usize, y as usize);
+        match self.planes {
+            Planes::Cubic(half_pels) => half_pels[self.plane][frame].entry(2 * x, 2 * y),
+            Planes::Bilinear(logs) => logs[self.plane][frame][y * self.size.0 + x],
         }
     }
 }

@@ -1,0 +1,238 @@
+//! Synthesis `motion` where motions meet: a pixel shows several surfaces between two frames, told apart by their motion
+//! vectors (equations in [`esaac_model::synthesis::layers`]).
+
+pub mod candidates;
+pub mod layer;
+
+use super::trajectory::outside_px;
+use candidates::{Block, owner};
+use esaac_model::synthesis::layers::{BACKGROUND_LOG, BLOCK_PX, MOST_STEPS, SLIGHT_WEIGHT, SNAP_SAMPLES};
+use esaac_model::synthesis::{EDGE_PX, EDGE_WEIGHT};
+use glam::DVec2;
+use layer::{Layer, Vectors, corners, largest};
+
+/// The layers of an interval.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    size: (usize, usize),
+    /// Vectors of the frames at the start and at the end.
+    motion: [Vec<[f64; 2]>; 2],
+    /// Whether vectors tell what the frame at the start shows.
+    has_start: bool,
+    blocks_x: usize,
+    blocks: Vec<Block>,
+    /// Layers of each pixel, from near to far, by their place in the block's list; none if it follows one surface.
+    pixels: Vec<Vec<usize>>,
+}
+
+/// Levels of an intensity plane in both frames, nepers. Frame 0 is that at the start.
+pub trait Levels {
+    /// Between pixels.
+    fn at(&self, frame: usize, position: DVec2) -> f64;
+    /// At a pixel.
+    fn pixel(&self, frame: usize, x: i64, y: i64) -> f64;
+}
+
+impl Layers {
+    /// Finds the layers of an interval, in which pixels show at most `most`. The vectors and `ratio` are those of
+    /// [`warps`](super::trajectory::warps).
+    #[must_use]
+    pub fn new(
+        size: (usize, usize),
+        motion: &[[f64; 2]],
+        previous: Option<&[[f64; 2]]>,
+        ratio: Option<f64>,
+        most: u32,
+    ) -> Self {
+        let end = Vectors { size, motion };
+        let start = previous.zip(ratio).map(|(motion, ratio)| (Vectors { size, motion }, ratio));
+        let blocks = candidates::blocks(&end, start.as_ref().map(|(vectors, ratio)| (vectors, *ratio)));
+        let mut layers = Layers {
+            size,
+            motion: [previous.map(<[_]>::to_vec).unwrap_or_default(), motion.to_vec()],
+            has_start: start.is_some(),
+            blocks_x: size.0.div_ceil(BLOCK_PX),
+            blocks,
+            pixels: Vec::new(),
+        };
+        layers.pixels = (0..size.0 * size.1).map(|pixel| layers.of_pixel(pixel, most as usize)).collect();
+        layers
+    }
+
+    /// Whether a pixel is made of several layers.
+    #[must_use]
+    pub fn has(&self, pixel: usize) -> bool {
+        !self.pixels[pixel].is_empty()
+    }
+
+    /// Motion of what passes each block, row by row, pixels.
+    pub fn motion_px(&self) -> impl Iterator<Item = f64> {
+        self.blocks.iter().map(|block| block.motion_px)
+    }
+
+    /// Layers of each block, row by row.
+    #[must_use]
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    fn block(&self, pixel: usize) -> &Block {
+        let (x, y) = (pixel % self.size.0, pixel / self.size.0);
+        &self.blocks[y / BLOCK_PX * self.blocks_x + x / BLOCK_PX]
+    }
+
+    fn position(&self, pixel: usize) -> DVec2 {
+        DVec2::new((pixel % self.size.0) as f64, (pixel / self.size.0) as f64)
+    }
+
+    fn of_pixel(&self, pixel: usize, most: usize) -> Vec<usize> {
+        let at = self.position(pixel);
+        let all: Vec<&Layer> = self.block(pixel).layers.iter().collect();
+        let apart =
+            |a: &Layer| all.iter().map(|b| largest(a.motion_at(at) - b.motion_at(at))).fold(0.0, f64::max);
+        let steps = (all.iter().map(|a| apart(a)).fold(0.0, f64::max).ceil() as usize).clamp(1, MOST_STEPS);
+        let seen = |k: usize, step: usize| {
+            let sources = all[k].sources(at, step as f64 / steps as f64);
+            (0..2).any(|frame| {
+                let nearest = (sources[frame] + 0.5).floor();
+                self.shown(&all, frame, nearest.x as i64, nearest.y as i64) == Some(k)
+            })
+        };
+        let mut counts: Vec<(usize, usize)> = (0..all.len())
+            .map(|k| ((0..=steps).filter(|&step| seen(k, step)).count(), k))
+            .filter(|(count, _)| *count > 0)
+            .collect();
+        counts.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+        let mut kept: Vec<usize> = counts.into_iter().take(most).map(|(_, k)| k).collect();
+        kept.sort_unstable();
+        if kept.len() < 2 { Vec::new() } else { kept }
+    }
+
+    fn vectors(&self, frame: usize) -> Vectors<'_> {
+        Vectors { size: self.size, motion: &self.motion[frame] }
+    }
+
+    /// Which of some layers, from near to far, a pixel of a frame shows. `None` if that is not known.
+    fn shown(&self, layers: &[&Layer], frame: usize, x: i64, y: i64) -> Option<usize> {
+        let at = DVec2::new(x as f64, y as f64);
+        let farthest = layers.len() - 1;
+        let in_end = |vector, at: DVec2| owner(vector, layers.iter().map(|layer| layer.motion_at(at)));
+        if frame == 1 {
+            return Some(in_end(self.vectors(1).at(x, y)?, at).unwrap_or(farthest));
+        }
+        if self.has_start {
+            let expected = layers.iter().map(|layer| layer.before_at(at));
+            return Some(owner(self.vectors(0).at(x, y)?, expected).unwrap_or(farthest));
+        }
+        let is_seen = |&k: &usize| {
+            let [_, place] = layers[k].sources(at, 0.0);
+            self.vectors(1).nearest(place).is_some_and(|(pixel, vector)| in_end(vector, pixel) == Some(k))
+        };
+        Some((0..layers.len()).find(is_seen).unwrap_or(farthest))
+    }
+
+    /// Level of a pixel of several layers at `fraction` of the interval, nepers. `None` if nothing is known.
+    #[must_use]
+    pub fn level(&self, levels: &dyn Levels, pixel: usize, fraction: f64) -> Option<f64> {
+        let at = self.position(pixel);
+        let block = self.block(pixel);
+        let layers: Vec<&Layer> = self.pixels[pixel].iter().map(|&k| &block.layers[k]).collect();
+        let (mut light, mut shown) = (0.0, 0.0);
+        let mut silhouette = None;
+        for (k, layer) in layers.iter().enumerate() {
+            let views = [(0, 1.0 - fraction), (1, fraction)].map(|(frame, time)| {
+                let place = snapped(layer.sources(at, fraction)[frame]);
+                let edge = (1.0 - outside_px(self.size, place.to_array()) / EDGE_PX).max(EDGE_WEIGHT);
+                self.view(levels, &layers, k, frame, place, time * edge)
+            });
+            let sum = |of: &dyn Fn(&View) -> f64| views.iter().map(|v| v.weight * of(v)).sum::<f64>();
+            let seen = sum(&|v| v.seen);
+            if seen <= 0.0 {
+                continue;
+            }
+            let coverage = (seen / sum(&|v| 1.0 - v.hidden)).min(1.0);
+            let level = sum(&|v| v.seen * v.level) / seen;
+            if silhouette.is_none() && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT {
+                silhouette = Some((coverage, level.exp(), views));
+                continue;
+            }
+            let share = (1.0 - shown) * coverage;
+            light += share * level.exp();
+            shown += share;
+        }
+        if let Some((coverage, own, views)) = silhouette {
+            let open: f64 = views.iter().map(|v| v.weight * (1.0 - v.hidden)).sum();
+            let mean = |of: &dyn Fn(&View) -> f64| {
+                views.iter().map(|v| v.weight * (1.0 - v.hidden) / open * of(v)).sum::<f64>()
+            };
+            let mixture = mean(&|view| view.as_shown).exp();
+            if shown < SLIGHT_WEIGHT {
+                return Some(mixture.ln());
+            }
+            let here = light / shown;
+            let there = mean(&|view| view.behind.map_or(here, f64::exp));
+            let alike = (1.0 - (here / there).ln().abs() / BACKGROUND_LOG).max(0.0);
+            let composite = coverage * own + (1.0 - coverage) * here;
+            return Some((alike * mixture + (1.0 - alike) * composite).ln());
+        }
+        (shown > SLIGHT_WEIGHT).then(|| (light / shown).ln())
+    }
+
+    /// What a frame knows of a layer at a position.
+    fn view(
+        &self,
+        levels: &dyn Levels,
+        layers: &[&Layer],
+        k: usize,
+        frame: usize,
+        place: DVec2,
+        weight: f64,
+    ) -> View {
+        let as_shown = levels.at(frame, place);
+        let mut view = View { weight, seen: 0.0, hidden: 0.0, level: 0.0, as_shown, behind: None };
+        let (mut farther, mut behind, mut all) = (0.0, 0.0, 0.0);
+        for ((x, y), weight) in corners(self.size, place) {
+            if weight < SLIGHT_WEIGHT {
+                continue;
+            }
+            all += weight;
+            let own = levels.pixel(frame, x, y);
+            match self.shown(layers, frame, x, y) {
+                Some(owner) if owner == k => {
+                    view.seen += weight;
+                    view.level += weight * own;
+                }
+                Some(owner) if owner > k => {
+                    farther += weight;
+                    behind += weight * own;
+                }
+                _ => view.hidden += weight,
+            }
+        }
+        if view.seen > 0.0 {
+            view.level = if view.seen >= all { as_shown } else { view.level / view.seen };
+        }
+        view.seen /= all;
+        view.hidden /= all;
+        view.behind = (farther > 0.0).then(|| behind / farther);
+        view
+    }
+}
+
+/// What a frame knows of a layer at a position, and how much it counts.
+struct View {
+    weight: f64,
+    seen: f64,
+    hidden: f64,
+    level: f64,
+    as_shown: f64,
+    behind: Option<f64>,
+}
+
+/// A position on a row or column of half-pel samples if it is near one.
+fn snapped(at: DVec2) -> DVec2 {
+    let half = 2.0 * at;
+    let nearest = half.round();
+    let snap = (half - nearest).abs().cmple(DVec2::splat(SNAP_SAMPLES));
+    0.5 * DVec2::select(snap, nearest, half)
+}

@@ -1,0 +1,307 @@
+// Layers: surfaces that a pixel may show in an interval, told apart by their motion vectors, for synthesis `motion` where
+// motions meet. Part of cross.glsl; twin of the oracle's `synthesize::layers`. Needs trajectory.glsl, and `snapped`.
+
+// A layer is given by a pixel of the current frame that shows it. Its vectors are linear in the image.
+struct Layer {
+    vec2 at;
+    vec2 motion;
+    // Change of the vector from a pixel to the next: along x (xy), along y (zw).
+    vec4 slopes;
+    // The vector of its point in the previous frame, over the interval before.
+    vec2 before;
+};
+
+// Layers that the tile's blocks may have: those of the pairs in all blocks within reach, then one of each block itself.
+const uint REGION_X = TILE_BLOCKS + 2u * LAYER_REACH_BLOCKS;
+const uint REGION_Y = 1u + 2u * LAYER_REACH_BLOCKS;
+const uint REGION = REGION_X * REGION_Y;
+const uint FOUND = LAYERED ? 2u * REGION + TILE_BLOCKS : 1u;
+shared vec4 found_place[FOUND];
+shared vec4 found_slopes[FOUND];
+shared vec2 found_before[FOUND];
+
+// The layers of each block, from near to far, by their number among those, and how many.
+const uint LISTED_LAYERS = LAYERED ? TILE_BLOCKS * BLOCK_LAYERS : 1u;
+shared uint listed_layer[LISTED_LAYERS];
+shared uint layer_count[TILE_BLOCKS];
+
+// Lists of a block's layers from near to far: four bits for each, its place in the block's list plus one.
+const uint LAYER_BITS = 4u;
+const uint LAYER_MASK = (1u << LAYER_BITS) - 1u;
+const uint NO_LAYER = 0xffffffffu;
+
+// Whether vectors of the previous frame tell what it shows.
+bool has_earlier_vectors(Camera cam) {
+    return cam.has_previous_motion != 0u && cam.previous_interval_ns != 0u;
+}
+
+// Length of the interval before over that of this one; 1 where that tells nothing.
+float interval_ratio(Camera cam) {
+    return has_earlier_vectors(cam) ? float(cam.previous_interval_ns) / float(cam.interval_ns) : 1.0;
+}
+
+// The vector of a pixel. `known` becomes false if it has none.
+vec2 vector_at(Camera cam, uint base, ivec2 at, inout bool known) {
+    known = known && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, ivec2(cam.width, cam.height)));
+    if (!known) {
+        return vec2(0.0);
+    }
+    const vec2 m = motion_at(cam, base, at);
+    known = floatBitsToUint(m.x) != INVALID_BIT;
+    return m;
+}
+
+float larger(vec2 v) {
+    return max(abs(v.x), abs(v.y));
+}
+
+vec2 times(vec4 slopes, vec2 v) {
+    return fma(slopes.xy, vec2(v.x), slopes.zw * v.y);
+}
+
+Layer found_layer(uint number) {
+    const vec4 place = found_place[number];
+    return Layer(place.xy, place.zw, found_slopes[number], found_before[number]);
+}
+
+// Its vector at a position in the current frame, and in the previous one over the interval before.
+vec2 motion_of(Layer layer, vec2 at) {
+    return layer.motion + times(layer.slopes, at - layer.at);
+}
+
+vec2 before_of(Layer layer, vec2 at, float ratio) {
+    return layer.before + ratio * times(layer.slopes, (at - layer.at) - layer.motion);
+}
+
+// Where the point that lies at `at` at `alpha` is in the current frame (xy) and in the previous one (zw).
+vec4 layer_sources(Layer layer, vec2 at, float alpha, float ratio) {
+    const float t = alpha - 1.0;
+    const vec2 c = curvature(layer.motion, layer.before, ratio);
+    const vec2 along = fma(vec2(-t * alpha), c, fma(vec2(t), layer.motion, at - layer.at));
+    const vec4 s = t * layer.slopes;
+    const float determinant = fma(1.0 - s.x, 1.0 - s.w, -s.z * s.y);
+    const vec2 from = vec2(
+        fma(1.0 - s.w, along.x, s.z * along.y), fma(1.0 - s.x, along.y, s.y * along.x)) / determinant;
+    const vec2 in_current = layer.at + from;
+    return vec4(in_current, in_current + layer.motion + times(layer.slopes, from));
+}
+
+// Which of some layers of a block a vector is at a pixel: its place in `order`; NO_LAYER if it is none.
+uint owner_of(uint block, uint order, bool current, vec2 at, vec2 vector, float ratio) {
+    uint owner = NO_LAYER;
+    float least = 0.0;
+    uint place = 0u;
+    while (order != 0u) {
+        const Layer layer = found_layer(listed_layer[block + (order & LAYER_MASK) - 1u]);
+        const vec2 expected = current ? motion_of(layer, at) : before_of(layer, at, ratio);
+        const float apart = distance(vector, expected);
+        if (apart <= fma(LAYER_BELONG_SHARE, length(expected), LAYER_BELONG_PX) && (owner == NO_LAYER || apart < least)) {
+            owner = place;
+            least = apart;
+        }
+        order >>= LAYER_BITS;
+        place += 1u;
+    }
+    return owner;
+}
+
+uint layers_in(uint order) {
+    return uint(findMSB(order)) / LAYER_BITS + 1u;
+}
+
+// Which of some layers of a block a pixel shows, by its place in `order`: the farthest if it is none of them, NO_LAYER
+// without a usable vector.
+uint shown_layer(Camera cam, uint block, uint order, bool current, ivec2 at, float ratio) {
+    bool known = true;
+    if (current || has_earlier_vectors(cam)) {
+        const vec2 vector = vector_at(cam, motion_base(cam, current), at, known);
+        if (!known) {
+            return NO_LAYER;
+        }
+        const uint owner = owner_of(block, order, current, vec2(at), vector, ratio);
+        return owner == NO_LAYER ? layers_in(order) - 1u : owner;
+    }
+    // The nearest one whose point is seen in the current frame; else the farthest.
+    uint place = 0u;
+    uint rest = order;
+    while (rest != 0u) {
+        const Layer layer = found_layer(listed_layer[block + (rest & LAYER_MASK) - 1u]);
+        const ivec2 there = ivec2(floor(layer_sources(layer, vec2(at), 0.0, ratio).xy + 0.5));
+        known = true;
+        const vec2 vector = vector_at(cam, motion_base(cam, true), there, known);
+        if (known && owner_of(block, order, true, vec2(there), vector, ratio) == place) {
+            return place;
+        }
+        rest >>= LAYER_BITS;
+        place += 1u;
+    }
+    return place - 1u;
+}
+
+// A pixel's layers, from near to far; 0 if it has fewer than two.
+uint layers_of_pixel(Camera cam, uvec2 at, uint in_tile) {
+    const uint count = layer_count[in_tile];
+    if (count < 2u) {
+        return 0u;
+    }
+    const uint block = in_tile * BLOCK_LAYERS;
+    const uint every = 0x87654321u & ((1u << (LAYER_BITS * count)) - 1u);
+    const float ratio = interval_ratio(cam);
+    float fastest = 0.0;
+    for (uint a = 0u; a + 1u < count; ++a) {
+        const vec2 own = motion_of(found_layer(listed_layer[block + a]), vec2(at));
+        for (uint b = a + 1u; b < count; ++b) {
+            fastest = max(fastest, larger(own - motion_of(found_layer(listed_layer[block + b]), vec2(at))));
+        }
+    }
+    const uint steps = uint(clamp(ceil(fastest), 1.0, float(LAYER_STEPS)));
+    // How often each is seen, in five bits; at most 17 times.
+    uint seen_low = 0u;
+    uint kept = 0u;
+    for (uint k = 0u; k < count; ++k) {
+        const Layer layer = found_layer(listed_layer[block + k]);
+        uint seen = 0u;
+        for (uint i = 0u; i <= steps; ++i) {
+            const vec4 sources = layer_sources(layer, vec2(at), float(i) / float(steps), ratio);
+            const ivec2 in_current = ivec2(floor(sources.xy + 0.5));
+            const ivec2 in_previous = ivec2(floor(sources.zw + 0.5));
+            seen += shown_layer(cam, block, every, true, in_current, ratio) == k
+                    || shown_layer(cam, block, every, false, in_previous, ratio) == k ? 1u : 0u;
+        }
+        seen_low |= seen << (5u * k);
+    }
+    // Those that are seen most stay, of equals the nearest.
+    for (uint place = 0u; place < LAYERS; ++place) {
+        uint most = 0u;
+        uint best = 0u;
+        for (uint k = 0u; k < count; ++k) {
+            const uint seen = (seen_low >> (5u * k)) & 31u;
+            if (seen > most && ((kept >> k) & 1u) == 0u) {
+                most = seen;
+                best = k;
+            }
+        }
+        kept |= most != 0u ? 1u << best : 0u;
+    }
+    if (bitCount(kept) < 2) {
+        return 0u;
+    }
+    uint order = 0u;
+    for (uint k = count; k > 0u; --k) {
+        if (((kept >> (k - 1u)) & 1u) != 0u) {
+            order = (order << LAYER_BITS) | k;
+        }
+    }
+    return order;
+}
+
+// What a frame knows of a layer at a position: shares of the pixels around, the layer's level, the level there whatever
+// it is of, and that of farther layers, with whether there is any.
+struct LayerView {
+    float seen;
+    float hidden;
+    float level;
+    float as_shown;
+    float behind;
+    bool has_behind;
+};
+
+LayerView view_layer(
+    Camera cam, uint frame, uint block, uint order, uint place, bool current, vec2 position, float ratio
+) {
+    LayerView view = LayerView(0.0, 0.0, 0.0, 0.0, 0.0, false);
+    view.as_shown = TAPS == TAPS_CUBIC ? half_pel_cubic(cam, frame, to_half_pel(cam, position))
+                                       : frame_bilinear(cam, frame, position);
+    const Cell cell = cell_at(cam, position);
+    const vec2 g = 1.0 - cell.f;
+    const vec4 weights = vec4(g.x * g.y, cell.f.x * g.y, g.x * cell.f.y, cell.f.x * cell.f.y);
+    float farther = 0.0;
+    float all_weights = 0.0;
+    bool whole = true;
+    for (uint i = 0u; i < 4u; ++i) {
+        if (weights[i] < SLIGHT_WEIGHT) {
+            continue;
+        }
+        all_weights += weights[i];
+        const ivec2 at = ivec2((i & 1u) == 0u ? cell.low.x : cell.high.x, i < 2u ? cell.low.y : cell.high.y);
+        const uint shown = shown_layer(cam, block, order, current, at, ratio);
+        const float level = load_plane(frame + frame_word(cam, TAPS == TAPS_CUBIC, at));
+        if (shown == place) {
+            view.seen += weights[i];
+            view.level = fma(weights[i], level, view.level);
+        } else if (shown != NO_LAYER && shown > place) {
+            whole = false;
+            farther += weights[i];
+            view.behind = fma(weights[i], level, view.behind);
+        } else {
+            whole = false;
+            view.hidden += weights[i];
+        }
+    }
+    view.level = whole ? view.as_shown : view.level / (view.seen > 0.0 ? view.seen : 1.0);
+    view.has_behind = farther > 0.0;
+    view.behind /= farther > 0.0 ? farther : 1.0;
+    view.seen /= all_weights;
+    view.hidden /= all_weights;
+    return view;
+}
+
+// Log intensity at `alpha` of a pixel of several layers. `lost` becomes true if none of them is seen.
+float synthesize_layers(Camera cam, Frames frames, vec2 at, uint block, uint layers, float alpha, out bool lost) {
+    const float ratio = interval_ratio(cam);
+    float light = 0.0;
+    float shown = 0.0;
+    Silhouette silhouette;
+    silhouette.coverage = 0.0;
+    uint rest = layers;
+    uint place = 0u;
+    do {
+        const Layer layer = found_layer(listed_layer[block + (rest & LAYER_MASK) - 1u]);
+        rest >>= LAYER_BITS;
+        const vec4 sources = layer_sources(layer, at, alpha, ratio);
+        const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
+        const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
+        const LayerView previous =
+            view_layer(cam, frames.previous, block, layers, place, false, in_previous, ratio);
+        const LayerView current = view_layer(cam, frames.current, block, layers, place, true, in_current, ratio);
+        place += 1u;
+        const vec2 say = vec2(
+            (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
+            alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));
+        const float seen_current = say.y * current.seen;
+        const float seen = fma(say.x, previous.seen, seen_current);
+        if (seen <= 0.0) {
+            continue;
+        }
+        const vec2 open = vec2(say.x * (1.0 - previous.hidden), say.y * (1.0 - current.hidden));
+        const float coverage = min(seen / (open.x + open.y), 1.0);
+        const float level = lerp(previous.level, current.level, seen_current / seen);
+        if (silhouette.coverage == 0.0 && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT) {
+            const float open_current = open.y / (open.x + open.y);
+            const vec2 behind = vec2(
+                previous.has_behind ? 1.0 - open_current : 0.0, current.has_behind ? open_current : 0.0);
+            const float behind_sum = behind.x + behind.y;
+            silhouette.coverage = coverage;
+            silhouette.light = exp(level);
+            silhouette.as_shown = exp(lerp(previous.as_shown, current.as_shown, open_current));
+            silhouette.behind = behind_sum;
+            silhouette.light_behind = behind_sum > 0.0
+                ? fma(behind.x, exp(previous.behind), behind.y * exp(current.behind)) / behind_sum
+                : 0.0;
+            continue;
+        }
+        const float share = (1.0 - shown) * coverage;
+        light = fma(share, exp(level), light);
+        shown += share;
+    } while (rest != 0u && shown < 1.0);
+    lost = silhouette.coverage == 0.0 && shown < SLIGHT_WEIGHT;
+    if (silhouette.coverage == 0.0) {
+        return lost ? 0.0 : log(light / shown);
+    } else if (shown < SLIGHT_WEIGHT) {
+        return log(silhouette.as_shown);
+    }
+    const float here = light / shown;
+    const float there = lerp(here, silhouette.light_behind, silhouette.behind);
+    const float alike = max(1.0 - abs(log(here / there)) * (1.0 / LAYER_BACKGROUND_LOG), 0.0);
+    return log(lerp(lerp(here, silhouette.light, silhouette.coverage), silhouette.as_shown, alike));
+}
