@@ -236,7 +236,7 @@ void vote_on_order(Camera cam, uint b) {
         bool known = true;
         const vec2 vector = vector_at(cam, motion_base(cam, true), at, known);
         const vec2 there = vec2(at) + vector;
-        const ivec2 before = ivec2(floor(there + 0.5));
+        const ivec2 before = nearest_pixel(there);
         const vec2 vector_before = vector_at(cam, motion_base(cam, false), before, known);
         if (!known || outside_px(cam, there) > 0.0) {
             continue;
@@ -247,7 +247,7 @@ void vote_on_order(Camera cam, uint b) {
             continue;
         }
         const vec2 source = layer_sources(found_layer(listed_layer[block + front]), vec2(before), 0.0, ratio).xy;
-        const ivec2 now = ivec2(floor(source + 0.5));
+        const ivec2 now = nearest_pixel(source);
         const vec2 vector_now = vector_at(cam, motion_base(cam, true), now, known);
         if (known && owner_of(block, every, true, vec2(now), vector_now, ratio) == front) {
             atomicAdd(layer_votes[(block + front) * BLOCK_LAYERS + hidden], 1u);

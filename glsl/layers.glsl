@@ -51,6 +51,11 @@ vec2 vector_at(Camera cam, uint base, ivec2 at, inout bool known) {
     return m;
 }
 
+// The pixel nearest to a position. Half way between two, rounding does not decide.
+ivec2 nearest_pixel(vec2 position) {
+    return ivec2(floor(fma(vec2(0.5), snapped(2.0 * position), vec2(0.5))));
+}
+
 float larger(vec2 v) {
     return max(abs(v.x), abs(v.y));
 }
@@ -126,7 +131,7 @@ uint shown_layer(Camera cam, uint block, uint order, bool current, ivec2 at, flo
     uint rest = order;
     while (rest != 0u) {
         const Layer layer = found_layer(listed_layer[block + (rest & LAYER_MASK) - 1u]);
-        const ivec2 there = ivec2(floor(layer_sources(layer, vec2(at), 0.0, ratio).xy + 0.5));
+        const ivec2 there = nearest_pixel(layer_sources(layer, vec2(at), 0.0, ratio).xy);
         known = true;
         const vec2 vector = vector_at(cam, motion_base(cam, true), there, known);
         if (known && owner_of(block, order, true, vec2(there), vector, ratio) == place) {
@@ -154,7 +159,7 @@ uint layers_of_pixel(Camera cam, uvec2 at, uint in_tile) {
             fastest = max(fastest, larger(own - motion_of(found_layer(listed_layer[block + b]), vec2(at))));
         }
     }
-    const uint steps = uint(clamp(ceil(fastest), 1.0, float(LAYER_STEPS)));
+    const uint steps = uint(clamp(ceil(fastest - SLIGHT_WEIGHT), 1.0, float(LAYER_STEPS)));
     // How often each is seen, in five bits; at most 17 times.
     uint seen_low = 0u;
     uint kept = 0u;
@@ -163,8 +168,8 @@ uint layers_of_pixel(Camera cam, uvec2 at, uint in_tile) {
         uint seen = 0u;
         for (uint i = 0u; i <= steps; ++i) {
             const vec4 sources = layer_sources(layer, vec2(at), float(i) / float(steps), ratio);
-            const ivec2 in_current = ivec2(floor(sources.xy + 0.5));
-            const ivec2 in_previous = ivec2(floor(sources.zw + 0.5));
+            const ivec2 in_current = nearest_pixel(sources.xy);
+            const ivec2 in_previous = nearest_pixel(sources.zw);
             seen += shown_layer(cam, block, every, true, in_current, ratio) == k
                     || shown_layer(cam, block, every, false, in_previous, ratio) == k ? 1u : 0u;
         }

@@ -10,7 +10,7 @@ use esaac_scene::{SceneKind, exact_events};
 use esaac_tests::agreement::{LEVEL_TOLERANCE_LOG, compare};
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{Sequence, scene, times};
-use esaac_tests::run::{Step, engine, oracle};
+use esaac_tests::run::{Step, engine_with as engine, oracle};
 
 /// Neither side is a multiple of a block.
 const SIZE: (u32, u32) = (75, 53);
@@ -76,7 +76,10 @@ fn levels_and_events_are_those_of_the_oracle() {
             let steps = engine(&sensor, &sequence, keep);
             let (of_scene, off) = levels(&sensor, &sequence, &steps);
             let agreement = compare(&sensor, 0, &sequence, &steps);
-            println!("{kind:?} {taps:?} {intensity:?}: {off} of {of_scene} levels, {} pixels", agreement.differing);
+            println!(
+                "{kind:?} {taps:?} {intensity:?}: {off} of {of_scene} levels, {} pixels",
+                agreement.differing
+            );
             all += of_scene;
             differing += off;
             pixels += agreement.pixels;
@@ -84,7 +87,10 @@ fn levels_and_events_are_those_of_the_oracle() {
         }
     }
     assert!(differing as f64 <= DIFFERING_SHARE * all as f64, "{differing} of {all} levels differ");
-    assert!(other_events as f64 <= DIFFERING_SHARE * pixels as f64, "{other_events} of {pixels} pixels differ");
+    assert!(
+        other_events as f64 <= DIFFERING_SHARE * pixels as f64,
+        "{other_events} of {pixels} pixels differ"
+    );
     assert_silent();
 }
 
@@ -93,7 +99,8 @@ fn packets_are_the_same_bits_from_run_to_run_and_by_every_kernel() {
     let sequence = frames(SceneKind::Poles);
     for pixel in [Pixel::Log, Pixel::Physical] {
         let sensor = SensorModel { pixel, noise_gain: 0.0, ..sensor(3) };
-        let run = |policy| packets(&engine(&sensor, &sequence, RigOptions { policy, ..RigOptions::default() }));
+        let run =
+            |policy| packets(&engine(&sensor, &sequence, RigOptions { policy, ..RigOptions::default() }));
         let first = run(None);
         assert!(first.len() > 1000, "{} events", first.len());
         assert!(first == run(None), "{pixel:?}: another run");

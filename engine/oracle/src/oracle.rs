@@ -396,7 +396,7 @@ impl Oracle {
             Between::Synthesis => {
                 let passing_px = gap.motion.as_ref().and_then(Motion::passing_px);
                 plan(sensor, &start, end, interval_ns, gap.rigid.as_ref(), passing_px.as_deref())
-            },
+            }
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
         };
         let exposure_ns = aps::exposure_ns(sensor, interval_ns);

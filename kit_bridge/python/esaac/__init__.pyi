@@ -119,6 +119,7 @@ class SensorModel:
     synthesis: str
     taps: str
     transfers: int
+    layers: int
     substeps: int
     substep_policy: str
     timestamps: str

@@ -45,7 +45,7 @@
 //! nearer. A layer's rank is the number of those nearer than it.
 //!
 //! **Layers of a pixel.** Each layer of the block is followed at `N + 1` instants from `a = 0` to 1, where `N` is the
-//! largest difference of two layers' `M` at the pixel, rounded up, from 1 to [`MOST_STEPS`]. It is seen where the pixel
+//! largest difference of two layers' `M` at the pixel, rounded up but for a thousandth, from 1 to [`MOST_STEPS`]. It is seen where the pixel
 //! nearest to its point shows it in either frame. Of those seen at all, the
 //! [`layers`](crate::SensorModel::layers) seen most often count. A pixel with fewer than two is as without layers.
 //!

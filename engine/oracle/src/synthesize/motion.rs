@@ -65,7 +65,8 @@ impl Motion {
             }
         };
         let valid = motion.iter().copied().map(is_valid).collect();
-        let layers = (sensor.layers > 1).then(|| Layers::new(size, motion, start.motion.as_deref(), ratio, sensor.layers));
+        let layers = (sensor.layers > 1)
+            .then(|| Layers::new(size, motion, start.motion.as_deref(), ratio, sensor.layers));
         Some(Motion { size, log_offset: sensor.log_offset, warps, valid, planes, layers })
     }
 

@@ -55,8 +55,7 @@ fn passes(from: Place, motion: DVec2, to: Place) -> bool {
     let axis = |from: usize, motion: f64, to: usize| {
         let (first, goal) = ((from * BLOCK_PX) as f64, (to * BLOCK_PX) as f64);
         let side = (BLOCK_PX - 1) as f64;
-        first + motion.min(0.0) - REACH_PX <= goal + side
-            && first + side + motion.max(0.0) + REACH_PX >= goal
+        first + motion.min(0.0) - REACH_PX <= goal + side && first + side + motion.max(0.0) + REACH_PX >= goal
     };
     axis(from.0, motion.x, to.0) && axis(from.1, motion.y, to.1)
 }
@@ -115,9 +114,8 @@ pub fn blocks(end: &Vectors<'_>, start: Option<(&Vectors<'_>, f64)>) -> Vec<Bloc
 /// How many pixels say that one layer hides another, for each pair of them.
 fn votes(end: &Vectors<'_>, start: &Vectors<'_>, (bx, by): Place, layers: &[Layer]) -> Vec<Vec<u32>> {
     let mut votes = vec![vec![0; layers.len()]; layers.len()];
-    let around = |b: usize, size: usize| {
-        (b * BLOCK_PX).saturating_sub(BLOCK_PX)..((b + 2) * BLOCK_PX).min(size)
-    };
+    let around =
+        |b: usize, size: usize| (b * BLOCK_PX).saturating_sub(BLOCK_PX)..((b + 2) * BLOCK_PX).min(size);
     for y in around(by, end.size.1) {
         for x in around(bx, end.size.0) {
             if let Some((front, hidden)) = vote(end, start, (x, y), layers) {
@@ -148,8 +146,7 @@ fn vote(end: &Vectors<'_>, start: &Vectors<'_>, (x, y): Place, layers: &[Layer])
 /// Sorts layers by how many others are nearer.
 fn from_near_to_far(layers: &[Layer], centre: DVec2, votes: &[Vec<u32>]) -> Vec<Layer> {
     let speed = |k: usize| layers[k].motion_at(centre).length();
-    let hides =
-        |a: usize, b: usize| !votes.is_empty() && votes[a][b] >= LEAST_VOTES + 2 * votes[b][a];
+    let hides = |a: usize, b: usize| !votes.is_empty() && votes[a][b] >= LEAST_VOTES + 2 * votes[b][a];
     let is_nearer = |a: usize, b: usize| {
         if hides(a, b) == hides(b, a) {
             speed(a) > speed(b) || (speed(a) == speed(b) && a < b)

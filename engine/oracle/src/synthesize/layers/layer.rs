@@ -1,7 +1,9 @@
 //! A layer: a surface whose motion vectors are linear in the image.
 
 use super::super::trajectory::{is_valid, outside_px};
-use esaac_model::synthesis::layers::{BEND_PX, BEND_SHARE, LEAST_DETERMINANT, SLOPE_REACH_PX, SMOOTH_PX};
+use esaac_model::synthesis::layers::{
+    BEND_PX, BEND_SHARE, LEAST_DETERMINANT, SLOPE_REACH_PX, SMOOTH_PX, SNAP_SAMPLES,
+};
 use glam::{DMat2, DVec2};
 
 /// Motion vectors of a frame.
@@ -25,7 +27,7 @@ impl Vectors<'_> {
     /// The pixel nearest to a position, and its vector.
     #[must_use]
     pub fn nearest(&self, at: DVec2) -> Option<(DVec2, DVec2)> {
-        let pixel = (at + 0.5).floor();
+        let pixel = nearest_pixel(at);
         Some((pixel, self.at(pixel.x as i64, pixel.y as i64)?))
     }
 
@@ -46,6 +48,20 @@ impl Vectors<'_> {
         let ((before, back), (after, on)) = (walk(-1), walk(1));
         if back + on < 2 { DVec2::ZERO } else { (after - before) / (back + on) as f64 }
     }
+}
+
+/// A position on a row or column of half-pel samples if it is near one.
+#[must_use]
+pub fn snapped(at: DVec2) -> DVec2 {
+    let half = 2.0 * at;
+    let nearest = half.round();
+    0.5 * DVec2::select((half - nearest).abs().cmple(DVec2::splat(SNAP_SAMPLES)), nearest, half)
+}
+
+/// The pixel nearest to a position. Half way between two, rounding does not decide.
+#[must_use]
+pub fn nearest_pixel(at: DVec2) -> DVec2 {
+    (snapped(at) + 0.5).floor()
 }
 
 /// The larger component.
@@ -74,11 +90,7 @@ pub struct Layer {
 impl Layer {
     /// The layer of a pixel. `None` if its path is not known.
     #[must_use]
-    pub fn new(
-        end: &Vectors<'_>,
-        start: Option<(&Vectors<'_>, f64)>,
-        pixel: (usize, usize),
-    ) -> Option<Self> {
+    pub fn new(end: &Vectors<'_>, start: Option<(&Vectors<'_>, f64)>, pixel: (usize, usize)) -> Option<Self> {
         let at = DVec2::new(pixel.0 as f64, pixel.1 as f64);
         let motion = end.at(pixel.0 as i64, pixel.1 as i64)?;
         let mut slopes = DMat2::from_cols(end.slope(pixel, (1, 0)), end.slope(pixel, (0, 1)));
@@ -137,10 +149,7 @@ impl Layer {
 }
 
 /// The four pixels around a position, which is clamped to the image, with their bilinear weights.
-pub fn corners(
-    (width, height): (usize, usize),
-    at: DVec2,
-) -> impl Iterator<Item = ((i64, i64), f64)> {
+pub fn corners((width, height): (usize, usize), at: DVec2) -> impl Iterator<Item = ((i64, i64), f64)> {
     let last = DVec2::new((width - 1) as f64, (height - 1) as f64);
     let inside = at.clamp(DVec2::ZERO, last);
     let low = inside.floor();

@@ -6,10 +6,13 @@ pub mod layer;
 
 use super::trajectory::outside_px;
 use candidates::{Block, owner};
-use esaac_model::synthesis::layers::{BACKGROUND_LOG, BLOCK_PX, MOST_STEPS, SLIGHT_WEIGHT, SNAP_SAMPLES};
+use esaac_model::synthesis::layers::{BACKGROUND_LOG, BLOCK_PX, MOST_STEPS, SLIGHT_WEIGHT};
 use esaac_model::synthesis::{EDGE_PX, EDGE_WEIGHT};
 use glam::DVec2;
-use layer::{Layer, Vectors, corners, largest};
+use layer::{Layer, Vectors, corners, largest, nearest_pixel, snapped};
+
+#[cfg(test)]
+mod tests;
 
 /// The layers of an interval.
 #[derive(Clone, Debug)]
@@ -90,11 +93,12 @@ impl Layers {
         let all: Vec<&Layer> = self.block(pixel).layers.iter().collect();
         let apart =
             |a: &Layer| all.iter().map(|b| largest(a.motion_at(at) - b.motion_at(at))).fold(0.0, f64::max);
-        let steps = (all.iter().map(|a| apart(a)).fold(0.0, f64::max).ceil() as usize).clamp(1, MOST_STEPS);
+        let fastest = all.iter().map(|a| apart(a)).fold(0.0, f64::max);
+        let steps = ((fastest - SLIGHT_WEIGHT).ceil() as usize).clamp(1, MOST_STEPS);
         let seen = |k: usize, step: usize| {
             let sources = all[k].sources(at, step as f64 / steps as f64);
             (0..2).any(|frame| {
-                let nearest = (sources[frame] + 0.5).floor();
+                let nearest = nearest_pixel(sources[frame]);
                 self.shown(&all, frame, nearest.x as i64, nearest.y as i64) == Some(k)
             })
         };
@@ -227,12 +231,4 @@ struct View {
     level: f64,
     as_shown: f64,
     behind: Option<f64>,
-}
-
-/// A position on a row or column of half-pel samples if it is near one.
-fn snapped(at: DVec2) -> DVec2 {
-    let half = 2.0 * at;
-    let nearest = half.round();
-    let snap = (half - nearest).abs().cmple(DVec2::splat(SNAP_SAMPLES));
-    0.5 * DVec2::select(snap, nearest, half)
 }
