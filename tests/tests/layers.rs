@@ -67,7 +67,7 @@ fn levels_and_events_are_those_of_the_oracle() {
         (Taps::Bilinear, Intensity::Gray, 3, SubstepPolicy::Fixed),
         (Taps::Cubic, Intensity::BayerRggb, 2, SubstepPolicy::Adaptive),
     ];
-    let (mut all, mut differing, mut pixels, mut other_events) = (0, 0, 0, 0);
+    let (mut all, mut differing, mut pixels, mut unexplained) = (0, 0, 0, 0);
     for (taps, intensity, layers, substep_policy) in modes {
         for kind in SCENES {
             let sequence = frames(kind);
@@ -83,14 +83,12 @@ fn levels_and_events_are_those_of_the_oracle() {
             all += of_scene;
             differing += off;
             pixels += agreement.pixels;
-            other_events += agreement.differing;
+            unexplained += agreement.unexplained.len();
         }
     }
     assert!(differing as f64 <= DIFFERING_SHARE * all as f64, "{differing} of {all} levels differ");
-    assert!(
-        other_events as f64 <= DIFFERING_SHARE * pixels as f64,
-        "{other_events} of {pixels} pixels differ"
-    );
+    let most = DIFFERING_SHARE * pixels as f64;
+    assert!(unexplained as f64 <= most, "{unexplained} of {pixels} pixels differ without a tie");
     assert_silent();
 }
 

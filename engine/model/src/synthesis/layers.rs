@@ -77,8 +77,8 @@ pub const LEAST_DETERMINANT: f64 = 0.25;
 /// How many blocks away a pair may be that passes a block.
 pub const REACH_BLOCKS: usize = 4;
 
-/// How near to a block a pair must pass, pixels.
-pub const REACH_PX: f64 = 2.0;
+/// How near to a block a pair must pass, pixels. Not a round number: vectors often are, and rounding would decide.
+pub const REACH_PX: f64 = 2.03;
 
 /// Difference of vectors at a block's centre, pixels, below which two layers are one.
 pub const MERGE_PX: f64 = 1.0;
