@@ -32,6 +32,11 @@ bool motions_meet(Camera cam) {
     return any != 0u;
 }
 
+// Whether a position lies outside the image. A rounding's width outside does not matter.
+bool is_outside(Camera cam, vec2 position) {
+    return outside_px(cam, position) > LAYER_OUTSIDE_PX;
+}
+
 // How far a vector goes on, a step at a time, up to LAYER_SLOPE_PX: the last one, and the number of steps.
 vec3 walk_vectors(Camera cam, ivec2 at, vec2 own, ivec2 way) {
     const uint base = motion_base(cam, true);
@@ -73,7 +78,7 @@ bool note_layer(Camera cam, uint number, ivec2 at) {
     vec2 before = motion + times(slopes, motion);
     if (has_earlier_vectors(cam)) {
         const vec2 there = vec2(at) + motion;
-        if (outside_px(cam, there) > 0.0) {
+        if (is_outside(cam, there)) {
             return false;
         }
         const vec2 steady = interval_ratio(cam) * motion;
@@ -238,7 +243,7 @@ void vote_on_order(Camera cam, uint b) {
         const vec2 there = vec2(at) + vector;
         const ivec2 before = nearest_pixel(there);
         const vec2 vector_before = vector_at(cam, motion_base(cam, false), before, known);
-        if (!known || outside_px(cam, there) > 0.0) {
+        if (!known || is_outside(cam, there)) {
             continue;
         }
         const uint hidden = owner_of(block, every, true, vec2(at), vector, ratio);

@@ -20,7 +20,7 @@
 //! step; it is 0 where these are fewer than two steps in all, and as a whole where `det(I + S) < `[`LEAST_DETERMINANT`].
 //!
 //! Its earlier vector `u` is read in frame k-1 at `y + m`, from the four pixels around: of those with weight, the mean of
-//! the ones that are within [`SMOOTH_PX`] of the one nearest to `r m`. If that place lies outside the image, or `u`
+//! the ones that are within [`SMOOTH_PX`] of the one nearest to `r m`. If that place lies outside the image by more than [`OUTSIDE_PX`], or `u`
 //! differs from `r m` by more than [`BEND_PX`]` + `[`BEND_SHARE`]` |r m|`, it shows something else, and there is no layer.
 //! The curvature is `c = (u - r m) / (r (1 + r))`. Without vectors of frame k-1, `c = S m / 2`: vectors at a place of the
 //! image are taken to stay the same.
@@ -94,6 +94,9 @@ pub const BEND_PX: f64 = 2.0;
 
 /// Further difference up to which it is, as a share of the vector.
 pub const BEND_SHARE: f64 = 0.5;
+
+/// How far outside the image a position counts as in it, pixels: rounding.
+pub const OUTSIDE_PX: f64 = 0.01;
 
 /// Largest number of layers of a block.
 pub const BLOCK_LAYERS: usize = 6;

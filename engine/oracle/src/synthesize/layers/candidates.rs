@@ -1,8 +1,10 @@
 //! Which layers may show in a block during an interval, and which of them hides which.
 
+use super::super::trajectory::outside_px;
 use super::layer::{Layer, Vectors, largest};
 use esaac_model::synthesis::layers::{
-    BELONG_PX, BELONG_SHARE, BLOCK_LAYERS, BLOCK_PX, LEAST_VOTES, MEET_PX, MERGE_PX, REACH_BLOCKS, REACH_PX,
+    BELONG_PX, BELONG_SHARE, BLOCK_LAYERS, BLOCK_PX, LEAST_VOTES, MEET_PX, MERGE_PX, OUTSIDE_PX,
+    REACH_BLOCKS, REACH_PX,
 };
 use glam::DVec2;
 
@@ -133,8 +135,7 @@ fn vote(end: &Vectors<'_>, start: &Vectors<'_>, (x, y): Place, layers: &[Layer])
     let vector = end.at(x as i64, y as i64)?;
     let hidden = in_end(vector, at)?;
     let there = at + vector;
-    let last = DVec2::new((end.size.0 - 1) as f64, (end.size.1 - 1) as f64);
-    if there.cmplt(DVec2::ZERO).any() || there.cmpgt(last).any() {
+    if outside_px(end.size, there.to_array()) > OUTSIDE_PX {
         return None;
     }
     let (pixel, shown) = start.nearest(there)?;

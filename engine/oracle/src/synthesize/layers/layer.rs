@@ -2,7 +2,7 @@
 
 use super::super::trajectory::{is_valid, outside_px};
 use esaac_model::synthesis::layers::{
-    BEND_PX, BEND_SHARE, LEAST_DETERMINANT, SLOPE_REACH_PX, SMOOTH_PX, SNAP_SAMPLES,
+    BEND_PX, BEND_SHARE, LEAST_DETERMINANT, OUTSIDE_PX, SLOPE_REACH_PX, SMOOTH_PX, SNAP_SAMPLES,
 };
 use glam::{DMat2, DVec2};
 
@@ -103,7 +103,7 @@ impl Layer {
             return Some(Layer { curvature: 0.5 * (slopes * motion), ..layer });
         };
         let there = at + motion;
-        if outside_px(end.size, there.to_array()) > 0.0 {
+        if outside_px(end.size, there.to_array()) > OUTSIDE_PX {
             return None;
         }
         let steady = ratio * motion;
