@@ -135,22 +135,49 @@ fn without_noise_pixels_send_the_oracles_events() {
 }
 
 #[test]
-fn behind_a_lens_and_in_the_light_of_a_lamp_pixels_send_the_oracles_events() {
-    let lens = SensorModel { substeps: 64, psf_sigma_px: 0.7, vignetting_fov_deg: 60.0, ..quiet() };
-    let lamp = SensorModel { flicker_depth: 0.4, flicker_phase_deg: 40.0, ..lens.clone() };
-    for (sensor, least_events) in [(lens, 1000), (lamp, 2000)] {
-        // As bright as the second pole, so that the flicker of 100 Hz passes.
-        let sequence = waves(&sensor, 300.0, 4);
-        let own = engine(&sensor, &sequence);
-        assert_eq!(packets(&own), packets(&engine_with(&sensor, &sequence, gpu())), "both sets of kernels");
-        let mut total = Agreement::default();
-        total.add(&sensor, &events(&own), &oracle_events(&oracle(&sensor, 0, &sequence)));
-        println!("{} of {} pixels differ, {} events", total.differing, total.pixels, total.apart_ns.len());
-        assert!(total.apart_ns.len() > least_events);
-        let share = total.differing as f64 / total.pixels as f64;
-        assert!(share <= 0.006, "{} of {} pixels", total.differing, total.pixels);
-        assert!(total.apart_ns(0.5) < 5_000 && total.apart_ns(0.99) < 200_000);
+fn behind_a_lens_pixels_send_the_oracles_events() {
+    let sensor = SensorModel { substeps: 64, psf_sigma_px: 0.7, vignetting_fov_deg: 60.0, ..quiet() };
+    let sequence = waves(&sensor, 300.0, 4);
+    let own = engine(&sensor, &sequence);
+    assert_eq!(packets(&own), packets(&engine_with(&sensor, &sequence, gpu())), "both sets of kernels");
+    let mut total = Agreement::default();
+    total.add(&sensor, &events(&own), &oracle_events(&oracle(&sensor, 0, &sequence)));
+    println!("{} of {} pixels differ, {} events", total.differing, total.pixels, total.apart_ns.len());
+    assert!(total.apart_ns.len() > 1000 && total.differing as f64 <= 0.006 * total.pixels as f64);
+    assert!(total.apart_ns(0.5) < 5_000 && total.apart_ns(0.99) < 200_000);
+}
+
+/// The light turns twenty times in these frames. Each turn that ends within the photoreceptor's error of a threshold is an
+/// event more or less, so most sequences agree, not all; what the photoreceptor shows must, and so must the number of
+/// events.
+#[test]
+fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
+    // As bright as the second pole, so that the flicker of 100 Hz passes.
+    let lamp = SensorModel { substeps: 64, flicker_depth: 0.4, flicker_phase_deg: 40.0, ..quiet() };
+    let sequence = waves(&lamp, 300.0, 4);
+    let mut rig = rig(&lamp, &sequence, RigOptions::default());
+    let mut oracle = Oracle::new(lamp.clone(), 0).expect("a valid sensor");
+    let (mut own, mut expected, mut worst) = (Vec::new(), Vec::new(), 0.0_f64);
+    for frame in 0..sequence.frames.len() {
+        own.push(step(&mut rig, &sequence, frame));
+        expected.push(oracle.step(&sequence.oracle_frame(frame)).expect("a valid frame"));
+        for (pixel, &lag) in words(&rig, &lamp, PhysicalWord::Lag).iter().enumerate() {
+            let exact = oracle.physical_pixel(pixel).expect("armed").photoreceptor.lag_log;
+            worst = worst.max((f64::from(f32::from_bits(lag)) - exact).abs());
+        }
     }
+    assert!(worst < 0.01, "{worst} neper");
+    assert_eq!(packets(&own), packets(&engine_with(&lamp, &sequence, gpu())), "both sets of kernels");
+    let (engine, oracle) = (events(&own), oracle_events(&expected));
+    let mut total = Agreement::default();
+    total.add(&lamp, &engine, &oracle);
+    let (differing, pixels) = (total.differing, total.pixels);
+    println!("{worst} neper; {differing} of {pixels} pixels differ; {} of {} events", engine.len(), oracle.len());
+    println!("{} and {} ns apart", total.apart_ns(0.5), total.apart_ns(0.9));
+    assert!(engine.len() > 25 * pixels && engine.len().abs_diff(oracle.len()) < oracle.len() / 200);
+    assert!(differing < pixels / 5 && total.apart_ns(0.5) < 5_000 && total.apart_ns(0.9) < 50_000);
+    drop(rig);
+    assert_silent();
 }
 
 /// What a rig tells of the light: the median of frames at fixed places in the run, the same in every run.
