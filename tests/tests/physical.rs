@@ -175,7 +175,8 @@ fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
     println!("{worst} neper; {differing} of {pixels} pixels differ; {} of {} events", engine.len(), oracle.len());
     println!("{} and {} ns apart", total.apart_ns(0.5), total.apart_ns(0.9));
     assert!(engine.len() > 25 * pixels && engine.len().abs_diff(oracle.len()) < oracle.len() / 200);
-    assert!(differing < pixels / 5 && total.apart_ns(0.5) < 5_000 && total.apart_ns(0.9) < 50_000);
+    // A hundredth of a neper, the photoreceptor's tolerance, takes the flicker's steepest slope 40 us.
+    assert!(differing < pixels / 5 && total.apart_ns(0.5) < 20_000 && total.apart_ns(0.9) < 40_000);
     drop(rig);
     assert_silent();
 }
