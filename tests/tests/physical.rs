@@ -172,7 +172,11 @@ fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
     let mut total = Agreement::default();
     total.add(&lamp, &engine, &oracle);
     let (differing, pixels) = (total.differing, total.pixels);
-    println!("{worst} neper; {differing} of {pixels} pixels differ; {} of {} events", engine.len(), oracle.len());
+    println!(
+        "{worst} neper; {differing} of {pixels} pixels differ; {} of {} events",
+        engine.len(),
+        oracle.len()
+    );
     println!("{} and {} ns apart", total.apart_ns(0.5), total.apart_ns(0.9));
     assert!(engine.len() > 25 * pixels && engine.len().abs_diff(oracle.len()) < oracle.len() / 200);
     // A hundredth of a neper, the photoreceptor's tolerance, takes the flicker's steepest slope 40 us.

@@ -73,12 +73,8 @@ fn lens_and_lamp() {
         let blur = SensorModel { psf_sigma_px: 0.7, ..base.clone() };
         let dark_corners = SensorModel { vignetting_fov_deg: 80.0, ..base.clone() };
         let lamp = SensorModel { flicker_depth: 0.6, flicker_phase_deg: 70.0, ..base };
-        let all = SensorModel {
-            psf_sigma_px: 1.0,
-            vignetting_fov_deg: 50.0,
-            flicker_hz: 55.0,
-            ..lamp.clone()
-        };
+        let all =
+            SensorModel { psf_sigma_px: 1.0, vignetting_fov_deg: 50.0, flicker_hz: 55.0, ..lamp.clone() };
         let alone = [blur, dark_corners, lamp].into_iter().filter(|_| number == 0);
         cameras.extend(alone.chain([all]).map(|sensor| (sensor, frames.clone())));
     }

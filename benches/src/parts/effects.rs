@@ -45,7 +45,8 @@ const EFFECTS: [(&str, Change); 15] = [
     ("APS", |s| s.aps_exposure_ns = 10_000_000),
     ("blur", |s| s.psf_sigma_px = 0.7),
     ("vignetting", |s| s.vignetting_fov_deg = 60.0),
-    ("flicker", |s| s.flicker_depth = 0.3),
+    // Below the thresholds: a deeper flicker costs what its events cost, and makes the event queues grow.
+    ("flicker", |s| s.flicker_depth = 0.05),
     ("silicon", |s| s.intensity = Intensity::SiliconFront),
     ("Bayer", |s| s.intensity = Intensity::BayerRggb),
     ("two transfers", |s| s.transfers = 2),

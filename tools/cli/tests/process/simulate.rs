@@ -65,7 +65,8 @@ print(json.dumps({'on': int((p == 1).sum()), 'off': int((p == -1).sum()), 'senso
 #[test]
 fn the_light_of_a_physical_pixel_is_told() {
     let frames = Frames::new(3, false);
-    let light = ["--synthesis", "none", "--pixel", "physical", "--scene-unit", "luminance", "--f-number", "2"];
+    let light =
+        ["--synthesis", "none", "--pixel", "physical", "--scene-unit", "luminance", "--f-number", "2"];
     let (code, report, error) = simulate(&frames, &light);
     assert_eq!(code, 0, "{error}");
     let camera = &report["cameras"][0];
