@@ -151,8 +151,6 @@ struct Known {
     float behind;
 };
 
-const Known WHOLLY_KNOWN = Known(1.0, 0.0, 1.0, 0.0, 0.0, 0.0);
-
 // Level at a position from a frame whose pixels around it are of one surface.
 float read_level(Camera cam, uint frame, vec2 position) {
     return TAPS == TAPS_CUBIC
@@ -269,14 +267,8 @@ float synthesize_rigid(
         if (lies_start != BELONGS && lies_end != BELONGS && is_within(start_spot) && is_within(end_spot)) {
             continue;
         }
-        const bool inner = lies_start == BELONGS && lies_end == BELONGS && is_inner(start_spot.shown)
-            && is_inner(end_spot.shown);
-        Known start = WHOLLY_KNOWN;
-        Known end = WHOLLY_KNOWN;
-        if (!inner) {
-            start = look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start);
-            end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end);
-        }
+        Known start = look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start);
+        Known end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end);
         const float say_start = (1.0 - alpha) * max(1.0 - outside_px(cam, at_keys.xy), EDGE_WEIGHT);
         const float say_end = alpha * max(1.0 - outside_px(cam, at_keys.zw), EDGE_WEIGHT);
         const float trust_end = say_end * end.trust;
@@ -286,10 +278,6 @@ float synthesize_rigid(
         }
         const float start_shown = read_level(cam, frames.previous, start_spot.position);
         const float end_shown = read_level(cam, frames.current, end_spot.position);
-        if (inner && silhouette.coverage == 0.0 && shown == 0.0) {
-            lost = false;
-            return lerp(start_shown, end_shown, say_end / (say_start + say_end));
-        }
         if (is_within(start_spot)) {
             start.level = start_shown;
             start.level_behind = start_shown;

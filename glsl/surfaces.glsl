@@ -306,12 +306,13 @@ struct Spot {
     // The pixel nearest to it, and the way from there.
     ivec2 nearest;
     vec2 off;
+    // Bits of the pixels beside that one that the position lies between: beside it in its row, in its column, and both.
+    uvec3 between;
     // What that pixel shows.
     uvec2 shown;
 };
 
-// The bits of the pixels beside the nearest one that a position `off` it lies between: in its row, in its column, and
-// both.
+// The bits of the pixels that a position `off` the nearest one lies between.
 uvec3 bits_between(vec2 off) {
     const bool right = off.x > 0.0;
     const bool below = off.y > 0.0;
@@ -329,14 +330,14 @@ Spot spot_at(Camera cam, uint base, vec2 position) {
     const vec2 inside = clamp(spot.position, vec2(0.0), vec2(cam.width - 1u, cam.height - 1u));
     spot.nearest = ivec2(inside + 0.5);
     spot.off = inside - vec2(spot.nearest);
+    spot.between = bits_between(spot.off);
     spot.shown = load_surface(base, cam, spot.nearest);
     return spot;
 }
 
 // Whether the pixels that a position lies between continue the surface of the nearest, so that this speaks for all.
 bool is_within(Spot spot) {
-    const uvec3 between = bits_between(spot.off);
-    const uint needed = between.x | between.y | between.z;
+    const uint needed = spot.between.x | spot.between.y | spot.between.z;
     return (continuing_of(spot.shown) & needed) == needed;
 }
 
@@ -347,7 +348,7 @@ float trust_within(Spot spot) {
     }
     const uint pure = spot.shown.y >> SURFACE_PURE_SHIFT;
     const vec2 w = abs(spot.off);
-    const vec3 beside = mix(vec3(MIXED_WEIGHT), vec3(1.0), notEqual(bits_between(spot.off) & pure, uvec3(0u)));
+    const vec3 beside = mix(vec3(MIXED_WEIGHT), vec3(1.0), notEqual(spot.between & pure, uvec3(0u)));
     const float own = is_pure(spot.shown) ? 1.0 : MIXED_WEIGHT;
     return lerp(lerp(own, beside.x, w.x), lerp(beside.y, beside.z, w.x), w.y);
 }
