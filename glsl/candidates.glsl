@@ -2,9 +2,6 @@
 // alike once. Part of cross.glsl; twin of the oracle's `candidates`. Needs surfaces.glsl, and the buffers
 // `representatives` and `passing`.
 
-#extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_arithmetic : require
-
 // A surface as both key frames see it: an instance, and a plane in the axes of each.
 struct Surface {
     uint instance;
@@ -29,11 +26,11 @@ shared float passer_parallax[PASSERS];
 shared vec2 passer_depths[PASSERS];
 shared uint passer_count[TILE_BLOCKS];
 
-// The chosen ones of each block, likewise.
+// The chosen ones of each block, likewise; and the first entry of each block that is left, in turns.
 shared uint chosen_pixel[LISTED];
 shared uint chosen_instance[LISTED];
 shared vec2 chosen_depths[LISTED];
-// No entry.
+shared uint first_left[2u * TILE_BLOCKS];
 const uint NONE_LEFT = 0xffffffffu;
 
 // The surface that a pixel of key frame `key` shows. `seen` becomes false if there is none.
@@ -119,53 +116,59 @@ void leave_out(uint passer, uint chosen) {
 }
 
 // Chooses from what passes until the lists are full: the first that is left of each block, which leaves out what is one
-// with it, and again. `per_block` of PASSERS are of each block from `first_block` on, and a subgroup takes a block, so
-// that no turn waits for the others. Called by the whole workgroup; begins with what others have noted, ends with a
-// barrier.
+// with it, and again. `per_block` of PASSERS are of each block from `first_block` on. Called by the whole workgroup;
+// begins with what others have noted, ends with a barrier.
 void choose_passers(uint first_block, uint per_block) {
+    const uint lane = gl_LocalInvocationID.x;
+    if (lane < 2u * TILE_BLOCKS) {
+        first_left[lane] = NONE_LEFT;
+    }
     barrier();
-    for (uint taken = gl_SubgroupID; taken < PASSERS / per_block; taken += gl_NumSubgroups) {
-        const uint b = first_block + taken;
-        const uint first = taken * per_block + gl_SubgroupInvocationID;
-        const uint end = (taken + 1u) * per_block;
-        uint count = listed_count[b];
-        for (uint passer = first; passer < end; passer += gl_SubgroupSize) {
-            for (uint chosen = 0u; chosen < count && passer_instance[passer] != NO_INSTANCE; ++chosen) {
-                leave_out(passer, b * BLOCK_CANDIDATES + chosen);
-            }
-        }
-        uint next = NONE_LEFT;
-        do {
-            uint first_left = NONE_LEFT;
-            for (uint passer = first; passer < end; passer += gl_SubgroupSize) {
-                if (passer_instance[passer] != NO_INSTANCE) {
-                    first_left = min(first_left, passer_entry[passer]);
-                }
-            }
-            next = count < BLOCK_CANDIDATES ? subgroupMin(first_left) : NONE_LEFT;
-            if (next != NONE_LEFT) {
-                const uint chosen = b * BLOCK_CANDIDATES + count;
-                for (uint passer = first; passer < end; passer += gl_SubgroupSize) {
-                    if (passer_instance[passer] != NO_INSTANCE && passer_entry[passer] == next) {
-                        chosen_pixel[chosen] = passer_pixel[passer];
-                        chosen_instance[chosen] = passer_instance[passer];
-                        chosen_depths[chosen] = passer_depths[passer];
-                        passer_instance[passer] = NO_INSTANCE;
-                    }
-                }
-                subgroupBarrier();
-                for (uint passer = first; passer < end; passer += gl_SubgroupSize) {
-                    if (passer_instance[passer] != NO_INSTANCE) {
-                        leave_out(passer, chosen);
-                    }
-                }
-                count += 1u;
-            }
-        } while (next != NONE_LEFT);
-        if (subgroupElect()) {
-            listed_count[b] = count;
+    for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+        const uint b = first_block + passer / per_block;
+        for (uint chosen = 0u; chosen < listed_count[b] && passer_instance[passer] != NO_INSTANCE; ++chosen) {
+            leave_out(passer, b * BLOCK_CANDIDATES + chosen);
         }
     }
+    uint turn = 0u;
+    bool any_left = true;
+    do {
+        const uint turns = TILE_BLOCKS * (turn & 1u);
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            if (passer_instance[passer] != NO_INSTANCE) {
+                atomicMin(first_left[turns + first_block + passer / per_block], passer_entry[passer]);
+            }
+        }
+        barrier();
+        any_left = false;
+        for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+            any_left = any_left || (first_left[turns + b] != NONE_LEFT && listed_count[b] < BLOCK_CANDIDATES);
+        }
+        barrier();
+        if (lane < TILE_BLOCKS) {
+            first_left[TILE_BLOCKS - turns + lane] = NONE_LEFT;
+        }
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            const uint b = first_block + passer / per_block;
+            if (passer_instance[passer] != NO_INSTANCE && passer_entry[passer] == first_left[turns + b]
+                && listed_count[b] < BLOCK_CANDIDATES) {
+                const uint chosen = b * BLOCK_CANDIDATES + listed_count[b];
+                chosen_pixel[chosen] = passer_pixel[passer];
+                chosen_instance[chosen] = passer_instance[passer];
+                chosen_depths[chosen] = passer_depths[passer];
+                listed_count[b] += 1u;
+                passer_instance[passer] = NO_INSTANCE;
+            }
+        }
+        barrier();
+        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+            const uint b = first_block + passer / per_block;
+            if (passer_instance[passer] != NO_INSTANCE) {
+                leave_out(passer, b * BLOCK_CANDIDATES + listed_count[b] - 1u);
+            }
+        }
+        turn += 1u;
+    } while (any_left);
     barrier();
 }
 

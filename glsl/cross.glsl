@@ -2,9 +2,9 @@
 // never leave the chip.
 //
 // Shared by cross_gpu.comp and cross_cpu.comp. A tile is four 8x8 blocks side by side, a sub-tile some rows of it, with
-// one thread per pixel. A row of a tile is 32 pixels, so that a subgroup reads neighbouring words (for synthesis `rigid`
-// see `pixel_of_thread`). Each thread synthesises the sub-steps of its pixel and walks them; the events go through shared
-// memory into bins. x over sub-tiles or tiles, in the order of `tile_order`, y over cameras.
+// one thread per pixel. A row of a tile is 32 pixels, so that a subgroup reads neighbouring words. Each thread
+// synthesises the sub-steps of its pixel and walks them; the events go through shared memory into bins. x over
+// sub-tiles or tiles, in the order of `tile_order`, y over cameras.
 //
 // Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks. Writes events to
 // bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose events do not fit changes
@@ -29,17 +29,6 @@ shared uint any_activity;
 
 // First pixel of the sub-tile.
 uvec2 corner;
-
-// Pixel of the sub-tile that a thread takes. For synthesis `rigid` a block's pixels follow one another: where a silhouette
-// passes, a subgroup takes several times as long, and the more compact it is the fewer meet one.
-uvec2 pixel_of_thread(uint thread) {
-    if (!RIGID) {
-        return uvec2(thread % TILE_WIDTH_PX, thread / TILE_WIDTH_PX);
-    }
-    const uint in_block = thread % (BLOCK_PX * SUB_TILE_ROWS);
-    const uint block = thread / (BLOCK_PX * SUB_TILE_ROWS);
-    return uvec2(BLOCK_PX * block + in_block % BLOCK_PX, in_block / BLOCK_PX);
-}
 
 #include "synthesize.glsl"
 #include "surfaces.glsl"
@@ -207,13 +196,13 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
 
 // This thread's pixel.
 uvec2 sub_tile_pixel() {
-    return corner + pixel_of_thread(gl_LocalInvocationID.x);
+    return corner + uvec2(gl_LocalInvocationID.x % TILE_WIDTH_PX, gl_LocalInvocationID.x / TILE_WIDTH_PX);
 }
 
 // Whether this thread does the counting for its block.
 bool counts_block(Camera cam) {
-    const uvec2 in_sub_tile = pixel_of_thread(gl_LocalInvocationID.x);
-    return in_sub_tile.y == 0u && in_sub_tile.x % BLOCK_PX == 0u && corner.x + in_sub_tile.x < cam.width;
+    const uint lane = gl_LocalInvocationID.x;
+    return lane < TILE_WIDTH_PX && lane % BLOCK_PX == 0u && corner.x + lane < cam.width;
 }
 
 // Loads a pixel's state and the inputs of its synthesis.
@@ -233,7 +222,7 @@ struct TileBlocks {
 };
 
 TileBlocks find_blocks(Camera cam) {
-    const uint in_tile = pixel_of_thread(gl_LocalInvocationID.x).x / BLOCK_PX;
+    const uint in_tile = (gl_LocalInvocationID.x % TILE_WIDTH_PX) / BLOCK_PX;
     const uvec2 block_at = uvec2(min(corner.x / BLOCK_PX + in_tile, cam.blocks_x - 1u), corner.y / BLOCK_PX);
     const uint row_base = cam.block_base + cam.frame_slot * cam.blocks + block_at.y * cam.blocks_x;
     const uint first_block = row_base + corner.x / BLOCK_PX;

@@ -12,13 +12,13 @@ Pose pose_at_substep(Geometry geo, uint instance, uint n, uint i) {
     return Pose(paths[row], paths[row + 1u], paths[row + 2u]);
 }
 
-// Where the plane `plane` (axes of key frame 0) that a ray shows lies in key frame 0, as a homogeneous point times `room`;
-// `pose` is that to key frame 0. `inverse_depth` is that at the instant, times `room`. `seen` becomes false if it is not
-// before the camera.
-vec3 point_on_path(Pose pose, vec3 plane, vec3 ray, out float inverse_depth, out float room, inout bool seen) {
+// Where the plane `plane` (axes of key frame 0) that a ray shows lies in key frame 0, as a homogeneous point; `pose` is
+// that to key frame 0. `inverse_depth` is that at the instant. `seen` becomes false if it is not before the camera.
+vec3 point_on_path(Pose pose, vec3 plane, vec3 ray, out float inverse_depth, inout bool seen) {
     const vec3 direction = turned(pose, ray);
-    room = 1.0 - dot3(plane, shift_of(pose));
-    inverse_depth = dot3(plane, direction);
-    seen = seen && room > 0.0 && inverse_depth >= 0.0;
-    return fma(shift_of(pose), vec3(inverse_depth), direction * room);
+    const float room = 1.0 - dot3(plane, shift_of(pose));
+    seen = seen && room > 0.0;
+    inverse_depth = dot3(plane, direction) / (room > 0.0 ? room : 1.0);
+    seen = seen && inverse_depth >= 0.0;
+    return fma(shift_of(pose), vec3(inverse_depth), direction);
 }

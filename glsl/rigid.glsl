@@ -68,11 +68,9 @@ void insert(inout RigidPixel p, inout float depths[PIXEL_CANDIDATES], uint c, fl
 // Inverse depth of a candidate along a ray in the middle of the interval; less than 0 if it is not before the camera.
 float depth_in_middle(Geometry geo, Surface surface, vec3 ray) {
     float inverse_depth;
-    float room;
     bool seen = true;
-    const Pose pose = pose_at_instant(geo, surface.instance, POSE_INSTANTS / 2u);
-    point_on_path(pose, surface.planes[0], ray, inverse_depth, room, seen);
-    return seen ? inverse_depth / room : -1.0;
+    point_on_path(pose_at_instant(geo, surface.instance, POSE_INSTANTS / 2u), surface.planes[0], ray, inverse_depth, seen);
+    return seen ? inverse_depth : -1.0;
 }
 
 RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
@@ -131,10 +129,8 @@ RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
 // Where a candidate lies in key frame 0 (xy) and in key frame 1 (zw). `seen` becomes false if it is not before the
 // camera.
 vec4 find_sources(Geometry geo, Pose pose, Surface surface, vec3 ray, inout bool seen) {
-    // What is projected may have any length.
     float inverse_depth;
-    float room;
-    const vec3 point = point_on_path(pose, surface.planes[0], ray, inverse_depth, room, seen);
+    const vec3 point = point_on_path(pose, surface.planes[0], ray, inverse_depth, seen);
     const vec2 in_start = project(geo, point, seen);
     const Pose to_end = pose_between_keys(geo, surface.instance);
     return vec4(in_start, project(geo, moved(to_end, point, inverse_depth), seen));
@@ -185,14 +181,14 @@ Known look_around(Camera cam, Geometry geo, uint frame, uint base, vec2 position
     return known;
 }
 
-// What a key frame knows of a surface at a spot. Where the nearest pixel speaks for all, its levels are left open.
-Known look(Camera cam, Geometry geo, uint frame, uint base, Spot spot, Seen surface, uint lies) {
+// What a key frame knows of a surface at a spot; `as_shown` is the level there, whatever it is of.
+Known look(Camera cam, Geometry geo, uint frame, uint base, Spot spot, Seen surface, uint lies, float as_shown) {
     if (!is_within(spot)) {
         return look_around(cam, geo, frame, base, spot.position, surface);
     }
     return Known(
-        lies == BELONGS ? 1.0 : 0.0, lies == HIDES ? 1.0 : 0.0, lies == BELONGS ? trust_within(spot) : 0.0, 0.0, 0.0,
-        lies == FARTHER ? 1.0 : 0.0);
+        lies == BELONGS ? 1.0 : 0.0, lies == HIDES ? 1.0 : 0.0, lies == BELONGS ? trust_within(spot) : 0.0, as_shown,
+        as_shown, lies == FARTHER ? 1.0 : 0.0);
 }
 
 // Adds up the levels of the pixels `steps` beside a position that belong to a surface, and counts them.
@@ -267,24 +263,18 @@ float synthesize_rigid(
         if (lies_start != BELONGS && lies_end != BELONGS && is_within(start_spot) && is_within(end_spot)) {
             continue;
         }
-        Known start = look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start);
-        Known end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end);
+        // Both reads before any branch: their loads overlap.
+        const float start_shown = read_level(cam, frames.previous, start_spot.position);
+        const float end_shown = read_level(cam, frames.current, end_spot.position);
+        const Known start =
+            look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start, start_shown);
+        const Known end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end, end_shown);
         const float say_start = (1.0 - alpha) * max(1.0 - outside_px(cam, at_keys.xy), EDGE_WEIGHT);
         const float say_end = alpha * max(1.0 - outside_px(cam, at_keys.zw), EDGE_WEIGHT);
         const float trust_end = say_end * end.trust;
         const float trust = fma(say_start, start.trust, trust_end);
         if (trust <= 0.0) {
             continue;
-        }
-        const float start_shown = read_level(cam, frames.previous, start_spot.position);
-        const float end_shown = read_level(cam, frames.current, end_spot.position);
-        if (is_within(start_spot)) {
-            start.level = start_shown;
-            start.level_behind = start_shown;
-        }
-        if (is_within(end_spot)) {
-            end.level = end_shown;
-            end.level_behind = end_shown;
         }
         const float weight_seen = fma(say_start, start.seen, say_end * end.seen);
         const vec2 open = vec2(say_start * (1.0 - start.hidden), say_end * (1.0 - end.hidden));
