@@ -1,26 +1,37 @@
-//! `esaac calibrate`: a sensor file from a recording of a real sensor.
+//! `esaac calibrate`: a sensor file from recordings of a real sensor.
 
 use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
-use crate::{device_choice, output_file};
+use crate::sensors::pixel_named;
+use crate::{characterise, device_choice, output_file};
 use anyhow::{Result, ensure};
+use esaac_calibrate::physical::{PhysicalFit, fit_physical, read_exposures};
 use esaac_calibrate::{Fit, fit};
 use esaac_formats::recording::aedat4;
 use esaac_model::presets::LOG_OFFSET_HDR;
+use esaac_model::{Pixel, SensorModel};
+use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 
 /// Arguments of `calibrate`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct CalibrateArguments {
-    /// Recording with events and APS frames
-    #[arg(value_name = "FILE.aedat4")]
+    /// Recording with events and APS frames, for a log-intensity pixel; or a list of recordings under known light, for a
+    /// physical one
+    #[arg(value_name = "FILE.aedat4|LIST.toml")]
     pub recording: PathBuf,
     /// Sensor file to write; `--sensor` takes it
     #[arg(long, value_name = "FILE.toml", default_value = "calibrated.toml")]
     pub out: PathBuf,
-    /// Dark level, as a share of the frames' full scale
+    /// Dark level, as a share of the frames' full scale (log-intensity pixel)
     #[arg(long, value_name = "SHARE", default_value_t = LOG_OFFSET_HDR)]
     pub log_offset: f64,
+    /// Pixel to fit [default: what the file is for]
+    #[arg(long, value_parser = pixel_named, value_name = "log|physical")]
+    pub pixel: Option<Pixel>,
+    /// First guess of a physical pixel; what the recordings do not tell stays near it
+    #[arg(long, value_name = "NAME|FILE.toml", default_value = "hd")]
+    pub guess: String,
 }
 
 /// Runs the command.
@@ -30,7 +41,23 @@ pub fn run(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<O
         "--log-offset is {}, expected 1e-6 to 1",
         arguments.log_offset
     );
+    let file = arguments.recording.display();
+    let is_list = arguments.recording.extension().is_some_and(|extension| extension == "toml");
+    match arguments.pixel {
+        Some(Pixel::Physical) => ensure!(
+            is_list,
+            "{file} states no light; a physical pixel needs a list of recordings under known light (.toml)"
+        ),
+        Some(Pixel::Log) => {
+            ensure!(!is_list, "{file} is a list of still light; a log-intensity pixel needs a scene with APS frames")
+        }
+        None => {}
+    }
     output_file::check(&arguments.out)?;
+    if is_list { physical(arguments, common) } else { log(arguments, common) }
+}
+
+fn log(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<Outcome> {
     let recording = aedat4::read(&arguments.recording)?;
     let device = device_choice::open(common)?;
     let fit = fit(&device, &recording, arguments.log_offset)?;
@@ -42,11 +69,77 @@ pub fn run(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<O
         recording.events.len(),
         recording.frames.len()
     );
-    output_file::write(&arguments.out, |out| Ok(out.write_all((head + &fit.sensor.to_toml()).as_bytes())?))?;
+    let json = serde_json::to_string_pretty(&fit)?;
+    written(arguments, common, (head, &fit.sensor), (json, text(&fit)))
+}
+
+fn physical(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<Outcome> {
+    let exposures = read_exposures(&arguments.recording)?;
+    let guess = characterise::sensor(&arguments.guess)?;
+    let device = device_choice::open(common)?;
+    let style = ProgressStyle::with_template("fit {bar:40} {pos}/{len} rounds, {eta} left")?;
+    let progress = ProgressBar::no_length().with_style(style);
+    let mut fit = fit_physical(&device, &exposures, &guess, |round, rounds| {
+        progress.set_length(rounds as u64);
+        progress.set_position(round as u64);
+    })?;
+    progress.finish_and_clear();
+    device_choice::check_validation(&device)?;
+    fit.sensor.name = "calibrated".to_owned();
+    let head = format!(
+        "# Fitted by `esaac calibrate` to the {} recordings of {}.\n",
+        exposures.all.len(),
+        arguments.recording.file_name().unwrap_or_default().display()
+    );
+    let json = serde_json::to_string_pretty(&fit)?;
+    written(arguments, common, (head, &fit.sensor), (json, physical_text(&fit)))
+}
+
+fn written(
+    arguments: &CalibrateArguments,
+    common: &CommonArguments,
+    (head, sensor): (String, &SensorModel),
+    (json, text): (String, String),
+) -> Result<Outcome> {
+    output_file::write(&arguments.out, |out| Ok(out.write_all((head + &sensor.to_toml()).as_bytes())?))?;
     if common.json {
-        return Ok(Outcome::complete(serde_json::to_string_pretty(&fit)? + "\n"));
+        return Ok(Outcome::complete(json + "\n"));
     }
-    Ok(Outcome::complete(text(&fit) + &format!("written to {}\n", arguments.out.display())))
+    Ok(Outcome::complete(text + &format!("written to {}\n", arguments.out.display())))
+}
+
+fn physical_text(fit: &PhysicalFit) -> String {
+    let s = &fit.sensor;
+    let mut text = String::new();
+    for (name, value, unit) in [
+        ("contrast_on", s.contrast_on, "log"),
+        ("contrast_off", s.contrast_off, "log"),
+        ("contrast_mismatch", s.contrast_mismatch, "log"),
+        ("refractory_ns", f64::from(s.refractory_ns), "ns"),
+        ("response_e_per_lux_s", s.response_e_per_lux_s, "e/s/lux"),
+        ("photoreceptor_charge_e", s.photoreceptor_charge_e, "e"),
+        ("second_pole_hz", s.second_pole_hz, "Hz"),
+        ("dark_lux", s.dark_lux, "lux"),
+        ("leak_rate_hz", s.leak_rate_hz, "Hz"),
+    ] {
+        text.push_str(&format!("{name:24} {value:.4} {unit}\n"));
+    }
+    text.push_str("\nevents of a pixel and second (of a period, if it flickers), recorded and simulated:\n");
+    for of in &fit.exposures {
+        let light = match of.flicker {
+            Some(flicker) => format!("{} lux, {} Hz", of.lux, flicker.hz),
+            None => format!("{} lux", of.lux),
+        };
+        text.push_str(&format!(
+            "{:24} {light:20} ON {:.3} and {:.3}, OFF {:.3} and {:.3}\n",
+            of.name, of.recorded.on, of.simulated.on, of.recorded.off, of.simulated.off
+        ));
+    }
+    text.push_str(&format!("differences over their errors: {:.2}\n", fit.misfit));
+    for remark in &fit.remarks {
+        text.push_str(&format!("note: {remark}\n"));
+    }
+    text
 }
 
 fn text(fit: &Fit) -> String {
