@@ -26,7 +26,7 @@ pub struct NoisePoint {
     pub on_hz: f64,
     /// OFF events of a pixel and second.
     pub off_hz: f64,
-    /// The model's leak at this light, Hz: what remains of the noise in bright light.
+    /// Events of the model's leak at this light, Hz, below 0 for OFF events: what remains in bright light.
     pub leak_hz: f64,
 }
 
@@ -66,14 +66,20 @@ pub fn noise_at(lab: &Lab<'_>, sensor: &SensorModel, levels_lux: &[f64]) -> Resu
         lab.progress.tick();
     }
     let pixel_s = f64::from(lab.pixels) * f64::from(lab.seconds);
-    let physical = sensor.physical_pixel();
     let point = |(&lux, [off, on]): (&f64, [u32; 2])| NoisePoint {
         lux,
         on_hz: f64::from(on) / pixel_s,
         off_hz: f64::from(off) / pixel_s,
-        leak_hz: physical.leak_hz(lux, 1.0),
+        leak_hz: leak_events_hz(sensor, lux),
     };
     Ok(levels_lux.iter().zip(counts).map(point).collect())
+}
+
+/// Leak events of a pixel and second, below 0 for OFF events. The model states a leak in ON thresholds; OFF events come
+/// once for each OFF threshold.
+fn leak_events_hz(sensor: &SensorModel, lux: f64) -> f64 {
+    let leak_hz = sensor.physical_pixel().leak_hz(lux, 1.0);
+    if leak_hz < 0.0 { leak_hz * sensor.contrast_on / sensor.contrast_off } else { leak_hz }
 }
 
 /// The noise against light.
@@ -92,8 +98,7 @@ pub fn leak(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LeakPoint>> {
             temperature_c,
             ..sensor.clone()
         };
-        let physical = quiet.physical_pixel();
-        let rates_hz = LEAK_LUX.map(|lux| physical.leak_hz(lux, 1.0));
+        let rates_hz = LEAK_LUX.map(|lux| leak_events_hz(&quiet, lux));
         let slowest_hz = rates_hz.iter().map(|hz| hz.abs()).filter(|&hz| hz > 0.0).fold(f64::INFINITY, f64::min);
         let seconds = (2.5 / slowest_hz).ceil().clamp(2.0, LONGEST_LEAK_S) as i64;
         let mut light = LightBox::new(lab.device, &quiet, (1, LEAK_LUX.len() as u32), 1)?;
