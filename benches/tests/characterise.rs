@@ -74,8 +74,9 @@ fn hd_is_as_fast_as_published_and_as_its_equations_say() {
         assert!((ratio - 1.0).abs() < 0.06 && point.answered == 1.0, "{point:?}");
     }
     // NIST's slope: latency against one over irradiance, 3.34 us W/m2.
-    let by_model =
-        NIST_W_PER_M2.map(|e| esaac_benches::characterise::response::latency_model_us(&hd(), LightStep::FromDark, lux_of(e)));
+    let by_model = NIST_W_PER_M2.map(|e| {
+        esaac_benches::characterise::response::latency_model_us(&hd(), LightStep::FromDark, lux_of(e))
+    });
     let slope = (by_model[0] - by_model[2]) / (1.0 / NIST_W_PER_M2[0] - 1.0 / NIST_W_PER_M2[2]);
     println!("latencies {by_model:?} us, slope {slope:.2} us W/m2");
     assert!((slope / 3.34 - 1.0).abs() < 0.2, "{slope}");

@@ -99,7 +99,8 @@ pub fn leak(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LeakPoint>> {
             ..sensor.clone()
         };
         let rates_hz = LEAK_LUX.map(|lux| leak_events_hz(&quiet, lux));
-        let slowest_hz = rates_hz.iter().map(|hz| hz.abs()).filter(|&hz| hz > 0.0).fold(f64::INFINITY, f64::min);
+        let slowest_hz =
+            rates_hz.iter().map(|hz| hz.abs()).filter(|&hz| hz > 0.0).fold(f64::INFINITY, f64::min);
         let seconds = (2.5 / slowest_hz).ceil().clamp(2.0, LONGEST_LEAK_S) as i64;
         let mut light = LightBox::new(lab.device, &quiet, (1, LEAK_LUX.len() as u32), 1)?;
         let mut times = vec![Vec::new(); LEAK_LUX.len()];

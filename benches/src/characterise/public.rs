@@ -79,7 +79,8 @@ pub fn lux_of(w_per_m2: f64) -> f64 {
 }
 
 const NIST: &str = "latencies: NIST, IEEE TIM 2025, digitised; W/m2 taken as white light";
-const STILL: &str = "still noise of .05 to .1 Hz at 25 C, second-hand; here at 10 lux, an office behind a lens";
+const STILL: &str =
+    "still noise of .05 to .1 Hz at 25 C, second-hand; here at 10 lux, an office behind a lens";
 
 /// What is published about the sensor of a preset; nothing for one that is not listed.
 #[must_use]

@@ -170,9 +170,8 @@ fn falls_to(gains: &[f64], least: f64) -> f64 {
 pub fn latency(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LatencyPoint>> {
     let width = LATENCY_PIXELS * LightStep::ALL.len();
     let mut light = LightBox::new(lab.device, sensor, (width as u32, LATENCY_LUX.len() as u32), 8)?;
-    let ends = |pixel: usize| {
-        LightStep::ALL[pixel % width / LATENCY_PIXELS].ends_lux(LATENCY_LUX[pixel / width])
-    };
+    let ends =
+        |pixel: usize| LightStep::ALL[pixel % width / LATENCY_PIXELS].ends_lux(LATENCY_LUX[pixel / width]);
     let mut first_ns = vec![None; width * LATENCY_LUX.len()];
     light.show(0, |pixel| ends(pixel).0)?;
     let (mut t_ns, mut step_ns) = (0_i64, 1_000_i64);

@@ -101,7 +101,14 @@ pub fn document(of: &Characterisation) -> Result<Document> {
     let mut table = vec![cells!["step", "light, lux", "latency, us", "+-", "without noise, us", "answered"]];
     table.extend(of.latency.iter().map(|p| {
         let answered = format!("{:.0}%", 100.0 * p.answered);
-        cells![p.step.name(), short(p.lux), short(p.median_us), short(p.jitter_us), short(p.model_us), answered]
+        cells![
+            p.step.name(),
+            short(p.lux),
+            short(p.median_us),
+            short(p.jitter_us),
+            short(p.model_us),
+            answered
+        ]
     }));
     document.table(&table);
     document.say(&format!(
@@ -111,7 +118,8 @@ pub fn document(of: &Characterisation) -> Result<Document> {
         of.published.refractory_us.map_or(String::new(), |us| format!(", published are {} us", short(us)))
     ));
     document.heading("S-curve");
-    let mut table = vec![cells!["light, lux", "half answer, log", "width, log", "noise, log", "mismatch, log"]];
+    let mut table =
+        vec![cells!["light, lux", "half answer, log", "width, log", "noise, log", "mismatch, log"]];
     table.extend(of.s_curves.iter().map(|curve| {
         let mismatch = short(of.sensor.contrast_mismatch);
         let [half, width, sigma] = [curve.half_log, curve.width_log, curve.sigma_log].map(short);
@@ -120,9 +128,11 @@ pub fn document(of: &Characterisation) -> Result<Document> {
     document.table(&table);
     document.heading("Leak");
     let mut table = vec![cells!["light, lux", "temperature, C", "measured, Hz", "equation, Hz"]];
-    table.extend(of.leak.iter().map(|p| {
-        cells![short(p.lux), short(p.temperature_c), short(p.measured_hz), short(p.model_hz)]
-    }));
+    table.extend(
+        of.leak
+            .iter()
+            .map(|p| cells![short(p.lux), short(p.temperature_c), short(p.measured_hz), short(p.model_hz)]),
+    );
     document.table(&table);
     for source in &of.published.sources {
         document.say(&format!("Published {source}."));

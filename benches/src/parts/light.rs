@@ -76,10 +76,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     };
     let frames = if laboratory.options().quick { 10 } else { 31 };
     let amount = Amount { frames, warm_up: 1, passes: 1, keep: frames };
-    let wanted: Vec<(f64, &'static str, Change)> = SCENES_LUX
-        .iter()
-        .flat_map(|&lux| VARIANTS.map(|(name, change)| (lux, name, change)))
-        .collect();
+    let wanted: Vec<(f64, &'static str, Change)> =
+        SCENES_LUX.iter().flat_map(|&lux| VARIANTS.map(|(name, change)| (lux, name, change))).collect();
     let mut whole: Option<(Vec<Event>, f64)> = None;
     let rows = laboratory.rows("light", wanted, |(scene_lux, name, change)| {
         let mut sensor = SensorModel { lux_per_unit: lux_per_unit(scene_lux)?, ..base.clone() };

@@ -294,8 +294,7 @@ fn still_rate_hz(preset: &str, lux: f64, (pixels, burn_in_s, seconds): (u32, u32
     let mut camera = Oracle::physical(sensor, pixel, Readout::default(), 0).expect("valid");
     let mut count = 0;
     for k in 0..=burn_in_s + seconds {
-        let packet =
-            camera.step_samples(i64::from(k) * 1_000_000_000, &|_, _| lux).expect("in time").packet;
+        let packet = camera.step_samples(i64::from(k) * 1_000_000_000, &|_, _| lux).expect("in time").packet;
         count += if k > burn_in_s { packet.len() } else { 0 };
     }
     count as f64 / f64::from(pixels * seconds)
@@ -304,7 +303,8 @@ fn still_rate_hz(preset: &str, lux: f64, (pixels, burn_in_s, seconds): (u32, u32
 #[test]
 fn the_noise_of_a_still_hd_pixel_is_the_published_one_from_5_s_on() {
     // Published: the EVK4's noise against light, ON and OFF, Hz a pixel.
-    let published = [(0.15, 0.49), (0.5, 0.88), (1.0, 1.15), (2.0, 1.31), (5.0, 0.99), (10.0, 0.48), (20.0, 0.145)];
+    let published =
+        [(0.15, 0.49), (0.5, 0.88), (1.0, 1.15), (2.0, 1.31), (5.0, 0.99), (10.0, 0.48), (20.0, 0.145)];
     let mut peak = (0.0, 0.0);
     for (lux, published_hz) in published {
         let rate_hz = still_rate_hz("hd", lux, (200, 5, 30));

@@ -18,8 +18,8 @@ mod light_box;
 pub mod physical;
 mod simulate;
 
-pub use light_box::LightBox;
 pub use estimate::{Estimate, Noise, Still, estimate};
+pub use light_box::LightBox;
 pub use simulate::simulate;
 
 use anyhow::{Result, ensure};

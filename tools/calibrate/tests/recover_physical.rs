@@ -1,11 +1,12 @@
 //! A physical pixel of known parameters is recovered from its own recordings under known light. The engine makes the
 //! recordings and does the fit.
 
-use esaac_calibrate::physical::{Flicker, Light, expose, fit_physical, read_exposures};
+use esaac_calibrate::physical::{Flicker, Light, expose, fit_physical, fit_scene, read_exposures};
 use esaac_formats::event_file::{EventColumns, write_npz};
 use esaac_model::presets::preset_with_physical_pixel;
-use esaac_model::{Polarity, SensorModel};
+use esaac_model::{Pixel, Polarity, SensorModel};
 use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::recording;
 use std::path::Path;
 
 /// Columns and rows of the recorded sensor.
@@ -75,7 +76,10 @@ fn record(folder: &Path, sensor: &SensorModel) {
         let file = std::fs::File::create(folder.join(format!("{number}.npz"))).expect("a file");
         write_npz(file, &columns, &sensor.to_toml()).expect("written");
         let seconds = exposure.seconds + BURN_IN_S;
-        list.push_str(&format!("[[exposure]]\nfile = \"{number}.npz\"\nlux = {}\nseconds = {seconds}\n", light.lux));
+        list.push_str(&format!(
+            "[[exposure]]\nfile = \"{number}.npz\"\nlux = {}\nseconds = {seconds}\n",
+            light.lux
+        ));
         if let Some(flicker) = light.flicker {
             list.push_str(&format!("flicker_hz = {}\ndepth = {}\n", flicker.hz, flicker.depth));
         }
@@ -117,12 +121,42 @@ fn a_known_physical_pixel_is_recovered_from_its_recordings() {
     assert_silent();
 }
 
+/// The frames lie 40 ms apart, and the light between them is blended: the bound is wider.
+#[test]
+fn thresholds_and_refractory_period_are_recovered_from_a_scene() {
+    let pixel = preset_with_physical_pixel("davis346").expect("listed");
+    let known = SensorModel {
+        pixel: Pixel::Physical,
+        contrast_on: 0.31,
+        contrast_off: 0.27,
+        contrast_mismatch: 0.02,
+        refractory_ns: 800_000,
+        // Full scale of the frames is 4 units.
+        lux_per_unit: 25.0,
+        ..recording::sensor().with_physical(&pixel.physical_pixel())
+    };
+    let known = SensorModel { lux_per_unit: 25.0, ..known };
+    let recorded = recording::record(&known, 31);
+    let guess = SensorModel { lux_per_unit: 100.0, ..pixel };
+    let found = fit_scene(&DEVICE, &recorded, 0.01, &guess).unwrap();
+    println!("{found:?}");
+    for (what, actual, expected, bound) in [
+        ("contrast_on", found.contrast_on, known.contrast_on, 0.08),
+        ("contrast_off", found.contrast_off, known.contrast_off, 0.08),
+        ("refractory_ns", found.refractory_ns.into(), known.refractory_ns.into(), 0.5),
+    ] {
+        assert!((actual / expected - 1.0).abs() <= bound, "{what}: {actual}, known {expected}");
+    }
+    assert_silent();
+}
+
 #[test]
 fn lists_that_say_too_little_or_something_impossible_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let sensor = SensorModel { width: 2, height: 1, ..known() };
     let file = std::fs::File::create(folder.path().join("a.npz")).unwrap();
-    let columns = EventColumns { x: vec![0, 1], y: vec![0, 0], t_ns: vec![0, 2_000_000_000], sign: vec![1, -1] };
+    let columns =
+        EventColumns { x: vec![0, 1], y: vec![0, 0], t_ns: vec![0, 2_000_000_000], sign: vec![1, -1] };
     write_npz(file, &columns, &sensor.to_toml()).unwrap();
     let list = |text: &str| {
         let path = folder.path().join("list.toml");

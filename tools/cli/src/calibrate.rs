@@ -4,8 +4,8 @@ use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
 use crate::sensors::pixel_named;
 use crate::{characterise, device_choice, output_file};
-use anyhow::{Result, ensure};
-use esaac_calibrate::physical::{PhysicalFit, fit_physical, read_exposures};
+use anyhow::{Result, bail, ensure};
+use esaac_calibrate::physical::{PhysicalFit, fit_physical, fit_scene, read_exposures};
 use esaac_calibrate::{Fit, fit};
 use esaac_formats::recording::aedat4;
 use esaac_model::presets::LOG_OFFSET_HDR;
@@ -29,6 +29,9 @@ pub struct CalibrateArguments {
     /// Pixel to fit [default: what the file is for]
     #[arg(long, value_parser = pixel_named, value_name = "log|physical")]
     pub pixel: Option<Pixel>,
+    /// Focal-plane light of the frames' full scale, lux, for a physical pixel from a recording with APS frames
+    #[arg(long, value_name = "LUX")]
+    pub white_lux: Option<f64>,
     /// First guess of a physical pixel; what the recordings do not tell stays near it
     #[arg(long, value_name = "NAME|FILE.toml", default_value = "hd")]
     pub guess: String,
@@ -41,20 +44,70 @@ pub fn run(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<O
         "--log-offset is {}, expected 1e-6 to 1",
         arguments.log_offset
     );
+    let what = what(arguments)?;
+    output_file::check(&arguments.out)?;
+    match what {
+        What::Scene => log(arguments, common),
+        What::PhysicalScene { white_lux } => scene(arguments, common, white_lux),
+        What::Exposures => physical(arguments, common),
+    }
+}
+
+/// What is fitted to what.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum What {
+    /// A log-intensity pixel to a scene with APS frames.
+    Scene,
+    /// A physical pixel to the same.
+    PhysicalScene { white_lux: f64 },
+    /// A physical pixel to recordings under known light.
+    Exposures,
+}
+
+fn what(arguments: &CalibrateArguments) -> Result<What> {
     let file = arguments.recording.display();
     let is_list = arguments.recording.extension().is_some_and(|extension| extension == "toml");
-    match arguments.pixel {
-        Some(Pixel::Physical) => ensure!(
-            is_list,
-            "{file} states no light; a physical pixel needs a list of recordings under known light (.toml)"
-        ),
-        Some(Pixel::Log) => {
-            ensure!(!is_list, "{file} is a list of still light; a log-intensity pixel needs a scene with APS frames")
+    match (is_list, arguments.pixel) {
+        (true, Some(Pixel::Log)) => {
+            bail!(
+                "{file} is a list of known light; a log-intensity pixel needs a scene with APS frames (.aedat4)"
+            )
         }
-        None => {}
+        (true, _) => Ok(What::Exposures),
+        (false, Some(Pixel::Physical)) => match arguments.white_lux {
+            Some(white_lux) if (1e-6..=1e6).contains(&white_lux) => Ok(What::PhysicalScene { white_lux }),
+            Some(white_lux) => bail!("--white-lux is {white_lux}, expected 1e-6 to 1e6"),
+            None => bail!(
+                "{file} states no light; a physical pixel needs --white-lux, or a list of recordings under known light \
+                 (.toml)"
+            ),
+        },
+        (false, _) => Ok(What::Scene),
     }
-    output_file::check(&arguments.out)?;
-    if is_list { physical(arguments, common) } else { log(arguments, common) }
+}
+
+fn scene(arguments: &CalibrateArguments, common: &CommonArguments, white_lux: f64) -> Result<Outcome> {
+    let recording = aedat4::read(&arguments.recording)?;
+    let guess = SensorModel { lux_per_unit: white_lux, ..characterise::sensor(&arguments.guess)? };
+    let device = device_choice::open(common)?;
+    let sensor = fit_scene(&device, &recording, arguments.log_offset, &guess)?;
+    device_choice::check_validation(&device)?;
+    let head = format!(
+        "# Fitted by `esaac calibrate` to {} ({}), full scale taken as {white_lux} lux.\n",
+        arguments.recording.file_name().unwrap_or_default().display(),
+        recording.name
+    );
+    let text = format!(
+        "contrast_on         {:.3} log\ncontrast_off        {:.3} log\ncontrast_mismatch   {:.3} log\n\
+         refractory_ns       {}\nthe rest is that of {}\n",
+        sensor.contrast_on,
+        sensor.contrast_off,
+        sensor.contrast_mismatch,
+        sensor.refractory_ns,
+        arguments.guess
+    );
+    let json = serde_json::to_string_pretty(&sensor)?;
+    written(arguments, common, (head, &sensor), (json, text))
 }
 
 fn log(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<Outcome> {
@@ -158,4 +211,27 @@ fn text(fit: &Fit) -> String {
         text.push_str(&format!("note: {remark}\n"));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arguments(file: &str, pixel: Option<Pixel>, white_lux: Option<f64>) -> CalibrateArguments {
+        let (recording, out) = (file.into(), "a.toml".into());
+        CalibrateArguments { recording, out, log_offset: 0.01, pixel, white_lux, guess: "hd".into() }
+    }
+
+    #[test]
+    fn the_file_says_what_is_fitted_and_a_pixel_that_does_not_fit_it_is_refused() {
+        let choice = |file, pixel, white_lux| what(&arguments(file, pixel, white_lux));
+        assert_eq!(choice("a.aedat4", None, None).unwrap(), What::Scene);
+        assert_eq!(choice("a.toml", None, None).unwrap(), What::Exposures);
+        let lit = choice("a.aedat4", Some(Pixel::Physical), Some(100.0)).unwrap();
+        assert_eq!(lit, What::PhysicalScene { white_lux: 100.0 });
+        let refused = |file, pixel, white_lux| choice(file, Some(pixel), white_lux).unwrap_err().to_string();
+        assert!(refused("a.aedat4", Pixel::Physical, None).contains("a.aedat4 states no light"));
+        assert!(refused("a.aedat4", Pixel::Physical, Some(-1.0)).contains("--white-lux is -1"));
+        assert!(refused("a.toml", Pixel::Log, None).contains("needs a scene"));
+    }
 }

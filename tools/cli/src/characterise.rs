@@ -57,8 +57,10 @@ pub(crate) fn sensor(named: &str) -> Result<SensorModel> {
 fn write(measured: &Characterisation, out: &Path, json: bool) -> Result<Outcome> {
     let document = document(measured)?;
     let figures = serde_json::to_string_pretty(measured)? + "\n";
-    let mut files =
-        vec![("characterisation.json".to_owned(), figures.clone()), ("characterisation.md".to_owned(), document.markdown())];
+    let mut files = vec![
+        ("characterisation.json".to_owned(), figures.clone()),
+        ("characterisation.md".to_owned(), document.markdown()),
+    ];
     files.extend(document.plots().cloned());
     let mut written = Vec::new();
     for (name, text) in files {

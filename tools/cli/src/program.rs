@@ -4,7 +4,8 @@ use crate::command_line::{Arguments, Command};
 use crate::outcome::Outcome;
 use crate::version::Build;
 use crate::{
-    bench, calibrate, characterise, demo, devices, doctor, own_program, render, replay, sensors, serve, simulate,
+    bench, calibrate, characterise, demo, devices, doctor, own_program, render, replay, sensors, serve,
+    simulate,
 };
 use anyhow::Result;
 use clap::Parser;

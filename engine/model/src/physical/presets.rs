@@ -61,9 +61,12 @@ const JAER: &str = "jAER: 16 fC over its default refractory current";
 const LIKE_HD: &str = "as hd";
 const SCALED: &str = "hd's, scaled to the pixel's area";
 const TYPICAL: &str = "typical of the sensor's kind";
-const FIT: &str = "fit to the EVK4's noise, .15 to 20 lux (Noise2Params, arXiv 2605.16317), and NIST's latencies";
-const AROUND: &str = "fit, around .25 (arXiv 2404.07656, second-hand): unequal, since ON and OFF noise differ";
-const QUIET: &str = "typical; with .2 its noise in an office would be ten times the published .1 Hz of its kind";
+const FIT: &str =
+    "fit to the EVK4's noise, .15 to 20 lux (Noise2Params, arXiv 2605.16317), and NIST's latencies";
+const AROUND: &str =
+    "fit, around .25 (arXiv 2404.07656, second-hand): unequal, since ON and OFF noise differ";
+const QUIET: &str =
+    "typical; with .2 its noise in an office would be ten times the published .1 Hz of its kind";
 const QUIET_DVS: &str = "as davis346; the still noise of .1 Hz in an office needs it with this charge";
 const NIST: &str = "NIST, pixel latency, IEEE TIM 2025";
 const NO_LEAK_OF_LIGHT: Sourced = assumed(0.0, "the published figures disagree by a factor of 5000");

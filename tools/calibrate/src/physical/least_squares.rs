@@ -53,8 +53,10 @@ mod tests {
     fn a_straight_problem_is_solved_in_one_step_and_what_nothing_tells_stays() {
         let slopes = [vec![2.0, 0.0, 1.0], vec![0.0, 4.0, -1.0], vec![0.0; 3]];
         let truth = [0.3, -0.2, 0.0];
-        let residuals: Vec<f64> = (0..3).map(|r| -(0..3).map(|i| slopes[i][r] * truth[i]).sum::<f64>()).collect();
-        let step = Step { slopes: &slopes, residuals: &residuals, moved: &[0.0; 3], guess: 1e-12, damping: 0.0 };
+        let residuals: Vec<f64> =
+            (0..3).map(|r| -(0..3).map(|i| slopes[i][r] * truth[i]).sum::<f64>()).collect();
+        let step =
+            Step { slopes: &slopes, residuals: &residuals, moved: &[0.0; 3], guess: 1e-12, damping: 0.0 };
         for (by, truth) in solve(&step).iter().zip(truth) {
             assert!((by - truth).abs() < 1e-9, "{by} {truth}");
         }

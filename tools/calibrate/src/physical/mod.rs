@@ -16,10 +16,12 @@
 
 mod exposure;
 mod least_squares;
+mod scene;
 mod simulate;
 mod summary;
 
 pub use exposure::{Exposure, Exposures, Flicker, read_exposures};
+pub use scene::fit_scene;
 pub use simulate::{Light, expose};
 pub use summary::Summary;
 
@@ -115,7 +117,10 @@ pub fn fit_physical(
     guess: &SensorModel,
     mut round: impl FnMut(usize, usize),
 ) -> Result<PhysicalFit> {
-    ensure!(guess.pixel == Pixel::Physical, "the first guess has a log-intensity pixel, expected a physical one");
+    ensure!(
+        guess.pixel == Pixel::Physical,
+        "the first guess has a log-intensity pixel, expected a physical one"
+    );
     let all = &exposures.all;
     let still = all.iter().filter(|exposure| exposure.flicker.is_none()).count();
     ensure!(still >= 2, "{still} exposures have still light, expected at least 2");
@@ -139,7 +144,9 @@ pub fn fit_physical(
         for parameter in &FITTED {
             let shifted = shifted(&sensor, std::slice::from_ref(parameter), &[parameter.step]);
             let residuals = fit.residuals(&fit.simulate(&shifted)?);
-            slopes.push(best.iter().zip(residuals).map(|(a, b)| (b - a) / parameter.step).collect::<Vec<f64>>());
+            slopes.push(
+                best.iter().zip(residuals).map(|(a, b)| (b - a) / parameter.step).collect::<Vec<f64>>(),
+            );
         }
         told = std::array::from_fn(|i| slopes[i].iter().map(|slope| slope * slope).sum::<f64>().sqrt());
         let step = Step { slopes: &slopes, residuals: &best, moved: &moved, guess: GUESS, damping };
@@ -169,13 +176,14 @@ pub fn fit_physical(
     });
     let remarks = not_told.collect();
     let misfit = (norm(&best) / best.len() as f64).sqrt();
-    let compared = all.iter().zip(&recorded).zip(simulated).map(|((exposure, &recorded), simulated)| Compared {
-        name: exposure.name.clone(),
-        lux: exposure.lux,
-        flicker: exposure.flicker,
-        recorded,
-        simulated,
-    });
+    let compared =
+        all.iter().zip(&recorded).zip(simulated).map(|((exposure, &recorded), simulated)| Compared {
+            name: exposure.name.clone(),
+            lux: exposure.lux,
+            flicker: exposure.flicker,
+            recorded,
+            simulated,
+        });
     Ok(PhysicalFit { exposures: compared.collect(), sensor, misfit, remarks })
 }
 

@@ -78,10 +78,8 @@ pub fn still(
     let Some(first) = lights.first() else { return Ok(Vec::new()) };
     let longest_s = lights.iter().map(|light| light.seconds).fold(0.0, f64::max).min(LONGEST_S).ceil();
     let mut light_box = LightBox::new(device, sensor, (columns, rows * lights.len() as u32), 1)?;
-    let mut exposures: Vec<Exposure> = lights
-        .iter()
-        .map(|light| named(light, (columns, rows), light.seconds.min(longest_s)))
-        .collect();
+    let mut exposures: Vec<Exposure> =
+        lights.iter().map(|light| named(light, (columns, rows), light.seconds.min(longest_s))).collect();
     let burn_in_ns = (first.burn_in_s * 1e9) as i64;
     let of_row = |row: usize| row / rows as usize;
     for second in 0..=(first.burn_in_s.ceil() + longest_s) as i64 {
