@@ -51,7 +51,7 @@ fn known() -> SensorModel {
 fn lights() -> Vec<Light> {
     let still = [0.05, 0.4, 2.0, 6.0, 40.0].map(|lux| (lux, None, SECONDS));
     // Bright and slow: thresholds. Dim: the first pole. Bright and fast: the second.
-    let swinging = [(100.0, 4.0), (0.4, 50.0), (300.0, 600.0)]
+    let swinging = [(100.0, 4.0), (0.4, 50.0), (300.0, 400.0)]
         .map(|(lux, hz)| (lux, Some(Flicker { hz, depth: 0.8 }), 8.0 / hz));
     still
         .into_iter()
@@ -121,9 +121,9 @@ fn a_known_physical_pixel_is_recovered_from_its_recordings() {
     assert_silent();
 }
 
-/// The frames lie 40 ms apart, and the light between them is blended: the bound is wider.
+/// The scene is too slow to tell the refractory period, which stays that of the guess.
 #[test]
-fn thresholds_and_refractory_period_are_recovered_from_a_scene() {
+fn thresholds_are_recovered_from_a_scene() {
     let pixel = preset_with_physical_pixel("davis346").expect("listed");
     let known = SensorModel {
         pixel: Pixel::Physical,
@@ -131,22 +131,21 @@ fn thresholds_and_refractory_period_are_recovered_from_a_scene() {
         contrast_off: 0.27,
         contrast_mismatch: 0.02,
         refractory_ns: 800_000,
-        // Full scale of the frames is 4 units.
-        lux_per_unit: 25.0,
         ..recording::sensor().with_physical(&pixel.physical_pixel())
     };
+    // Full scale of the frames is 4 units.
     let known = SensorModel { lux_per_unit: 25.0, ..known };
     let recorded = recording::record(&known, 31);
     let guess = SensorModel { lux_per_unit: 100.0, ..pixel };
     let found = fit_scene(&DEVICE, &recorded, 0.01, &guess).unwrap();
     println!("{found:?}");
-    for (what, actual, expected, bound) in [
-        ("contrast_on", found.contrast_on, known.contrast_on, 0.08),
-        ("contrast_off", found.contrast_off, known.contrast_off, 0.08),
-        ("refractory_ns", found.refractory_ns.into(), known.refractory_ns.into(), 0.5),
+    for (what, actual, expected) in [
+        ("contrast_on", found.contrast_on, known.contrast_on),
+        ("contrast_off", found.contrast_off, known.contrast_off),
     ] {
-        assert!((actual / expected - 1.0).abs() <= bound, "{what}: {actual}, known {expected}");
+        assert!((actual / expected - 1.0).abs() <= THRESHOLD, "{what}: {actual}, known {expected}");
     }
+    assert_eq!(found.refractory_ns, guess.refractory_ns);
     assert_silent();
 }
 

@@ -55,7 +55,7 @@ struct Fitted {
 
 /// What is fitted together. Positive quantities move by factors. The response stays in step with the charge, since
 /// their ratio is the first pole.
-const FITTED: [Fitted; 8] = [
+const FITTED: [Fitted; 9] = [
     Fitted { name: "contrast_on", step: 0.05, shift: |s, by| s.contrast_on *= by.exp() },
     Fitted { name: "contrast_off", step: 0.05, shift: |s, by| s.contrast_off *= by.exp() },
     Fitted { name: "response_e_per_lux_s", step: 0.15, shift: |s, by| s.response_e_per_lux_s *= by.exp() },
@@ -67,6 +67,11 @@ const FITTED: [Fitted; 8] = [
             s.photoreceptor_charge_e *= by.exp();
             s.response_e_per_lux_s *= by.exp();
         },
+    },
+    Fitted {
+        name: "refractory_ns",
+        step: 0.1,
+        shift: |s, by| s.refractory_ns = (f64::from(s.refractory_ns) * by.exp()).clamp(1e3, 1e9) as u32,
     },
     Fitted { name: "dark_lux", step: 0.3, shift: |s, by| s.dark_lux *= by.exp() },
     // Hz, in place of nepers.
@@ -130,8 +135,10 @@ pub fn fit_physical(
     }
     let fit = Fit { device, exposures, recorded: &recorded };
     let mut sensor = guess.clone();
-    if let Some(gap_ns) = fit.shortest_gap_ns(&recorded) {
-        sensor.refractory_ns = gap_ns as u32;
+    // A refractory period is no longer than the shortest gaps.
+    let shortest_ns = recorded.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
+    if shortest_ns.is_finite() {
+        sensor.refractory_ns = shortest_ns.max(1e3) as u32;
     }
     let mut simulated = fit.simulate(&sensor)?;
     let mut best = fit.residuals(&simulated);
@@ -152,13 +159,6 @@ pub fn fit_physical(
         let step = Step { slopes: &slopes, residuals: &best, moved: &moved, guess: GUESS, damping };
         let by = solve(&step);
         let candidate = shifted(&sensor, &FITTED, &by);
-        let mut candidate = candidate;
-        if let (Some(recorded_ns), Some(simulated_ns)) =
-            (fit.shortest_gap_ns(&recorded), fit.shortest_gap_ns(&simulated))
-        {
-            let moved_ns = f64::from(sensor.refractory_ns) + recorded_ns - simulated_ns;
-            candidate.refractory_ns = moved_ns.clamp(0.0, recorded_ns) as u32;
-        }
         let tried = fit.simulate(&candidate)?;
         let residuals = fit.residuals(&tried);
         if norm(&residuals) < norm(&best) {
@@ -241,6 +241,11 @@ impl Fit<'_> {
             let error = |a: f64, b: f64| (1.0 / (a + 1.0) + 1.0 / (b + 1.0) + FLOOR * FLOOR).sqrt();
             let all = error(recorded.events, simulated.events);
             let ratio = |a: f64, b: f64, least: f64| ((a + least) / (b + least)).ln();
+            if recorded.short_gap_ns.is_finite() && simulated.short_gap_ns.is_finite() {
+                residuals.push(ratio(simulated.short_gap_ns, recorded.short_gap_ns, 1.0) / FLOOR);
+            } else {
+                residuals.push(0.0);
+            }
             if exposure.flicker.is_some() {
                 residuals.push(ratio(simulated.on, recorded.on, 0.02) / all);
                 residuals.push(ratio(simulated.off, recorded.off, 0.02) / all);
@@ -256,10 +261,5 @@ impl Fit<'_> {
             }
         }
         residuals
-    }
-
-    fn shortest_gap_ns(&self, summaries: &[Summary]) -> Option<f64> {
-        let shortest = summaries.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
-        shortest.is_finite().then_some(shortest)
     }
 }

@@ -1,7 +1,7 @@
 //! A physical pixel from a scene with APS frames, whose light is known on the whole only.
 //!
 //! Thresholds are fitted as those of a log-intensity pixel are: the sums of the simulated recording must be those of the
-//! real one. The refractory period is what almost no gap between two events of a pixel falls short of. Speed, noise and
+//! real one, and so must the time that almost no gap between two events of a pixel falls short of. Speed, noise and
 //! dark current stay those of the guess: still pixels of a scene are too few, and their light is not known.
 
 use crate::{THRESHOLDS_LOG, estimate, simulate};
@@ -15,8 +15,11 @@ use std::sync::Arc;
 /// Rounds of simulating and moving the parameters.
 const ROUNDS: usize = 5;
 
-/// Share of gaps that fall short of the refractory period: what the sensor's clock and bus misplace.
+/// Share of gaps that fall short: what the sensor's clock and bus misplace.
 const SHORT: f64 = 5e-4;
+
+/// Refractory periods that the shortest gaps are at most if they tell it. In a slow scene they are longer.
+const TELLING: i64 = 2;
 
 /// Fits the physical pixel of `guess`, with its `lux_per_unit` for the frames' full scale, to a recording. `log_offset`
 /// belongs to the frames' intensities in the sums.
@@ -46,12 +49,21 @@ pub fn fit_scene(
         contrast_off: coarse.sensor.contrast_off,
         contrast_mismatch: coarse.sensor.contrast_mismatch,
         leak_rate_hz: coarse.sensor.leak_rate_hz,
-        refractory_ns: refractory_ns(&recording.events, recording.width_px).unwrap_or(guess.refractory_ns),
         ..guess.clone()
     };
+    let gap_ns = |events: &[Event]| short_gap_ns(events, recording.width_px);
+    let recorded_ns = gap_ns(&recording.events);
     for _ in 0..ROUNDS {
         let events = simulate(device, recording, &sensor)?;
         let simulated = estimate(recording, &events, log_offset)?;
+        if let (Some(recorded_ns), Some(simulated_ns)) = (recorded_ns, gap_ns(&events)) {
+            // Gaps tell the period only where it is what makes them long.
+            let period_ns = i64::from(sensor.refractory_ns);
+            if simulated_ns < TELLING * period_ns {
+                let moved_ns = period_ns + recorded_ns - simulated_ns;
+                sensor.refractory_ns = moved_ns.clamp(0, recorded_ns.max(0)).min(1_000_000_000) as u32;
+            }
+        }
         let ratio = |measured: f64, simulated: f64| (measured / simulated).clamp(0.5, 2.0);
         let clamp = |contrast: f64| contrast.clamp(THRESHOLDS_LOG.0, THRESHOLDS_LOG.1);
         sensor.contrast_on = clamp(sensor.contrast_on * ratio(measured.contrast_on, simulated.contrast_on));
@@ -69,8 +81,8 @@ pub fn fit_scene(
     Ok(sensor)
 }
 
-/// The refractory period that gaps tell, nanoseconds; `None` if there are too few.
-fn refractory_ns(events: &[Event], width_px: u32) -> Option<u32> {
+/// The time that almost no gap between two events of a pixel falls short of, nanoseconds; `None` if there are too few.
+fn short_gap_ns(events: &[Event], width_px: u32) -> Option<i64> {
     let mut last_ns = std::collections::HashMap::new();
     let mut gaps_ns = Vec::new();
     for event in events {
@@ -79,5 +91,5 @@ fn refractory_ns(events: &[Event], width_px: u32) -> Option<u32> {
     }
     gaps_ns.sort_unstable();
     let short = (SHORT * gaps_ns.len() as f64) as usize;
-    (short > 0).then(|| gaps_ns[short].clamp(0, 1_000_000_000) as u32)
+    (short > 0).then(|| gaps_ns[short])
 }
