@@ -30,11 +30,11 @@ pub fn solve(step: &Step<'_>) -> Vec<f64> {
     for i in 0..count {
         let pivot = (i..count).max_by(|&a, &b| rows[a][i].abs().total_cmp(&rows[b][i].abs())).unwrap_or(i);
         rows.swap(i, pivot);
-        for j in i + 1..count {
-            let factor = rows[j][i] / rows[i][i];
-            for k in i..=count {
-                rows[j][k] -= factor * rows[i][k];
-            }
+        let (above, below) = rows.split_at_mut(i + 1);
+        let pivot = &above[i];
+        for row in below {
+            let factor = row[i] / pivot[i];
+            row.iter_mut().zip(pivot).skip(i).for_each(|(value, above)| *value -= factor * above);
         }
     }
     let mut by = vec![0.0; count];
