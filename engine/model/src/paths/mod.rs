@@ -25,10 +25,11 @@ pub mod conventions;
 mod lens;
 mod pose;
 mod track;
+mod turn;
 
 pub use lens::{DepthKind, ImagePoint, Intrinsics, LensError, Projection};
 pub use pose::{Pose, PoseError, RIGID_TOLERANCE};
-pub use track::{PoseTrack, TrackError};
+pub use track::{PoseTimes, PoseTrack, TrackError};
 
 use glam::DVec2;
 use std::collections::BTreeMap;
