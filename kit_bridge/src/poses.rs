@@ -11,8 +11,8 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::num::NonZero;
 
-/// Cameras for which a thread is worth starting.
-const CAMERAS_A_THREAD: usize = 32;
+/// Cameras for which a thread is worth starting: starting one takes as long as some twenty of them.
+const CAMERAS_A_THREAD: usize = 128;
 
 /// Position, metres, and a unit quaternion with its scalar last.
 type Numbers = [f64; 7];

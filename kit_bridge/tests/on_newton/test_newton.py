@@ -198,11 +198,12 @@ def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
     frames, per_frame = 40, 8
     made = cameras(moving, substep_s=EXACT_S, profile="noisy")
     fresh = cameras(moving, substep_s=EXACT_S, profile="noisy")
-    expected, begun, resets, frame = [], np.zeros(4, int), 0, 0
+    expected, begun, resets = [], np.zeros(4, int), 0
     for frame in range(frames):
         for substep in range(per_frame if frame else 0):
             fresh.record(moving.at((per_frame * (frame - 1) + substep) * EXACT_S))
         expected.append(fresh.step(moving.at(per_frame * frame * EXACT_S)))
+    frame = 0
     while resets < wanted:
         for substep in range(per_frame if frame else 0):
             made.record(moving.at((per_frame * (frame - 1 - begun) + substep) * EXACT_S))

@@ -6,7 +6,7 @@ use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{Geometry, POSE_ROWS};
 use esaac_model::paths::conventions::Trust;
-use esaac_model::paths::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use esaac_model::paths::{Pose, STATIC_WORLD, SceneMotion};
 use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS};
 use glam::DMat3;
 use std::collections::HashSet;
@@ -224,10 +224,10 @@ struct Posed<'a> {
     rows: &'a mut [[f32; 4]],
 }
 
-/// Instances for which a thread is worth starting.
+/// Moving instances for which a thread is worth starting: starting one takes as long as some ten of them.
 const THREAD_INSTANCES: usize = 64;
 
-/// Writes `poses` of the cameras that step with poses to `t_ns`, with several threads if there are many instances.
+/// Writes `poses` of the cameras that step with poses to `t_ns`, with several threads if many instances move.
 pub(super) fn write_poses(cameras: &[CameraState], t_ns: &[Option<i64>], mut poses: &mut [[f32; 4]]) {
     let mut posed = Vec::new();
     let mut before = 0;
@@ -252,7 +252,7 @@ pub(super) fn write_poses(cameras: &[CameraState], t_ns: &[Option<i64>], mut pos
             instances.write_poses(scene, *interval_ns, &mut scratch, rows);
         }
     };
-    let instances: usize = posed.iter().map(|camera| camera.instances.len()).sum();
+    let instances: usize = posed.iter().map(|camera| camera.scene.moving_tracks()).sum();
     let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
     let threads = match instances / THREAD_INSTANCES {
         0 | 1 => 1,
@@ -289,7 +289,7 @@ impl Rig {
             });
         }
         if *state.trust() == Trust::All && state.instances.are_those_of(&scene) {
-            self.cameras[camera].scene = Some(scene);
+            self.replace_scene(camera, scene);
             return Ok(());
         }
         let instances = state.instances.with(&scene, state.trust(), state.frames);
@@ -301,10 +301,17 @@ impl Rig {
         let mut places = self.places();
         places[camera] = places[camera].with_instances(rows as u32);
         self.change(places, Vec::new(), &[])?;
-        let state = &mut self.cameras[camera];
-        state.instances = instances;
-        state.scene = Some(scene);
+        self.cameras[camera].instances = instances;
+        self.replace_scene(camera, scene);
         Ok(())
+    }
+
+    fn replace_scene(&mut self, camera: usize, scene: SceneMotion) {
+        // Who sets scenes again and again between two steps does not pile them up.
+        if self.past_scenes.len() >= self.cameras.len() {
+            self.past_scenes.clear();
+        }
+        self.past_scenes.extend(self.cameras[camera].scene.replace(scene));
     }
 }
 
@@ -353,7 +360,7 @@ impl CameraState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use esaac_model::paths::Intrinsics;
+    use esaac_model::paths::{Intrinsics, PoseTrack};
     use glam::{DQuat, DVec3};
 
     fn scene(camera: PoseTrack, body: PoseTrack) -> SceneMotion {
