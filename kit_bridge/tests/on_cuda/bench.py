@@ -5,11 +5,12 @@ python kit_bridge/tests/on_cuda/bench.py [--only TEXT] [--json FILE]
 Times are of whole calls, from frames on the device to a packet, p50 and p99. `rust` is what the same call takes below
 Python (copies, device, packets), `over` is what Python and the binding cost beyond that, `submit` the engine's own
 part of it. `readable` is the call without the frames' way to the engine: what precedes the submission, the device,
-and all that follows until Python has the arrays. Rows `with poses` have all parts of a step of environments with exact
-paths: poses brought to the host (`bring`), handed over, the step with all in it, and event frames (`images`).
+and all that follows until Python has the arrays. Rows `with poses` have the parts of a step of environments with
+exact paths: poses brought to the host and handed over, the step with all in it, and event frames (`images`).
 """
 
 import argparse
+import collections
 import functools
 import itertools
 import json
@@ -143,7 +144,9 @@ class Throw:
         self._start_m = torch.linspace(-0.8, 0.2, envs, device="cuda")
         along = (torch.arange(size, device="cuda") + 0.5 - size / 2) / self.FOCAL_PX
         self._x, self._y = along[None, None, :], along[None, :, None]
-        self.lens = esaac.Intrinsics(self.FOCAL_PX, self.FOCAL_PX, size / 2, size / 2, half_pixel_centres=True)
+        self.lens = esaac.Intrinsics(
+            self.FOCAL_PX, self.FOCAL_PX, size / 2, size / 2, half_pixel_centres=True
+        )
         self._poses = torch.zeros(self.SUBSTEPS + 3, envs, 7, device="cuda")
         self._poses[..., 2], self._poses[..., 6] = -self.BOARD_M, 1.0
         self._cameras = np.zeros((self.SUBSTEPS + 3, envs, 7))
@@ -168,12 +171,12 @@ class Throw:
 
 def posed(envs, size, synthesis="rigid"):
     """A step with exact paths, and where its time goes: bringing poses to the host, handing them over (`Poses`), the
-    step, of that until it is submitted (`prepare`, where one bank is), the GPU's, and images of events afterwards."""
+    step (of that, until the frames have been copied, and from submission to packets), and event frames afterwards."""
     throw = Throw(envs, size)
     sensor = esaac.SensorModel("dvs128", width=size, height=size, profile="noisy", synthesis=synthesis)
     camera = esaac.TiledEventCamera(sensor, envs, device="cuda:0", packets="cuda", intrinsics=throw.lens)
     made = [throw.frame(index / 30) for index in range(16)]
-    parts = {"bring": [], "hand_over": [], "step": [], "frames": [], "device": [], "gpu": [], "images": [], "all": []}
+    parts = collections.defaultdict(list)
     for index in range(64):
         camera.reset() if index % len(made) == 0 else None
         hdr, depth, ids = made[index % len(made)]
@@ -192,10 +195,11 @@ def posed(envs, size, synthesis="rigid"):
         if index < len(made) or index % len(made) == 0:
             continue
         told = camera.statistics
-        steps = {**dict(zip(("bring", "hand_over", "step", "images"), np.diff(marks))), "all": marks[-1] - marks[0]}
-        steps |= {"frames": told["frames_ns"], "device": told["submit_to_packet_ns"], "gpu": told["gpu_ns"]}
-        for name, value in steps.items():
-            parts[name].append(float(value) / 1e3)
+        for name, took_ns in zip(("bring", "hand_over", "step", "images"), np.diff(marks)):
+            parts[name].append(float(took_ns) / 1e3)
+        parts["all"].append((marks[-1] - marks[0]) / 1e3)
+        for name, of in (("frames", "frames_ns"), ("device", "submit_to_packet_ns"), ("gpu", "gpu_ns")):
+            parts[name].append(told[of] / 1e3)
     middle = lambda values: sorted(values)[len(values) // 2]
     row = {f"{name}_us": middle(values) for name, values in parts.items()}
     return {**row, "events": len(packet), "host_copies": camera.statistics["host_copies"]}

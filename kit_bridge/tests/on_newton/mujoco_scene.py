@@ -1,6 +1,8 @@
-"""MuJoCo scenes. `model`: textured boxes slide, turn and fall before a textured wall, seen by two cameras; one is still,
-the other sits on a platform that shakes and turns. `yard`: chequers with hard edges and plain colours, as MuJoCo's own
-textures are, and a still camera; nothing of it was chosen by its score.
+"""MuJoCo scenes.
+
+`model`: textured boxes slide, turn and fall before a textured wall, seen by two cameras. One is still, the other sits
+on a platform that shakes and turns. `yard`: chequers with hard edges and plain colours, as MuJoCo's own textures are,
+and a still camera. Nothing of it was chosen by its score.
 """
 
 import mujoco

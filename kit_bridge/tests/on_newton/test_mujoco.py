@@ -129,7 +129,12 @@ def run(camera, frame_hz, seconds, synthesis, **options):
     return tuple(np.concatenate([getattr(packet, name) for packet in packets]) for name in COLUMNS)
 
 
-BOUNDS = {("still", FRAME_HZ): 0.62, ("still", 120): 0.8, ("shaken", FRAME_HZ): 0.85, ("yard", FRAME_HZ): 0.42}
+BOUNDS = {
+    ("still", FRAME_HZ): 0.62,
+    ("still", 120): 0.8,
+    ("shaken", FRAME_HZ): 0.85,
+    ("yard", FRAME_HZ): 0.42,
+}
 """Still cameras see only what turns, whose sides come into view between two frames, and hard edges."""
 
 
