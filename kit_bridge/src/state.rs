@@ -11,6 +11,7 @@ use esaac_engine::{
     Share, Tick,
 };
 use esaac_model::paths::Intrinsics;
+use esaac_model::physical::LightReport;
 use esaac_model::{Packet, SensorModel, Synthesis, frame};
 use std::sync::Arc;
 use std::time::Instant;
@@ -169,7 +170,7 @@ impl State {
             side.link().finish()?;
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;
-        step_all(&mut self.banks, frames, t_ns)?;
+        at_once(&mut self.banks, |_, bank| bank.step(frames, t_ns))?;
         for ((last_ns, first_ns), t_ns) in self.last_ns.iter_mut().zip(&mut self.first_ns).zip(t_ns) {
             *last_ns = t_ns.or(*last_ns);
             *first_ns = first_ns.or(*t_ns);
@@ -229,11 +230,18 @@ impl State {
     fn form_on_cuda(&mut self, what: Representation, side: &Arc<CudaSide>) -> Result<Arc<Block>, Fault> {
         let all: u64 = self.banks.iter().map(|bank| bank.rig.elements(what)).sum();
         let block = side.block((all * what.element_bytes()).max(16))?;
+        let target = block.memory()?.0.buffer();
         let mut before = 0;
-        for bank in &mut self.banks {
-            bank.rig.represent(what, block.memory()?.0.buffer(), Share { before, all })?;
-            before += bank.rig.elements(what);
-        }
+        let shares: Vec<_> = self
+            .banks
+            .iter()
+            .map(|bank| {
+                let share = Share { before, all };
+                before += bank.rig.elements(what);
+                share
+            })
+            .collect();
+        at_once(&mut self.banks, |number, bank| Ok(bank.rig.represent(what, target, shares[number])?))?;
         Ok(Arc::new(block))
     }
 
@@ -248,6 +256,16 @@ impl State {
     /// For each camera what to tell, if its depth and poses do not predict its motion vectors.
     pub fn pose_warnings(&self) -> Result<Vec<Option<String>>, Fault> {
         self.of_each(|rig, camera| Ok(rig.convention_warning(camera)?))
+    }
+
+    /// For each camera the light on its focal plane, if it has physical pixels and had a frame.
+    pub fn light(&self) -> Result<Vec<Option<LightReport>>, Fault> {
+        self.of_each(|rig, camera| Ok(rig.light(camera)?))
+    }
+
+    /// For each camera what to tell about its light.
+    pub fn light_warnings(&self) -> Result<Vec<Vec<String>>, Fault> {
+        self.of_each(|rig, camera| Ok(rig.light_warnings(camera)?))
     }
 
     /// Those that are new since the last call, with the numbers of their cameras.
@@ -392,14 +410,21 @@ impl State {
     }
 }
 
-/// Steps all banks at once, each on its own thread, which mostly waits for the device.
-fn step_all(banks: &mut [Bank], frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
+/// Has all banks do something at the same time, each with its number.
+fn at_once(
+    banks: &mut [Bank],
+    work: impl Fn(usize, &mut Bank) -> Result<(), Fault> + Sync,
+) -> Result<(), Fault> {
     if let [bank] = banks {
-        return bank.step(frames, t_ns);
+        return work(0, bank);
     }
+    let work = &work;
     std::thread::scope(|scope| {
-        let threads: Vec<_> =
-            banks.iter_mut().map(|bank| scope.spawn(move || bank.step(frames, t_ns))).collect();
+        let threads: Vec<_> = banks
+            .iter_mut()
+            .enumerate()
+            .map(|(number, bank)| scope.spawn(move || work(number, bank)))
+            .collect();
         threads.into_iter().try_for_each(|thread| thread.join().expect("a bank's thread does not panic"))
     })
 }

@@ -4,9 +4,10 @@
 
 use super::code::Code;
 use super::parameters::{
-    Permutation, Specialised, camera_row, is_physical, is_rigid, permutation, physical_row, sort,
+    Permutation, Specialised, camera_row, has_optics, is_physical, is_rigid, optics_row, permutation,
+    physical_row, sort,
 };
-use super::scene::{Tables, tables};
+use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
@@ -189,12 +190,13 @@ impl Rig {
 
     /// Fills the tables of instances and poses for a tick.
     fn prepare_poses(&mut self, t_ns: &[Option<i64>]) {
-        for Tables { camera, poses } in tables(&self.cameras, t_ns) {
-            let camera = &self.cameras[camera];
-            let place = camera.place;
-            self.arena.table(layout::INSTANCES).write(place.instance_base as usize, camera.instances.known());
-            self.arena.table(layout::POSES).write(place.pose_base as usize, &poses);
+        for (camera, t_ns) in self.cameras.iter().zip(t_ns) {
+            if t_ns.is_some() && is_rigid(&camera.config.sensor) {
+                let known = camera.instances.known();
+                self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, known);
+            }
         }
+        write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
     }
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
@@ -217,6 +219,10 @@ impl Rig {
         if self.cameras.iter().any(|camera| is_physical(&camera.config.sensor)) {
             let physicals: Vec<_> = self.cameras.iter().map(|c| physical_row(&c.config.sensor)).collect();
             self.arena.table(layout::PHYSICALS).write(0, &physicals);
+        }
+        if self.cameras.iter().any(|camera| has_optics(&camera.config.sensor)) {
+            let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| optics_row(c, *t_ns)).collect();
+            self.arena.table(layout::OPTICS).write(0, &rows);
         }
         let order = order(&self.permutations());
         for (row, &camera) in self.parameters.iter_mut().zip(&order) {
