@@ -51,17 +51,20 @@ fn a_bar_is_whole_and_alone_at_every_instant() {
 
 #[test]
 fn what_disappears_is_behind() {
-    // The bar now is a gap through which a slower surface is seen: the wall moves, and covers what is at rest.
-    let swap = |vectors: Vec<[f64; 2]>| -> Vec<[f64; 2]> {
-        vectors.into_iter().map(|[x, _]| if x == 0.0 { [-8.0, 0.0] } else { [0.0; 2] }).collect()
+    // A gap in a wall that moves, through which what is at rest is seen.
+    let gap = |frame: usize| -> Vec<[f64; 2]> {
+        let shows_rest = |x: usize| (10 + 8 * frame..22 + 8 * frame).contains(&x);
+        (0..SIZE.0 * SIZE.1).map(|i| if shows_rest(i % SIZE.0) { [0.0; 2] } else { [-8.0, 0.0] }).collect()
     };
     let front = |start: Vec<[f64; 2]>, end: Vec<[f64; 2]>| {
         let layers = Layers::new(SIZE, &end, Some(&start), Some(1.0), 3);
-        let block = layers.blocks().iter().find(|block| block.layers.len() == 2).expect("two layers");
+        // The block of columns 24 to 31 in the second row.
+        let block = &layers.blocks()[SIZE.0 / BLOCK_PX + 3];
+        assert_eq!(block.layers.len(), 2);
         block.layers[0].motion.x
     };
     assert_eq!(front(vectors(1), vectors(2)), -8.0);
-    assert_eq!(front(swap(vectors(1)), swap(vectors(2))), -8.0);
+    assert_eq!(front(gap(1), gap(2)), -8.0);
     // A wall that moves behind a bar at rest: what it shows anew was hidden by the bar, though the bar is slower.
     let still = |[_, _]: [f64; 2], x: usize| if is_bar(x, 1) { [0.0, 0.0] } else { [-8.0, 0.0] };
     let fixed: Vec<[f64; 2]> =
