@@ -17,9 +17,9 @@ const uint MAX_PARTS = 256u;
 const float MAX_CHANGE_LOG = 0.2;
 // Lag of the first stage, nepers, beyond which a part is no longer than half its time constant.
 const float FAR_BEHIND_LOG = 0.5;
-// Distance of a stage from where it settles, nepers, beyond which a part is no longer than half its time constant: there
-// its output bends.
-const float BEND_LOG = 0.001;
+// Distance from its straight line, nepers, that the output may have within a part. A stage that is further from where it
+// settles bends the output: parts are so short that the bend is no larger, but at least half a time constant.
+const float BEND_LOG = 0.002;
 // Time constants of a stage in a part, up to which its output may turn within the part.
 const float STEEP_TURN = 4.0;
 // Largest charge of a part.
@@ -28,6 +28,10 @@ const float MOST_CHARGE = 1e30;
 const float MOST_PHASE = 40.0;
 // Longest time since a release that is kept, nanoseconds.
 const int LONGEST_NS = 1 << 30;
+// Stands for any number of time constants.
+const float LONGEST_TURN = 1e30;
+// Largest exponent by which a hazard grows or falls within a stretch.
+const float MOST_HAZARD_GROWTH = 6.0;
 // Most of a leak in one part, nepers.
 const float MOST_LEAK_LOG = 32.0;
 
@@ -123,9 +127,13 @@ struct Walk {
     // When the pixel is released, 0 if it is not held; time of the last event (while it is held) or release.
     uint held_until;
     int since_ns;
-    // Noise of the moment, nepers; the deviate of the noise that a signal meets; slope of the noise at the event that
-    // holds the pixel.
+    // At the end of the last part: rate that the light drives, per second, and ln(1 + excess).
+    float drive;
+    float behind;
+    // Noise of the moment that a signal meets and its mean, nepers; its deviate; slope of the noise at the event that holds
+    // the pixel.
     float noise;
+    float mean;
     float deviate;
     float slope;
     // APS: integral of the intensity.
@@ -186,14 +194,15 @@ void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inou
         const float phase = max(p.phase + share * part.turned, 0.0);
         const float second = max(second_phase(cam, w, float(t)), 0.0);
         const float sigma = sigma_at(cam, lerp(part.from_first, part.to_first, share));
-        const float lost = clamp(forgotten(phase, second), 0.0, 1.0);
+        const float kept = min(correlation(phase, second), 1.0);
         const float turned = w.slope == 0.0 ? 0.0 : slope_correlation(phase, second);
-        const float unknown = sqrt(max(lost * (2.0 - lost) - turned * turned, 0.0));
+        const float unknown = sqrt(max(1.0 - kept * kept - turned * turned, 0.0));
         const float fresh = normal_from_words(draw(cam, pixel, STREAM_RELEASE, p.events + w.ordinal));
-        noise = correlation(phase, second) * p.noise + sigma * (turned * w.slope + unknown * fresh);
+        noise = kept * p.noise + sigma * (turned * w.slope + unknown * fresh);
     }
     p.noise = noise;
     w.noise = noise;
+    w.mean = noise;
     p.reference = output_at(part, t) + to_q24(noise);
     w.held_until = 0u;
     w.since_ns = int(t);
@@ -210,6 +219,7 @@ void fire(
     w.ordinal += 1u;
     p.noise = noise;
     w.noise = noise;
+    w.mean = noise;
     w.since_ns = int(t);
     p.phase = -share_of(part, t) * part.turned;
     if (EFFECT_REFRACTORY && cam.refractory_ns != 0u) {
@@ -228,9 +238,9 @@ struct Stretch {
     int to;
 };
 
-// The stretch of a noisy pixel that begins now. Noise moves fast after a release: a stretch is no longer than the faster
-// pole's time constant or twice the time since the release.
-Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out float noise) {
+// The stretch of a noisy pixel that begins now, and the law of the noise at its end. Noise moves fast after a release: a
+// stretch is no longer than the faster pole's time constant or twice the time since the release.
+Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out Law law) {
     uint end = part.end;
     const float phase = p.phase + share_of(part, now) * part.turned;
     if (min(phase, second_phase(cam, w, float(now))) < FORGOTTEN_PHASE) {
@@ -239,35 +249,62 @@ Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out
         const uint rest = part.end - now;
         end = longest_ns < float(rest) ? now + max(uint(longest_ns), 1u) : part.end;
     }
-    const Law law = law_at(cam, p, w, part, share_of(part, end));
-    noise = law.mean + law.deviation * w.deviate;
-    return Stretch(now, end, output_at(part, now) + to_q24(w.noise), output_at(part, end) + to_q24(noise));
+    law = law_at(cam, p, w, part, share_of(part, end));
+    return Stretch(
+        now, end, output_at(part, now) + to_q24(w.noise),
+        output_at(part, end) + to_q24(law.mean + law.deviation * w.deviate));
 }
 
-// Hazards of OFF and ON noise at a share of the part.
-vec2 hazards_at(Camera cam, float share, Part part, PixelState p, Walk w) {
-    const float above = lerp(nepers(part.from - p.reference), nepers(part.to - p.reference), share);
-    const vec2 thresholds = vec2(nepers(p.off_q24), nepers(p.on_q24));
-    const float first = lerp(part.from_first, part.to_first, share);
-    return hazards_per_s(above, law_at(cam, p, w, part, share), thresholds, first, physicals[cam.slot].second_per_s);
-}
+// Hazards in a stretch of a part, and the exponent by which that of the nearer threshold grows over it.
+struct Hazard {
+    float off;
+    float on;
+    float growth;
+};
 
-// Hazard of both halves of a stretch, each as at its Gauss point.
-vec2 stretch_hazard(Camera cam, Stretch stretch, Part part, PixelState p, Walk w) {
-    if (stretch.end == stretch.start) {
-        return vec2(0.0);
+// Hazards from `start` to `end`, where the mean of the noise is `mean`. They are those at the middle; the nearer
+// threshold's grows or falls exponentially from there.
+Hazard stretch_hazard(Camera cam, uint start, uint end, float mean, Part part, PixelState p, Walk w) {
+    Hazard hazard = Hazard(0.0, 0.0, 0.0);
+    const vec2 ends = vec2(share_of(part, start), share_of(part, end));
+    const float middle = 0.5 * (ends.x + ends.y);
+    const Law law = law_at(cam, p, w, part, middle);
+    if (end == start || law.deviation <= 0.0) {
+        return hazard;
     }
-    const vec2 ends = vec2(share_of(part, stretch.start), share_of(part, stretch.end));
-    const vec2 early = hazards_at(cam, lerp(ends.x, ends.y, 0.21132487), part, p, w);
-    const vec2 late = hazards_at(cam, lerp(ends.x, ends.y, 0.78867513), part, p, w);
-    const float half_s = 0.5e-9 * float(stretch.end - stretch.start);
-    return half_s * vec2(early.x + early.y, late.x + late.y);
+    const float per_deviation = 1.0 / law.deviation;
+    const float above = lerp(nepers(part.from - p.reference), nepers(part.to - p.reference), middle) + law.mean;
+    const float off = (nepers(p.off_q24) + above) * per_deviation;
+    const float on = (nepers(p.on_q24) - above) * per_deviation;
+    const float nearer = min(off, on);
+    if (nearer > FAR_DISTANCE + 1.0) {
+        return hazard;
+    }
+    const float rise = (nepers(part.to - part.from) * (ends.y - ends.x) + (mean - w.mean)) * per_deviation;
+    const float nearing = on < off ? rise : -rise;
+    // e^(-b^2/2) where b falls by `nearing`, over its value in the middle.
+    hazard.growth = clamp(max(nearer, 0.7) * nearing, -MOST_HAZARD_GROWTH, MOST_HAZARD_GROWTH);
+    const float half_squared = 0.25 * hazard.growth * hazard.growth;
+    const float grown = 1.0
+        + half_squared * (1.0 / 6.0 + half_squared * (1.0 / 120.0 + half_squared * (1.0 / 5040.0)));
+    const float duration_s = 1e-9 * float(end - start);
+    const Rates rates =
+        noise_rates(lerp(part.from_first, part.to_first, middle), physicals[cam.slot].second_per_s);
+    const float near = duration_s * grown * hazard_per_s(nearer, rates);
+    const float further = max(off, on);
+    const float far = further < FAR_DISTANCE ? duration_s * hazard_per_s(further, rates) : 0.0;
+    hazard.off = on < off ? far : near;
+    hazard.on = on < off ? near : far;
+    return hazard;
 }
 
-// Time at which the clock has run out, which it does within the stretch.
-uint noise_time(Stretch stretch, vec2 hazard, float clock) {
-    const float share = clock < hazard.x ? 0.5 * clock / hazard.x : 0.5 + 0.5 * (clock - hazard.x) / hazard.y;
-    return time_in_substep(stretch.start, stretch.end, min(share, 1.0), 1.0);
+// Time at which the clock has run out, which it does from `start` to `end`.
+uint noise_time(uint start, uint end, Hazard hazard, float clock) {
+    const float spent = clock / (hazard.off + hazard.on);
+    const float share = abs(hazard.growth) < 0.01
+        ? spent
+        : log(1.0 + spent * (exp(hazard.growth) - 1.0)) / hazard.growth;
+    return time_in_substep(start, end, clamp(share, 0.0, 1.0), 1.0);
 }
 
 // Spends hazard that the clock has.
@@ -295,11 +332,9 @@ void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Wal
             begin_renewal(cam, pixel, p, w);
             renews = false;
         }
-        float noise = 0.0;
-        vec2 hazard = vec2(0.0);
+        Law law = Law(0.0, 0.0);
         if (EFFECT_SHOT) {
-            stretch = noisy_stretch(cam, now, part, p, w, noise);
-            hazard = stretch_hazard(cam, stretch, part, p, w);
+            stretch = noisy_stretch(cam, now, part, p, w, law);
         }
         // After a change of parameters the level may lie beyond a threshold from the start.
         const bool settles = cam.no_skip != 0u && now <= 1u && stretch.end != stretch.start;
@@ -320,17 +355,25 @@ void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Wal
             signal_at = max(max(signal_at, now), w.start + 1u);
         }
         uint noise_at = NEVER;
+        Hazard hazard = Hazard(0.0, 0.0, 0.0);
         if (EFFECT_SHOT) {
+            // Up to the signal, if there is one.
+            const uint until = max(min(signal_at, stretch.end), now);
+            const float mean = stretch.end == stretch.start
+                ? w.mean
+                : lerp(w.mean, law.mean, float(until - stretch.start) / float(stretch.end - stretch.start));
+            hazard = stretch_hazard(cam, now, until, mean, part, p, w);
             const float clock = float(p.clock) / float(1u << HAZARD_FRACTION_BITS);
-            if (clock < hazard.x + hazard.y) {
-                noise_at = noise_time(stretch, hazard, clock);
+            if (clock < hazard.off + hazard.on) {
+                noise_at = noise_time(now, until, hazard, clock);
             } else if (signal_at == NEVER) {
-                p.clock = spend(p.clock, hazard.x + hazard.y);
+                p.clock = spend(p.clock, hazard.off + hazard.on);
             }
         }
         if (signal_at == NEVER && noise_at == NEVER) {
             now = stretch.end;
-            w.noise = noise;
+            w.noise = law.mean + law.deviation * w.deviate;
+            w.mean = law.mean;
             goes_on = now < part.end;
         } else if (signal_at <= noise_at) {
             now = min(signal_at, part.end);
@@ -338,15 +381,14 @@ void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Wal
             if (EFFECT_SHOT) {
                 met = stretch.end == stretch.start
                     ? w.noise
-                    : lerp(w.noise, noise, float(now - stretch.start) / float(stretch.end - stretch.start));
+                    : lerp(w.noise, law.mean + law.deviation * w.deviate, float(now - stretch.start) / float(stretch.end - stretch.start));
             }
             fire(cam, pixel, now, rises, met, 0.0, part, p, w);
             renews = w.held_until == 0u;
         } else {
             now = noise_at;
-            const vec2 hazards = hazards_at(cam, share_of(part, now), part, p, w);
             const uvec4 words = draw(cam, pixel, STREAM_CLOCK, p.events + w.ordinal);
-            const bool on = float(words.y) * (1.0 / 4294967296.0) * (hazards.x + hazards.y) < hazards.y;
+            const bool on = float(words.y) * (1.0 / 4294967296.0) * (hazard.off + hazard.on) < hazard.on;
             // The noise lifts the output to the threshold.
             const int reached = p.reference + (on ? p.on_q24 : -p.off_q24);
             const float slope = sqrt(2.0 * exponential_of(words.z));
@@ -378,9 +420,9 @@ int leak(Camera cam, float duration_s, float charge, inout PixelState p) {
 
 // Slope of the output, nepers in a part of `duration_s` in which the second stage turns by `second`: that of the slower
 // stage, whose output the other follows.
-float output_slope(float drive, float duration_s, float second, PixelState p) {
+float output_slope(float drive, float duration_s, float second, float behind, PixelState p) {
     return second < STEEP_TURN
-        ? -second * (log_1p(p.excess) + p.lag)
+        ? -second * (behind + p.lag)
         : drive * duration_s * (p.excess / (1.0 + p.excess));
 }
 
@@ -406,10 +448,10 @@ uint turning_point(Part part, float from_slope, float to_slope, out int output_q
 void walk_part(
     Camera cam, uint pixel, uint start, uint end, int level, int next_level, inout PixelState p, inout Walk w
 ) {
+    const float drive = w.drive;
     const float duration_s = float(end - start) * 1e-9;
     const float change = nepers(next_level - level);
-    const float drive = drive_per_s(cam, level);
-    const float next_drive = drive_per_s(cam, next_level);
+    const float next_drive = next_level == level ? drive : drive_per_s(cam, next_level);
     const float charge = min(drive * duration_s * phi(change), MOST_CHARGE);
     const float second = physicals[cam.slot].second_per_s * duration_s;
     Part part;
@@ -417,9 +459,10 @@ void walk_part(
     part.end = end;
     part.from = level + to_q24(p.lag);
     part.from_first = drive / (1.0 + p.excess);
-    const float from_slope = output_slope(drive, duration_s, second, p);
-    part.turned = advance_photoreceptor(charge, change, second, p.excess, p.lag);
-    const float to_slope = output_slope(next_drive, duration_s, second, p);
+    const float from_slope = output_slope(drive, duration_s, second, w.behind, p);
+    part.turned = advance_photoreceptor(charge, change, second, p.excess, w.behind, p.lag);
+    w.drive = next_drive;
+    const float to_slope = output_slope(next_drive, duration_s, second, w.behind, p);
     const int leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, p) : 0;
     part.to = next_level + to_q24(p.lag) + leaked;
     part.to_first = next_drive / (1.0 + p.excess);
@@ -444,27 +487,29 @@ void walk_part(
     p.reference -= leaked;
 }
 
+// Time constants of a stage in a part, so that the output stays within BEND_LOG of its line. `bend` is how far the stage
+// is from where it settles, nepers.
+float longest_turn(float bend) {
+    return bend > BEND_LOG ? max(sqrt(8.0 * BEND_LOG / bend), 0.5) : LONGEST_TURN;
+}
+
 // End of the part that begins at `start`, so that it is short enough for straight lines. `change` is that of the level
 // up to `end`, `most_change` that of a part.
-uint part_end(Camera cam, uint start, uint end, int level, float change, float most_change, PixelState p) {
+uint part_end(Camera cam, uint start, uint end, float change, float most_change, PixelState p, Walk w) {
     const float rest_ns = float(end - start);
     // Time constants of both stages up to `end`, the first one's at its present rate.
-    const float drive = drive_per_s(cam, level);
-    const float first = drive * (rest_ns * 1e-9);
+    const float first = w.drive * (rest_ns * 1e-9);
     const float second = physicals[cam.slot].second_per_s * (rest_ns * 1e-9);
-    float share = 1.0 / max(ceil(abs(change) / most_change), 1.0);
-    const float behind = log_1p(p.excess);
-    // Where the first stage would settle in light that goes on changing like this, and the second one behind the first.
-    const float first_settled = -log_1p(-min(change / first, 0.9));
-    const float node_per_s = drive * (p.excess / (1.0 + p.excess));
-    const float second_settled = -(behind + node_per_s / physicals[cam.slot].second_per_s);
-    const bool first_bends = abs(behind) > FAR_BEHIND_LOG || abs(behind - first_settled) > BEND_LOG;
-    if (first_bends && first * share > 0.5) {
-        share = 0.5 / first;
-    }
-    if (abs(p.lag - second_settled) > BEND_LOG && second * share > 0.5) {
-        share = 0.5 / second;
-    }
+    const float shares = max(ceil(abs(change) / most_change), 1.0);
+    // Where the first stage would settle in light that goes on changing like this, about, and the second one behind it.
+    const float ramp = min(change / first, 0.9);
+    const float first_settled = ramp / (1.0 - 0.5 * ramp);
+    const float second_settled = -(w.behind + first * (p.excess / (1.0 + p.excess)) / second);
+    // A first stage faster than the second shows less of its bend.
+    const float first_bend = abs(w.behind - first_settled) * min(second / first, 1.0);
+    const float first_turn = abs(w.behind) > FAR_BEHIND_LOG ? 0.5 : longest_turn(first_bend);
+    const float second_turn = longest_turn(abs(p.lag - second_settled));
+    const float share = min(min(first_turn / first, second_turn / second), 1.0 / shares);
     const float part_ns = ceil(share * rest_ns);
     return part_ns < rest_ns ? start + max(uint(part_ns), 1u) : end;
 }
@@ -479,7 +524,10 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     w.ordinal = 0u;
     w.held_until = 0u;
     w.since_ns = p.release_ns;
+    w.drive = drive_per_s(cam, w.from_level);
+    w.behind = log_1p(p.excess);
     w.noise = 0.0;
+    w.mean = 0.0;
     w.deviate = 0.0;
     w.slope = 0.0;
     w.exposed = 0.0;
@@ -489,9 +537,10 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
         w.slope = EFFECT_SHOT ? uintBitsToFloat(p.clock) : 0.0;
     } else if (EFFECT_SHOT && !p.silent) {
         w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, p.events));
-        const float first = drive_per_s(cam, w.from_level) / (1.0 + p.excess);
+        const float first = w.drive / (1.0 + p.excess);
         const Law law = noise_law(p.noise, sigma_at(cam, first), p.phase, second_phase(cam, w, 0.0));
         w.noise = law.mean + law.deviation * w.deviate;
+        w.mean = law.mean;
     }
     return w;
 }
@@ -527,7 +576,7 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
             parts += 1u;
             uint until = end;
             if (parts < MAX_PARTS) {
-                until = part_end(cam, start, end, level, nepers(to_level - level), most_change, p);
+                until = part_end(cam, start, end, nepers(to_level - level), most_change, p, w);
             }
             const int next = until == end ? to_level : level_at(w.from_level, to_level, w.start, end, until);
             walk_part(cam, pixel, start, until, level, next, p, w);
