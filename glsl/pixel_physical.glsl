@@ -25,6 +25,8 @@ const float CUBIC_ERROR_LOG = 0.0005;
 const float TURN_MARGIN_LOG = 0.003;
 // Time constants of a stage in a part, up to which the output is a cubic; in a longer one it is a straight line.
 const float STEEP_TURN = 4.0;
+// Phase of the slower pole since a release beyond which the noise moves slowly.
+const float SETTLED_PHASE = 4.0;
 // Largest charge of a part.
 const float MOST_CHARGE = 1e30;
 // Largest phase that is kept.
@@ -305,14 +307,17 @@ Stretch quiet_stretch(uint now, Part part) {
     return Stretch(start, end, output_at(part, start), output_at(part, end));
 }
 
-// The stretch of a noisy pixel that begins now, and the law of the noise at its end. Noise moves fast after a release: a
-// stretch is no longer than the faster pole's time constant or twice the time since the release.
+// The stretch of a noisy pixel that begins now, and the law of the noise at its end. Noise moves fast after a release. Until
+// the slower pole has turned some times, a stretch is no longer than a time constant of the faster pole, a quarter of one of
+// the slower pole, or three times the time since the release, whichever is longest.
 Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out Law law) {
     uint end = now < part.turn ? part.turn : part.end;
     const float phase = p.phase + share_of(part, now) * part.turned;
-    if (min(phase, second_phase(cam, w, float(now))) < FORGOTTEN_PHASE) {
-        const float fastest = max(max(part.from_first, part.to_first), physicals[cam.slot].second_per_s);
-        const float longest_ns = max(1e9 / fastest, 2.0 * float(int(now) - w.since_ns));
+    if (min(phase, second_phase(cam, w, float(now))) < SETTLED_PHASE) {
+        const float first = max(part.from_first, part.to_first);
+        const float second = physicals[cam.slot].second_per_s;
+        const float shortest_ns = max(1e9 / max(first, second), 0.25e9 / min(first, second));
+        const float longest_ns = max(shortest_ns, 3.0 * float(int(now) - w.since_ns));
         end = longest_ns < float(end - now) ? now + max(uint(longest_ns), 1u) : end;
     }
     law = law_at(cam, p, w, part, share_of(part, end));
