@@ -17,16 +17,16 @@ const uint MAX_PARTS = 256u;
 const float MAX_CHANGE_LOG = 0.2;
 // Lag of the first stage, nepers, beyond which a part is no longer than half its time constant.
 const float FAR_BEHIND_LOG = 0.5;
-// Distance of a stage from where it settles, nepers, up to which its bend is left out.
-const float BEND_LOG = 0.001;
-// Error of the output within a part, nepers, that sets the part's length while it bends.
-const float CUBIC_ERROR_LOG = 0.0005;
+// Distance of a stage from where it settles, nepers, up to which its bend is left out; error of the output within a part,
+// nepers, that sets the part's length while it bends. With noise, whose deviation is ten times that, they are larger.
+const float BEND_LOG = EFFECT_SHOT ? 0.005 : 0.001;
+const float CUBIC_ERROR_LOG = EFFECT_SHOT ? 0.002 : 0.0005;
 // Distance of a turn from a threshold, nepers, within which a part ends at the turn.
 const float TURN_MARGIN_LOG = 0.003;
 // Time constants of a stage in a part, up to which the output is a cubic; in a longer one it is a straight line.
 const float STEEP_TURN = 4.0;
 // Phase of the slower pole since a release beyond which the noise moves slowly.
-const float SETTLED_PHASE = 4.0;
+const float SETTLED_PHASE = 2.5;
 // Largest charge of a part.
 const float MOST_CHARGE = 1e30;
 // Largest phase that is kept.
@@ -168,6 +168,8 @@ struct Walk {
     // At the end of the last part: rate that the light drives, per second, and ln(1 + excess).
     float drive;
     float behind;
+    // Leak in the dark, Q24 per second.
+    float dark_leak;
     // Noise of the moment that a signal meets and its mean, nepers; its deviate; slope of the noise at the event that holds
     // the pixel.
     float noise;
@@ -223,6 +225,12 @@ Law law_at(Camera cam, PixelState p, Walk w, Part part, float share) {
     const float first = lerp(part.from_first, part.to_first, share);
     const float phase = max(p.phase + share * part.turned, 0.0);
     return noise_law(p.noise, sigma_at(cam, first), phase, max(second_phase(cam, w, t), 0.0));
+}
+
+// Noise that a signal meets at time t, nepers.
+float noise_at(Camera cam, PixelState p, Walk w, Part part, uint t) {
+    const Law law = law_at(cam, p, w, part, share_of(part, t));
+    return law.mean + law.deviation * w.deviate;
 }
 
 // Makes the draws of the next renewal, which begins after `events` events.
@@ -307,17 +315,14 @@ Stretch quiet_stretch(uint now, Part part) {
     return Stretch(start, end, output_at(part, start), output_at(part, end));
 }
 
-// The stretch of a noisy pixel that begins now, and the law of the noise at its end. Noise moves fast after a release. Until
-// the slower pole has turned some times, a stretch is no longer than a time constant of the faster pole, a quarter of one of
-// the slower pole, or three times the time since the release, whichever is longest.
+// The stretch of a noisy pixel that begins now, and the law of the noise at its end. Noise moves fast after a release: until
+// the slower pole has turned some times, a stretch is no longer than that.
 Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out Law law) {
     uint end = now < part.turn ? part.turn : part.end;
     const float phase = p.phase + share_of(part, now) * part.turned;
     if (min(phase, second_phase(cam, w, float(now))) < SETTLED_PHASE) {
-        const float first = max(part.from_first, part.to_first);
-        const float second = physicals[cam.slot].second_per_s;
-        const float shortest_ns = max(1e9 / max(first, second), 0.25e9 / min(first, second));
-        const float longest_ns = max(shortest_ns, 3.0 * float(int(now) - w.since_ns));
+        const float slower = min(max(part.from_first, part.to_first), physicals[cam.slot].second_per_s);
+        const float longest_ns = SETTLED_PHASE * 1e9 / slower;
         end = longest_ns < float(end - now) ? now + max(uint(longest_ns), 1u) : end;
     }
     law = law_at(cam, p, w, part, share_of(part, end));
@@ -326,18 +331,17 @@ Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out
         output_at(part, end) + to_q24(law.mean + law.deviation * w.deviate));
 }
 
-// When a stretch crosses `level`, which it does if it `rises` or falls. `noise` is that at the stretch's ends. The straight
-// line's crossing is made better once on the part's cubic.
-uint crossing_time(Stretch stretch, Part part, int level, bool rises, vec2 noise) {
+// When a stretch crosses `level`, which it does if it `rises` or falls. The straight line's crossing is made better once, on
+// the part's cubic and with the law of the noise.
+uint crossing_time(Camera cam, Stretch stretch, Part part, int level, bool rises, PixelState p, Walk w) {
     const int sign = rises ? 1 : -1;
     const int to_go = sign * (level - stretch.from);
     const uint at = time_in_substep(
         stretch.start, stretch.end, float(to_go), float(sign * (stretch.to - stretch.from)));
-    if (part.from_bow == 0.0 && part.to_bow == 0.0) {
+    if (!EFFECT_SHOT && part.from_bow == 0.0 && part.to_bow == 0.0) {
         return at;
     }
-    const float share = float(at - stretch.start) / float(stretch.end - stretch.start);
-    const int there = output_at(part, at) + to_q24(lerp(noise.x, noise.y, share));
+    const int there = output_at(part, at) + (EFFECT_SHOT ? to_q24(noise_at(cam, p, w, part, at)) : 0);
     const int rest = sign * (level - there);
     if (rest > 0) {
         return at == stretch.end
@@ -448,7 +452,7 @@ bool watch_stretch(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
         const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
         const int to_go = rises ? level - stretch.from : stretch.from - level;
         signal_at = to_go > 0 && !starts_beyond && stretch.end != stretch.start
-            ? crossing_time(stretch, part, level, rises, vec2(w.noise, noise))
+            ? crossing_time(cam, stretch, part, level, rises, p, w)
             : now;
         // The first instant of a sub-step belongs to the one before.
         signal_at = min(max(max(signal_at, now), w.start + 1u), part.end);
@@ -457,28 +461,28 @@ bool watch_stretch(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const float share = stretch.end == stretch.start || until <= stretch.start
         ? 0.0
         : float(until - stretch.start) / float(stretch.end - stretch.start);
-    uint noise_at = NEVER;
+    uint shot_at = NEVER;
     Hazard hazard = Hazard(0.0, 0.0, 0.0);
     if (EFFECT_SHOT) {
         const float clock = float(p.clock) / float(1u << HAZARD_FRACTION_BITS);
         hazard = stretch_hazard(cam, now, max(until, now), lerp(w.mean, law.mean, share), part, p, w);
         if (clock < hazard.off + hazard.on) {
-            noise_at = noise_time(now, until, hazard, clock);
+            shot_at = noise_time(now, until, hazard, clock);
         } else if (signal_at == NEVER) {
             p.clock = spend(p.clock, hazard.off + hazard.on);
         }
     }
-    if (signal_at == NEVER && noise_at == NEVER) {
+    if (signal_at == NEVER && shot_at == NEVER) {
         w.now = stretch.end;
         w.noise = noise;
         w.mean = law.mean;
         return stretch.end == part.end;
     }
-    const bool is_signal = signal_at <= noise_at;
+    const bool is_signal = signal_at <= shot_at;
     bool on = rises;
     float slope = 0.0;
-    float met = EFFECT_SHOT ? lerp(w.noise, noise, share) : 0.0;
-    now = is_signal ? signal_at : noise_at;
+    now = is_signal ? signal_at : shot_at;
+    float met = EFFECT_SHOT && is_signal ? noise_at(cam, p, w, part, now) : 0.0;
     if (EFFECT_SHOT && !is_signal) {
         const uvec2 words = WALKS_SUSPEND ? w.words : draw(cam, pixel, STREAM_CLOCK, p.events + w.ordinal).yz;
         on = float(words.x) * (1.0 / 4294967296.0) * (hazard.off + hazard.on) < hazard.on;
@@ -495,12 +499,10 @@ bool watch_stretch(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
 
 // Lowers the reference by what leaks away in `duration_s` and by the charge that the light drives in it. Returns the
 // whole units of Q24; the rest stays in the fraction.
-int leak(Camera cam, float duration_s, float charge, inout PixelState p) {
+int leak(Camera cam, float duration_s, float charge, Walk w, inout PixelState p) {
     const Physical physical = physicals[cam.slot];
-    const float in_the_dark = physical.dark_leak_q24_per_s * exp(p.leak_factor_log)
-        - physical.dark_light_q24_per_s * exp(p.dark_factor_log);
     const float most = MOST_LEAK_LOG * LOG_SCALE;
-    const float fall = clamp(in_the_dark * duration_s + physical.light_q24_per_charge * charge, -most, most);
+    const float fall = clamp(w.dark_leak * duration_s + physical.light_q24_per_charge * charge, -most, most);
     const float whole = floor(abs(fall));
     const uint rest = uint(min((abs(fall) - whole) * 4294967296.0, 4294967040.0));
     uint over;
@@ -536,9 +538,10 @@ uint turning_point(Part part, float from_slope, float to_slope) {
     return part.start + clamp(uint(clamp(share, 0.0, 1.0) * float(span)), 1u, span - 1u);
 }
 
-// Whether the output turns so near a threshold that the cubic cannot tell whether it reaches it.
+// Whether the output turns so near a threshold that the cubic cannot tell whether it reaches it. A part that begins at such
+// a turn may turn again at once, by rounding: that decides nothing.
 bool turn_decides(Part part, PixelState p) {
-    if (part.turn == part.end) {
+    if (part.turn == part.end || part.turn - part.start < (part.end - part.start) / 16u) {
         return false;
     }
     const int above = output_at(part, part.turn) - p.reference;
@@ -562,7 +565,7 @@ Part next_part(Camera cam, uint start, uint end, int level, int next_level, inou
     part.turned = advance_photoreceptor(charge, change, second, p.excess, w.behind, p.lag);
     w.drive = next_drive;
     const float to_slope = output_slope(next_drive, duration_s, second, w.behind, p);
-    part.leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, p) : 0;
+    part.leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, w, p) : 0;
     part.to = next_level + to_q24(p.lag) + part.leaked;
     part.to_first = next_drive / (1.0 + p.excess);
     part.from_bow = 0.0;
@@ -616,6 +619,11 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     w.since_ns = p.release_ns;
     w.drive = drive_per_s(cam, w.from_level);
     w.behind = log_1p(p.excess);
+    w.dark_leak = 0.0;
+    if (EFFECT_LEAK) {
+        w.dark_leak = physicals[cam.slot].dark_leak_q24_per_s * exp(p.leak_factor_log)
+            - physicals[cam.slot].dark_light_q24_per_s * exp(p.dark_factor_log);
+    }
     w.noise = 0.0;
     w.mean = 0.0;
     w.renews = false;
