@@ -261,8 +261,13 @@ fn show(rows: &[Row]) -> Result<Document> {
 /// A line for each pair of rows whose modes differ in `suffix` alone; `columns` names a row without it and one with it.
 fn prices(rows: &[Row], suffix: &str, columns: [&str; 2]) -> Vec<Vec<String>> {
     let [without, with] = columns;
-    let mut table =
-        vec![cells!["row", format!("{without}, us"), format!("{with}, us"), "ratio", format!("{with}: stages, us")]];
+    let mut table = vec![cells![
+        "row",
+        format!("{without}, us"),
+        format!("{with}, us"),
+        "ratio",
+        format!("{with}: stages, us")
+    ]];
     for row in rows {
         let Some(mode) = row.mode.strip_suffix(suffix) else { continue };
         let same = |r: &&Row| {
