@@ -232,6 +232,24 @@ fn noise_has_the_oracles_rate_for_any_number_of_substeps() {
     }
 }
 
+/// The light moves by decades between frames: hazards grow and fall within a sub-step, and signals meet the noise.
+#[test]
+fn noisy_pixels_in_moving_light_send_as_many_events_as_the_oracles() {
+    let sensor = SensorModel { substeps: 16, width: 24, height: 8, ..noisy() };
+    for lux in [0.3, 10.0] {
+        let sequence = waves(&sensor, lux, 9);
+        let (own, exact) =
+            (events(&engine(&sensor, &sequence)), oracle_events(&oracle(&sensor, 0, &sequence)));
+        for polarity in [Polarity::Off, Polarity::On] {
+            let [own, exact] =
+                [&own, &exact].map(|events| events.iter().filter(|event| event.polarity == polarity).count());
+            println!("{lux} lux, {polarity:?}: {own} and {exact}");
+            assert!(exact > 1000, "{exact} events");
+            assert!((own as f64 / exact as f64 - 1.0).abs() < 0.03, "{lux} lux: {own} and {exact}");
+        }
+    }
+}
+
 #[test]
 fn without_lag_and_noise_it_sends_the_log_pixels_events() {
     for (refractory_ns, leak_rate_hz) in [(0, 0.0), (700_000, 2.0)] {
