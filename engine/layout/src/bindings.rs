@@ -1,12 +1,12 @@
 //! Bindings of the kernels: descriptor set 0.
 
-use crate::{Camera, Counters, Geometry, Physical};
+use crate::{Camera, Counters, Geometry, Optics, Physical};
 
 /// Whether the binding of a slot is a uniform buffer, a table with a row for each camera; the others are storage
 /// buffers.
 #[must_use]
 pub fn is_table(slot: usize) -> bool {
-    matches!(slot, CAMERAS | GEOMETRIES | PHYSICALS)
+    matches!(slot, CAMERAS | GEOMETRIES | PHYSICALS | OPTICS)
 }
 
 /// A binding: slot, name, GLSL element type.
@@ -59,6 +59,7 @@ bindings! {
     REPRESENTATIVES = 24, "representatives", "uint", 4;
     PASSING = 25, "passing", "uint", 4;
     PHYSICALS = 26, "physicals", "Physical", size_of::<Physical>() as u32;
+    OPTICS = 27, "optics", "Optics", size_of::<Optics>() as u32;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

@@ -52,5 +52,9 @@ pub const fn path_instants(substeps: u32) -> u32 {
 /// Threads of a workgroup of `paths`.
 pub const PATHS_THREADS: u32 = 64;
 
+/// Fractional bits of the turns by which a flicker's phase grows in a nanosecond: 1 kHz fits 32 bits, and over a second the
+/// phase is exact to 3e-7 turns.
+pub const FLICKER_FRACTION_BITS: u32 = 51;
+
 /// Most cameras of a rig: their table fits 64 KiB, the uniform-buffer size that the engine requires of a device.
 pub const MAX_CAMERAS: usize = 256;
