@@ -28,7 +28,8 @@ impl SensorModel {
                 .then(|| (s.dark_spread_log.to_bits(), dark_draw, s.noise_gain > 0.0));
             let planes =
                 (s.intensity, s.dark_level().to_bits(), s.exposure_gain.to_bits(), half_pel, surfaces);
-            (planes, physical)
+            // What waits for one bus has no place on another.
+            (planes, physical, s.readout)
         };
         let draws = |s: &SensorModel| {
             let drawn =
@@ -46,7 +47,7 @@ impl SensorModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Intensity;
+    use crate::{Intensity, ReadoutKind};
 
     #[test]
     fn each_change_has_the_effects_it_needs_and_no_others() {
@@ -75,6 +76,8 @@ mod tests {
         assert_eq!(change(|s| s.temperature_c += 1.0), nothing, "no parameter of the log pixel");
         let both = ChangeEffects { resets_frames: true, redraws_pixels: true, ..nothing };
         assert_eq!(change(|s| s.pixel = Pixel::Physical), both);
+        assert_eq!(change(|s| s.readout = ReadoutKind::Fifo), resets);
+        assert_eq!(change(|s| s.readout_event_ns += 1.0), nothing);
         let physical = SensorModel { pixel: Pixel::Physical, ..base.clone() };
         let change = |change: fn(&mut SensorModel)| {
             let mut next = physical.clone();

@@ -97,8 +97,8 @@ pub use packet::{Packet, PacketView, Polarity};
 pub use pixel_draws::{FACTOR_UNITS, PixelDraws};
 pub use presets::{PRESETS, Preset, Profile};
 pub use sensor::{
-    Intensity, PARAMETERS, Parameter, Pixel, SensorError, SensorModel, SubstepPolicy, Synthesis, Taps,
-    Timestamps,
+    Intensity, PARAMETERS, Parameter, Pixel, ReadoutKind, SensorError, SensorModel, SubstepPolicy, Synthesis,
+    Taps, Timestamps,
 };
 
 /// Fractional bits of a log intensity held as fixed point (Q7.24).

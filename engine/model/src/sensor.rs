@@ -2,7 +2,7 @@
 //! tables.
 
 use crate::MAX_LATENCY_NS;
-use crate::physical::PhysicalPixel;
+use crate::physical::{Bus, MAX_SERVICE_PS, PhysicalPixel, Readout};
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
 use crate::synthesis::MAX_TRANSFERS;
@@ -17,6 +17,30 @@ pub enum Pixel {
     Log,
     /// A photoreceptor with speed and noise of its own; see [`physical`](crate::physical).
     Physical,
+}
+
+/// How events leave the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReadoutKind {
+    /// Each when it happens.
+    None,
+    /// One by one over a bus that pixels wait for.
+    Fifo,
+    /// Row by row over such a bus.
+    Rows,
+}
+
+impl ReadoutKind {
+    /// Name, as in TOML and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            ReadoutKind::None => "none",
+            ReadoutKind::Fifo => "fifo",
+            ReadoutKind::Rows => "rows",
+        }
+    }
 }
 
 /// How RGB becomes the scalar that a pixel sees.
@@ -227,6 +251,11 @@ sensor_model! {
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
     timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";
+    readout: ReadoutKind = ReadoutKind::None, "", "How events leave the sensor: none (at once), fifo (one by one) or rows.";
+    readout_event_ns: f64 = 83.0, "ns", "Readout: time that the bus takes for an event.";
+    readout_row_ns: f64 = 0.0, "ns", "Readout by rows: time that the bus takes for a row, besides its events.";
+    readout_cap_events: u32 = 0, "", "Readout: events of a period at which the rate controller begins to drop; 0 for never.";
+    readout_cap_period_ns: u32 = 50_000, "ns", "Readout: period of the rate controller.";
     max_events_per_interval: u32 = 0, "", "Hard cap of a packet, the earliest events kept; 0 for none.";
     aps_exposure_ns: u32 = 0, "ns", "Exposure of the APS frame; 0 for no APS.";
     aps_start_ns: u32 = 0, "ns", "Start of the exposure after the interval's start.";
@@ -326,6 +355,21 @@ impl SensorModel {
         }
     }
 
+    /// The readout that the parameters describe.
+    #[must_use]
+    pub fn readout_model(&self) -> Readout {
+        // Out of range saturates, and `validate` refuses it.
+        let ps = |ns: f64| (ns * 1e3).round() as u64;
+        let bus = match self.readout {
+            ReadoutKind::None => Bus::Ideal,
+            ReadoutKind::Fifo => Bus::Fifo { event_ps: ps(self.readout_event_ns) },
+            ReadoutKind::Rows => {
+                Bus::Rows { row_ps: ps(self.readout_row_ns), event_ps: ps(self.readout_event_ns) }
+            }
+        };
+        Readout { bus, cap_events: self.readout_cap_events, cap_period_ns: self.readout_cap_period_ns }
+    }
+
     /// Intensity, scene units, that is added before the logarithm: `log_offset`, or the physical pixel's dark current.
     #[must_use]
     pub fn dark_level(&self) -> f64 {
@@ -339,6 +383,29 @@ impl SensorModel {
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
+    }
+
+    fn check_readout(&self) -> Result<(), SensorError> {
+        let most_ns = MAX_SERVICE_PS as f64 * 1e-3;
+        let least_ns = |kind| if self.readout == kind { 0.001 } else { 0.0 };
+        for (parameter, actual, least_ns) in [
+            ("readout_event_ns", self.readout_event_ns, least_ns(ReadoutKind::Fifo)),
+            ("readout_row_ns", self.readout_row_ns, least_ns(ReadoutKind::Rows)),
+        ] {
+            if !(least_ns..=most_ns).contains(&actual) {
+                let kind = self.readout.name();
+                let expected = format!("{least_ns} to {most_ns} for readout `{kind}`");
+                return Err(SensorError::Range { parameter, expected, actual: actual.to_string() });
+            }
+        }
+        if self.readout == ReadoutKind::None && self.readout_cap_events > 0 {
+            return Err(SensorError::Range {
+                parameter: "readout_cap_events",
+                expected: "0 for readout `none`: only a bus has a rate controller".to_owned(),
+                actual: self.readout_cap_events.to_string(),
+            });
+        }
+        self.readout_model().validate()
     }
 
     /// Checks that every parameter is in its range.
@@ -401,6 +468,7 @@ impl SensorModel {
             "1 to 1000000000",
             (1..=1_000_000_000).contains(&self.timestamp_quantum_ns),
         )?;
+        self.check_readout()?;
         check("exposure_gain", self.exposure_gain, "1e-6 to 1e6", within(self.exposure_gain, 1e-6, 1e6))?;
         check("log_offset", self.log_offset, "1e-6 to 1e3", within(self.log_offset, 1e-6, 1e3))?;
         check("transfers", self.transfers, "1 or 2", (1..=MAX_TRANSFERS).contains(&self.transfers))?;
@@ -491,6 +559,10 @@ mod tests {
     #[test]
     fn out_of_range_names_the_parameter() {
         let base = SensorModel::default();
+        let with_bus = |readout| SensorModel { readout, readout_row_ns: 130.0, ..SensorModel::default() };
+        for readout in [ReadoutKind::Fifo, ReadoutKind::Rows] {
+            assert_eq!(with_bus(readout).validate(), Ok(()));
+        }
         for (sensor, parameter) in [
             (SensorModel { contrast_on: 0.0, ..base.clone() }, "contrast_on"),
             (SensorModel { contrast_off: f64::NAN, ..base.clone() }, "contrast_off"),
@@ -503,6 +575,17 @@ mod tests {
             (SensorModel { latency_jitter_ns: 900_000_000, ..base.clone() }, "latency_ns"),
             (SensorModel { lux_per_unit: -1.0, ..base.clone() }, "lux_per_unit"),
             (SensorModel { temperature_c: 126.0, ..base.clone() }, "temperature_c"),
+            (SensorModel { readout_event_ns: 0.0, ..with_bus(ReadoutKind::Fifo) }, "readout_event_ns"),
+            (SensorModel { readout_event_ns: -1.0, ..base.clone() }, "readout_event_ns"),
+            (SensorModel { readout_event_ns: f64::NAN, ..with_bus(ReadoutKind::Rows) }, "readout_event_ns"),
+            (SensorModel { readout_event_ns: 2e6, ..with_bus(ReadoutKind::Fifo) }, "readout_event_ns"),
+            (SensorModel { readout_row_ns: 0.0, ..with_bus(ReadoutKind::Rows) }, "readout_row_ns"),
+            (SensorModel { readout_row_ns: f64::INFINITY, ..base.clone() }, "readout_row_ns"),
+            (SensorModel { readout_cap_events: 5, ..base.clone() }, "readout_cap_events"),
+            (
+                SensorModel { readout_cap_period_ns: 0, ..with_bus(ReadoutKind::Fifo) },
+                "readout_cap_period_ns",
+            ),
         ] {
             match sensor.validate() {
                 Err(SensorError::Range { parameter: actual, .. }) => assert_eq!(actual, parameter),

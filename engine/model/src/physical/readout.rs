@@ -32,15 +32,15 @@ pub enum Bus {
 /// A sensor's readout.
 ///
 /// An event at `t` (after the latency) takes its pixel's place until it is served. Another event of that pixel at
-/// `t' <= t_out`, where `t_out` is when the first one leaves, is lost. A served event's time stamp is `t_out`, rounded up
-/// to a nanosecond and then floored to the sensor's `timestamp_quantum_ns`.
+/// `t' <= t_out`, where `t_out` is when the first one leaves, is lost. A served event's time stamp is `t_out`, floored to
+/// the sensor's `timestamp_quantum_ns`. It belongs to the packet of the interval in which `t_out` lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Readout {
     /// The bus.
     pub bus: Bus,
-    /// Most events that leave in a period, in the order that they are served; 0 for no cap. The others are dropped by
-    /// the sensor's rate controller.
+    /// Once so many events have left in a period, the sensor's rate controller drops what is served in the rest of it;
+    /// 0 for no cap. The events of a row's service are kept or dropped together.
     pub cap_events: u32,
     /// Length of a period, nanoseconds. Periods begin at multiples of it.
     pub cap_period_ns: u32,
@@ -74,7 +74,7 @@ impl Readout {
                 check("event_ps", event_ps, 0, MAX_SERVICE_PS)?;
             }
         }
-        check("cap_period_ns", u64::from(self.cap_period_ns), 1, 1_000_000_000)
+        check("readout_cap_period_ns", u64::from(self.cap_period_ns), 1, 1_000_000_000)
     }
 }
 
@@ -89,7 +89,7 @@ mod tests {
             (readout(Bus::Fifo { event_ps: 0 }), "event_ps"),
             (readout(Bus::Rows { row_ps: 0, event_ps: 10 }), "row_ps"),
             (readout(Bus::Fifo { event_ps: MAX_SERVICE_PS + 1 }), "event_ps"),
-            (Readout { cap_period_ns: 0, ..Readout::default() }, "cap_period_ns"),
+            (Readout { cap_period_ns: 0, ..Readout::default() }, "readout_cap_period_ns"),
         ] {
             let error = bad.validate().expect_err(parameter).to_string();
             assert!(error.contains(parameter), "{error}");
