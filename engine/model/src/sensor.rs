@@ -2,7 +2,7 @@
 //! tables.
 
 use crate::MAX_LATENCY_NS;
-use crate::physical::{Bus, MAX_SERVICE_PS, PhysicalPixel, Readout};
+use crate::physical::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, PhysicalPixel, Readout};
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
 use crate::synthesis::MAX_TRANSFERS;
@@ -405,7 +405,25 @@ impl SensorModel {
                 actual: self.readout_cap_events.to_string(),
             });
         }
-        self.readout_model().validate()
+        let readout = self.readout_model();
+        readout.validate()?;
+        let (pixels, rows) = (self.pixels() as u64, u64::from(self.height));
+        let drain_ps = match readout.bus {
+            Bus::Ideal => 0,
+            Bus::Fifo { event_ps } => pixels * event_ps,
+            Bus::Rows { row_ps, event_ps } => rows * row_ps + pixels * event_ps,
+        };
+        if drain_ps > MAX_DRAIN_PS {
+            let (width, height) = (self.width, self.height);
+            return Err(SensorError::Range {
+                parameter: "readout_event_ns",
+                expected: format!(
+                    "so little that a bus of {width}x{height} pixels serves all of them within 3 s"
+                ),
+                actual: format!("{}, which takes {} s", self.readout_event_ns, drain_ps as f64 * 1e-12),
+            });
+        }
+        Ok(())
     }
 
     /// Checks that every parameter is in its range.

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Longest service of one event or row, picoseconds: 1 ms.
 pub const MAX_SERVICE_PS: u64 = 1_000_000_000;
 
+/// Longest time in which a bus serves all its pixels, picoseconds: 3 s. No event waits longer.
+pub const MAX_DRAIN_PS: u64 = 3_000_000_000_000;
+
 /// Who is served next, and how long that takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
