@@ -91,7 +91,7 @@ void set_service(uint event, uint service) {
 // services.
 void decide_row(uint first, int64_t since_epoch_ns, int64_t free) {
     const uint row = pixels[first] / cam.width;
-    const uint waiting = uint(bus[at_row(ROW_SERVICE, row)]);
+    const uint waiting = SIDE_BY_SIDE ? 0u : uint(bus[at_row(ROW_SERVICE, row)]);
     uint service = NONE;
     int64_t begin_ps = 0l;
     uint joined = 0u;

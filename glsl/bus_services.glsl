@@ -2,14 +2,15 @@
 // `readout`, `cam` and `free_ps`.
 //
 // `bus` has for each camera a head; for each pixel the time at which its last event leaves, nanoseconds since the epoch,
-// or that it waits; and seven arrays of a word for each row. The services that wait are numbered in the order in which
-// they will be.
+// or that it waits; seven arrays of a word for each row; and two words for each stretch of half as many events as a
+// workgroup has threads. The services that wait are numbered in the order in which they will be.
 
 const uint HEAD_FREE = 0u; // when the bus is free, picoseconds from the interval's start
 const uint HEAD_PERIOD = 1u; // the rate controller's period
 const uint HEAD_SERVED = 2u; // events served in it
 const uint HEAD_SERVICES = 3u; // services that wait
 const uint HEAD_NEXT = 4u; // the packet's next event
+const uint HEAD_WAITING = 5u; // events that wait for their row
 
 const uint ROW_OPENER = 0u; // by service: when its first event came, nanoseconds from the interval's start
 const uint ROW_EVENTS = 1u; // by service: its row and, times 2^32, its events
@@ -33,6 +34,23 @@ uint at_pixel(uint pixel) {
 uint at_row(uint array, uint index) {
     return readout.bus_base + BUS_HEAD + cam.pixels + array * cam.height + index;
 }
+
+// Events of a stretch.
+const uint STRETCH = gl_WorkGroupSize.x / 2u;
+
+// Of a stretch: when the bus is free after it at the latest, if it was idle before.
+uint at_load(uint stretch) {
+    return at_row(7u, 0u) + 2u * stretch;
+}
+
+// Of a stretch: the first event before which the bus is idle for certain, and SERVED if all events from there on to the
+// next such event are served; NOT_IDLE if there is none.
+uint at_idle(uint stretch) {
+    return at_load(stretch) + 1u;
+}
+
+const int64_t SERVED = 1l << 32;
+const int64_t NOT_IDLE = -1l;
 
 // Makes writes to shared memory and to `bus` visible to the workgroup.
 void sync() {

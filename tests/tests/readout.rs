@@ -2,7 +2,7 @@
 //!
 //! The events that come to the bus are those of the same sensor without one, with free time stamps.
 
-use esaac_engine::{PacketPlace, Representation, RigOptions};
+use esaac_engine::{KernelPolicy, PacketPlace, Representation, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::physical::MAX_DRAIN_PS;
 use esaac_model::presets::preset;
@@ -11,7 +11,7 @@ use esaac_model::substeps::quantise_ns;
 use esaac_model::{Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_oracle::physical::readout::Queue;
 use esaac_scene::SceneKind;
-use esaac_tests::device::assert_silent;
+use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
 use esaac_tests::run::{Step, engine_of_many, events, oracle, oracle_events, rig, step, steps};
 
@@ -125,6 +125,29 @@ fn check(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Se
     all
 }
 
+/// Chunks of a packet one after the other, as on the software driver, and side by side, as on GPUs.
+fn orders() -> [RigOptions; 2] {
+    let kernels =
+        if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
+    let software = KernelPolicy::software_driver();
+    let one_by_one = KernelPolicy {
+        readout_threads: software.readout_threads,
+        readout_rounds: software.readout_rounds,
+        readout_dispatches: software.readout_dispatches,
+        readout_apart: false,
+        ..kernels
+    };
+    let gpu = KernelPolicy::gpu();
+    let side_by_side = KernelPolicy {
+        readout_threads: gpu.readout_threads,
+        readout_rounds: gpu.readout_rounds,
+        readout_dispatches: gpu.readout_dispatches,
+        readout_apart: gpu.readout_apart,
+        ..kernels
+    };
+    [one_by_one, side_by_side].map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
+}
+
 const KINDS: [ReadoutKind; 2] = [ReadoutKind::Fifo, ReadoutKind::Rows];
 
 #[test]
@@ -136,7 +159,7 @@ fn random_streams_from_idle_to_tenfold_overload_are_served_as_by_a_queue() {
         .flat_map(|kind| loads.map(|event_ns| sensor(kind, event_ns)))
         .map(|sensor| (sensor.clone(), random(&sensor, 5, 5.0)))
         .collect();
-    let runs = check(&cameras, RigOptions::default());
+    let [_, runs] = orders().map(|options| check(&cameras, options));
     let lost = |run: &Vec<Served>| run.iter().map(|s| s.lost).sum::<u64>();
     for of_kind in runs.chunks(loads.len()) {
         assert_eq!(lost(&of_kind[0]), 0, "an idle bus loses nothing");
@@ -153,7 +176,9 @@ fn any_number_of_events_is_served_as_by_a_queue() {
         .flat_map(|kind| [83.0, 50_000.0].map(|event_ns| sensor(kind, event_ns)))
         .map(|sensor| (sensor.clone(), few(&sensor, &counts)))
         .collect();
-    check(&cameras, RigOptions::default());
+    for options in orders() {
+        check(&cameras, options);
+    }
 }
 
 /// A line of pixels, and one pixel that sends many events, none of which another may pass.
@@ -198,8 +223,8 @@ fn a_flash_of_all_pixels_is_served_as_by_a_queue_though_buffers_grow() {
     for kind in KINDS {
         cameras.extend([flash(kind, 0.001, 1), flash(kind, 83.0, 1_000), flash(kind, 4_000.0, 20_000_000)]);
     }
-    for options in [RigOptions::default(), RigOptions { initial_events: 64, ..RigOptions::default() }] {
-        check(&cameras, options);
+    for (options, initial_events) in orders().into_iter().zip([0, 64]) {
+        check(&cameras, RigOptions { initial_events, ..options });
     }
 }
 
@@ -394,12 +419,8 @@ fn packets_behind_a_bus_are_the_same_wherever_they_lie() {
 
 #[test]
 fn a_bus_that_could_not_empty_its_pixels_in_time_is_refused() {
-    let sensor = SensorModel {
-        width: 100,
-        height: 100,
-        readout_row_ns: 0.0,
-        ..sensor(ReadoutKind::Fifo, 300_000.0)
-    };
+    let sensor =
+        SensorModel { width: 100, height: 100, readout_row_ns: 0.0, ..sensor(ReadoutKind::Fifo, 300_000.0) };
     assert_eq!(MAX_DRAIN_PS, 10_000 * 300_000_000);
     assert_eq!(sensor.validate(), Ok(()));
     let error = SensorModel { readout_event_ns: 300_000.1, ..sensor }.validate().unwrap_err().to_string();

@@ -44,6 +44,8 @@ pub struct KernelPolicy {
     pub readout_rounds: u32,
     /// Dispatches of `readout` in a submission. If it needs more, it costs another submission.
     pub readout_dispatches: u32,
+    /// Whether `readout` serves chunks side by side, where the bus is idle in between. Then it must not leave any rest.
+    pub readout_apart: bool,
     /// Most events that a thread strides over when the event buffers are full.
     pub events_per_thread: u32,
     /// Longest event queue of `cross`, in events for each pixel of a sub-tile. The queue grows from
@@ -69,6 +71,7 @@ impl KernelPolicy {
             readout_threads: READOUT_THREADS,
             readout_rounds: u32::MAX,
             readout_dispatches: 1,
+            readout_apart: true,
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
             most_queue_per_px: 4 * QUEUE_PER_PX,
@@ -94,6 +97,7 @@ impl KernelPolicy {
             readout_threads: 64,
             readout_rounds: 16_384,
             readout_dispatches: 4,
+            readout_apart: false,
             events_per_thread: 64,
             // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
             most_queue_per_px: QUEUE_PER_PX,

@@ -226,6 +226,8 @@ spec_constants! {
     threads: u32,
     /// Rounds of loops of a thread after which a dispatch takes no more events.
     most_rounds: u32,
+    /// Whether `readout_apart` has served what it can.
+    apart: bool,
 }
 
 /// Every list.

@@ -53,13 +53,16 @@ pub const fn path_instants(substeps: u32) -> u32 {
 pub const PATHS_THREADS: u32 = 64;
 
 /// Threads of a workgroup of `readout` on a GPU, and events that it takes at once.
-pub const READOUT_THREADS: u32 = 512;
+pub const READOUT_THREADS: u32 = 256;
 
 /// Elements of a camera in `bus` before those of its pixels and rows.
-pub const BUS_HEAD: u32 = 5;
+pub const BUS_HEAD: u32 = 6;
 
 /// Elements of a row in `bus`, in as many arrays.
 pub const BUS_ROW: u32 = 7;
+
+/// Elements of `bus` for each stretch of half as many events as a workgroup of `readout` has threads.
+pub const BUS_STRETCH: u32 = 2;
 
 /// Most cameras of a rig: their table fits 64 KiB, the uniform-buffer size that the engine requires of a device.
 pub const MAX_CAMERAS: usize = 256;

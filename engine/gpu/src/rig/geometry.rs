@@ -3,7 +3,7 @@
 use super::parameters::{has_bus, is_rigid, plane_words};
 use super::{CameraConfig, RigOptions};
 use esaac_layout::{
-    self as layout, BINDINGS, BUS_HEAD, BUS_ROW, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_ROW, BUS_STRETCH, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS,
     REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
@@ -84,7 +84,11 @@ impl Place {
         elements[layout::POSES] = Some(instances * u64::from(POSE_ROWS));
         elements[layout::PATHS] = Some(3 * instances * u64::from(self.path_instants));
         elements[layout::APS] = Some(pixels.next_multiple_of(8));
-        let bus = u64::from(BUS_HEAD) + pixels + u64::from(BUS_ROW) * u64::from(self.height);
+        let stretches = u64::from(self.event_capacity.div_ceil(LEAST_STRETCH));
+        let bus = u64::from(BUS_HEAD)
+            + pixels
+            + u64::from(BUS_ROW) * u64::from(self.height)
+            + u64::from(BUS_STRETCH) * stretches;
         elements[layout::BUS] = Some(u64::from(self.has_bus) * bus);
         elements
     }
@@ -168,6 +172,9 @@ impl Place {
         Place { instances, ..self }
     }
 }
+
+/// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
+const LEAST_STRETCH: u32 = 32;
 
 /// Most bins of a camera: each workgroup of `sort` sums them all.
 const MOST_BINS: u32 = 16_384;

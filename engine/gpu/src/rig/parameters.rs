@@ -189,8 +189,20 @@ impl Permutation {
 
 /// The kernel of `readout`.
 pub(super) fn readout(policy: KernelPolicy) -> Specialised {
-    let constants = ReadoutConstants { threads: policy.readout_threads, most_rounds: policy.readout_rounds };
-    Specialised { kernel: stages::READOUT, constants: constants.words() }
+    Specialised { kernel: stages::READOUT, constants: readout_constants(policy).words() }
+}
+
+/// The kernel of `readout` that serves chunks side by side.
+pub(super) fn readout_apart(policy: KernelPolicy) -> Specialised {
+    Specialised { kernel: stages::READOUT_APART, constants: readout_constants(policy).words() }
+}
+
+fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
+    ReadoutConstants {
+        threads: policy.readout_threads,
+        most_rounds: policy.readout_rounds,
+        apart: policy.readout_apart,
+    }
 }
 
 /// The kernel of `sort` for a rig with `bins` bins in all. `has_bus`: whether a camera has a bus.

@@ -5,7 +5,7 @@
 use super::code::Code;
 use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, is_physical, is_rigid, outlet_row, permutation,
-    physical_row, readout, readout_row, sort,
+    physical_row, readout, readout_apart, readout_row, sort,
 };
 use super::scene::{Tables, tables};
 use super::{CameraState, Pipelines, Recordings, Rig};
@@ -57,6 +57,8 @@ pub(super) struct Kernels {
 /// Kernels of rigs in which a camera has a bus.
 struct BusKernels {
     readout: Kernel,
+    /// `None` if chunks are not served side by side.
+    apart: Option<Kernel>,
     sort: Kernel,
 }
 
@@ -92,6 +94,10 @@ impl Kernels {
         if self.bus.is_none() && permutations.iter().any(|p| p.has_bus) {
             self.bus = Some(BusKernels {
                 readout: code.kernel(bindings, &readout(policy))?,
+                apart: match policy.readout_apart {
+                    true => Some(code.kernel(bindings, &readout_apart(policy))?),
+                    false => None,
+                },
                 sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
             });
         }
@@ -303,7 +309,11 @@ impl Rig {
         let k = &self.pipelines.kernels;
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
         let paths = k.paths.iter().map(|kernel| ("paths", kernel));
-        let bus = k.bus.iter().flat_map(|bus| [("sort", &bus.sort), ("readout", &bus.readout)]);
+        let bus = k.bus.iter().flat_map(|bus| {
+            [("sort", &bus.sort), ("readout", &bus.readout)]
+                .into_iter()
+                .chain(bus.apart.iter().map(|apart| ("readout", apart)))
+        });
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
         of_sensors.chain(events).chain(paths).chain(bus).chain(forms)
     }
@@ -377,6 +387,12 @@ impl Rig {
         bins.div_ceil(self.pipelines.policy.group_bins_of(all_bins(&self.cameras)))
     }
 
+    /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.
+    fn stretch_groups(&self) -> u32 {
+        let events = self.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
+        events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
+    }
+
     /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
     ///
     /// # Safety
@@ -395,7 +411,15 @@ impl Rig {
     pub(super) unsafe fn record_readout(&self, commands: vk::CommandBuffer, outlets: u32, merged: bool) {
         let cameras = self.cameras.len() as u32;
         let push = Push { merged: u32::from(merged), ..Push::default() };
-        let kernel = &self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it").readout;
+        let kernels = self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it");
+        for level in [0, 1].iter().filter(|_| kernels.apart.is_some()) {
+            let push = Push { level: *level, ..push };
+            let groups = [self.stretch_groups(), cameras, 1];
+            // SAFETY: the caller's contract is the same.
+            unsafe { kernels.apart.iter().for_each(|apart| apart.record(commands, bytes_of(&push), groups)) };
+            record_barrier(&self.device, commands);
+        }
+        let kernel = &kernels.readout;
         for _ in 0..self.pipelines.policy.readout_dispatches {
             // SAFETY: the caller's contract is the same.
             unsafe { kernel.record(commands, bytes_of(&push), [1, cameras, 1]) };
