@@ -61,6 +61,9 @@ pub const BUS_HEAD: u32 = 6;
 /// Elements of a row in `bus`, in as many arrays.
 pub const BUS_ROW: u32 = 7;
 
+/// The first of these arrays: those that outlive a tick.
+pub const BUS_KEPT_ROW: u32 = 3;
+
 /// Elements of `bus` for each stretch of half as many events as a workgroup of `readout` has threads.
 pub const BUS_STRETCH: u32 = 2;
 

@@ -3,8 +3,8 @@
 use super::parameters::{has_bus, is_rigid, plane_words};
 use super::{CameraConfig, RigOptions};
 use esaac_layout::{
-    self as layout, BINDINGS, BUS_HEAD, BUS_ROW, BUS_STRETCH, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS,
-    REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, PASSING_ENTRIES,
+    PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::BLOCK_PX;
@@ -120,6 +120,9 @@ impl Place {
             layout::PLANES => 2 * u64::from(plane_words(sensor)),
             layout::SURFACES | layout::SLOPES | layout::REPRESENTATIVES if !is_rigid(sensor) => 0,
             layout::BUS if !has_bus(sensor) => 0,
+            layout::BUS => {
+                u64::from(BUS_HEAD + self.pixels) + u64::from(BUS_KEPT_ROW) * u64::from(self.height)
+            }
             _ => self.elements()[slot].unwrap_or(0),
         }
     }
