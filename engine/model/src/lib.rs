@@ -94,11 +94,12 @@ pub mod synthesis;
 pub use change::ChangeEffects;
 pub use frame::{DepthFormat, FrameError, HdrFormat, IdFormat, MotionFormat};
 pub use packet::{Packet, PacketView, Polarity};
+pub use physical::ReadoutKind;
 pub use pixel_draws::{FACTOR_UNITS, PixelDraws};
 pub use presets::{PRESETS, Preset, Profile};
 pub use sensor::{
-    Intensity, PARAMETERS, Parameter, Pixel, ReadoutKind, SensorError, SensorModel, SubstepPolicy, Synthesis,
-    Taps, Timestamps,
+    Intensity, PARAMETERS, Parameter, Pixel, SensorError, SensorModel, SubstepPolicy, Synthesis, Taps,
+    Timestamps,
 };
 
 /// Fractional bits of a log intensity held as fixed point (Q7.24).

@@ -2,7 +2,7 @@
 //! tables.
 
 use crate::MAX_LATENCY_NS;
-use crate::physical::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, PhysicalPixel, Readout};
+use crate::physical::{PhysicalPixel, ReadoutKind};
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
 use crate::synthesis::MAX_TRANSFERS;
@@ -17,30 +17,6 @@ pub enum Pixel {
     Log,
     /// A photoreceptor with speed and noise of its own; see [`physical`](crate::physical).
     Physical,
-}
-
-/// How events leave the sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ReadoutKind {
-    /// Each when it happens.
-    None,
-    /// One by one over a bus that pixels wait for.
-    Fifo,
-    /// Row by row over such a bus.
-    Rows,
-}
-
-impl ReadoutKind {
-    /// Name, as in TOML and on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            ReadoutKind::None => "none",
-            ReadoutKind::Fifo => "fifo",
-            ReadoutKind::Rows => "rows",
-        }
-    }
 }
 
 /// How RGB becomes the scalar that a pixel sees.
@@ -355,21 +331,6 @@ impl SensorModel {
         }
     }
 
-    /// The readout that the parameters describe.
-    #[must_use]
-    pub fn readout_model(&self) -> Readout {
-        // Out of range saturates, and `validate` refuses it.
-        let ps = |ns: f64| (ns * 1e3).round() as u64;
-        let bus = match self.readout {
-            ReadoutKind::None => Bus::Ideal,
-            ReadoutKind::Fifo => Bus::Fifo { event_ps: ps(self.readout_event_ns) },
-            ReadoutKind::Rows => {
-                Bus::Rows { row_ps: ps(self.readout_row_ns), event_ps: ps(self.readout_event_ns) }
-            }
-        };
-        Readout { bus, cap_events: self.readout_cap_events, cap_period_ns: self.readout_cap_period_ns }
-    }
-
     /// Intensity, scene units, that is added before the logarithm: `log_offset`, or the physical pixel's dark current.
     #[must_use]
     pub fn dark_level(&self) -> f64 {
@@ -383,47 +344,6 @@ impl SensorModel {
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize
-    }
-
-    fn check_readout(&self) -> Result<(), SensorError> {
-        let most_ns = MAX_SERVICE_PS as f64 * 1e-3;
-        let least_ns = |kind| if self.readout == kind { 0.001 } else { 0.0 };
-        for (parameter, actual, least_ns) in [
-            ("readout_event_ns", self.readout_event_ns, least_ns(ReadoutKind::Fifo)),
-            ("readout_row_ns", self.readout_row_ns, least_ns(ReadoutKind::Rows)),
-        ] {
-            if !(least_ns..=most_ns).contains(&actual) {
-                let kind = self.readout.name();
-                let expected = format!("{least_ns} to {most_ns} for readout `{kind}`");
-                return Err(SensorError::Range { parameter, expected, actual: actual.to_string() });
-            }
-        }
-        if self.readout == ReadoutKind::None && self.readout_cap_events > 0 {
-            return Err(SensorError::Range {
-                parameter: "readout_cap_events",
-                expected: "0 for readout `none`: only a bus has a rate controller".to_owned(),
-                actual: self.readout_cap_events.to_string(),
-            });
-        }
-        let readout = self.readout_model();
-        readout.validate()?;
-        let (pixels, rows) = (self.pixels() as u64, u64::from(self.height));
-        let drain_ps = match readout.bus {
-            Bus::Ideal => 0,
-            Bus::Fifo { event_ps } => pixels * event_ps,
-            Bus::Rows { row_ps, event_ps } => rows * row_ps + pixels * event_ps,
-        };
-        if drain_ps > MAX_DRAIN_PS {
-            let (width, height) = (self.width, self.height);
-            return Err(SensorError::Range {
-                parameter: "readout_event_ns",
-                expected: format!(
-                    "so little that a bus of {width}x{height} pixels serves all of them within 3 s"
-                ),
-                actual: format!("{}, which takes {} s", self.readout_event_ns, drain_ps as f64 * 1e-12),
-            });
-        }
-        Ok(())
     }
 
     /// Checks that every parameter is in its range.

@@ -43,7 +43,7 @@ use crate::policy::KernelPolicy;
 use arena::{Arena, Move};
 use ash::vk;
 use bytemuck::cast_slice;
-use config::check_sensor;
+use config::{check_groups, check_rows, check_sensor};
 use esaac_layout::{self as layout, Camera, Counters, StateWord};
 use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
@@ -573,32 +573,4 @@ fn pixel_draws(place: &Place, sensor: &SensorModel, camera: u32) -> Write {
     }
     let first = place.first_element(layout::STATE) + StateWord::ContrastOn as u64 * sensor.pixels() as u64;
     Write { slot: layout::STATE, offset: first * 4, bytes }
-}
-
-/// An error if the table of cameras has too few rows: one for each camera, and one for each outlet.
-fn check_rows<'a>(sensors: impl Iterator<Item = &'a SensorModel>) -> Result<(), EngineError> {
-    let actual = sensors.map(|sensor| 1 + usize::from(has_bus(sensor))).sum();
-    if actual > layout::MAX_CAMERAS {
-        return Err(EngineError::TooManyCameras { expected: layout::MAX_CAMERAS, actual });
-    }
-    Ok(())
-}
-
-/// An error if a camera's dispatches are larger than the device allows.
-fn check_groups(device: &Device, policy: KernelPolicy, places: &[Place]) -> Result<(), EngineError> {
-    // The largest dispatch is that of `cross` with one workgroup per sub-tile.
-    let of_a_tile = policy.cross_groups(false).max(policy.cross_groups(true));
-    for (camera, place) in places.iter().enumerate() {
-        let actual = place.tiles.saturating_mul(of_a_tile);
-        if actual > device.most_groups() {
-            let expected = device.most_groups();
-            return Err(EngineError::TooManyGroups {
-                camera,
-                device: device.info().name.clone(),
-                expected,
-                actual,
-            });
-        }
-    }
-    Ok(())
 }

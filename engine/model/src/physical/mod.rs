@@ -62,7 +62,7 @@ mod presets;
 mod readout;
 
 pub use presets::{PHYSICAL_PRESETS, PhysicalPreset, Sourced, physical_preset};
-pub use readout::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, Readout};
+pub use readout::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, Readout, ReadoutKind};
 
 use crate::random::{PixelKey, Stream, leak_factor, log_normal};
 use crate::sensor::Parameter;

@@ -1,6 +1,6 @@
 //! How events leave the sensor: a bus that pixels wait for.
 
-use crate::SensorError;
+use crate::{SensorError, SensorModel};
 use serde::{Deserialize, Serialize};
 
 /// Longest service of one event or row, picoseconds: 1 ms.
@@ -8,6 +8,30 @@ pub const MAX_SERVICE_PS: u64 = 1_000_000_000;
 
 /// Longest time in which a bus serves all its pixels, picoseconds: 3 s. No event waits longer.
 pub const MAX_DRAIN_PS: u64 = 3_000_000_000_000;
+
+/// How events leave the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReadoutKind {
+    /// Each when it happens.
+    None,
+    /// One by one over a bus that pixels wait for.
+    Fifo,
+    /// Row by row over such a bus.
+    Rows,
+}
+
+impl ReadoutKind {
+    /// Name, as in TOML and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            ReadoutKind::None => "none",
+            ReadoutKind::Fifo => "fifo",
+            ReadoutKind::Rows => "rows",
+        }
+    }
+}
 
 /// Who is served next, and how long that takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +102,65 @@ impl Readout {
             }
         }
         check("readout_cap_period_ns", u64::from(self.cap_period_ns), 1, 1_000_000_000)
+    }
+}
+
+impl SensorModel {
+    /// The readout that the parameters describe.
+    #[must_use]
+    pub fn readout_model(&self) -> Readout {
+        // Out of range saturates, and `validate` refuses it.
+        let ps = |ns: f64| (ns * 1e3).round() as u64;
+        let bus = match self.readout {
+            ReadoutKind::None => Bus::Ideal,
+            ReadoutKind::Fifo => Bus::Fifo { event_ps: ps(self.readout_event_ns) },
+            ReadoutKind::Rows => {
+                Bus::Rows { row_ps: ps(self.readout_row_ns), event_ps: ps(self.readout_event_ns) }
+            }
+        };
+        Readout { bus, cap_events: self.readout_cap_events, cap_period_ns: self.readout_cap_period_ns }
+    }
+
+    /// Checks the parameters of the readout.
+    pub(crate) fn check_readout(&self) -> Result<(), SensorError> {
+        let most_ns = MAX_SERVICE_PS as f64 * 1e-3;
+        let least_ns = |kind| if self.readout == kind { 0.001 } else { 0.0 };
+        for (parameter, actual, least_ns) in [
+            ("readout_event_ns", self.readout_event_ns, least_ns(ReadoutKind::Fifo)),
+            ("readout_row_ns", self.readout_row_ns, least_ns(ReadoutKind::Rows)),
+        ] {
+            if !(least_ns..=most_ns).contains(&actual) {
+                let kind = self.readout.name();
+                let expected = format!("{least_ns} to {most_ns} for readout `{kind}`");
+                return Err(SensorError::Range { parameter, expected, actual: actual.to_string() });
+            }
+        }
+        if self.readout == ReadoutKind::None && self.readout_cap_events > 0 {
+            return Err(SensorError::Range {
+                parameter: "readout_cap_events",
+                expected: "0 for readout `none`: only a bus has a rate controller".to_owned(),
+                actual: self.readout_cap_events.to_string(),
+            });
+        }
+        let readout = self.readout_model();
+        readout.validate()?;
+        let (pixels, rows) = (self.pixels() as u64, u64::from(self.height));
+        let drain_ps = match readout.bus {
+            Bus::Ideal => 0,
+            Bus::Fifo { event_ps } => pixels * event_ps,
+            Bus::Rows { row_ps, event_ps } => rows * row_ps + pixels * event_ps,
+        };
+        if drain_ps > MAX_DRAIN_PS {
+            let (width, height) = (self.width, self.height);
+            return Err(SensorError::Range {
+                parameter: "readout_event_ns",
+                expected: format!(
+                    "so little that a bus of {width}x{height} pixels serves all of them within 3 s"
+                ),
+                actual: format!("{}, which takes {} s", self.readout_event_ns, drain_ps as f64 * 1e-12),
+            });
+        }
+        Ok(())
     }
 }
 
