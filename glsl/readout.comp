@@ -24,8 +24,8 @@ const bool SIDE_BY_SIDE = false;
 
 shared uint nearest;
 
-// First stretch from that of event `from` on whose first idle event is at or after `from` and, if `is_served`, served;
-// NONE if there is none. Called by the whole workgroup; ends with a barrier.
+// First stretch from that of event `from` on whose first idle event is at or after `from`, and from which on the events
+// to the next such event are served or (`is_served` false) not; NONE if there is none. Called by the whole workgroup; ends with a barrier.
 uint find_stretch(uint from, uint count, bool is_served) {
     const uint all = (count + STRETCH - 1u) / STRETCH;
     nearest = NONE;
@@ -34,7 +34,7 @@ uint find_stretch(uint from, uint count, bool is_served) {
         const uint stretch = first + gl_LocalInvocationID.x;
         if (stretch < all) {
             const int64_t idle = bus[at_idle(stretch)];
-            if (idle != NOT_IDLE && uint(idle) >= from && (!is_served || (idle & SERVED) != 0l)) {
+            if (idle != NOT_IDLE && uint(idle) >= from && ((idle & SERVED) != 0l) == is_served) {
                 atomicMin(nearest, stretch);
             }
         }
@@ -90,6 +90,7 @@ void main() {
             if (stretch != NONE) {
                 const uint served_from = uint(bus[at_idle(stretch)]);
                 if (served_from == first) {
+                    // All up to the next that are not served.
                     const uint after = find_stretch(first + 1u, counted.packet, false);
                     first = after == NONE ? counted.packet : uint(bus[at_idle(after)]);
                     end = min(first + gl_WorkGroupSize.x, counted.packet);
