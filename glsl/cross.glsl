@@ -72,7 +72,7 @@ uint rows_of(uint first_sub_tile, uint sub_tiles) {
 #ifdef PHYSICAL
 const bool SKIPS_STILL_TILES = false;
 #else
-const bool SKIPS_STILL_TILES = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !DUMP_SAMPLES;
+const bool SKIPS_STILL_TILES = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !EFFECT_FLICKER && !DUMP_SAMPLES;
 #endif
 
 // Whether sub-steps may be read along a pixel's motion: by synthesis `rigid` where a pixel has no path.
@@ -145,7 +145,7 @@ Source read_source(Camera cam, uvec2 at) {
 // Synthesises and walks a pixel's interval; returns its exposure.
 float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout PixelState p) {
     const uint pixel = s.at.y * cam.width + s.at.x;
-    const int first_q24 = to_q24(s.log_previous);
+    const int first_q24 = to_q24(lit_at_start(cam, s.log_previous));
     if (!active_pixel) {
         silence(p, first_q24);
     }
@@ -160,7 +160,13 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (RIGID) {
         geo = geometries[cam.slot];
     }
+#ifdef PHYSICAL
     Walk w = begin_walk(cam, pixel, first_q24, to_q24(s.log_current), whole_ns, p);
+#else
+    // Shot noise follows the steady light.
+    const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
+    Walk w = begin_walk(cam, pixel, first_q24, frames_q24, whole_ns, p);
+#endif
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
@@ -176,8 +182,11 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
                 }
                 done += 1.0;
             }
-            const int level_q24 =
-                to_q24(i == n ? s.log_current : synthesize_substep(cam, geo, s, n, i, done * inverse));
+            float level = i == n ? s.log_current : synthesize_substep(cam, geo, s, n, i, done * inverse);
+            if (EFFECT_FLICKER) {
+                level = i == n ? lit_at_end(cam, level) : lit(cam, level, lamp_at(cam, end_ns));
+            }
+            const int level_q24 = to_q24(level);
             if (DUMP_SAMPLES) {
                 samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
             }
@@ -378,7 +387,7 @@ void cross_sub_tile(
         if (active_pixel) {
             store_pixel(cam, pixel, p);
         } else if (before.reference == ARMING) {
-            arm_pixel(cam, pixel, to_q24(s.log_current));
+            arm_pixel(cam, pixel, to_q24(lit_at_end(cam, s.log_current)));
         } else {
             atomicAdd(counters[counter].unarmed_pixels, 1u);
         }

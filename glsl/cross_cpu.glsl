@@ -7,6 +7,7 @@
 #include "cross_constants.glsl"
 #include "cross_cpu_constants.glsl"
 #include "random.glsl"
+#include "optics.glsl"
 #include "substeps.glsl"
 #include "tiles.glsl"
 

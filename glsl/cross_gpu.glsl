@@ -3,6 +3,7 @@
 #include "common.glsl"
 #include "cross_constants.glsl"
 #include "random.glsl"
+#include "optics.glsl"
 #include "substeps.glsl"
 #include "tiles.glsl"
 

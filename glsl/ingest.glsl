@@ -100,6 +100,14 @@ bool bad(float value) {
     return not_finite(value) || value < 0.0;
 }
 
+// Whether a colour is no light.
+bool is_invalid(Camera cam, vec3 colour) {
+    return bad(colour.x) || bad(colour.y) || bad(colour.z)
+        || not_finite((colour.x + colour.y + colour.z) * cam.exposure_gain);
+}
+
+#include "ingest_lens.glsl"
+
 // Log intensity of colour component `channel`.
 float log_intensity_of(Camera cam, vec3 colour, uint channel) {
     float intensity = colour[channel];
@@ -107,6 +115,14 @@ float log_intensity_of(Camera cam, vec3 colour, uint channel) {
         intensity = (colour.x + colour.y + colour.z) * (1.0 / 3.0);
     } else if (INTENSITY == INTENSITY_LUMINANCE) {
         intensity = dot(colour, REC709);
+    } else if (INTENSITY == INTENSITY_SILICON_FRONT) {
+        intensity = dot(colour, SILICON_FRONT);
+    } else if (INTENSITY == INTENSITY_SILICON_BACK) {
+        intensity = dot(colour, SILICON_BACK);
+    } else if (INTENSITY == INTENSITY_SILICON_FRONT_IR) {
+        intensity = dot(colour, SILICON_FRONT_IR);
+    } else if (INTENSITY == INTENSITY_SILICON_BACK_IR) {
+        intensity = dot(colour, SILICON_BACK_IR);
     }
     return log(intensity * cam.exposure_gain + cam.log_offset);
 }
@@ -130,7 +146,7 @@ void add_pixel(Camera cam, ivec2 at, vec3 colour, float level, float before, int
     const uint pixel = uint(at.y) * cam.width + uint(at.x);
     const uint own = INTENSITY == INTENSITY_BAYER_RGGB ? uint(at.x & 1) + uint(at.y & 1) : 0u;
     if (is_first(cam)) {
-        arm_pixel(cam, pixel, to_q24(own == 0u ? level : log_intensity_of(cam, colour, own)));
+        arm_pixel(cam, pixel, to_q24(lit_at_end(cam, own == 0u ? level : log_intensity_of(cam, colour, own))));
         return;
     }
     float change = abs(level - before);
@@ -214,7 +230,7 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
     const bool notes = own && channel == 0u;
 
     // Issues all loads at once: memory latency is long.
-    const vec3 colour = read_colour(cam, pixel);
+    const vec3 rendered = read_colour(cam, pixel);
     const vec2 motion_read = cam.has_motion != 0u ? read_motion(cam, pixel) : vec2(0.0);
     float before = cam.log_dark;
     int reference = 0;
@@ -224,8 +240,8 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
             reference = int(load_state(cam, pixel, STATE_REFERENCE));
         }
     }
-    const bool invalid = bad(colour.x) || bad(colour.y) || bad(colour.z)
-        || not_finite((colour.x + colour.y + colour.z) * cam.exposure_gain);
+    const bool invalid = is_invalid(cam, rendered);
+    const vec3 colour = through_lens(cam, clamped_at, rendered);
     const float level = invalid ? before : log_intensity_of(cam, colour, channel);
     if (HALF_PEL) {
         cached_level[cached] = level;
@@ -416,6 +432,9 @@ void main() {
             load_geometry(cam, geometries[cam.slot], pixel, channel == 0u);
         }
         barrier();
+    }
+    if (EFFECT_PSF) {
+        blur_rows(cam);
     }
     BlockStats stats = BlockStats(0u, 0u, 0u, 0u);
     uint number = lane;

@@ -6,6 +6,7 @@
 #include "ingest_constants.glsl"
 #include "ingest_cpu_constants.glsl"
 #include "random.glsl"
+#include "optics.glsl"
 #include "substeps.glsl"
 #include "tiles.glsl"
 

@@ -5,6 +5,7 @@
 #include "common.glsl"
 #include "ingest_constants.glsl"
 #include "random.glsl"
+#include "optics.glsl"
 #include "substeps.glsl"
 #include "tiles.glsl"
 

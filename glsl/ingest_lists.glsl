@@ -6,6 +6,16 @@ shared uint representing[2u * TILE_BLOCKS];
 shared uint represented_by[TILE_BLOCKS * BLOCK_SURFACES];
 shared uint own_motion[TILE_BLOCKS];
 
+// The least and the largest instance of each block, and the bits of the least and the largest depth of its pixels with a
+// surface. For a block of one instance: its first pixels of these depths.
+shared uint least_instance[TILE_BLOCKS];
+shared uint largest_instance[TILE_BLOCKS];
+shared uint least_depth[TILE_BLOCKS];
+shared uint largest_depth[TILE_BLOCKS];
+shared uint nearest_pixel_of[TILE_BLOCKS];
+shared uint farthest_pixel_of[TILE_BLOCKS];
+const uint NO_PIXEL = 0xffffffffu;
+
 // The representatives of the tile's blocks in both key frames, in any order, and their number: the pixel, the
 // entry in `passing`, the block in the tile with HANDS_ON if its surfaces are candidates of the blocks that they pass, and the
 // motion, pixels.
@@ -33,12 +43,53 @@ bool in_image(Camera cam, ivec2 at) {
     return at.x < int(cam.width) && at.y < int(cam.height);
 }
 
-// Marks a pixel of the tile if it is the nearest or the farthest of its instance in its block; of equals the first.
+// Whether all pixels of a block show one instance.
+bool is_uniform(uint block) {
+    return least_instance[block] == largest_instance[block];
+}
+
+// Notes what the pixels of a block have in common.
+void note_extremes(Camera cam, uint number) {
+    const uint block = number / (BLOCK_PX * BLOCK_PX);
+    const ivec2 at = block_pixel(block, number % (BLOCK_PX * BLOCK_PX));
+    if (!in_image(cam, at)) {
+        return;
+    }
+    const uint instance = cached_instance[surface_index(at)];
+    atomicMin(least_instance[block], instance);
+    atomicMax(largest_instance[block], instance);
+    if (instance != NO_INSTANCE) {
+        // Depths are not negative, so their bits are in their order.
+        const uint depth = floatBitsToUint(cached_depth[surface_index(at)]);
+        atomicMin(least_depth[block], depth);
+        atomicMax(largest_depth[block], depth);
+    }
+}
+
+// Finds the representatives of a block of one instance.
+void find_extremes(Camera cam, uint number) {
+    const uint block = number / (BLOCK_PX * BLOCK_PX);
+    const uint own = number % (BLOCK_PX * BLOCK_PX);
+    const ivec2 at = block_pixel(block, own);
+    if (!is_uniform(block) || !in_image(cam, at)) {
+        return;
+    }
+    const uint depth = floatBitsToUint(cached_depth[surface_index(at)]);
+    if (depth == least_depth[block]) {
+        atomicMin(nearest_pixel_of[block], own);
+    }
+    if (depth == largest_depth[block]) {
+        atomicMin(farthest_pixel_of[block], own);
+    }
+}
+
+// Marks a pixel of a block of more than one instance if it is the nearest or the farthest of its instance there; of
+// equals the first.
 void mark_representative(Camera cam, uint number) {
     const uint block = number / (BLOCK_PX * BLOCK_PX);
     const uint own = number % (BLOCK_PX * BLOCK_PX);
     const ivec2 at = block_pixel(block, own);
-    if (!in_image(cam, at)) {
+    if (is_uniform(block) || !in_image(cam, at)) {
         return;
     }
     const uint instance = cached_instance[surface_index(at)];
@@ -193,7 +244,11 @@ void tell_passed(Camera cam, Geometry geo, uint number) {
     const uint entry = number / (KNOTS * PASSED_IN_ROW * PASSED_IN_ROW);
     const uint knot = number / (PASSED_IN_ROW * PASSED_IN_ROW) % KNOTS;
     const uint beside = number % (PASSED_IN_ROW * PASSED_IN_ROW);
-    const uint first = knot_blocks[entry * KNOTS + knot].x;
+    const uvec2 passed = knot_blocks[entry * KNOTS + knot];
+    if (knot != 0u && passed == knot_blocks[entry * KNOTS + knot - 1u]) {
+        return;
+    }
+    const uint first = passed.x;
     const uvec2 block = uvec2(first & 0xffffu, first >> 16) + uvec2(beside % PASSED_IN_ROW, beside / PASSED_IN_ROW);
     bool tells = passes_at(entry, knot, block);
     uint before = 0u;
@@ -222,13 +277,29 @@ void write_lists(Camera cam, Geometry geo) {
         representing[2u * lane] = 0u;
         representing[2u * lane + 1u] = 0u;
         own_motion[lane] = 0u;
+        least_instance[lane] = NO_INSTANCE;
+        largest_instance[lane] = 0u;
+        least_depth[lane] = NO_PIXEL;
+        largest_depth[lane] = 0u;
+        nearest_pixel_of[lane] = NO_PIXEL;
+        farthest_pixel_of[lane] = NO_PIXEL;
     }
     if (lane == 0u) {
         handed_count = 0u;
     }
     barrier();
     for (uint number = lane; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
+        note_extremes(cam, number);
+    }
+    barrier();
+    for (uint number = lane; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
+        find_extremes(cam, number);
         mark_representative(cam, number);
+    }
+    barrier();
+    if (lane < TILE_BLOCKS && is_uniform(lane) && least_instance[lane] != NO_INSTANCE) {
+        representing[2u * lane + nearest_pixel_of[lane] / 32u] |= 1u << (nearest_pixel_of[lane] % 32u);
+        representing[2u * lane + farthest_pixel_of[lane] / 32u] |= 1u << (farthest_pixel_of[lane] % 32u);
     }
     barrier();
     for (uint number = lane; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {

@@ -169,9 +169,9 @@ void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     suppress_shots(cam, pixel, p, w);
 }
 
-// Begins a walk. `level` and `last_level` are those at the interval's ends, `first_end` is the end of the first
-// sub-step.
-Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_end, inout PixelState p) {
+// Begins a walk. `level` is that at the interval's start, `frame_levels` are those of both frames, `first_end` is the end
+// of the first sub-step.
+Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, uint first_end, inout PixelState p) {
     Walk w;
     w.start = 0u;
     w.from_level = level;
@@ -215,7 +215,7 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
         w.leak_base = uvec2(uint(base & uint64_t(0xffffffffu)), uint(base >> 32));
     }
     if (EFFECT_SHOT) {
-        const float share = 0.5 * (shot_share(cam, level) + shot_share(cam, last_level));
+        const float share = 0.5 * (shot_share(cam, frame_levels.x) + shot_share(cam, frame_levels.y));
         const float hazard_per_ns = cam.hazard_q27_per_ns * share;
         w.interval_hazard = uint(roundEven(hazard_per_ns * float(cam.interval_ns)));
         w.ns_per_hazard = 1.0 / hazard_per_ns;

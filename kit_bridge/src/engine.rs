@@ -15,6 +15,7 @@ use crate::sensor::PySensor;
 use crate::state::{Events, Packets, State};
 use crate::{device, form, image, report, saved};
 use esaac_engine::{Device, Representation};
+use esaac_model::physical::LightReport;
 use esaac_model::{SensorModel, Synthesis};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -253,6 +254,27 @@ impl Engine {
     /// For each camera what to tell, if its depth and poses do not predict its motion vectors.
     fn pose_warnings(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
         self.call(py, |state| state.pose_warnings())
+    }
+
+    /// For each camera the light on its focal plane, if it has physical pixels and had a frame.
+    fn light<'py>(&self, py: Python<'py>) -> PyResult<Vec<Option<Bound<'py, PyDict>>>> {
+        let reports = self.call(py, |state| state.light())?;
+        let dict = |report: LightReport| {
+            let dict = PyDict::new(py);
+            dict.set_item("median_lux", report.median_lux)?;
+            dict.set_item("low_lux", report.low_lux)?;
+            dict.set_item("high_lux", report.high_lux)?;
+            dict.set_item("dim_share", report.dim_share)?;
+            dict.set_item("pixels", report.pixels)?;
+            dict.set_item("frames", report.frames)?;
+            Ok(dict)
+        };
+        reports.into_iter().map(|report| report.map(dict).transpose()).collect()
+    }
+
+    /// For each camera what to tell about its light.
+    fn light_warnings(&self, py: Python<'_>) -> PyResult<Vec<Vec<String>>> {
+        self.call(py, |state| state.light_warnings())
     }
 
     /// Those that are new since the last call, with the numbers of their cameras.

@@ -31,6 +31,7 @@ mod torch;
 mod warp;
 
 use esaac_formats::event_file::{EventColumns, write_npz};
+use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 
@@ -61,6 +62,20 @@ fn save_npz(
         .map_err(|error| pyo3::exceptions::PyOSError::new_err(format!("{error:#}")))
 }
 
+/// Focal-plane lux of an intensity of 1 behind a lens: see `esaac/__init__.pyi`.
+#[pyfunction]
+#[pyo3(signature = (scene_unit, f_number, *, transmission = LENS_TRANSMISSION, efficacy_lm_per_w = None))]
+fn lux_per_unit(
+    scene_unit: &str,
+    f_number: f64,
+    transmission: f64,
+    efficacy_lm_per_w: Option<f64>,
+) -> PyResult<f64> {
+    let lux = SceneUnit::named(scene_unit, efficacy_lm_per_w)
+        .and_then(|unit| Lens { f_number, transmission }.lux_per_unit(unit));
+    lux.map_err(|error| error::Fault::Argument(error.to_string()).into())
+}
+
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
@@ -72,6 +87,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<texture::CudaTexture>()?;
     module.add_function(wrap_pyfunction!(device::devices, module)?)?;
     module.add_function(wrap_pyfunction!(ros::check_ros_names, module)?)?;
+    module.add_function(wrap_pyfunction!(lux_per_unit, module)?)?;
     module.add_function(wrap_pyfunction!(run_command, module)?)?;
     module.add_function(wrap_pyfunction!(save_npz, module)?)
 }

@@ -11,6 +11,7 @@ use esaac_engine::{
     Share, Tick,
 };
 use esaac_model::paths::Intrinsics;
+use esaac_model::physical::LightReport;
 use esaac_model::{Packet, SensorModel, Synthesis, frame};
 use std::sync::Arc;
 use std::time::Instant;
@@ -248,6 +249,16 @@ impl State {
     /// For each camera what to tell, if its depth and poses do not predict its motion vectors.
     pub fn pose_warnings(&self) -> Result<Vec<Option<String>>, Fault> {
         self.of_each(|rig, camera| Ok(rig.convention_warning(camera)?))
+    }
+
+    /// For each camera the light on its focal plane, if it has physical pixels and had a frame.
+    pub fn light(&self) -> Result<Vec<Option<LightReport>>, Fault> {
+        self.of_each(|rig, camera| Ok(rig.light(camera)?))
+    }
+
+    /// For each camera what to tell about its light.
+    pub fn light_warnings(&self) -> Result<Vec<Vec<String>>, Fault> {
+        self.of_each(|rig, camera| Ok(rig.light_warnings(camera)?))
     }
 
     /// Those that are new since the last call, with the numbers of their cameras.

@@ -194,6 +194,11 @@ def test_sensor_models_are_values():
 
 
 def test_a_physical_pixel_has_the_numbers_of_its_preset():
+    assert esaac.lux_per_unit("luminance", 2.0) == pytest.approx(0.9 * np.pi / 16)
+    assert esaac.lux_per_unit("radiance", 2.0, transmission=0.45) == pytest.approx(270 * 0.45 * np.pi / 16)
+    for unit, f_number, message in [("nits", 2.0, "expected luminance"), ("radiance", 0.0, "F-number is 0")]:
+        with pytest.raises(esaac.ArgumentError, match=message):
+            esaac.lux_per_unit(unit, f_number)
     hd = esaac.SensorModel("hd", pixel="physical", lux_per_unit=10.0)
     assert (hd.pixel, hd.refractory_ns, hd.leak_rate_hz, hd.lux_per_unit) == ("physical", 79_000, -0.02, 10.0)
     assert hd == esaac.SensorModel.from_toml(hd.to_toml()) and 'pixel="physical"' in repr(hd)
@@ -208,7 +213,15 @@ def test_a_physical_pixel_has_the_numbers_of_its_preset():
     physical = esaac.SensorModel("dvs128", pixel="physical", width=32, height=16, synthesis="linear")
     with esaac.EventCamera(physical) as cam:
         frames = [np.full((16, 32, 4), value, np.float32) for value in (0.1, 0.1, 1.0)]
+        assert cam.light == [] and cam.light_warnings == []
         events = [len(cam.step(frame, t_ns=k * 50_000_000)) for k, frame in enumerate(frames)]
+        (light,) = cam.light
+        assert light["median_lux"] == pytest.approx(10.0, rel=0.05) and light["frames"] == 3
+        assert light["high_lux"] == pytest.approx(100.0, rel=0.05) and light["dim_share"] == 0.0
+        assert cam.light_warnings == [[]]
+        # A lamp of 900 Hz needs 360 sub-steps in 50 ms.
+        cam.sensor = physical.replace(flicker_depth=0.5, flicker_hz=900.0)
+        assert "needs 360 sub-steps" in cam.light_warnings[0][0]
     assert events[0] == 0 and events[2] > 5 * 16 * 32
 
 

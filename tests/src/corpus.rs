@@ -99,10 +99,11 @@ fn once() -> usize {
 }
 
 /// The files of `tests/corpus`, compiled in so that test programs run on machines without the sources.
-pub const FILES: [(&str, &str); 4] = [
+pub const FILES: [(&str, &str); 5] = [
     ("invalid.toml", include_str!("../corpus/invalid.toml")),
     ("light.toml", include_str!("../corpus/light.toml")),
     ("noise.toml", include_str!("../corpus/noise.toml")),
+    ("optics.toml", include_str!("../corpus/optics.toml")),
     ("time.toml", include_str!("../corpus/time.toml")),
 ];
 

@@ -1,6 +1,6 @@
 //! Compares each stage of the engine with the oracle's stage of the same name: ingest, plan, synthesis, APS.
 
-use esaac_engine::{FrameBytes, Rig, RigOptions};
+use esaac_engine::{FrameBytes, KernelPolicy, Rig, RigOptions};
 use esaac_model::intensity::weights;
 use esaac_model::{
     HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps, q24_to_log,
@@ -51,6 +51,111 @@ fn worst_level_of(sensor: &SensorModel, samples: &Samples, substeps_q24: &[Vec<i
         }
     }
     worst
+}
+
+/// Lens and lamp, alone and together, of every synthesis that reads frames in its own way; both sets of kernels, both
+/// formats of a frame, broken pixels.
+#[test]
+fn lens_and_lamp() {
+    const MODES: [(Synthesis, Taps, u32, Intensity); 6] = [
+        (Synthesis::Motion, Taps::Cubic, 1, Intensity::SiliconFront),
+        (Synthesis::Motion, Taps::Cubic, 2, Intensity::BayerRggb),
+        (Synthesis::Motion, Taps::Bilinear, 1, Intensity::SiliconBackIr),
+        (Synthesis::Linear, Taps::Cubic, 1, Intensity::BayerRggb),
+        (Synthesis::Paper, Taps::Cubic, 1, Intensity::SiliconFrontIr),
+        (Synthesis::Linear, Taps::Cubic, 1, Intensity::SiliconBack),
+    ];
+    let size = (45, 37);
+    let mut cameras = Vec::new();
+    let frames = scene(SceneKind::Hdr, size, &times(5_000_000_003, 4), HdrFormat::F32x4, MotionFormat::F32x2);
+    for (number, (synthesis, taps, transfers, intensity)) in MODES.into_iter().enumerate() {
+        let base = SensorModel { transfers, substeps: 32, ..sensor(size, synthesis, taps, intensity) };
+        let blur = SensorModel { psf_sigma_px: 0.7, ..base.clone() };
+        let dark_corners = SensorModel { vignetting_fov_deg: 80.0, ..base.clone() };
+        let lamp = SensorModel { flicker_depth: 0.6, flicker_phase_deg: 70.0, ..base };
+        let all =
+            SensorModel { psf_sigma_px: 1.0, vignetting_fov_deg: 50.0, flicker_hz: 55.0, ..lamp.clone() };
+        let alone = [blur, dark_corners, lamp].into_iter().filter(|_| number == 0);
+        cameras.extend(alone.chain([all]).map(|sensor| (sensor, frames.clone())));
+    }
+    let broken_sensor = SensorModel {
+        psf_sigma_px: 0.6,
+        flicker_depth: 1.0,
+        flicker_hz: 47.0,
+        ..sensor((19, 13), Synthesis::Linear, Taps::Cubic, Intensity::Gray)
+    };
+    cameras.push((broken_sensor.clone(), broken(&broken_sensor)));
+    let own = engine_of_many(&cameras, keep());
+    let gpus = engine_of_many(&cameras, RigOptions { policy: Some(KernelPolicy::gpu()), ..keep() });
+    let mut worst = 0.0_f64;
+    for (number, (sensor, sequence)) in cameras.iter().enumerate() {
+        let what =
+            format!("camera {number}: {:?} {:?} {:?}", sensor.synthesis, sensor.taps, sensor.intensity);
+        let intervals = oracle(sensor, number as u32, sequence);
+        for steps in [&own[number], &gpus[number]] {
+            let level = if sequence.motion.is_some() {
+                worst_level(sensor, &intervals, steps)
+            } else {
+                // Levels of pixels that never had a valid value are undefined.
+                worst_armed_level(sensor, &intervals, steps)
+            };
+            println!("{what}: {level:.2e}");
+            worst = worst.max(level);
+            check_plan(&what, &intervals, steps);
+            for (interval, step) in intervals.iter().zip(steps) {
+                assert_eq!(step.diagnostics.invalid_pixels, interval.diagnostics.invalid_pixels, "{what}");
+            }
+        }
+    }
+    assert!(worst <= LEVEL_TOLERANCE_LOG, "levels off by up to {worst:.2e}");
+    assert_silent();
+}
+
+/// As [`worst_level`], over the pixels of [`broken`] frames that have had a valid value.
+fn worst_armed_level(sensor: &SensorModel, intervals: &[Interval], steps: &[Step]) -> f64 {
+    let mut worst = 0.0_f64;
+    for (interval, step) in intervals.iter().zip(steps).skip(1) {
+        let (samples, levels) =
+            (interval.samples.as_ref().expect("kept"), step.substeps_q24.as_ref().expect("kept"));
+        for pixel in (0..sensor.pixels()).filter(|pixel| !matches!(pixel % 11, 3 | 7)) {
+            for (sample, levels) in samples.at(pixel).iter().zip(&levels[1..]) {
+                worst = worst.max((q24_to_log(levels[pixel]) - (sample + sensor.log_offset).ln()).abs());
+            }
+        }
+    }
+    worst
+}
+
+/// Tiles in the light of a lamp are never still, and have the sub-steps that its flicker needs.
+#[test]
+fn a_still_scene_flickers() {
+    let still = sensor((40, 24), Synthesis::Linear, Taps::Cubic, Intensity::Gray);
+    let lamp = SensorModel { substeps: 64, flicker_depth: 0.5, flicker_hz: 90.0, ..still.clone() };
+    let frames =
+        |sensor: &SensorModel| gray(sensor, &times(0, 4), |_, pixel| if pixel == 0 { 0.0 } else { 1.0 });
+    let cameras = [(still.clone(), frames(&still)), (lamp.clone(), frames(&lamp))];
+    let [still_steps, lamp_steps] =
+        <[Vec<Step>; 2]>::try_from(engine_of_many(&cameras, RigOptions::default())).expect("two");
+    assert!(
+        still_steps[1..].iter().all(|step| step.diagnostics.skipped_blocks == 15 && step.packet.is_empty())
+    );
+    let intervals = oracle(&lamp, 1, &cameras[1].1);
+    check_plan("lamp", &intervals, &lamp_steps);
+    assert!(intervals[1].substeps_per_block.iter().all(|&n| n == 24), "three periods");
+    for (interval, step) in intervals.iter().zip(&lamp_steps).skip(1) {
+        assert_eq!(step.diagnostics.skipped_blocks, 0);
+        let counts = |events: &mut dyn Iterator<Item = esaac_model::packet::Event>| {
+            let mut counts = [0_u32; 2];
+            events.for_each(|e| counts[e.polarity as usize] += 1);
+            counts
+        };
+        let [off, on] = counts(&mut step.packet.iter());
+        assert_eq!([off, on], counts(&mut interval.packet.iter()), "as the oracle's");
+        // The dark pixel has no light that could flicker.
+        assert!(step.packet.iter().all(|e| (e.x, e.y) != (0, 0)));
+        assert!(on > 3 * 959 && off > 3 * 959, "{on} ON, {off} OFF: frames alone show steady light");
+    }
+    assert_silent();
 }
 
 fn check_plan(what: &str, intervals: &[Interval], steps: &[Step]) {

@@ -34,7 +34,7 @@ struct Row {
 
 type Change = fn(&mut SensorModel);
 
-const EFFECTS: [(&str, Change); 13] = [
+const EFFECTS: [(&str, Change); 17] = [
     ("mismatch", |s| s.contrast_mismatch = 0.05),
     ("refractory", |s| s.refractory_ns = 500_000),
     ("leak", |s| s.leak_rate_hz = 0.1),
@@ -43,6 +43,11 @@ const EFFECTS: [(&str, Change); 13] = [
     ("jitter", |s| s.latency_jitter_ns = 10_000),
     ("quantum", |s| s.timestamp_quantum_ns = 1_000),
     ("APS", |s| s.aps_exposure_ns = 10_000_000),
+    ("blur", |s| s.psf_sigma_px = 0.7),
+    ("vignetting", |s| s.vignetting_fov_deg = 60.0),
+    // Below the thresholds: a deeper flicker costs what its events cost, and makes the event queues grow.
+    ("flicker", |s| s.flicker_depth = 0.05),
+    ("silicon", |s| s.intensity = Intensity::SiliconFront),
     ("Bayer", |s| s.intensity = Intensity::BayerRggb),
     ("two transfers", |s| s.transfers = 2),
     ("readout, one by one", |s| (s.readout, s.readout_event_ns) = (ReadoutKind::Fifo, 83.0)),

@@ -39,6 +39,7 @@ struct Case {
     sensor: SensorModel,
     cameras: usize,
     feed: Kind,
+    packets: PacketPlace,
 }
 
 enum Kind {
@@ -52,7 +53,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         "One thing grows, the rest stays. `cameras` and `pixels`: profile `noisy`, scene `flight`. The others: \
          clean sensor, a log-sinusoid that moves to the right, thresholds and wavelength set so that events or \
          motion alone grow; whole columns of it cross at the same instants, which is the hardest to sort. `dense` \
-         is a clean sensor with ever lower thresholds on `flight`. The exponent is that of time over the last half \
+         is a clean sensor with ever lower thresholds on `flight`; its packets go to the host, whose bus then bounds \
+         `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
+         at 0, else with profile `noisy` and this rate of shot noise. The exponent is that of time over the last half \
          of the points (1: proportional, 0: does not matter). Stages are stamped, which costs a microsecond each.",
     );
     let mut sweeps = Vec::new();
@@ -146,6 +149,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         sensor,
         cameras,
         feed: Kind::Scene(SceneKind::Flight),
+        packets: PacketPlace::Owned,
     };
     let cameras: &[usize] = match (software, quick) {
         (true, _) => &[1, 2, 4],
@@ -171,6 +175,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         sensor,
         cameras: 1,
         feed: Kind::Pattern(pattern),
+        packets: PacketPlace::Owned,
     };
     let fixed = |substeps: u32| {
         let sensor = SensorModel { substeps, substep_policy: SubstepPolicy::Fixed, ..base.clone() };
@@ -191,19 +196,28 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         on_pattern(motion_px, sensor, Pattern { motion_px, wavelength_px, ..pattern })
     };
     let (dense_width, dense_height) = if software { (160, 120) } else { (1280, 720) };
-    let dense = |wanted: f64| {
+    let dense = |wanted: f64, packets: PacketPlace| {
         // In this scene a threshold of .2 gives some .4 events a pixel.
         let contrast = 0.2 * 0.4 / wanted;
         let (width, height) = (dense_width, dense_height);
         let sensor =
             SensorModel { width, height, contrast_on: contrast, contrast_off: contrast, ..clean("hd") };
-        flight(wanted, sensor, 1)
+        Case { packets, ..flight(wanted, sensor, 1) }
     };
+    let densities: &[f64] = if quick { &[0.5, 2.0, 20.0] } else { &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
+    let denser = |packets| densities.iter().map(|&wanted| dense(wanted, packets)).collect();
     let substeps: &[u32] = if quick { &[1, 8, 64] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let wanted: &[f64] = if quick { &[0.0, 2.0, 20.0] } else { &[0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
     let motions_px: &[f64] = if quick { &[0.0, 4.0, 30.0] } else { &[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0] };
-    let densities: &[f64] = if quick { &[0.5, 2.0, 20.0] } else { &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
     let shares: &[f64] = if quick { &[0.0, 0.25, 1.0] } else { &[0.0, 0.1, 0.25, 0.5, 0.75, 1.0] };
+    // Noise that leaves few pixels without an event for long, and the same in many small images.
+    let still = |value: f64, (width, height): (u32, u32), cameras: usize| {
+        let own = if value == 0.0 { clean("vga") } else { noisy("vga") };
+        let sensor = SensorModel { width, height, shot_noise_rate_hz: value, ..own };
+        Case { value, sensor, cameras, feed: Kind::Scene(SceneKind::Still), packets: PacketPlace::Owned }
+    };
+    let noises_hz: &[f64] = if quick { &[0.0, 5.0] } else { &[0.0, 0.1, 1.0, 5.0, 20.0] };
+    let small_cameras = if software { 2 } else { 256 };
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
         ("cameras", "cameras", cameras),
@@ -211,7 +225,14 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         ("sub-steps", "N, fixed", substeps.iter().copied().map(fixed).collect()),
         ("events", "events wanted a pixel", wanted.iter().copied().map(eventful).collect()),
         ("motion", "px a frame", motions_px.iter().copied().map(moved).collect()),
-        ("dense", "events wanted a pixel", densities.iter().copied().map(dense).collect()),
+        ("dense", "events wanted a pixel", denser(PacketPlace::Owned)),
+        ("dense on device", "events wanted a pixel", denser(PacketPlace::OnDevice)),
+        ("still noise", "Hz of shot noise", noises_hz.iter().map(|&hz| still(hz, size, 1)).collect()),
+        (
+            "still cameras",
+            "Hz of shot noise",
+            noises_hz.iter().map(|&hz| still(hz, (64, 64), small_cameras)).collect(),
+        ),
         ("moving share", "% of rows", shares.iter().copied().map(share).collect()),
     ]
 }
@@ -222,7 +243,7 @@ fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
         Kind::Scene(kind) => laboratory.scene(*kind, size)?,
         Kind::Pattern(pattern) => Feed::Pattern(*pattern),
     };
-    let options = RigOptions { stage_times: true, ..RigOptions::default() };
+    let options = RigOptions { stage_times: true, packets: case.packets, ..RigOptions::default() };
     let mut stand = Stand::new(laboratory, &case.sensor, case.cameras, FORMATS, feed, options)?;
     let amount = laboratory.amount();
     // Time fewer frames of many cameras: rendering for hundreds of cameras takes longer than the measurement.

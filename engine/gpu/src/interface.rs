@@ -3,8 +3,8 @@
 
 use esaac_kernels::Reflection;
 use esaac_layout::{
-    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, PHYSICALS,
-    Physical, Push, READOUTS, Readout, Slice, TEXELS,
+    BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, OPTICS,
+    Optics, PHYSICALS, Physical, Push, READOUTS, Readout, Slice, TEXELS,
 };
 use std::collections::BTreeMap;
 
@@ -45,6 +45,11 @@ pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
         let table = reflection.uniform_strides.get(&(READOUTS as u32)).copied();
         same("stride of `readouts`", table, Some(size_of::<Readout>() as u32))?;
         check_struct::<Readout>(&reflection)?;
+    }
+    if reflection.structs.contains_key(Optics::NAME) {
+        let table = reflection.uniform_strides.get(&(OPTICS as u32)).copied();
+        same("stride of `optics`", table, Some(size_of::<Optics>() as u32))?;
+        check_struct::<Optics>(&reflection)?;
     }
     same("workgroup", reflection.workgroup, [kernel.threads, 1, 1])?;
     check_constants(kernel, &reflection)?;

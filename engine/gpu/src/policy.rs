@@ -74,7 +74,7 @@ impl KernelPolicy {
             readout_apart: true,
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
-            most_queue_per_px: 4 * QUEUE_PER_PX,
+            most_queue_per_px: 2 * QUEUE_PER_PX,
             serial: false,
         }
     }

@@ -134,6 +134,12 @@ spec_constants! {
     motion_format: MotionFormat,
     /// Format of images of instance ids.
     id_format: IdFormat,
+    /// Whether the lens blurs.
+    effect_psf: bool,
+    /// Whether the corners of the image are darker.
+    effect_vignetting: bool,
+    /// Whether the lamp flickers.
+    effect_flicker: bool,
     /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
     fisheye: bool,
 }
@@ -179,6 +185,8 @@ spec_constants! {
     at_sample: bool,
     /// Whether there are APS frames.
     effect_aps: bool,
+    /// Whether the lamp flickers.
+    effect_flicker: bool,
     /// Frame-gap synthesis.
     synthesis: Synthesis,
     /// Interpolation of warped frames.
@@ -267,8 +275,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..14).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [14, 15, 16, 17]);
+        assert_eq!(ids(CrossConstants::LIST), (0..15).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [15, 16, 17, 18]);
     }
 
     #[test]

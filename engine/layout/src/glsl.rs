@@ -2,15 +2,16 @@
 
 use crate::bindings::{BINDINGS, TEXELS};
 use crate::sizes::{
-    BUS_HEAD, CROSS_THREADS, INGEST_THREADS, MAX_CAMERAS, PASSING_ENTRIES, PASSING_HEAD_WORDS, PATHS_THREADS,
-    POSE_ROWS, READOUT_THREADS, REPRESENTATIVE_WORDS, RUN_EVENTS, SEARCHED_EVENTS, SORT_THREADS,
-    SORTABLE_EVENTS, TILE_BLOCKS,
+    BUS_HEAD, CROSS_THREADS, FLICKER_FRACTION_BITS, INGEST_THREADS, MAX_CAMERAS, PASSING_ENTRIES,
+    PASSING_HEAD_WORDS, PATHS_THREADS, POSE_ROWS, READOUT_THREADS, REPRESENTATIVE_WORDS, RUN_EVENTS,
+    SEARCHED_EVENTS, SORT_THREADS, SORTABLE_EVENTS, TILE_BLOCKS,
 };
 use crate::state::{PhysicalWord, StateWord};
 use crate::{
-    Camera, Counters, FrameKind, Geometry, GpuStruct, Physical, Push, Readout, ReadoutProgress, Slice,
-    constants,
+    Camera, Counters, FrameKind, Geometry, GpuStruct, Optics, Physical, Push, Readout, ReadoutProgress,
+    Slice, constants,
 };
+use esaac_model::intensity;
 use esaac_model::synthesis::rigid;
 
 fn glsl_type(rust: &str) -> &'static str {
@@ -48,6 +49,11 @@ pub fn generated_files() -> Vec<(String, String)> {
     files
 }
 
+/// A vector as an expression.
+fn vec3([x, y, z]: [f64; 3]) -> String {
+    format!("vec3({x}, {y}, {z})")
+}
+
 /// Whether the synthesis `S` follows motion vectors, as an expression.
 fn follows_motion() -> String {
     let those = esaac_model::Synthesis::ALL.into_iter().filter(|s| s.follows_motion());
@@ -62,6 +68,7 @@ fn declarations() -> String {
     glsl_struct::<Geometry>(&mut out);
     glsl_struct::<Physical>(&mut out);
     glsl_struct::<Readout>(&mut out);
+    glsl_struct::<Optics>(&mut out);
     glsl_struct::<Counters>(&mut out);
     glsl_struct::<Slice>(&mut out);
     out.push_str("layout(push_constant) uniform ");
@@ -172,15 +179,13 @@ fn declarations() -> String {
         ("STREAM_CLOCK", (esaac_model::random::Stream::Clock as u32).to_string() + "u"),
         ("STREAM_RELEASE", (esaac_model::random::Stream::Release as u32).to_string() + "u"),
         ("FACTOR_UNITS", format!("{:.1}", esaac_model::FACTOR_UNITS)),
-        (
-            "REC709",
-            format!(
-                "vec3({}, {}, {})",
-                esaac_model::intensity::REC709[0],
-                esaac_model::intensity::REC709[1],
-                esaac_model::intensity::REC709[2]
-            ),
-        ),
+        ("REC709", vec3(intensity::REC709)),
+        ("SILICON_FRONT", vec3(intensity::SILICON_FRONT)),
+        ("SILICON_BACK", vec3(intensity::SILICON_BACK)),
+        ("SILICON_FRONT_IR", vec3(intensity::SILICON_FRONT_IR)),
+        ("SILICON_BACK_IR", vec3(intensity::SILICON_BACK_IR)),
+        ("PSF_RADIUS_PX", esaac_model::optics::PSF_RADIUS_PX.to_string()),
+        ("FLICKER_FRACTION_BITS", FLICKER_FRACTION_BITS.to_string()),
         ("HDR_F16X4", (esaac_model::HdrFormat::F16x4 as u32).to_string()),
         ("HDR_F32X4", (esaac_model::HdrFormat::F32x4 as u32).to_string()),
         ("HDR_SRGB8X4", (esaac_model::HdrFormat::Srgb8x4 as u32).to_string()),
@@ -190,6 +195,10 @@ fn declarations() -> String {
         ("INTENSITY_GRAY", (esaac_model::Intensity::Gray as u32).to_string()),
         ("INTENSITY_LUMINANCE", (esaac_model::Intensity::Luminance as u32).to_string()),
         ("INTENSITY_BAYER_RGGB", (esaac_model::Intensity::BayerRggb as u32).to_string()),
+        ("INTENSITY_SILICON_FRONT", (esaac_model::Intensity::SiliconFront as u32).to_string()),
+        ("INTENSITY_SILICON_BACK", (esaac_model::Intensity::SiliconBack as u32).to_string()),
+        ("INTENSITY_SILICON_FRONT_IR", (esaac_model::Intensity::SiliconFrontIr as u32).to_string()),
+        ("INTENSITY_SILICON_BACK_IR", (esaac_model::Intensity::SiliconBackIr as u32).to_string()),
         ("SYNTHESIS_MOTION", (esaac_model::Synthesis::Motion as u32).to_string()),
         ("SYNTHESIS_LINEAR", (esaac_model::Synthesis::Linear as u32).to_string()),
         ("SYNTHESIS_PAPER", (esaac_model::Synthesis::Paper as u32).to_string()),
@@ -218,6 +227,7 @@ mod tests {
         assert!(size_of::<Geometry>() * MAX_CAMERAS <= 65_536);
         assert_eq!(size_of::<Physical>() % 16, 0);
         assert_eq!(size_of::<Readout>() % 16, 0);
+        assert_eq!(size_of::<Optics>() % 16, 0);
         assert_eq!(size_of::<Counters>() % 4, 0);
     }
 
@@ -241,6 +251,7 @@ mod tests {
             Geometry::FIELDS,
             Physical::FIELDS,
             Readout::FIELDS,
+            Optics::FIELDS,
             Counters::FIELDS,
             Push::FIELDS,
         ]

@@ -67,5 +67,9 @@ pub const BUS_KEPT_ROW: u32 = 3;
 /// Elements of `bus` for each stretch of half as many events as a workgroup of `readout` has threads.
 pub const BUS_STRETCH: u32 = 2;
 
+/// Fractional bits of the turns by which a flicker's phase grows in a nanosecond: 1 kHz fits 32 bits, and over a second the
+/// phase is exact to 3e-7 turns.
+pub const FLICKER_FRACTION_BITS: u32 = 51;
+
 /// Most cameras of a rig: their table fits 64 KiB, the uniform-buffer size that the engine requires of a device.
 pub const MAX_CAMERAS: usize = 256;

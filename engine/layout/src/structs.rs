@@ -242,6 +242,36 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// What lens and lamp do to a camera's light in one tick: a row of the table of optics, in the camera's `slot`.
+    Optics {
+        /// Weight of a pixel's own light in the blur, along one axis.
+        psf_0: f32,
+        /// That of either neighbour.
+        psf_1: f32,
+        /// That of the next.
+        psf_2: f32,
+        /// That of the last.
+        psf_3: f32,
+        /// Square of the tangent of the angle to the optical axis, for each square pixel from the centre.
+        vignetting_per_px2: f32,
+        /// Factor of the lamp's light at the interval's start.
+        lamp_start: f32,
+        /// Factor of the lamp's light at the frame's time, the interval's end.
+        lamp_end: f32,
+        /// Depth of the flicker.
+        flicker_depth: f32,
+        /// Phase of the flicker at the interval's start, in 2^-32 turns.
+        flicker_phase: u32,
+        /// What the phase gains in a nanosecond, in turns of [`FLICKER_FRACTION_BITS`](crate::FLICKER_FRACTION_BITS).
+        flicker_step: u32,
+        /// Least number of sub-steps of the adaptive policy.
+        least_substeps: u32,
+        /// Fills the row up to a multiple of 16 bytes.
+        unused: u32,
+    }
+}
+
+gpu_struct! {
     /// Counters of a camera or its outlet in one tick; two sets, used in turn.
     Counters {
         /// Events emitted, whether they fit or not.

@@ -26,10 +26,13 @@ impl SensorModel {
             let dark_draw = if s.dark_spread_log > 0.0 { s.seed } else { 0 };
             let physical = (s.pixel == Pixel::Physical)
                 .then(|| (s.dark_spread_log.to_bits(), dark_draw, s.noise_gain > 0.0));
-            let planes =
-                (s.intensity, s.dark_level().to_bits(), s.exposure_gain.to_bits(), half_pel, surfaces);
+            let lens = [s.exposure_gain, s.psf_sigma_px, s.vignetting_fov_deg].map(f64::to_bits);
+            let planes = (s.intensity, s.dark_level().to_bits(), lens, half_pel, surfaces);
+            // What a physical pixel shows lags behind the light, which must not jump between two intervals.
+            let lamp = s.flicker().filter(|_| s.pixel == Pixel::Physical);
+            let lamp = lamp.map(|lamp| [lamp.hz, lamp.depth, lamp.phase_deg].map(f64::to_bits));
             // What waits for one bus has no place on another.
-            (planes, physical, s.readout)
+            (planes, physical, lamp, s.readout)
         };
         let draws = |s: &SensorModel| {
             let drawn =
@@ -66,6 +69,10 @@ mod tests {
         let resets = ChangeEffects { resets_frames: true, ..nothing };
         assert_eq!(change(|s| s.exposure_gain *= 2.0), resets);
         assert_eq!(change(|s| s.log_offset *= 2.0), resets);
+        assert_eq!(change(|s| s.psf_sigma_px = 0.5), resets);
+        assert_eq!(change(|s| s.vignetting_fov_deg = 60.0), resets);
+        assert_eq!(change(|s| s.flicker_depth = 0.5), nothing);
+        assert_eq!(change(|s| s.intensity = Intensity::SiliconFront), resets);
         assert_eq!(change(|s| s.taps = Taps::Bilinear), resets);
         assert_eq!(change(|s| s.synthesis = Synthesis::Rigid), resets);
         assert_eq!(change(|s| s.intensity = Intensity::BayerRggb), resets);
@@ -88,6 +95,8 @@ mod tests {
         assert_eq!(change(|s| s.temperature_c += 1.0), resets, "the dark level moves");
         assert_eq!(change(|s| s.second_pole_hz *= 2.0), nothing);
         assert_eq!(change(|s| s.noise_gain = 0.5), nothing);
+        assert_eq!(change(|s| s.flicker_depth = 0.5), resets);
+        assert_eq!(change(|s| s.flicker_hz = 50.0), nothing, "there is no flicker");
         assert_eq!(change(|s| s.noise_gain = 0.0), resets);
         assert_eq!(change(|s| s.dark_spread_log = 0.5), both);
     }

@@ -8,13 +8,14 @@
 //!
 //! ## 1. Intensity ([`intensity`])
 //! Linear RGB times `exposure_gain` becomes one scalar `S` per pixel: `gray` (mean), `luminance`
-//! (Rec. 709) or `bayer_rggb` (one colour component per pixel, R at (0,0)). A mosaic is sampled *after* the RGB
+//! (Rec. 709), `silicon_front` and its kin (what a bare photodiode sees) or `bayer_rggb` (one colour component per pixel, R
+//! at (0,0)). Before that, a lens may blur and darken the image ([`optics`]). A mosaic is sampled *after* the RGB
 //! image is warped: warping a mosaic would mix the colours. A pixel with a NaN, infinite or negative component keeps
 //! the value of its previous frame and is counted. A pixel that never had a valid value is **unarmed**: it emits
 //! nothing, and its reference starts at its first valid frame.
 //!
 //! ## 2. Logarithm
-//! `L = ln(S + log_offset)`, held as Q7.24 fixed point ([`log_to_q24`]). In fixed point, adding a threshold and
+//! `L = ln(S + log_offset)`, with a lamp's flicker `L = ln(S (1 + M sin(2 pi f t)) + log_offset)` ([`optics`]), held as Q7.24 fixed point ([`log_to_q24`]). In fixed point, adding a threshold and
 //! subtracting it again cancels exactly, so that a reference never drifts.
 //!
 //! ## 3. Frame-gap synthesis ([`substeps`])
@@ -81,6 +82,7 @@
 mod change;
 pub mod frame;
 pub mod intensity;
+pub mod optics;
 pub mod packet;
 pub mod paths;
 pub mod physical;

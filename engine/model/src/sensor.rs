@@ -2,6 +2,7 @@
 //! tables.
 
 use crate::MAX_LATENCY_NS;
+use crate::optics::{PSF_MOST_SIGMA_PX, PSF_RADIUS_PX};
 use crate::physical::{PhysicalPixel, ReadoutKind};
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
@@ -30,6 +31,27 @@ pub enum Intensity {
     Luminance = 1,
     /// One component a pixel, R at (0, 0).
     BayerRggb = 2,
+    /// Front-illuminated silicon behind an infrared cut filter.
+    SiliconFront = 3,
+    /// Back-illuminated silicon behind an infrared cut filter.
+    SiliconBack = 4,
+    /// Front-illuminated silicon without an infrared cut filter.
+    SiliconFrontIr = 5,
+    /// Back-illuminated silicon without an infrared cut filter.
+    SiliconBackIr = 6,
+}
+
+impl Intensity {
+    /// Every intensity.
+    pub const ALL: [Intensity; 7] = [
+        Intensity::Gray,
+        Intensity::Luminance,
+        Intensity::BayerRggb,
+        Intensity::SiliconFront,
+        Intensity::SiliconBack,
+        Intensity::SiliconFrontIr,
+        Intensity::SiliconBackIr,
+    ];
 }
 
 /// How the intensity between two rendered frames is synthesised.
@@ -218,9 +240,14 @@ sensor_model! {
     latency_ns: u32 = 0, "ns", "Constant delay of an event's time stamp.";
     latency_jitter_ns: u32 = 0, "ns", "Standard deviation of the delay.";
     timestamp_quantum_ns: u32 = 1, "ns", "Time stamps are floored to a multiple of this.";
-    intensity: Intensity = Intensity::Luminance, "", "What a pixel sees: gray, luminance or bayer_rggb.";
+    intensity: Intensity = Intensity::Luminance, "", "What a pixel sees: gray, luminance, bayer_rggb, silicon_front, silicon_back, silicon_front_ir or silicon_back_ir.";
     exposure_gain: f64 = 1.0, "", "Factor from the renderer's radiance to the sensor's intensity.";
     log_offset: f64 = crate::presets::LOG_OFFSET_HDR, "scene", "Dark level of the log pixel: L = ln(S + log_offset).";
+    psf_sigma_px: f64 = 0.0, "px", "Blur of the lens: standard deviation of a Gaussian in linear light; 0 for none.";
+    vignetting_fov_deg: f64 = 0.0, "deg", "Vignetting cos^4 of a lens with this horizontal field of view; 0 for none.";
+    flicker_depth: f64 = 0.0, "", "Flicker of a lamp: light times 1 + depth sin(2 pi f t + phase); 0 for none.";
+    flicker_hz: f64 = 100.0, "Hz", "Frequency of the flicker: twice the mains'.";
+    flicker_phase_deg: f64 = 0.0, "deg", "Phase of the flicker at time 0.";
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
     transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
@@ -409,6 +436,23 @@ impl SensorModel {
         self.check_readout()?;
         check("exposure_gain", self.exposure_gain, "1e-6 to 1e6", within(self.exposure_gain, 1e-6, 1e6))?;
         check("log_offset", self.log_offset, "1e-6 to 1e3", within(self.log_offset, 1e-6, 1e3))?;
+        let fits = format!(
+            "0 to {PSF_MOST_SIGMA_PX}: three times it must fit the {PSF_RADIUS_PX} px read around a tile"
+        );
+        check("psf_sigma_px", self.psf_sigma_px, &fits, within(self.psf_sigma_px, 0.0, PSF_MOST_SIGMA_PX))?;
+        let fov = self.vignetting_fov_deg;
+        let fov_holds = fov == 0.0 || within(fov, 0.1, 170.0);
+        check("vignetting_fov_deg", fov, "0 for none, or .1 to 170", fov_holds)?;
+        check("flicker_depth", self.flicker_depth, "0 to 1", within(self.flicker_depth, 0.0, 1.0))?;
+        check("flicker_hz", self.flicker_hz, "1 to 1000", within(self.flicker_hz, 1.0, 1000.0))?;
+        let phase = self.flicker_phase_deg;
+        check("flicker_phase_deg", phase, "-360 to 360", within(phase, -360.0, 360.0))?;
+        check(
+            "synthesis",
+            self.synthesis.name(),
+            "one with sub-steps, as flicker_depth is above 0",
+            self.flicker_depth == 0.0 || self.synthesis != Synthesis::None,
+        )?;
         check("transfers", self.transfers, "1 or 2", (1..=MAX_TRANSFERS).contains(&self.transfers))?;
         check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
         check(
@@ -495,6 +539,16 @@ mod tests {
     }
 
     #[test]
+    fn a_blur_wider_than_the_apron_names_the_largest() {
+        let wide = SensorModel { psf_sigma_px: 2.5, ..SensorModel::default() };
+        let error = wide.validate().unwrap_err().to_string();
+        assert!(
+            error.contains("`psf_sigma_px` is 2.5, expected 0 to 1: ") && error.contains("3 px"),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn out_of_range_names_the_parameter() {
         let base = SensorModel::default();
         let with_bus = |readout| SensorModel { readout, readout_row_ns: 130.0, ..SensorModel::default() };
@@ -512,6 +566,16 @@ mod tests {
             (SensorModel { log_offset: 0.0, ..base.clone() }, "log_offset"),
             (SensorModel { latency_jitter_ns: 900_000_000, ..base.clone() }, "latency_ns"),
             (SensorModel { lux_per_unit: -1.0, ..base.clone() }, "lux_per_unit"),
+            (SensorModel { lux_per_unit: f64::NAN, ..base.clone() }, "lux_per_unit"),
+            (SensorModel { temperature_c: -40.5, ..base.clone() }, "temperature_c"),
+            (SensorModel { psf_sigma_px: 1.01, ..base.clone() }, "psf_sigma_px"),
+            (SensorModel { psf_sigma_px: -0.5, ..base.clone() }, "psf_sigma_px"),
+            (SensorModel { vignetting_fov_deg: 180.0, ..base.clone() }, "vignetting_fov_deg"),
+            (SensorModel { flicker_depth: 1.5, ..base.clone() }, "flicker_depth"),
+            (SensorModel { flicker_hz: 0.0, ..base.clone() }, "flicker_hz"),
+            (SensorModel { flicker_hz: 1e4, ..base.clone() }, "flicker_hz"),
+            (SensorModel { flicker_phase_deg: f64::INFINITY, ..base.clone() }, "flicker_phase_deg"),
+            (SensorModel { flicker_depth: 0.1, synthesis: Synthesis::None, ..base.clone() }, "synthesis"),
             (SensorModel { temperature_c: 126.0, ..base.clone() }, "temperature_c"),
             (SensorModel { readout_event_ns: 0.0, ..with_bus(ReadoutKind::Fifo) }, "readout_event_ns"),
             (SensorModel { readout_event_ns: -1.0, ..base.clone() }, "readout_event_ns"),

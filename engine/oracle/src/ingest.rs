@@ -1,8 +1,9 @@
-//! Stage `ingest`: decodes the bytes of a rendered frame to linear RGB times the exposure gain. An invalid pixel keeps
-//! its previous value.
+//! Stage `ingest`: decodes the bytes of a rendered frame to linear RGB behind the lens, times the exposure gain. An invalid
+//! pixel keeps its previous value.
 
 use esaac_model::frame::{check_size, check_time};
 use esaac_model::intensity::{bayer_component, weights};
+use esaac_model::optics::{PSF_RADIUS_PX, psf_weights, vignetting};
 use esaac_model::{
     DepthFormat, FrameError, HdrFormat, IdFormat, Intensity, MotionFormat, SensorModel, Synthesis,
 };
@@ -84,7 +85,7 @@ impl Image {
     pub fn planes(&self, intensity: Intensity) -> Vec<Vec<f64>> {
         match intensity {
             Intensity::BayerRggb => (0..3).map(|c| self.rgb.iter().map(|rgb| rgb[c]).collect()).collect(),
-            Intensity::Gray | Intensity::Luminance => {
+            _ => {
                 vec![self.rgb.iter().map(|rgb| dot(weights(intensity, 0, 0), *rgb)).collect()]
             }
         }
@@ -96,7 +97,7 @@ impl Image {
 pub fn plane_of(intensity: Intensity, x: usize, y: usize) -> usize {
     match intensity {
         Intensity::BayerRggb => bayer_component(x as u32, y as u32),
-        Intensity::Gray | Intensity::Luminance => 0,
+        _ => 0,
     }
 }
 
@@ -113,7 +114,9 @@ pub struct Ingested {
 #[must_use]
 pub fn ingest(sensor: &SensorModel, held: &Image, frame: &Frame<'_>) -> Ingested {
     let (format, bytes) = frame.hdr;
-    let mut ingested = hold_invalid(sensor, held, &|pixel| format.decode(bytes, pixel), sensor.exposure_gain);
+    let rendered: Vec<[f64; 3]> = (0..sensor.pixels()).map(|pixel| format.decode(bytes, pixel)).collect();
+    let lens = Lens::new(sensor, &rendered);
+    let mut ingested = hold_invalid(sensor, held, &|pixel| lens.light_on(pixel), sensor.exposure_gain);
     ingested.image.motion = frame
         .motion
         .map(|(format, bytes)| (0..sensor.pixels()).map(|pixel| format.decode(bytes, pixel)).collect());
@@ -134,6 +137,52 @@ pub fn ingest_samples(sensor: &SensorModel, held: &Image, intensity: &dyn Fn(usi
     hold_invalid(sensor, held, &|pixel| [intensity(pixel); 3], 1.0)
 }
 
+/// What a lens makes of a rendered image.
+struct Lens<'a> {
+    sensor: &'a SensorModel,
+    rendered: &'a [[f64; 3]],
+    weights: [f64; PSF_RADIUS_PX + 1],
+}
+
+impl<'a> Lens<'a> {
+    fn new(sensor: &'a SensorModel, rendered: &'a [[f64; 3]]) -> Self {
+        Lens { sensor, rendered, weights: psf_weights(sensor.psf_sigma_px) }
+    }
+
+    /// Light on a pixel; that of an invalid pixel is invalid.
+    fn light_on(&self, pixel: usize) -> [f64; 3] {
+        let own = self.rendered[pixel];
+        if !is_valid(own) {
+            return own;
+        }
+        let (width, height) = (self.sensor.width as usize, self.sensor.height as usize);
+        let (x, y) = (pixel % width, pixel / width);
+        let mut light = own;
+        if self.sensor.psf_sigma_px > 0.0 {
+            let near =
+                |at: usize, size: usize, step: usize| (at + step).saturating_sub(PSF_RADIUS_PX).min(size - 1);
+            let weight = |step: usize| self.weights[step.abs_diff(PSF_RADIUS_PX)];
+            let (mut sum, mut weights) = ([0.0; 3], 0.0);
+            for (down, across) in
+                (0..=2 * PSF_RADIUS_PX).flat_map(|d| (0..=2 * PSF_RADIUS_PX).map(move |a| (d, a)))
+            {
+                let colour = self.rendered[near(y, height, down) * width + near(x, width, across)];
+                if is_valid(colour) {
+                    let weight = weight(down) * weight(across);
+                    weights += weight;
+                    (0..3).for_each(|c| sum[c] += weight * colour[c]);
+                }
+            }
+            light = sum.map(|c| c / weights);
+        }
+        light.map(|c| c * vignetting(self.sensor, x as u32, y as u32))
+    }
+}
+
+fn is_valid(colour: [f64; 3]) -> bool {
+    colour.iter().all(|c| c.is_finite() && *c >= 0.0)
+}
+
 fn hold_invalid(
     sensor: &SensorModel,
     held: &Image,
@@ -144,7 +193,7 @@ fn hold_invalid(
     let mut valid = Vec::with_capacity(sensor.pixels());
     for (pixel, rgb) in image.rgb.iter_mut().enumerate() {
         let given = linear(pixel);
-        valid.push(given.iter().all(|c| c.is_finite() && *c >= 0.0));
+        valid.push(is_valid(given));
         *rgb = if valid[pixel] { given.map(|c| c * gain) } else { held.rgb[pixel] };
     }
     Ingested { image, valid }
@@ -204,6 +253,30 @@ mod tests {
         assert_eq!(image(Intensity::BayerRggb), [[2.0; 4], [4.0; 4], [6.0; 4]]);
         assert!((image(Intensity::Gray)[0][3] - 4.0).abs() < 1e-15);
         assert_eq!([(0, 0), (1, 0), (1, 1)].map(|(x, y)| plane_of(Intensity::BayerRggb, x, y)), [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_blur_spreads_light_of_valid_pixels_and_darkens_no_border() {
+        let sensor = SensorModel { width: 9, height: 1, psf_sigma_px: 0.7, ..sensor(Intensity::Gray) };
+        let light = |rendered: &[[f32; 4]]| {
+            let hdr = bytes(rendered);
+            ingest(&sensor, &Image::black(&sensor), &frame(&hdr)).image.rgb
+        };
+        let even = light(&[[1.0; 4]; 9]);
+        assert!(even.iter().all(|c| (c[0] - 2.0).abs() < 1e-12), "{even:?}");
+        let mut point = [[0.0; 4]; 9];
+        point[4] = [1.0; 4];
+        let spread = light(&point);
+        let sum: f64 = spread.iter().map(|c| c[0]).sum();
+        assert!(
+            (sum - 2.0).abs() < 1e-12 && spread[4][0] > spread[5][0] && spread[8][0] == 0.0,
+            "{spread:?}"
+        );
+        let mut broken = [[1.0; 4]; 9];
+        broken[4] = [f32::NAN; 4];
+        let kept = light(&broken);
+        assert_eq!(kept[4][0], 0.0, "it keeps its last value");
+        assert!((kept[5][0] - 2.0).abs() < 1e-12, "its neighbours do not take it: {kept:?}");
     }
 
     #[test]

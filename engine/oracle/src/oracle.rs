@@ -304,7 +304,7 @@ impl Oracle {
             // The cast is exact: `check_time` keeps an interval within MAX_INTERVAL_NS.
             self.cross_interval(start_ns, (t_ns - start_ns) as u32, &image, between, &mut interval);
         }
-        self.arm(&image, &valid, t_ns - epoch_ns);
+        self.arm(&image, &valid, t_ns, t_ns - epoch_ns);
         interval.diagnostics.invalid_pixels = valid.iter().filter(|&&valid| !valid).count() as u64;
         interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
             motion.iter().filter(|v| !(v[0].is_finite() && v[1].is_finite())).count() as u64
@@ -329,8 +329,9 @@ impl Oracle {
     }
 
     /// Arms every unarmed pixel that is valid in this frame.
-    fn arm(&mut self, image: &Image, valid: &[bool], age_ns: i64) {
+    fn arm(&mut self, image: &Image, valid: &[bool], t_ns: i64, age_ns: i64) {
         let planes = image.planes(self.sensor.intensity);
+        let light = self.sensor.flicker().map_or(1.0, |lamp| lamp.factor(t_ns));
         for pixel in 0..self.sensor.pixels() {
             let unarmed = match &self.physical {
                 None => self.run.pixels[pixel].is_none(),
@@ -338,7 +339,7 @@ impl Oracle {
             };
             if valid[pixel] && unarmed {
                 let (x, y) = (pixel % image.width, pixel / image.width);
-                let intensity = planes[ingest::plane_of(self.sensor.intensity, x, y)][pixel];
+                let intensity = planes[ingest::plane_of(self.sensor.intensity, x, y)][pixel] * light;
                 let key = self.key(pixel);
                 if let Some(physical) = &mut self.physical {
                     let draws = &physical.draws[pixel];
@@ -385,6 +386,8 @@ impl Oracle {
                     exact_samples(sensor.substeps, interval_ns, &|t_ns| exact(pixel, t_ns), &mut samples);
                 }
             }
+            let frames = [samples[0], samples[samples.len() - 1]];
+            light_by_lamp(sensor, (start_ns, interval_ns), &mut samples);
             if let Some(kept) = &mut kept {
                 kept.push(&samples[1..]);
             }
@@ -394,7 +397,7 @@ impl Oracle {
             let key = PixelKey { seed: sensor.seed, camera: self.camera, pixel: pixel as u32 };
             if let Some(physical) = &mut self.physical {
                 let Some(state) = &mut physical.states[pixel] else { continue };
-                let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
+                let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples, frames };
                 let (draws, requests) = (&physical.draws[pixel], &mut self.run.requests);
                 physical::walk(sensor, &physical.pixel, draws, state, &span, &mut |crossing| {
                     requests.push(Event {
@@ -407,7 +410,7 @@ impl Oracle {
                 continue;
             }
             if let Some(state) = &mut self.run.pixels[pixel] {
-                let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples };
+                let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples, frames };
                 let requests = &mut self.run.requests;
                 walk(sensor, &self.constants[pixel], state, &span, &mut |crossing| {
                     requests.push(Event {
@@ -455,6 +458,16 @@ fn draw_constants(sensor: &SensorModel, camera: u32) -> Vec<PixelConstants> {
     (0..sensor.pixels() as u32)
         .map(|pixel| PixelConstants::draw(sensor, PixelKey { seed: sensor.seed, camera, pixel }))
         .collect()
+}
+
+/// Turns intensities in steady light, at the ends of sub-steps of an interval (start and length), into those in the light
+/// of the lamp.
+fn light_by_lamp(sensor: &SensorModel, (start_ns, interval_ns): (i64, u32), samples: &mut [f64]) {
+    let Some(lamp) = sensor.flicker() else { return };
+    let substeps = samples.len() as u32 - 1;
+    for (i, sample) in (0..).zip(samples) {
+        *sample *= lamp.factor(start_ns + i64::from(substep_end_ns(interval_ns, i, substeps)));
+    }
 }
 
 /// Samples the exact intensity of one pixel at the ends of sub-steps. An invalid sample repeats the one before.

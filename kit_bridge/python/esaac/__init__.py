@@ -1,7 +1,7 @@
 """Event cameras for renderers. They take HDR frames and motion vectors and give time-ordered events, on the GPU."""
 
 from esaac import files, still
-from esaac._native import CudaTexture, Packet, SensorModel, Tensor, __version__, devices
+from esaac._native import CudaTexture, Packet, SensorModel, Tensor, __version__, devices, lux_per_unit
 from esaac.cameras import ApsFrame, EventCamera, Rig, TiledEventCamera
 from esaac.errors import (
     ArgumentError,
@@ -42,5 +42,6 @@ __all__ = [
     "__version__",
     "devices",
     "files",
+    "lux_per_unit",
     "still",
 ]

@@ -116,6 +116,11 @@ class SensorModel:
     intensity: str
     exposure_gain: float
     log_offset: float
+    psf_sigma_px: float
+    vignetting_fov_deg: float
+    flicker_depth: float
+    flicker_hz: float
+    flicker_phase_deg: float
     synthesis: str
     taps: str
     transfers: int
@@ -271,8 +276,27 @@ class _Cameras:
         """For each camera what is wrong, if its depth and poses do not predict its motion vectors: by how much, the
         likely cause, and what follows. A step that finds it warns with `PoseWarning`. Empty before the first
         frame."""
+    @property
+    def light(self) -> list[dict[str, float] | None]:
+        """For each camera with physical pixels the light on its focal plane, in the frames that were looked at:
+        `median_lux`, `low_lux` and `high_lux` (nine tenths of the pixels lie between), `dim_share` (of the pixels below
+        .1 lux), `pixels`, `frames`. None for others, and before the first frame. Empty before any."""
+    @property
+    def light_warnings(self) -> list[list[str]]:
+        """For each camera what is wrong with its light: a preset beyond the light that it was fitted for, too few
+        sub-steps for a lamp's flicker. Empty before the first frame."""
     def save(self) -> bytes: ...
     def restore(self, state: bytes) -> None: ...
+
+def lux_per_unit(
+    scene_unit: Literal["luminance", "radiance"],
+    f_number: float,
+    *,
+    transmission: float = 0.9,
+    efficacy_lm_per_w: float | None = None,
+) -> float:
+    """A sensor's `lux_per_unit` behind a lens, for images in cd/m2 (`luminance`) or W/m2/sr (`radiance`). Radiance needs
+    the luminous efficacy of its light; white light has 270 lm/W. Divide by `exposure_gain` if it is not 1."""
 
 class EventCamera(_Cameras):
     """One event camera.

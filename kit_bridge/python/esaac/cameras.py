@@ -87,6 +87,14 @@ class _Cameras:
     def pose_warnings(self):
         return self._engine.pose_warnings()
 
+    @property
+    def light(self):
+        return self._engine.light()
+
+    @property
+    def light_warnings(self):
+        return self._engine.light_warnings()
+
     def _last_packet(self):
         packets = self._engine.last
         return packets[0] if packets else None

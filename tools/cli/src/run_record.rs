@@ -1,13 +1,14 @@
 //! Collects the results of a run, interval by interval.
 
 use anyhow::Result;
-use esaac_engine::{Diagnostics, Tick};
+use esaac_engine::{Diagnostics, Rig, Tick};
 use esaac_formats::event_file::EventColumns;
 use esaac_model::PacketView;
+use esaac_model::physical::LightReport;
 use std::collections::BTreeMap;
 
 /// The results of one camera.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraRecord {
     /// Its events.
     pub events: EventColumns,
@@ -19,6 +20,10 @@ pub struct CameraRecord {
     pub dropped: u64,
     /// Sums of the engine's diagnostics, by name.
     pub diagnostics: BTreeMap<String, u64>,
+    /// Light on its focal plane, for a physical pixel.
+    pub light: Option<LightReport>,
+    /// What to tell about its light.
+    pub light_warnings: Vec<String>,
 }
 
 impl CameraRecord {
@@ -31,7 +36,7 @@ impl CameraRecord {
 }
 
 /// The results of a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunRecord {
     /// By camera.
     pub cameras: Vec<CameraRecord>,
@@ -96,6 +101,15 @@ impl RunRecord {
         for (name, count) in counters {
             *sums.entry(name.clone()).or_default() += count;
         }
+    }
+
+    /// Takes what a rig has seen of the cameras' light, at the end of a run.
+    pub fn take_light(&mut self, rig: &Rig) -> Result<()> {
+        for (number, camera) in self.cameras.iter_mut().enumerate() {
+            camera.light = rig.light(number)?;
+            camera.light_warnings = rig.light_warnings(number)?;
+        }
+        Ok(())
     }
 
     /// Events dropped by all cameras.

@@ -1,8 +1,9 @@
 //! Command-line flags for sensor parameters, generated from the model's list.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::builder::PossibleValue;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
+use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
 use esaac_model::presets::preset;
 use esaac_model::{PARAMETERS, PRESETS, Pixel, Profile, SensorModel};
 use std::path::Path;
@@ -16,6 +17,59 @@ pub struct SensorFlags {
     pub profile: Option<ProfileName>,
     /// Parameters given as flags, in the model's order.
     pub explicit: Vec<(&'static str, String)>,
+    /// What the frames' unit and the lens are, from which `lux_per_unit` follows.
+    pub light: LightFlags,
+}
+
+/// The flags of [`LIGHT_FLAGS`], as given.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LightFlags([Option<String>; 4]);
+
+/// Flags that give `lux_per_unit`: name, name of the value, help.
+const LIGHT_FLAGS: [(&str, &str, &str); 4] = [
+    (
+        "scene-unit",
+        "UNIT",
+        "Unit of the frames: luminance (cd/m2) or radiance (W/m2/sr); sets --lux-per-unit",
+    ),
+    ("f-number", "F", "With --scene-unit: F-number of the lens"),
+    (
+        "lens-transmission",
+        "SHARE",
+        "With --scene-unit: share of the light that the lens lets through [default: 0.9]",
+    ),
+    (
+        "luminous-efficacy",
+        "lm/W",
+        "With --scene-unit radiance: of the scene's light [default: 270, white light]",
+    ),
+];
+
+impl LightFlags {
+    /// Focal-plane lux of the frames' unit; `None` if no unit is named.
+    fn lux(&self) -> Result<Option<f64>> {
+        let number = |index: usize| -> Result<Option<f64>> {
+            let flag = LIGHT_FLAGS[index].0;
+            let parse = |text: &String| {
+                text.parse().with_context(|| format!("--{flag} is `{text}`, expected a number"))
+            };
+            self.0[index].as_ref().map(parse).transpose()
+        };
+        let Some(unit) = &self.0[0] else {
+            if let Some((flag, ..)) = (1..4).find(|&i| self.0[i].is_some()).map(|i| LIGHT_FLAGS[i]) {
+                bail!("--{flag} is given without --scene-unit, expected both");
+            }
+            return Ok(None);
+        };
+        let unit = SceneUnit::named(unit, number(3)?)?;
+        let Some(f_number) = number(1)? else {
+            bail!(
+                "--scene-unit is given without --f-number, expected both: the light behind a lens depends on it"
+            );
+        };
+        let lens = Lens { f_number, transmission: number(2)?.unwrap_or(LENS_TRANSMISSION) };
+        Ok(Some(lens.lux_per_unit(unit)?))
+    }
 }
 
 /// [`Profile`] as a flag's value.
@@ -49,6 +103,15 @@ impl SensorFlags {
             if matches!(*parameter, "width" | "height") {
                 resolved.size_from = Some("--width and --height".to_owned());
             }
+        }
+        if let Some(lux) = self.light.lux()? {
+            let given = self.explicit.iter().any(|(parameter, _)| *parameter == "lux_per_unit");
+            ensure!(
+                !given,
+                "--scene-unit and --lux-per-unit are given, expected one: the former sets the latter"
+            );
+            // An intensity is the frames' value times the gain.
+            resolved.sensor.lux_per_unit = lux / resolved.sensor.exposure_gain;
         }
         Ok(resolved)
     }
@@ -107,8 +170,11 @@ impl Args for SensorFlags {
                 .allow_negative_numbers(true)
                 .help(parameter.about.trim_end_matches('.'))
         });
+        let light = LIGHT_FLAGS.map(|(flag, value, help)| {
+            Arg::new(flag).long(flag).value_name(value).allow_negative_numbers(true).help(help)
+        });
         let mut command = command;
-        for arg in [sensor, profile].into_iter().chain(parameters) {
+        for arg in [sensor, profile].into_iter().chain(light).chain(parameters) {
             command = command.arg(arg.help_heading("Sensor"));
         }
         command
@@ -129,6 +195,7 @@ impl FromArgMatches for SensorFlags {
             sensor: matches.get_one::<String>("sensor").cloned(),
             profile: matches.get_one::<ProfileName>("profile").copied(),
             explicit,
+            light: LightFlags(LIGHT_FLAGS.map(|(flag, ..)| matches.get_one::<String>(flag).cloned())),
         })
     }
 
@@ -183,6 +250,50 @@ mod tests {
         assert_eq!(plain.contrast_on, 0.337, "the default is a preset, too");
         assert!(plain.validate().is_ok());
         assert!(resolve(&["--pixel", "quantum"]).unwrap_err().to_string().contains("pixel"));
+    }
+
+    #[test]
+    fn a_unit_and_a_lens_give_the_light() {
+        let resolve = |arguments: &[&str]| parse(arguments).resolve(SensorModel::default()).map(|r| r.sensor);
+        let nits = resolve(&["--scene-unit", "luminance", "--f-number", "2"]).unwrap().lux_per_unit;
+        assert!((nits - 0.9 * std::f64::consts::PI / 16.0).abs() < 1e-12, "{nits}");
+        let gained = resolve(&["--scene-unit", "luminance", "--f-number", "2", "--exposure-gain", "4"]);
+        assert!((gained.unwrap().lux_per_unit - nits / 4.0).abs() < 1e-12, "lux of an intensity");
+        let white = resolve(&["--scene-unit", "radiance", "--f-number", "2"]).unwrap().lux_per_unit;
+        assert!((white / nits - 270.0).abs() < 1e-9);
+        let dim = [
+            "--scene-unit",
+            "radiance",
+            "--f-number",
+            "4",
+            "--lens-transmission",
+            "0.45",
+            "--luminous-efficacy",
+            "100",
+        ];
+        assert!((resolve(&dim).unwrap().lux_per_unit / nits - 12.5).abs() < 1e-9);
+        for (arguments, parts) in [
+            (&["--scene-unit", "luminance"][..], ["without --f-number", "expected both"]),
+            (&["--f-number", "2"], ["--f-number is given without --scene-unit", "expected both"]),
+            (&["--scene-unit", "nits", "--f-number", "2"], ["`nits`", "radiance"]),
+            (&["--scene-unit", "luminance", "--f-number", "-2"], ["F-number is -2", "0.5 to 100"]),
+            (&["--scene-unit", "luminance", "--f-number", "wide"], ["--f-number is `wide`", "number"]),
+            (
+                &["--scene-unit", "radiance", "--f-number", "2", "--luminous-efficacy", "0"],
+                ["efficacy is 0", "683"],
+            ),
+            (
+                &["--scene-unit", "luminance", "--f-number", "2", "--luminous-efficacy", "90"],
+                ["90 lm/W", "none"],
+            ),
+            (
+                &["--scene-unit", "luminance", "--f-number", "2", "--lux-per-unit", "3"],
+                ["expected one", "former"],
+            ),
+        ] {
+            let error = format!("{:#}", resolve(arguments).unwrap_err());
+            assert!(parts.iter().all(|part| error.contains(part)), "{arguments:?}: {error}");
+        }
     }
 
     #[test]

@@ -103,6 +103,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
         sensor.synthesis = synthesis;
     }
     let memory = MemoryReport::of(service.rig());
+    record.take_light(service.rig())?;
     drop(service);
     device_choice::check_validation(&device)?;
 

@@ -127,7 +127,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.poses = check.map(|check| check.report);
     report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
-    for warning in of_poses.into_iter().chain(of_input) {
+    let of_light = camera.light_warnings.iter().cloned();
+    for warning in of_poses.into_iter().chain(of_input).chain(of_light) {
         eprintln!("warning: {warning}");
     }
     let recording = arguments.ros.record.as_ref();
@@ -240,5 +241,6 @@ fn simulate(
     progress.finish_and_clear();
     let (expected, actual) = (folder.paths.len(), record.submit_to_packet_ns.len() + 1);
     ensure!(actual == expected, "decoding stopped after {actual} frames of {expected}");
+    record.take_light(&rig)?;
     Ok((record, MemoryReport::of(&rig)))
 }

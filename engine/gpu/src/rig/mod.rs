@@ -18,6 +18,7 @@ mod conventions;
 mod geometry;
 mod held;
 mod input;
+mod light;
 mod machine;
 mod merge;
 mod parameters;
@@ -47,6 +48,7 @@ use config::{check_groups, check_rows, check_sensor};
 use esaac_layout::{self as layout, Camera, Counters, StateWord};
 use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
+use esaac_model::physical::Illuminances;
 use esaac_model::{Pixel, SensorModel, Synthesis};
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
@@ -98,6 +100,10 @@ struct CameraState {
     asked: Synthesis,
     /// Whether its poses predict its motion vectors.
     check: PoseCheck,
+    /// Light on the focal plane, for physical pixels.
+    light: Illuminances,
+    /// Length of its longest interval.
+    longest_interval_ns: u32,
     /// Whether the next frame's motion vectors lead to the last frame.
     vectors_span: bool,
     last_ns: Option<i64>,
@@ -296,6 +302,10 @@ impl Rig {
         }
         let state = &mut self.cameras[camera];
         let held_ns = state.last_ns.map(|ns| ns + i64::from(state.config.sensor.refractory_ns));
+        let other_light = effects.resets_frames || state.config.sensor.lux_per_unit != sensor.lux_per_unit;
+        if other_light {
+            state.light = Illuminances::default();
+        }
         state.config.sensor = sensor;
         state.asked = asked;
         state.changed = true;
@@ -510,6 +520,8 @@ impl CameraState {
             scene: None,
             asked: config.sensor.synthesis,
             check: PoseCheck::default(),
+            light: Illuminances::default(),
+            longest_interval_ns: 0,
             vectors_span: true,
             last_ns: None,
             last_interval_ns: 0,

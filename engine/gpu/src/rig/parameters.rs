@@ -7,12 +7,14 @@ use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
-    IngestConstants, IngestCpuConstants, Physical, QUEUE_PER_PX, Readout, ReadoutConstants, SortConstants,
+    IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, Readout, ReadoutConstants,
+    SortConstants,
 };
+use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
 use esaac_model::physical::Bus;
 use esaac_model::random::HAZARD_FRACTION_BITS;
-use esaac_model::substeps::{MAX_SUBSTEPS, quantise_ns};
+use esaac_model::substeps::{MAX_SUBSTEPS, least_substeps, quantise_ns};
 use esaac_model::{
     IdFormat, Intensity, LOG_FRACTION_BITS, MotionFormat, Pixel, ReadoutKind, SensorModel, SubstepPolicy,
     Synthesis, Taps, Timestamps, log_to_q24,
@@ -73,6 +75,9 @@ pub(super) fn permutation(
             hdr_format: camera.config.hdr,
             motion_format: camera.config.motion.unwrap_or(MotionFormat::F16x2),
             id_format: camera.config.geometry.and_then(|g| g.ids).unwrap_or(IdFormat::U32),
+            effect_psf: sensor.psf_sigma_px > 0.0,
+            effect_vignetting: sensor.vignetting_fov_deg > 0.0,
+            effect_flicker: sensor.flicker().is_some(),
             fisheye,
         },
         cross: CrossConstants {
@@ -85,6 +90,7 @@ pub(super) fn permutation(
             effect_delay: sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0,
             at_sample: sensor.timestamps == Timestamps::AtSample,
             effect_aps: sensor.aps_exposure_ns > 0,
+            effect_flicker: sensor.flicker().is_some(),
             synthesis: sensor.synthesis,
             taps: sensor.taps,
             dump_samples: options.keep_substeps,
@@ -406,6 +412,45 @@ pub(super) fn physical_row(sensor: &SensorModel) -> Physical {
         light_q24_per_charge: (light_q24 / drive_per_s) as f32,
         unused: 0,
         also_unused: 0,
+    }
+}
+
+/// Whether lens or lamp do anything to a camera's light.
+pub(super) fn has_optics(sensor: &SensorModel) -> bool {
+    sensor.psf_sigma_px > 0.0 || sensor.vignetting_fov_deg > 0.0 || sensor.flicker().is_some()
+}
+
+/// A camera's row of the table of optics for a tick; `t_ns` is `None` if the camera takes no part.
+pub(super) fn optics_row(camera: &CameraState, t_ns: Option<i64>) -> Optics {
+    let sensor = &camera.config.sensor;
+    let start_ns = camera.last_ns.or(t_ns).unwrap_or(0);
+    let end_ns = t_ns.unwrap_or(start_ns);
+    let [psf_0, psf_1, psf_2, psf_3] = psf_weights(sensor.psf_sigma_px).map(|weight| weight as f32);
+    let tangent_per_px = match sensor.vignetting_fov_deg {
+        0.0 => 0.0,
+        fov_deg => 1.0 / focal_px(sensor.width, fov_deg),
+    };
+    let row = Optics {
+        psf_0,
+        psf_1,
+        psf_2,
+        psf_3,
+        vignetting_per_px2: (tangent_per_px * tangent_per_px) as f32,
+        lamp_start: 1.0,
+        lamp_end: 1.0,
+        least_substeps: least_substeps(sensor, (end_ns - start_ns) as u32),
+        ..Optics::default()
+    };
+    let Some(lamp) = sensor.flicker() else { return row };
+    let step = lamp.hz * 1e-9 * (1_u64 << layout::FLICKER_FRACTION_BITS) as f64;
+    Optics {
+        lamp_start: lamp.factor(start_ns) as f32,
+        lamp_end: lamp.factor(end_ns) as f32,
+        flicker_depth: lamp.depth as f32,
+        // A whole turn is 0.
+        flicker_phase: (lamp.turns(start_ns) * 4_294_967_296.0).round() as u64 as u32,
+        flicker_step: step.round() as u32,
+        ..row
     }
 }
 

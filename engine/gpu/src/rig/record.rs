@@ -4,8 +4,8 @@
 
 use super::code::Code;
 use super::parameters::{
-    Permutation, Specialised, camera_row, has_bus, is_physical, is_rigid, outlet_row, permutation,
-    physical_row, readout, readout_apart, readout_row, sort,
+    Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
+    permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
 use super::scene::{Tables, tables};
 use super::{CameraState, Pipelines, Recordings, Rig};
@@ -246,6 +246,10 @@ impl Rig {
         if self.cameras.iter().any(|camera| is_physical(&camera.config.sensor)) {
             let physicals: Vec<_> = self.cameras.iter().map(|c| physical_row(&c.config.sensor)).collect();
             self.arena.table(layout::PHYSICALS).write(0, &physicals);
+        }
+        if self.cameras.iter().any(|camera| has_optics(&camera.config.sensor)) {
+            let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| optics_row(c, *t_ns)).collect();
+            self.arena.table(layout::OPTICS).write(0, &rows);
         }
         let order = order(&self.permutations());
         self.parameters.clear();

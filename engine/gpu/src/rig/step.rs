@@ -59,7 +59,9 @@ impl Rig {
         let given = t_ns.iter().enumerate().map(|(number, t_ns)| {
             t_ns.map(|t_ns| Given { t_ns, inputs: Some(tiles), images_before: number })
         });
-        self.check_conventions(&given.collect::<Vec<_>>(), hooks)?;
+        let given: Vec<_> = given.collect();
+        self.check_conventions(&given, hooks)?;
+        self.look_at_light(&given, hooks)?;
         self.tick(&frames, hooks)
     }
 
@@ -87,7 +89,9 @@ impl Rig {
         let given = frames
             .iter()
             .map(|frame| frame.map(|FrameInput { t_ns, inputs }| Given { t_ns, inputs, images_before: 0 }));
-        self.check_conventions(&given.collect::<Vec<_>>(), hooks)?;
+        let given: Vec<_> = given.collect();
+        self.check_conventions(&given, hooks)?;
+        self.look_at_light(&given, hooks)?;
         self.tick(&inputs, hooks)
     }
 
@@ -324,6 +328,7 @@ impl CameraState {
         let busy_blocks = self.place.blocks - counters.skipped_blocks.min(self.place.blocks);
         self.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
         self.last_interval_ns = self.last_ns.map_or(0, |last| (t_ns - last) as u32);
+        self.longest_interval_ns = self.longest_interval_ns.max(self.last_interval_ns);
         if self.last_ns.is_none() {
             self.epoch_ns = t_ns;
         }

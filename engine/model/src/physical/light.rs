@@ -7,20 +7,39 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Luminous efficacy of white light, lm/W, where nothing better is known: of visible daylight (a black body at 5800 K,
-/// cut to 400 to 700 nm). An equal-energy white over all of the visible has 179, the standard of the renderer Radiance.
-pub const WHITE_EFFICACY_LM_PER_W: f64 = 251.0;
+/// Luminous efficacy of white light, lm/W, where nothing better is known. Two measurements of one pixel give it: the
+/// response to lux that fits the EVK4's noise (Noise2Params) over the response to W/m2 that its latency has (NIST). A black
+/// body at 5800 K, cut to 400 to 700 nm, has 251; the renderer Radiance takes 179, of equal energy over all the visible.
+pub const WHITE_EFFICACY_LM_PER_W: f64 = 270.0;
+
+/// Transmission of a lens where it is not known.
+pub const LENS_TRANSMISSION: f64 = 0.9;
 
 /// Why a lens or a scene's unit is refused.
 #[derive(Clone, Debug, PartialEq, Error)]
-#[error("{quantity} is {actual}, expected {expected}")]
-pub struct LightError {
-    /// What is wrong.
-    pub quantity: &'static str,
-    /// Allowed range.
-    pub expected: &'static str,
-    /// Value given.
-    pub actual: f64,
+pub enum LightError {
+    /// A number that no lens or light has.
+    #[error("{quantity} is {actual}, expected {expected}")]
+    Range {
+        /// What is wrong.
+        quantity: &'static str,
+        /// Allowed range.
+        expected: &'static str,
+        /// Value given.
+        actual: f64,
+    },
+    /// A unit that is none of [`SceneUnit`]'s.
+    #[error("scene unit is `{actual}`, expected luminance (cd/m2) or radiance (W/m2/sr)")]
+    Unit {
+        /// Name given.
+        actual: String,
+    },
+    /// An efficacy for light that is measured in lumens.
+    #[error("a luminous efficacy of {actual} lm/W is given, expected none: luminance needs none")]
+    EfficacyOfLuminance {
+        /// Value given.
+        actual: f64,
+    },
 }
 
 /// What an intensity of 1 means in the scene.
@@ -36,6 +55,21 @@ pub enum SceneUnit {
     },
 }
 
+impl SceneUnit {
+    /// The unit of this name, `luminance` or `radiance`; for radiance with the efficacy of its light, or that of white
+    /// light.
+    pub fn named(name: &str, efficacy_lm_per_w: Option<f64>) -> Result<Self, LightError> {
+        match (name, efficacy_lm_per_w) {
+            ("luminance", None) => Ok(SceneUnit::Luminance),
+            ("luminance", Some(actual)) => Err(LightError::EfficacyOfLuminance { actual }),
+            ("radiance", efficacy) => {
+                Ok(SceneUnit::Radiance { efficacy_lm_per_w: efficacy.unwrap_or(WHITE_EFFICACY_LM_PER_W) })
+            }
+            _ => Err(LightError::Unit { actual: name.to_owned() }),
+        }
+    }
+}
+
 /// A lens.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lens {
@@ -46,7 +80,8 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// Focal-plane illuminance of an intensity of 1 at the centre of the image, lux: a camera's `lux_per_unit`.
+    /// Focal-plane illuminance of an intensity of 1 at the centre of the image, lux: a camera's `lux_per_unit`, if its
+    /// `exposure_gain` is 1; else over that.
     ///
     /// # Errors
     /// `LightError` for an F-number, a transmission or an efficacy that no lens or light has.
@@ -57,7 +92,7 @@ impl Lens {
             expected: &'static str,
             holds: bool,
         ) -> Result<(), LightError> {
-            if holds { Ok(()) } else { Err(LightError { quantity, expected, actual }) }
+            if holds { Ok(()) } else { Err(LightError::Range { quantity, expected, actual }) }
         }
         check("F-number", self.f_number, "0.5 to 100", (0.5..=100.0).contains(&self.f_number))?;
         let transmits = self.transmission > 0.0 && self.transmission <= 1.0;
@@ -71,34 +106,6 @@ impl Lens {
             }
         };
         Ok(std::f64::consts::PI * self.transmission * efficacy / (4.0 * self.f_number * self.f_number))
-    }
-}
-
-/// What a photodiode sees of linear RGB.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Spectrum {
-    /// The eye: Rec. 709 luminance. No photodiode sees this, but `lux_per_unit` refers to it.
-    Luminance,
-    /// The same response at every visible wavelength.
-    Flat,
-    /// Front-illuminated silicon, which loses blue light in its wiring.
-    SiliconFront,
-    /// Back-illuminated silicon: [`Spectrum::Flat`] times a quantum efficiency of .78 (blue), .90 (green), .75 (red).
-    /// Assumed.
-    SiliconBack,
-}
-
-impl Spectrum {
-    /// Weights of linear R, G, B. They sum to 1, so that a grey scene has the intensity that it has in luminance.
-    #[must_use]
-    pub fn weights(self) -> [f64; 3] {
-        match self {
-            Spectrum::Luminance => crate::intensity::REC709,
-            Spectrum::Flat => [0.40, 0.24, 0.36],
-            Spectrum::SiliconFront => [0.415, 0.292, 0.293],
-            Spectrum::SiliconBack => [0.376, 0.271, 0.353],
-        }
     }
 }
 
@@ -129,10 +136,12 @@ mod tests {
     }
 
     #[test]
-    fn weights_sum_to_one() {
-        for spectrum in [Spectrum::Luminance, Spectrum::Flat, Spectrum::SiliconFront, Spectrum::SiliconBack] {
-            let sum: f64 = spectrum.weights().iter().sum();
-            assert!((sum - 1.0).abs() < 1e-12, "{spectrum:?}: {sum}");
-        }
+    fn units_have_names_and_radiance_a_white_light() {
+        let white = SceneUnit::named("radiance", None).unwrap();
+        assert_eq!(white, SceneUnit::Radiance { efficacy_lm_per_w: WHITE_EFFICACY_LM_PER_W });
+        assert_eq!(SceneUnit::named("luminance", None), Ok(SceneUnit::Luminance));
+        let refused = |name, efficacy| SceneUnit::named(name, efficacy).unwrap_err().to_string();
+        assert!(refused("nits", None).contains("`nits`, expected luminance"));
+        assert!(refused("luminance", Some(270.0)).contains("270 lm/W"));
     }
 }

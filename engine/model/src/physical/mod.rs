@@ -55,12 +55,14 @@
 //! Functions of (seed, camera, pixel, stream, event index), as all draws of the model: see [`noise`]. No draw belongs to
 //! a sub-step, a frame or a tile, so none of them can change statistics.
 
+mod illuminance;
 pub mod light;
 pub mod noise;
 pub mod photoreceptor;
 mod presets;
 mod readout;
 
+pub use illuminance::{DIM_LUX, Illuminances, LightReport, lux_of};
 pub use presets::{PHYSICAL_PRESETS, PhysicalPreset, Sourced, physical_preset};
 pub use readout::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, Readout, ReadoutKind};
 

@@ -100,6 +100,8 @@ pub struct Span<'a> {
     pub interval_ns: u32,
     /// Intensity at the start and at the end of every sub-step.
     pub samples: &'a [f64],
+    /// Intensity in both frames, in steady light.
+    pub frames: [f64; 2],
 }
 
 /// An event before it is stamped.
@@ -124,7 +126,7 @@ pub fn walk(
 ) {
     let substeps = (span.samples.len() - 1) as u32;
     let end_ns = |i| substep_end_ns(span.interval_ns, i, substeps);
-    let shot_hazard = shot::mean_hazard_per_ns(sensor, span.samples[0], span.samples[substeps as usize]);
+    let shot_hazard = shot::mean_hazard_per_ns(sensor, span.frames[0], span.frames[1]);
     let mut first = 0;
     for last in 1..=substeps {
         // An interval of fewer nanoseconds than sub-steps has sub-steps of length zero. Merge them with the next one.

@@ -204,6 +204,15 @@ fn the_gpus_kernels_are_the_oracles_too() {
 }
 
 #[test]
+fn behind_a_lens_and_in_the_light_of_a_lamp_they_are_the_oracles() {
+    let lens = SensorModel { psf_sigma_px: 0.6, vignetting_fov_deg: 60.0, ..sensor() };
+    let lamp = SensorModel { flicker_depth: 0.5, flicker_hz: 60.0, ..lens.clone() };
+    check(&lens, &[SceneKind::Poles], None);
+    check(&SensorModel { intensity: Intensity::BayerRggb, ..lamp.clone() }, &[SceneKind::Bounce], None);
+    check(&lamp, &[SceneKind::Shake], Some(KernelPolicy::gpu()));
+}
+
+#[test]
 fn two_transfers_and_fixed_substeps_are_the_oracles() {
     let sensor = SensorModel { transfers: 2, substep_policy: SubstepPolicy::Fixed, substeps: 8, ..sensor() };
     check(&sensor, &[SceneKind::Bounce, SceneKind::Poles], None);

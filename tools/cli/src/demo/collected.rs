@@ -109,6 +109,11 @@ impl Collected {
         });
     }
 
+    /// Takes what the rig has seen of the cameras' light.
+    pub fn take_light(&mut self, rig: &Rig) -> Result<()> {
+        self.record.take_light(rig)
+    }
+
     pub fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Result<Simulated> {
         let ros = self.ros.finish()?;
         Ok(Simulated {

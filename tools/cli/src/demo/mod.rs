@@ -141,7 +141,7 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
     sensor.synthesis = sensor.synthesis.resolve(false, true);
     let intensity = match sensor.intensity {
         Intensity::BayerRggb => Intensity::Luminance,
-        Intensity::Gray | Intensity::Luminance => Intensity::BayerRggb,
+        _ => Intensity::BayerRggb,
     };
     Ok([sensor.clone(), SensorModel { intensity, ..sensor }])
 }

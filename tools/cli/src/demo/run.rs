@@ -123,6 +123,7 @@ impl<'a> Run<'a> {
         }
         progress.finish_and_clear();
         let frames = (self.times_ns.len() * rig.len()) as u64;
+        collected.take_light(&rig)?;
         collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig))
     }
 
@@ -169,6 +170,7 @@ impl<'a> Run<'a> {
         }
         progress.finish_and_clear();
         renderer.finish()?;
+        collected.take_light(service.rig())?;
         collected.finish(LinkReport::of(&service), MemoryReport::of(service.rig()))
     }
 }

@@ -11,6 +11,7 @@ use crate::synthesis_choice::SynthesisChoice;
 use anyhow::Result;
 use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
 use esaac_model::SensorModel;
+use esaac_model::physical::LightReport;
 use esaac_ros::Summary;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -82,6 +83,10 @@ pub struct CameraReport {
     pub dropped: u64,
     /// The engine's counters, by name.
     pub diagnostics: BTreeMap<String, u64>,
+    /// Light on the focal plane, for a physical pixel.
+    pub light: Option<LightReport>,
+    /// What to tell about the light.
+    pub light_warnings: Vec<String>,
     /// Comparison with the scene's exact events, if the scene is known.
     pub accuracy: Option<AccuracyReport>,
 }
@@ -147,6 +152,8 @@ impl Report {
                 off: camera.off,
                 dropped: camera.dropped,
                 diagnostics: camera.diagnostics.clone(),
+                light: camera.light,
+                light_warnings: camera.light_warnings.clone(),
                 accuracy: None,
             })
             .collect();

@@ -99,6 +99,12 @@ impl CameraReport {
         if !counted.is_empty() {
             line("diagnostics", counted.join(", "));
         }
+        if let Some(light) = &self.light {
+            line("light", light.to_string());
+        }
+        for warning in &self.light_warnings {
+            line("warning", warning.clone());
+        }
         if let Some(a) = &self.accuracy {
             line(
                 "against exact",

@@ -103,6 +103,21 @@ fn sensor_parameters_out_of_range_or_unknown() {
 }
 
 #[test]
+fn light_that_is_none_or_half_said() {
+    let frames = Frames::new(2, true);
+    simulate_error(&frames, &["--lux-per-unit", "-3"], &["`lux_per_unit` is -3", "expected"]);
+    simulate_error(&frames, &["--temperature-c", "126"], &["`temperature_c` is 126", "-40 to 125"]);
+    simulate_error(&frames, &["--temperature-c", "-41"], &["`temperature_c` is -41", "-40 to 125"]);
+    simulate_error(&frames, &["--psf-sigma-px", "2"], &["`psf_sigma_px` is 2", "0 to 1", "3 px"]);
+    simulate_error(&frames, &["--vignetting-fov-deg", "200"], &["`vignetting_fov_deg` is 200", "170"]);
+    simulate_error(&frames, &["--flicker-depth", "1.2"], &["`flicker_depth` is 1.2", "0 to 1"]);
+    let no_substeps = ["--flicker-depth", "0.2", "--synthesis", "none"];
+    simulate_error(&frames, &no_substeps, &["`synthesis` is none", "one with sub-steps", "flicker_depth"]);
+    simulate_error(&frames, &["--scene-unit", "luminance"], &["without --f-number", "expected both"]);
+    simulate_error(&frames, &["--scene-unit", "lux", "--f-number", "2"], &["`lux`", "expected luminance"]);
+}
+
+#[test]
 fn rates_that_are_none() {
     let frames = Frames::new(2, true);
     simulate_error(&frames, &["--rate", "0"], &["rate is 0 Hz", "expected 1 to 1000000"]);

@@ -63,6 +63,34 @@ print(json.dumps({'on': int((p == 1).sum()), 'off': int((p == -1).sum()), 'senso
 }
 
 #[test]
+fn the_light_of_a_physical_pixel_is_told() {
+    let frames = Frames::new(3, false);
+    let light =
+        ["--synthesis", "none", "--pixel", "physical", "--scene-unit", "luminance", "--f-number", "2"];
+    let (code, report, error) = simulate(&frames, &light);
+    assert_eq!(code, 0, "{error}");
+    let camera = &report["cameras"][0];
+    // .9 pi / 16 lux for each cd/m2; most of the image has .1 cd/m2.
+    assert!((camera["sensor"]["lux_per_unit"].as_f64().unwrap() - 0.1767).abs() < 1e-4, "{camera}");
+    assert!((camera["light"]["median_lux"].as_f64().unwrap() / 0.0177 - 1.0).abs() < 0.1, "{camera}");
+    assert!(camera["light"]["dim_share"].as_f64().unwrap() > 0.8, "{camera}");
+    assert_eq!(camera["light_warnings"].as_array().unwrap().len(), 0, "no preset");
+    let out = frames.file_argument("events.npz");
+    let (_, text, _) = run(&[&["simulate", frames.argument(), "--out", &out], &light[..]].concat());
+    assert!(text.contains("light") && text.contains("of pixels below 0.10 lux"), "{text}");
+
+    let hd = esaac_model::presets::preset_with_physical_pixel("hd").unwrap();
+    let (width, height) = (WIDTH as u32, HEIGHT as u32);
+    let hd = esaac_model::SensorModel { width, height, lux_per_unit: 1000.0, ..hd };
+    std::fs::write(frames.file("hd.toml"), hd.to_toml()).unwrap();
+    let (_, report, error) =
+        simulate(&frames, &["--synthesis", "none", "--sensor", &frames.file_argument("hd.toml")]);
+    let warning = report["cameras"][0]["light_warnings"][0].as_str().unwrap();
+    assert!(warning.contains("0.15 to 5.0 focal-plane lux; 100% of pixels have more"), "{warning}");
+    assert!(error.contains(&format!("warning: {warning}")), "{error}");
+}
+
+#[test]
 fn dropped_events_are_counted_and_exit_with_3() {
     let frames = Frames::new(3, true);
     let (code, report, error) =

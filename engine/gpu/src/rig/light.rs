@@ -1,0 +1,112 @@
+//! How much light falls on cameras with physical pixels, and what to tell about it.
+//!
+//! Some rows of a frame's colour image are read back before the tick that takes it: of few frames, so that it costs next
+//! to nothing, and of the same frames in every run.
+
+use super::conventions::Given;
+use super::parameters::is_physical;
+use super::transfer::{Part, read_back_after};
+use super::{CameraState, Rig};
+use crate::commands::SubmitHooks;
+use crate::error::EngineError;
+use esaac_model::physical::{LightReport, lux_of};
+
+/// Most rows of an image that are looked at, evenly spread.
+const ROWS: u32 = 16;
+
+/// About as many pixels of a row are looked at.
+const COLUMNS: u32 = 256;
+
+/// One frame in so many is looked at, and of those before the 1st, 2nd, 4th and so on.
+const EVERY: u64 = 256;
+
+impl Rig {
+    /// The light on a camera's focal plane, in the frames that were looked at; `None` for a camera without physical pixels,
+    /// and before its first frame.
+    pub fn light(&self, camera: usize) -> Result<Option<LightReport>, EngineError> {
+        Ok(self.camera(camera)?.light.report())
+    }
+
+    /// What to tell the user about a camera's light: that its preset is used beyond the light that it was fitted for, and
+    /// that its intervals have too few sub-steps for the flicker of its lamp.
+    pub fn light_warnings(&self, camera: usize) -> Result<Vec<String>, EngineError> {
+        let state = self.camera(camera)?;
+        let sensor = &state.config.sensor;
+        let of_fit = state.light.fit_warning(sensor);
+        Ok(of_fit.into_iter().chain(sensor.flicker_warning(state.longest_interval_ns)).collect())
+    }
+
+    /// Looks at the light of a tick's frames, if it is their turn.
+    pub(super) fn look_at_light(
+        &mut self,
+        frames: &[Option<Given<'_>>],
+        hooks: &SubmitHooks<'_>,
+    ) -> Result<(), EngineError> {
+        let mut parts = Vec::new();
+        let mut looked = Vec::new();
+        for (number, (camera, given)) in self.cameras.iter().zip(frames).enumerate() {
+            let Some(given) = given.as_ref().filter(|_| camera.looks_at_light()) else { continue };
+            parts.extend(camera.light_parts(given));
+            looked.push(number);
+        }
+        if looked.is_empty() {
+            return Ok(());
+        }
+        // The hooks' timelines are signalled by the tick.
+        let hooks = SubmitHooks { signals: &[], ..*hooks };
+        let bytes = match read_back_after(&self.device, &parts, &hooks) {
+            Ok(bytes) => bytes,
+            Err(error) => return Err(if error.leaves_work() { self.lose(error) } else { error }),
+        };
+        let mut rest = &bytes[..];
+        for number in looked {
+            self.cameras[number].add_light(&mut rest);
+        }
+        Ok(())
+    }
+}
+
+impl CameraState {
+    fn looks_at_light(&self) -> bool {
+        let frame = self.sequence;
+        let is_due =
+            if frame < EVERY { frame == 0 || frame.is_power_of_two() } else { frame.is_multiple_of(EVERY) };
+        is_physical(&self.config.sensor) && (is_due || self.light.is_empty())
+    }
+
+    fn light_rows(&self) -> impl Iterator<Item = u32> + use<> {
+        let height = self.config.sensor.height;
+        let stride = height.div_ceil(ROWS);
+        (stride / 2..height).step_by(stride as usize)
+    }
+
+    /// The rows that are looked at.
+    fn light_parts<'a>(&'a self, given: &Given<'a>) -> Vec<Part<'a>> {
+        let buffer = given.inputs.unwrap_or_else(|| self.input_buffers()).hdr;
+        let sensor = &self.config.sensor;
+        let row_bytes = sensor.width as usize * self.config.hdr.texel_bytes();
+        let first_row = given.images_before * sensor.height as usize;
+        let part = |row: u32| Part {
+            buffer,
+            offset: ((first_row + row as usize) * row_bytes) as u64,
+            bytes: row_bytes as u64,
+        };
+        self.light_rows().map(part).collect()
+    }
+
+    /// Takes its rows off `bytes`.
+    fn add_light(&mut self, bytes: &mut &[u8]) {
+        let (sensor, hdr) = (&self.config.sensor, self.config.hdr);
+        let rows: Vec<u32> = self.light_rows().collect();
+        let (own, rest) = bytes.split_at(rows.len() * sensor.width as usize * hdr.texel_bytes());
+        *bytes = rest;
+        let stride = sensor.width.div_ceil(COLUMNS) as usize;
+        let lux = (0..).zip(rows).flat_map(|(index, y)| {
+            let first = index * sensor.width as usize;
+            (0..sensor.width)
+                .step_by(stride)
+                .filter_map(move |x| lux_of(sensor, (x, y), hdr.decode(own, first + x as usize)))
+        });
+        self.light.add_frame(lux);
+    }
+}
