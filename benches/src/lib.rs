@@ -6,6 +6,7 @@
 //! their results into a folder, and [`results`] keeps them in a page with a section for each device.
 
 pub mod amount;
+pub mod characterise;
 pub mod clock;
 pub mod document;
 pub mod floor;

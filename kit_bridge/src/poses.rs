@@ -2,14 +2,17 @@
 //! engine's axes and order; what is no pose is refused here.
 
 use crate::error::Fault;
-use esaac_model::paths::{Intrinsics, Pose, PoseError, PoseTrack, Projection, SceneMotion, TrackError};
+use esaac_model::paths::{
+    Intrinsics, Pose, PoseError, PoseTimes, PoseTrack, Projection, SceneMotion, TrackError,
+};
 use numpy::{PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods as _};
 use pyo3::prelude::*;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::num::NonZero;
 
-/// Cameras for which a thread is worth starting.
-const CAMERAS_A_THREAD: usize = 32;
+/// Cameras for which a thread is worth starting: starting one takes as long as some twenty of them.
+const CAMERAS_A_THREAD: usize = 128;
 
 /// Position, metres, and a unit quaternion with its scalar last.
 type Numbers = [f64; 7];
@@ -67,6 +70,15 @@ impl Moving {
     }
 }
 
+/// What several scenes of a step have in common.
+#[derive(Default)]
+struct Known {
+    /// Times from a step on.
+    times: HashMap<usize, PoseTimes>,
+    /// Tracks of bodies from a step on.
+    tracks: HashMap<(usize, usize), PoseTrack>,
+}
+
 impl GivenPoses<'_> {
     /// Copies the numbers.
     pub fn read(&self, cameras: usize) -> Result<Poses, Fault> {
@@ -120,8 +132,7 @@ impl Poses {
         let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
         let threads = (wanted.len() / CAMERAS_A_THREAD).clamp(1, cores);
         let some = |wanted: &[Wanted]| {
-            // Environments may share bodies, and a body may have several ids.
-            let mut known = HashMap::new();
+            let mut known = Known::default();
             wanted.iter().map(|wanted| self.scene(wanted, &mut known)).collect::<Result<Vec<_>, _>>()
         };
         if threads == 1 {
@@ -138,15 +149,18 @@ impl Poses {
         })
     }
 
-    fn scene(
-        &self,
-        wanted: &Wanted,
-        known: &mut HashMap<(usize, usize, usize), PoseTrack>,
-    ) -> Result<SceneMotion, Fault> {
+    fn scene(&self, wanted: &Wanted, known: &mut Known) -> Result<SceneMotion, Fault> {
         let index = wanted.index;
         let after = self.times_ns.partition_point(|&t_ns| t_ns <= wanted.first_ns);
         let first = after.saturating_sub(1);
-        let camera = self.track(first, &self.camera, self.cameras, index, || match self.cameras {
+        let times = match known.times.entry(first) {
+            Entry::Occupied(times) => times.get().clone(),
+            Entry::Vacant(missing) => {
+                let times = PoseTimes::new(self.times_ns[first..].to_vec()).map_err(|error| wrong(&error))?;
+                missing.insert(times).clone()
+            }
+        };
+        let camera = self.track(&times, &self.camera, self.cameras, index, || match self.cameras {
             1 => "camera".to_owned(),
             _ => format!("camera {index}"),
         })?;
@@ -167,16 +181,20 @@ impl Poses {
                 );
                 return Err(Fault::Frame(message));
             }
-            let track = match known.get(&(environment, body, first)) {
+            // Environments may share their bodies.
+            let shared = self.environments == 1 && self.cameras > 1;
+            let track = match known.tracks.get(&(body, first)).filter(|_| shared) {
                 Some(track) => PoseTrack::clone(track),
                 None => {
                     let (width, at) =
                         (self.environments * self.bodies_each, environment * self.bodies_each + body);
-                    let track = self.track(first, &self.bodies, width, at, || match self.environments {
+                    let track = self.track(&times, &self.bodies, width, at, || match self.environments {
                         1 => format!("body {body}"),
                         _ => format!("body {body} of environment {environment}"),
                     })?;
-                    known.insert((environment, body, first), track.clone());
+                    if shared {
+                        known.tracks.insert((body, first), track.clone());
+                    }
                     track
                 }
             };
@@ -185,24 +203,28 @@ impl Poses {
         Ok(scene)
     }
 
-    /// The track of entry `at` of `width` a step, from step `first` on. Those before must be poses too.
+    /// The track of entry `at` of `width` a step, over the last steps, at `times`. Those before must be poses too.
     fn track(
         &self,
-        first: usize,
+        times: &PoseTimes,
         numbers: &[f64],
         width: usize,
         at: usize,
         whose: impl Fn() -> String,
     ) -> Result<PoseTrack, Fault> {
-        let pose = |step: usize| {
+        let first = self.times_ns.len() - times.times_ns().len();
+        let mut poses = Vec::with_capacity(times.times_ns().len());
+        for step in 0..self.times_ns.len() {
             let start = (step * width + at) * size_of::<Numbers>() / size_of::<f64>();
             let numbers = numbers[start..].first_chunk().expect("a pose of each step");
-            Pose::from_xyz_qxyzw(numbers)
-                .map_err(|error: PoseError| Fault::Frame(format!("poses: {}, step {step}: {error}", whose())))
-        };
-        let poses = (0..self.times_ns.len()).map(pose).collect::<Result<Vec<_>, _>>()?;
-        PoseTrack::new(self.times_ns[first..].to_vec(), poses[first..].to_vec())
-            .map_err(|error| wrong(&error))
+            let pose = Pose::from_xyz_qxyzw(numbers).map_err(|error: PoseError| {
+                Fault::Frame(format!("poses: {}, step {step}: {error}", whose()))
+            })?;
+            if step >= first {
+                poses.push(pose);
+            }
+        }
+        PoseTrack::at_times(times, poses).map_err(|error| wrong(&error))
     }
 }
 

@@ -170,7 +170,7 @@ impl State {
             side.link().finish()?;
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;
-        step_all(&mut self.banks, frames, t_ns)?;
+        at_once(&mut self.banks, |_, bank| bank.step(frames, t_ns))?;
         for ((last_ns, first_ns), t_ns) in self.last_ns.iter_mut().zip(&mut self.first_ns).zip(t_ns) {
             *last_ns = t_ns.or(*last_ns);
             *first_ns = first_ns.or(*t_ns);
@@ -230,11 +230,18 @@ impl State {
     fn form_on_cuda(&mut self, what: Representation, side: &Arc<CudaSide>) -> Result<Arc<Block>, Fault> {
         let all: u64 = self.banks.iter().map(|bank| bank.rig.elements(what)).sum();
         let block = side.block((all * what.element_bytes()).max(16))?;
+        let target = block.memory()?.0.buffer();
         let mut before = 0;
-        for bank in &mut self.banks {
-            bank.rig.represent(what, block.memory()?.0.buffer(), Share { before, all })?;
-            before += bank.rig.elements(what);
-        }
+        let shares: Vec<_> = self
+            .banks
+            .iter()
+            .map(|bank| {
+                let share = Share { before, all };
+                before += bank.rig.elements(what);
+                share
+            })
+            .collect();
+        at_once(&mut self.banks, |number, bank| Ok(bank.rig.represent(what, target, shares[number])?))?;
         Ok(Arc::new(block))
     }
 
@@ -403,14 +410,21 @@ impl State {
     }
 }
 
-/// Steps all banks at once, each on its own thread, which mostly waits for the device.
-fn step_all(banks: &mut [Bank], frames: &Frames, t_ns: &[Option<i64>]) -> Result<(), Fault> {
+/// Has all banks do something at the same time, each with its number.
+fn at_once(
+    banks: &mut [Bank],
+    work: impl Fn(usize, &mut Bank) -> Result<(), Fault> + Sync,
+) -> Result<(), Fault> {
     if let [bank] = banks {
-        return bank.step(frames, t_ns);
+        return work(0, bank);
     }
+    let work = &work;
     std::thread::scope(|scope| {
-        let threads: Vec<_> =
-            banks.iter_mut().map(|bank| scope.spawn(move || bank.step(frames, t_ns))).collect();
+        let threads: Vec<_> = banks
+            .iter_mut()
+            .enumerate()
+            .map(|(number, bank)| scope.spawn(move || work(number, bank)))
+            .collect();
         threads.into_iter().try_for_each(|thread| thread.join().expect("a bank's thread does not panic"))
     })
 }

@@ -200,7 +200,7 @@ def test_a_physical_pixel_has_the_numbers_of_its_preset():
         with pytest.raises(esaac.ArgumentError, match=message):
             esaac.lux_per_unit(unit, f_number)
     hd = esaac.SensorModel("hd", pixel="physical", lux_per_unit=10.0)
-    assert (hd.pixel, hd.refractory_ns, hd.leak_rate_hz, hd.lux_per_unit) == ("physical", 79_000, -0.02, 10.0)
+    assert (hd.pixel, hd.refractory_ns, hd.leak_rate_hz, hd.lux_per_unit) == ("physical", 79_000, -0.06, 10.0)
     assert hd == esaac.SensorModel.from_toml(hd.to_toml()) and 'pixel="physical"' in repr(hd)
     quiet = esaac.SensorModel("hd", profile="clean", pixel="physical")
     assert (quiet.pixel, quiet.noise_gain, quiet.refractory_ns) == ("physical", 0.0, 0)

@@ -190,8 +190,8 @@ fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
 fn the_light_is_looked_at_and_told() {
     let hd = SensorModel { width: 64, height: 40, lux_per_unit: 10.0, ..quiet() };
     let hd = SensorModel { name: "hd".to_owned(), ..hd }.with_preset_pixel();
-    // Half of the image has 20 lux, the other half .02.
-    let sequence = gray(&hd, &times(0, 6), |_, pixel| if pixel % 64 < 32 { 2.0 } else { 0.002 });
+    // Half of the image has 40 lux, the other half .02.
+    let sequence = gray(&hd, &times(0, 6), |_, pixel| if pixel % 64 < 32 { 4.0 } else { 0.002 });
     let mut rig = rig(&hd, &sequence, RigOptions::default());
     assert_eq!(rig.light(0).expect("a camera"), None, "before the first frame");
     steps(&mut rig, &sequence, 0..6);
@@ -199,13 +199,13 @@ fn the_light_is_looked_at_and_told() {
     // Frames 0, 1, 2 and 4; fourteen of forty rows.
     assert_eq!((light.frames, light.pixels, light.dim_share), (4, 4 * 13 * 64, 0.5), "{light}");
     assert!(
-        (light.low_lux / 0.02 - 1.0).abs() < 0.05 && (light.high_lux / 20.0 - 1.0).abs() < 0.05,
+        (light.low_lux / 0.02 - 1.0).abs() < 0.05 && (light.high_lux / 40.0 - 1.0).abs() < 0.05,
         "{light}"
     );
     let warnings = rig.light_warnings(0).expect("a camera");
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(
-        warnings[0].contains("0.15 to 5.0 focal-plane lux") && warnings[0].contains("50%"),
+        warnings[0].contains("0.15 to 20 focal-plane lux") && warnings[0].contains("50%"),
         "{warnings:?}"
     );
     let brighter = SensorModel { lux_per_unit: 1000.0, ..hd.clone() };

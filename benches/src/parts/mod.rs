@@ -7,6 +7,7 @@ mod effects;
 mod encode;
 mod frontier;
 mod host;
+mod light;
 mod memory;
 mod real_sensor;
 mod scale;
@@ -28,6 +29,7 @@ pub(crate) fn run(laboratory: &Laboratory, part: Part) -> Result<Outcome> {
         Part::Scale => scale::run(laboratory),
         Part::Host => host::run(laboratory),
         Part::Effects => effects::run(laboratory),
+        Part::Light => light::run(laboratory),
         Part::Encode => encode::run(laboratory),
         Part::Day => day::run(laboratory),
         Part::RealSensor => real_sensor::run(laboratory),

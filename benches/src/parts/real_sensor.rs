@@ -6,12 +6,16 @@ use crate::document::{Document, Outcome, short};
 use crate::laboratory::Laboratory;
 use crate::statistics::{kolmogorov_smirnov, mean, wasserstein};
 use anyhow::Result;
+use esaac_calibrate::physical::fit_scene;
 use esaac_calibrate::{Fit, estimate, fit, simulate};
 use esaac_formats::recording::{Recording, aedat4};
 use esaac_model::packet::Event;
-use esaac_model::presets::LOG_OFFSET_HDR;
+use esaac_model::presets::{LOG_OFFSET_HDR, preset_with_physical_pixel};
 use esaac_model::{Polarity, SensorModel};
 use serde::Serialize;
+
+/// Focal-plane light of the frames' full scale, lux: not known, so that of a bright day.
+const WHITE_LUX: f64 = 100.0;
 
 /// Statistics of one stream.
 struct Stream {
@@ -64,17 +68,31 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         shot_noise_rate_hz: 0.0,
         ..fit.sensor.clone()
     };
+    let guess = preset_with_physical_pixel("davis346").expect("a preset");
+    let guess = SensorModel { lux_per_unit: WHITE_LUX, ..guess };
+    let physical = fit_scene(laboratory.device(), &recording, LOG_OFFSET_HDR, &guess)?;
     let runs = vec![
         ("simulated, default sensor", plain),
         ("simulated, calibrated thresholds alone", without_noise),
         ("simulated, calibrated", fit.sensor.clone()),
+        ("simulated, calibrated physical pixel", physical.clone()),
     ];
     rows.extend(laboratory.rows("real sensor", runs, |(name, sensor)| {
         let events = simulate(laboratory.device(), &recording, &sensor)?;
         row(name, &recording, &events, real)
     })?);
     show(&mut document, &recording, &fit, &rows);
-    let figures = serde_json::json!({ "fit": fit, "rows": rows });
+    document.say(&format!(
+        "The physical pixel, if full scale is {WHITE_LUX} lux: C_on {:.3}, C_off {:.3}, mismatch {:.3}, leak {:.2} Hz, \
+         refractory period {} us, charge {:.0} e; the rest is that of `davis346`.",
+        physical.contrast_on,
+        physical.contrast_off,
+        physical.contrast_mismatch,
+        physical.leak_rate_hz,
+        short(f64::from(physical.refractory_ns) * 1e-3),
+        physical.photoreceptor_charge_e
+    ));
+    let figures = serde_json::json!({ "fit": fit, "physical": physical, "rows": rows });
     Ok(Outcome { figures, document })
 }
 

@@ -232,6 +232,13 @@ impl Buffer {
         let target = &mut bytes[first * size_of::<T>()..(first + elements.len()) * size_of::<T>()];
         target.copy_from_slice(bytemuck::cast_slice(elements));
     }
+
+    /// All elements, for writing: reading from memory of the device is slow. Panics if the buffer is not mapped.
+    pub fn all_mut<T: Pod>(&mut self) -> &mut [T] {
+        let bytes = self.mapped_mut().expect("only buffers that the host can see are written");
+        let whole = bytes.len() / size_of::<T>() * size_of::<T>();
+        bytemuck::cast_slice_mut(&mut bytes[..whole])
+    }
 }
 
 impl Drop for Buffer {

@@ -159,7 +159,7 @@ mod tests {
     #[test]
     fn profiles_switch_the_noise_of_the_physical_pixel() {
         let hd = preset_with_physical_pixel("hd").expect("listed");
-        assert_eq!((hd.pixel, hd.noise_gain, hd.leak_rate_hz), (Pixel::Physical, 1.0, -0.02));
+        assert_eq!((hd.pixel, hd.noise_gain, hd.leak_rate_hz), (Pixel::Physical, 1.0, -0.06));
         let with = |profile: Profile| {
             let mut sensor = hd.clone();
             profile.apply(&mut sensor);

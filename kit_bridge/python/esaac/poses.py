@@ -258,13 +258,15 @@ def _numbers(array, name, expected, steps, axes):
         raise FrameError(
             f"poses: {name} has shape {numbers.shape}, expected {expected} with the {steps} steps of times_ns"
         )
-    return numbers.astype(np.float64)
+    # A copy of its own.
+    return np.array(numbers, np.float64, order="C")
 
 
 def _ordered(poses, order):
     if order not in _ORDERS:
         raise ArgumentError(f"order is `{order}`, expected one of {', '.join(_ORDERS)}")
-    return np.ascontiguousarray(poses[..., _ORDERS[order]])
+    # Picking columns costs more than all else here.
+    return poses if order == "xyzw" else np.ascontiguousarray(poses[..., _ORDERS[order]])
 
 
 def _turned(poses, axes):

@@ -5,10 +5,12 @@ python kit_bridge/tests/on_cuda/bench.py [--only TEXT] [--json FILE]
 Times are of whole calls, from frames on the device to a packet, p50 and p99. `rust` is what the same call takes below
 Python (copies, device, packets), `over` is what Python and the binding cost beyond that, `submit` the engine's own
 part of it. `readable` is the call without the frames' way to the engine: what precedes the submission, the device,
-and all that follows until Python has the arrays.
+and all that follows until Python has the arrays. Rows `with poses` have the parts of a step of environments with
+exact paths: poses brought to the host and handed over, the step with all in it, and event frames (`images`).
 """
 
 import argparse
+import collections
 import functools
 import itertools
 import json
@@ -131,6 +133,78 @@ def many(envs, size, packets="cuda"):
     }
 
 
+class Throw:
+    """Environments in which a textured board slides before a textured wall, seen by a still camera: what renderer and
+    physics would give of them, on the device."""
+
+    FOCAL_PX, WALL_M, BOARD_M, SPEED_M_S, SUBSTEPS = 60.0, 4.0, 2.0, 1.2, 8
+
+    def __init__(self, envs, size):
+        self._size = size
+        self._start_m = torch.linspace(-0.8, 0.2, envs, device="cuda")
+        along = (torch.arange(size, device="cuda") + 0.5 - size / 2) / self.FOCAL_PX
+        self._x, self._y = along[None, None, :], along[None, :, None]
+        self.lens = esaac.Intrinsics(
+            self.FOCAL_PX, self.FOCAL_PX, size / 2, size / 2, half_pixel_centres=True
+        )
+        self._poses = torch.zeros(self.SUBSTEPS + 3, envs, 7, device="cuda")
+        self._poses[..., 2], self._poses[..., 6] = -self.BOARD_M, 1.0
+        self._cameras = np.zeros((self.SUBSTEPS + 3, envs, 7))
+        self._cameras[..., 6] = 1.0
+
+    def frame(self, t_s):
+        """Colour, depth, ids."""
+        own = self._x * self.BOARD_M - (self._start_m + self.SPEED_M_S * t_s)[:, None, None]
+        board = (own.abs() < 0.4) & ((self._y * self.BOARD_M).abs() < 0.5)
+        wall = 0.5 + 0.2 * torch.sin(9 * self.WALL_M * self._x) * torch.sin(7 * self.WALL_M * self._y)
+        light = torch.where(board, 0.5 + 0.3 * torch.sin(11 * own), wall)
+        depth = torch.where(board, self.BOARD_M, self.WALL_M)
+        return light.unsqueeze(-1).expand(*light.shape, 3).contiguous(), depth, board.to(torch.int32)
+
+    def poses(self, t_ns):
+        """Of all substeps since the frame before, and two before them, as `esaac.newton` brings them to the host."""
+        times_ns = t_ns + (np.arange(-self.SUBSTEPS - 2, 1) * FRAME_NS) // self.SUBSTEPS
+        at_s = torch.from_numpy(times_ns * 1e-9).to("cuda", torch.float32)
+        self._poses[..., 0] = self._start_m + self.SPEED_M_S * at_s[:, None]
+        return times_ns, self._cameras, self._poses[:, :, None].cpu().numpy()
+
+
+def posed(envs, size, synthesis="rigid"):
+    """A step with exact paths, and where its time goes: bringing poses to the host, handing them over (`Poses`), the
+    step (of that, until the frames have been copied, and from submission to packets), and event frames afterwards."""
+    throw = Throw(envs, size)
+    sensor = esaac.SensorModel("dvs128", width=size, height=size, profile="noisy", synthesis=synthesis)
+    camera = esaac.TiledEventCamera(sensor, envs, device="cuda:0", packets="cuda", intrinsics=throw.lens)
+    made = [throw.frame(index / 30) for index in range(16)]
+    parts = collections.defaultdict(list)
+    for index in range(64):
+        camera.reset() if index % len(made) == 0 else None
+        hdr, depth, ids = made[index % len(made)]
+        t_ns = FRAME_NS * (index + 1)
+        torch.cuda.synchronize()
+        marks = [time.perf_counter_ns()]
+        given = throw.poses(t_ns)
+        marks.append(time.perf_counter_ns())
+        poses = esaac.Poses(*given)
+        marks.append(time.perf_counter_ns())
+        packet = camera.step(hdr, t_ns=t_ns, depth=depth, ids=ids, poses=poses)
+        marks.append(time.perf_counter_ns())
+        torch.from_dlpack(camera.event_frames())
+        torch.cuda.synchronize()
+        marks.append(time.perf_counter_ns())
+        if index < len(made) or index % len(made) == 0:
+            continue
+        told = camera.statistics
+        for name, took_ns in zip(("bring", "hand_over", "step", "images"), np.diff(marks)):
+            parts[name].append(float(took_ns) / 1e3)
+        parts["all"].append((marks[-1] - marks[0]) / 1e3)
+        for name, of in (("frames", "frames_ns"), ("device", "submit_to_packet_ns"), ("gpu", "gpu_ns")):
+            parts[name].append(told[of] / 1e3)
+    middle = lambda values: sorted(values)[len(values) // 2]
+    row = {f"{name}_us": middle(values) for name, values in parts.items()}
+    return {**row, "events": len(packet), "host_copies": camera.statistics["host_copies"]}
+
+
 def vga(envs, packets, on_host):
     """How much longer than the GPU's work takes it until Python has the arrays of every environment?"""
     camera = esaac.TiledEventCamera("vga", envs, profile="noisy", device="cuda:0", packets=packets)
@@ -241,6 +315,8 @@ def main():
     for envs, frames_of, packets in itertools.product((8, 64), ("NumPy", "torch"), ("host", "mapped")):
         name = f"{envs} x VGA x32, frames of {frames_of}, packets `{packets}`"
         cases[name] = functools.partial(vga, envs, packets, frames_of == "NumPy")
+    for envs, synthesis in itertools.product((64, 256, 1024), ("rigid", "linear")):
+        cases[f"{envs} of 64x64 with poses, {synthesis}"] = functools.partial(posed, envs, 64, synthesis)
     tiles = {f"{envs} of {size}x{size}": functools.partial(many, envs, size) for envs, size in TILES}
     rows = {}
     for name, case in (cases | tiles).items():

@@ -1,6 +1,8 @@
-"""A MuJoCo scene: textured boxes slide, turn and fall before a textured wall, seen by two cameras.
+"""MuJoCo scenes.
 
-One camera is still, the other sits on a platform that shakes and turns.
+`model`: textured boxes slide, turn and fall before a textured wall, seen by two cameras. One is still, the other sits
+on a platform that shakes and turns. `yard`: chequers with hard edges and plain colours, as MuJoCo's own textures are,
+and a still camera. Nothing of it was chosen by its score.
 """
 
 import mujoco
@@ -47,6 +49,37 @@ XML = """
 """
 
 
+YARD = """
+<mujoco>
+  <option timestep="{step}" integrator="implicitfast"/>
+  <visual>
+    <headlight ambient=".4 .4 .4" diffuse=".3 .3 .3" specular=".1 .1 .1"/>
+    <quality shadowsize="0"/>
+  </visual>
+  <asset>
+    <texture name="chequers" type="2d" builtin="checker" rgb1=".3 .3 .35" rgb2=".6 .6 .55" width="256" height="256"/>
+    <texture name="shades" type="2d" builtin="gradient" rgb1=".3 .45 .6" rgb2=".7 .7 .6" width="128" height="128"/>
+    <texture name="marks" type="cube" builtin="checker" rgb1=".75 .3 .2" rgb2=".8 .7 .3" width="64" height="64"/>
+    <material name="floor" texture="chequers" texrepeat="5 5"/>
+    <material name="wall" texture="shades"/>
+    <material name="marked" texture="marks"/>
+  </asset>
+  <worldbody>
+    <light pos="1 -2 3" dir="-.3 .7 -1" directional="true" castshadow="false" diffuse=".4 .4 .4"/>
+    <geom type="plane" size="4 4 .1" material="floor"/>
+    <geom type="box" size="4 .1 3" pos="0 3 3" material="wall"/>
+    <body pos="-1 1.4 1"><freejoint/><geom type="sphere" size=".25" material="marked"/></body>
+    <body pos=".8 1.7 .3"><freejoint/><geom type="box" size=".25 .2 .15" rgba=".25 .5 .35 1"/></body>
+    <body pos="0 2 1.9">
+      <joint type="hinge" axis="0 1 0"/>
+      <geom type="capsule" size=".07" fromto="0 0 0 0 0 -1" rgba=".7 .7 .75 1"/>
+    </body>
+    <camera name="yard" pos="0 -1 1" xyaxes="1 0 0 0 0 1" fovy="50"/>
+  </worldbody>
+</mujoco>
+"""
+
+
 def texture(seed, shape, most):
     """Smooth waves without seams, `most` along each side: bytes."""
     random = np.random.default_rng(seed)
@@ -75,5 +108,17 @@ def begun(made):
     data.qvel[:6] = (1.6, 0.0, 2.0, 2.0, -3.0, 4.0)
     data.qpos[7] = 0.8
     data.qvel[7:] = 1.2, 2.0
+    mujoco.mj_forward(made, data)
+    return data
+
+
+def yard():
+    return mujoco.MjModel.from_xml_string(YARD.format(step=1 / PHYSICS_HZ))
+
+
+def yard_begun(made):
+    """The state at time 0: a ball and a box are thrown, a pendulum swings."""
+    data = mujoco.MjData(made)
+    data.qvel[:] = (2.5, 0, 1.5, 2, 4, 1, -1.2, 0, 1, 0, 2, 3, 2.5)
     mujoco.mj_forward(made, data)
     return data

@@ -113,9 +113,10 @@ def test_paths_are_within_a_fiftieth_of_a_pixel_of_mujocos_own(model, camera, mo
     assert worst_px < 0.02 and furthest_px < 0.02 and min(shown) > 0.9
 
 
-def run(model, camera, frame_hz, seconds, synthesis):
-    data, packets = scene.begun(model), []
-    with made(model, camera, synthesis=synthesis) as cam:
+def run(camera, frame_hz, seconds, synthesis, **options):
+    model, begun = (scene.yard(), scene.yard_begun) if camera == "yard" else (scene.model(), scene.begun)
+    data, packets = begun(model), []
+    with made(model, camera, synthesis=synthesis, **options) as cam:
         for index in range(round(seconds * PHYSICS_HZ) + 1):
             if index:
                 mujoco.mj_step(model, data)
@@ -128,22 +129,29 @@ def run(model, camera, frame_hz, seconds, synthesis):
     return tuple(np.concatenate([getattr(packet, name) for packet in packets]) for name in COLUMNS)
 
 
-BOUNDS = {"still": 0.65, "shaken": 0.85}
-"""The still camera sees only the boxes move, whose texture and edges are as fine as its pixels."""
+BOUNDS = {
+    ("still", FRAME_HZ): 0.62,
+    ("still", 120): 0.8,
+    ("shaken", FRAME_HZ): 0.85,
+    ("yard", FRAME_HZ): 0.42,
+}
+"""Still cameras see only what turns, whose sides come into view between two frames, and hard edges."""
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-def test_events_agree_with_those_of_mujoco_rendered_at_960_hz(model, camera, monkeypatch):
+@pytest.mark.parametrize(("camera", "frame_hz"), BOUNDS)
+def test_events_agree_with_those_of_mujoco_rendered_at_960_hz(camera, frame_hz, monkeypatch):
+    """The truth is averaged of more samples than the frames, so that the frames' own noise counts against them."""
     monkeypatch.setattr(rigid_numpy, "WIDTH", WIDTH)
     seconds = 0.2
-    truth = run(model, camera, TRUTH_HZ, seconds, "linear")
+    truth = run(camera, TRUTH_HZ, seconds, "linear", antialiasing=7)
     scores = {
-        synthesis: rigid_numpy.f1(run(model, camera, FRAME_HZ, seconds, synthesis), truth)
+        synthesis: rigid_numpy.f1(run(camera, frame_hz, seconds, synthesis), truth)
         for synthesis in ("rigid", "linear")
     }
     told = {name: round(score, 3) for name, score in scores.items()}
-    print(f"camera {camera}, {len(truth[0])} events: F1 within 1 ms {told}")
-    assert scores["rigid"] >= BOUNDS[camera] and scores["rigid"] > 1.8 * scores["linear"]
+    print(f"camera {camera}, frames at {frame_hz} Hz, {len(truth[0])} events: F1 within 1 ms {told}")
+    assert scores["rigid"] >= BOUNDS[camera, frame_hz]
+    assert scores["rigid"] > (1.4 if frame_hz == FRAME_HZ else 1.0) * scores["linear"]
 
 
 def test_trap_poses_after_a_step_are_those_of_its_end_and_the_data_are_left_alone(model):

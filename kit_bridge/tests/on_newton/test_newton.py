@@ -1,5 +1,8 @@
 """Event cameras of Newton: their paths and events against what Newton itself draws."""
 
+import gc
+import os
+
 import newton
 import numpy as np
 import pytest
@@ -189,8 +192,10 @@ EXACT_S = 0.004
 
 
 def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
+    # Resets at least, at random: ESAAC_RESETS=1000 makes as many, which takes minutes.
+    wanted = int(os.environ.get("ESAAC_RESETS", "50"))
     moving, random = Moving(4), np.random.default_rng(7)
-    frames, per_frame = 60, 8
+    frames, per_frame = 40, 8
     made = cameras(moving, substep_s=EXACT_S, profile="noisy")
     fresh = cameras(moving, substep_s=EXACT_S, profile="noisy")
     expected, begun, resets = [], np.zeros(4, int), 0
@@ -198,7 +203,8 @@ def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
         for substep in range(per_frame if frame else 0):
             fresh.record(moving.at((per_frame * (frame - 1) + substep) * EXACT_S))
         expected.append(fresh.step(moving.at(per_frame * frame * EXACT_S)))
-    for frame in range(frames):
+    frame = 0
+    while resets < wanted:
         for substep in range(per_frame if frame else 0):
             made.record(moving.at((per_frame * (frame - 1 - begun) + substep) * EXACT_S))
         packet = made.step(moving.at(per_frame * (frame - begun) * EXACT_S))
@@ -208,14 +214,46 @@ def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
             for name in ("x", "y", "p"):
                 np.testing.assert_array_equal(getattr(packet[world], name), getattr(reference, name))
             np.testing.assert_array_equal(packet[world].t_ns - shift_ns, reference.t_ns)
-        again = np.flatnonzero(random.random(4) < 0.3)
-        if len(again) and frame < frames - 1:
+        # The fresh run is not longer.
+        ends = (random.random(4) < 0.3) | (frame - begun == frames - 1)
+        again = np.flatnonzero(ends)
+        if len(again):
             begun[again] = frame
             made.reset(again)
             # The first frame of the new episode, of these worlds alone.
             assert len(made.step(moving.at(per_frame * (frame - begun) * EXACT_S), worlds=again)) == 0
             resets += len(again)
-    assert resets > 50 and sum(len(packet) for packet in expected) > 10_000
+        frame += 1
+    assert sum(len(packet) for packet in expected) > 7_000
+
+
+def test_memory_stays_where_it_is():
+    """Over 10,000 steps with ESAAC_STEPS=10000, which takes minutes."""
+    moving, steps = Moving(2), int(os.environ.get("ESAAC_STEPS", "400"))
+    made = cameras(moving, width=16, height=12, intrinsics=(20, 20, 7.5, 5.5), antialiasing=1, limit=16)
+
+    def resident():
+        gc.collect()
+        with open("/proc/self/statm") as statm:
+            return int(statm.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    def step(first, count):
+        sent = 0
+        for index in range(first, first + count):
+            for substep in range(2 if index else 0):
+                made.record(moving.at(0.01 * ((index + substep / 2 - 1) % 30)))
+            if index % 30 == 0:
+                made.reset()
+            sent += len(made.step(moving.at(0.01 * (index % 30))))
+            made.events.event_frames()
+        return sent
+
+    # Buffers grow in the first episodes.
+    assert step(0, 150) > 500
+    before, uses = resident(), made.events.memory()
+    step(150, steps)
+    assert resident() - before < 4 << 20
+    assert made.events.memory() == uses
 
 
 def test_a_reset_that_is_not_read_begins_with_the_next_frame():

@@ -1,4 +1,8 @@
-//! Fits a sensor to a recording: thresholds, mismatch, leak and shot noise from events and APS frames.
+//! Fits a sensor to recordings. [`fit`] fits a log-intensity pixel to a scene with APS frames; [`physical`] a physical
+//! pixel to exposures of known light.
+//!
+//! # A log-intensity pixel
+//! Thresholds, mismatch, leak and shot noise from events and APS frames.
 //!
 //! Between two frames the log intensity of a pixel changes by `dL`, and its events say by how much:
 //! `C_on n_on - C_off n_off = dL + leak - dx`. The remainder `dx` is smaller than a threshold. [`estimate`] adds this
@@ -10,9 +14,12 @@
 //! corrects the thresholds by the ratio. It repeats this a few times.
 
 mod estimate;
+mod light_box;
+pub mod physical;
 mod simulate;
 
 pub use estimate::{Estimate, Noise, Still, estimate};
+pub use light_box::LightBox;
 pub use simulate::simulate;
 
 use anyhow::{Result, ensure};

@@ -3,6 +3,7 @@
 use crate::arguments::CommonArguments;
 use crate::bench::BenchArguments;
 use crate::calibrate::CalibrateArguments;
+use crate::characterise::CharacteriseArguments;
 use crate::demo::DemoArguments;
 use crate::render::RenderArguments;
 use crate::replay::ReplayArguments;
@@ -41,8 +42,10 @@ pub enum Command {
     Render(RenderArguments),
     /// Measure speed, accuracy and memory of the engine on this machine
     Bench(BenchArguments),
-    /// Fit a sensor to a recording of a real one
+    /// Fit a sensor to recordings of a real one
     Calibrate(CalibrateArguments),
+    /// Measure a sensor with a physical pixel as a laboratory would
+    Characterise(CharacteriseArguments),
     /// Publish a recording again, with its timing
     Replay(ReplayArguments),
     /// List the sensor presets with every parameter

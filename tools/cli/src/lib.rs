@@ -9,6 +9,7 @@ pub mod arguments;
 pub mod bench;
 pub mod calibrate;
 pub mod canvas;
+pub mod characterise;
 pub mod colour;
 pub mod command_line;
 #[cfg(test)]

@@ -3,7 +3,10 @@
 use crate::command_line::{Arguments, Command};
 use crate::outcome::Outcome;
 use crate::version::Build;
-use crate::{bench, calibrate, demo, devices, doctor, own_program, render, replay, sensors, serve, simulate};
+use crate::{
+    bench, calibrate, characterise, demo, devices, doctor, own_program, render, replay, sensors, serve,
+    simulate,
+};
 use anyhow::Result;
 use clap::Parser;
 use clap::error::ErrorKind as UsageKind;
@@ -49,6 +52,7 @@ fn command(arguments: &Arguments) -> Result<Outcome> {
         Command::Render(render) => render::run(render, common),
         Command::Bench(bench) => bench::run(bench, common),
         Command::Calibrate(calibrate) => calibrate::run(calibrate, common),
+        Command::Characterise(characterise) => characterise::run(characterise, common),
         Command::Replay(replay) => replay::run(replay, common.json),
         Command::Sensors(sensors) => sensors::run(sensors, common.json),
         Command::Devices => devices::run(common.json),

@@ -21,7 +21,7 @@ pub struct SensorsArguments {
     pub pixel: Pixel,
 }
 
-fn pixel_named(name: &str) -> Result<Pixel, String> {
+pub(crate) fn pixel_named(name: &str) -> Result<Pixel, String> {
     match name {
         "log" => Ok(Pixel::Log),
         "physical" => Ok(Pixel::Physical),

@@ -2,10 +2,18 @@
 //! or +1) and `sensor` (the sensor as TOML text). `numpy.load` reads it without pickles.
 
 use crate::npy;
-use anyhow::Result;
-use esaac_model::PacketView;
-use std::io::{Seek, Write};
-use zip::{CompressionMethod, ZipWriter};
+use anyhow::{Context, Result, bail, ensure};
+use esaac_model::packet::Event;
+use esaac_model::{PacketView, Polarity, SensorModel};
+use std::io::{Read, Seek, Write};
+use std::path::Path;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+/// Most events of a file that is read.
+const MOST_EVENTS: usize = 1 << 31;
+
+/// Most characters of a sensor's text.
+const MOST_SENSOR_CHARACTERS: usize = 1 << 16;
 
 /// Events of one camera, column by column.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -55,6 +63,41 @@ pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &st
     Ok(())
 }
 
+/// Reads an archive: columns and rows of its sensor, and its events.
+pub fn read_npz(path: &Path) -> Result<(u32, u32, Vec<Event>)> {
+    let file = std::fs::File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+    decode(std::io::BufReader::new(file)).with_context(|| format!("{} holds no events", path.display()))
+}
+
+fn decode(file: impl Read + Seek) -> Result<(u32, u32, Vec<Event>)> {
+    let mut archive = ZipArchive::new(file)?;
+    let sensor = SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
+    let x = npy::read(&mut archive, ("x", "<u2"), MOST_EVENTS)?;
+    let y = npy::read(&mut archive, ("y", "<u2"), MOST_EVENTS)?;
+    let t = npy::read(&mut archive, ("t", "<i8"), MOST_EVENTS)?;
+    let signs = npy::read(&mut archive, ("p", "|i1"), MOST_EVENTS)?;
+    for (name, length) in [("y", y.len()), ("t", t.len()), ("p", signs.len())] {
+        ensure!(length == x.len(), "array `{name}` has {length} elements, expected {} as `x`", x.len());
+    }
+    let mut events = Vec::with_capacity(x.len());
+    for (((x, y), t), [sign]) in x.into_iter().zip(y).zip(t).zip(signs) {
+        let (x, y) = (u16::from_le_bytes(x), u16::from_le_bytes(y));
+        ensure!(
+            u32::from(x) < sensor.width && u32::from(y) < sensor.height,
+            "an event at ({x}, {y}) on a sensor of {}x{} px",
+            sensor.width,
+            sensor.height
+        );
+        let polarity = match sign as i8 {
+            1 => Polarity::On,
+            -1 => Polarity::Off,
+            other => bail!("a polarity of {other}, expected -1 or 1"),
+        };
+        events.push(Event { t_ns: i64::from_le_bytes(t), y, x, polarity });
+    }
+    Ok((sensor.width, sensor.height, events))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -76,6 +119,24 @@ mod tests {
         assert_eq!(columns.t_ns, [1_005, 1_006]);
         assert_eq!(columns.sign, [-1, 1]);
         assert_eq!(columns.len(), 2);
+    }
+
+    #[test]
+    fn what_is_written_is_read_back_and_what_does_not_fit_is_refused() {
+        let sensor = SensorModel { width: 300, height: 8, ..SensorModel::default() }.to_toml();
+        let read = |columns: &EventColumns| {
+            let mut bytes = Cursor::new(Vec::new());
+            write_npz(&mut bytes, columns, &sensor).unwrap();
+            decode(bytes)
+        };
+        let columns = EventColumns { x: vec![258, 1], y: vec![7, 0], t_ns: vec![-2, 9], sign: vec![-1, 1] };
+        let event = |t_ns, y, x, polarity| Event { t_ns, y, x, polarity };
+        let events = vec![event(-2, 7, 258, Polarity::Off), event(9, 0, 1, Polarity::On)];
+        assert_eq!(read(&columns).unwrap(), (300, 8, events));
+        let refused = |columns: EventColumns| format!("{:#}", read(&columns).unwrap_err());
+        assert!(refused(EventColumns { x: vec![300, 1], ..columns.clone() }).contains("(300, 7)"));
+        assert!(refused(EventColumns { sign: vec![0, 1], ..columns.clone() }).contains("polarity of 0"));
+        assert!(refused(EventColumns { y: vec![7], ..columns }).contains("`y` has 1 elements"));
     }
 
     #[test]

@@ -165,6 +165,8 @@ pub struct Rig {
     recordings: Recordings,
     /// The table of cameras, as the next submission reads it.
     parameters: Vec<Camera>,
+    /// Scenes that were replaced. They are freed while the device works.
+    past_scenes: Vec<SceneMotion>,
     /// The length of the event queues of `cross`.
     queue: QueueLength,
     timing: Timing,
@@ -227,6 +229,7 @@ impl Rig {
                 representing: Commands::new(device)?,
             },
             parameters: vec![Camera::default(); cameras.len()],
+            past_scenes: Vec::new(),
             queue: QueueLength::default(),
             timing: Timing::new(device, options.stage_times)?,
             results: Results::new(configs),

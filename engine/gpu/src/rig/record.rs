@@ -7,7 +7,7 @@ use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
-use super::scene::{Tables, tables};
+use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
@@ -218,12 +218,13 @@ impl Rig {
 
     /// Fills the tables of instances and poses for a tick.
     fn prepare_poses(&mut self, t_ns: &[Option<i64>]) {
-        for Tables { camera, poses } in tables(&self.cameras, t_ns) {
-            let camera = &self.cameras[camera];
-            let place = camera.place;
-            self.arena.table(layout::INSTANCES).write(place.instance_base as usize, camera.instances.known());
-            self.arena.table(layout::POSES).write(place.pose_base as usize, &poses);
+        for (camera, t_ns) in self.cameras.iter().zip(t_ns) {
+            if t_ns.is_some() && is_rigid(&camera.config.sensor) {
+                let known = camera.instances.known();
+                self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, known);
+            }
         }
+        write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
     }
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.

@@ -6,7 +6,7 @@ use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{Geometry, POSE_ROWS};
 use esaac_model::paths::conventions::Trust;
-use esaac_model::paths::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use esaac_model::paths::{Pose, STATIC_WORLD, SceneMotion};
 use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS};
 use glam::DMat3;
 use std::collections::HashSet;
@@ -111,117 +111,162 @@ impl Instances {
         &self.known
     }
 
-    /// `poses` of the interval from `from_ns` to `to_ns`, which the scene's poses span.
-    pub(super) fn poses(&self, scene: &SceneMotion, [from_ns, to_ns]: [i64; 2]) -> Vec<[f32; 4]> {
-        let times_ns: Vec<i64> = (0..POSE_INSTANTS)
-            .map(|i| {
-                let fraction = i as f64 / (POSE_INSTANTS - 1) as f64;
-                from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64
-            })
-            .collect();
-        let at = |track: &PoseTrack| track.at_all(&times_ns).expect("poses that span the interval");
-        let camera = at(scene.camera());
+    /// Writes `poses` of the interval from `from_ns` to `to_ns`, which the scene's poses span.
+    fn write_poses(
+        &self,
+        scene: &SceneMotion,
+        interval_ns: [i64; 2],
+        Scratch { camera, body }: &mut Scratch,
+        rows: &mut [[f32; 4]],
+    ) {
+        let times_ns = instants_ns(interval_ns);
+        let standing_camera = scene.camera().stands();
+        scene.camera().at_all(&times_ns, camera).expect("poses that span the interval");
         let focal_px = 0.5 * scene.lens().focal_px().element_sum();
-        let mut rows = Vec::with_capacity(self.rows.len() * POSE_ROWS as usize);
-        for row in &self.rows {
-            match *row {
-                Row::Left { .. } => rows.resize(rows.len() + POSE_ROWS as usize, [0.0; 4]),
-                Row::Posed(id) => {
-                    push_poses(&mut rows, &camera, scene.instance(id).map(at).as_deref(), focal_px)
+        // All that stands moves before the camera as the world does.
+        let mut standing = standing_camera.then_some(AT_REST);
+        for (row, rows) in self.rows.iter().zip(rows.chunks_exact_mut(POSE_ROWS as usize)) {
+            let Row::Posed(id) = *row else {
+                rows.fill([0.0; 4]);
+                continue;
+            };
+            match scene.instance(id).filter(|track| !track.stands()) {
+                Some(track) => {
+                    track.at_all(&times_ns, body).expect("poses that span the interval");
+                    rows.copy_from_slice(&moving_rows(camera, Some(body), focal_px));
+                }
+                None => {
+                    rows.copy_from_slice(standing.get_or_insert_with(|| moving_rows(camera, None, focal_px)))
                 }
             }
         }
-        rows
     }
 }
 
-/// Appends the rows of an instance: `camera` and `body` are its poses and the camera's at all instants.
-fn push_poses(rows: &mut Vec<[f32; 4]>, camera: &[Pose], body: Option<&[Pose]>, focal_px: f64) {
-    let last = camera.len() - 1;
-    let stands = |poses: &[Pose]| poses.iter().all(|pose| *pose == poses[0]);
-    if stands(camera) && body.is_none_or(stands) {
-        for _ in 0..=camera.len() {
-            rows.extend([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
-        }
-        rows.push([1.0, 0.0, 0.0, 0.0]);
-        return;
+/// Instants of an interval at which poses are worked out.
+fn instants_ns([from_ns, to_ns]: [i64; 2]) -> [i64; POSE_INSTANTS] {
+    std::array::from_fn(|i| {
+        let fraction = i as f64 / (POSE_INSTANTS - 1) as f64;
+        from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64
+    })
+}
+
+/// Rows of an instance in `poses`.
+type InstanceRows = [[f32; 4]; POSE_ROWS as usize];
+
+/// Of an instance that does not move before the camera.
+const AT_REST: InstanceRows = {
+    let mut rows = [[1.0, 0.0, 0.0, 0.0]; POSE_ROWS as usize];
+    let mut row = 0;
+    while row + 1 < rows.len() {
+        rows[row] = [0.0; 4];
+        rows[row][row % 3] = 1.0;
+        row += 1;
     }
+    rows
+};
+
+/// What poses are worked out in, kept from one camera to the next.
+#[derive(Default)]
+struct Scratch {
+    camera: Vec<Pose>,
+    body: Vec<Pose>,
+}
+
+/// The rows of an instance that moves: `camera` and `body` are its poses and the camera's at all instants, `None` for
+/// one that stands.
+fn moving_rows(camera: &[Pose], body: Option<&[Pose]>, focal_px: f64) -> InstanceRows {
+    let mut rows = AT_REST;
+    let last = POSE_INSTANTS - 1;
     // From camera axes at instant `i` to those at the first instant, or the last.
     let [to_first, to_last] = [0, last].map(|key| {
         let from_world = camera[key].inverse();
         let from_body = body.map_or(from_world, |body| from_world * body[key]);
         move |i: usize| match body {
-            Some(body) => from_body * body[i].inverse() * camera[i],
+            Some(body) => from_body * (body[i].inverse() * camera[i]),
             None => from_body * camera[i],
         }
     });
     let mut moves = false;
-    let mut push = |pose: &Pose| {
-        let turn = DMat3::from_quat(pose.rotation());
+    let mut put = |i: usize, pose: &Pose| {
         let shift_m = pose.translation_m();
-        let rests = shift_m.abs().max_element() < REST && pose.rotation().xyz().abs().max_element() < REST;
-        moves |= !rests;
+        if shift_m.abs().max_element() < REST && pose.rotation().xyz().abs().max_element() < REST {
+            return;
+        }
+        moves = true;
+        let turn = DMat3::from_quat(pose.rotation());
         for axis in 0..3 {
-            let row = if rests { (DMat3::IDENTITY.row(axis), 0.0) } else { (turn.row(axis), shift_m[axis]) };
-            rows.push([row.0.x as f32, row.0.y as f32, row.0.z as f32, row.1 as f32]);
+            let (row, shift_m) = (turn.row(axis), shift_m[axis]);
+            rows[3 * i + axis] = [row.x as f32, row.y as f32, row.z as f32, shift_m as f32];
         }
     };
     let mut largest_m: f64 = 0.0;
     for i in 0..=last {
         let pose = to_first(i);
-        push(&pose);
+        put(i, &pose);
         if i % (last / (KNOTS - 1)) == 0 {
             let shift_m = to_last(i).translation_m().length();
             largest_m = largest_m.max(pose.translation_m().length()).max(shift_m);
         }
     }
-    push(&to_last(0));
-    rows.push([(focal_px * largest_m).max(1.0) as f32, f32::from(u8::from(moves)), 0.0, 0.0]);
+    put(POSE_INSTANTS, &to_last(0));
+    rows[POSE_ROWS as usize - 1] =
+        [(focal_px * largest_m).max(1.0) as f32, f32::from(u8::from(moves)), 0.0, 0.0];
+    rows
 }
 
-/// The tables of a camera for a tick.
-pub(super) struct Tables {
-    /// Number of the camera.
-    pub camera: usize,
-    /// `poses`.
-    pub poses: Vec<[f32; 4]>,
+/// A camera that steps with poses.
+struct Posed<'a> {
+    instances: &'a Instances,
+    scene: &'a SceneMotion,
+    interval_ns: [i64; 2],
+    /// Its rows of `poses`.
+    rows: &'a mut [[f32; 4]],
 }
 
-/// Instances for which a thread is worth starting.
-const THREAD_INSTANCES: usize = 32;
+/// Moving instances for which a thread is worth starting: starting one takes as long as some ten of them.
+const THREAD_INSTANCES: usize = 64;
 
-/// Tables of the cameras that step with poses, to `t_ns`. Made by several threads if there are many instances.
-pub(super) fn tables(cameras: &[CameraState], t_ns: &[Option<i64>]) -> Vec<Tables> {
-    let wanted: Vec<_> = cameras
-        .iter()
-        .zip(t_ns)
-        .enumerate()
-        .filter(|(_, (camera, _))| is_rigid(&camera.config.sensor))
-        .filter_map(|(index, (camera, t_ns))| Some((index, camera, camera.scene.as_ref()?, (*t_ns)?)))
-        .collect();
-    let make = |wanted: &[(usize, &CameraState, &SceneMotion, i64)]| -> Vec<Tables> {
-        let tables = wanted.iter().map(|&(index, camera, scene, t_ns)| {
-            let interval_ns = [camera.last_ns.unwrap_or(t_ns), t_ns];
-            Tables { camera: index, poses: camera.instances.poses(scene, interval_ns) }
-        });
-        tables.collect()
+/// Writes `poses` of the cameras that step with poses to `t_ns`, with several threads if many instances move.
+pub(super) fn write_poses(cameras: &[CameraState], t_ns: &[Option<i64>], mut poses: &mut [[f32; 4]]) {
+    let mut posed = Vec::new();
+    let mut before = 0;
+    for (camera, t_ns) in cameras.iter().zip(t_ns) {
+        let (CameraState { instances, scene: Some(scene), .. }, Some(t_ns)) = (camera, *t_ns) else {
+            continue;
+        };
+        if !is_rigid(&camera.config.sensor) {
+            continue;
+        }
+        // Cameras have their rows in order.
+        let first = camera.place.pose_base as usize;
+        let (rows, rest) =
+            std::mem::take(&mut poses)[first - before..].split_at_mut(instances.len() * POSE_ROWS as usize);
+        (poses, before) = (rest, first + rows.len());
+        let interval_ns = [camera.last_ns.unwrap_or(t_ns), t_ns];
+        posed.push(Posed { instances, scene, interval_ns, rows });
+    }
+    let work = |posed: &mut [Posed<'_>]| {
+        let mut scratch = Scratch::default();
+        for Posed { instances, scene, interval_ns, rows } in posed {
+            instances.write_poses(scene, *interval_ns, &mut scratch, rows);
+        }
     };
-    let instances: usize = wanted.iter().map(|(_, camera, ..)| camera.instances.len()).sum();
+    let instances: usize = posed.iter().map(|camera| camera.scene.moving_tracks()).sum();
     let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
     let threads = match instances / THREAD_INSTANCES {
         0 | 1 => 1,
         worth => worth.min(cores()),
     };
-    let mut shares = wanted.chunks(wanted.len().div_ceil(threads).max(1));
+    let each = posed.len().div_ceil(threads).max(1);
+    let mut shares = posed.chunks_mut(each);
     let own = shares.next().unwrap_or_default();
     std::thread::scope(|scope| {
-        let others: Vec<_> = shares.map(|share| scope.spawn(|| make(share))).collect();
-        let mut tables = make(own);
-        for thread in others {
-            tables.append(&mut thread.join().expect("a thread of poses does not panic"));
+        for share in shares {
+            scope.spawn(move || work(share));
         }
-        tables
-    })
+        work(own);
+    });
 }
 
 impl Rig {
@@ -244,7 +289,7 @@ impl Rig {
             });
         }
         if *state.trust() == Trust::All && state.instances.are_those_of(&scene) {
-            self.cameras[camera].scene = Some(scene);
+            self.replace_scene(camera, scene);
             return Ok(());
         }
         let instances = state.instances.with(&scene, state.trust(), state.frames);
@@ -256,10 +301,17 @@ impl Rig {
         let mut places = self.places();
         places[camera] = places[camera].with_instances(rows as u32);
         self.change(places, Vec::new(), &[])?;
-        let state = &mut self.cameras[camera];
-        state.instances = instances;
-        state.scene = Some(scene);
+        self.cameras[camera].instances = instances;
+        self.replace_scene(camera, scene);
         Ok(())
+    }
+
+    fn replace_scene(&mut self, camera: usize, scene: SceneMotion) {
+        // Who sets scenes again and again between two steps does not pile them up.
+        if self.past_scenes.len() >= self.cameras.len() {
+            self.past_scenes.clear();
+        }
+        self.past_scenes.extend(self.cameras[camera].scene.replace(scene));
     }
 }
 
@@ -308,7 +360,7 @@ impl CameraState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use esaac_model::paths::Intrinsics;
+    use esaac_model::paths::{Intrinsics, PoseTrack};
     use glam::{DQuat, DVec3};
 
     fn scene(camera: PoseTrack, body: PoseTrack) -> SceneMotion {
@@ -319,6 +371,13 @@ mod tests {
 
     fn pose(turn: f64, x_m: f64) -> Pose {
         Pose::new(DQuat::from_rotation_y(turn), DVec3::new(x_m, 2.0, -1.0)).unwrap()
+    }
+
+    /// The rows of an interval of 32 ns.
+    fn poses(instances: &Instances, scene: &SceneMotion) -> Vec<[f32; 4]> {
+        let mut rows = vec![[f32::NAN; 4]; instances.len() * POSE_ROWS as usize];
+        instances.write_poses(scene, [0, 32], &mut Scratch::default(), &mut rows);
+        rows
     }
 
     #[test]
@@ -332,8 +391,8 @@ mod tests {
         let none = all.with(&scene, &Trust::Nothing, 1);
         assert_eq!((none.known(), none.ids()), (&[[0, NO_ROW]][..], vec![0, 4]));
         let rows = POSE_ROWS as usize;
-        assert!(some.poses(&scene, [0, 32])[rows..].iter().all(|row| *row == [0.0; 4]));
-        assert!(none.poses(&scene, [0, 32]).iter().all(|row| *row == [0.0; 4]));
+        assert!(poses(&some, &scene)[rows..].iter().all(|row| *row == [0.0; 4]));
+        assert!(poses(&none, &scene).iter().all(|row| *row == [0.0; 4]));
         assert_eq!(none.with(&scene, &Trust::All, 2), all);
     }
 
@@ -341,7 +400,7 @@ mod tests {
     fn what_stands_is_what_moves_by_less_than_rounding() {
         let rows = |camera: PoseTrack, body: PoseTrack| {
             let scene = scene(camera, body);
-            Instances::new().with(&scene, &Trust::All, 0).poses(&scene, [0, 32])
+            poses(&Instances::new().with(&scene, &Trust::All, 0), &scene)
         };
         let track = |poses: [Pose; 2]| PoseTrack::new(vec![0, 32], poses.to_vec()).unwrap();
         let stands = rows(PoseTrack::still(pose(0.3, 1.0)), track([pose(-0.2, 5.0); 2]));

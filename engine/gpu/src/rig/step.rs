@@ -263,6 +263,7 @@ impl TickDevice for RigTick<'_, '_> {
     }
 
     fn wait(&mut self) -> Result<(), EngineError> {
+        self.rig.past_scenes.clear();
         self.rig.timing.wait().inspect_err(|_| self.hooks.abandon())?;
         self.rig.timing.take_tick(&self.rig.device, &mut self.rig.results);
         Ok(())

@@ -25,10 +25,11 @@ pub mod conventions;
 mod lens;
 mod pose;
 mod track;
+mod turn;
 
 pub use lens::{DepthKind, ImagePoint, Intrinsics, LensError, Projection};
 pub use pose::{Pose, PoseError, RIGID_TOLERANCE};
-pub use track::{PoseTrack, TrackError};
+pub use track::{PoseTimes, PoseTrack, TrackError};
 
 use glam::DVec2;
 use std::collections::BTreeMap;
@@ -144,6 +145,13 @@ impl SceneMotion {
     /// Ids of the moving instances, ascending.
     pub fn ids(&self) -> impl Iterator<Item = u32> + '_ {
         self.instances.keys().copied()
+    }
+
+    /// Number of tracks that do not stand still, the camera's included.
+    #[must_use]
+    pub fn moving_tracks(&self) -> usize {
+        let tracks = std::iter::once(&self.camera).chain(self.instances.values());
+        tracks.filter(|track| !track.stands()).count()
     }
 
     /// Whether all poses span an interval.
@@ -312,8 +320,10 @@ mod tests {
     fn poses_that_do_not_span_an_interval_are_named() {
         let mut scene = scene(pinhole());
         scene.check_span(0, FRAME_NS).unwrap();
+        assert_eq!(scene.moving_tracks(), 2);
         let short = PoseTrack::new(vec![0, 1000], vec![Pose::IDENTITY; 2]).unwrap();
         scene.insert(7, short).unwrap();
+        assert_eq!(scene.moving_tracks(), 2, "one that stands for a while");
         let error = scene.check_span(0, FRAME_NS).unwrap_err().to_string();
         assert_eq!(error, "instance 7: poses from 0 to 1000 ns, expected them to span 0 to 33333333 ns");
         assert!(scene.check_span(-1, 0).unwrap_err().to_string().starts_with("camera: poses from 0 to"));

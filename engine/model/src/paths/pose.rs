@@ -215,8 +215,14 @@ impl Pose {
 
     /// A pose whose parts are known to be right: a unit quaternion, finite numbers.
     pub(super) fn from_parts(rotation: DQuat, translation_m: DVec3) -> Pose {
-        Pose { rotation: rotation.normalize(), translation_m }
+        Pose { rotation: renormalised(rotation), translation_m }
     }
+}
+
+/// A quaternion that is of unit length but for rounding, as long as it should be: a step of Newton's iteration for the
+/// inverse square root, which is exact there.
+fn renormalised(rotation: DQuat) -> DQuat {
+    rotation * (1.5 - 0.5 * rotation.length_squared())
 }
 
 /// `a * b` is `b`, then `a`.
@@ -226,7 +232,7 @@ impl Mul for Pose {
     fn mul(self, inner: Pose) -> Pose {
         Pose {
             // Products of many would drift from unit length.
-            rotation: (self.rotation * inner.rotation).normalize(),
+            rotation: renormalised(self.rotation * inner.rotation),
             translation_m: self.point(inner.translation_m),
         }
     }

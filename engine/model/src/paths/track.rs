@@ -20,23 +20,46 @@
 //! at uneven times. A velocity that jumps (a bounce) is rounded off over the samples next to it.
 
 use super::pose::Pose;
-use glam::{DQuat, DVec3};
-use std::f64::consts::{PI, TAU};
+use super::turn::{nearest_turn, rotation_of, rotation_vector, rotation_vector_rate};
+use glam::DVec3;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Samples on either side of one that its velocity comes from. Two in place of one make a camera's path that shakes at
 /// 25 Hz several times as exact at 240 samples a second; the design notes have the figures.
 const VELOCITY_REACH: usize = 2;
 
-/// Rotation below which a rotation vector's series are used, radians: their next terms are below rounding.
-const SMALL_ANGLE: f64 = 1e-4;
+/// Most samples that a velocity comes from.
+const STENCIL: usize = 2 * VELOCITY_REACH + 1;
 
 /// Poses at ascending times, and every pose between.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseTrack {
-    times_ns: Vec<i64>,
+    times: PoseTimes,
     poses: Vec<Pose>,
+    /// One for each pose; none for a body that stands still.
     velocities: Vec<Velocity>,
+}
+
+/// Times of samples, which many tracks may share: what follows from times alone is worked out once.
+#[derive(Clone, Debug)]
+pub struct PoseTimes(Arc<Times>);
+
+#[derive(Debug)]
+struct Times {
+    times_ns: Vec<i64>,
+    stencils: Vec<Stencil>,
+}
+
+/// The samples that a sample's velocity comes from.
+#[derive(Clone, Copy, Debug)]
+struct Stencil {
+    first: usize,
+    count: usize,
+    /// From the sample to each of them.
+    offsets_s: [f64; STENCIL],
+    /// The derivative at the sample of Lagrange's polynomial that is 1 at each of them and 0 at the others.
+    weights_hz: [f64; STENCIL],
 }
 
 /// Why a track is refused or has no pose.
@@ -86,22 +109,13 @@ struct Velocity {
     angular_rad_s: DVec3,
 }
 
-impl PoseTrack {
-    /// A body that stands still, at all times.
-    #[must_use]
-    pub fn still(pose: Pose) -> Self {
-        PoseTrack { times_ns: vec![0], poses: vec![pose], velocities: vec![Velocity::default()] }
-    }
-
-    /// A track through `poses[i]` at `times_ns[i]`. One pose alone stands still at all times.
+impl PoseTimes {
+    /// Times of samples.
     ///
     /// # Errors
-    /// If there is no pose, their number differs from that of the times, or a time is not after the one before.
-    pub fn new(times_ns: Vec<i64>, poses: Vec<Pose>) -> Result<Self, TrackError> {
-        if times_ns.len() != poses.len() {
-            return Err(TrackError::Count { times: times_ns.len(), poses: poses.len() });
-        }
-        if poses.is_empty() {
+    /// If there are none, or a time is not after the one before.
+    pub fn new(times_ns: Vec<i64>) -> Result<Self, TrackError> {
+        if times_ns.is_empty() {
             return Err(TrackError::Empty);
         }
         if let Some(i) = times_ns.windows(2).position(|pair| pair[1] <= pair[0]) {
@@ -111,14 +125,87 @@ impl PoseTrack {
                 actual_ns: times_ns[i + 1],
             });
         }
-        let velocities = (0..poses.len()).map(|i| velocity(&times_ns, &poses, i)).collect();
-        Ok(PoseTrack { times_ns, poses, velocities })
+        let stencils = (0..times_ns.len()).map(|i| Stencil::new(&times_ns, i)).collect();
+        Ok(PoseTimes(Arc::new(Times { times_ns, stencils })))
+    }
+
+    /// The times.
+    #[must_use]
+    pub fn times_ns(&self) -> &[i64] {
+        &self.0.times_ns
+    }
+}
+
+impl PartialEq for PoseTimes {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.times_ns() == other.times_ns()
+    }
+}
+
+impl Stencil {
+    fn new(times_ns: &[i64], i: usize) -> Self {
+        let count = STENCIL.min(times_ns.len());
+        let first = i.saturating_sub(VELOCITY_REACH).min(times_ns.len() - count);
+        let mut offsets_s = [0.0; STENCIL];
+        for (k, offset_s) in offsets_s[..count].iter_mut().enumerate() {
+            *offset_s = seconds(times_ns[i], times_ns[first + k]);
+        }
+        let own = i - first;
+        let mut weights_hz = [0.0; STENCIL];
+        for j in (0..count).filter(|&j| j != own) {
+            let others = (0..count).filter(|&k| k != own && k != j);
+            weights_hz[j] = others
+                .fold(1.0 / offsets_s[j], |weight, k| weight * offsets_s[k] / (offsets_s[k] - offsets_s[j]));
+        }
+        Stencil { first, count, offsets_s, weights_hz }
+    }
+}
+
+impl PoseTrack {
+    /// A body that stands still, at all times.
+    #[must_use]
+    pub fn still(pose: Pose) -> Self {
+        let times = PoseTimes::new(vec![0]).expect("one time");
+        PoseTrack { times, poses: vec![pose], velocities: Vec::new() }
+    }
+
+    /// A track through `poses[i]` at `times_ns[i]`. One pose alone stands still at all times.
+    ///
+    /// # Errors
+    /// If there is no pose, their number differs from that of the times, or a time is not after the one before.
+    pub fn new(times_ns: Vec<i64>, poses: Vec<Pose>) -> Result<Self, TrackError> {
+        let (times, count) = (times_ns.len(), poses.len());
+        if times != count {
+            return Err(TrackError::Count { times, poses: count });
+        }
+        PoseTrack::at_times(&PoseTimes::new(times_ns)?, poses)
+    }
+
+    /// As [`PoseTrack::new`], at times that other tracks have too.
+    ///
+    /// # Errors
+    /// If the number of poses differs from that of the times.
+    pub fn at_times(times: &PoseTimes, poses: Vec<Pose>) -> Result<Self, TrackError> {
+        let Times { times_ns, stencils } = &*times.0;
+        if times_ns.len() != poses.len() {
+            return Err(TrackError::Count { times: times_ns.len(), poses: poses.len() });
+        }
+        let stands = poses.iter().all(|pose| *pose == poses[0]);
+        let moving = if stands { &[][..] } else { &stencils[..] };
+        let velocities = moving.iter().enumerate().map(|(i, stencil)| velocity(stencil, &poses, i)).collect();
+        Ok(PoseTrack { times: times.clone(), poses, velocities })
+    }
+
+    /// Whether the body has one pose at all times.
+    #[must_use]
+    pub fn stands(&self) -> bool {
+        self.velocities.is_empty()
     }
 
     /// Times of the samples.
     #[must_use]
     pub fn times_ns(&self) -> &[i64] {
-        &self.times_ns
+        self.times.times_ns()
     }
 
     /// The samples.
@@ -132,7 +219,8 @@ impl PoseTrack {
     /// # Errors
     /// [`TrackError::Span`] if not.
     pub fn check_span(&self, from_ns: i64, to_ns: i64) -> Result<(), TrackError> {
-        let (first_ns, last_ns) = (self.times_ns[0], self.times_ns[self.times_ns.len() - 1]);
+        let times_ns = self.times_ns();
+        let (first_ns, last_ns) = (times_ns[0], times_ns[times_ns.len() - 1]);
         if self.poses.len() == 1 || (first_ns <= from_ns && to_ns <= last_ns) {
             Ok(())
         } else {
@@ -146,45 +234,46 @@ impl PoseTrack {
     /// [`TrackError::Span`] outside the samples.
     pub fn at(&self, t_ns: i64) -> Result<Pose, TrackError> {
         self.check_span(t_ns, t_ns)?;
-        if self.poses.len() == 1 {
+        if self.stands() {
             return Ok(self.poses[0]);
         }
         Ok(self.segment(self.segment_at(t_ns)).at(t_ns))
     }
 
-    /// The poses at `times_ns`, as [`PoseTrack::at`] gives them. Faster than one by one where times share a segment.
+    /// Puts the poses at `times_ns`, as [`PoseTrack::at`] gives them, in the place of what is in `poses`. Faster than
+    /// one by one where times share a segment.
     ///
     /// # Errors
     /// [`TrackError::Span`] outside the samples.
-    pub fn at_all(&self, times_ns: &[i64]) -> Result<Vec<Pose>, TrackError> {
-        if self.poses.len() == 1 {
-            return Ok(vec![self.poses[0]; times_ns.len()]);
-        }
-        let mut last: Option<(usize, Segment)> = None;
-        let mut poses = Vec::with_capacity(times_ns.len());
+    pub fn at_all(&self, times_ns: &[i64], poses: &mut Vec<Pose>) -> Result<(), TrackError> {
+        poses.clear();
+        let mut last: Option<Segment> = None;
         for &t_ns in times_ns {
             self.check_span(t_ns, t_ns)?;
-            let i = self.segment_at(t_ns);
+            if self.stands() {
+                poses.push(self.poses[0]);
+                continue;
+            }
             let segment = match last {
-                Some((known, segment)) if known == i => segment,
-                _ => self.segment(i),
+                // Two segments give the same pose where they meet.
+                Some(ref segment) if (segment.times_ns[0]..=segment.times_ns[1]).contains(&t_ns) => segment,
+                _ => last.insert(self.segment(self.segment_at(t_ns))),
             };
             poses.push(segment.at(t_ns));
-            last = Some((i, segment));
         }
-        Ok(poses)
+        Ok(())
     }
 
     /// Number of the segment with a time: that of the sample at or before it. The last segment holds its end too.
     fn segment_at(&self, t_ns: i64) -> usize {
-        (self.times_ns.partition_point(|&sample_ns| sample_ns <= t_ns) - 1).min(self.poses.len() - 2)
+        (self.times_ns().partition_point(|&sample_ns| sample_ns <= t_ns) - 1).min(self.poses.len() - 2)
     }
 
     /// What lies between samples `i` and `i + 1`.
     fn segment(&self, i: usize) -> Segment {
         let [start, end] = [self.poses[i], self.poses[i + 1]];
         let [before, after] = [self.velocities[i], self.velocities[i + 1]];
-        let times_ns = [self.times_ns[i], self.times_ns[i + 1]];
+        let times_ns = [self.times_ns()[i], self.times_ns()[i + 1]];
         let length_s = seconds(times_ns[0], times_ns[1]);
         let turn = rotation_vector(start.rotation().conjugate() * end.rotation());
         Segment {
@@ -229,7 +318,7 @@ impl Segment {
         }
         let fraction = seconds(self.times_ns[0], t_ns) / self.length_s;
         let translation_m = start.translation_m() + self.shift_m.at(fraction);
-        let turn = DQuat::from_scaled_axis(self.turned.at(fraction));
+        let turn = rotation_of(self.turned.at(fraction));
         Pose::from_parts(start.rotation() * turn, translation_m)
     }
 }
@@ -250,32 +339,24 @@ impl Curve {
 }
 
 /// Velocity of sample `i`.
-fn velocity(times_ns: &[i64], poses: &[Pose], i: usize) -> Velocity {
-    let wanted = (2 * VELOCITY_REACH + 1).min(poses.len());
-    let first = i.saturating_sub(VELOCITY_REACH).min(poses.len() - wanted);
-    let stencil = first..first + wanted;
-    let offset_s = |j: usize| seconds(times_ns[i], times_ns[j]);
+fn velocity(stencil: &Stencil, poses: &[Pose], i: usize) -> Velocity {
+    let &Stencil { first, count, offsets_s, weights_hz } = stencil;
+    let (own, from_world) = (i - first, poses[i].rotation().conjugate());
     let mut result = Velocity::default();
+    let mut add = |j: usize, nearer: Option<(f64, DVec3)>| {
+        let pose = &poses[first + j];
+        let short = rotation_vector(from_world * pose.rotation());
+        let turn = match nearer {
+            None => short,
+            Some((nearer_s, nearer_turn)) => nearest_turn(short, nearer_turn * (offsets_s[j] / nearer_s)),
+        };
+        result.linear_m_s += (pose.translation_m() - poses[i].translation_m()) * weights_hz[j];
+        result.angular_rad_s += turn * weights_hz[j];
+        Some((offsets_s[j], turn))
+    };
     // Outwards from the sample on either side, so that each rotation can go on from the one before.
-    let sides: [&mut dyn Iterator<Item = usize>; 2] =
-        [&mut (stencil.start..i).rev(), &mut (i + 1..stencil.end)];
-    for side in sides {
-        let mut nearer: Option<(f64, DVec3)> = None;
-        for j in side {
-            let short = rotation_vector(poses[i].rotation().conjugate() * poses[j].rotation());
-            let turn = match nearer {
-                None => short,
-                Some((nearer_s, nearer_turn)) => nearest_turn(short, nearer_turn * (offset_s(j) / nearer_s)),
-            };
-            nearer = Some((offset_s(j), turn));
-            // The derivative at 0 of Lagrange's polynomial that is 1 at sample j and 0 at the others.
-            let others = stencil.clone().filter(|&k| k != i && k != j);
-            let weight_hz = others
-                .fold(1.0 / offset_s(j), |weight, k| weight * offset_s(k) / (offset_s(k) - offset_s(j)));
-            result.linear_m_s += (poses[j].translation_m() - poses[i].translation_m()) * weight_hz;
-            result.angular_rad_s += turn * weight_hz;
-        }
-    }
+    (0..own).rev().fold(None, |nearer, j| add(j, nearer));
+    (own + 1..count).fold(None, |nearer, j| add(j, nearer));
     result
 }
 
@@ -288,37 +369,11 @@ fn seconds(from_ns: i64, to_ns: i64) -> f64 {
     between_ns * 1e-9
 }
 
-/// Axis times angle of the shorter way, radians.
-fn rotation_vector(rotation: DQuat) -> DVec3 {
-    let rotation = if rotation.w < 0.0 { -rotation } else { rotation };
-    let axis = rotation.xyz();
-    let sine = axis.length();
-    if sine == 0.0 { DVec3::ZERO } else { axis * (2.0 * sine.atan2(rotation.w) / sine) }
-}
-
-/// Of the rotation vectors of one rotation (they differ by whole turns), the one nearest to `expected`.
-fn nearest_turn(short: DVec3, expected: DVec3) -> DVec3 {
-    let angle = short.length();
-    let axis = if angle > SMALL_ANGLE { short / angle } else { expected.normalize_or_zero() };
-    short + axis * (((expected - short).dot(axis) / TAU).round() * TAU)
-}
-
-/// The rate of change of the rotation vector `turn` of a body that turns at `angular_rad_s` about its own axes.
-fn rotation_vector_rate(turn: DVec3, angular_rad_s: DVec3) -> DVec3 {
-    let angle = turn.length();
-    let factor = if angle < SMALL_ANGLE {
-        1.0 / 12.0
-    } else {
-        // (1 + cos) / sin is 1 / tan of the half angle, which is defined at half a turn too.
-        (1.0 - 0.5 * angle / (0.5 * angle.min(PI)).tan()) / (angle * angle)
-    };
-    let cross = turn.cross(angular_rad_s);
-    angular_rad_s + cross * 0.5 + turn.cross(cross) * factor
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
+    use std::f64::consts::TAU;
 
     const MS: i64 = 1_000_000;
 
@@ -369,11 +424,13 @@ mod tests {
         let times_ns: Vec<i64> = (0..9).map(|k| k * 4_166_667).collect();
         let track = sampled(shaking, &times_ns);
         let wanted: Vec<i64> = (0..=200).rev().chain(50..70).map(|k| k * 8 * 4_166_667 / 200).collect();
-        let together = track.at_all(&wanted).unwrap();
+        let mut together = vec![Pose::IDENTITY];
+        track.at_all(&wanted, &mut together).unwrap();
         assert_eq!(together, wanted.iter().map(|&t_ns| track.at(t_ns).unwrap()).collect::<Vec<_>>());
-        assert!(track.at_all(&[0, 8 * 4_166_667 + 1]).is_err());
+        assert!(track.at_all(&[0, 8 * 4_166_667 + 1], &mut together).is_err());
         let still = PoseTrack::still(shaking(0.3));
-        assert_eq!(still.at_all(&[-5, 7]).unwrap(), [shaking(0.3); 2]);
+        still.at_all(&[-5, 7], &mut together).unwrap();
+        assert_eq!(together, [shaking(0.3); 2]);
     }
 
     #[test]
@@ -475,6 +532,24 @@ mod tests {
             }
             track.check_span(i64::MIN, i64::MAX).unwrap();
         }
+    }
+
+    #[test]
+    fn samples_at_one_place_stand_still_within_their_times() {
+        let stands = PoseTrack::new(vec![0, 4, 9], vec![shaking(0.2); 3]).unwrap();
+        assert!(stands.stands() && stands.at(3) == Ok(shaking(0.2)) && stands.at(10).is_err());
+        let moves = PoseTrack::new(vec![0, 4], vec![shaking(0.2), shaking(0.3)]).unwrap();
+        assert!(!moves.stands());
+    }
+
+    #[test]
+    fn tracks_at_shared_times_are_those_of_times_of_their_own() {
+        let times_ns: Vec<i64> = [0, 3, 9, 11, 20, 26, 33].map(|ms| ms * MS).to_vec();
+        let track = sampled(shaking, &times_ns);
+        let times = PoseTimes::new(times_ns).unwrap();
+        assert_eq!(PoseTrack::at_times(&times, track.poses().to_vec()), Ok(track));
+        let few = PoseTrack::at_times(&times, vec![Pose::IDENTITY; 3]);
+        assert_eq!(few, Err(TrackError::Count { times: 7, poses: 3 }));
     }
 
     #[test]

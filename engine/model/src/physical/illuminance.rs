@@ -214,8 +214,8 @@ mod tests {
     fn a_preset_beyond_its_fit_is_told() {
         let hd = preset_with_physical_pixel("hd").expect("listed");
         assert_eq!(of(&[1.0; 100]).fit_warning(&hd), None);
-        let bright = of(&[50.0; 100]).fit_warning(&hd).expect("beyond 5 lux");
-        assert!(bright.contains("0.15 to 5.0 focal-plane lux; 100% of pixels have more"), "{bright}");
+        let bright = of(&[50.0; 100]).fit_warning(&hd).expect("beyond 20 lux");
+        assert!(bright.contains("0.15 to 20 focal-plane lux; 100% of pixels have more"), "{bright}");
         let mut lux = vec![1.0; 90];
         lux.extend([0.01; 10]);
         let dim = of(&lux).fit_warning(&hd).expect("below .15 lux");

@@ -36,7 +36,7 @@ class EventCamera:
         camera: str | int,
         sensor: SensorModel | str | None = None,
         *,
-        antialiasing: int = 3,
+        antialiasing: int = 5,
         scene_option: Any = None,
         limit: int = 1024,
         **options: Any,

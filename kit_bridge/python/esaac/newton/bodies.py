@@ -37,16 +37,18 @@ class WorldBodies:
             number[bodies] = np.arange(len(bodies))
         self._of_world[:, most:] = shared
         number[shared] = most + np.arange(len(shared))
+        self._lacking = self._of_world < 0
         shape_body = model.shape_body.numpy() if model.shape_count else np.zeros(0, np.int32)
         # 0 is the static world, and what is in it has body -1.
         ids = np.array([0 if body < 0 else number[body] + 1 for body in shape_body], np.uint32)
         self.shape_ids = wp.array(ids, dtype=wp.uint32, device=model.device)
 
-    def arranged(self, poses: NDArray[Any]) -> NDArray[np.float64]:
+    def arranged(self, poses: NDArray[Any]) -> NDArray[Any]:
         """Poses `(steps, bodies of the model, 7)` as `(steps, worlds, bodies of a world, 7)`."""
         if self._of_world.size == 0:
             return np.zeros((len(poses), *self._of_world.shape, 7))
-        arranged: NDArray[np.float64] = poses[:, self._of_world].astype(np.float64)
+        arranged = poses[:, self._of_world]
         # A world may have fewer bodies than another.
-        arranged[:, self._of_world < 0] = _STILL
+        if self._lacking.any():
+            arranged[:, self._lacking] = _STILL
         return arranged

@@ -86,7 +86,7 @@ fn the_light_of_a_physical_pixel_is_told() {
     let (_, report, error) =
         simulate(&frames, &["--synthesis", "none", "--sensor", &frames.file_argument("hd.toml")]);
     let warning = report["cameras"][0]["light_warnings"][0].as_str().unwrap();
-    assert!(warning.contains("0.15 to 5.0 focal-plane lux; 100% of pixels have more"), "{warning}");
+    assert!(warning.contains("0.15 to 20 focal-plane lux; 100% of pixels have more"), "{warning}");
     assert!(error.contains(&format!("warning: {warning}")), "{error}");
 }
 

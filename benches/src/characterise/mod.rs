@@ -1,0 +1,122 @@
+//! What a laboratory would measure of a sensor with a physical pixel. The engine's sensor stands in a box of stated
+//! light ([`LightBox`](esaac_calibrate::LightBox)); beside what it measures are the model's closed forms and published
+//! points ([`public`]).
+
+pub mod noise;
+pub mod public;
+pub mod response;
+pub mod s_curve;
+mod show;
+
+pub use show::{document, plots};
+
+use anyhow::{Result, ensure};
+use esaac_engine::Device;
+use esaac_model::{Pixel, SensorModel};
+use indicatif::{ProgressBar, ProgressStyle};
+use noise::{LeakPoint, NoisePoint};
+use public::Published;
+use response::{BandwidthPoint, LatencyPoint};
+use s_curve::SCurve;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// The device and how much is measured.
+pub struct Lab<'a> {
+    /// The device.
+    pub device: &'a Arc<Device>,
+    /// Pixels for each level of light.
+    pub pixels: u32,
+    /// Time before noise is counted, seconds: noise rates depend on what a pixel has sent before.
+    pub burn_in_s: u32,
+    /// Time for which noise is counted, seconds.
+    pub seconds: u32,
+    /// The progress bar.
+    pub progress: ProgressBar,
+}
+
+impl<'a> Lab<'a> {
+    /// A laboratory with a progress bar on standard error.
+    #[must_use]
+    pub fn new(device: &'a Arc<Device>, pixels: u32, burn_in_s: u32, seconds: u32) -> Self {
+        let style = ProgressStyle::with_template("{prefix:14} {bar:40} {pos}/{len} {spinner}, {elapsed}")
+            .expect("the template is well formed");
+        let progress = ProgressBar::new(CURVES).with_style(style);
+        Lab { device, pixels, burn_in_s, seconds, progress }
+    }
+
+    fn begin(&self, curve: &str) {
+        self.progress.set_prefix(curve.to_owned());
+        self.progress.inc(1);
+    }
+}
+
+/// Number of curves.
+const CURVES: u64 = 6;
+
+/// Everything that is measured of a sensor.
+#[derive(Clone, Debug, Serialize)]
+pub struct Characterisation {
+    /// The sensor.
+    pub sensor: SensorModel,
+    /// Time before noise was counted, seconds.
+    pub burn_in_s: u32,
+    /// Time for which noise was counted, seconds.
+    pub seconds: u32,
+    /// Pixels for each level of light.
+    pub pixels: u32,
+    /// S-curves.
+    pub s_curves: Vec<SCurve>,
+    /// Noise against light.
+    pub noise: Vec<NoisePoint>,
+    /// Bandwidth against light.
+    pub bandwidth: Vec<BandwidthPoint>,
+    /// Latency against light and contrast.
+    pub latency: Vec<LatencyPoint>,
+    /// Shortest time between two events of a pixel, microseconds.
+    pub shortest_gap_us: f64,
+    /// Leak against light and temperature.
+    pub leak: Vec<LeakPoint>,
+    /// What is published about the sensor.
+    pub published: Published,
+}
+
+/// Measures a sensor.
+///
+/// # Errors
+/// A sensor without a physical pixel, and what the engine refuses.
+pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisation> {
+    ensure!(
+        sensor.pixel == Pixel::Physical,
+        "sensor `{}` has a log-intensity pixel, whose speed and noise do not depend on light in lux; expected \
+         `pixel = \"physical\"`",
+        sensor.name
+    );
+    sensor.validate()?;
+    lab.begin("S-curve");
+    let s_curves = s_curve::s_curves(lab, sensor)?;
+    lab.begin("noise");
+    let noise = noise::noise(lab, sensor)?;
+    lab.begin("bandwidth");
+    let bandwidth = response::bandwidth(lab, sensor)?;
+    lab.begin("latency");
+    let latency = response::latency(lab, sensor)?;
+    lab.begin("refractory");
+    let shortest_gap_us = response::shortest_gap_us(lab, sensor)?;
+    lab.begin("leak");
+    let leak = noise::leak(lab, sensor)?;
+    lab.progress.finish_and_clear();
+    Ok(Characterisation {
+        burn_in_s: lab.burn_in_s,
+        seconds: lab.seconds,
+        pixels: lab.pixels,
+        s_curves,
+        noise,
+        bandwidth,
+        latency,
+        shortest_gap_us,
+        leak,
+        published: public::published(&sensor.name),
+        sensor: sensor.clone(),
+    })
+}

@@ -1,0 +1,121 @@
+//! Rotations as rotation vectors, axis times angle, and back.
+//!
+//! From one physics step to the next a body turns little, so series serve where their next term is below rounding.
+
+use glam::{DQuat, DVec3};
+use std::f64::consts::{PI, TAU};
+
+/// Angle below which the axis of a rotation means nothing, radians.
+const SMALL_ANGLE: f64 = 1e-4;
+
+/// Square of half an angle up to which series are used.
+const SERIES_SQUARE: f64 = 0.01;
+
+/// A polynomial, from its highest coefficient to its lowest.
+fn polynomial<const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
+    coefficients.into_iter().fold(0.0, |sum, coefficient| sum * x + coefficient)
+}
+
+/// Axis times angle of the shorter way, radians.
+pub(super) fn rotation_vector(rotation: DQuat) -> DVec3 {
+    let rotation = if rotation.w < 0.0 { -rotation } else { rotation };
+    let axis = rotation.xyz();
+    let square = axis.length_squared();
+    if square < SERIES_SQUARE {
+        // Twice the arc sine, over the sine.
+        const ARC: [f64; 8] = [
+            2.0 * 143.0 / 10240.0,
+            2.0 * 231.0 / 13312.0,
+            2.0 * 63.0 / 2816.0,
+            2.0 * 35.0 / 1152.0,
+            2.0 * 5.0 / 112.0,
+            2.0 * 3.0 / 40.0,
+            2.0 / 6.0,
+            2.0,
+        ];
+        return axis * polynomial(square, ARC);
+    }
+    let sine = square.sqrt();
+    axis * (2.0 * sine.atan2(rotation.w) / sine)
+}
+
+/// The rotation of a rotation vector.
+pub(super) fn rotation_of(turn: DVec3) -> DQuat {
+    let square = 0.25 * turn.length_squared();
+    if square > SERIES_SQUARE {
+        return DQuat::from_scaled_axis(turn);
+    }
+    let half_sine = polynomial(square, [0.5 / 362_880.0, -0.5 / 5040.0, 0.5 / 120.0, -0.5 / 6.0, 0.5]);
+    let cosine =
+        polynomial(square, [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -1.0 / 2.0, 1.0]);
+    let axis = turn * half_sine;
+    DQuat::from_xyzw(axis.x, axis.y, axis.z, cosine)
+}
+
+/// Of the rotation vectors of one rotation (they differ by whole turns), the one nearest to `expected`.
+pub(super) fn nearest_turn(short: DVec3, expected: DVec3) -> DVec3 {
+    let angle = short.length();
+    let axis = if angle > SMALL_ANGLE { short / angle } else { expected.normalize_or_zero() };
+    short + axis * (((expected - short).dot(axis) / TAU).round() * TAU)
+}
+
+/// The rate of change of the rotation vector `turn` of a body that turns at `angular_rad_s` about its own axes.
+pub(super) fn rotation_vector_rate(turn: DVec3, angular_rad_s: DVec3) -> DVec3 {
+    let square = turn.length_squared();
+    let factor = if square < 4.0 * SERIES_SQUARE {
+        const FACTOR: [f64; 6] = [
+            691.0 / 1_307_674_368_000.0,
+            1.0 / 47_900_160.0,
+            1.0 / 1_209_600.0,
+            1.0 / 30_240.0,
+            1.0 / 720.0,
+            1.0 / 12.0,
+        ];
+        polynomial(square, FACTOR)
+    } else {
+        let angle = square.sqrt();
+        // (1 + cos) / sin is 1 / tan of the half angle, which is defined at half a turn too.
+        (1.0 - 0.5 * angle / (0.5 * angle.min(PI)).tan()) / square
+    };
+    let cross = turn.cross(angular_rad_s);
+    angular_rad_s + cross * 0.5 + turn.cross(cross) * factor
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Turns about one axis, from tiny ones to ones for which series do not serve.
+    fn turns() -> impl Iterator<Item = DVec3> {
+        let axis = DVec3::new(0.6, -0.7, 0.39).normalize();
+        (0..400).map(move |k| axis * (1e-9 * 1.0555_f64.powi(k)))
+    }
+
+    #[test]
+    fn series_are_the_functions_that_they_stand_for() {
+        let largest = turns().map(|turn| turn.length()).fold(0.0, f64::max);
+        assert!(largest > 2.0 && largest < PI, "{largest}");
+        for turn in turns() {
+            let exact = DQuat::from_scaled_axis(turn);
+            let apart = rotation_of(turn) - exact;
+            assert!(apart.length() < 3e-16, "{turn}: {apart}");
+            let back = rotation_vector(exact);
+            assert!((back - turn).length() <= 4e-16 * (1.0 + turn.length()), "{turn}: {back}");
+            assert!((rotation_vector(-exact) - back).length() == 0.0);
+        }
+        assert_eq!(rotation_vector(DQuat::IDENTITY), DVec3::ZERO);
+        assert_eq!(rotation_of(DVec3::ZERO), DQuat::IDENTITY);
+    }
+
+    #[test]
+    fn the_rate_of_a_rotation_vector_is_what_a_small_further_turn_adds() {
+        let rate = DVec3::new(-0.3, 0.9, 0.2);
+        for turn in turns() {
+            let step_s = 1e-5;
+            let [before, after] = [-step_s, step_s]
+                .map(|step_s| rotation_vector(DQuat::from_scaled_axis(turn) * rotation_of(rate * step_s)));
+            let expected = (after - before) / (2.0 * step_s);
+            assert!((rotation_vector_rate(turn, rate) - expected).length() < 1e-9, "{turn}");
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The exposures of a list, with a simulated sensor.
+
+use super::exposure::{Exposure, Flicker};
+use crate::LightBox;
+use anyhow::Result;
+use esaac_engine::Device;
+use esaac_model::SensorModel;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// Instants in a period of a flicker.
+const PER_PERIOD: i64 = 16;
+
+/// Periods before a flicker is counted: the references settle.
+const SETTLING: i64 = 3;
+
+/// Time for which still light is counted at most, seconds.
+const LONGEST_S: f64 = 40.0;
+
+/// Periods of a flicker that are counted at most.
+const MOST_PERIODS: i64 = 8;
+
+/// Records one flicker or still light for its time, at most.
+///
+/// `size_px` are columns and rows of the simulated sensor. Burn-in and settling come before and are left out.
+pub fn expose(
+    device: &Arc<Device>,
+    sensor: &SensorModel,
+    size_px: (u32, u32),
+    light: &Light,
+) -> Result<Exposure> {
+    match light.flicker {
+        Some(flicker) => swing(device, sensor, size_px, light, flicker),
+        None => Ok(still(device, sensor, size_px, std::slice::from_ref(light))?.remove(0)),
+    }
+}
+
+/// The light of an exposure.
+#[derive(Clone, Debug)]
+pub struct Light {
+    /// Mean, lux.
+    pub lux: f64,
+    /// How it swings.
+    pub flicker: Option<Flicker>,
+    /// Time before, for still light, seconds.
+    pub burn_in_s: f64,
+    /// Length, seconds.
+    pub seconds: f64,
+}
+
+impl Light {
+    /// That of an exposure.
+    #[must_use]
+    pub fn of(exposure: &Exposure, burn_in_s: f64) -> Self {
+        Light { lux: exposure.lux, flicker: exposure.flicker, burn_in_s, seconds: exposure.seconds }
+    }
+}
+
+fn named(light: &Light, size_px: (u32, u32), seconds: f64) -> Exposure {
+    Exposure {
+        name: String::new(),
+        lux: light.lux,
+        flicker: light.flicker,
+        pixels: size_px.0 as usize * size_px.1 as usize,
+        width_px: size_px.0,
+        seconds,
+        events: Vec::new(),
+    }
+}
+
+/// Records still lights one below the other on one sensor, all of the first one's burn-in and of the longest one's time.
+pub fn still(
+    device: &Arc<Device>,
+    sensor: &SensorModel,
+    (columns, rows): (u32, u32),
+    lights: &[Light],
+) -> Result<Vec<Exposure>> {
+    let Some(first) = lights.first() else { return Ok(Vec::new()) };
+    let longest_s = lights.iter().map(|light| light.seconds).fold(0.0, f64::max).min(LONGEST_S).ceil();
+    let mut light_box = LightBox::new(device, sensor, (columns, rows * lights.len() as u32), 1)?;
+    let mut exposures: Vec<Exposure> =
+        lights.iter().map(|light| named(light, (columns, rows), light.seconds.min(longest_s))).collect();
+    let burn_in_ns = (first.burn_in_s * 1e9) as i64;
+    let of_row = |row: usize| row / rows as usize;
+    for second in 0..=(first.burn_in_s.ceil() + longest_s) as i64 {
+        let lux = |pixel: usize| lights[of_row(pixel / columns as usize)].lux;
+        for mut event in light_box.show(second * 1_000_000_000, lux)? {
+            let exposure = &mut exposures[of_row(usize::from(event.y))];
+            event.t_ns -= burn_in_ns;
+            event.y %= rows as u16;
+            if event.t_ns >= 0 && (event.t_ns as f64) < exposure.seconds * 1e9 {
+                exposure.events.push(event);
+            }
+        }
+    }
+    Ok(exposures)
+}
+
+fn swing(
+    device: &Arc<Device>,
+    sensor: &SensorModel,
+    size_px: (u32, u32),
+    light: &Light,
+    flicker: Flicker,
+) -> Result<Exposure> {
+    let periods = ((light.seconds * flicker.hz) as i64).clamp(1, MOST_PERIODS);
+    // Intervals last at most a second.
+    let per_period = PER_PERIOD.max((1.1 / flicker.hz).ceil() as i64);
+    let mut light_box = LightBox::new(device, sensor, size_px, 4)?;
+    let mut exposure = named(light, size_px, periods as f64 / flicker.hz);
+    let begin_ns = (SETTLING as f64 / flicker.hz * 1e9) as i64;
+    for instant in 0..=(SETTLING + periods) * per_period {
+        let turns = instant as f64 / per_period as f64;
+        let lux = light.lux * (1.0 + flicker.depth * (TAU * turns).sin());
+        for mut event in light_box.show((turns / flicker.hz * 1e9) as i64, |_| lux)? {
+            event.t_ns -= begin_ns;
+            if event.t_ns >= 0 {
+                exposure.events.push(event);
+            }
+        }
+    }
+    Ok(exposure)
+}

@@ -1,0 +1,54 @@
+//! What a fit compares: rates of an exposure.
+
+use super::exposure::Exposure;
+use esaac_model::Polarity;
+use serde::Serialize;
+
+/// Rates of an exposure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// ON events of a pixel: a second, or a period of the flicker.
+    pub on: f64,
+    /// OFF events of a pixel, likewise.
+    pub off: f64,
+    /// Events in all.
+    pub events: f64,
+    /// Spread of the pixels' counts that is the same in both halves of the exposure, as a share of the count: thresholds
+    /// that differ.
+    pub spread: f64,
+    /// Time between two events of a pixel that one in a thousand falls short of, nanoseconds; infinite with fewer.
+    pub short_gap_ns: f64,
+}
+
+impl Summary {
+    /// Sums up an exposure.
+    #[must_use]
+    pub fn of(exposure: &Exposure) -> Self {
+        let half_ns = (0.5e9 * exposure.seconds) as i64;
+        let mut counts = vec![[0.0_f64; 2]; exposure.pixels];
+        let mut last_ns = vec![None; exposure.pixels];
+        let mut gaps_ns = Vec::new();
+        let mut on_off = [0.0; 2];
+        for event in &exposure.events {
+            let pixel = usize::from(event.y) * exposure.width_px as usize + usize::from(event.x);
+            counts[pixel][usize::from(event.t_ns > half_ns)] += 1.0;
+            on_off[usize::from(event.polarity == Polarity::On)] += 1.0;
+            if let Some(before_ns) = last_ns[pixel].replace(event.t_ns) {
+                gaps_ns.push(event.t_ns - before_ns);
+            }
+        }
+        let units = exposure.flicker.map_or(exposure.seconds, |flicker| exposure.seconds * flicker.hz);
+        let [off, on] = on_off.map(|events| events / (units * exposure.pixels as f64));
+        let mean = |half: usize| counts.iter().map(|c| c[half]).sum::<f64>() / counts.len() as f64;
+        let means = [mean(0), mean(1)];
+        let product: f64 = counts.iter().map(|c| (c[0] - means[0]) * (c[1] - means[1])).sum();
+        let covariance = product / counts.len() as f64;
+        let spread = (covariance / (means[0] * means[1]).max(1e-9)).max(0.0).sqrt();
+        gaps_ns.sort_unstable();
+        let short_gap_ns = match gaps_ns.len() {
+            0..1000 => f64::INFINITY,
+            count => gaps_ns[count / 1000] as f64,
+        };
+        Summary { on, off, events: exposure.events.len() as f64, spread, short_gap_ns }
+    }
+}

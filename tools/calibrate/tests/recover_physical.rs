@@ -1,0 +1,183 @@
+//! A physical pixel of known parameters is recovered from its own recordings under known light. The engine makes the
+//! recordings and does the fit.
+
+use esaac_calibrate::physical::{Flicker, Light, expose, fit_physical, fit_scene, read_exposures};
+use esaac_formats::event_file::{EventColumns, write_npz};
+use esaac_model::presets::preset_with_physical_pixel;
+use esaac_model::{Pixel, Polarity, SensorModel};
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::recording;
+use std::path::Path;
+
+/// Columns and rows of the recorded sensor.
+const SIZE_PX: (u32, u32) = (24, 16);
+
+/// Time after which still light is recorded, seconds.
+const BURN_IN_S: f64 = 3.0;
+
+/// Length of a recording of still light, seconds.
+const SECONDS: f64 = 30.0;
+
+/// Largest errors of a fit, as a share.
+const THRESHOLD: f64 = 0.05;
+const SPEED: f64 = 0.2;
+const CHARGE: f64 = 0.15;
+const REFRACTORY: f64 = 0.1;
+/// The same of the mismatch (log), the leak (Hz), and of the dark current, as a factor.
+const MISMATCH_LOG: f64 = 0.012;
+const LEAK_HZ: f64 = 0.05;
+const DARK: f64 = 1.6;
+
+/// Unlike the first guess in every parameter.
+fn known() -> SensorModel {
+    SensorModel {
+        name: "known".into(),
+        width: SIZE_PX.0,
+        height: SIZE_PX.1,
+        contrast_on: 0.31,
+        contrast_off: 0.27,
+        contrast_mismatch: 0.03,
+        refractory_ns: 200_000,
+        response_e_per_lux_s: 1.6e5,
+        photoreceptor_charge_e: 260.0,
+        second_pole_hz: 500.0,
+        dark_lux: 0.08,
+        leak_rate_hz: 0.15,
+        seed: 77,
+        ..preset_with_physical_pixel("hd").expect("listed")
+    }
+}
+
+fn lights() -> Vec<Light> {
+    let still = [0.05, 0.4, 2.0, 6.0, 40.0].map(|lux| (lux, None, SECONDS));
+    // Bright and slow: thresholds. Dim: the first pole. Bright and fast: the second.
+    let swinging = [(100.0, 4.0), (0.4, 50.0), (300.0, 400.0)]
+        .map(|(lux, hz)| (lux, Some(Flicker { hz, depth: 0.8 }), 8.0 / hz));
+    still
+        .into_iter()
+        .chain(swinging)
+        .map(|(lux, flicker, seconds)| Light { lux, flicker, burn_in_s: BURN_IN_S, seconds })
+        .collect()
+}
+
+/// Records the sensor and writes the recordings and their list, as a user has them.
+fn record(folder: &Path, sensor: &SensorModel) {
+    let mut list = format!("burn_in_s = {BURN_IN_S}\n");
+    for (number, light) in lights().iter().enumerate() {
+        let exposure = expose(&DEVICE, sensor, SIZE_PX, light).expect("an exposure");
+        let mut columns = EventColumns::default();
+        // What `expose` leaves out at the start is left out again when the list is read.
+        for event in &exposure.events {
+            columns.x.push(event.x);
+            columns.y.push(event.y);
+            columns.t_ns.push(event.t_ns + (BURN_IN_S * 1e9) as i64);
+            columns.sign.push(if event.polarity == Polarity::On { 1 } else { -1 });
+        }
+        let file = std::fs::File::create(folder.join(format!("{number}.npz"))).expect("a file");
+        write_npz(file, &columns, &sensor.to_toml()).expect("written");
+        let seconds = exposure.seconds + BURN_IN_S;
+        list.push_str(&format!(
+            "[[exposure]]\nfile = \"{number}.npz\"\nlux = {}\nseconds = {seconds}\n",
+            light.lux
+        ));
+        if let Some(flicker) = light.flicker {
+            list.push_str(&format!("flicker_hz = {}\ndepth = {}\n", flicker.hz, flicker.depth));
+        }
+    }
+    std::fs::write(folder.join("list.toml"), list).expect("written");
+}
+
+#[test]
+fn a_known_physical_pixel_is_recovered_from_its_recordings() {
+    let known = known();
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path(), &known);
+    let exposures = read_exposures(&folder.path().join("list.toml")).unwrap();
+    let guess = preset_with_physical_pixel("hd").expect("listed");
+    let fit = fit_physical(&DEVICE, &exposures, &guess, |_, _| {}).unwrap();
+    let found = &fit.sensor;
+    println!("{fit:#?}");
+    let share = |what: &str, actual: f64, expected: f64, bound: f64| {
+        println!("{what}: {actual:.4}, known {expected:.4}");
+        (actual / expected - 1.0).abs() <= bound
+    };
+    let pole = |s: &SensorModel| s.response_e_per_lux_s / s.photoreceptor_charge_e;
+    let holds = [
+        share("contrast_on", found.contrast_on, known.contrast_on, THRESHOLD),
+        share("contrast_off", found.contrast_off, known.contrast_off, THRESHOLD),
+        share("response over charge", pole(found), pole(&known), SPEED),
+        share("second_pole_hz", found.second_pole_hz, known.second_pole_hz, SPEED),
+        share("charge", found.photoreceptor_charge_e, known.photoreceptor_charge_e, CHARGE),
+        share("refractory_ns", found.refractory_ns.into(), known.refractory_ns.into(), REFRACTORY),
+        share("dark_lux", found.dark_lux, known.dark_lux, DARK - 1.0),
+        (found.contrast_mismatch - known.contrast_mismatch).abs() <= MISMATCH_LOG,
+        (found.leak_rate_hz - known.leak_rate_hz).abs() <= LEAK_HZ,
+    ];
+    println!("mismatch {} and {}", found.contrast_mismatch, known.contrast_mismatch);
+    println!("leak {} and {}", found.leak_rate_hz, known.leak_rate_hz);
+    assert!(holds.into_iter().all(|holds| holds), "{holds:?}");
+    assert!(fit.misfit < 2.5, "{}", fit.misfit);
+    assert_eq!(SensorModel::from_toml(&found.to_toml()).as_ref(), Ok(found));
+    assert_silent();
+}
+
+/// The scene is too slow to tell the refractory period, which stays that of the guess.
+#[test]
+fn thresholds_are_recovered_from_a_scene() {
+    let pixel = preset_with_physical_pixel("davis346").expect("listed");
+    let known = SensorModel {
+        pixel: Pixel::Physical,
+        contrast_on: 0.31,
+        contrast_off: 0.27,
+        contrast_mismatch: 0.02,
+        refractory_ns: 800_000,
+        ..recording::sensor().with_physical(&pixel.physical_pixel())
+    };
+    // Full scale of the frames is 4 units.
+    let known = SensorModel { lux_per_unit: 25.0, ..known };
+    let recorded = recording::record(&known, 31);
+    let guess = SensorModel { lux_per_unit: 100.0, ..pixel };
+    let found = fit_scene(&DEVICE, &recorded, 0.01, &guess).unwrap();
+    println!("{found:?}");
+    for (what, actual, expected) in [
+        ("contrast_on", found.contrast_on, known.contrast_on),
+        ("contrast_off", found.contrast_off, known.contrast_off),
+    ] {
+        assert!((actual / expected - 1.0).abs() <= THRESHOLD, "{what}: {actual}, known {expected}");
+    }
+    assert_eq!(found.refractory_ns, guess.refractory_ns);
+    assert_silent();
+}
+
+#[test]
+fn lists_that_say_too_little_or_something_impossible_are_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let sensor = SensorModel { width: 2, height: 1, ..known() };
+    let file = std::fs::File::create(folder.path().join("a.npz")).unwrap();
+    let columns =
+        EventColumns { x: vec![0, 1], y: vec![0, 0], t_ns: vec![0, 2_000_000_000], sign: vec![1, -1] };
+    write_npz(file, &columns, &sensor.to_toml()).unwrap();
+    let list = |text: &str| {
+        let path = folder.path().join("list.toml");
+        std::fs::write(&path, text).unwrap();
+        read_exposures(&path)
+    };
+    let refused = |text: &str| format!("{:#}", list(text).unwrap_err());
+    let entry = |rest: &str| format!("[[exposure]]\nfile = \"a.npz\"\n{rest}");
+    assert!(refused("").contains("exposure"));
+    assert!(refused(&entry("lux = -1.0")).contains("lux is -1, expected 1e-6 to 1e6"));
+    assert!(refused(&entry("lux = 1.0\nflicker_hz = 5.0")).contains("flicker_hz and depth together"));
+    assert!(refused(&entry("lux = 1.0\nflicker_hz = 5.0\ndepth = 1.5")).contains("depth is 1.5"));
+    assert!(refused(&entry("lux = 1.0\nlight = 2")).contains("light"));
+    assert!(refused(&format!("burn_in_s = 9.0\n{}", entry("lux = 1.0"))).contains("burn-in of 9 s"));
+    assert!(refused("[[exposure]]\nfile = \"none.npz\"\nlux = 1.0").contains("cannot read"));
+    assert!(refused("[[exposure]]\nfile = \"a.csv\"\nlux = 1.0").contains(".npz or .aedat4"));
+    let one = list(&entry("lux = 1.0")).unwrap();
+    assert_eq!((one.all[0].events.len(), one.all[0].seconds), (2, 2.0));
+    let guess = preset_with_physical_pixel("hd").expect("listed");
+    let error = fit_physical(&DEVICE, &one, &guess, |_, _| {}).unwrap_err().to_string();
+    assert!(error.contains("1 exposures have still light, expected at least 2"), "{error}");
+    let log = esaac_model::presets::preset("hd").expect("listed");
+    let error = fit_physical(&DEVICE, &one, &log, |_, _| {}).unwrap_err().to_string();
+    assert!(error.contains("expected a physical one"), "{error}");
+}
