@@ -17,11 +17,7 @@ layout(local_size_x = CROSS_THREADS, local_size_x_id = THREADS_ID) in;
 
 // Macros, not constants: a constant equal to a specialisation constant would take over its name.
 #define MAY_BIN_BY_SAMPLE AT_SAMPLE
-#ifdef PHYSICAL
-#define WALKS_SUSPEND false
-#else
 #define WALKS_SUSPEND EFFECT_SHOT
-#endif
 
 #include "frame_load_by_texel.glsl"
 #include "udiv_float.glsl"

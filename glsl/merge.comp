@@ -5,7 +5,7 @@
 // level is a dispatch that merges runs to twice the length, into the other buffer. A workgroup finds which part of
 // either run its tile of the result consists of (where the merge path of the two runs crosses the tile's first and last
 // diagonal: Green, McColl and Bader, GPU Merge Path, 2012) and merges these in shared memory. A camera's last level
-// writes the struct of arrays. Deferred events behind the packet stay as they are.
+// writes the struct of arrays, but leaves events with a bus before them where `readout` looks for them. Deferred events behind the packet stay as they are.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -21,6 +21,7 @@ BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 
+#include "readouts.glsl"
 #include "udiv_native.glsl"
 #include "event_order.glsl"
 
@@ -153,7 +154,8 @@ void main() {
         return;
     }
     const bool in_gathered = push.level % 2u == 0u;
-    const bool to_packet = max(RUN_EVENTS, 2u * width) >= counted.packet;
+    const bool before_bus = push.outlets == 0u && readouts[cam.slot].has_bus != 0u;
+    const bool to_packet = max(RUN_EVENTS, 2u * width) >= counted.packet && !before_bus;
     const uint stride = gl_NumWorkGroups.x * RUN_EVENTS;
     for (uint start = gl_WorkGroupID.x * RUN_EVENTS; start < counted.packet; start += stride) {
         const uint end = min(start + RUN_EVENTS, counted.packet);

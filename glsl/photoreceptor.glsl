@@ -6,6 +6,12 @@ const float LEAST_RATIO = 1.0 / 1048576.0;
 // Largest lag, nepers: more than any light can be behind.
 const float MOST_LAG_LOG = 100.0;
 
+// Most that an excess grows by in a part, as a logarithm.
+const float MOST_GROWTH = 40.0;
+
+// Excess up to which its logarithm is a straight line over a part.
+const float STRAIGHT_EXCESS = 0.02;
+
 // (e^x - 1) / x. Near 0 a series keeps the digits that the difference loses.
 float phi(float x) {
     if (abs(x) < 0.1) {
@@ -24,47 +30,63 @@ float log_1p(float d) {
     return log(1.0 + d);
 }
 
-// What the second pole, which turns by `second` over the part, passes of a decay by `rate`.
-float passed(float second, float rate) {
-    return second * exp(-min(rate, second)) * phi(-abs(second - rate));
+// (e^-x - 1) / -x, given e^-x.
+float phi_falling(float x, float kept) {
+    return abs(x) < 0.1 ? phi(-x) : (1.0 - kept) / x;
 }
 
-// Weights of 1, u and u^2 behind the second pole, where u falls from 1 to 0 linearly in e^(-decay s): the share that the
-// pole keeps of its start, and the convolutions of u and u^2 with it.
-vec3 moments(float second, float decay) {
-    const float kept = exp(-second);
-    const float fall = 1.0 - exp(-decay);
+// What the second pole, which turns by `second` over the part, passes of a decay by `rate`. `kept` is e^-second, `left`
+// e^-rate.
+float passed(float second, float rate, float kept, float left) {
+    const float apart = abs(second - rate);
+    return second * (apart < 0.1 ? max(kept, left) * phi(-apart) : abs(kept - left) / apart);
+}
+
+// Convolution with the second pole of u, which falls from 1 to 0 linearly in e^(-decay s). `kept` is e^-second, `left`
+// e^-decay.
+float linear_moment(float second, float decay, float kept, float left) {
+    const float fall = 1.0 - left;
     if (abs(fall) < 0.03) {
         // Nearly linear in time: u = 1 - s.
-        const float linear = phi(-second) - kept;
-        const float square = second < 0.5
+        return phi_falling(second, kept) - kept;
+    }
+    return (passed(second, decay, kept, left) - left * (1.0 - kept)) / fall;
+}
+
+// The same of u^2, given that of u.
+float square_moment(float second, float decay, float kept, float left, float linear) {
+    const float fall = 1.0 - left;
+    if (abs(fall) < 0.03) {
+        return second < 0.5
             ? second * (1.0 / 3.0 - second * (0.25 - second * (0.1 - second * (1.0 / 36.0))))
             : (2.0 - kept * (second * (second + 2.0) + 2.0)) / (second * second);
-        return vec3(kept, linear, square);
     }
-    const float left = 1.0 - fall;
-    const float linear = (passed(second, decay) - left * (1.0 - kept)) / fall;
-    // The square from the linear part: it loses fewer digits than the difference of three products.
-    const float twice = passed(second, 2.0 * decay);
-    const float square = ((twice - left * left * (1.0 - kept)) / fall - 2.0 * left * linear) / fall;
-    return vec3(kept, linear, square);
+    // From the linear one: it loses fewer digits than the difference of three products.
+    const float twice = passed(second, 2.0 * decay, kept, left * left);
+    return ((twice - left * left * (1.0 - kept)) / fall - 2.0 * left * linear) / fall;
 }
 
 // Takes the state over a part in which the light drives the charge `charge`, the level changes by `change` and the
-// second pole turns by `second`. Returns the phase by which the first stage turns.
-float advance_photoreceptor(float charge, float change, float second, inout float excess, inout float lag) {
-    const float decay = charge - change;
-    const float moved = excess * exp(min(-decay, 60.0)) + change * phi(-decay);
+// second pole turns by `second`. `behind` is ln(1 + excess). Returns the phase by which the first stage turns.
+float advance_photoreceptor(
+    float charge, float change, float second, inout float excess, inout float behind, inout float lag
+) {
+    const float decay = max(charge - change, -MOST_GROWTH);
+    const float left = exp(-decay);
+    const float kept = exp(-second);
+    const float moved = excess * left + change * phi_falling(decay, left);
     const float next = clamp(moved, LEAST_RATIO - 1.0, 1e30);
-    const float from = log_1p(excess);
-    const float middle = log_1p(0.5 * (excess + next));
+    const float from = behind;
     const float to = log_1p(next);
-    const vec3 weights = moments(second, decay);
-    // The parabola through `to` at u = 0, `middle` at 1/2 and `from` at 1.
-    const float bend = 2.0 * (from + to - 2.0 * middle);
-    const float slope = 4.0 * middle - 3.0 * to - from;
-    const float pulled = to * (1.0 - weights.x) + slope * weights.y + bend * weights.z;
-    lag = clamp(lag * weights.x - change * phi(-second) - pulled, -MOST_LAG_LOG, MOST_LAG_LOG);
+    const float linear = linear_moment(second, decay, kept, left);
+    // ln(1 + d) is the parabola through `to` at u = 0, its middle at 1/2 and `from` at 1; near 0 it is a line.
+    float pulled = to * (1.0 - kept) + (from - to) * linear;
+    if (max(abs(excess), abs(next)) > STRAIGHT_EXCESS) {
+        const float bend = 2.0 * (from + to - 2.0 * log_1p(0.5 * (excess + next)));
+        pulled += bend * (square_moment(second, decay, kept, left, linear) - linear);
+    }
+    lag = clamp(lag * kept - change * phi_falling(second, kept) - pulled, -MOST_LAG_LOG, MOST_LAG_LOG);
     excess = next;
+    behind = to;
     return max(charge - change + (to - from), 0.0);
 }

@@ -2,10 +2,10 @@
 // random.glsl.
 
 // A phase beyond which nothing is remembered.
-const float FORGOTTEN_PHASE = 20.0;
+const float FORGOTTEN_PHASE = 12.0;
 
 // Distance, in standard deviations, beyond which the hazard is left out.
-const float FAR_DISTANCE = 7.0;
+const float FAR_DISTANCE = 6.0;
 
 // Standard normal deviate from four random words, by additions and multiplications alone.
 float normal_from_words(uvec4 words) {
@@ -27,19 +27,10 @@ float sigma_log(float variance, float first, float second) {
 // Correlation of the noise with itself after the phases p and q.
 float correlation(float p, float q) {
     const float low = min(p, q);
-    return exp(-low) * (1.0 + low * phi(low - max(p, q)));
-}
-
-// 1 - correlation(p, q), with all digits.
-float forgotten(float p, float q) {
-    const float low = min(p, q);
     const float high = max(p, q);
-    if (high < 0.1) {
-        const float second = high * high + low * (high + low);
-        const float third = high * high * high + low * second;
-        return low * high * (0.5 - (low + high) * (1.0 / 6.0) + second * (1.0 / 24.0) - third * (1.0 / 120.0));
-    }
-    return low * (phi(-low) - exp(-low) * phi(low - high));
+    const float kept = exp(-low);
+    const float apart = high - low;
+    return kept + low * (apart < 0.1 ? kept * phi(-apart) : (kept - exp(-high)) / apart);
 }
 
 // Correlation of the noise with its slope.
@@ -59,32 +50,33 @@ Law noise_law(float released, float sigma, float p, float q) {
     if (min(p, q) > FORGOTTEN_PHASE) {
         return Law(0.0, sigma);
     }
-    const float lost = clamp(forgotten(p, q), 0.0, 1.0);
-    return Law(correlation(p, q) * released, sigma * sqrt(lost * (2.0 - lost)));
+    const float kept = min(correlation(p, q), 1.0);
+    return Law(kept * released, sigma * sqrt(1.0 - kept * kept));
+}
+
+// What the hazard of a pixel depends on besides distances: logarithms to base 2 of Rice's rate (per second) and of what
+// a first passage's rate at the distance 1 is of it, and the rate at which the noise moves at all.
+struct Rates {
+    float crossing_log2;
+    float passage_log2;
+    float near;
+};
+
+Rates noise_rates(float first, float second) {
+    const float first_log2 = log2(first);
+    const float second_log2 = log2(second);
+    return Rates(
+        0.5 * (first_log2 + second_log2) - 2.6514961,
+        1.3257481 - 0.5 * abs(first_log2 - second_log2),
+        0.6 * first * (second / (first + second)));
 }
 
 // Rate, per second, at which noise comes to a level `distance` standard deviations away.
-float hazard_per_s(float distance, float first, float second) {
-    if (distance > FAR_DISTANCE) {
-        return 0.0;
-    }
+float hazard_per_s(float distance, Rates rates) {
     const float b = max(distance, 0.7);
-    const float slow = min(first, second);
-    const float passage = slow * (b + 1.5 * exp(-b)) * 0.39894228;
-    const float crossing = sqrt(first) * sqrt(second) * 0.15915494;
-    const float smaller = min(passage, crossing);
-    const float joined = smaller * pow(1.0 + pow(smaller / max(max(passage, crossing), 1e-30), 1.2), -1.0 / 1.2);
-    const float near = 0.6 * slow / (1.0 + slow / max(first, second));
-    return max(joined * exp(-0.5 * b * b), near * clamp((1.0 - b) * (1.0 / 0.3), 0.0, 1.0));
-}
-
-// Hazards of OFF and ON noise, per second. `above` is the level without noise above the reference, nepers.
-vec2 hazards_per_s(float above, Law law, vec2 thresholds_off_on, float first, float second) {
-    if (law.deviation <= 0.0) {
-        return vec2(0.0);
-    }
-    const float shown = above + law.mean;
-    return vec2(
-        hazard_per_s((thresholds_off_on.x + shown) / law.deviation, first, second),
-        hazard_per_s((thresholds_off_on.y - shown) / law.deviation, first, second));
+    // The smaller of Rice's rate and a passage's rules.
+    const float ratio_log2 = rates.passage_log2 + log2(b + 1.5 * exp2(-1.442695 * b));
+    const float joined = log2(1.0 + exp2(-1.2 * ratio_log2)) * (1.0 / 1.2);
+    const float far = exp2(rates.crossing_log2 - joined - 0.7213475 * b * b);
+    return max(far, rates.near * clamp((1.0 - distance) * (1.0 / 0.3), 0.0, 1.0));
 }

@@ -5,9 +5,9 @@
 // The including kernel calls `begin_walk`, then `walk_substep` for each sub-step in turn, then `end_walk`. It provides
 // `emit(at_ns, on, ordinal)` and `walks_on(ordinal)` (whether a walk goes on after `ordinal` events).
 //
-// A sub-step is cut into parts, in which the photoreceptor's output is a straight line, or two if it turns. With noise, a
-// line is cut into stretches, in which the watched level (output, leak and noise) is one. An event or a release begins a
-// new stretch.
+// A sub-step is cut into parts, in which the photoreceptor's output is a cubic through both ends with both slopes. A part
+// is cut into stretches: at the output's turn, and where noise moves fast. In a stretch the watched level (output, leak
+// and noise) only rises or only falls. An event or a release begins a new stretch.
 
 const uint NEVER = 0xffffffffu;
 
@@ -17,17 +17,26 @@ const uint MAX_PARTS = 256u;
 const float MAX_CHANGE_LOG = 0.2;
 // Lag of the first stage, nepers, beyond which a part is no longer than half its time constant.
 const float FAR_BEHIND_LOG = 0.5;
-// Distance of a stage from where it settles, nepers, beyond which a part is no longer than half its time constant: there
-// its output bends.
-const float BEND_LOG = 0.001;
-// Time constants of a stage in a part, up to which its output may turn within the part.
+// Distance of a stage from where it settles, nepers, up to which its bend is left out; error of the output within a part,
+// nepers, that sets the part's length while it bends. With noise, whose deviation is ten times that, they are larger.
+const float BEND_LOG = EFFECT_SHOT ? 0.005 : 0.001;
+const float CUBIC_ERROR_LOG = EFFECT_SHOT ? 0.002 : 0.0005;
+// Distance of a turn from a threshold, nepers, within which a part ends at the turn.
+const float TURN_MARGIN_LOG = 0.003;
+// Time constants of a stage in a part, up to which the output is a cubic; in a longer one it is a straight line.
 const float STEEP_TURN = 4.0;
+// Phase of the slower pole since a release beyond which the noise moves slowly.
+const float SETTLED_PHASE = 2.5;
 // Largest charge of a part.
 const float MOST_CHARGE = 1e30;
 // Largest phase that is kept.
 const float MOST_PHASE = 40.0;
 // Longest time since a release that is kept, nanoseconds.
 const int LONGEST_NS = 1 << 30;
+// Stands for any number of time constants.
+const float LONGEST_TURN = 1e30;
+// Largest exponent by which a hazard grows or falls within a stretch.
+const float MOST_HAZARD_GROWTH = 6.0;
 // Most of a leak in one part, nepers.
 const float MOST_LEAK_LOG = 32.0;
 
@@ -96,13 +105,18 @@ void store_pixel(Camera cam, uint pixel, PixelState p) {
     store_state(cam, pixel, STATE_EVENTS, p.events);
 }
 
-// A walk makes its draws where it needs them. It is never suspended, as that of pixel_log.glsl may be.
+// Each walk makes the draws of its first renewal in advance, when all threads of a subgroup make them together. For
+// another one it makes them where it needs them or, where WALKS_SUSPEND, is suspended until the kernel has called
+// `make_draw`: the software driver makes draws that stand in a loop in each round.
+bool draws_missing;
+bool suspended;
+
 bool needs_draw() {
-    return false;
+    return WALKS_SUSPEND && draws_missing;
 }
 
 bool is_suspended() {
-    return false;
+    return WALKS_SUSPEND && suspended;
 }
 
 #include "chord.glsl"
@@ -110,6 +124,34 @@ bool is_suspended() {
 float nepers(int q24) {
     return float(q24) * (1.0 / LOG_SCALE);
 }
+
+// A part of a sub-step.
+struct Part {
+    uint start;
+    uint end;
+    // When the output turns; the part's end if it does not.
+    uint turn;
+    // Output with the leak within the part, Q24; how much steeper it is at both ends than between them, nepers in the part.
+    int from;
+    int to;
+    float from_bow;
+    float to_bow;
+    // Rate of the first stage, per second; phase by which it turns.
+    float from_first;
+    float to_first;
+    float turned;
+    // Fall of the reference, Q24.
+    int leaked;
+};
+
+// What a renewal draws when it begins, and at the release before it.
+struct Draws {
+    float fresh;
+    float deviate;
+    uint clock;
+    // For a noise event's polarity and slope.
+    uvec2 words;
+};
 
 // The state of a pixel's walk through an interval.
 struct Walk {
@@ -123,34 +165,48 @@ struct Walk {
     // When the pixel is released, 0 if it is not held; time of the last event (while it is held) or release.
     uint held_until;
     int since_ns;
-    // Noise of the moment, nepers; the deviate of the noise that a signal meets; slope of the noise at the event that
-    // holds the pixel.
+    // At the end of the last part: rate that the light drives, per second, and ln(1 + excess).
+    float drive;
+    float behind;
+    // Leak in the dark, Q24 per second.
+    float dark_leak;
+    // Noise of the moment that a signal meets and its mean, nepers; its deviate; slope of the noise at the event that holds
+    // the pixel.
     float noise;
+    float mean;
+    // Whether an event has ended the renewal and the next one has not begun; draws of the present one and, if they are
+    // made, of the next one.
+    bool renews;
+    uvec2 words;
+    Draws next;
+    bool has_next;
+    // The sub-step: its level at the end, parts so far, the present part, the level at its end, whether it is over, and how
+    // far the pixel has been watched.
+    int to_level;
+    uint parts;
+    Part part;
+    int part_level;
+    bool is_over;
+    uint now;
     float deviate;
     float slope;
     // APS: integral of the intensity.
     float exposed;
 };
 
-// A straight line of the output: a part of a sub-step, or a piece of one.
-struct Part {
-    uint start;
-    uint end;
-    // Output with the leak within the part, Q24; rate of the first stage, per second; phase by which it turns.
-    int from;
-    int to;
-    float from_first;
-    float to_first;
-    float turned;
-};
-
 float share_of(Part part, uint t) {
     return float(t - part.start) / float(part.end - part.start);
 }
 
+// Output above the straight line, nepers.
+float bow_at(Part part, float share) {
+    const float rest = 1.0 - share;
+    return share * rest * (rest * part.from_bow - share * part.to_bow);
+}
+
 // Output with leak at time t.
 int output_at(Part part, uint t) {
-    return level_at(part.from, part.to, part.start, part.end, t);
+    return level_at(part.from, part.to, part.start, part.end, t) + to_q24(bow_at(part, share_of(part, t)));
 }
 
 // Standard deviation of the noise when nothing is known of it.
@@ -171,29 +227,51 @@ Law law_at(Camera cam, PixelState p, Walk w, Part part, float share) {
     return noise_law(p.noise, sigma_at(cam, first), phase, max(second_phase(cam, w, t), 0.0));
 }
 
-// Makes the draws of the renewal that begins.
-void begin_renewal(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    const uint events = p.events + w.ordinal;
-    p.clock = exponential_q27(draw(cam, pixel, STREAM_CLOCK, events).x);
-    w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, events));
+// Noise that a signal meets at time t, nepers.
+float noise_at(Camera cam, PixelState p, Walk w, Part part, uint t) {
+    const Law law = law_at(cam, p, w, part, share_of(part, t));
+    return law.mean + law.deviation * w.deviate;
+}
+
+// Makes the draws of the next renewal, which begins after `events` events.
+Draws draw_renewal(Camera cam, uint pixel, uint events) {
+    const uvec4 words = draw(cam, pixel, STREAM_CLOCK, events);
+    return Draws(
+        EFFECT_REFRACTORY ? normal_from_words(draw(cam, pixel, STREAM_RELEASE, events)) : 0.0,
+        normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, events)), exponential_q27(words.x), words.yz);
+}
+
+void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    w.next = draw_renewal(cam, pixel, p.events + w.ordinal);
+    w.has_next = true;
+    draws_missing = false;
+}
+
+// Begins a renewal, whose draws are made.
+void begin_renewal(inout PixelState p, inout Walk w) {
+    p.clock = w.next.clock;
+    w.deviate = w.next.deviate;
+    w.words = w.next.words;
+    w.has_next = false;
+    w.renews = false;
 }
 
 // Ends the hold at time t: the reference is what the pixel shows, with the noise of the moment. A renewal begins.
-void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inout Walk w) {
+void release(Camera cam, uint t, Part part, inout PixelState p, inout Walk w) {
     float noise = 0.0;
     const float share = share_of(part, t);
     if (EFFECT_SHOT) {
         const float phase = max(p.phase + share * part.turned, 0.0);
         const float second = max(second_phase(cam, w, float(t)), 0.0);
         const float sigma = sigma_at(cam, lerp(part.from_first, part.to_first, share));
-        const float lost = clamp(forgotten(phase, second), 0.0, 1.0);
+        const float kept = min(correlation(phase, second), 1.0);
         const float turned = w.slope == 0.0 ? 0.0 : slope_correlation(phase, second);
-        const float unknown = sqrt(max(lost * (2.0 - lost) - turned * turned, 0.0));
-        const float fresh = normal_from_words(draw(cam, pixel, STREAM_RELEASE, p.events + w.ordinal));
-        noise = correlation(phase, second) * p.noise + sigma * (turned * w.slope + unknown * fresh);
+        const float unknown = sqrt(max(1.0 - kept * kept - turned * turned, 0.0));
+        noise = kept * p.noise + sigma * (turned * w.slope + unknown * w.next.fresh);
     }
     p.noise = noise;
     w.noise = noise;
+    w.mean = noise;
     p.reference = output_at(part, t) + to_q24(noise);
     w.held_until = 0u;
     w.since_ns = int(t);
@@ -203,13 +281,14 @@ void release(Camera cam, uint pixel, uint t, Part part, inout PixelState p, inou
 // Books an event at time t, at which the noise is `noise`: begins the hold or, without a refractory period, the next
 // renewal. `slope` is 0 for a signal.
 void fire(
-    Camera cam, uint pixel, uint t, bool on, float noise, float slope, Part part, inout PixelState p, inout Walk w
+    Camera cam, uint t, bool on, float noise, float slope, Part part, inout PixelState p, inout Walk w
 ) {
     const uint at = AT_SAMPLE ? w.end : t;
     emit(at, on, w.ordinal);
     w.ordinal += 1u;
     p.noise = noise;
     w.noise = noise;
+    w.mean = noise;
     w.since_ns = int(t);
     p.phase = -share_of(part, t) * part.turned;
     if (EFFECT_REFRACTORY && cam.refractory_ns != 0u) {
@@ -220,7 +299,7 @@ void fire(
     }
 }
 
-// A stretch of a part: the watched level is a straight line.
+// A stretch of a part: the watched level at both ends.
 struct Stretch {
     uint start;
     uint end;
@@ -228,46 +307,102 @@ struct Stretch {
     int to;
 };
 
-// The stretch of a noisy pixel that begins now. Noise moves fast after a release: a stretch is no longer than the faster
-// pole's time constant or twice the time since the release.
-Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out float noise) {
-    uint end = part.end;
+// The stretch of a quiet pixel: a part, up to its turn or from it.
+Stretch quiet_stretch(uint now, Part part) {
+    const bool turns = now < part.turn;
+    const uint start = turns || part.turn == part.end ? part.start : part.turn;
+    const uint end = turns ? part.turn : part.end;
+    return Stretch(start, end, output_at(part, start), output_at(part, end));
+}
+
+// The stretch of a noisy pixel that begins now, and the law of the noise at its end. Noise moves fast after a release: until
+// the slower pole has turned some times, a stretch is no longer than that.
+Stretch noisy_stretch(Camera cam, uint now, Part part, PixelState p, Walk w, out Law law) {
+    uint end = now < part.turn ? part.turn : part.end;
     const float phase = p.phase + share_of(part, now) * part.turned;
-    if (min(phase, second_phase(cam, w, float(now))) < FORGOTTEN_PHASE) {
-        const float fastest = max(max(part.from_first, part.to_first), physicals[cam.slot].second_per_s);
-        const float longest_ns = max(1e9 / fastest, 2.0 * float(int(now) - w.since_ns));
-        const uint rest = part.end - now;
-        end = longest_ns < float(rest) ? now + max(uint(longest_ns), 1u) : part.end;
+    if (min(phase, second_phase(cam, w, float(now))) < SETTLED_PHASE) {
+        const float slower = min(max(part.from_first, part.to_first), physicals[cam.slot].second_per_s);
+        const float longest_ns = SETTLED_PHASE * 1e9 / slower;
+        end = longest_ns < float(end - now) ? now + max(uint(longest_ns), 1u) : end;
     }
-    const Law law = law_at(cam, p, w, part, share_of(part, end));
-    noise = law.mean + law.deviation * w.deviate;
-    return Stretch(now, end, output_at(part, now) + to_q24(w.noise), output_at(part, end) + to_q24(noise));
+    law = law_at(cam, p, w, part, share_of(part, end));
+    return Stretch(
+        now, end, output_at(part, now) + to_q24(w.noise),
+        output_at(part, end) + to_q24(law.mean + law.deviation * w.deviate));
 }
 
-// Hazards of OFF and ON noise at a share of the part.
-vec2 hazards_at(Camera cam, float share, Part part, PixelState p, Walk w) {
-    const float above = lerp(nepers(part.from - p.reference), nepers(part.to - p.reference), share);
-    const vec2 thresholds = vec2(nepers(p.off_q24), nepers(p.on_q24));
-    const float first = lerp(part.from_first, part.to_first, share);
-    return hazards_per_s(above, law_at(cam, p, w, part, share), thresholds, first, physicals[cam.slot].second_per_s);
-}
-
-// Hazard of both halves of a stretch, each as at its Gauss point.
-vec2 stretch_hazard(Camera cam, Stretch stretch, Part part, PixelState p, Walk w) {
-    if (stretch.end == stretch.start) {
-        return vec2(0.0);
+// When a stretch crosses `level`, which it does if it `rises` or falls. The straight line's crossing is made better once, on
+// the part's cubic and with the law of the noise.
+uint crossing_time(Camera cam, Stretch stretch, Part part, int level, bool rises, PixelState p, Walk w) {
+    const int sign = rises ? 1 : -1;
+    const int to_go = sign * (level - stretch.from);
+    const uint at = time_in_substep(
+        stretch.start, stretch.end, float(to_go), float(sign * (stretch.to - stretch.from)));
+    if (!EFFECT_SHOT && part.from_bow == 0.0 && part.to_bow == 0.0) {
+        return at;
     }
-    const vec2 ends = vec2(share_of(part, stretch.start), share_of(part, stretch.end));
-    const vec2 early = hazards_at(cam, lerp(ends.x, ends.y, 0.21132487), part, p, w);
-    const vec2 late = hazards_at(cam, lerp(ends.x, ends.y, 0.78867513), part, p, w);
-    const float half_s = 0.5e-9 * float(stretch.end - stretch.start);
-    return half_s * vec2(early.x + early.y, late.x + late.y);
+    const int there = output_at(part, at) + (EFFECT_SHOT ? to_q24(noise_at(cam, p, w, part, at)) : 0);
+    const int rest = sign * (level - there);
+    if (rest > 0) {
+        return at == stretch.end
+            ? at
+            : time_in_substep(at, stretch.end, float(rest), max(float(sign * (stretch.to - there)), 1.0));
+    }
+    return time_in_substep(stretch.start, at, float(to_go), max(float(sign * (there - stretch.from)), 1.0));
 }
 
-// Time at which the clock has run out, which it does within the stretch.
-uint noise_time(Stretch stretch, vec2 hazard, float clock) {
-    const float share = clock < hazard.x ? 0.5 * clock / hazard.x : 0.5 + 0.5 * (clock - hazard.x) / hazard.y;
-    return time_in_substep(stretch.start, stretch.end, min(share, 1.0), 1.0);
+// Hazards in a stretch of a part, and the exponent by which that of the nearer threshold grows over it.
+struct Hazard {
+    float off;
+    float on;
+    float growth;
+};
+
+// Hazards from `start` to `end`, where the mean of the noise is `mean`. They are those at the middle; the nearer
+// threshold's grows or falls exponentially from there.
+Hazard stretch_hazard(Camera cam, uint start, uint end, float mean, Part part, PixelState p, Walk w) {
+    Hazard hazard = Hazard(0.0, 0.0, 0.0);
+    const vec2 ends = vec2(share_of(part, start), share_of(part, end));
+    const float middle = 0.5 * (ends.x + ends.y);
+    const Law law = law_at(cam, p, w, part, middle);
+    if (end == start || law.deviation <= 0.0) {
+        return hazard;
+    }
+    const float per_deviation = 1.0 / law.deviation;
+    const float above = lerp(nepers(part.from - p.reference), nepers(part.to - p.reference), middle)
+        + bow_at(part, middle) + law.mean;
+    const float off = (nepers(p.off_q24) + above) * per_deviation;
+    const float on = (nepers(p.on_q24) - above) * per_deviation;
+    const float nearer = min(off, on);
+    if (nearer > FAR_DISTANCE + 1.0) {
+        return hazard;
+    }
+    const float bowed = bow_at(part, ends.y) - bow_at(part, ends.x);
+    const float rise = (nepers(part.to - part.from) * (ends.y - ends.x) + bowed + (mean - w.mean)) * per_deviation;
+    const float nearing = on < off ? rise : -rise;
+    // e^(-b^2/2) where b falls by `nearing`, over its value in the middle.
+    hazard.growth = clamp(max(nearer, 0.7) * nearing, -MOST_HAZARD_GROWTH, MOST_HAZARD_GROWTH);
+    const float half_squared = 0.25 * hazard.growth * hazard.growth;
+    const float grown = 1.0
+        + half_squared * (1.0 / 6.0 + half_squared * (1.0 / 120.0 + half_squared * (1.0 / 5040.0)));
+    const float duration_s = 1e-9 * float(end - start);
+    const Rates rates =
+        noise_rates(lerp(part.from_first, part.to_first, middle), physicals[cam.slot].second_per_s);
+    const float near = duration_s * grown * hazard_per_s(nearer, rates);
+    const float further = max(off, on);
+    const float far = further < FAR_DISTANCE ? duration_s * hazard_per_s(further, rates) : 0.0;
+    hazard.off = on < off ? far : near;
+    hazard.on = on < off ? near : far;
+    return hazard;
+}
+
+// Time at which the clock has run out, which it does from `start` to `end`.
+uint noise_time(uint start, uint end, Hazard hazard, float clock) {
+    const float spent = clock / (hazard.off + hazard.on);
+    const float share = abs(hazard.growth) < 0.01
+        ? spent
+        : log(1.0 + spent * (exp(hazard.growth) - 1.0)) / hazard.growth;
+    return time_in_substep(start, end, clamp(share, 0.0, 1.0), 1.0);
 }
 
 // Spends hazard that the clock has.
@@ -275,96 +410,99 @@ uint spend(uint clock, float hazard) {
     return clock - min(clock, uint(roundEven(hazard * float(1u << HAZARD_FRACTION_BITS))));
 }
 
-// Walks the pixel over a part, whose output is known.
-void watch_part(Camera cam, uint pixel, Part part, inout PixelState p, inout Walk w) {
-    Stretch stretch = Stretch(part.start, part.end, part.from, part.to);
-    uint now = part.start;
-    // Draws are long. The software driver makes all those that stand in a loop, so they stand there once.
-    bool renews = false;
-    bool goes_on = true;
-    do {
-        if (EFFECT_REFRACTORY && w.held_until != 0u) {
-            if (w.held_until > part.end) {
-                break;
-            }
-            now = max(w.held_until, part.start);
-            release(cam, pixel, now, part, p, w);
-            renews = true;
+// Walks the pixel over the next stretch of the part, up to an event if there is one. Returns whether the part is over.
+bool watch_stretch(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    const Part part = w.part;
+    uint now = w.now;
+    const bool is_held = EFFECT_REFRACTORY && w.held_until != 0u;
+    if (is_held && w.held_until > part.end) {
+        return true;
+    }
+    if (EFFECT_SHOT && (is_held || w.renews) && !w.has_next) {
+        if (WALKS_SUSPEND) {
+            draws_missing = true;
+            return false;
         }
-        if (EFFECT_SHOT && renews) {
-            begin_renewal(cam, pixel, p, w);
-            renews = false;
+        make_draw(cam, pixel, p, w);
+    }
+    if (is_held) {
+        now = max(w.held_until, part.start);
+        release(cam, now, part, p, w);
+    }
+    if (EFFECT_SHOT && (is_held || w.renews)) {
+        begin_renewal(p, w);
+    }
+    Law law = Law(0.0, 0.0);
+    Stretch stretch;
+    if (EFFECT_SHOT) {
+        stretch = noisy_stretch(cam, now, part, p, w, law);
+    } else {
+        stretch = quiet_stretch(now, part);
+    }
+    const float noise = law.mean + law.deviation * w.deviate;
+    // After a change of parameters the level may lie beyond a threshold from the start.
+    const bool settles = cam.no_skip != 0u && now <= 1u && stretch.end != stretch.start;
+    const int from = settles ? level_at(stretch.from, stretch.to, stretch.start, stretch.end, now) : p.reference;
+    const bool starts_above = from - p.reference >= p.on_q24;
+    const bool starts_beyond = starts_above || p.reference - from >= p.off_q24;
+    const bool rises = starts_beyond ? starts_above : stretch.to - p.reference >= p.on_q24;
+    const bool falls = starts_beyond ? !starts_above : p.reference - stretch.to >= p.off_q24;
+    uint signal_at = NEVER;
+    if (rises || falls) {
+        const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
+        const int to_go = rises ? level - stretch.from : stretch.from - level;
+        signal_at = to_go > 0 && !starts_beyond && stretch.end != stretch.start
+            ? crossing_time(cam, stretch, part, level, rises, p, w)
+            : now;
+        // The first instant of a sub-step belongs to the one before.
+        signal_at = min(max(max(signal_at, now), w.start + 1u), part.end);
+    }
+    const uint until = min(signal_at, stretch.end);
+    const float share = stretch.end == stretch.start || until <= stretch.start
+        ? 0.0
+        : float(until - stretch.start) / float(stretch.end - stretch.start);
+    uint shot_at = NEVER;
+    Hazard hazard = Hazard(0.0, 0.0, 0.0);
+    if (EFFECT_SHOT) {
+        const float clock = float(p.clock) / float(1u << HAZARD_FRACTION_BITS);
+        hazard = stretch_hazard(cam, now, max(until, now), lerp(w.mean, law.mean, share), part, p, w);
+        if (clock < hazard.off + hazard.on) {
+            shot_at = noise_time(now, until, hazard, clock);
+        } else if (signal_at == NEVER) {
+            p.clock = spend(p.clock, hazard.off + hazard.on);
         }
-        float noise = 0.0;
-        vec2 hazard = vec2(0.0);
-        if (EFFECT_SHOT) {
-            stretch = noisy_stretch(cam, now, part, p, w, noise);
-            hazard = stretch_hazard(cam, stretch, part, p, w);
-        }
-        // After a change of parameters the level may lie beyond a threshold from the start.
-        const bool settles = cam.no_skip != 0u && now <= 1u && stretch.end != stretch.start;
-        const int from = settles ? level_at(stretch.from, stretch.to, stretch.start, stretch.end, now) : p.reference;
-        const bool starts_above = from - p.reference >= p.on_q24;
-        const bool starts_beyond = starts_above || p.reference - from >= p.off_q24;
-        const bool rises = starts_beyond ? starts_above : stretch.to - p.reference >= p.on_q24;
-        const bool falls = starts_beyond ? !starts_above : p.reference - stretch.to >= p.off_q24;
-        uint signal_at = NEVER;
-        if (rises || falls) {
-            const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
-            const int to_go = rises ? level - stretch.from : stretch.from - level;
-            const int slope = abs(stretch.to - stretch.from);
-            signal_at = to_go > 0 && !starts_beyond && stretch.end != stretch.start
-                ? time_in_substep(stretch.start, stretch.end, float(to_go), float(slope))
-                : now;
-            // The first instant of a sub-step belongs to the one before.
-            signal_at = max(max(signal_at, now), w.start + 1u);
-        }
-        uint noise_at = NEVER;
-        if (EFFECT_SHOT) {
-            const float clock = float(p.clock) / float(1u << HAZARD_FRACTION_BITS);
-            if (clock < hazard.x + hazard.y) {
-                noise_at = noise_time(stretch, hazard, clock);
-            } else if (signal_at == NEVER) {
-                p.clock = spend(p.clock, hazard.x + hazard.y);
-            }
-        }
-        if (signal_at == NEVER && noise_at == NEVER) {
-            now = stretch.end;
-            w.noise = noise;
-            goes_on = now < part.end;
-        } else if (signal_at <= noise_at) {
-            now = min(signal_at, part.end);
-            float met = 0.0;
-            if (EFFECT_SHOT) {
-                met = stretch.end == stretch.start
-                    ? w.noise
-                    : lerp(w.noise, noise, float(now - stretch.start) / float(stretch.end - stretch.start));
-            }
-            fire(cam, pixel, now, rises, met, 0.0, part, p, w);
-            renews = w.held_until == 0u;
-        } else {
-            now = noise_at;
-            const vec2 hazards = hazards_at(cam, share_of(part, now), part, p, w);
-            const uvec4 words = draw(cam, pixel, STREAM_CLOCK, p.events + w.ordinal);
-            const bool on = float(words.y) * (1.0 / 4294967296.0) * (hazards.x + hazards.y) < hazards.y;
-            // The noise lifts the output to the threshold.
-            const int reached = p.reference + (on ? p.on_q24 : -p.off_q24);
-            const float slope = sqrt(2.0 * exponential_of(words.z));
-            const float lifted = nepers(reached - output_at(part, now));
-            fire(cam, pixel, now, on, lifted, on ? slope : -slope, part, p, w);
-            renews = w.held_until == 0u;
-        }
-    } while (goes_on && walks_on(w.ordinal));
+    }
+    if (signal_at == NEVER && shot_at == NEVER) {
+        w.now = stretch.end;
+        w.noise = noise;
+        w.mean = law.mean;
+        return stretch.end == part.end;
+    }
+    const bool is_signal = signal_at <= shot_at;
+    bool on = rises;
+    float slope = 0.0;
+    now = is_signal ? signal_at : shot_at;
+    float met = EFFECT_SHOT && is_signal ? noise_at(cam, p, w, part, now) : 0.0;
+    if (EFFECT_SHOT && !is_signal) {
+        const uvec2 words = WALKS_SUSPEND ? w.words : draw(cam, pixel, STREAM_CLOCK, p.events + w.ordinal).yz;
+        on = float(words.x) * (1.0 / 4294967296.0) * (hazard.off + hazard.on) < hazard.on;
+        slope = sqrt(2.0 * exponential_of(words.y));
+        slope = on ? slope : -slope;
+        // The noise lifts the output to the threshold.
+        met = nepers(p.reference + (on ? p.on_q24 : -p.off_q24) - output_at(part, now));
+    }
+    w.now = now;
+    fire(cam, now, on, met, slope, part, p, w);
+    w.renews = w.held_until == 0u;
+    return false;
 }
 
 // Lowers the reference by what leaks away in `duration_s` and by the charge that the light drives in it. Returns the
 // whole units of Q24; the rest stays in the fraction.
-int leak(Camera cam, float duration_s, float charge, inout PixelState p) {
+int leak(Camera cam, float duration_s, float charge, Walk w, inout PixelState p) {
     const Physical physical = physicals[cam.slot];
-    const float in_the_dark = physical.dark_leak_q24_per_s * exp(p.leak_factor_log)
-        - physical.dark_light_q24_per_s * exp(p.dark_factor_log);
     const float most = MOST_LEAK_LOG * LOG_SCALE;
-    const float fall = clamp(in_the_dark * duration_s + physical.light_q24_per_charge * charge, -most, most);
+    const float fall = clamp(w.dark_leak * duration_s + physical.light_q24_per_charge * charge, -most, most);
     const float whole = floor(abs(fall));
     const uint rest = uint(min((abs(fall) - whole) * 4294967296.0, 4294967040.0));
     uint over;
@@ -378,38 +516,44 @@ int leak(Camera cam, float duration_s, float charge, inout PixelState p) {
 
 // Slope of the output, nepers in a part of `duration_s` in which the second stage turns by `second`: that of the slower
 // stage, whose output the other follows.
-float output_slope(float drive, float duration_s, float second, PixelState p) {
+float output_slope(float drive, float duration_s, float second, float behind, PixelState p) {
     return second < STEEP_TURN
-        ? -second * (log_1p(p.excess) + p.lag)
+        ? -second * (behind + p.lag)
         : drive * duration_s * (p.excess / (1.0 + p.excess));
 }
 
-// The instant within a part at which the output turns, and the output then; the part's end if it does not turn.
-// `from_slope` and `to_slope` are the slopes at both ends, nepers in a part.
-uint turning_point(Part part, float from_slope, float to_slope, out int output_q24) {
-    output_q24 = part.to;
+// The instant within a part at which the output turns; the part's end if it does not turn. `from_slope` and `to_slope` are
+// the slopes at both ends, nepers in the part.
+uint turning_point(Part part, float from_slope, float to_slope) {
     const uint span = part.end - part.start;
     if (from_slope * to_slope >= 0.0 || span < 2u) {
         return part.end;
     }
-    const uint into = clamp(uint(float(span) * (from_slope / (from_slope - to_slope))), 1u, span - 1u);
-    // The cubic through both ends with both slopes.
-    const float u = float(into) / float(span);
-    const float v = 1.0 - u;
-    const float beyond = u * v * v * from_slope - u * u * v * to_slope;
-    const float change = u * u * (3.0 - 2.0 * u) * nepers(part.to - part.from);
-    output_q24 = part.from + to_q24(clamp(change + beyond, -MAX_CHANGE_LOG, MAX_CHANGE_LOG));
-    return part.start + into;
+    // The root of the cubic's slope, which changes sign once.
+    const float change = nepers(part.to - part.from);
+    const float bend = 3.0 * (from_slope + to_slope) - 6.0 * change;
+    const float half_fall = 3.0 * change - 2.0 * from_slope - to_slope;
+    const float root = sqrt(max(half_fall * half_fall - bend * from_slope, 0.0));
+    const float share = from_slope / (from_slope > 0.0 ? root - half_fall : -root - half_fall);
+    return part.start + clamp(uint(clamp(share, 0.0, 1.0) * float(span)), 1u, span - 1u);
 }
 
-// Walks a part, from `level` to `next_level`.
-void walk_part(
-    Camera cam, uint pixel, uint start, uint end, int level, int next_level, inout PixelState p, inout Walk w
-) {
+// Whether the output turns so near a threshold that the cubic cannot tell whether it reaches it. A part that begins at such
+// a turn may turn again at once, by rounding: that decides nothing.
+bool turn_decides(Part part, PixelState p) {
+    if (part.turn == part.end || part.turn - part.start < (part.end - part.start) / 16u) {
+        return false;
+    }
+    const int above = output_at(part, part.turn) - p.reference;
+    return nepers(min(abs(above - p.on_q24), abs(above + p.off_q24))) < TURN_MARGIN_LOG;
+}
+
+// The next part, up to `end`, in which the level goes from `level` to `next_level`. Takes the photoreceptor to its end.
+Part next_part(Camera cam, uint start, uint end, int level, int next_level, inout PixelState p, inout Walk w) {
+    const float drive = w.drive;
     const float duration_s = float(end - start) * 1e-9;
     const float change = nepers(next_level - level);
-    const float drive = drive_per_s(cam, level);
-    const float next_drive = drive_per_s(cam, next_level);
+    const float next_drive = next_level == level ? drive : drive_per_s(cam, next_level);
     const float charge = min(drive * duration_s * phi(change), MOST_CHARGE);
     const float second = physicals[cam.slot].second_per_s * duration_s;
     Part part;
@@ -417,54 +561,48 @@ void walk_part(
     part.end = end;
     part.from = level + to_q24(p.lag);
     part.from_first = drive / (1.0 + p.excess);
-    const float from_slope = output_slope(drive, duration_s, second, p);
-    part.turned = advance_photoreceptor(charge, change, second, p.excess, p.lag);
-    const float to_slope = output_slope(next_drive, duration_s, second, p);
-    const int leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, p) : 0;
-    part.to = next_level + to_q24(p.lag) + leaked;
+    const float from_slope = output_slope(drive, duration_s, second, w.behind, p);
+    part.turned = advance_photoreceptor(charge, change, second, p.excess, w.behind, p.lag);
+    w.drive = next_drive;
+    const float to_slope = output_slope(next_drive, duration_s, second, w.behind, p);
+    part.leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, w, p) : 0;
+    part.to = next_level + to_q24(p.lag) + part.leaked;
     part.to_first = next_drive / (1.0 + p.excess);
-    // Two straight lines, up to the turn and from it, reach what one would cut off.
-    int output_q24;
-    const bool bends = min(second, charge) < STEEP_TURN;
-    const uint turn = turning_point(part, bends ? from_slope : 0.0, to_slope, output_q24);
-    Part piece = part;
-    do {
-        const float share = share_of(part, turn);
-        const bool is_first = piece.start == start && turn != end;
-        piece.end = is_first ? turn : end;
-        piece.to = is_first ? output_q24 : part.to;
-        piece.to_first = is_first ? lerp(part.from_first, part.to_first, share) : part.to_first;
-        piece.turned = part.turned * (turn == end ? 1.0 : is_first ? share : 1.0 - share);
-        watch_part(cam, pixel, piece, p, w);
-        p.phase = clamp(p.phase + piece.turned, 0.0, MOST_PHASE);
-        piece.start = piece.end;
-        piece.from = piece.to;
-        piece.from_first = piece.to_first;
-    } while (piece.start < end && walks_on(w.ordinal));
-    p.reference -= leaked;
+    part.from_bow = 0.0;
+    part.to_bow = 0.0;
+    part.turn = end;
+    if (min(second, charge) < STEEP_TURN) {
+        const float rise = nepers(part.to - part.from);
+        part.from_bow = from_slope - rise;
+        part.to_bow = to_slope - rise;
+        part.turn = turning_point(part, from_slope, to_slope);
+    }
+    return part;
+}
+
+// Time constants of a stage in a part, so that a cubic is near enough. `bend` is how far the stage is from where it
+// settles, nepers.
+float longest_turn(float bend) {
+    return bend > BEND_LOG ? max(sqrt(sqrt(384.0 * CUBIC_ERROR_LOG / bend)), 0.5) : LONGEST_TURN;
 }
 
 // End of the part that begins at `start`, so that it is short enough for straight lines. `change` is that of the level
 // up to `end`, `most_change` that of a part.
-uint part_end(Camera cam, uint start, uint end, int level, float change, float most_change, PixelState p) {
+uint part_end(Camera cam, uint start, uint end, float change, float most_change, PixelState p, Walk w) {
     const float rest_ns = float(end - start);
     // Time constants of both stages up to `end`, the first one's at its present rate.
-    const float drive = drive_per_s(cam, level);
-    const float first = drive * (rest_ns * 1e-9);
+    const float first = w.drive * (rest_ns * 1e-9);
     const float second = physicals[cam.slot].second_per_s * (rest_ns * 1e-9);
-    float share = 1.0 / max(ceil(abs(change) / most_change), 1.0);
-    const float behind = log_1p(p.excess);
-    // Where the first stage would settle in light that goes on changing like this, and the second one behind the first.
-    const float first_settled = -log_1p(-min(change / first, 0.9));
-    const float node_per_s = drive * (p.excess / (1.0 + p.excess));
-    const float second_settled = -(behind + node_per_s / physicals[cam.slot].second_per_s);
-    const bool first_bends = abs(behind) > FAR_BEHIND_LOG || abs(behind - first_settled) > BEND_LOG;
-    if (first_bends && first * share > 0.5) {
-        share = 0.5 / first;
-    }
-    if (abs(p.lag - second_settled) > BEND_LOG && second * share > 0.5) {
-        share = 0.5 / second;
-    }
+    const float shares = max(ceil(abs(change) / most_change), 1.0);
+    // Where the first stage would settle in light that goes on changing like this, about, and the second one behind it.
+    const float ramp = min(change / first, 0.9);
+    const float first_settled = ramp / (1.0 - 0.5 * ramp);
+    const float second_settled = -(w.behind + first * (p.excess / (1.0 + p.excess)) / second);
+    // A first stage faster than the second shows less of its bend.
+    const float first_bend = abs(w.behind - first_settled) * min(second / first, 1.0);
+    const float first_turn = abs(w.behind) > FAR_BEHIND_LOG ? 0.5 : longest_turn(first_bend);
+    const float second_turn = longest_turn(abs(p.lag - second_settled));
+    const float share = min(min(first_turn / first, second_turn / second), 1.0 / shares);
     const float part_ns = ceil(share * rest_ns);
     return part_ns < rest_ns ? start + max(uint(part_ns), 1u) : end;
 }
@@ -479,7 +617,18 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
     w.ordinal = 0u;
     w.held_until = 0u;
     w.since_ns = p.release_ns;
+    w.drive = drive_per_s(cam, w.from_level);
+    w.behind = log_1p(p.excess);
+    w.dark_leak = 0.0;
+    if (EFFECT_LEAK) {
+        w.dark_leak = physicals[cam.slot].dark_leak_q24_per_s * exp(p.leak_factor_log)
+            - physicals[cam.slot].dark_light_q24_per_s * exp(p.dark_factor_log);
+    }
     w.noise = 0.0;
+    w.mean = 0.0;
+    w.renews = false;
+    w.words = uvec2(0u);
+    w.has_next = EFFECT_SHOT && !p.silent;
     w.deviate = 0.0;
     w.slope = 0.0;
     w.exposed = 0.0;
@@ -488,10 +637,18 @@ Walk begin_walk(Camera cam, uint pixel, int level, int last_level, uint first_en
         w.since_ns = p.release_ns - int(cam.refractory_ns);
         w.slope = EFFECT_SHOT ? uintBitsToFloat(p.clock) : 0.0;
     } else if (EFFECT_SHOT && !p.silent) {
+        w.words = WALKS_SUSPEND ? draw(cam, pixel, STREAM_CLOCK, p.events).yz : uvec2(0u);
         w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, p.events));
-        const float first = drive_per_s(cam, w.from_level) / (1.0 + p.excess);
+        const float first = w.drive / (1.0 + p.excess);
         const Law law = noise_law(p.noise, sigma_at(cam, first), p.phase, second_phase(cam, w, 0.0));
         w.noise = law.mean + law.deviation * w.deviate;
+        w.mean = law.mean;
+    }
+    draws_missing = false;
+    suspended = false;
+    if (w.has_next) {
+        // A pixel that is not held has an event to come before its next renewal.
+        w.next = draw_renewal(cam, pixel, p.events + (w.held_until != 0u ? 0u : 1u));
     }
     return w;
 }
@@ -513,35 +670,59 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
         // A sub-step shorter than a nanosecond joins the next one.
         return;
     }
-    if (EFFECT_APS) {
-        expose(cam, end, to_raw, w);
+    if (!is_suspended()) {
+        if (EFFECT_APS) {
+            expose(cam, end, to_raw, w);
+        }
+        w.end = end;
+        w.to_level = own_level(cam, to_raw, p.dark_factor_log);
+        w.parts = 0u;
+        w.part.end = w.start;
+        w.part_level = w.from_level;
+        w.is_over = true;
     }
-    const int to_level = own_level(cam, to_raw, p.dark_factor_log);
-    w.end = end;
     if (!p.silent) {
-        const float most_change = max(MAX_CHANGE_LOG, abs(nepers(to_level - w.from_level)) * (1.0 / 48.0));
-        uint start = w.start;
-        int level = w.from_level;
-        uint parts = 0u;
+        const float most_change = max(MAX_CHANGE_LOG, abs(nepers(w.to_level - w.from_level)) * (1.0 / 48.0));
         do {
-            parts += 1u;
-            uint until = end;
-            if (parts < MAX_PARTS) {
-                until = part_end(cam, start, end, level, nepers(to_level - level), most_change, p);
+            if (w.is_over) {
+                const uint start = w.part.end;
+                const int level = w.part_level;
+                w.parts += 1u;
+                const uint until = w.parts < MAX_PARTS
+                    ? part_end(cam, start, end, nepers(w.to_level - level), most_change, p, w)
+                    : end;
+                const PixelState p_before = p;
+                const float drive_before = w.drive;
+                const float behind_before = w.behind;
+                w.part_level =
+                    until == end ? w.to_level : level_at(w.from_level, w.to_level, w.start, end, until);
+                w.part = next_part(cam, start, until, level, w.part_level, p, w);
+                if (!EFFECT_SHOT && turn_decides(w.part, p)) {
+                    // The part ends there instead.
+                    p = p_before;
+                    w.drive = drive_before;
+                    w.behind = behind_before;
+                    const uint turn = w.part.turn;
+                    w.part_level = level_at(w.from_level, w.to_level, w.start, end, turn);
+                    w.part = next_part(cam, start, turn, level, w.part_level, p, w);
+                }
+                w.now = start;
             }
-            const int next = until == end ? to_level : level_at(w.from_level, to_level, w.start, end, until);
-            walk_part(cam, pixel, start, until, level, next, p, w);
-            start = until;
-            level = next;
-        } while (start < end && walks_on(w.ordinal));
+            w.is_over = watch_stretch(cam, pixel, p, w);
+            if (w.is_over) {
+                p.phase = clamp(p.phase + w.part.turned, 0.0, MOST_PHASE);
+                p.reference -= w.part.leaked;
+            }
+        } while (!(w.is_over && w.part.end == end) && walks_on(w.ordinal) && !needs_draw());
+    }
+    suspended = needs_draw();
+    if (suspended) {
+        return;
     }
     w.from_raw = to_raw;
-    w.from_level = to_level;
+    w.from_level = w.to_level;
     w.start = end;
 }
-
-// Called by a kernel only where a walk may be suspended.
-void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {}
 
 void end_walk(Camera cam, Walk w, inout PixelState p) {
     p.events += w.ordinal;

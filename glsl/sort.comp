@@ -8,7 +8,8 @@
 //
 // If a bin has more than SORTABLE_EVENTS, or the overflow buffer more than SEARCHED_EVENTS, the packet is heavy: its
 // events go to `gathered` only, and `merge` sorts them. Deferred events go there too, behind the packet, where the next
-// tick's `deferred` finds them. The first workgroup writes the camera's `report` for the host and resets the next
+// tick's `deferred` finds them. Events with a bus before them go to `gathered` too, sorted, for `readout`; what leaves
+// the bus comes back as the packet of the camera's outlet. The first workgroup writes the camera's `report` for the host and resets the next
 // tick's counters; all workgroups clear the next tick's bins.
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -30,7 +31,12 @@ BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 BUFFER(writeonly, SLOT_REPORT, Counters, report);
 
+#include "readouts.glsl"
+
 const bool MAY_BIN_BY_SAMPLE = true;
+
+// Whether events go to `readout`, which finds them in `gathered`, and not into the packet.
+bool before_bus;
 
 #include "udiv_float.glsl"
 
@@ -106,7 +112,7 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.frame_slot] =
             Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
-                     0u);
+                     0u, 0u, 0u, 0u, 0u);
     }
 }
 
@@ -143,7 +149,12 @@ void write_keys(Camera cam, uint first, uint length, uint from, bool split) {
     for (uint position = line + gl_LocalInvocationID.x; position < first + length; position += gl_WorkGroupSize.x) {
         if (position >= first) {
             const uint e = position - first;
-            write_out(cam, position, keys[split ? uint(in_order[e]) : from + e]);
+            const uvec2 key = keys[split ? uint(in_order[e]) : from + e];
+            if (HAS_BUS && before_bus) {
+                gathered[position] = key;
+            } else {
+                write_out(cam, position, key);
+            }
         }
     }
 }
@@ -268,7 +279,9 @@ void main() {
     const uint lane = gl_LocalInvocationID.x;
     const uint own = bins_of(cam, cam.frame_slot);
     const Counters counted = counters[2u * cam.slot + cam.frame_slot];
-    const bool fitted = counted.emitted_fit == 0xffffffffu && counted.queue_overflows == 0u;
+    const bool fitted = counted.emitted_fit == 0xffffffffu && counted.queue_overflows == 0u
+        && (!HAS_BUS || counted.progress != READOUT_UNDONE);
+    before_bus = HAS_BUS && push.outlets == 0u && readouts[cam.slot].has_bus != 0u;
     if (lane < GROUP_BINS) {
         const uint bin = first_bin + lane;
         counts[lane] = bin < cam.bin_count ? bins[own + bin] : 0u;
@@ -297,7 +310,8 @@ void main() {
         write_report(cam, counted, all, deferred, fitted);
     }
     if (!fitted || cam.frame_kind != FRAME_INTERVAL) {
-        // Not all events fit (the host grows the buffers and `cross` runs again), or there is no interval.
+        // Not all events fit (the host grows the buffers and `cross` runs again), `readout` has to go on, or there is no
+        // interval.
         return;
     }
     const bool heavy = is_heavy(all, counted.overflow);

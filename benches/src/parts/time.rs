@@ -23,6 +23,11 @@ const BILINEAR_MODES: [(&str, Intensity); 2] =
 const LUMINANCE_RIGID: &str = "luminance, rigid";
 const RIGID_SUFFIX: &str = ", rigid";
 
+/// The modes of the physical pixel with its noise, and what tells them from the same with the noisy log pixel.
+const GRAY_PHYSICAL: &str = "gray, physical";
+const LUMINANCE_PHYSICAL: &str = "luminance, physical";
+const PHYSICAL_SUFFIX: &str = ", physical";
+
 /// The sensor of the rows with every effect off, as a preset is by default.
 const CLEAN_SENSOR: &str = "davis346";
 const CLEAN_MODES: [(&str, Intensity, Taps); 4] = [
@@ -69,6 +74,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
             cases.push((SensorModel { synthesis: Synthesis::Rigid, intensity, ..noisy(sensor) }, mode, 1));
         }
     }
+    for sensor in SENSORS {
+        cases.push((noisy(sensor).with_preset_pixel(), GRAY_PHYSICAL, 1));
+    }
     if !shortest {
         cases.push((noisy("vga"), "luminance", 1));
         cases.push((noisy("hd"), "luminance", 1));
@@ -77,6 +85,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         cases.push((noisy("vga"), "luminance", 8));
         cases.push((noisy("vga"), "luminance", 64));
         cases.push((SensorModel { synthesis: Synthesis::Rigid, ..noisy("vga") }, LUMINANCE_RIGID, 64));
+        cases.push((noisy("vga").with_preset_pixel(), LUMINANCE_PHYSICAL, 64));
         cases.push((noisy("davis346"), "luminance", 8));
     }
     let name = |(s, mode, cameras): &(SensorModel, &str, usize)| {
@@ -194,12 +203,23 @@ fn show(rows: &[Row]) -> Result<Document> {
         document.table(&table);
         document.plot("time", "Time per interval", plot(rows)?);
     }
-    let prices = prices(rows);
-    if prices.len() > 1 {
-        document.say(
+    for (suffix, columns, about) in [
+        (
+            RIGID_SUFFIX,
+            ["motion", "rigid"],
             "What exact paths cost, x32: `rigid` from depth, ids and poses beside `motion` from vectors.",
-        );
-        document.table(&prices);
+        ),
+        (
+            PHYSICAL_SUFFIX,
+            ["log pixel", "physical pixel"],
+            "What the physical pixel costs, x32: the preset's with its noise beside the log pixel with every effect.",
+        ),
+    ] {
+        let prices = prices(rows, suffix, columns);
+        if prices.len() > 1 {
+            document.say(about);
+            document.table(&prices);
+        }
     }
     document.say(
         "Floor: the greater of compulsory bytes over measured memory bandwidth and counted operations over \
@@ -238,20 +258,27 @@ fn show(rows: &[Row]) -> Result<Document> {
     Ok(document)
 }
 
-/// A line for each pair of rows that differ in the synthesis alone.
-fn prices(rows: &[Row]) -> Vec<Vec<String>> {
-    let mut table = vec![cells!["row", "motion us", "rigid us", "ratio", "rigid stages, us"]];
+/// A line for each pair of rows whose modes differ in `suffix` alone; `columns` names a row without it and one with it.
+fn prices(rows: &[Row], suffix: &str, columns: [&str; 2]) -> Vec<Vec<String>> {
+    let [without, with] = columns;
+    let mut table = vec![cells![
+        "row",
+        format!("{without}, us"),
+        format!("{with}, us"),
+        "ratio",
+        format!("{with}: stages, us")
+    ]];
     for row in rows {
-        let Some(mode) = row.mode.strip_suffix(RIGID_SUFFIX) else { continue };
+        let Some(mode) = row.mode.strip_suffix(suffix) else { continue };
         let same = |r: &&Row| {
             r.mode == mode && (&r.sensor, r.cameras, r.substeps) == (&row.sensor, row.cameras, row.substeps)
         };
-        let Some(motion) = rows.iter().find(same) else { continue };
+        let Some(plain) = rows.iter().find(same) else { continue };
         table.push(cells![
             format!("{} x {} {mode}", row.cameras, row.sensor),
-            motion.times(),
+            plain.times(),
             row.times(),
-            format!("{:.2}", row.timing.gpu_us.median / motion.timing.gpu_us.median),
+            format!("{:.2}", row.timing.gpu_us.median / plain.timing.gpu_us.median),
             stages(&row.stages_us)
         ]);
     }

@@ -4,7 +4,7 @@
 use esaac_kernels::Reflection;
 use esaac_layout::{
     BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, OPTICS,
-    Optics, PHYSICALS, Physical, Push, Slice, TEXELS,
+    Optics, PHYSICALS, Physical, Push, READOUTS, Readout, Slice, TEXELS,
 };
 use std::collections::BTreeMap;
 
@@ -40,6 +40,11 @@ pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
         let table = reflection.uniform_strides.get(&(PHYSICALS as u32)).copied();
         same("stride of `physicals`", table, Some(size_of::<Physical>() as u32))?;
         check_struct::<Physical>(&reflection)?;
+    }
+    if reflection.structs.contains_key(Readout::NAME) {
+        let table = reflection.uniform_strides.get(&(READOUTS as u32)).copied();
+        same("stride of `readouts`", table, Some(size_of::<Readout>() as u32))?;
+        check_struct::<Readout>(&reflection)?;
     }
     if reflection.structs.contains_key(Optics::NAME) {
         let table = reflection.uniform_strides.get(&(OPTICS as u32)).copied();

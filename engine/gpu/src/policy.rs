@@ -2,7 +2,7 @@
 //! here; none of them changes an event.
 
 use crate::device::Device;
-use esaac_layout::{CROSS_THREADS, INGEST_THREADS, QUEUE_PER_PX, SORT_THREADS, TILE_BLOCKS};
+use esaac_layout::{CROSS_THREADS, INGEST_THREADS, QUEUE_PER_PX, READOUT_THREADS, SORT_THREADS, TILE_BLOCKS};
 use esaac_model::substeps::BLOCK_PX;
 
 /// Which kernels run the two stages that have two kernels each: `ingest_gpu.comp` or `ingest_cpu.comp`, and
@@ -38,6 +38,14 @@ pub struct KernelPolicy {
     pub group_bins_of_many: u32,
     /// Bins of a rig from which on `group_bins_of_many` applies.
     pub many_bins: u32,
+    /// Threads of a workgroup of `readout`.
+    pub readout_threads: u32,
+    /// Rounds of loops of a thread of `readout` after which it leaves the rest to the next dispatch.
+    pub readout_rounds: u32,
+    /// Dispatches of `readout` in a submission. If it needs more, it costs another submission.
+    pub readout_dispatches: u32,
+    /// Whether `readout` serves chunks side by side, where the bus is idle in between. Then it must not leave any rest.
+    pub readout_apart: bool,
     /// Most events that a thread strides over when the event buffers are full.
     pub events_per_thread: u32,
     /// Longest event queue of `cross`, in events for each pixel of a sub-tile. The queue grows from
@@ -60,6 +68,10 @@ impl KernelPolicy {
             group_bins: 8,
             group_bins_of_many: 16,
             many_bins: 1 << 13,
+            readout_threads: READOUT_THREADS,
+            readout_rounds: u32::MAX,
+            readout_dispatches: 1,
+            readout_apart: true,
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
             most_queue_per_px: 2 * QUEUE_PER_PX,
@@ -82,6 +94,10 @@ impl KernelPolicy {
             group_bins: 32,
             group_bins_of_many: 32,
             many_bins: u32::MAX,
+            readout_threads: 64,
+            readout_rounds: 16_384,
+            readout_dispatches: 4,
+            readout_apart: false,
             events_per_thread: 64,
             // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
             most_queue_per_px: QUEUE_PER_PX,

@@ -8,12 +8,13 @@ use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 
-const ALL: [&str; 9] = [
+const ALL: [&str; 10] = [
     "ingest",
     "backward_transfer",
     "deferred",
     "cross",
     "sort",
+    "readout",
     "merge",
     "gather",
     "event_frame",

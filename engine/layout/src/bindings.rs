@@ -1,12 +1,12 @@
 //! Bindings of the kernels: descriptor set 0.
 
-use crate::{Camera, Counters, Geometry, Optics, Physical};
+use crate::{Camera, Counters, Geometry, Optics, Physical, Readout};
 
 /// Whether the binding of a slot is a uniform buffer, a table with a row for each camera; the others are storage
 /// buffers.
 #[must_use]
 pub fn is_table(slot: usize) -> bool {
-    matches!(slot, CAMERAS | GEOMETRIES | PHYSICALS | OPTICS)
+    matches!(slot, CAMERAS | GEOMETRIES | PHYSICALS | OPTICS | READOUTS)
 }
 
 /// A binding: slot, name, GLSL element type.
@@ -60,7 +60,9 @@ bindings! {
     PASSING = 25, "passing", "uint", 4;
     PHYSICALS = 26, "physicals", "Physical", size_of::<Physical>() as u32;
     OPTICS = 27, "optics", "Optics", size_of::<Optics>() as u32;
-    MEETINGS = 28, "meetings", "uint", 4;
+    READOUTS = 28, "readouts", "Readout", size_of::<Readout>() as u32;
+    BUS = 29, "bus", "int64_t", 8;
+    MEETINGS = 30, "meetings", "uint", 4;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

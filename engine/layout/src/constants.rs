@@ -228,6 +228,19 @@ spec_constants! {
     threads: u32,
     /// Whether the device divides integers as fast as it multiplies floats.
     native_division: bool,
+    /// Whether a camera of the rig has a bus.
+    has_bus: bool,
+}
+
+spec_constants! {
+    /// Constants of `readout`.
+    ReadoutConstants in "readout_constants" from 0;
+    /// Threads of a workgroup.
+    threads: u32,
+    /// Rounds of loops of a thread after which a dispatch takes no more events.
+    most_rounds: u32,
+    /// Whether `readout_apart` has served what it can.
+    apart: bool,
 }
 
 /// Every list.
@@ -238,6 +251,7 @@ pub(crate) const LISTS: &[ConstantList] = &[
     CrossConstants::LIST,
     CrossCpuConstants::LIST,
     SortConstants::LIST,
+    ReadoutConstants::LIST,
 ];
 
 /// The GLSL declarations of a list. Their defaults are never used: the host sets every constant.

@@ -2,12 +2,15 @@
 
 use crate::bindings::{BINDINGS, TEXELS};
 use crate::sizes::{
-    CROSS_THREADS, FLICKER_FRACTION_BITS, INGEST_THREADS, MAX_CAMERAS, PASSING_ENTRIES, PASSING_HEAD_WORDS,
-    PATHS_THREADS, POSE_ROWS, REPRESENTATIVE_WORDS, RUN_EVENTS, SEARCHED_EVENTS, SORT_THREADS,
-    SORTABLE_EVENTS, TILE_BLOCKS,
+    BUS_HEAD, CROSS_THREADS, FLICKER_FRACTION_BITS, INGEST_THREADS, MAX_CAMERAS, PASSING_ENTRIES,
+    PASSING_HEAD_WORDS, PATHS_THREADS, POSE_ROWS, READOUT_THREADS, REPRESENTATIVE_WORDS, RUN_EVENTS,
+    SEARCHED_EVENTS, SORT_THREADS, SORTABLE_EVENTS, TILE_BLOCKS,
 };
 use crate::state::{PhysicalWord, StateWord};
-use crate::{Camera, Counters, FrameKind, Geometry, GpuStruct, Optics, Physical, Push, Slice, constants};
+use crate::{
+    Camera, Counters, FrameKind, Geometry, GpuStruct, Optics, Physical, Push, Readout, ReadoutProgress,
+    Slice, constants,
+};
 use esaac_model::intensity;
 use esaac_model::synthesis::{layers, rigid};
 
@@ -64,6 +67,7 @@ fn declarations() -> String {
     glsl_struct::<Camera>(&mut out);
     glsl_struct::<Geometry>(&mut out);
     glsl_struct::<Physical>(&mut out);
+    glsl_struct::<Readout>(&mut out);
     glsl_struct::<Optics>(&mut out);
     glsl_struct::<Counters>(&mut out);
     glsl_struct::<Slice>(&mut out);
@@ -123,6 +127,8 @@ fn declarations() -> String {
         ("INGEST_THREADS", INGEST_THREADS.to_string()),
         ("SORT_THREADS", SORT_THREADS.to_string()),
         ("PATHS_THREADS", PATHS_THREADS.to_string()),
+        ("READOUT_THREADS", READOUT_THREADS.to_string()),
+        ("BUS_HEAD", format!("{BUS_HEAD}u")),
         ("POSE_ROWS", format!("{POSE_ROWS}u")),
         ("REPRESENTATIVE_WORDS", format!("{REPRESENTATIVE_WORDS}u")),
         ("PASSING_ENTRIES", format!("{PASSING_ENTRIES}u")),
@@ -162,6 +168,8 @@ fn declarations() -> String {
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
         ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),
+        ("READOUT_UNDONE", format!("{}u", ReadoutProgress::Undone as u32)),
+        ("READOUT_DONE", format!("{}u", ReadoutProgress::Done as u32)),
         ("FRAME_NONE", format!("{}u", FrameKind::None as u32)),
         ("FRAME_FIRST", format!("{}u", FrameKind::First as u32)),
         ("FRAME_INTERVAL", format!("{}u", FrameKind::Interval as u32)),
@@ -234,6 +242,7 @@ mod tests {
         assert_eq!(size_of::<Geometry>() % 16, 0);
         assert!(size_of::<Geometry>() * MAX_CAMERAS <= 65_536);
         assert_eq!(size_of::<Physical>() % 16, 0);
+        assert_eq!(size_of::<Readout>() % 16, 0);
         assert_eq!(size_of::<Optics>() % 16, 0);
         assert_eq!(size_of::<Counters>() % 4, 0);
     }
@@ -257,6 +266,7 @@ mod tests {
             Camera::FIELDS,
             Geometry::FIELDS,
             Physical::FIELDS,
+            Readout::FIELDS,
             Optics::FIELDS,
             Counters::FIELDS,
             Push::FIELDS,

@@ -2,9 +2,9 @@
 
 use crate::constants::{
     BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
-    IngestCpuConstants, SortConstants,
+    IngestCpuConstants, ReadoutConstants, SortConstants,
 };
-use crate::sizes::{CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, SORT_THREADS};
+use crate::sizes::{CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, READOUT_THREADS, SORT_THREADS};
 
 /// A kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,6 +84,8 @@ pub const KERNELS: &[KernelInfo] = &[
         &[CrossConstants::LIST, CrossCpuConstants::LIST],
     ),
     kernel("sort", "sort", SORT_THREADS, &[SortConstants::LIST]),
+    kernel("readout_apart", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),
+    kernel("readout", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),
     kernel("merge", "merge", STRIDING_THREADS, &[]),
     kernel("gather", "gather", STRIDING_THREADS, &[]),
     kernel("event_frame", "event_frame", STRIDING_THREADS, &[]),
@@ -93,6 +95,9 @@ pub const KERNELS: &[KernelInfo] = &[
 /// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside the first. `merge` runs only for heavy
 /// packets, the other kernels only when a program asks for a representation.)
 pub const TICK_STAGES: &[&str] = &["ingest", "backward_transfer", "cross", "sort"];
+
+/// The stages of a tick with a bus. The last one includes the sort of what has left the bus.
+pub const TICK_STAGES_WITH_BUS: &[&str] = &["ingest", "backward_transfer", "cross", "sort", "readout"];
 
 /// The stages of the kernels with these names, in the order of [`KERNELS`] and each once.
 #[must_use]
@@ -109,7 +114,7 @@ mod tests {
 
     #[test]
     fn every_stage_of_a_tick_has_a_kernel() {
-        for stage in TICK_STAGES {
+        for stage in TICK_STAGES_WITH_BUS {
             assert!(KERNELS.iter().any(|k| k.stage == *stage), "{stage}");
         }
     }

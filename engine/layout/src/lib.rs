@@ -13,10 +13,10 @@ pub mod structs;
 pub use bindings::*;
 pub use constants::{
     BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
-    IngestCpuConstants, SortConstants, SpecConstant, SpecType,
+    IngestCpuConstants, ReadoutConstants, SortConstants, SpecConstant, SpecType,
 };
 pub use glsl::generated_files;
-pub use kernels::{KERNELS, KernelInfo, TICK_STAGES, stages};
+pub use kernels::{KERNELS, KernelInfo, TICK_STAGES, TICK_STAGES_WITH_BUS, stages};
 pub use sizes::*;
 pub use state::*;
 pub use structs::*;

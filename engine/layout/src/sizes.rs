@@ -52,6 +52,21 @@ pub const fn path_instants(substeps: u32) -> u32 {
 /// Threads of a workgroup of `paths`.
 pub const PATHS_THREADS: u32 = 64;
 
+/// Threads of a workgroup of `readout` on a GPU, and events that it takes at once.
+pub const READOUT_THREADS: u32 = 256;
+
+/// Elements of a camera in `bus` before those of its pixels and rows.
+pub const BUS_HEAD: u32 = 6;
+
+/// Elements of a row in `bus`, in as many arrays.
+pub const BUS_ROW: u32 = 7;
+
+/// The first of these arrays: those that outlive a tick.
+pub const BUS_KEPT_ROW: u32 = 3;
+
+/// Elements of `bus` for each stretch of half as many events as a workgroup of `readout` has threads.
+pub const BUS_STRETCH: u32 = 2;
+
 /// Fractional bits of the turns by which a flicker's phase grows in a nanosecond: 1 kHz fits 32 bits, and over a second the
 /// phase is exact to 3e-7 turns.
 pub const FLICKER_FRACTION_BITS: u32 = 51;

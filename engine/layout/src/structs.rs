@@ -218,6 +218,30 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// What `readout` knows of a camera: a row of the table of readouts, in the camera's `slot`.
+    Readout {
+        /// Service of an event, picoseconds.
+        event_ps: u64,
+        /// Service of a row besides its events, picoseconds; 0 if events are served one by one.
+        row_ps: u64,
+        /// The rate controller's period in which the interval begins.
+        first_period: i64,
+        /// Time from that period's start to the interval's, nanoseconds.
+        period_to_start_ns: u32,
+        /// Length of a period, nanoseconds.
+        cap_period_ns: u32,
+        /// Events of a period at which the rate controller begins to drop; 0 for never.
+        cap_events: u32,
+        /// Whether the camera has a bus.
+        has_bus: u32,
+        /// Row of the camera's outlet in the table of cameras.
+        outlet_row: u32,
+        /// First element in `bus`.
+        bus_base: u32,
+    }
+}
+
+gpu_struct! {
     /// What lens and lamp do to a camera's light in one tick: a row of the table of optics, in the camera's `slot`.
     Optics {
         /// Weight of a pixel's own light in the blur, along one axis.
@@ -248,7 +272,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
-    /// Counters of a camera in one tick; two sets, used in turn.
+    /// Counters of a camera or its outlet in one tick; two sets, used in turn.
     Counters {
         /// Events emitted, whether they fit or not.
         emitted: u32,
@@ -292,6 +316,14 @@ gpu_struct! {
         without_lens: u32,
         /// Sub-steps of pixels that show what neither key frame shows.
         unseen_samples: u32,
+        /// Events lost because their pixel had one waiting for the bus. An outlet's, as the next three.
+        lost: u32,
+        /// Events dropped by the rate controller.
+        capped: u32,
+        /// Events that wait for their row's service.
+        waiting: u32,
+        /// A [`ReadoutProgress`].
+        progress: u32,
     }
 }
 
@@ -310,6 +342,10 @@ gpu_struct! {
         events: u32,
         /// Time bins of `voxel_grid`.
         bins: u32,
+        /// Whether the rows are of outlets, which send packets; else of cameras, whose events may have a bus before them.
+        outlets: u32,
+        /// Whether `merge` has sorted the heavy packets.
+        merged: u32,
     }
 }
 
@@ -335,6 +371,18 @@ gpu_struct! {
         /// Number of events of the cameras before.
         events_before: u32,
     }
+}
+
+/// How far `readout` is with the events of a camera in a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ReadoutProgress {
+    /// Not begun; nothing waits for it.
+    None = 0,
+    /// It has to go on.
+    Undone = 1,
+    /// It has finished.
+    Done = 2,
 }
 
 /// The part that a camera takes in a tick.

@@ -31,7 +31,8 @@ impl SensorModel {
             // What a physical pixel shows lags behind the light, which must not jump between two intervals.
             let lamp = s.flicker().filter(|_| s.pixel == Pixel::Physical);
             let lamp = lamp.map(|lamp| [lamp.hz, lamp.depth, lamp.phase_deg].map(f64::to_bits));
-            (planes, physical, lamp)
+            // What waits for one bus has no place on another.
+            (planes, physical, lamp, s.readout)
         };
         let draws = |s: &SensorModel| {
             let drawn =
@@ -49,7 +50,7 @@ impl SensorModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Intensity;
+    use crate::{Intensity, ReadoutKind};
 
     #[test]
     fn each_change_has_the_effects_it_needs_and_no_others() {
@@ -82,6 +83,8 @@ mod tests {
         assert_eq!(change(|s| s.temperature_c += 1.0), nothing, "no parameter of the log pixel");
         let both = ChangeEffects { resets_frames: true, redraws_pixels: true, ..nothing };
         assert_eq!(change(|s| s.pixel = Pixel::Physical), both);
+        assert_eq!(change(|s| s.readout = ReadoutKind::Fifo), resets);
+        assert_eq!(change(|s| s.readout_event_ns += 1.0), nothing);
         let physical = SensorModel { pixel: Pixel::Physical, ..base.clone() };
         let change = |change: fn(&mut SensorModel)| {
             let mut next = physical.clone();

@@ -96,6 +96,7 @@ pub mod synthesis;
 pub use change::ChangeEffects;
 pub use frame::{DepthFormat, FrameError, HdrFormat, IdFormat, MotionFormat};
 pub use packet::{Packet, PacketView, Polarity};
+pub use physical::ReadoutKind;
 pub use pixel_draws::{FACTOR_UNITS, PixelDraws};
 pub use presets::{PRESETS, Preset, Profile};
 pub use sensor::{

@@ -88,14 +88,17 @@ impl Profile {
     }
 }
 
-/// The sensor of the preset with this name, if there is one.
+/// The sensor of the preset with this name, if there is one. It has the service times of that sensor's bus, but no
+/// readout until one is chosen.
 #[must_use]
 pub fn preset(name: &str) -> Option<SensorModel> {
-    PRESETS.iter().find(|p| p.name == name).map(|p| SensorModel {
-        name: p.name.to_owned(),
-        width: p.width_px,
-        height: p.height_px,
-        ..SensorModel::default()
+    PRESETS.iter().find(|p| p.name == name).map(|p| {
+        let clean = SensorModel::default();
+        let service_ns = physical_preset(name).map(|preset| preset.service_ns.map(|service| service.value));
+        let [readout_row_ns, readout_event_ns] =
+            service_ns.unwrap_or([clean.readout_row_ns, clean.readout_event_ns]);
+        let (name, width, height) = (p.name.to_owned(), p.width_px, p.height_px);
+        SensorModel { name, width, height, readout_row_ns, readout_event_ns, ..clean }
     })
 }
 
@@ -108,7 +111,7 @@ pub fn preset_with_physical_pixel(name: &str) -> Option<SensorModel> {
 impl SensorModel {
     /// This sensor with the physical pixel of the preset that it is named after
     /// ([`PHYSICAL_PRESETS`](crate::physical::PHYSICAL_PRESETS)), or with a physical pixel of its own parameters if it has
-    /// another name. The noise is on. The preset's bus is not part of a sensor.
+    /// another name. The noise is on. The readout stays as it is.
     #[must_use]
     pub fn with_preset_pixel(mut self) -> Self {
         let pixel = match physical_preset(&self.name) {
@@ -123,6 +126,7 @@ impl SensorModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ReadoutKind;
 
     #[test]
     fn every_preset_and_profile_is_valid() {
@@ -136,6 +140,20 @@ mod tests {
             }
         }
         assert!(preset("nonesuch").is_none() && preset_with_physical_pixel("nonesuch").is_none());
+    }
+
+    #[test]
+    fn every_preset_has_the_readout_of_its_sensor() {
+        for p in PRESETS {
+            let sensor = preset(p.name).expect("listed");
+            assert_eq!(sensor.readout, ReadoutKind::None, "{}: off unless it is asked for", p.name);
+            let (_, expected) = physical_preset(p.name).expect("listed").apply(&mut sensor.clone());
+            let readout = if sensor.readout_row_ns > 0.0 { ReadoutKind::Rows } else { ReadoutKind::Fifo };
+            let chosen = SensorModel { readout, ..sensor.clone() };
+            assert_eq!((chosen.validate(), chosen.readout_model()), (Ok(()), expected), "{}", p.name);
+            let word_serial = SensorModel { readout: ReadoutKind::Rows, ..sensor };
+            assert_eq!(word_serial.validate().is_ok(), readout == ReadoutKind::Rows, "{}", p.name);
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use crate::MAX_LATENCY_NS;
 use crate::optics::{PSF_MOST_SIGMA_PX, PSF_RADIUS_PX};
-use crate::physical::PhysicalPixel;
+use crate::physical::{PhysicalPixel, ReadoutKind};
 use crate::random::jitter_bound_ns;
 use crate::substeps::MAX_SUBSTEPS;
 use crate::synthesis::MAX_TRANSFERS;
@@ -256,6 +256,11 @@ sensor_model! {
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
     timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";
+    readout: ReadoutKind = ReadoutKind::None, "", "How events leave the sensor: none (at once), fifo (one by one) or rows.";
+    readout_event_ns: f64 = 83.0, "ns", "Readout: time that the bus takes for an event.";
+    readout_row_ns: f64 = 0.0, "ns", "Readout by rows: time that the bus takes for a row, besides its events.";
+    readout_cap_events: u32 = 0, "", "Readout: events of a period at which the rate controller begins to drop; 0 for never.";
+    readout_cap_period_ns: u32 = 50_000, "ns", "Readout: period of the rate controller.";
     max_events_per_interval: u32 = 0, "", "Hard cap of a packet, the earliest events kept; 0 for none.";
     aps_exposure_ns: u32 = 0, "ns", "Exposure of the APS frame; 0 for no APS.";
     aps_start_ns: u32 = 0, "ns", "Start of the exposure after the interval's start.";
@@ -430,6 +435,7 @@ impl SensorModel {
             "1 to 1000000000",
             (1..=1_000_000_000).contains(&self.timestamp_quantum_ns),
         )?;
+        self.check_readout()?;
         check("exposure_gain", self.exposure_gain, "1e-6 to 1e6", within(self.exposure_gain, 1e-6, 1e6))?;
         check("log_offset", self.log_offset, "1e-6 to 1e3", within(self.log_offset, 1e-6, 1e3))?;
         let fits = format!(
@@ -548,6 +554,10 @@ mod tests {
     #[test]
     fn out_of_range_names_the_parameter() {
         let base = SensorModel::default();
+        let with_bus = |readout| SensorModel { readout, readout_row_ns: 130.0, ..SensorModel::default() };
+        for readout in [ReadoutKind::Fifo, ReadoutKind::Rows] {
+            assert_eq!(with_bus(readout).validate(), Ok(()));
+        }
         for (sensor, parameter) in [
             (SensorModel { contrast_on: 0.0, ..base.clone() }, "contrast_on"),
             (SensorModel { contrast_off: f64::NAN, ..base.clone() }, "contrast_off"),
@@ -570,6 +580,17 @@ mod tests {
             (SensorModel { flicker_phase_deg: f64::INFINITY, ..base.clone() }, "flicker_phase_deg"),
             (SensorModel { flicker_depth: 0.1, synthesis: Synthesis::None, ..base.clone() }, "synthesis"),
             (SensorModel { temperature_c: 126.0, ..base.clone() }, "temperature_c"),
+            (SensorModel { readout_event_ns: 0.0, ..with_bus(ReadoutKind::Fifo) }, "readout_event_ns"),
+            (SensorModel { readout_event_ns: -1.0, ..base.clone() }, "readout_event_ns"),
+            (SensorModel { readout_event_ns: f64::NAN, ..with_bus(ReadoutKind::Rows) }, "readout_event_ns"),
+            (SensorModel { readout_event_ns: 2e6, ..with_bus(ReadoutKind::Fifo) }, "readout_event_ns"),
+            (SensorModel { readout_row_ns: 0.0, ..with_bus(ReadoutKind::Rows) }, "readout_row_ns"),
+            (SensorModel { readout_row_ns: f64::INFINITY, ..base.clone() }, "readout_row_ns"),
+            (SensorModel { readout_cap_events: 5, ..base.clone() }, "readout_cap_events"),
+            (
+                SensorModel { readout_cap_period_ns: 0, ..with_bus(ReadoutKind::Fifo) },
+                "readout_cap_period_ns",
+            ),
         ] {
             match sensor.validate() {
                 Err(SensorError::Range { parameter: actual, .. }) => assert_eq!(actual, parameter),

@@ -15,7 +15,7 @@ use crate::synthesize::{Gap, History, Motions};
 use esaac_model::frame::check_time;
 use esaac_model::packet::Event;
 use esaac_model::paths::SceneMotion;
-use esaac_model::physical::{PhysicalDraws, PhysicalPixel, Readout};
+use esaac_model::physical::{PhysicalDraws, PhysicalPixel};
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::{quantise_ns, substep_end_ns};
 use esaac_model::{FrameError, Packet, Pixel, SensorError, SensorModel, Synthesis};
@@ -97,24 +97,13 @@ struct Physical {
     draws: Vec<PhysicalDraws>,
     /// `None` while a pixel is unarmed.
     states: Vec<Option<PhysicalState>>,
-    readout: Readout,
-    queue: Queue,
-    /// Events on their way to the bus, at the time that they reach it.
-    requests: Vec<Event>,
 }
 
 impl Physical {
-    fn new(sensor: &SensorModel, camera: u32, pixel: PhysicalPixel, readout: Readout) -> Self {
+    fn new(sensor: &SensorModel, camera: u32, pixel: PhysicalPixel) -> Self {
         let key = |index| PixelKey { seed: sensor.seed, camera, pixel: index };
         let draws = (0..sensor.pixels() as u32).map(|index| PhysicalDraws::draw(sensor, &pixel, key(index)));
-        Physical {
-            draws: draws.collect(),
-            pixel,
-            states: vec![None; sensor.pixels()],
-            readout,
-            queue: Queue::new(readout),
-            requests: Vec::new(),
-        }
+        Physical { draws: draws.collect(), pixel, states: vec![None; sensor.pixels()] }
     }
 }
 
@@ -130,6 +119,10 @@ struct Run {
     history: Option<History>,
     /// `None` while a pixel is unarmed.
     pixels: Vec<Option<PixelState>>,
+    /// Events on their way to the bus, at the time that they reach it.
+    requests: Vec<Event>,
+    queue: Queue,
+    /// Events that leave the bus after the interval, at the time that they do.
     deferred: Vec<Event>,
     sequence: u64,
 }
@@ -142,6 +135,8 @@ impl Run {
             last_interval_ns: None,
             history: None,
             pixels: vec![None; sensor.pixels()],
+            requests: Vec::new(),
+            queue: Queue::new(sensor.readout_model()),
             deferred: Vec::new(),
             sequence: 0,
         }
@@ -169,21 +164,8 @@ impl Oracle {
         let constants = draw_constants(&sensor, camera);
         let run = Run::new(&sensor);
         let physical = (sensor.pixel == Pixel::Physical)
-            .then(|| Physical::new(&sensor, camera, sensor.physical_pixel(), Readout::default()));
+            .then(|| Physical::new(&sensor, camera, sensor.physical_pixel()));
         Ok(Oracle { sensor, camera, sampling, constants, keep_samples: false, scene: None, physical, run })
-    }
-
-    /// A camera with these physical pixels and a bus, before its first frame.
-    pub fn physical(
-        sensor: SensorModel,
-        pixel: PhysicalPixel,
-        readout: Readout,
-        camera: u32,
-    ) -> Result<Self, SensorError> {
-        readout.validate()?;
-        let mut oracle = Oracle::new(sensor.with_physical(&pixel), camera)?;
-        oracle.physical = Some(Physical::new(&oracle.sensor, camera, pixel, readout));
-        Ok(oracle)
     }
 
     /// The sensor.
@@ -272,14 +254,11 @@ impl Oracle {
         self.physical = match (self.sensor.pixel, self.physical.take()) {
             (Pixel::Log, _) => None,
             (Pixel::Physical, old) => {
-                let readout = old.as_ref().map_or_else(Readout::default, |old| old.readout);
-                let new = Physical::new(&self.sensor, self.camera, self.sensor.physical_pixel(), readout);
-                Some(match old {
-                    Some(old) => Physical { pixel: new.pixel, draws: new.draws, ..old },
-                    None => new,
-                })
+                let new = Physical::new(&self.sensor, self.camera, self.sensor.physical_pixel());
+                Some(Physical { states: old.map_or(new.states, |old| old.states), ..new })
             }
         };
+        self.run.queue.set_readout(self.sensor.readout_model());
         if effects.resets_frames {
             self.reset();
         }
@@ -301,7 +280,7 @@ impl Oracle {
     pub fn reset(&mut self) {
         self.run = Run { sequence: self.run.sequence, ..Run::new(&self.sensor) };
         if let Some(old) = self.physical.take() {
-            self.physical = Some(Physical::new(&self.sensor, self.camera, old.pixel, old.readout));
+            self.physical = Some(Physical::new(&self.sensor, self.camera, old.pixel));
         }
     }
 
@@ -342,9 +321,8 @@ impl Oracle {
             Some(physical) => physical.states.iter().filter(|p| p.is_none()).count(),
         };
         interval.diagnostics.unarmed_pixels = unarmed as u64;
-        let at_the_bus =
-            self.physical.as_ref().map_or(0, |physical| physical.requests.len() + physical.queue.waiting());
-        interval.diagnostics.deferred_events = (self.run.deferred.len() + at_the_bus) as u64;
+        interval.diagnostics.deferred_events =
+            (self.run.requests.len() + self.run.queue.waiting() + self.run.deferred.len()) as u64;
         self.run.times_ns = Some((epoch_ns, t_ns));
         self.run.image = image;
         self.run.sequence += 1;
@@ -424,7 +402,7 @@ impl Oracle {
             if let Some(physical) = &mut self.physical {
                 let Some(state) = &mut physical.states[pixel] else { continue };
                 let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples, frames };
-                let (draws, requests) = (&physical.draws[pixel], &mut physical.requests);
+                let (draws, requests) = (&physical.draws[pixel], &mut self.run.requests);
                 physical::walk(sensor, &physical.pixel, draws, state, &span, &mut |crossing| {
                     requests.push(Event {
                         t_ns: stamp::delayed_ns(sensor, key, crossing.index, crossing.t_ns),
@@ -437,10 +415,10 @@ impl Oracle {
             }
             if let Some(state) = &mut self.run.pixels[pixel] {
                 let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples, frames };
-                let deferred = &mut self.run.deferred;
+                let requests = &mut self.run.requests;
                 walk(sensor, &self.constants[pixel], state, &span, &mut |crossing| {
-                    deferred.push(Event {
-                        t_ns: stamp::stamp_ns(sensor, key, crossing.index, crossing.t_ns),
+                    requests.push(Event {
+                        t_ns: stamp::delayed_ns(sensor, key, crossing.index, crossing.t_ns),
                         y: y as u16,
                         x: x as u16,
                         polarity: crossing.polarity,
@@ -449,18 +427,17 @@ impl Oracle {
             }
         }
         let end_ns = start_ns + i64::from(interval_ns);
-        if let Some(physical) = &mut self.physical {
-            let mut requests = stamp::due(&mut physical.requests, end_ns);
-            requests.sort_unstable();
-            let served = physical.queue.serve(&requests, end_ns);
-            interval.diagnostics.lost_events = served.lost;
-            interval.diagnostics.capped_events = served.capped;
-            let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
-            self.run.deferred.extend(
-                served.events.into_iter().map(|e| Event { t_ns: quantise_ns(e.t_ns, quantum_ns), ..e }),
-            );
-        }
-        let due = stamp::due(&mut self.run.deferred, end_ns);
+        let mut requests = stamp::due(&mut self.run.requests, end_ns);
+        requests.sort_unstable();
+        let served = self.run.queue.serve(&requests, end_ns);
+        interval.diagnostics.lost_events = served.lost;
+        interval.diagnostics.capped_events = served.capped;
+        self.run.deferred.extend(served.events);
+        let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
+        let due = stamp::due(&mut self.run.deferred, end_ns)
+            .into_iter()
+            .map(|event| Event { t_ns: quantise_ns(event.t_ns, quantum_ns), ..event })
+            .collect();
         sort(due, sensor.max_events_per_interval, &mut interval.packet);
         interval.diagnostics.unseen_samples = gap.unseen();
         self.run.history = gap.into_history();

@@ -16,13 +16,7 @@ pub fn delayed_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) ->
     t_ns + (i64::from(sensor.latency_ns) + jitter).max(0)
 }
 
-/// Time stamp, nanoseconds, of the event that happens at `t_ns` at a pixel that has emitted `index` events before it.
-#[must_use]
-pub fn stamp_ns(sensor: &SensorModel, key: PixelKey, index: u32, t_ns: i64) -> i64 {
-    quantise_ns(delayed_ns(sensor, key, index, t_ns), i64::from(sensor.timestamp_quantum_ns))
-}
-
-/// Removes the events stamped at or before `end_ns` from `deferred` and returns them. The others stay for a later
+/// Removes the events at or before `end_ns` from `deferred` and returns them. The others stay for a later
 /// packet.
 pub fn due(deferred: &mut Vec<Event>, end_ns: i64) -> Vec<Event> {
     let (due, later) = std::mem::take(deferred).into_iter().partition(|event| event.t_ns <= end_ns);
@@ -52,9 +46,9 @@ mod tests {
     const KEY: PixelKey = PixelKey { seed: 1, camera: 2, pixel: 3 };
 
     #[test]
-    fn latency_then_quantisation() {
+    fn a_watermark_is_the_last_nanosecond_before_the_next_stamp() {
         let sensor = SensorModel { latency_ns: 700, timestamp_quantum_ns: 1000, ..SensorModel::default() };
-        assert_eq!([-700, 299, 300, 1300].map(|t_ns| stamp_ns(&sensor, KEY, 0, t_ns)), [0, 0, 1000, 2000]);
+        assert_eq!([-700, 300].map(|t_ns| delayed_ns(&sensor, KEY, 0, t_ns)), [0, 1000]);
         assert_eq!(watermark_ns(&sensor, 998), -1);
         assert_eq!(watermark_ns(&sensor, 999), 999);
         assert_eq!(watermark_ns(&SensorModel::default(), 999), 999);
@@ -63,7 +57,7 @@ mod tests {
     #[test]
     fn a_delay_is_never_negative() {
         let sensor = SensorModel { latency_jitter_ns: 1000, ..SensorModel::default() };
-        let stamps: Vec<i64> = (0..1000).map(|index| stamp_ns(&sensor, KEY, index, 50)).collect();
+        let stamps: Vec<i64> = (0..1000).map(|index| delayed_ns(&sensor, KEY, index, 50)).collect();
         let undelayed = stamps.iter().filter(|&&t_ns| t_ns == 50).count();
         assert!(stamps.iter().all(|&t_ns| t_ns >= 50));
         assert!((400..600).contains(&undelayed), "{undelayed} of 1000 draws are negative");

@@ -1,8 +1,8 @@
 //! Noise events of the physical pixel against sampled paths of the noise itself, and against their closed form. The
 //! oracle draws no path: it has a hazard. Here is one, in steps far shorter than the poles' time constants.
 
+use esaac_model::physical::PhysicalPixel;
 use esaac_model::physical::noise::{correlation, forgotten, hazard_per_s, sigma_log};
-use esaac_model::physical::{PhysicalPixel, Readout};
 use esaac_model::random::{PixelKey, philox4x32_10};
 use esaac_model::{Polarity, SensorModel, SubstepPolicy};
 use esaac_oracle::Oracle;
@@ -109,7 +109,7 @@ fn by_oracle(case: &Case, pixels: u32, seconds: u32) -> Counted {
         leak_rate_hz: case.slope_log_per_s() / case.threshold_log(),
         ..PhysicalPixel::default()
     };
-    let mut camera = Oracle::physical(sensor, pixel, Readout::default(), 0).expect("valid");
+    let mut camera = Oracle::new(sensor.with_physical(&pixel), 0).expect("valid");
     let mut events = vec![Vec::new(); pixels as usize];
     for k in 0..=i64::from(seconds) {
         let interval = camera.step_samples(k * 1_000_000_000, &|_, _| 1.0).expect("in time");
@@ -291,7 +291,7 @@ fn still_rate_hz(preset: &str, lux: f64, (pixels, burn_in_s, seconds): (u32, u32
         seed: 5,
         ..sensor
     };
-    let mut camera = Oracle::physical(sensor, pixel, Readout::default(), 0).expect("valid");
+    let mut camera = Oracle::new(sensor.with_physical(&pixel), 0).expect("valid");
     let mut count = 0;
     for k in 0..=burn_in_s + seconds {
         let packet = camera.step_samples(i64::from(k) * 1_000_000_000, &|_, _| lux).expect("in time").packet;

@@ -1,9 +1,9 @@
 //! Physics of the physical pixel's events, by whole cameras with exact intensities.
 
 use esaac_model::packet::Event;
-use esaac_model::physical::{Bus, PhysicalPixel, Readout, physical_preset};
+use esaac_model::physical::{PhysicalPixel, physical_preset};
 use esaac_model::presets::preset;
-use esaac_model::{Polarity, SensorModel, SubstepPolicy};
+use esaac_model::{Polarity, ReadoutKind, SensorModel, SubstepPolicy};
 use esaac_oracle::Oracle;
 
 /// A row of pixels with events at their own instants.
@@ -48,7 +48,7 @@ fn events(
 }
 
 fn physical(sensor: &SensorModel, pixel: &PhysicalPixel) -> Oracle {
-    Oracle::physical(sensor.clone(), pixel.clone(), Readout::default(), 0).expect("valid")
+    Oracle::new(sensor.clone().with_physical(pixel), 0).expect("valid")
 }
 
 fn of(events: &[Event], polarity: Polarity) -> usize {
@@ -220,13 +220,13 @@ fn extremes_stay_finite() {
 #[test]
 fn a_busy_row_loses_events_and_counts_them() {
     let mut sensor = SensorModel { width: 32, height: 24, ..preset("davis346").expect("listed") };
-    let (pixel, readout) = physical_preset("davis346").expect("listed").apply(&mut sensor);
-    let readout = Readout { bus: Bus::Fifo { event_ps: 8_000_000 }, ..readout };
+    let (pixel, _) = physical_preset("davis346").expect("listed").apply(&mut sensor);
     let pixel = PhysicalPixel { lux_per_unit: 1.0, ..pixel };
-    let sensor = SensorModel { refractory_ns: 10_000, substeps: 8, ..sensor };
+    let sensor = SensorModel { refractory_ns: 10_000, substeps: 8, readout_event_ns: 8e3, ..sensor };
     let step = |_: usize, t_s: f64| 100.0 * (60.0 * t_s).exp();
     let run = |readout| {
-        let mut camera = Oracle::physical(sensor.clone(), pixel.clone(), readout, 0).expect("valid");
+        let sensor = SensorModel { readout, ..sensor.clone() };
+        let mut camera = Oracle::new(sensor.with_physical(&pixel), 0).expect("valid");
         let (mut sent, mut lost, mut waiting, mut times) = (0, 0, 0, Vec::new());
         for k in 0..4 {
             let start_s = f64::max(0.0, 0.03 * (f64::from(k) - 1.0));
@@ -240,8 +240,8 @@ fn a_busy_row_loses_events_and_counts_them() {
         }
         (sent, lost, waiting, times)
     };
-    let (ideal, none_lost, _, _) = run(Readout::default());
-    let (sent, lost, waiting, times) = run(readout);
+    let (ideal, none_lost, _, _) = run(ReadoutKind::None);
+    let (sent, lost, waiting, times) = run(ReadoutKind::Fifo);
     assert_eq!(none_lost, 0);
     assert!(lost > 100, "{lost} lost");
     assert_eq!(sent + lost + waiting, ideal, "served, lost and waiting add up");

@@ -128,6 +128,11 @@ class SensorModel:
     substeps: int
     substep_policy: str
     timestamps: str
+    readout: str
+    readout_event_ns: float
+    readout_row_ns: float
+    readout_cap_events: int
+    readout_cap_period_ns: int
     max_events_per_interval: int
     aps_exposure_ns: int
     aps_start_ns: int

@@ -242,7 +242,7 @@ mod tests {
         let resolve = |arguments: &[&str]| parse(arguments).resolve(SensorModel::default()).map(|r| r.sensor);
         let hd = resolve(&["--sensor", "hd", "--pixel", "physical", "--dark-lux", "0.5"]).unwrap();
         assert_eq!((hd.pixel, hd.refractory_ns, hd.dark_lux), (Pixel::Physical, 79_000, 0.5));
-        assert_eq!((hd.noise_gain, hd.response_e_per_lux_s), (1.0, 9.4e4));
+        assert_eq!((hd.noise_gain, hd.response_e_per_lux_s), (1.0, 1.34e5));
         let quiet = resolve(&["--sensor", "hd", "--pixel", "physical", "--profile", "clean"]).unwrap();
         assert_eq!((quiet.pixel, quiet.refractory_ns, quiet.noise_gain), (Pixel::Physical, 0, 0.0));
         let plain = resolve(&["--pixel", "physical", "--leak-rate-hz", "-0.5"]).unwrap();

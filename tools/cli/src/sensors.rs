@@ -112,7 +112,7 @@ fn listing(name: Option<&str>, pixel: Pixel) -> Result<Listing> {
     Ok(Listing { presets, parameters })
 }
 
-/// The numbers of a physical pixel that come from somewhere. Those of its bus are left out: no camera has one.
+/// The numbers of a physical pixel and its bus that come from somewhere.
 fn sources(preset: &PhysicalPreset) -> Vec<SourceRow> {
     let row = |parameter, sourced: Sourced| SourceRow {
         parameter,
@@ -134,6 +134,8 @@ fn sources(preset: &PhysicalPreset) -> Vec<SourceRow> {
         row("second_pole_hz", preset.second_pole_hz),
         row("leak_rate_hz", preset.leak_rate_hz),
         row("leak_per_lux_hz", preset.leak_per_lux_hz),
+        row("readout_row_ns", preset.service_ns[0]),
+        row("readout_event_ns", preset.service_ns[1]),
     ]
 }
 

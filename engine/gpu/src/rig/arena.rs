@@ -86,6 +86,7 @@ impl Arena {
         places: &[Place],
         options: RigOptions,
     ) -> Result<Self, EngineError> {
+        let cameras = places.len() / 2;
         let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
         let buffers = (0..BINDINGS.len())
             .map(|slot| {
@@ -97,7 +98,7 @@ impl Arena {
                     layout::REPORT => places.len() as u64,
                     layout::COUNTERS => 2 * places.len() as u64,
                     layout::SAMPLES if options.keep_substeps => {
-                        (places.len() * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
+                        (cameras * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
                     }
                     layout::SAMPLES => 0,
                     slot => total(places, slot),
@@ -234,8 +235,9 @@ impl Arena {
             self.ring[self.current] = Some(Arc::new(packets));
         }
         self.packet_elements = packet_elements(&planned.places);
-        for (camera, place) in cameras.iter_mut().zip(planned.places) {
-            camera.place = place;
+        let (places, outlets) = planned.places.split_at(cameras.len());
+        for ((camera, place), outlet) in cameras.iter_mut().zip(places).zip(outlets) {
+            (camera.place, camera.outlet) = (*place, *outlet);
         }
     }
 
@@ -251,7 +253,9 @@ impl Arena {
                 if buffer.bytes() <= 16 {
                     continue;
                 }
-                if let Some(elements) = camera.place.elements()[slot].filter(|&e| e > 0) {
+                let of = |place: &Place| place.elements()[slot].unwrap_or(0);
+                let elements = of(&camera.place) + of(&camera.outlet);
+                if elements > 0 {
                     let bytes = elements * u64::from(binding.stride) * times;
                     shared = shared.saturating_sub(bytes);
                     uses.push(MemoryUse {

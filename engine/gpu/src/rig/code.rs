@@ -57,10 +57,10 @@ mod tests {
             let specialised = Specialised { kernel, constants: constants.to_vec() };
             Code::default().kernel(&bindings, &specialised).expect("a kernel that compiles").pipeline.raw
         };
-        let sort = pipeline(stages::SORT, &[32, 64, 0]);
-        assert_eq!(sort, pipeline(stages::SORT, &[32, 64, 0]), "though the kernel before is gone");
-        assert_ne!(sort, pipeline(stages::SORT, &[32, 64, 1]));
-        assert_ne!(sort, pipeline(stages::MERGE, &[32, 64, 0]));
+        let sort = pipeline(stages::SORT, &[32, 64, 0, 0]);
+        assert_eq!(sort, pipeline(stages::SORT, &[32, 64, 0, 0]), "though the kernel before is gone");
+        assert_ne!(sort, pipeline(stages::SORT, &[32, 64, 1, 0]));
+        assert_ne!(sort, pipeline(stages::MERGE, &[32, 64, 0, 0]));
         assert_eq!(device.validation_messages(), [""; 0]);
     }
 }

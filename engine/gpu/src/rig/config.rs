@@ -1,8 +1,12 @@
 //! What a rig is made of: cameras, what they get, and options.
 
 use super::PacketPlace;
+use super::geometry::Place;
+use super::parameters::has_bus;
+use crate::device::Device;
 use crate::error::EngineError;
 use crate::policy::KernelPolicy;
+use esaac_layout::MAX_CAMERAS;
 use esaac_model::paths::Intrinsics;
 use esaac_model::{DepthFormat, FrameError, HdrFormat, IdFormat, MotionFormat, SensorModel, Synthesis};
 
@@ -82,6 +86,38 @@ pub(super) fn check_sensor(
     if synthesis.needs_motion() && config.motion.is_none() {
         let synthesis = synthesis.name();
         return Err(FrameError::MissingMotion { camera: camera as u32, synthesis }.into());
+    }
+    Ok(())
+}
+
+/// An error if the table of cameras has too few rows: one for each camera, and one for each outlet.
+pub(super) fn check_rows<'a>(sensors: impl Iterator<Item = &'a SensorModel>) -> Result<(), EngineError> {
+    let actual = sensors.map(|sensor| 1 + usize::from(has_bus(sensor))).sum();
+    if actual > MAX_CAMERAS {
+        return Err(EngineError::TooManyCameras { expected: MAX_CAMERAS, actual });
+    }
+    Ok(())
+}
+
+/// An error if a camera's dispatches are larger than the device allows.
+pub(super) fn check_groups(
+    device: &Device,
+    policy: KernelPolicy,
+    places: &[Place],
+) -> Result<(), EngineError> {
+    // The largest dispatch is that of `cross` with one workgroup per sub-tile.
+    let of_a_tile = policy.cross_groups(false).max(policy.cross_groups(true));
+    for (camera, place) in places.iter().enumerate() {
+        let actual = place.tiles.saturating_mul(of_a_tile);
+        if actual > device.most_groups() {
+            let expected = device.most_groups();
+            return Err(EngineError::TooManyGroups {
+                camera,
+                device: device.info().name.clone(),
+                expected,
+                actual,
+            });
+        }
     }
     Ok(())
 }

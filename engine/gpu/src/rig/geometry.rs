@@ -1,10 +1,10 @@
 //! Where each camera's data lie in the rig's buffers.
 
-use super::parameters::{is_rigid, plane_words};
+use super::parameters::{has_bus, is_rigid, plane_words};
 use super::{CameraConfig, RigOptions};
 use esaac_layout::{
-    self as layout, BINDINGS, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS,
-    STATE_WORDS, TILE_BLOCKS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, PASSING_ENTRIES,
+    PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::BLOCK_PX;
@@ -14,6 +14,7 @@ use esaac_model::substeps::BLOCK_PX;
 pub(super) struct Place {
     pub slot: u32,
     pub pixels: u32,
+    pub height: u32,
     /// Words of `planes` that a frame takes, over all colour components.
     pub plane_words: u32,
     pub blocks_x: u32,
@@ -37,6 +38,7 @@ pub(super) struct Place {
     pub instance_base: u32,
     pub pose_base: u32,
     pub path_base: u32,
+    pub bus_base: u32,
     /// Rows of instances that there is room for; 0 without synthesis `rigid`.
     pub instances: u32,
     /// Instants of sub-steps that an instance has room for in `paths`.
@@ -44,6 +46,8 @@ pub(super) struct Place {
     has_motion: bool,
     /// Whether there is room for what synthesis `rigid` keeps.
     is_rigid: bool,
+    /// Whether there is room for a bus, and an outlet.
+    pub has_bus: bool,
 }
 
 impl Place {
@@ -55,7 +59,8 @@ impl Place {
         elements[layout::MOTION] = Some(if self.has_motion { 2 * pixels } else { 0 });
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
-        elements[layout::BINS] = Some(2 * (u64::from(self.bin_count) + 1));
+        elements[layout::BINS] =
+            Some(if self.bin_count == 0 { 0 } else { 2 * (u64::from(self.bin_count) + 1) });
         elements[layout::BIN_STORAGE] = Some(u64::from(self.bin_count) * u64::from(self.bin_capacity));
         for slot in [
             layout::OVERFLOW,
@@ -81,6 +86,12 @@ impl Place {
         elements[layout::POSES] = Some(instances * u64::from(POSE_ROWS));
         elements[layout::PATHS] = Some(3 * instances * u64::from(self.path_instants));
         elements[layout::APS] = Some(pixels.next_multiple_of(8));
+        let stretches = u64::from(self.event_capacity.div_ceil(LEAST_STRETCH));
+        let bus = u64::from(BUS_HEAD)
+            + pixels
+            + u64::from(BUS_ROW) * u64::from(self.height)
+            + u64::from(BUS_STRETCH) * stretches;
+        elements[layout::BUS] = Some(u64::from(self.has_bus) * bus);
         elements
     }
 
@@ -98,6 +109,7 @@ impl Place {
             layout::PASSING => self.passing_base,
             layout::POSES => self.pose_base,
             layout::PATHS => self.path_base,
+            layout::BUS => self.bus_base,
             _ => unreachable!("`{}` is not read back", BINDINGS[slot].name),
         })
     }
@@ -109,6 +121,10 @@ impl Place {
             layout::COUNTERS => 2,
             layout::PLANES => 2 * u64::from(plane_words(sensor)),
             layout::SURFACES | layout::SLOPES | layout::REPRESENTATIVES if !is_rigid(sensor) => 0,
+            layout::BUS if !has_bus(sensor) => 0,
+            layout::BUS => {
+                u64::from(BUS_HEAD + self.pixels) + u64::from(BUS_KEPT_ROW) * u64::from(self.height)
+            }
             _ => self.elements()[slot].unwrap_or(0),
         }
     }
@@ -129,12 +145,27 @@ impl Place {
         Place { bin_capacity: self.bin_capacity.max(room), ..self }
     }
 
-    /// This place with planes at least as large as `sensor` needs, and room for what its synthesis keeps.
+    /// This place of an outlet with room for all that can leave the bus of the camera at `camera` in a tick: its events, and
+    /// one of each pixel that waited. Without a bus there is no outlet.
+    pub(super) fn behind(self, camera: &Place) -> Self {
+        if !camera.has_bus {
+            return self;
+        }
+        Place {
+            bin_count: camera.bin_count,
+            bin_capacity: self.bin_capacity.max(BIN_CAPACITY),
+            event_capacity: round_events(camera.event_capacity.saturating_add(camera.pixels)),
+            ..self
+        }
+    }
+
+    /// This place with planes at least as large as `sensor` needs, and room for what its synthesis and its readout keep.
     pub(super) fn with_planes_of(self, sensor: &SensorModel) -> Self {
         let instants = if is_rigid(sensor) { layout::path_instants(sensor.substeps) } else { 0 };
         Place {
             plane_words: self.plane_words.max(plane_words(sensor)),
             is_rigid: self.is_rigid || is_rigid(sensor),
+            has_bus: self.has_bus || has_bus(sensor),
             path_instants: self.path_instants.max(instants),
             ..self
         }
@@ -146,6 +177,9 @@ impl Place {
         Place { instances, ..self }
     }
 }
+
+/// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
+const LEAST_STRETCH: u32 = 32;
 
 /// Most bins of a camera: each workgroup of `sort` sums them all.
 const MOST_BINS: u32 = 16_384;
@@ -162,7 +196,7 @@ const BIN_CAPACITY: u32 = BIN_PX + BIN_PX / 2;
 /// Bin capacities are multiples of this: whole lines of memory.
 const BIN_CAPACITY_STEP: u32 = 16;
 
-/// Initial places of the cameras.
+/// Initial places of the cameras, and after them those of their outlets.
 pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
     let mut places: Vec<Place> = configs
         .iter()
@@ -176,6 +210,7 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
             let place = Place {
                 slot: slot as u32,
                 pixels,
+                height: sensor.height,
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 tiles: blocks_x.div_ceil(TILE_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
@@ -189,8 +224,19 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
             place.with_planes_of(sensor)
         })
         .collect();
+    let cameras = places.len();
+    places.extend((0..cameras).map(|camera| Place { slot: (cameras + camera) as u32, ..Place::default() }));
+    follow_cameras(&mut places);
     lay_out(&mut places);
     places
+}
+
+/// Makes the places of outlets, which come after those of as many cameras, as large as their cameras need.
+pub(super) fn follow_cameras(places: &mut [Place]) {
+    let (cameras, outlets) = places.split_at_mut(places.len() / 2);
+    for (outlet, camera) in outlets.iter_mut().zip(cameras) {
+        *outlet = outlet.behind(camera);
+    }
 }
 
 /// Rounds an event capacity up to a multiple of 64, so that every camera's part of every array begins on a whole word.
@@ -224,6 +270,7 @@ pub(super) fn lay_out(places: &mut [Place]) {
         place.instance_base = take(layout::INSTANCES);
         place.pose_base = take(layout::POSES);
         place.path_base = take(layout::PATHS);
+        place.bus_base = take(layout::BUS);
     }
 }
 

@@ -40,7 +40,7 @@ impl HeldPackets {
         let held = |(number, camera): (usize, &CameraState)| HeldCamera {
             header: results.packets[number].clone(),
             events: results.events[number],
-            event_base: camera.place.event_base,
+            event_base: camera.packet_base(),
             aps: results.aps[number].clone(),
             aps_base: camera.place.aps_base,
             pixels: camera.place.pixels,

@@ -8,6 +8,13 @@
 //!                 |
 //!                 v
 //!               Merge       some packets are left to `merge`
+//!
+//! With a bus before a packet, Done is reached by way of
+//!
+//! Outlets -> Readout -> Outlets      `readout` has to go on, with what was merged or with the rest of a long packet
+//!    |
+//!    v
+//!  Merge of outlets -> Done
 //! ```
 //!
 //! [`read_back`] decides from the counters alone which state follows. A [`TickDevice`] does the work of a state: a rig,
@@ -15,11 +22,14 @@
 //! that the state on the device is half updated, and the rig is lost ([`TickError::Lost`]).
 
 use crate::error::EngineError;
-use esaac_layout::Counters;
+use esaac_layout::{Counters, ReadoutProgress};
 
 /// Retries after which a tick is given up. Each provides the storage that the one before asked for, so that a handful
 /// are enough for any tick.
 const MOST_RETRIES: u32 = 64;
+
+/// Submissions of `readout` after which a tick is given up. Each serves some hundred events at least.
+const MOST_READOUTS: u32 = 1 << 20;
 
 /// The operations that the state machine needs.
 pub(super) trait TickDevice {
@@ -29,10 +39,14 @@ pub(super) trait TickDevice {
     fn wait(&mut self) -> Result<(), EngineError>;
     /// The counters of a camera after the last submission that it took part in.
     fn counters(&self, camera: usize) -> Counters;
+    /// The counters of a camera's outlet after the last submission; `None` if the camera has no bus.
+    fn outlet(&self, camera: usize) -> Option<Counters>;
     /// Grows the buffers, submits the part of the tick that is left, and waits.
     fn retry(&mut self, retry: &Retry) -> Result<(), EngineError>;
     /// Sorts heavy packets, which `sort` leaves unsorted, and waits.
     fn merge(&mut self, merge: &Merge) -> Result<(), EngineError>;
+    /// Lets `readout` go on for these cameras, whose packets are sorted, and waits.
+    fn readout(&mut self, cameras: &[usize]) -> Result<(), EngineError>;
 }
 
 /// What a retry needs.
@@ -58,6 +72,22 @@ pub(super) struct Merge {
     pub cameras: Vec<usize>,
     /// Events of the largest of these packets.
     pub most_events: u32,
+    /// Whether they are the packets of the cameras' outlets.
+    pub outlets: bool,
+}
+
+impl Merge {
+    /// The heavy ones of the packets that these counters are of.
+    fn of(counters: &[Option<Counters>], outlets: bool) -> Self {
+        let mut merge = Merge { outlets, ..Merge::default() };
+        for (camera, counted) in counters.iter().enumerate() {
+            if let Some(counted) = counted.filter(|counted| counted.heavy != 0) {
+                merge.cameras.push(camera);
+                merge.most_events = merge.most_events.max(counted.packet);
+            }
+        }
+        merge
+    }
 }
 
 /// State of a tick.
@@ -67,6 +97,8 @@ enum State {
     Submitted,
     Retry(Retry),
     Merge(Merge),
+    Outlets,
+    Readout(Vec<usize>),
     Done,
 }
 
@@ -75,6 +107,8 @@ enum State {
 pub(super) struct TickEnd {
     /// Counters of each camera; `None` for cameras that took no part.
     pub counters: Vec<Option<Counters>>,
+    /// Those of their outlets; `None` also for cameras without a bus.
+    pub outlets: Vec<Option<Counters>>,
     /// How often each camera's event buffers grew.
     pub regrown: Vec<u64>,
     /// Sub-tiles of all cameras with more events than their queue holds.
@@ -121,23 +155,39 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
     if !retry.resumed.is_empty() {
         return State::Retry(retry);
     }
-    let mut merge = Merge::default();
-    for (camera, counted) in progress.end.counters.iter().enumerate() {
-        if let Some(counted) = counted.filter(|counted| counted.heavy != 0) {
-            merge.cameras.push(camera);
-            merge.most_events = merge.most_events.max(counted.packet);
-        }
+    let merge = Merge::of(&progress.end.counters, false);
+    if merge.cameras.is_empty() { State::Outlets } else { State::Merge(merge) }
+}
+
+/// The next state, from the counters of the outlets.
+fn read_outlets(end: &mut TickEnd, outlet: impl Fn(usize) -> Option<Counters>) -> State {
+    for (camera, counters) in end.counters.iter().enumerate() {
+        end.outlets[camera] = counters.and_then(|_| outlet(camera));
     }
-    if merge.cameras.is_empty() { State::Done } else { State::Merge(merge) }
+    let undone = |counters: &Option<Counters>| {
+        counters.is_some_and(|counters| counters.progress == ReadoutProgress::Undone as u32)
+    };
+    let cameras: Vec<usize> = (0..end.outlets.len()).filter(|&camera| undone(&end.outlets[camera])).collect();
+    let merge = Merge::of(&end.outlets, true);
+    match (cameras.is_empty(), merge.cameras.is_empty()) {
+        (false, _) => State::Readout(cameras),
+        (true, false) => State::Merge(merge),
+        (true, true) => State::Done,
+    }
 }
 
 /// Runs a tick. `in_tick` tells for each camera whether it takes part.
 pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<TickEnd, TickError> {
     let cameras = in_tick.len();
-    let end = TickEnd { counters: vec![None; cameras], regrown: vec![0; cameras], queue_overflows: 0 };
+    let end = TickEnd {
+        counters: vec![None; cameras],
+        outlets: vec![None; cameras],
+        regrown: vec![0; cameras],
+        queue_overflows: 0,
+    };
     let mut progress = Progress { pending: in_tick, end };
     let mut state = State::Prepared;
-    let mut retries = 0;
+    let (mut retries, mut readouts) = (0, 0);
     loop {
         state = match state {
             State::Prepared => {
@@ -159,7 +209,16 @@ pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<Ti
             }
             State::Merge(merge) => {
                 device.merge(&merge).map_err(TickError::Lost)?;
-                State::Done
+                if merge.outlets { State::Done } else { State::Outlets }
+            }
+            State::Outlets => read_outlets(&mut progress.end, |camera| device.outlet(camera)),
+            State::Readout(_) if readouts == MOST_READOUTS => {
+                return Err(TickError::Lost(EngineError::Endless(readouts)));
+            }
+            State::Readout(cameras) => {
+                readouts += 1;
+                device.readout(&cameras).map_err(TickError::Lost)?;
+                State::Outlets
             }
             State::Done => return Ok(progress.end),
         };
@@ -194,6 +253,10 @@ mod tests {
         without_poses: 0,
         without_lens: 0,
         unseen_samples: 0,
+        lost: 0,
+        capped: 0,
+        waiting: 0,
+        progress: 0,
     };
 
     #[derive(Clone, Debug, PartialEq)]
@@ -202,11 +265,14 @@ mod tests {
         Wait,
         Retry(Retry),
         Merge(Merge),
+        Readout(Vec<usize>),
     }
 
     /// Counts what a script says, submission after submission, and fails at one call.
     struct Fake {
         counted: Vec<Vec<Counters>>,
+        /// The outlet of camera 0, call of `outlet` after call.
+        outlets: std::cell::RefCell<Vec<Counters>>,
         submissions: usize,
         calls: Vec<Call>,
         fails_at: Option<(usize, vk::Result)>,
@@ -215,7 +281,7 @@ mod tests {
     impl Fake {
         fn new(counted: &[&[Counters]]) -> Self {
             let counted = counted.iter().map(|cameras| cameras.to_vec()).collect();
-            Fake { counted, submissions: 0, calls: Vec::new(), fails_at: None }
+            Fake { counted, outlets: Vec::new().into(), submissions: 0, calls: Vec::new(), fails_at: None }
         }
 
         fn call(&mut self, call: Call) -> Result<(), EngineError> {
@@ -240,6 +306,13 @@ mod tests {
         fn counters(&self, camera: usize) -> Counters {
             self.counted[(self.submissions - 1).min(self.counted.len() - 1)][camera]
         }
+        fn outlet(&self, camera: usize) -> Option<Counters> {
+            let mut outlets = self.outlets.borrow_mut();
+            if camera == 0 && !outlets.is_empty() { Some(outlets.remove(0)) } else { None }
+        }
+        fn readout(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
+            self.call(Call::Readout(cameras.to_vec()))
+        }
         fn retry(&mut self, retry: &Retry) -> Result<(), EngineError> {
             self.submissions += 1;
             self.call(Call::Retry(retry.clone()))
@@ -256,7 +329,12 @@ mod tests {
         let end = run(&mut fake, vec![true, false]).unwrap();
         assert_eq!(
             end,
-            TickEnd { counters: vec![Some(counted), None], regrown: vec![0, 0], queue_overflows: 0 }
+            TickEnd {
+                counters: vec![Some(counted), None],
+                outlets: vec![None; 2],
+                regrown: vec![0, 0],
+                queue_overflows: 0
+            }
         );
         assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
     }
@@ -279,16 +357,38 @@ mod tests {
         let end = run(&mut fake, vec![true, true]).unwrap();
         assert_eq!(
             end,
-            TickEnd { counters: vec![Some(heavy), Some(done)], regrown: vec![0, 1], queue_overflows: 2 }
+            TickEnd {
+                counters: vec![Some(heavy), Some(done)],
+                outlets: vec![None; 2],
+                regrown: vec![0, 1],
+                queue_overflows: 2
+            }
         );
         let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
         let from_500 = Counters { queue_overflows: 0, ..overflowed };
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());
-        let merge = Merge { cameras: vec![0], most_events: 900 };
+        let merge = Merge { cameras: vec![0], most_events: 900, outlets: false };
         let expected = [Call::Submit, Call::Wait, Call::Retry(grow), Call::Retry(walk), Call::Merge(merge)];
         assert_eq!(fake.calls, expected);
+    }
+
+    #[test]
+    fn a_bus_serves_what_is_merged_and_what_leaves_it_is_merged_last() {
+        let heavy = Counters { packet: 900, heavy: 1, ..FITTED };
+        let undone = Counters { progress: ReadoutProgress::Undone as u32, heavy: 1, packet: 1, ..FITTED };
+        let done = Counters { progress: ReadoutProgress::Done as u32, ..heavy };
+        let mut fake = Fake::new(&[&[heavy, FITTED, ZERO]]);
+        fake.outlets = vec![undone, undone, done].into();
+        let end = run(&mut fake, vec![true, true, false]).unwrap();
+        assert_eq!(
+            (end.counters, end.outlets),
+            (vec![Some(heavy), Some(FITTED), None], vec![Some(done), None, None])
+        );
+        let merge = |outlets| Call::Merge(Merge { cameras: vec![0], most_events: 900, outlets });
+        let readout = || Call::Readout(vec![0]);
+        assert_eq!(fake.calls, [Call::Submit, Call::Wait, merge(false), readout(), readout(), merge(true)]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Sorting of heavy packets, which `sort` leaves unsorted. The host learns of them after the tick, and submits `merge`
+//! Sorting of heavy packets, which `sort` leaves unsorted, and the readout of those that have a bus before them. The host learns of them after the tick, and submits `merge`
 //! for their cameras. The commands are recorded each time, since the number of passes depends on the packets.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
@@ -17,10 +17,17 @@ fn levels(packet_events: u32) -> u32 {
 }
 
 impl Rig {
-    /// Sorts the packets of the cameras that have a time in `t_ns`. The largest packet has `most_events` events.
-    pub(super) fn merge(&mut self, t_ns: &[Option<i64>], most_events: u32) -> Result<(), EngineError> {
+    /// Sorts the packets of the cameras that have a time in `t_ns`, or (`outlets`) of their outlets. The largest packet
+    /// has `most_events` events.
+    pub(super) fn merge(
+        &mut self,
+        t_ns: &[Option<i64>],
+        most_events: u32,
+        outlets: bool,
+    ) -> Result<(), EngineError> {
         self.prepare_rows(t_ns);
         let cameras = self.cameras.len() as u32;
+        let (first_camera, count) = if outlets { (cameras, self.outlets()) } else { (0, cameras) };
         let groups = most_events.div_ceil(RUN_EVENTS).min(MOST_GROUPS);
         let timer = &self.timing.timer;
         let record = |commands| {
@@ -28,10 +35,10 @@ impl Rig {
             timer.record(commands, STAMPS);
             for level in 0..levels(most_events) {
                 record_barrier(&self.device, commands);
-                let push = Push { level, ..Push::default() };
+                let push = Push { first_camera, level, outlets: u32::from(outlets), ..Push::default() };
                 // SAFETY: as for the commands, below; the kernel stays within what its camera's row gives it.
                 unsafe {
-                    self.pipelines.kernels.merge.record(commands, bytes_of(&push), [groups, cameras, 1]);
+                    self.pipelines.kernels.merge.record(commands, bytes_of(&push), [groups, count, 1]);
                 }
             }
             record_host_barrier(&self.device, commands);
@@ -39,6 +46,30 @@ impl Rig {
         };
         // SAFETY: no submission of the commands is pending, or the rig would be lost. The rig owns the handles that
         // they use; nothing else uses these within a tick, and `Device::retire` keeps them if the wait fails.
+        unsafe { self.recordings.merging.record(record) }?;
+        self.timing.submit(&self.device, &self.recordings.merging, &SubmitHooks::default())?;
+        self.timing.wait()?;
+        self.timing.add_retry(&mut self.results);
+        Ok(())
+    }
+}
+
+impl Rig {
+    /// Lets `readout` go on for the cameras that have a time in `t_ns`. Their packets are sorted, by `merge` if they are
+    /// heavy.
+    pub(super) fn continue_readout(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
+        self.prepare_rows(t_ns);
+        let timer = &self.timing.timer;
+        let record = |commands| {
+            timer.record_reset(commands, STAMPS..STAMPS + 2);
+            timer.record(commands, STAMPS);
+            record_barrier(&self.device, commands);
+            // SAFETY: as for the commands, below; the kernels stay within what their cameras' rows give them.
+            unsafe { self.record_readout(commands, self.outlets(), true) };
+            record_host_barrier(&self.device, commands);
+            timer.record(commands, STAMPS + 1);
+        };
+        // SAFETY: as in `merge`.
         unsafe { self.recordings.merging.record(record) }?;
         self.timing.submit(&self.device, &self.recordings.merging, &SubmitHooks::default())?;
         self.timing.wait()?;

@@ -44,7 +44,7 @@ use crate::policy::KernelPolicy;
 use arena::{Arena, Move};
 use ash::vk;
 use bytemuck::cast_slice;
-use config::check_sensor;
+use config::{check_groups, check_rows, check_sensor};
 use esaac_layout::{self as layout, Camera, Counters, StateWord};
 use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
@@ -53,6 +53,7 @@ use esaac_model::{Pixel, SensorModel, Synthesis};
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
+use parameters::has_bus;
 use queue::QueueLength;
 use results::Results;
 use scene::Instances;
@@ -82,6 +83,10 @@ fn slots() -> Vec<vk::DescriptorType> {
 struct CameraState {
     config: CameraConfig,
     place: Place,
+    /// Where what has left the bus lies; without elements if there has been no bus.
+    outlet: Place,
+    /// Whether the last tick's packet lies there.
+    sends_from_outlet: bool,
     hdr: Buffer,
     motion: Option<Buffer>,
     depth: Option<Buffer>,
@@ -191,9 +196,7 @@ impl Rig {
         for (camera, config) in configs.iter().enumerate() {
             check_sensor(camera, &config.sensor, config)?;
         }
-        if configs.len() > layout::MAX_CAMERAS {
-            return Err(EngineError::TooManyCameras { expected: layout::MAX_CAMERAS, actual: configs.len() });
-        }
+        check_rows(configs.iter().map(|config| &config.sensor))?;
         let places = geometry::place(configs, options);
         let policy = options
             .policy
@@ -201,10 +204,12 @@ impl Rig {
         check_groups(device, policy, &places)?;
         let arena = Arena::new(device, &places, options)?;
         let mut cameras = Vec::with_capacity(configs.len());
-        for (number, (config, place)) in configs.iter().zip(places).enumerate() {
+        let (places, outlets) = places.split_at(configs.len());
+        for (number, config) in configs.iter().enumerate() {
             cameras.push(CameraState {
                 asked: asked[number],
-                ..CameraState::new(device, number, config, place)?
+                outlet: outlets[number],
+                ..CameraState::new(device, number, config, places[number])?
             });
         }
         let bindings = BindingSet::with_sets(device, slots(), options.ring() as u32)?;
@@ -282,6 +287,8 @@ impl Rig {
                 actual_height: sensor.height,
             });
         }
+        let others = self.cameras.iter().enumerate().filter(|&(number, _)| number != camera);
+        check_rows(others.map(|(_, c)| &c.config.sensor).chain([&sensor]))?;
         let mut places = self.places();
         let mut writes = Vec::new();
         places[camera] = places[camera].with_planes_of(&sensor);
@@ -292,6 +299,10 @@ impl Rig {
             writes.push(pixel_draws(&state.place, &sensor, state.config.camera));
         }
         self.change(places, writes, &[])?;
+        if effects.resets_frames && has_bus(&sensor) {
+            let fresh = fresh_bus(&self.cameras[camera]);
+            self.change(self.places(), fresh, &[layout::BINS])?;
+        }
         let state = &mut self.cameras[camera];
         let held_ns = state.last_ns.map(|ns| ns + i64::from(state.config.sensor.refractory_ns));
         let other_light = effects.resets_frames || state.config.sensor.lux_per_unit != sensor.lux_per_unit;
@@ -313,8 +324,10 @@ impl Rig {
     /// packets keep counting.
     pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
         self.check_health()?;
-        let counters = fresh_counters(&self.camera(camera)?.place);
-        self.change(self.places(), vec![counters], &[])?;
+        let state = self.camera(camera)?;
+        let mut writes = fresh_bus(state);
+        writes.push(fresh_counters(&state.place));
+        self.change(self.places(), writes, &[])?;
         self.cameras[camera].forget();
         Ok(())
     }
@@ -322,8 +335,10 @@ impl Rig {
     /// Initialises the state on the device, as before any frame.
     fn clear(&mut self) -> Result<(), EngineError> {
         let mut writes = Vec::new();
+        self.arena.table(layout::READOUTS).write(0, &vec![layout::Readout::default(); self.cameras.len()]);
         for c in &self.cameras {
             writes.push(fresh_counters(&c.place));
+            writes.extend(fresh_bus(c));
             writes.push(pixel_draws(&c.place, &c.config.sensor, c.config.camera));
         }
         let zeroed = [layout::BINS, layout::STATE, layout::BLOCKS, layout::PASSING, layout::MEETINGS];
@@ -331,8 +346,10 @@ impl Rig {
         self.change(self.places(), writes, &[])
     }
 
+    /// The places of all cameras, and after them those of their outlets.
     fn places(&self) -> Vec<Place> {
-        self.cameras.iter().map(|c| c.place).collect()
+        let outlets = self.cameras.iter().map(|c| c.outlet);
+        self.cameras.iter().map(|c| c.place).chain(outlets).collect()
     }
 
     /// Moves cameras to new places, zeroes buffers and writes into others, in one submission. `writes` and `zeroed` may
@@ -340,10 +357,11 @@ impl Rig {
     /// rig is lost.
     fn change(
         &mut self,
-        places: Vec<Place>,
+        mut places: Vec<Place>,
         writes: Vec<Write>,
         zeroed: &[usize],
     ) -> Result<(), EngineError> {
+        geometry::follow_cameras(&mut places);
         let before = self.places();
         let planned: Option<Move> =
             if places == before { None } else { Some(self.arena.plan(&self.device, &before, places)?) };
@@ -498,6 +516,8 @@ impl CameraState {
                 .transpose()?,
             config: config.clone(),
             place,
+            outlet: Place::default(),
+            sends_from_outlet: false,
             inputs: Addresses::default(),
             instances: Instances::new(),
             scene: None,
@@ -517,6 +537,11 @@ impl CameraState {
             may_be_unarmed: true,
             holds_until_ns: None,
         })
+    }
+
+    /// First event of the last tick's packet in the packet's arrays.
+    fn packet_base(&self) -> u32 {
+        if self.sends_from_outlet { self.outlet.event_base } else { self.place.event_base }
     }
 
     /// Makes the next frame count as the first.
@@ -539,6 +564,18 @@ fn fresh_counters(place: &Place) -> Write {
     Write { slot: layout::COUNTERS, offset, bytes: cast_slice(&fresh).to_vec() }
 }
 
+/// The writes that make a camera's bus free, and nothing wait behind it; none if it has room for no bus.
+fn fresh_bus(camera: &CameraState) -> Vec<Write> {
+    let stride = u64::from(layout::BINDINGS[layout::BUS].stride);
+    let elements = camera.place.elements()[layout::BUS].unwrap_or(0);
+    if elements == 0 {
+        return Vec::new();
+    }
+    let offset = camera.place.first_element(layout::BUS) * stride;
+    let bus = Write { slot: layout::BUS, offset, bytes: vec![0; (elements * stride) as usize] };
+    vec![bus, fresh_counters(&camera.outlet)]
+}
+
 /// The write of a camera's random draws that are made once per pixel: thresholds, and leak or factors, which lie one
 /// after the other in `state`.
 fn pixel_draws(place: &Place, sensor: &SensorModel, camera: u32) -> Write {
@@ -551,23 +588,4 @@ fn pixel_draws(place: &Place, sensor: &SensorModel, camera: u32) -> Write {
     }
     let first = place.first_element(layout::STATE) + StateWord::ContrastOn as u64 * sensor.pixels() as u64;
     Write { slot: layout::STATE, offset: first * 4, bytes }
-}
-
-/// An error if a camera's dispatches are larger than the device allows.
-fn check_groups(device: &Device, policy: KernelPolicy, places: &[Place]) -> Result<(), EngineError> {
-    // The largest dispatch is that of `cross` with one workgroup per sub-tile.
-    let of_a_tile = policy.cross_groups(false).max(policy.cross_groups(true));
-    for (camera, place) in places.iter().enumerate() {
-        let actual = place.tiles.saturating_mul(of_a_tile);
-        if actual > device.most_groups() {
-            let expected = device.most_groups();
-            return Err(EngineError::TooManyGroups {
-                camera,
-                device: device.info().name.clone(),
-                expected,
-                actual,
-            });
-        }
-    }
-    Ok(())
 }

@@ -1,20 +1,23 @@
 //! Computes what the kernels read, from a sensor and the time of a frame.
 
 use super::arena::Arena;
+use super::geometry::Place;
 use super::{CameraState, RigOptions};
 use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
-    IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, SortConstants,
+    IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, Readout, ReadoutConstants,
+    SortConstants,
 };
 use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
+use esaac_model::physical::Bus;
 use esaac_model::random::HAZARD_FRACTION_BITS;
 use esaac_model::substeps::{MAX_SUBSTEPS, least_substeps, quantise_ns};
 use esaac_model::{
-    IdFormat, Intensity, LOG_FRACTION_BITS, MotionFormat, Pixel, SensorModel, SubstepPolicy, Synthesis, Taps,
-    Timestamps, log_to_q24,
+    IdFormat, Intensity, LOG_FRACTION_BITS, MotionFormat, Pixel, ReadoutKind, SensorModel, SubstepPolicy,
+    Synthesis, Taps, Timestamps, log_to_q24,
 };
 
 /// Constants and options that determine which kernels run for a camera.
@@ -24,6 +27,8 @@ pub(super) struct Permutation {
     pub rigid: bool,
     /// Whether the kernels are those of the physical pixel.
     pub physical: bool,
+    /// Whether there is a bus before the packet.
+    pub has_bus: bool,
     /// Constants of `ingest`.
     pub ingest: IngestConstants,
     /// Constants of `cross`, for its first run in a tick.
@@ -63,6 +68,7 @@ pub(super) fn permutation(
     Permutation {
         rigid: is_rigid(sensor),
         physical,
+        has_bus: has_bus(sensor),
         ingest: IngestConstants {
             intensity: sensor.intensity,
             half_pel: needs_half_pel(sensor) && sensor.transfers > 0,
@@ -200,12 +206,31 @@ impl Permutation {
     }
 }
 
-/// The kernel of `sort` for a rig with `bins` bins in all.
-pub(super) fn sort(policy: KernelPolicy, bins: u32) -> Specialised {
+/// The kernel of `readout`.
+pub(super) fn readout(policy: KernelPolicy) -> Specialised {
+    Specialised { kernel: stages::READOUT, constants: readout_constants(policy).words() }
+}
+
+/// The kernel of `readout` that serves chunks side by side.
+pub(super) fn readout_apart(policy: KernelPolicy) -> Specialised {
+    Specialised { kernel: stages::READOUT_APART, constants: readout_constants(policy).words() }
+}
+
+fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
+    ReadoutConstants {
+        threads: policy.readout_threads,
+        most_rounds: policy.readout_rounds,
+        apart: policy.readout_apart,
+    }
+}
+
+/// The kernel of `sort` for a rig with `bins` bins in all. `has_bus`: whether a camera has a bus.
+pub(super) fn sort(policy: KernelPolicy, bins: u32, has_bus: bool) -> Specialised {
     let constants = SortConstants {
         group_bins: policy.group_bins_of(bins),
         threads: policy.sort_threads,
         native_division: policy.native_division,
+        has_bus,
     };
     Specialised { kernel: stages::SORT, constants: constants.words() }
 }
@@ -225,12 +250,12 @@ struct Bins {
     samples: u32,
 }
 
-fn bins(sensor: &SensorModel, span_ns: u32, bin_count: u32, pixels: u32) -> Bins {
+fn bins(sensor: &SensorModel, quantum: u32, span_ns: u32, place: &Place) -> Bins {
+    let (bin_count, pixels) = (place.bin_count, place.pixels);
     let by_rows = |steps: u32, width: u32, samples: u32| {
         let rows = (bin_count / steps).max(1);
         Bins { width, rows, row_px: pixels.div_ceil(rows).max(1), samples }
     };
-    let quantum = sensor.timestamp_quantum_ns;
     let quanta = span_ns / quantum + 1;
     let only_at_samples = sensor.timestamps == Timestamps::AtSample
         && sensor.substep_policy == SubstepPolicy::Fixed
@@ -261,9 +286,11 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
     let planes_address = arena.buffer(layout::PLANES).address();
     let stride = u64::from(layout::BINDINGS[layout::SAMPLES].stride);
     let samples = arena.buffer(layout::SAMPLES).bytes() / stride;
-    let base_ns = quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns));
+    // Events come to a bus when they happen. They are stamped when they leave it.
+    let quantum_ns = if has_bus(sensor) { 1 } else { sensor.timestamp_quantum_ns };
+    let base_ns = quantise_ns(start_ns, i64::from(quantum_ns));
     let base_to_start_ns = (start_ns - base_ns) as u32;
-    let bins = bins(sensor, base_to_start_ns + interval_ns, place.bin_count, place.pixels);
+    let bins = bins(sensor, quantum_ns, base_to_start_ns + interval_ns, place);
     let q27 = f64::from(1_u32 << HAZARD_FRACTION_BITS);
     let aps_end_ns = sensor.aps_start_ns.saturating_add(sensor.aps_exposure_ns).min(interval_ns);
     let aps_max = ((1_u32 << sensor.aps_bits) - 1) as f32;
@@ -309,7 +336,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         refractory_ns: sensor.refractory_ns,
         latency_ns: sensor.latency_ns,
         latency_jitter_ns: sensor.latency_jitter_ns,
-        timestamp_quantum_ns: sensor.timestamp_quantum_ns,
+        timestamp_quantum_ns: quantum_ns,
         contrast_on_q24: log_to_q24(sensor.contrast_on),
         contrast_off_q24: log_to_q24(sensor.contrast_off),
         hazard_q27_per_ns: (0.5 * sensor.shot_noise_rate_hz * 1e-9 * q27) as f32,
@@ -327,6 +354,58 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         bin_storage_base: place.bin_storage_base,
         bin_capacity: place.bin_capacity,
         half_pel_stride: if needs_half_pel(sensor) { half_pel_stride(sensor) } else { 0 },
+    }
+}
+
+/// The row of a camera's outlet in the table of cameras. `camera_row` is the camera's own.
+pub(super) fn outlet_row(camera: &CameraState, camera_row: &Camera) -> Camera {
+    let (sensor, outlet) = (&camera.config.sensor, &camera.outlet);
+    let quantum_ns = sensor.timestamp_quantum_ns;
+    let base_to_start_ns = camera_row.start_ns.rem_euclid(i64::from(quantum_ns)) as u32;
+    let mut place = *outlet;
+    place.pixels = camera.place.pixels;
+    // An event leaves at any time, and not at the end of a sub-step.
+    let sensor = SensorModel { timestamps: Timestamps::Interpolated, ..sensor.clone() };
+    let bins = bins(&sensor, quantum_ns, base_to_start_ns + camera_row.interval_ns, &place);
+    Camera {
+        slot: outlet.slot,
+        base_to_start_ns,
+        timestamp_quantum_ns: quantum_ns,
+        bin_base: outlet.bin_base,
+        bin_count: outlet.bin_count,
+        bin_width: bins.width,
+        bin_rows: bins.rows,
+        bin_row_px: bins.row_px,
+        bin_samples: bins.samples,
+        bin_storage_base: outlet.bin_storage_base,
+        bin_capacity: outlet.bin_capacity,
+        event_base: outlet.event_base,
+        event_capacity: outlet.event_capacity,
+        ..*camera_row
+    }
+}
+
+/// A camera's row of the table of readouts. `row`: that of the camera in the table of cameras, `outlet_row`: that of its
+/// outlet; `None` without a bus.
+pub(super) fn readout_row(camera: &CameraState, row: &Camera, outlet_row: Option<u32>) -> Readout {
+    let Some(outlet_row) = outlet_row else { return Readout::default() };
+    let readout = camera.config.sensor.readout_model();
+    let (row_ps, event_ps) = match readout.bus {
+        Bus::Ideal => (0, 0),
+        Bus::Fifo { event_ps } => (0, event_ps),
+        Bus::Rows { row_ps, event_ps } => (row_ps, event_ps),
+    };
+    let period_ns = i64::from(readout.cap_period_ns);
+    Readout {
+        event_ps,
+        row_ps,
+        first_period: row.start_ns.div_euclid(period_ns),
+        period_to_start_ns: row.start_ns.rem_euclid(period_ns) as u32,
+        cap_period_ns: readout.cap_period_ns,
+        cap_events: readout.cap_events,
+        has_bus: 1,
+        outlet_row,
+        bus_base: camera.place.bus_base,
     }
 }
 
@@ -427,6 +506,11 @@ pub(super) fn is_rigid(sensor: &SensorModel) -> bool {
 /// Whether the pixel is the physical one.
 pub(super) fn is_physical(sensor: &SensorModel) -> bool {
     sensor.pixel == Pixel::Physical
+}
+
+/// Whether events wait for a bus.
+pub(super) fn has_bus(sensor: &SensorModel) -> bool {
+    sensor.readout != ReadoutKind::None
 }
 
 /// Words of a row of the half-pel frame: its samples, and two of border on either side.

@@ -4,8 +4,8 @@
 
 use super::code::Code;
 use super::parameters::{
-    Permutation, Specialised, camera_row, has_optics, is_physical, is_rigid, optics_row, permutation,
-    physical_row, sort,
+    Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
+    permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
 use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
@@ -16,7 +16,7 @@ use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, sta
 use crate::policy::KernelPolicy;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{self as layout, KERNELS, KernelInfo, Push, TICK_STAGES};
+use esaac_layout::{self as layout, KERNELS, KernelInfo, Push, TICK_STAGES_WITH_BUS};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -39,7 +39,7 @@ fn all_bins(cameras: &[CameraState]) -> u32 {
 }
 
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
-pub(super) const STAMPS: u32 = TICK_STAGES.len() as u32 + 1;
+pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1;
 
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
@@ -48,8 +48,18 @@ pub(super) struct Kernels {
     paths: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
+    /// Compiled when a camera needs it first.
+    bus: Option<BusKernels>,
     /// Kernels that make representations of packets, by stage; compiled at their first use.
     pub forms: HashMap<&'static str, Kernel>,
+}
+
+/// Kernels of rigs in which a camera has a bus.
+struct BusKernels {
+    readout: Kernel,
+    /// `None` if chunks are not served side by side.
+    apart: Option<Kernel>,
+    sort: Kernel,
 }
 
 impl Kernels {
@@ -62,21 +72,34 @@ impl Kernels {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
-            sort: code.kernel(bindings, &sort(policy, all_bins(cameras)))?,
+            sort: code.kernel(bindings, &sort(policy, all_bins(cameras), false))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
+            bus: None,
             forms: HashMap::new(),
         })
     }
 
-    /// Compiles `paths` if a permutation needs it.
-    pub(super) fn need_paths(
+    /// Compiles the kernels that the permutations of `cameras` need and that are missing.
+    pub(super) fn need(
         &mut self,
+        policy: KernelPolicy,
+        cameras: &[CameraState],
         code: &Code,
         bindings: &Arc<BindingSet>,
         permutations: &[Permutation],
     ) -> Result<(), EngineError> {
         if self.paths.is_none() && permutations.iter().any(|p| p.rigid) {
             self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
+        }
+        if self.bus.is_none() && permutations.iter().any(|p| p.has_bus) {
+            self.bus = Some(BusKernels {
+                readout: code.kernel(bindings, &readout(policy))?,
+                apart: match policy.readout_apart {
+                    true => Some(code.kernel(bindings, &readout_apart(policy))?),
+                    false => None,
+                },
+                sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
+            });
         }
         Ok(())
     }
@@ -179,6 +202,7 @@ impl Rig {
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let _zone = zone!("record");
         let needed = self.needed_recording();
+        self.timing.with_bus = self.outlets() > 0;
         self.bind_current();
         if self.recording().tick_for.as_ref() != Some(&needed) {
             self.record(needed, true)?;
@@ -225,10 +249,28 @@ impl Rig {
             self.arena.table(layout::OPTICS).write(0, &rows);
         }
         let order = order(&self.permutations());
-        for (row, &camera) in self.parameters.iter_mut().zip(&order) {
-            *row = camera_row(&self.cameras[camera], t_ns[camera], &self.arena);
+        self.parameters.clear();
+        self.parameters
+            .extend(order.iter().map(|&camera| camera_row(&self.cameras[camera], t_ns[camera], &self.arena)));
+        if self.cameras.iter().any(|camera| camera.place.has_bus) {
+            self.prepare_readouts(&order);
         }
         self.arena.table(layout::CAMERAS).write(0, &self.parameters);
+    }
+
+    /// Adds the rows of outlets to the table of cameras, in the order of their cameras, and fills the table of readouts.
+    fn prepare_readouts(&mut self, order: &[usize]) {
+        let mut readouts = vec![layout::Readout::default(); self.cameras.len()];
+        for (position, &camera) in order.iter().enumerate() {
+            let state = &self.cameras[camera];
+            let outlet = has_bus(&state.config.sensor).then_some(self.parameters.len() as u32);
+            readouts[state.place.slot as usize] = readout_row(state, &self.parameters[position], outlet);
+            if outlet.is_some() {
+                let row = outlet_row(state, &self.parameters[position]);
+                self.parameters.push(row);
+            }
+        }
+        self.arena.table(layout::READOUTS).write(0, &readouts);
     }
 
     /// Makes the descriptors of the current set name the current buffers.
@@ -268,8 +310,13 @@ impl Rig {
         let k = &self.pipelines.kernels;
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
         let paths = k.paths.iter().map(|kernel| ("paths", kernel));
+        let bus = k.bus.iter().flat_map(|bus| {
+            [("sort", &bus.sort), ("readout", &bus.readout)]
+                .into_iter()
+                .chain(bus.apart.iter().map(|apart| ("readout", apart)))
+        });
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
-        of_sensors.chain(events).chain(paths).chain(forms)
+        of_sensors.chain(events).chain(paths).chain(bus).chain(forms)
     }
 
     /// Names of the compiled kernels and their specialisation constants, for tests: which permutations ran.
@@ -278,8 +325,11 @@ impl Rig {
     pub fn permutations_compiled(&self) -> Vec<(&'static str, Vec<u32>)> {
         let mut all: Vec<_> =
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
-        let sort = sort(self.pipelines.policy, all_bins(&self.cameras));
-        all.push((sort.kernel.0, sort.constants));
+        let bus = &self.pipelines.kernels.bus;
+        for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
+            let sort = sort(self.pipelines.policy, all_bins(&self.cameras), *has_bus);
+            all.push((sort.kernel.0, sort.constants));
+        }
         all.sort();
         all
     }
@@ -291,7 +341,7 @@ impl Rig {
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
-        kernels.need_paths(code, bindings, permutations)?;
+        kernels.need(*policy, &self.cameras, code, bindings, permutations)?;
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
@@ -326,6 +376,61 @@ impl Rig {
     }
 }
 
+impl Rig {
+    /// Cameras that have a bus.
+    pub(super) fn outlets(&self) -> u32 {
+        self.cameras.iter().filter(|camera| has_bus(&camera.config.sensor)).count() as u32
+    }
+
+    /// Workgroups of `sort` for each camera.
+    fn bin_groups(&self) -> u32 {
+        let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
+        bins.div_ceil(self.pipelines.policy.group_bins_of(all_bins(&self.cameras)))
+    }
+
+    /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.
+    fn stretch_groups(&self) -> u32 {
+        let events = self.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
+        events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
+    }
+
+    /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    unsafe fn record_sort(&self, commands: vk::CommandBuffer, first_camera: u32, count: u32, outlets: bool) {
+        let push = Push { first_camera, outlets: u32::from(outlets), ..Push::default() };
+        let kernel = &self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it").sort;
+        // SAFETY: the caller's contract is the same.
+        unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
+    }
+
+    /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    pub(super) unsafe fn record_readout(&self, commands: vk::CommandBuffer, outlets: u32, merged: bool) {
+        let cameras = self.cameras.len() as u32;
+        let push = Push { merged: u32::from(merged), ..Push::default() };
+        let kernels = self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it");
+        for level in [0, 1].iter().filter(|_| kernels.apart.is_some()) {
+            let push = Push { level: *level, ..push };
+            let groups = [self.stretch_groups(), cameras, 1];
+            // SAFETY: the caller's contract is the same.
+            unsafe { kernels.apart.iter().for_each(|apart| apart.record(commands, bytes_of(&push), groups)) };
+            record_barrier(&self.device, commands);
+        }
+        let kernel = &kernels.readout;
+        for _ in 0..self.pipelines.policy.readout_dispatches {
+            // SAFETY: the caller's contract is the same.
+            unsafe { kernel.record(commands, bytes_of(&push), [1, cameras, 1]) };
+            record_barrier(&self.device, commands);
+        }
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.record_sort(commands, cameras, outlets, true) };
+    }
+}
+
 /// Cameras in the order of the table: those with equal permutations are neighbours.
 pub(super) fn order(permutations: &[Permutation]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..permutations.len()).collect();
@@ -339,8 +444,8 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
     let target = if whole { &recording.tick } else { &recording.retry };
+    let outlets = groups.iter().filter(|g| g.permutation.has_bus).map(|g| g.count).sum::<u32>();
     let cameras = rig.cameras.len() as u32;
-    let bins = rig.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
     let dispatch = |commands, kernel: &Kernel, first_camera: u32, groups: [u32; 3]| {
         let push = Push { first_camera, ..Push::default() };
         // SAFETY: as for the commands, below; kernels stay within what the table gives each camera.
@@ -377,6 +482,13 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
                     dispatch(commands, paths, group.first, [PATHS_GROUPS, group.count, 1]);
                 }
             }
+            if outlets > 0 {
+                if policy.serial {
+                    record_barrier(device, commands);
+                }
+                let extent = [striding_groups(rig), outlets, 1];
+                dispatch(commands, &rig.pipelines.kernels.deferred, cameras, extent);
+            }
             record_barrier(device, commands);
         }
         stage_done();
@@ -403,8 +515,17 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
         }
         record_barrier(device, commands);
         stage_done();
-        let bin_groups = bins.div_ceil(policy.group_bins_of(all_bins(&rig.cameras)));
-        dispatch(commands, &rig.pipelines.kernels.sort, 0, [bin_groups, cameras, 1]);
+        if outlets > 0 {
+            // SAFETY: as for the commands, below.
+            unsafe { rig.record_sort(commands, 0, cameras, false) };
+            record_barrier(device, commands);
+            stage_done();
+            // SAFETY: as for the commands, below.
+            unsafe { rig.record_readout(commands, outlets, false) };
+        } else {
+            let extent = [rig.bin_groups(), cameras, 1];
+            dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);
+        }
         record_host_barrier(device, commands);
         write_stamp();
     };

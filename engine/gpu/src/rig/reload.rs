@@ -31,7 +31,7 @@ impl Rig {
         let bindings = Arc::clone(&self.pipelines.bindings);
         let policy = self.pipelines.policy;
         let mut kernels = Kernels::new(policy, &self.cameras, &code, &bindings)?;
-        kernels.need_paths(&code, &bindings, &self.permutations())?;
+        kernels.need(policy, &self.cameras, &code, &bindings, &self.permutations())?;
         let mut specialised = SensorKernels::default();
         for permutation in self.permutations() {
             specialised.need(&code, &bindings, policy, &permutation, false)?;

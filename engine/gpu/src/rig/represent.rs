@@ -179,7 +179,7 @@ impl Rig {
                 let start_ns = camera.last_ns.unwrap_or(0) - i64::from(camera.last_interval_ns);
                 let slice = Slice {
                     base_ns: packet.base_ns,
-                    event_base: camera.place.event_base,
+                    event_base: camera.packet_base(),
                     events,
                     width: camera.config.sensor.width,
                     pixels: camera.place.pixels,

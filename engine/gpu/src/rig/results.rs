@@ -24,6 +24,10 @@ pub struct Diagnostics {
     pub deferred_events: u64,
     /// Events dropped because of the sensor's limit per interval.
     pub dropped_events: u64,
+    /// Events that the sensor lost because their pixel had one waiting for the bus.
+    pub lost_events: u64,
+    /// Events that the sensor's rate controller dropped.
+    pub capped_events: u64,
     /// Pixels of the frame without a path because their depth is NaN or negative (synthesis `rigid`).
     pub without_depth: u64,
     /// Pixels without a path because their instance has no poses.
@@ -135,6 +139,8 @@ impl Results {
             substeps: counters.substeps.into(),
             deferred_events: counters.deferred.into(),
             dropped_events: packet.dropped,
+            lost_events: counters.lost.into(),
+            capped_events: counters.capped.into(),
             without_depth: counters.without_depth.into(),
             without_poses: counters.without_poses.into(),
             without_lens: counters.without_lens.into(),
@@ -160,7 +166,7 @@ impl Results {
         let mut copies = Vec::new();
         if place == PacketPlace::Owned {
             for (number, packet) in self.packets.iter_mut().enumerate() {
-                let base = cameras[number].place.event_base as usize;
+                let base = cameras[number].packet_base() as usize;
                 let events = self.events[number] as usize;
                 let Packet { t_offset_ns, x, y, polarity, .. } = packet;
                 copies.push(ColumnCopy::Times(arena.buffer(layout::EVENT_T).read(base, events), t_offset_ns));

@@ -1,6 +1,8 @@
 //! Saving and restoring a rig's state: a run that is saved, restored and continued gives the same events as a run
 //! without interruption.
 
+use super::geometry::Place;
+use super::parameters::has_bus;
 use super::scene::Instances;
 use super::transfer::{Part, Write, read_back};
 use super::{CameraState, GeometryConfig, Rig};
@@ -11,7 +13,7 @@ use esaac_model::paths::{Projection, STATIC_WORLD};
 use serde::{Deserialize, Serialize};
 
 /// Buffers that outlive a tick. A saved state holds the part of each that the sensors need.
-const KEPT: [usize; 8] = [
+const KEPT: [usize; 9] = [
     layout::PLANES,
     layout::MOTION,
     layout::STATE,
@@ -20,6 +22,7 @@ const KEPT: [usize; 8] = [
     layout::SURFACES,
     layout::SLOPES,
     layout::REPRESENTATIVES,
+    layout::BUS,
 ];
 
 /// Bytes of a deferred event.
@@ -45,6 +48,8 @@ struct CameraHeader {
     sequence: u64,
     holds_until_ns: Option<i64>,
     deferred_events: u32,
+    /// Events that leave the bus after the last packet.
+    leaving_events: u32,
     /// Instances that the surfaces of the last frame may name, row by row.
     instances: Vec<u32>,
     /// The poses that are followed.
@@ -59,23 +64,31 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
     pub fn save(&self) -> Result<Vec<u8>, EngineError> {
         self.check_health()?;
-        let counters = read_back(&self.device, &self.parts(layout::COUNTERS))?;
+        let all = self.arena.buffer(layout::COUNTERS);
+        let counters = read_back(&self.device, &[Part { buffer: all, offset: 0, bytes: all.bytes() }])?;
         let counted: Vec<Counters> = bytemuck::pod_collect_to_vec(&counters);
         let gathered = self.arena.buffer(layout::GATHERED);
         let mut deferred = Vec::new();
         let mut cameras = Vec::new();
         for c in &self.cameras {
             // After a tick, its counters are the other set.
-            let last = &counted[(2 * c.place.slot + 1 - c.frame_slot) as usize];
-            let first = u64::from(c.place.event_base + last.packet) * DEFERRED_BYTES;
-            let bytes = u64::from(last.deferred) * DEFERRED_BYTES;
-            deferred.push(Part { buffer: gathered, offset: first, bytes });
+            let last = |place: &Place| counted[(2 * place.slot + 1 - c.frame_slot) as usize];
+            let part = |place: &Place| Part {
+                buffer: gathered,
+                offset: u64::from(place.event_base + last(place).packet) * DEFERRED_BYTES,
+                bytes: u64::from(last(place).deferred) * DEFERRED_BYTES,
+            };
+            let leaving_events = if has_bus(&c.config.sensor) { last(&c.outlet).deferred } else { 0 };
+            deferred.push(part(&c.place));
+            if leaving_events > 0 {
+                deferred.push(part(&c.outlet));
+            }
             cameras.push(CameraHeader {
                 sensor: c.config.sensor.to_toml(),
                 camera: c.config.camera,
@@ -86,7 +99,8 @@ impl Rig {
                 frames: c.frames,
                 sequence: c.sequence,
                 holds_until_ns: c.holds_until_ns,
-                deferred_events: last.deferred,
+                deferred_events: last(&c.place).deferred,
+                leaving_events,
                 instances: c.instances.ids(),
                 trust: c.check.trust().clone(),
                 lens: c.config.geometry.as_ref().map(lens_bits),
@@ -108,8 +122,8 @@ impl Rig {
         self.check_health()?;
         let (header, body) = read_header(bytes)?;
         self.check_cameras(&header)?;
-        let deferred: u64 =
-            header.cameras.iter().map(|c| u64::from(c.deferred_events) * DEFERRED_BYTES).sum();
+        let waiting = |c: &CameraHeader| u64::from(c.deferred_events) + u64::from(c.leaving_events);
+        let deferred: u64 = header.cameras.iter().map(|c| waiting(c) * DEFERRED_BYTES).sum();
         let expected: u64 =
             deferred + KEPT.iter().flat_map(|&slot| self.parts(slot)).map(|part| part.bytes).sum::<u64>();
         if body.len() as u64 != expected {
@@ -177,6 +191,13 @@ impl Rig {
             if saved.instances.first() != Some(&STATIC_WORLD) {
                 return Err(bad(format!("camera {number} has no static world in its instances")));
             }
+            let most = c.place.pixels;
+            if saved.leaving_events > most {
+                let actual = saved.leaving_events;
+                return Err(bad(format!(
+                    "camera {number} has {actual} events on their way out, expected at most {most}"
+                )));
+            }
             if saved.frame_slot > 1 {
                 return Err(bad(format!(
                     "camera {number} has frame slot {}, expected 0 or 1",
@@ -191,12 +212,13 @@ impl Rig {
     /// changes.
     fn make_room(&mut self, header: &Header) -> Result<(), EngineError> {
         let places = self.places();
-        let places = places.iter().zip(&self.cameras).zip(&header.cameras).map(|((p, c), saved)| {
+        let mut places = places;
+        for ((place, c), saved) in places.iter_mut().zip(&self.cameras).zip(&header.cameras) {
             let rows = c.restored_instances(&saved.instances, &Trust::All, saved.frames);
             let instances = rows.len() as u32;
-            p.with_events(saved.deferred_events).with_instances(instances)
-        });
-        self.change(places.collect(), Vec::new(), &[])
+            *place = place.with_events(saved.deferred_events).with_instances(instances);
+        }
+        self.change(places, Vec::new(), &[])
     }
 
     /// The writes that put a saved state into the buffers.
@@ -211,10 +233,12 @@ impl Rig {
             }
         }
         for (c, saved) in self.cameras.iter().zip(&header.cameras) {
-            let (part, after) = rest.split_at((u64::from(saved.deferred_events) * DEFERRED_BYTES) as usize);
-            rest = after;
-            let offset = c.place.first_element(layout::GATHERED) * DEFERRED_BYTES;
-            writes.push(Write { slot: layout::GATHERED, offset, bytes: part.to_vec() });
+            for (place, events) in [(&c.place, saved.deferred_events), (&c.outlet, saved.leaving_events)] {
+                let (part, after) = rest.split_at((u64::from(events) * DEFERRED_BYTES) as usize);
+                rest = after;
+                let offset = place.first_element(layout::GATHERED) * DEFERRED_BYTES;
+                writes.push(Write { slot: layout::GATHERED, offset, bytes: part.to_vec() });
+            }
         }
         // A running rig has deferred events behind the last packet. A restored one has them first, so the counters must
         // say that the last packet is empty.
@@ -222,13 +246,19 @@ impl Rig {
         for (write, saved) in counters.zip(&header.cameras) {
             let mut sets: Vec<Counters> = bytemuck::pod_collect_to_vec(&write.bytes);
             if saved.deferred_events > 0 {
-                sets[1 - saved.frame_slot as usize] = Counters {
-                    deferred: saved.deferred_events,
-                    emitted_fit: u32::MAX,
-                    ..Counters::default()
-                };
+                sets[1 - saved.frame_slot as usize] = only_deferred(saved.deferred_events);
             }
             write.bytes = bytemuck::cast_slice(&sets).to_vec();
+        }
+        for (c, saved) in self.cameras.iter().zip(&header.cameras) {
+            let mut sets = [only_deferred(0); 2];
+            sets[1 - saved.frame_slot as usize] = only_deferred(saved.leaving_events);
+            let offset = c.outlet.first_element(layout::COUNTERS) * size_of::<Counters>() as u64;
+            writes.push(Write {
+                slot: layout::COUNTERS,
+                offset,
+                bytes: bytemuck::cast_slice(&sets).to_vec(),
+            });
         }
         writes
     }
@@ -240,6 +270,11 @@ impl CameraState {
         let saved = Instances::restored(saved);
         self.scene.as_ref().map_or(saved.clone(), |scene| saved.with(scene, trust, frames))
     }
+}
+
+/// Counters of an empty packet, with deferred events behind it.
+fn only_deferred(deferred: u32) -> Counters {
+    Counters { deferred, emitted_fit: u32::MAX, ..Counters::default() }
 }
 
 fn bad(what: String) -> EngineError {

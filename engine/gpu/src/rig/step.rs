@@ -2,6 +2,7 @@
 
 use super::conventions::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
+use super::parameters::has_bus;
 use super::queue::Load;
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
@@ -152,7 +153,12 @@ impl Rig {
     fn take(&mut self, t_ns: &[Option<i64>], end: &TickEnd) {
         for (number, (counters, t_ns)) in end.counters.iter().zip(t_ns).enumerate() {
             let (Some(counters), Some(t_ns)) = (counters, t_ns) else { continue };
-            self.results.take(number, &self.cameras[number], *t_ns, counters, end.regrown[number]);
+            let counters = match &end.outlets[number] {
+                None => *counters,
+                Some(outlet) => behind_bus(counters, outlet),
+            };
+            self.cameras[number].sends_from_outlet = end.outlets[number].is_some();
+            self.results.take(number, &self.cameras[number], *t_ns, &counters, end.regrown[number]);
         }
         self.results.copy_out(self.options.packets, &self.cameras, &self.arena);
         for (camera, (counters, t_ns)) in self.cameras.iter_mut().zip(end.counters.iter().zip(t_ns)) {
@@ -164,12 +170,13 @@ impl Rig {
     /// Grows the bins of cameras whose packets overflowed much. If there is no memory, the bins stay as they are. If
     /// the device does not finish the copies, this tick's packets are valid, but the rig is lost.
     fn grow_bins(&mut self, end: &TickEnd) {
-        if !end.counters.iter().flatten().any(overflowed_much) {
+        let counters = || end.counters.iter().chain(&end.outlets);
+        if !counters().flatten().any(overflowed_much) {
             return;
         }
         let before = self.places();
         let mut places = before.clone();
-        for (place, counters) in places.iter_mut().zip(&end.counters) {
+        for (place, counters) in places.iter_mut().zip(counters()) {
             if let Some(counters) = counters.as_ref().filter(|counters| overflowed_much(counters)) {
                 *place = place.with_bins_of(counters.largest_bin);
             }
@@ -211,6 +218,17 @@ impl Rig {
             .zip(raw.windows(2))
             .filter_map(|(&stage, pair)| Some(StageSpan { stage, start: at(pair[0])?, end: at(pair[1])? }));
         Ok(Some((spans.collect(), calibration.deviation)))
+    }
+}
+
+/// The counters of a camera, with those of its outlet for what comes after the bus.
+fn behind_bus(camera: &Counters, outlet: &Counters) -> Counters {
+    Counters {
+        packet: outlet.packet,
+        deferred: camera.deferred + outlet.waiting + outlet.deferred,
+        lost: outlet.lost,
+        capped: outlet.capped,
+        ..*camera
     }
 }
 
@@ -260,8 +278,10 @@ impl TickDevice for RigTick<'_, '_> {
         let rig = &mut *self.rig;
         if retry.grows() {
             let wanted = retry.wanted_events.iter();
-            let places =
-                rig.places().iter().zip(wanted).map(|(place, &wanted)| place.with_events(wanted)).collect();
+            let mut places = rig.places();
+            for (place, &wanted) in places.iter_mut().zip(wanted) {
+                *place = place.with_events(wanted);
+            }
             rig.change(places, Vec::new(), &[])?;
         }
         let resumed = retry.resumed.iter().map(|(camera, counters)| {
@@ -283,7 +303,19 @@ impl TickDevice for RigTick<'_, '_> {
 
     fn merge(&mut self, merge: &Merge) -> Result<(), EngineError> {
         let times_ns = self.times_of(merge.cameras.iter().copied());
-        self.rig.merge(&times_ns, merge.most_events)
+        self.rig.merge(&times_ns, merge.most_events, merge.outlets)
+    }
+
+    fn outlet(&self, camera: usize) -> Option<Counters> {
+        let state = &self.rig.cameras[camera];
+        let slot = state.outlet.slot as usize;
+        has_bus(&state.config.sensor)
+            .then(|| self.rig.arena.buffer(layout::REPORT).read::<Counters>(slot, 1)[0])
+    }
+
+    fn readout(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
+        let times_ns = self.times_of(cameras.iter().copied());
+        self.rig.continue_readout(&times_ns)
     }
 }
 

@@ -80,8 +80,8 @@ impl<'a> Tick<'a> {
         if self.rig.options.packets != PacketPlace::InPlace {
             return packet;
         }
-        let place = &self.camera(camera).place;
-        view_in(self.rig.arena.packet_set(), packet, place.event_base, self.events[camera])
+        let base = self.camera(camera).packet_base();
+        view_in(self.rig.arena.packet_set(), packet, base, self.events[camera])
     }
 
     /// The pixels of a camera's APS frame, row-major; empty if it has no frame. Panics if there is no such camera.

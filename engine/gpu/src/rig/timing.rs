@@ -7,7 +7,7 @@ use crate::device::Device;
 use crate::error::EngineError;
 use crate::profile::GpuZones;
 use crate::timing::{Fence, StageTimer};
-use esaac_layout::TICK_STAGES;
+use esaac_layout::{TICK_STAGES, TICK_STAGES_WITH_BUS};
 use std::sync::Arc;
 
 /// Most time stamps of a tick.
@@ -19,6 +19,8 @@ pub(super) struct Timing {
     fence: Fence,
     gpu_zones: GpuZones,
     by_stage: bool,
+    /// Whether the tick has a bus.
+    pub with_bus: bool,
 }
 
 impl Timing {
@@ -28,6 +30,7 @@ impl Timing {
             fence: Fence::new(device)?,
             gpu_zones: GpuZones::default(),
             by_stage,
+            with_bus: false,
         })
     }
 
@@ -50,7 +53,11 @@ impl Timing {
 
     /// Names of the spans between time stamps, in order.
     pub(super) fn spans(&self) -> &'static [&'static str] {
-        if self.by_stage { TICK_STAGES } else { &["tick"] }
+        match (self.by_stage, self.with_bus) {
+            (false, _) => &["tick"],
+            (true, false) => TICK_STAGES,
+            (true, true) => TICK_STAGES_WITH_BUS,
+        }
     }
 
     /// Stores the times of the tick's first submission. If they cannot be read, they are absent: that is no reason to

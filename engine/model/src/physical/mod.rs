@@ -1,8 +1,8 @@
 //! The physics-grounded pixel: a photoreceptor that is slow in the dark, noise before the comparator, a leak that
 //! depends on light and temperature, and a shared readout. It is an alternative to the log-intensity pixel of the
 //! crate's sections 4 to 6 and shares everything else with it: intensity, synthesis, refractory period, thresholds,
-//! latency, packets. A sensor has it with [`Pixel::Physical`](crate::Pixel). The engine has sections 1 to 5 and 7; the bus
-//! of section 6 is in the reference (`esaac-oracle`) alone.
+//! latency, packets. A sensor has it with [`Pixel::Physical`](crate::Pixel). The readout
+//! is one of its own, for either pixel ([`ReadoutKind`](crate::ReadoutKind)).
 //!
 //! Sources: \[1\] Lichtsteiner, Posch, Delbruck, JSSC 43(2), 2008. \[2\] Graca, McReynolds, Delbruck, arXiv 2109.08640
 //! and 2304.04019 (noise of the photoreceptor). \[3\] wengflow/rpg_esim (photoreceptor's circuit). \[4\] Rice, Bell
@@ -49,7 +49,7 @@
 //!
 //! ## 6. Readout ([`Readout`])
 //! Events at the pixels wait for a bus. A pixel with an event waiting has no place for another: further ones are
-//! **lost by the sensor** and counted. Time stamps are those of the readout.
+//! **lost by the sensor** and counted. Time stamps are those of the readout. The log-intensity pixel may have one too.
 //!
 //! ## 7. Random numbers
 //! Functions of (seed, camera, pixel, stream, event index), as all draws of the model: see [`noise`]. No draw belongs to
@@ -64,7 +64,7 @@ mod readout;
 
 pub use illuminance::{DIM_LUX, Illuminances, LightReport, lux_of};
 pub use presets::{PHYSICAL_PRESETS, PhysicalPreset, Sourced, physical_preset};
-pub use readout::{Bus, Readout};
+pub use readout::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, Readout, ReadoutKind};
 
 use crate::random::{PixelKey, Stream, leak_factor, log_normal};
 use crate::sensor::Parameter;

@@ -1,10 +1,37 @@
 //! How events leave the sensor: a bus that pixels wait for.
 
-use crate::SensorError;
+use crate::{SensorError, SensorModel};
 use serde::{Deserialize, Serialize};
 
 /// Longest service of one event or row, picoseconds: 1 ms.
 pub const MAX_SERVICE_PS: u64 = 1_000_000_000;
+
+/// Longest time in which a bus serves all its pixels, picoseconds: 3 s. No event waits longer.
+pub const MAX_DRAIN_PS: u64 = 3_000_000_000_000;
+
+/// How events leave the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReadoutKind {
+    /// Each when it happens.
+    None,
+    /// One by one over a bus that pixels wait for.
+    Fifo,
+    /// Row by row over such a bus.
+    Rows,
+}
+
+impl ReadoutKind {
+    /// Name, as in TOML and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            ReadoutKind::None => "none",
+            ReadoutKind::Fifo => "fifo",
+            ReadoutKind::Rows => "rows",
+        }
+    }
+}
 
 /// Who is served next, and how long that takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,15 +59,15 @@ pub enum Bus {
 /// A sensor's readout.
 ///
 /// An event at `t` (after the latency) takes its pixel's place until it is served. Another event of that pixel at
-/// `t' <= t_out`, where `t_out` is when the first one leaves, is lost. A served event's time stamp is `t_out`, rounded up
-/// to a nanosecond and then floored to the sensor's `timestamp_quantum_ns`.
+/// `t' <= t_out`, where `t_out` is when the first one leaves, is lost. A served event's time stamp is `t_out`, floored to
+/// the sensor's `timestamp_quantum_ns`. It belongs to the packet of the interval in which `t_out` lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Readout {
     /// The bus.
     pub bus: Bus,
-    /// Most events that leave in a period, in the order that they are served; 0 for no cap. The others are dropped by
-    /// the sensor's rate controller.
+    /// Once so many events have left in a period, the sensor's rate controller drops what is served in the rest of it;
+    /// 0 for no cap. The events of a row's service are kept or dropped together.
     pub cap_events: u32,
     /// Length of a period, nanoseconds. Periods begin at multiples of it.
     pub cap_period_ns: u32,
@@ -74,7 +101,66 @@ impl Readout {
                 check("event_ps", event_ps, 0, MAX_SERVICE_PS)?;
             }
         }
-        check("cap_period_ns", u64::from(self.cap_period_ns), 1, 1_000_000_000)
+        check("readout_cap_period_ns", u64::from(self.cap_period_ns), 1, 1_000_000_000)
+    }
+}
+
+impl SensorModel {
+    /// The readout that the parameters describe.
+    #[must_use]
+    pub fn readout_model(&self) -> Readout {
+        // Out of range saturates, and `validate` refuses it.
+        let ps = |ns: f64| (ns * 1e3).round() as u64;
+        let bus = match self.readout {
+            ReadoutKind::None => Bus::Ideal,
+            ReadoutKind::Fifo => Bus::Fifo { event_ps: ps(self.readout_event_ns) },
+            ReadoutKind::Rows => {
+                Bus::Rows { row_ps: ps(self.readout_row_ns), event_ps: ps(self.readout_event_ns) }
+            }
+        };
+        Readout { bus, cap_events: self.readout_cap_events, cap_period_ns: self.readout_cap_period_ns }
+    }
+
+    /// Checks the parameters of the readout.
+    pub(crate) fn check_readout(&self) -> Result<(), SensorError> {
+        let most_ns = MAX_SERVICE_PS as f64 * 1e-3;
+        let least_ns = |kind| if self.readout == kind { 0.001 } else { 0.0 };
+        for (parameter, actual, least_ns) in [
+            ("readout_event_ns", self.readout_event_ns, least_ns(ReadoutKind::Fifo)),
+            ("readout_row_ns", self.readout_row_ns, least_ns(ReadoutKind::Rows)),
+        ] {
+            if !(least_ns..=most_ns).contains(&actual) {
+                let kind = self.readout.name();
+                let expected = format!("{least_ns} to {most_ns} for readout `{kind}`");
+                return Err(SensorError::Range { parameter, expected, actual: actual.to_string() });
+            }
+        }
+        if self.readout == ReadoutKind::None && self.readout_cap_events > 0 {
+            return Err(SensorError::Range {
+                parameter: "readout_cap_events",
+                expected: "0 for readout `none`: only a bus has a rate controller".to_owned(),
+                actual: self.readout_cap_events.to_string(),
+            });
+        }
+        let readout = self.readout_model();
+        readout.validate()?;
+        let (pixels, rows) = (self.pixels() as u64, u64::from(self.height));
+        let drain_ps = match readout.bus {
+            Bus::Ideal => 0,
+            Bus::Fifo { event_ps } => pixels * event_ps,
+            Bus::Rows { row_ps, event_ps } => rows * row_ps + pixels * event_ps,
+        };
+        if drain_ps > MAX_DRAIN_PS {
+            let (width, height) = (self.width, self.height);
+            return Err(SensorError::Range {
+                parameter: "readout_event_ns",
+                expected: format!(
+                    "so little that a bus of {width}x{height} pixels serves all of them within 3 s"
+                ),
+                actual: format!("{}, which takes {} s", self.readout_event_ns, drain_ps as f64 * 1e-12),
+            });
+        }
+        Ok(())
     }
 }
 
@@ -89,7 +175,7 @@ mod tests {
             (readout(Bus::Fifo { event_ps: 0 }), "event_ps"),
             (readout(Bus::Rows { row_ps: 0, event_ps: 10 }), "row_ps"),
             (readout(Bus::Fifo { event_ps: MAX_SERVICE_PS + 1 }), "event_ps"),
-            (Readout { cap_period_ns: 0, ..Readout::default() }, "cap_period_ns"),
+            (Readout { cap_period_ns: 0, ..Readout::default() }, "readout_cap_period_ns"),
         ] {
             let error = bad.validate().expect_err(parameter).to_string();
             assert!(error.contains(parameter), "{error}");

@@ -39,8 +39,8 @@ pub struct Queue {
     rows: Vec<VecDeque<Event>>,
     /// Rows with events waiting, in the order that they began to.
     open: VecDeque<u16>,
-    /// The rate controller's period, and how many events left in it.
-    period: (i64, u32),
+    /// The rate controller's period, and how many events were served in it.
+    period: (i64, u64),
 }
 
 impl Queue {
@@ -57,6 +57,11 @@ impl Queue {
         }
     }
 
+    /// Changes what the bus does from now on. What waits goes on waiting; the kind of bus stays.
+    pub fn set_readout(&mut self, readout: Readout) {
+        self.readout = readout;
+    }
+
     /// Events that wait for their row.
     #[must_use]
     pub fn waiting(&self) -> usize {
@@ -69,7 +74,7 @@ impl Queue {
         match self.readout.bus {
             Bus::Ideal => {
                 for &event in events {
-                    self.leave(event, ps(event), &mut served);
+                    self.leave(&[event], ps(event), &mut served);
                 }
             }
             Bus::Fifo { event_ps } => {
@@ -80,7 +85,7 @@ impl Queue {
                         continue;
                     }
                     self.free_ps = self.free_ps.max(t_ps) + i128::from(event_ps);
-                    self.leave(event, self.free_ps, &mut served);
+                    self.leave(&[event], self.free_ps, &mut served);
                 }
             }
             Bus::Rows { row_ps, event_ps } => {
@@ -104,9 +109,7 @@ impl Queue {
                     self.free_ps = start_ps + i128::from(row_ps) + i128::from(event_ps) * read.len() as i128;
                     let mut read: Vec<Event> = read.into();
                     read.sort_unstable_by_key(|event| event.x);
-                    for event in read {
-                        self.leave(event, self.free_ps, &mut served);
-                    }
+                    self.leave(&read, self.free_ps, &mut served);
                 }
             }
         }
@@ -136,21 +139,23 @@ impl Queue {
         self.rows[row].push_back(event);
     }
 
-    fn leave(&mut self, event: Event, left_ps: i128, served: &mut Served) {
+    /// Lets the events of one service leave.
+    fn leave(&mut self, service: &[Event], left_ps: i128, served: &mut Served) {
         if self.readout.bus != Bus::Ideal {
-            self.left_ps.insert((event.y, event.x), left_ps);
+            self.left_ps.extend(service.iter().map(|event| ((event.y, event.x), left_ps)));
         }
-        let event = Event { t_ns: to_ns(left_ps), ..event };
-        let period = event.t_ns.div_euclid(i64::from(self.readout.cap_period_ns));
+        let t_ns = to_ns(left_ps);
+        let period = t_ns.div_euclid(i64::from(self.readout.cap_period_ns));
         if self.period.0 != period {
             self.period = (period, 0);
         }
-        if self.readout.cap_events > 0 && self.period.1 >= self.readout.cap_events {
-            served.capped += 1;
+        let before = self.period.1;
+        self.period.1 += service.len() as u64;
+        if self.readout.cap_events > 0 && before >= u64::from(self.readout.cap_events) {
+            served.capped += service.len() as u64;
             return;
         }
-        self.period.1 += 1;
-        served.events.push(event);
+        served.events.extend(service.iter().map(|&event| Event { t_ns, ..event }));
     }
 }
 
@@ -280,9 +285,9 @@ fn ps(event: Event) -> i128 {
     i128::from(event.t_ns) * PS_PER_NS
 }
 
-/// Rounds up to a nanosecond.
+/// Rounds down to a nanosecond.
 fn to_ns(t_ps: i128) -> i64 {
-    -((-t_ps).div_euclid(PS_PER_NS)) as i64
+    t_ps.div_euclid(PS_PER_NS) as i64
 }
 
 #[cfg(test)]

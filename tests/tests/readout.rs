@@ -1,0 +1,431 @@
+//! The readout: what leaves a sensor's bus is what a queue lets out that serves one event after the other, bit for bit.
+//!
+//! The events that come to the bus are those of the same sensor without one, with free time stamps.
+
+use esaac_engine::{KernelPolicy, PacketPlace, Representation, RigOptions};
+use esaac_model::packet::Event;
+use esaac_model::physical::MAX_DRAIN_PS;
+use esaac_model::presets::preset;
+use esaac_model::random::philox4x32_10;
+use esaac_model::substeps::quantise_ns;
+use esaac_model::{Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use esaac_oracle::physical::readout::Queue;
+use esaac_scene::SceneKind;
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
+use esaac_tests::run::{Step, engine_of_many, events, oracle, oracle_events, rig, step, steps};
+
+const SIZE: (u32, u32) = (61, 43);
+
+fn sensor(readout: ReadoutKind, readout_event_ns: f64) -> SensorModel {
+    SensorModel {
+        width: SIZE.0,
+        height: SIZE.1,
+        synthesis: Synthesis::None,
+        substeps: 1,
+        readout,
+        readout_event_ns,
+        readout_row_ns: 4.0 * readout_event_ns,
+        ..SensorModel::default()
+    }
+}
+
+/// The sensor whose events come to the bus.
+fn without_bus(sensor: &SensorModel) -> SensorModel {
+    SensorModel {
+        readout: ReadoutKind::None,
+        readout_cap_events: 0,
+        timestamp_quantum_ns: 1,
+        ..sensor.clone()
+    }
+}
+
+/// Pixels that go to a new random level with each frame, a few thresholds away: times without any order.
+fn random(sensor: &SensorModel, frames: usize, thresholds: f64) -> Sequence {
+    gray(sensor, &times(-50_000_001, frames), |frame, pixel| {
+        let [word, ..] = philox4x32_10([pixel as u32, frame as u32, 0, 0], [7, 0]);
+        let level = f64::from(word) / f64::from(u32::MAX) * thresholds * sensor.contrast_on;
+        intensity_of(sensor, level - 1.0)
+    })
+}
+
+/// Sequences with so many events in an interval, at about the same time; one pixel each.
+fn few(sensor: &SensorModel, counts: &[usize]) -> Sequence {
+    gray(sensor, &times(0, 1 + 2 * counts.len()), |frame, pixel| {
+        // Every second interval is still.
+        let level = |index: usize| if pixel < counts[index] { 1.5 * sensor.contrast_on } else { 0.0 };
+        intensity_of(sensor, (0..frame.div_ceil(2)).map(level).sum::<f64>() - 3.0)
+    })
+}
+
+/// What a queue lets out in an interval.
+#[derive(Debug, PartialEq)]
+struct Served {
+    events: Vec<Event>,
+    lost: u64,
+    capped: u64,
+    waiting: u64,
+}
+
+/// What a queue makes of the packets of the sensor without a bus.
+fn queued(sensor: &SensorModel, sequence: &Sequence, arrivals: &[Step]) -> Vec<Served> {
+    let mut queue = Queue::new(sensor.readout_model());
+    let mut leaving: Vec<Event> = Vec::new();
+    let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
+    let serve = |(step, frame): (&Step, &esaac_tests::frames::Frame)| {
+        let arrived: Vec<Event> = step.packet.iter().collect();
+        let served = queue.serve(&arrived, frame.t_ns);
+        leaving.extend(served.events);
+        let (out, later): (Vec<Event>, Vec<Event>) =
+            std::mem::take(&mut leaving).into_iter().partition(|event| event.t_ns <= frame.t_ns);
+        leaving = later;
+        let mut events: Vec<Event> =
+            out.into_iter().map(|e| Event { t_ns: quantise_ns(e.t_ns, quantum_ns), ..e }).collect();
+        events.sort_unstable();
+        let waiting = step.diagnostics.deferred_events + (queue.waiting() + leaving.len()) as u64;
+        Served { events, lost: served.lost, capped: served.capped, waiting }
+    };
+    arrivals.iter().zip(&sequence.frames).map(serve).collect()
+}
+
+fn served(step: &Step) -> Served {
+    Served {
+        events: step.packet.iter().collect(),
+        lost: step.diagnostics.lost_events,
+        capped: step.diagnostics.capped_events,
+        waiting: step.diagnostics.deferred_events,
+    }
+}
+
+/// Runs the cameras with and without their buses, and holds the first against the queue. Returns what left the buses.
+fn check(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Served>> {
+    let plain: Vec<_> = cameras.iter().map(|(s, frames)| (without_bus(s), frames.clone())).collect();
+    let arrivals = engine_of_many(&plain, options);
+    let got = engine_of_many(cameras, options);
+    assert_silent();
+    let mut all = Vec::new();
+    for (((sensor, sequence), arrivals), got) in cameras.iter().zip(&arrivals).zip(&got) {
+        let expected = queued(sensor, sequence, arrivals);
+        let got: Vec<Served> = got.iter().map(served).collect();
+        let what = format!("{} {} ns", sensor.readout.name(), sensor.readout_event_ns);
+        for (index, (got, expected)) in got.iter().zip(&expected).enumerate() {
+            let counts = |s: &Served| (s.events.len(), s.lost, s.capped, s.waiting);
+            assert_eq!(counts(got), counts(expected), "packet {index}, {what}");
+            let first = got.events.iter().zip(&expected.events).position(|(a, b)| a != b);
+            assert!(first.is_none(), "packet {index}, {what}: event {first:?} differs");
+        }
+        let sum = |count: fn(&Served) -> u64| got.iter().map(count).sum::<u64>();
+        let left = sum(|s| s.events.len() as u64) + sum(|s| s.lost) + sum(|s| s.capped);
+        let emitted = events(arrivals).len() as u64;
+        let late = arrivals.last().map_or(0, |step| step.diagnostics.deferred_events);
+        let waiting = got.last().map_or(0, |s| s.waiting);
+        assert_eq!(left + waiting, emitted + late, "{what}: served, lost, capped and waiting add up");
+        all.push(got);
+    }
+    all
+}
+
+/// Chunks of a packet one after the other, as on the software driver, and side by side, as on GPUs.
+fn orders() -> [RigOptions; 2] {
+    let kernels =
+        if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
+    let software = KernelPolicy::software_driver();
+    let one_by_one = KernelPolicy {
+        readout_threads: software.readout_threads,
+        readout_rounds: software.readout_rounds,
+        readout_dispatches: software.readout_dispatches,
+        readout_apart: false,
+        ..kernels
+    };
+    let gpu = KernelPolicy::gpu();
+    let side_by_side = KernelPolicy {
+        readout_threads: gpu.readout_threads,
+        readout_rounds: gpu.readout_rounds,
+        readout_dispatches: gpu.readout_dispatches,
+        readout_apart: gpu.readout_apart,
+        ..kernels
+    };
+    [one_by_one, side_by_side].map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
+}
+
+const KINDS: [ReadoutKind; 2] = [ReadoutKind::Fifo, ReadoutKind::Rows];
+
+#[test]
+fn random_streams_from_idle_to_tenfold_overload_are_served_as_by_a_queue() {
+    // Some 5000 events an interval of 33 ms: a bus of 7 us an event just keeps up.
+    let loads = [0.05, 0.7, 3.0, 7.0, 14.0, 70.0].map(|us| us * 1e3);
+    let cameras: Vec<_> = KINDS
+        .into_iter()
+        .flat_map(|kind| loads.map(|event_ns| sensor(kind, event_ns)))
+        .map(|sensor| (sensor.clone(), random(&sensor, 5, 5.0)))
+        .collect();
+    let [_, runs] = orders().map(|options| check(&cameras, options));
+    let lost = |run: &Vec<Served>| run.iter().map(|s| s.lost).sum::<u64>();
+    for of_kind in runs.chunks(loads.len()) {
+        assert_eq!(lost(&of_kind[0]), 0, "an idle bus loses nothing");
+        assert!(lost(&of_kind[5]) > 5_000, "an overloaded one does: {}", lost(&of_kind[5]));
+        assert!(of_kind[4].last().is_some_and(|s| s.waiting > 500), "events wait at the end");
+    }
+}
+
+#[test]
+fn any_number_of_events_is_served_as_by_a_queue() {
+    let counts = [0, 1, 2, 31, 32, 33, 63, 64, 65, 127, 128, 129, 511, 512, 513, 1025];
+    let cameras: Vec<_> = KINDS
+        .into_iter()
+        .flat_map(|kind| [83.0, 50_000.0].map(|event_ns| sensor(kind, event_ns)))
+        .map(|sensor| (sensor.clone(), few(&sensor, &counts)))
+        .collect();
+    for options in orders() {
+        check(&cameras, options);
+    }
+}
+
+/// A line of pixels, and one pixel that sends many events, none of which another may pass.
+#[test]
+fn long_chains_of_losses_are_served_as_by_a_queue() {
+    let narrow = |kind, event_ns, width, height| {
+        let sensor =
+            SensorModel { width, height, contrast_on: 0.01, contrast_off: 0.01, ..sensor(kind, event_ns) };
+        (sensor.clone(), random(&sensor, 4, 1000.0))
+    };
+    let cameras: Vec<_> = KINDS
+        .into_iter()
+        .flat_map(|kind| {
+            [30_000.0, 200_000.0]
+                .into_iter()
+                .flat_map(move |event_ns| [(1, 1), (9, 1), (1, 9)].map(|(w, h)| narrow(kind, event_ns, w, h)))
+        })
+        .collect();
+    let runs = check(&cameras, RigOptions::default());
+    assert!(runs.iter().any(|run| run.iter().map(|s| s.lost).sum::<u64>() > 500));
+}
+
+/// All pixels cross at one instant: packets that `merge` sorts, before the bus and behind it.
+#[test]
+fn a_flash_of_all_pixels_is_served_as_by_a_queue_though_buffers_grow() {
+    let flash = |kind, event_ns: f64, quantum_ns| {
+        let sensor = SensorModel {
+            timestamps: Timestamps::AtSample,
+            synthesis: Synthesis::Linear,
+            substep_policy: SubstepPolicy::Fixed,
+            substeps: 2,
+            timestamp_quantum_ns: quantum_ns,
+            width: 120,
+            height: 90,
+            ..sensor(kind, event_ns)
+        };
+        let frames = gray(&sensor, &times(-1, 6), |frame, _| if frame % 2 == 0 { 0.2 } else { 0.3 });
+        (sensor, frames)
+    };
+    let mut cameras =
+        vec![(sensor(ReadoutKind::None, 83.0), random(&sensor(ReadoutKind::None, 83.0), 3, 4.0))];
+    for kind in KINDS {
+        cameras.extend([flash(kind, 0.001, 1), flash(kind, 83.0, 1_000), flash(kind, 4_000.0, 20_000_000)]);
+    }
+    for (options, initial_events) in orders().into_iter().zip([0, 64]) {
+        check(&cameras, RigOptions { initial_events, ..options });
+    }
+}
+
+#[test]
+fn the_rate_controller_the_tick_and_the_latency_are_those_of_the_queue() {
+    let cameras: Vec<_> = KINDS
+        .into_iter()
+        .flat_map(|kind| {
+            [(0, 1_000_000), (3, 50_000), (40, 3_000_000), (300, 100_000_000)].map(|(cap, period)| {
+                SensorModel {
+                    readout_cap_events: cap,
+                    readout_cap_period_ns: period,
+                    timestamp_quantum_ns: if cap == 40 { 7_000 } else { 1_000 },
+                    latency_ns: 5_000_000,
+                    latency_jitter_ns: 100_000,
+                    refractory_ns: 10_000,
+                    ..sensor(kind, 4_000.0)
+                }
+            })
+        })
+        .map(|sensor| (sensor.clone(), random(&sensor, 4, 5.0)))
+        .collect();
+    let runs = check(&cameras, RigOptions::default());
+    let capped: Vec<u64> = runs.iter().map(|run| run.iter().map(|s| s.capped).sum()).collect();
+    assert!(
+        capped[0] == 0 && capped[4] == 0 && capped.iter().filter(|&&n| n > 100).count() == 6,
+        "{capped:?}"
+    );
+}
+
+#[test]
+fn a_davis346_sends_12_million_events_a_second_and_10_000_at_once_in_a_millisecond() {
+    let davis = SensorModel {
+        readout: ReadoutKind::Fifo,
+        synthesis: Synthesis::None,
+        timestamps: Timestamps::AtSample,
+        ..preset("davis346").expect("listed")
+    };
+    // Each fourth pixel, up to 10 000, crosses at the end of the second interval.
+    let millisecond = |k: i64| k * 1_000_000;
+    let frames = gray(&davis, &(0..5).map(millisecond).collect::<Vec<_>>(), |frame, pixel| {
+        let crosses = frame >= 2 && pixel % 4 == 0 && pixel / 4 < 10_000;
+        intensity_of(&davis, if crosses { -0.7 } else { -1.0 })
+    });
+    let run = check(&[(davis, frames)], RigOptions::default()).remove(0);
+    let counts: Vec<usize> = run.iter().map(|s| s.events.len()).collect();
+    assert_eq!(counts, [0, 0, 0, 10_000, 0]);
+    let times_ns: Vec<i64> = run[3].events.iter().map(|event| event.t_ns).collect();
+    assert_eq!((times_ns[0], times_ns[9_999]), (2_000_083, 2_830_000));
+    let per_second = 10_000.0 / 830_000e-9;
+    assert!((per_second / 12e6_f64 - 1.0).abs() < 0.01, "{per_second} events a second");
+}
+
+#[test]
+fn an_infinitely_fast_bus_changes_nothing() {
+    let fast = |kind| SensorModel {
+        readout_event_ns: if kind == ReadoutKind::Rows { 0.0 } else { 0.001 },
+        readout_row_ns: 0.001,
+        timestamp_quantum_ns: 1_000,
+        ..sensor(kind, 1.0)
+    };
+    for physical in [false, true] {
+        let cameras = [ReadoutKind::None, ReadoutKind::Fifo, ReadoutKind::Rows].map(|kind| {
+            let sensor = if physical { fast(kind).with_preset_pixel() } else { fast(kind) };
+            (sensor.clone(), random(&SensorModel { log_offset: 0.01, ..sensor }, 4, 5.0))
+        });
+        // All of them have the same number in random draws.
+        let runs = cameras.map(|(sensor, frames)| {
+            let mut rig = rig(&sensor, &frames, RigOptions::default());
+            steps(&mut rig, &frames, 0..4)
+        });
+        assert!(events(&runs[0]).len() > 1000);
+        assert_eq!(runs[0], runs[1], "one by one");
+        assert_eq!(runs[0], runs[2], "by row");
+    }
+    assert_silent();
+}
+
+#[test]
+fn the_oracle_has_the_same_bus_for_both_pixels() {
+    for kind in KINDS {
+        for physical in [false, true] {
+            let sensor = SensorModel { timestamp_quantum_ns: 1_000, ..sensor(kind, 20_000.0) };
+            let sensor = if physical { sensor.with_preset_pixel() } else { sensor };
+            let sensor = SensorModel { noise_gain: 0.0, ..sensor };
+            let frames = scene(
+                SceneKind::Hdr,
+                SIZE,
+                &times(0, 4),
+                esaac_model::HdrFormat::F32x4,
+                esaac_model::MotionFormat::F32x2,
+            );
+            let mut rig = rig(&sensor, &frames, RigOptions::default());
+            let got = steps(&mut rig, &frames, 0..4);
+            let expected = oracle(&sensor, 0, &frames);
+            let lost = |n: &[u64]| n.iter().sum::<u64>();
+            let engine_lost = lost(&got.iter().map(|s| s.diagnostics.lost_events).collect::<Vec<_>>());
+            let oracle_lost = lost(&expected.iter().map(|s| s.diagnostics.lost_events).collect::<Vec<_>>());
+            let (a, b) = (events(&got).len(), oracle_events(&expected).len());
+            assert!(a > 1000 && a.abs_diff(b) <= a / 200, "{kind:?}: {a} and {b} events");
+            assert!(
+                engine_lost.abs_diff(oracle_lost) <= 5 + engine_lost / 50,
+                "{engine_lost}, {oracle_lost}"
+            );
+        }
+    }
+    assert_silent();
+}
+
+#[test]
+fn a_saved_bus_goes_on_as_if_nothing_had_happened() {
+    for kind in KINDS {
+        let sensor = SensorModel {
+            latency_ns: 3_000_000,
+            readout_cap_events: 900,
+            readout_cap_period_ns: 50_000_000,
+            ..sensor(kind, 10_000.0)
+        };
+        let frames = random(&sensor, 6, 5.0);
+        // Its buffers grow; the other rig's do not.
+        let small = RigOptions { initial_events: 64, ..RigOptions::default() };
+        let mut whole = rig(&sensor, &frames, small);
+        steps(&mut whole, &frames, 0..3);
+        let saved = whole.save().expect("a healthy rig");
+        assert_eq!(saved, whole.save().expect("a healthy rig"), "saving twice gives the same bytes");
+        let expected = steps(&mut whole, &frames, 3..6);
+        assert!(expected[0].diagnostics.deferred_events > 100);
+        let mut other = rig(&sensor, &frames, RigOptions::default());
+        other.restore(&saved).expect("the same sensor");
+        let served = |steps: &[Step]| steps.iter().map(served).collect::<Vec<_>>();
+        assert_eq!(served(&steps(&mut other, &frames, 3..6)), served(&expected), "in another rig");
+        whole.restore(&saved).expect("the same sensor");
+        assert_eq!(served(&steps(&mut whole, &frames, 3..6)), served(&expected), "in the same rig");
+        whole.reset(0).expect("there is a camera");
+        let later = gray(&sensor, &times(10_000_000_000, 3), |_, _| 0.2);
+        let after = steps(&mut whole, &later, 0..3);
+        assert!(events(&after).is_empty(), "nothing waits after a reset");
+        assert_eq!(after[2].diagnostics.deferred_events, 0);
+    }
+    assert_silent();
+}
+
+#[test]
+fn a_bus_is_switched_on_and_off_while_a_camera_runs() {
+    let (off, on) = (sensor(ReadoutKind::None, 9_000.0), sensor(ReadoutKind::Rows, 9_000.0));
+    let frames = random(&off, 12, 5.0);
+    let alone = |sensor: &SensorModel, range| {
+        let mut rig = rig(sensor, &frames, RigOptions::default());
+        steps(&mut rig, &frames, range)
+    };
+    let mut switched = rig(&off, &frames, RigOptions::default());
+    for (sensor, range) in [(&off, 0..3), (&on, 3..6), (&off, 6..9), (&on, 9..12)] {
+        switched.set_sensor(0, sensor.clone()).expect("a valid sensor");
+        let got = steps(&mut switched, &frames, range.clone());
+        let expected = alone(sensor, range);
+        for (got, expected) in got.iter().zip(&expected) {
+            let events = |packet: &Packet| packet.iter().collect::<Vec<_>>();
+            assert_eq!(events(&got.packet), events(&expected.packet));
+            assert_eq!(got.diagnostics.lost_events, expected.diagnostics.lost_events);
+        }
+    }
+    drop(switched);
+    assert_silent();
+}
+
+#[test]
+fn packets_behind_a_bus_are_the_same_wherever_they_lie() {
+    let sensor = SensorModel { timestamp_quantum_ns: 1_000, ..sensor(ReadoutKind::Fifo, 7_000.0) };
+    let frames = random(&sensor, 4, 5.0);
+    let mut owned = rig(&sensor, &frames, RigOptions::default());
+    let place = |packets| RigOptions { packets, ..RigOptions::default() };
+    let mut in_place = rig(&sensor, &frames, place(PacketPlace::InPlace));
+    let mut on_device = rig(&sensor, &frames, place(PacketPlace::OnDevice));
+    for index in 0..4 {
+        let expected = step(&mut owned, &frames, index).packet;
+        step(&mut in_place, &frames, index);
+        assert_eq!(in_place.last_tick().view(0).to_packet(), expected);
+        let held = in_place.last_tick().hold();
+        assert_eq!(held.map(|held| held.view(0).to_packet()), Some(expected.clone()));
+        step(&mut on_device, &frames, index);
+        assert_eq!(on_device.last_tick().events, [expected.len() as u32]);
+        for what in
+            [Representation::Gathered, Representation::EventFrame, Representation::VoxelGrid { bins: 3 }]
+        {
+            let (a, b) = (owned.represent_to_host(what), on_device.represent_to_host(what));
+            assert_eq!(a.expect("it fits"), b.expect("it fits"), "{what:?}");
+        }
+        let gathered = on_device.represent_to_host(Representation::Gathered).expect("it fits");
+        let times_ns: Vec<u8> = expected.iter().flat_map(|event| event.t_ns.to_le_bytes()).collect();
+        assert_eq!(gathered[..times_ns.len()], times_ns);
+    }
+    drop((owned, in_place, on_device));
+    assert_silent();
+}
+
+#[test]
+fn a_bus_that_could_not_empty_its_pixels_in_time_is_refused() {
+    let sensor =
+        SensorModel { width: 100, height: 100, readout_row_ns: 0.0, ..sensor(ReadoutKind::Fifo, 300_000.0) };
+    assert_eq!(MAX_DRAIN_PS, 10_000 * 300_000_000);
+    assert_eq!(sensor.validate(), Ok(()));
+    let error = SensorModel { readout_event_ns: 300_000.1, ..sensor }.validate().unwrap_err().to_string();
+    assert!(error.contains("readout_event_ns") && error.contains("100x100"), "{error}");
+}
