@@ -2,7 +2,7 @@
 //! the oracle and with the device's own kernels.
 
 use esaac_engine::{KernelPolicy, Rig, RigOptions};
-use esaac_layout::QUEUE_PER_PX;
+use esaac_layout::{CrossConstants, IngestConstants, QUEUE_PER_PX};
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -49,13 +49,21 @@ fn compiled(rig: &Rig, kernel: &str) -> Vec<Vec<u32>> {
         .collect()
 }
 
+/// Place of a constant of `cross` among the words of a permutation.
+fn word(field: &str) -> usize {
+    CrossConstants::LIST.constants.iter().position(|c| c.field == field).expect("a constant of `cross`")
+}
+
 /// Steps a rig under the GPU policy and asserts that it ran the GPU kernels.
 fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Vec<Step> {
     let mut rig = rig(sensor, sequence, forced(policy));
     let got = steps(&mut rig, sequence, 0..sequence.frames.len());
-    for (stage, constants) in [("ingest", 6), ("cross", 14)] {
+    for (stage, constants) in [("ingest", IngestConstants::LIST), ("cross", CrossConstants::LIST)] {
         let own = compiled(&rig, &format!("{stage}_gpu"));
-        assert!(!own.is_empty() && own.iter().all(|words| words.len() == constants), "{stage}: {own:?}");
+        assert!(
+            !own.is_empty() && own.iter().all(|words| words.len() == constants.constants.len()),
+            "{stage}: {own:?}"
+        );
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
     }
     // Constants: bins of a group, threads, native division.
@@ -161,9 +169,16 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
             let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
             // Constants: whether the queue overflowed, its length.
             let kernels = compiled(&rig, "cross_gpu");
-            assert_eq!(kernels.iter().filter(|words| words[11] == 1).count(), 1, "no queue overflowed");
-            let lengths: Vec<u32> =
-                kernels.iter().filter(|words| words[11] == 0).map(|words| words[12]).collect();
+            assert_eq!(
+                kernels.iter().filter(|words| words[word("queue_overflowed")] == 1).count(),
+                1,
+                "no queue overflowed"
+            );
+            let lengths: Vec<u32> = kernels
+                .iter()
+                .filter(|words| words[word("queue_overflowed")] == 0)
+                .map(|words| words[word("queue_per_px")])
+                .collect();
             assert_eq!(lengths, if policy == short { vec![8] } else { vec![8, 16] });
             drop(rig);
             assert_silent();
@@ -197,7 +212,10 @@ fn an_event_number_that_a_tag_has_no_bits_for_overflows_the_queue() {
     });
     let mut rig = rig(&sensor, &sequence, forced(POLICY));
     let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
-    assert!(compiled(&rig, "cross_gpu").iter().any(|words| words[11] == 1), "no queue overflowed");
+    assert!(
+        compiled(&rig, "cross_gpu").iter().any(|words| words[word("queue_overflowed")] == 1),
+        "no queue overflowed"
+    );
     drop(rig);
     assert_silent();
     assert!(got[1].packet.len() > 256 && got[1].packet.len() < 1024, "{} events", got[1].packet.len());
