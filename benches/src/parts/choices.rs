@@ -62,9 +62,9 @@ pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choic
         add(name.into(), "times at samples", at_sample(sensor), false);
     }
     for (policy_name, policy) in [("fixed", fixed), ("adaptive", adaptive)] {
-        let one_surface = SensorModel { layers: 1, ..with(Synthesis::Motion, Taps::Cubic, 1, 32, policy) };
-        let name = format!("motion cubic, one surface, {policy_name} 32");
-        add(name, "motion, one surface", one_surface, false);
+        let layered = SensorModel { layers: 3, ..with(Synthesis::Motion, Taps::Cubic, 1, 32, policy) };
+        let name = format!("motion cubic, 3 layers, {policy_name} 32");
+        add(name, "motion, 3 layers", layered, false);
         let name = format!("motion cubic, {policy_name} 32, f32 input");
         add(name, "f32 input", with(Synthesis::Motion, Taps::Cubic, 1, 32, policy), true);
     }

@@ -252,7 +252,7 @@ sensor_model! {
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
     transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
-    layers: u32 = 3, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 at the most.";
+    layers: u32 = 1, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 where things cover each other.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
     timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";

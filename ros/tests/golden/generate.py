@@ -91,7 +91,7 @@ def diagnostics():
 # Values that are texts; every number follows from its field's place.
 TEXTS = {
     "name": "golden", "pixel": "physical", "intensity": "bayer_rggb", "synthesis": "linear", "taps": "bilinear",
-    "substep_policy": "fixed", "timestamps": "at_sample",
+    "substep_policy": "fixed", "timestamps": "at_sample", "readout": "rows",
 }
 
 

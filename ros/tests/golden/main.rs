@@ -97,6 +97,7 @@ fn a_sensor_with_a_different_value_in_every_field_is_as_golden() {
             ("taps", _) => "bilinear".into(),
             ("substep_policy", _) => "fixed".into(),
             ("timestamps", _) => "at_sample".into(),
+            ("readout", _) => "rows".into(),
             ("seed", _) => ((1 << 40) + place).into(),
             (_, value) if value.is_f64() => (place as f64 + 0.5).into(),
             _ => (1000 + place).into(),
