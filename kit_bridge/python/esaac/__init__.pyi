@@ -280,8 +280,8 @@ class _Cameras:
     @property
     def light(self) -> list[dict[str, float] | None]:
         """For each camera with physical pixels the light on its focal plane, in the frames that were looked at:
-        `median_lux`, `low_lux` and `high_lux` (nine tenths of the pixels lie between), `dim_share` (of the pixels below
-        .1 lux), `pixels`, `frames`. None for others, and before the first frame. Empty before any."""
+        `median_lux`, `low_lux` and `high_lux` (nine tenths of the pixels lie between), `dim_share` (of the pixels
+        below .1 lux), `pixels`, `frames`. None for others, and before the first frame. Empty before any."""
     @property
     def light_warnings(self) -> list[list[str]]:
         """For each camera what is wrong with its light: a preset beyond the light that it was fitted for, too few
@@ -296,8 +296,8 @@ def lux_per_unit(
     transmission: float = 0.9,
     efficacy_lm_per_w: float | None = None,
 ) -> float:
-    """A sensor's `lux_per_unit` behind a lens, for images in cd/m2 (`luminance`) or W/m2/sr (`radiance`). Radiance needs
-    the luminous efficacy of its light; white light has 270 lm/W. Divide by `exposure_gain` if it is not 1."""
+    """A sensor's `lux_per_unit` behind a lens, for images in cd/m2 (`luminance`) or W/m2/sr (`radiance`). Radiance
+    needs the luminous efficacy of its light; white light has 270 lm/W. Divide by `exposure_gain` if it is not 1."""
 
 class EventCamera(_Cameras):
     """One event camera.
