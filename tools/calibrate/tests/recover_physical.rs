@@ -51,7 +51,7 @@ fn known() -> SensorModel {
 fn lights() -> Vec<Light> {
     let still = [0.05, 0.4, 2.0, 6.0, 40.0].map(|lux| (lux, None, SECONDS));
     // Bright and slow: thresholds. Dim: the first pole. Bright and fast: the second.
-    let swinging = [(100.0, 4.0), (0.4, 50.0), (300.0, 400.0)]
+    let swinging = [(100.0, 4.0), (0.4, 50.0), (300.0, 200.0), (300.0, 400.0), (300.0, 800.0)]
         .map(|(lux, hz)| (lux, Some(Flicker { hz, depth: 0.8 }), 8.0 / hz));
     still
         .into_iter()

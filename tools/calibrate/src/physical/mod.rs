@@ -36,7 +36,7 @@ use std::sync::Arc;
 const SIZE_PX: (u32, u32) = (16, 12);
 
 /// Rounds of moving the guess.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 10;
 
 /// Weight of the first guess: a parameter that changes no rate by a tenth of this share stays where it is.
 const GUESS: f64 = 0.02;
@@ -141,6 +141,12 @@ pub fn fit_physical(
         sensor.refractory_ns = shortest_ns.max(1e3) as u32;
     }
     let mut simulated = fit.simulate(&sensor)?;
+    // The shortest gaps are longer than the refractory period, by about as much as in the simulation.
+    let simulated_ns = simulated.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
+    if shortest_ns.is_finite() && simulated_ns.is_finite() {
+        sensor.refractory_ns = (shortest_ns * shortest_ns / simulated_ns).max(1e3) as u32;
+        simulated = fit.simulate(&sensor)?;
+    }
     let mut best = fit.residuals(&simulated);
     let mut told = [0.0; FITTED.len()];
     let mut moved = [0.0; FITTED.len()];
