@@ -21,7 +21,7 @@ pub struct SensorFlags {
     pub light: LightFlags,
 }
 
-/// The flags of [`LIGHT_FLAGS`], as given.
+/// The flags of `LIGHT_FLAGS`, as given.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LightFlags([Option<String>; 4]);
 
