@@ -7,7 +7,7 @@
 //! The kernels save loads by approximations when they read frames. [`Sampling`] selects whether the oracle makes the
 //! same approximations, to be compared with the kernels, or none.
 //!
-//! [`physical`] is stage `cross` of the physical pixel, with its readout. [`Oracle::physical`] runs it.
+//! [`physical`] is stage `cross` of the physical pixel, and the readout of both. [`Oracle::step`] runs them.
 //!
 //! [`truth`] computes the events that densely rendered frames imply. [`metrics`] measures how far one stream of events
 //! is from another.

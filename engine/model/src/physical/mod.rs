@@ -2,7 +2,7 @@
 //! depends on light and temperature, and a shared readout. It is an alternative to the log-intensity pixel of the
 //! crate's sections 4 to 6 and shares everything else with it: intensity, synthesis, refractory period, thresholds,
 //! latency, packets. A sensor has it with [`Pixel::Physical`](crate::Pixel). The readout
-//! is one of its own, for either pixel ([`ReadoutKind`](crate::ReadoutKind)).
+//! is one of its own, for either pixel ([`ReadoutKind`]).
 //!
 //! Sources: \[1\] Lichtsteiner, Posch, Delbruck, JSSC 43(2), 2008. \[2\] Graca, McReynolds, Delbruck, arXiv 2109.08640
 //! and 2304.04019 (noise of the photoreceptor). \[3\] wengflow/rpg_esim (photoreceptor's circuit). \[4\] Rice, Bell
