@@ -76,7 +76,7 @@ void main() {
         read_pixel(cam, first, before, s);
     }
     load_activity(cam, tile);
-    if (skip_sub_tiles(cam, tile, first_sub_tile, rows_of(first_sub_tile, OWN_SUB_TILES))) {
+    if (skip_sub_tiles(cam, tile, first_sub_tile, rows_of(first_sub_tile, OWN_SUB_TILES), is_still(cam))) {
         return;
     }
     const uint n = substeps_of_block(cam, tile);

@@ -1,4 +1,5 @@
-// cross, for GPUs: see cross.glsl. One workgroup per sub-tile of half a tile: a small workgroup ends as soon as its own
+// cross, for GPUs: see cross.glsl. The kernels of `synthesize` make the levels of synthesis `rigid` and of tiles where
+// motions meet; READS_LEVELS is defined for the kernels that read them. One workgroup per sub-tile of half a tile: a small workgroup ends as soon as its own
 // pixels are done, and makes place for the next. Events go into a queue as they are found.
 #include "common.glsl"
 #include "cross_constants.glsl"
@@ -50,6 +51,12 @@ void main() {
         // The other kernel's tile.
         return;
     }
+#ifdef READS_LEVELS
+    const uvec4 levels_of_tile = level_words[cam.tile_base + tile_order[cam.tile_base + in_order]];
+    if (!has_levels(levels_of_tile)) {
+        return;
+    }
+#endif
     const TileBlocks tile = find_blocks(cam);
     PixelState before;
     Source s;
@@ -57,19 +64,26 @@ void main() {
         // Every tile is walked, so these loads are issued together with those of the blocks and share their latency.
         read_pixel(cam, at, before, s);
     }
+#ifdef READS_LEVELS
+    if (gl_LocalInvocationID.x == 0u) {
+        clear_queue();
+    }
+    barrier();
+    const bool still = is_still_tile(levels_of_tile);
+    const uint n = substeps_of_levels(levels_of_tile[tile.in_tile]);
+#else
     load_activity(cam, tile);
-    if (skip_sub_tiles(cam, tile, sub_tile, rows_of(sub_tile, 1u))) {
-        return;
-    }
+    const bool still = is_still(cam);
     const uint n = substeps_of_block(cam, tile);
-    if (RIGID) {
-        list_candidates(cam);
-    }
-    if (LAYERED) {
-        list_layers(cam);
+#endif
+    if (skip_sub_tiles(cam, tile, sub_tile, rows_of(sub_tile, 1u), still)) {
+        return;
     }
     if (inside && SKIPS_STILL_TILES) {
         read_pixel(cam, at, before, s);
     }
+#ifdef READS_LEVELS
+    s.first_level = first_level_word(levels_of_tile[tile.in_tile], at);
+#endif
     cross_sub_tile(cam, sub_tile, tile.first_block, n, inside, sub_tile == 0u, before, s);
 }

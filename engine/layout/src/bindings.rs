@@ -63,6 +63,9 @@ bindings! {
     READOUTS = 28, "readouts", "Readout", size_of::<Readout>() as u32;
     BUS = 29, "bus", "int64_t", 8;
     MEETINGS = 30, "meetings", "uint", 4;
+    LEVELS = 31, "levels", "uint", 4;
+    LEVEL_WORDS = 32, "level_words", "uvec4", 16;
+    LEVEL_ENTRIES = 33, "level_entries", "uvec4", 16;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

@@ -169,6 +169,25 @@ spec_constants! {
 }
 
 spec_constants! {
+    /// Constants of `synthesize`.
+    SynthesizeConstants in "synthesize_constants" from 0;
+    /// How colour becomes intensity.
+    intensity: Intensity,
+    /// Whether the lamp flickers.
+    effect_flicker: bool,
+    /// Frame-gap synthesis.
+    synthesis: Synthesis,
+    /// Interpolation of warped frames.
+    taps: Taps,
+    /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
+    fisheye: bool,
+    /// Most surfaces that a pixel may show between two frames.
+    layers: u32,
+    /// Whether `cross` skips tiles without motion and change.
+    skips_still_tiles: bool,
+}
+
+spec_constants! {
     /// Constants of `cross` that depend on the sensor; code of effects that are off is left out.
     CrossConstants in "cross_constants" from 0;
     /// How colour becomes intensity.
@@ -248,6 +267,7 @@ pub(crate) const LISTS: &[ConstantList] = &[
     IngestConstants::LIST,
     IngestCpuConstants::LIST,
     BackwardTransferConstants::LIST,
+    SynthesizeConstants::LIST,
     CrossConstants::LIST,
     CrossCpuConstants::LIST,
     SortConstants::LIST,

@@ -332,7 +332,7 @@ gpu_struct! {
     Push {
         /// First camera of the dispatch. Its cameras are neighbours in the table; `gl_WorkGroupID.y` counts them.
         first_camera: u32,
-        /// Number of the pass of `merge` or `voxel_grid`; unused by other kernels.
+        /// Number of the pass of `synthesize`, `cross`, `merge` or `voxel_grid`; unused by other kernels.
         level: u32,
         /// Device address of a [`Slice`] for each camera, for kernels that read packets.
         slices: u64,
@@ -346,6 +346,10 @@ gpu_struct! {
         outlets: u32,
         /// Whether `merge` has sorted the heavy packets.
         merged: u32,
+        /// Cameras of the dispatch, for kernels whose workgroups belong to no one camera.
+        cameras: u32,
+        /// Fills the struct up to a multiple of 8 bytes.
+        unused: u32,
     }
 }
 

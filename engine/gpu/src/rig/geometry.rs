@@ -1,13 +1,13 @@
 //! Where each camera's data lie in the rig's buffers.
 
-use super::parameters::{has_bus, is_rigid, plane_words};
+use super::parameters::{has_bus, is_rigid, makes_levels, plane_words};
 use super::{CameraConfig, RigOptions};
 use esaac_layout::{
-    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, PASSING_ENTRIES,
-    PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_PASSES,
+    PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
-use esaac_model::substeps::BLOCK_PX;
+use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
 
 /// A camera's sizes and its parts of the rig's buffers; bases and capacities are in elements of the buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,6 +39,8 @@ pub(super) struct Place {
     pub pose_base: u32,
     pub path_base: u32,
     pub bus_base: u32,
+    /// Rows of `levels` that an interval needs at most; 0 if `cross` synthesises by itself.
+    pub level_rows: u32,
     /// Rows of instances that there is room for; 0 without synthesis `rigid`.
     pub instances: u32,
     /// Instants of sub-steps that an instance has room for in `paths`.
@@ -75,6 +77,8 @@ impl Place {
         // For each element of `blocks`, at the same place.
         elements[layout::MEETINGS] = Some(2 * u64::from(self.blocks));
         elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
+        // For each element of `tile_order`, at the same place.
+        elements[layout::LEVEL_WORDS] = Some(u64::from(self.tiles));
         let (rigid, blocks) = (u64::from(self.is_rigid), u64::from(self.blocks));
         elements[layout::SURFACES] = Some(rigid * 2 * pixels);
         elements[layout::SLOPES] = Some(rigid * 2 * pixels);
@@ -167,6 +171,7 @@ impl Place {
             is_rigid: self.is_rigid || is_rigid(sensor),
             has_bus: self.has_bus || has_bus(sensor),
             path_instants: self.path_instants.max(instants),
+            level_rows: self.level_rows.max(level_rows(sensor, self.blocks)),
             ..self
         }
     }
@@ -177,6 +182,38 @@ impl Place {
         Place { instances, ..self }
     }
 }
+
+/// Rows of `levels` that an interval of so many blocks needs at most.
+fn level_rows(sensor: &SensorModel, blocks: u32) -> u32 {
+    if makes_levels(sensor) { blocks * (sensor.substeps.max(1) - 1 + LIST_ROWS) } else { 0 }
+}
+
+/// Rows of `levels` that cameras share. Where an interval needs more, a tick takes several passes.
+pub(super) fn shared_level_rows(places: &[Place]) -> u64 {
+    let most: u64 = places.iter().map(|place| u64::from(place.level_rows)).sum();
+    let pixels: u64 = places.iter().filter(|p| p.level_rows > 0).map(|p| u64::from(p.pixels)).sum();
+    most.min((pixels / PIXELS_PER_LEVEL_ROW).max(LEAST_LEVEL_ROWS))
+}
+
+/// Passes of `synthesize` and `cross` after which each tile has had room in `levels`.
+pub(super) fn level_passes(places: &[Place]) -> u32 {
+    let most: u64 = places.iter().map(|place| u64::from(place.level_rows)).sum();
+    let rows = shared_level_rows(places);
+    if most <= rows {
+        return 1;
+    }
+    // Every pass but the last fills the rows, up to those of a tile that finds no room.
+    let of_tile = u64::from(TILE_BLOCKS * (MAX_SUBSTEPS - 1 + LIST_ROWS));
+    let passes = most.div_ceil(rows - (of_tile - 1)) as u32;
+    assert!(passes <= MOST_PASSES, "{passes} passes");
+    passes
+}
+
+/// Pixels of a rig's cameras for each row of `levels`: 16 bytes a pixel, less than a tenth of what a camera takes.
+const PIXELS_PER_LEVEL_ROW: u64 = 16;
+
+/// Fewest rows of `levels`, if cameras could use as many: passes cost small rigs more than memory does.
+const LEAST_LEVEL_ROWS: u64 = 1 << 16;
 
 /// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
 const LEAST_STRETCH: u32 = 32;

@@ -202,7 +202,7 @@ impl Rig {
             .policy
             .map_or_else(|| KernelPolicy::of(device), |policy| policy.validated(device.is_validated()));
         check_groups(device, policy, &places)?;
-        let arena = Arena::new(device, &places, options)?;
+        let arena = Arena::new(device, &places, options, policy)?;
         let mut cameras = Vec::with_capacity(configs.len());
         let (places, outlets) = places.split_at(configs.len());
         for (number, config) in configs.iter().enumerate() {

@@ -8,7 +8,7 @@ use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
     IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, Readout, ReadoutConstants,
-    SortConstants,
+    SortConstants, SynthesizeConstants,
 };
 use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
@@ -162,6 +162,34 @@ impl Permutation {
         (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
     }
 
+    /// The kernels of `synthesize`, for the lists and for the levels; `None` if `cross` synthesises by itself.
+    pub(super) fn synthesize(&self, policy: KernelPolicy) -> Option<[Specialised; 2]> {
+        if policy.kernels != KernelSet::Gpu || !(self.rigid || self.cross.layers > 1) {
+            return None;
+        }
+        let cross = &self.cross;
+        let moves_on = self.physical
+            || cross.effect_leak
+            || cross.effect_shot
+            || cross.effect_aps
+            || cross.effect_flicker
+            || cross.dump_samples;
+        let constants = SynthesizeConstants {
+            intensity: cross.intensity,
+            effect_flicker: cross.effect_flicker,
+            synthesis: cross.synthesis,
+            taps: cross.taps,
+            fisheye: cross.fisheye,
+            layers: cross.layers,
+            skips_still_tiles: !moves_on,
+        };
+        let kernels = match self.rigid {
+            true => [stages::SYNTHESIZE_LISTS_RIGID, stages::SYNTHESIZE_LEVELS_RIGID],
+            false => [stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
+        };
+        Some(kernels.map(|kernel| Specialised { kernel, constants: constants.words() }))
+    }
+
     /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their
     /// own. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
     /// holds.
@@ -178,11 +206,9 @@ impl Permutation {
         let kernel = match policy.kernels {
             KernelSet::Gpu => match (self.physical, self.rigid, meeting) {
                 (false, false, false) => stages::CROSS_GPU,
-                (false, false, true) => stages::CROSS_LAYERS_GPU,
-                (false, true, _) => stages::CROSS_RIGID_GPU,
+                (false, false, true) | (false, true, _) => stages::CROSS_LEVELS_GPU,
                 (true, false, false) => stages::CROSS_PHYSICAL_GPU,
-                (true, false, true) => stages::CROSS_PHYSICAL_LAYERS_GPU,
-                (true, true, _) => stages::CROSS_PHYSICAL_RIGID_GPU,
+                (true, false, true) | (true, true, _) => stages::CROSS_PHYSICAL_LEVELS_GPU,
             },
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
@@ -203,6 +229,13 @@ impl Permutation {
             }
         };
         Specialised { kernel, constants }
+    }
+}
+
+impl Specialised {
+    /// Whether the kernel reads what `synthesize` has made.
+    pub(super) fn reads_levels(&self) -> bool {
+        [stages::CROSS_LEVELS_GPU, stages::CROSS_PHYSICAL_LEVELS_GPU].iter().any(|k| k.0 == self.kernel.0)
     }
 }
 
@@ -496,6 +529,11 @@ pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
 /// Most surfaces that a pixel may show between two frames, told apart by motion vectors.
 pub(super) fn layers(sensor: &SensorModel) -> u32 {
     if sensor.synthesis == Synthesis::Motion { sensor.layers } else { 1 }
+}
+
+/// Whether what pixels show between two frames is worked out apart from their walks, where kernels have threads for it.
+pub(super) fn makes_levels(sensor: &SensorModel) -> bool {
+    is_rigid(sensor) || layers(sensor) > 1
 }
 
 /// Whether surfaces are found in frames and followed along exact paths.

@@ -3,6 +3,7 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::code::Code;
+use super::geometry::level_passes;
 use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
@@ -12,11 +13,15 @@ use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
-use crate::policy::KernelPolicy;
+use crate::kernel::{
+    BindingSet, Kernel, record_barrier, record_barrier_from_transfer, record_host_barrier, stages,
+};
+use crate::policy::{KernelPolicy, KernelSet};
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{self as layout, KERNELS, KernelInfo, Push, TICK_STAGES_WITH_BUS};
+use esaac_layout::{
+    self as layout, KERNELS, KernelInfo, MOST_PASSES, Push, TICK_STAGES_WITH_BUS,
+};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -33,13 +38,16 @@ fn striding_groups(rig: &Rig) -> u32 {
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
 
+/// Most workgroups that stride over the entries of `synthesize`.
+const ENTRY_GROUPS: u64 = 4096;
+
 /// Number of bins over all cameras.
 fn all_bins(cameras: &[CameraState]) -> u32 {
     cameras.iter().map(|c| c.place.bin_count).sum()
 }
 
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
-pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1;
+pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1 + 2 * (MOST_PASSES - 1);
 
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
@@ -121,7 +129,8 @@ impl SensorKernels {
         queue_overflowed: bool,
     ) -> Result<(), EngineError> {
         let needed = [Some(permutation.ingest(policy)), permutation.backward_transfer()];
-        for specialised in needed.into_iter().flatten().chain(permutation.cross(policy, queue_overflowed)) {
+        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy).into_iter().flatten());
+        for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
             if let Entry::Vacant(missing) = self.0.entry(specialised) {
                 let kernel = code.kernel(bindings, missing.key())?;
                 missing.insert(kernel);
@@ -156,6 +165,8 @@ pub(super) struct Recording {
 #[derive(PartialEq)]
 struct RecordedFor {
     permutations: Vec<Permutation>,
+    /// Passes of `synthesize` and `cross`.
+    passes: u32,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -203,6 +214,7 @@ impl Rig {
         let _zone = zone!("record");
         let needed = self.needed_recording();
         self.timing.with_bus = self.outlets() > 0;
+        self.timing.passes = needed.passes;
         self.bind_current();
         if self.recording().tick_for.as_ref() != Some(&needed) {
             self.record(needed, true)?;
@@ -292,7 +304,13 @@ impl Rig {
     /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
     fn needed_recording(&self) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
-        RecordedFor { permutations: self.permutations(), addresses }
+        RecordedFor { permutations: self.permutations(), passes: self.passes(), addresses }
+    }
+
+    /// Passes of `synthesize` and `cross`, of which each takes the tiles that have found room in `levels`.
+    fn passes(&self) -> u32 {
+        let makes_levels = self.pipelines.policy.kernels == KernelSet::Gpu;
+        if makes_levels { level_passes(&self.places()) } else { 1 }
     }
 
     /// The permutation of each camera.
@@ -345,7 +363,7 @@ impl Rig {
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &groups, whole)?;
+        record_tick(self, &groups, needed.passes, whole)?;
         *self.recorded_for(whole) = Some(needed);
         Ok(())
     }
@@ -394,6 +412,46 @@ impl Rig {
         events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
     }
 
+    /// Records a pass of `synthesize`, with a barrier at its end.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    unsafe fn record_synthesize(&self, commands: vk::CommandBuffer, groups: &[Group], pass: u32) {
+        let policy = self.pipelines.policy;
+        let of_groups: Vec<_> =
+            groups.iter().filter_map(|g| Some((g, g.permutation.synthesize(policy)?))).collect();
+        for part in 0..2 {
+            for (index, (group, kernels)) in of_groups.iter().enumerate() {
+                if index > 0 && policy.serial {
+                    record_barrier(&self.device, commands);
+                }
+                let extent = match part {
+                    0 => [group.tiles, group.count, 1],
+                    _ => [self.entry_groups(), 1, 1],
+                };
+                let push = Push {
+                    first_camera: group.first,
+                    cameras: group.count,
+                    level: pass,
+                    ..Push::default()
+                };
+                let kernel = &self.pipelines.specialised.0[&kernels[part]];
+                // SAFETY: the caller's contract is the same.
+                unsafe { kernel.record(commands, bytes_of(&push), extent) };
+            }
+            if !of_groups.is_empty() {
+                record_barrier(&self.device, commands);
+            }
+        }
+    }
+
+    /// Workgroups of `synthesize` that stride over the entries of all cameras: as many as fill a device some times over, or
+    /// as there may be entries.
+    fn entry_groups(&self) -> u32 {
+        let entries = self.arena.buffer(layout::LEVEL_ENTRIES).bytes() / size_of::<[u32; 4]>() as u64;
+        entries.min(ENTRY_GROUPS) as u32
+    }
+
     /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
     ///
     /// # Safety
@@ -439,7 +497,7 @@ pub(super) fn order(permutations: &[Permutation]) -> Vec<usize> {
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
-fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineError> {
+fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<(), EngineError> {
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
@@ -465,6 +523,10 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
         };
         rig.timing.timer.record_reset(commands, first_stamp..if whole { STAMPS } else { STAMPS + 2 });
         write_stamp();
+        let synthesizes = groups.iter().any(|group| group.permutation.synthesize(policy).is_some());
+        if synthesizes {
+            rig.arena.record_zero_passes(device, commands);
+        }
         if whole {
             for (index, group) in groups.iter().enumerate() {
                 if index > 0 && policy.serial {
@@ -489,6 +551,10 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
                 let extent = [striding_groups(rig), outlets, 1];
                 dispatch(commands, &rig.pipelines.kernels.deferred, cameras, extent);
             }
+        }
+        if synthesizes {
+            record_barrier_from_transfer(device, commands);
+        } else if whole {
             record_barrier(device, commands);
         }
         stage_done();
@@ -507,14 +573,21 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
             record_barrier(device, commands);
         }
         stage_done();
-        for group in groups {
-            for cross in group.permutation.cross(policy, !whole) {
-                let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
-                dispatch(commands, &specialised[&cross], group.first, extent);
+        for pass in 0..passes {
+            // SAFETY: as for the commands, below.
+            unsafe { rig.record_synthesize(commands, groups, pass) };
+            stage_done();
+            for group in groups {
+                for cross in group.permutation.cross(policy, !whole) {
+                    if pass == 0 || cross.reads_levels() {
+                        let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
+                        dispatch(commands, &specialised[&cross], group.first, extent);
+                    }
+                }
             }
+            record_barrier(device, commands);
+            stage_done();
         }
-        record_barrier(device, commands);
-        stage_done();
         if outlets > 0 {
             // SAFETY: as for the commands, below.
             unsafe { rig.record_sort(commands, 0, cameras, false) };
