@@ -1,21 +1,20 @@
 // cross: from planes and motion to events in bins. The synthesis and the pixel model are one kernel, so that sub-steps
-// never leave the chip.
+// never leave the chip; or, with READS_LEVELS, `synthesize` has made the levels, in passes that push.level counts.
 //
-// Shared by cross_gpu.comp and cross_cpu.comp. A tile is four 8x8 blocks side by side, a sub-tile some rows of it, with
+// Shared by cross_gpu.glsl and cross_cpu.glsl. A tile is four 8x8 blocks side by side, a sub-tile some rows of it, with
 // one thread per pixel. A row of a tile is 32 pixels, so that a subgroup reads neighbouring words. Each thread
-// synthesises the sub-steps of its pixel and walks them; the events go through shared memory into bins. x over
+// synthesises or reads the sub-steps of its pixel and walks them; the events go through shared memory into bins. x over
 // sub-tiles or tiles, in the order of `tile_order`, y over cameras.
 //
-// Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks. Writes events to
-// bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose events do not fit changes
-// nothing and runs again: after the buffers have grown or, if the queue was too short, in the permutation
-// QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort`
-// makes the packet independent of it.
+// Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks; or `planes` and
+// `levels`. Writes events to bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose
+// events do not fit changes nothing and runs again: after the buffers have grown or, if the queue was too short, in the
+// permutation QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort` makes the packet independent of it.
 //
-// The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), PHYSICAL (defined
-// for the kernel of the physical pixel), frame loads,
-// `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that are declared here without a
-// body.
+// The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), LAYERED (whether
+// it is that of tiles where motions meet), READS_LEVELS (defined for kernels that do), PHYSICAL (defined for the kernel of
+// the physical pixel), frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that
+// are declared here without a body.
 
 // Whether a tile without motion and change can be skipped. A physical pixel moves on after the light has come to rest.
 #ifdef PHYSICAL

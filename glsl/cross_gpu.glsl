@@ -54,6 +54,9 @@ void main() {
 #ifdef READS_LEVELS
     const uvec4 levels_of_tile = level_words[cam.tile_base + tile_order[cam.tile_base + in_order]];
     if (!has_levels(levels_of_tile)) {
+        if (levels_of_tile.x == NO_LEVELS && push.level + 1u == push.passes && gl_LocalInvocationID.x == 0u) {
+            atomicAdd(counters[2u * cam.slot + cam.frame_slot].without_levels, 1u);
+        }
         return;
     }
 #endif

@@ -51,7 +51,9 @@ pub struct KernelPolicy {
     /// Longest event queue of `cross`, in events for each pixel of a sub-tile. The queue grows from
     /// [`QUEUE_PER_PX`] to this while intervals overflow it.
     pub most_queue_per_px: u32,
-    /// Whether the dispatches of `ingest` and of `backward_transfer` run one after the other.
+    /// Fewest rows of `levels`, if cameras could use as many: with fewer, ticks of small rigs take more passes.
+    pub least_level_rows: u32,
+    /// Whether the dispatches of a stage run one after the other, those of `cross` excepted.
     pub serial: bool,
 }
 
@@ -75,6 +77,8 @@ impl KernelPolicy {
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
             most_queue_per_px: 2 * QUEUE_PER_PX,
+            // 4 MiB.
+            least_level_rows: 1 << 14,
             serial: false,
         }
     }
@@ -101,6 +105,8 @@ impl KernelPolicy {
             events_per_thread: 64,
             // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
             most_queue_per_px: QUEUE_PER_PX,
+            // `cross` synthesises by itself.
+            least_level_rows: 0,
             serial: true,
         }
     }

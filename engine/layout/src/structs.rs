@@ -294,6 +294,8 @@ gpu_struct! {
         substeps: u32,
         /// Sub-tiles with more events than the event queue holds; `cross` runs them again without it.
         queue_overflows: u32,
+        /// Sub-tiles for whose levels there was no room; they run again.
+        without_levels: u32,
         /// Events in the largest bin of the packet.
         largest_bin: u32,
         /// Tiles with more sub-steps than `many_substeps`; they fill `tile_order` from the front.
@@ -348,8 +350,8 @@ gpu_struct! {
         merged: u32,
         /// Cameras of the dispatch, for kernels whose workgroups belong to no one camera.
         cameras: u32,
-        /// Fills the struct up to a multiple of 8 bytes.
-        unused: u32,
+        /// Passes of `synthesize` and `cross` in this submission.
+        passes: u32,
     }
 }
 

@@ -11,7 +11,7 @@ use super::{CameraState, PacketPlace, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::{Buffer, MemoryUse};
-use crate::policy::{KernelPolicy, KernelSet};
+use crate::policy::KernelPolicy;
 use ash::vk;
 use esaac_layout::{self as layout, BINDINGS, TEXELS};
 use esaac_model::substeps::MAX_SUBSTEPS;
@@ -65,8 +65,7 @@ pub(super) struct Arena {
     packet_elements: PacketElements,
     pub samples_pixels: usize,
     packets: PacketPlace,
-    /// Whether kernels of `synthesize` make levels.
-    has_levels: bool,
+    policy: KernelPolicy,
 }
 
 /// New places for cameras and the buffers that they need, planned but not in use yet.
@@ -90,7 +89,6 @@ impl Arena {
         options: RigOptions,
         policy: KernelPolicy,
     ) -> Result<Self, EngineError> {
-        let has_levels = policy.kernels == KernelSet::Gpu;
         let cameras = places.len() / 2;
         let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
         let buffers = (0..BINDINGS.len())
@@ -106,7 +104,7 @@ impl Arena {
                         (cameras * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
                     }
                     layout::SAMPLES => 0,
-                    slot => elements_of(slot, places, has_levels),
+                    slot => elements_of(slot, places, policy),
                 };
                 allocate(device, slot, elements, options.packets).map(Some)
             })
@@ -116,7 +114,7 @@ impl Arena {
         let mut ring = vec![Some(first)];
         ring.resize(options.ring(), None);
         let packets = options.packets;
-        Ok(Arena { buffers, ring, current: 0, packet_elements, samples_pixels, packets, has_levels })
+        Ok(Arena { buffers, ring, current: 0, packet_elements, samples_pixels, packets, policy })
     }
 
     /// The buffer of a slot.
@@ -210,7 +208,7 @@ impl Arena {
 
     /// Elements of a buffer that the cameras at `places` need.
     fn elements_of(&self, slot: usize, places: &[Place]) -> u64 {
-        elements_of(slot, places, self.has_levels)
+        elements_of(slot, places, self.policy)
     }
 
     /// Records the copies of a move: each camera's part, as much of it as fits both places.
@@ -303,8 +301,8 @@ impl Arena {
 
 /// Elements of a buffer that the cameras at `places` need. They share those of `levels`, which is as good as new in each
 /// pass of a tick.
-fn elements_of(slot: usize, places: &[Place], has_levels: bool) -> u64 {
-    let rows = if has_levels { shared_level_rows(places) } else { 0 };
+fn elements_of(slot: usize, places: &[Place], policy: KernelPolicy) -> u64 {
+    let rows = shared_level_rows(places, policy);
     match slot {
         layout::LEVELS => rows * u64::from(layout::LEVEL_ROW_WORDS),
         // A block with entries takes three rows for each, at least.

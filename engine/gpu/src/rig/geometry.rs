@@ -2,6 +2,7 @@
 
 use super::parameters::{has_bus, is_rigid, makes_levels, plane_words};
 use super::{CameraConfig, RigOptions};
+use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_PASSES,
     PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
@@ -189,31 +190,32 @@ fn level_rows(sensor: &SensorModel, blocks: u32) -> u32 {
 }
 
 /// Rows of `levels` that cameras share. Where an interval needs more, a tick takes several passes.
-pub(super) fn shared_level_rows(places: &[Place]) -> u64 {
+pub(super) fn shared_level_rows(places: &[Place], policy: KernelPolicy) -> u64 {
+    if policy.kernels != KernelSet::Gpu {
+        return 0;
+    }
     let most: u64 = places.iter().map(|place| u64::from(place.level_rows)).sum();
     let pixels: u64 = places.iter().filter(|p| p.level_rows > 0).map(|p| u64::from(p.pixels)).sum();
-    most.min((pixels / PIXELS_PER_LEVEL_ROW).max(LEAST_LEVEL_ROWS))
+    let wanted = (pixels / PIXELS_PER_LEVEL_ROW).max(u64::from(policy.least_level_rows));
+    most.min(wanted.max(most.div_ceil(u64::from(MOST_PASSES)) + TILE_LEVEL_ROWS))
 }
 
 /// Passes of `synthesize` and `cross` after which each tile has had room in `levels`.
-pub(super) fn level_passes(places: &[Place]) -> u32 {
+pub(super) fn level_passes(places: &[Place], policy: KernelPolicy) -> u32 {
     let most: u64 = places.iter().map(|place| u64::from(place.level_rows)).sum();
-    let rows = shared_level_rows(places);
-    if most <= rows {
+    let rows = shared_level_rows(places, policy);
+    if rows == 0 || most <= rows {
         return 1;
     }
     // Every pass but the last fills the rows, up to those of a tile that finds no room.
-    let of_tile = u64::from(TILE_BLOCKS * (MAX_SUBSTEPS - 1 + LIST_ROWS));
-    let passes = most.div_ceil(rows - (of_tile - 1)) as u32;
-    assert!(passes <= MOST_PASSES, "{passes} passes");
-    passes
+    most.div_ceil(rows - TILE_LEVEL_ROWS) as u32
 }
+
+/// Rows of `levels` that a tile takes at most.
+pub(super) const TILE_LEVEL_ROWS: u64 = (TILE_BLOCKS * (MAX_SUBSTEPS - 1 + LIST_ROWS)) as u64;
 
 /// Pixels of a rig's cameras for each row of `levels`: 16 bytes a pixel, less than a tenth of what a camera takes.
 const PIXELS_PER_LEVEL_ROW: u64 = 16;
-
-/// Fewest rows of `levels`, if cameras could use as many: passes cost small rigs more than memory does.
-const LEAST_LEVEL_ROWS: u64 = 1 << 16;
 
 /// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
 const LEAST_STRETCH: u32 = 32;
@@ -337,6 +339,29 @@ mod tests {
         let kept = |place: Place, sensor| place.kept_elements(layout::PLANES, sensor);
         assert_eq!(kept(grown, &small.sensor), kept(place, &small.sensor));
         assert_eq!(kept(grown, &large.sensor), 2 * u64::from(grown.plane_words));
+    }
+
+    #[test]
+    fn every_tile_finds_room_for_its_levels_in_a_few_passes() {
+        let gpu = KernelPolicy::gpu();
+        let of = |synthesis, width, height, policy| {
+            let mut config = config(synthesis);
+            config.sensor = SensorModel { width, height, substeps: 32, ..config.sensor };
+            let places = place(&[config.clone(), config], RigOptions::default());
+            (shared_level_rows(&places, policy), level_passes(&places, policy))
+        };
+        assert_eq!(of(Synthesis::Motion, 640, 480, gpu), (0, 1), "one surface a pixel");
+        assert_eq!(of(Synthesis::Rigid, 640, 480, KernelPolicy::software_driver()), (0, 1));
+        // Two cameras of 15 blocks.
+        assert_eq!(of(Synthesis::Rigid, 40, 24, gpu), (2 * 15 * 33, 1));
+        for (width, height, least) in [(640, 480, gpu.least_level_rows), (640, 480, 0), (40, 24, 0)] {
+            let policy = KernelPolicy { least_level_rows: least, ..gpu };
+            let (rows, passes) = of(Synthesis::Rigid, width, height, policy);
+            let blocks = u64::from(2 * width.div_ceil(8) * height.div_ceil(8));
+            assert!((2..=MOST_PASSES).contains(&passes), "{passes} passes of {rows} rows");
+            assert!(u64::from(passes) * (rows - TILE_LEVEL_ROWS) >= 33 * blocks);
+            assert!(16 * rows <= u64::from(2 * width * height).max(16 * u64::from(least)) || width == 40);
+        }
     }
 
     #[test]

@@ -22,6 +22,7 @@ mod light;
 mod machine;
 mod merge;
 mod parameters;
+mod passes;
 mod queue;
 mod record;
 #[cfg(feature = "shaderc")]
@@ -54,6 +55,7 @@ use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
 use parameters::has_bus;
+use passes::Passes;
 use queue::QueueLength;
 use results::Results;
 use scene::Instances;
@@ -169,6 +171,7 @@ pub struct Rig {
     past_scenes: Vec<SceneMotion>,
     /// The length of the event queues of `cross`.
     queue: QueueLength,
+    passes: Passes,
     timing: Timing,
     results: Results,
     health: Health,
@@ -231,6 +234,7 @@ impl Rig {
             parameters: vec![Camera::default(); cameras.len()],
             past_scenes: Vec::new(),
             queue: QueueLength::default(),
+            passes: Passes::default(),
             timing: Timing::new(device, options.stage_times)?,
             results: Results::new(configs),
             health: Health::Good,

@@ -145,6 +145,12 @@ impl Permutation {
         Specialised { kernel, constants }
     }
 
+    /// The kernel of `ingest` that makes surfaces alongside the other, if that is a kernel of its own.
+    pub(super) fn ingest_surfaces(&self, policy: KernelPolicy) -> Option<Specialised> {
+        let apart = policy.kernels == KernelSet::Gpu && self.rigid;
+        apart.then(|| Specialised { kernel: stages::INGEST_SURFACES_GPU, constants: self.ingest.words() })
+    }
+
     /// Workgroups of `ingest` per tile: one per colour component on a GPU if frames become half-pel frames, else one.
     pub(super) fn ingest_groups(&self, policy: KernelPolicy) -> u32 {
         let finely = policy.kernels == KernelSet::Gpu && self.ingest.half_pel;
@@ -162,10 +168,11 @@ impl Permutation {
         (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
     }
 
-    /// The kernels of `synthesize`, for the lists and for the levels; `None` if `cross` synthesises by itself.
-    pub(super) fn synthesize(&self, policy: KernelPolicy) -> Option<[Specialised; 2]> {
+    /// The kernels of `synthesize`, one after the other: for the lists, then for the levels. None if `cross` synthesises by
+    /// itself.
+    pub(super) fn synthesize(&self, policy: KernelPolicy) -> Vec<Specialised> {
         if policy.kernels != KernelSet::Gpu || !(self.rigid || self.cross.layers > 1) {
-            return None;
+            return Vec::new();
         }
         let cross = &self.cross;
         let moves_on = self.physical
@@ -184,10 +191,14 @@ impl Permutation {
             skips_still_tiles: !moves_on,
         };
         let kernels = match self.rigid {
-            true => [stages::SYNTHESIZE_LISTS_RIGID, stages::SYNTHESIZE_LEVELS_RIGID],
-            false => [stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
+            true => &[
+                stages::SYNTHESIZE_LISTS_RIGID,
+                stages::SYNTHESIZE_LEVELS_RIGID,
+                stages::SYNTHESIZE_SILHOUETTES,
+            ][..],
+            false => &[stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
         };
-        Some(kernels.map(|kernel| Specialised { kernel, constants: constants.words() }))
+        kernels.iter().map(|&kernel| Specialised { kernel, constants: constants.words() }).collect()
     }
 
     /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their

@@ -16,12 +16,10 @@ use crate::error::EngineError;
 use crate::kernel::{
     BindingSet, Kernel, record_barrier, record_barrier_from_transfer, record_host_barrier, stages,
 };
-use crate::policy::{KernelPolicy, KernelSet};
+use crate::policy::KernelPolicy;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{
-    self as layout, KERNELS, KernelInfo, MOST_PASSES, Push, TICK_STAGES_WITH_BUS,
-};
+use esaac_layout::{self as layout, KERNELS, KernelInfo, MOST_PASSES, Push, TICK_STAGES_WITH_BUS};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -128,8 +126,12 @@ impl SensorKernels {
         permutation: &Permutation,
         queue_overflowed: bool,
     ) -> Result<(), EngineError> {
-        let needed = [Some(permutation.ingest(policy)), permutation.backward_transfer()];
-        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy).into_iter().flatten());
+        let needed = [
+            Some(permutation.ingest(policy)),
+            permutation.ingest_surfaces(policy),
+            permutation.backward_transfer(),
+        ];
+        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy));
         for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
             if let Entry::Vacant(missing) = self.0.entry(specialised) {
                 let kernel = code.kernel(bindings, missing.key())?;
@@ -212,7 +214,7 @@ impl Rig {
     /// on the device does not change.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let _zone = zone!("record");
-        let needed = self.needed_recording();
+        let needed = self.needed_recording(true);
         self.timing.with_bus = self.outlets() > 0;
         self.timing.passes = needed.passes;
         self.bind_current();
@@ -237,7 +239,7 @@ impl Rig {
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
     pub(super) fn prepare_retry(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
-        let needed = self.needed_recording();
+        let needed = self.needed_recording(false);
         self.bind_current();
         if self.recording().retry_for.as_ref() != Some(&needed) {
             self.record(needed, false)?;
@@ -302,15 +304,15 @@ impl Rig {
 
     /// What commands must be recorded for now. The validation layer notes which addresses are valid when commands are
     /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
-    fn needed_recording(&self) -> RecordedFor {
+    fn needed_recording(&self, whole: bool) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
-        RecordedFor { permutations: self.permutations(), passes: self.passes(), addresses }
+        RecordedFor { permutations: self.permutations(), passes: self.passes(whole), addresses }
     }
 
-    /// Passes of `synthesize` and `cross`, of which each takes the tiles that have found room in `levels`.
-    fn passes(&self) -> u32 {
-        let makes_levels = self.pipelines.policy.kernels == KernelSet::Gpu;
-        if makes_levels { level_passes(&self.places()) } else { 1 }
+    /// Passes of `synthesize` and `cross`, in a whole tick or (`whole` false) in the part that runs again.
+    fn passes(&self, whole: bool) -> u32 {
+        let most = level_passes(&self.places(), self.pipelines.policy);
+        if whole { self.passes.count(most) } else { most }
     }
 
     /// The permutation of each camera.
@@ -418,10 +420,11 @@ impl Rig {
     /// As of [`Kernel::record`].
     unsafe fn record_synthesize(&self, commands: vk::CommandBuffer, groups: &[Group], pass: u32) {
         let policy = self.pipelines.policy;
-        let of_groups: Vec<_> =
-            groups.iter().filter_map(|g| Some((g, g.permutation.synthesize(policy)?))).collect();
-        for part in 0..2 {
-            for (index, (group, kernels)) in of_groups.iter().enumerate() {
+        let of_groups: Vec<_> = groups.iter().map(|g| (g, g.permutation.synthesize(policy))).collect();
+        let parts = of_groups.iter().map(|(_, kernels)| kernels.len()).max().unwrap_or(0);
+        for part in 0..parts {
+            let of_part = of_groups.iter().filter_map(|(group, kernels)| Some((group, kernels.get(part)?)));
+            for (index, (group, kernel)) in of_part.enumerate() {
                 if index > 0 && policy.serial {
                     record_barrier(&self.device, commands);
                 }
@@ -429,19 +432,13 @@ impl Rig {
                     0 => [group.tiles, group.count, 1],
                     _ => [self.entry_groups(), 1, 1],
                 };
-                let push = Push {
-                    first_camera: group.first,
-                    cameras: group.count,
-                    level: pass,
-                    ..Push::default()
-                };
-                let kernel = &self.pipelines.specialised.0[&kernels[part]];
+                let push =
+                    Push { first_camera: group.first, cameras: group.count, level: pass, ..Push::default() };
+                let kernel = &self.pipelines.specialised.0[kernel];
                 // SAFETY: the caller's contract is the same.
                 unsafe { kernel.record(commands, bytes_of(&push), extent) };
             }
-            if !of_groups.is_empty() {
-                record_barrier(&self.device, commands);
-            }
+            record_barrier(&self.device, commands);
         }
     }
 
@@ -523,7 +520,7 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
         };
         rig.timing.timer.record_reset(commands, first_stamp..if whole { STAMPS } else { STAMPS + 2 });
         write_stamp();
-        let synthesizes = groups.iter().any(|group| group.permutation.synthesize(policy).is_some());
+        let synthesizes = groups.iter().any(|group| !group.permutation.synthesize(policy).is_empty());
         if synthesizes {
             rig.arena.record_zero_passes(device, commands);
         }
@@ -531,6 +528,12 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
             for (index, group) in groups.iter().enumerate() {
                 if index > 0 && policy.serial {
                     record_barrier(device, commands);
+                }
+                if let Some(surfaces) = group.permutation.ingest_surfaces(policy) {
+                    dispatch(commands, &specialised[&surfaces], group.first, [group.tiles, group.count, 1]);
+                    if policy.serial {
+                        record_barrier(device, commands);
+                    }
                 }
                 let ingest = &specialised[&group.permutation.ingest(policy)];
                 let extent = [group.tiles, group.count, group.permutation.ingest_groups(policy)];
@@ -578,10 +581,12 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
             unsafe { rig.record_synthesize(commands, groups, pass) };
             stage_done();
             for group in groups {
+                let push = Push { first_camera: group.first, level: pass, passes, ..Push::default() };
+                let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
                 for cross in group.permutation.cross(policy, !whole) {
                     if pass == 0 || cross.reads_levels() {
-                        let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
-                        dispatch(commands, &specialised[&cross], group.first, extent);
+                        // SAFETY: as for the commands, below.
+                        unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
                     }
                 }
             }

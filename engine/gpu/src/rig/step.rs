@@ -3,6 +3,7 @@
 use super::conventions::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::parameters::has_bus;
+use super::passes::rows_used;
 use super::queue::Load;
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
@@ -132,6 +133,9 @@ impl Rig {
         self.grow_bins(&end);
         let most_per_px = self.pipelines.policy.most_queue_per_px;
         self.queue.follow(Load::of(&self.cameras, &end), most_per_px);
+        let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
+        let rows = self.arena.buffer(layout::LEVELS).bytes() / words;
+        self.passes.follow(rows_used(&self.cameras, &end), rows);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
         let results = &self.results;
         profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());

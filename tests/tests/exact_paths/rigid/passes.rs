@@ -1,7 +1,7 @@
 //! Levels that are synthesised apart from their walks, by the kernels of GPUs: tiles that find no room in `levels` are
 //! left to later passes, and no event depends on it.
 
-use super::levels::{Step, run, sensor, SIZE};
+use super::levels::{SIZE, Step, run, sensor};
 use esaac_engine::{KernelPolicy, RigOptions};
 use esaac_model::{Pixel, SensorModel, SubstepPolicy};
 use esaac_scene::SceneKind;
@@ -18,14 +18,13 @@ fn told(steps: &[Step]) -> Vec<(usize, u64, u64)> {
 
 #[test]
 fn packets_do_not_depend_on_who_synthesises_nor_on_the_room_for_levels() {
-    let noisy = SensorModel { leak_rate_hz: 2.0, shot_noise_rate_hz: 20.0, refractory_ns: 1_000_000, ..sensor() };
+    let noisy =
+        SensorModel { leak_rate_hz: 2.0, shot_noise_rate_hz: 20.0, refractory_ns: 1_000_000, ..sensor() };
     let still = SensorModel { substep_policy: SubstepPolicy::Fixed, substeps: 32, ..sensor() };
     let physical = SensorModel { pixel: Pixel::Physical, noise_gain: 0.0, ..sensor() };
-    for (sensor, kind) in [
-        (noisy, SceneKind::Propeller),
-        (still, SceneKind::Poles),
-        (physical, SceneKind::Foliage),
-    ] {
+    for (sensor, kind) in
+        [(noisy, SceneKind::Propeller), (still, SceneKind::Poles), (physical, SceneKind::Foliage)]
+    {
         let rendered = Rendered::of(kind, SIZE, 3);
         let own = run(&sensor, &rendered, RigOptions::default(), true);
         assert!(own.iter().map(|step| step.events.len()).sum::<usize>() > 1000, "{kind:?} sends few events");
