@@ -77,8 +77,8 @@ impl KernelPolicy {
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
             most_queue_per_px: 2 * QUEUE_PER_PX,
-            // 4 MiB.
-            least_level_rows: 1 << 14,
+            // 8 MiB.
+            least_level_rows: 1 << 15,
             serial: false,
         }
     }
