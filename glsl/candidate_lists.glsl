@@ -1,6 +1,5 @@
 // The making of the lists of candidates of a tile's blocks, for synthesis `rigid`: from what passes each block. Twin of
-// the oracle's `candidates`. Needs candidates.glsl, tile_activity.glsl, TELL_LEAST, and the buffers `representatives` and
-// `passing`.
+// the oracle's `candidates`. Needs candidates.glsl, tile_activity.glsl, and the buffers `representatives` and `passing`.
 
 // What passes: an entry of `passing`, its pixel, its instance (NO_INSTANCE if it is left out) with its parallax, and its
 // inverse depth along the ray of the block's centre in both key frames. Some for each block of the tile, or as many as
@@ -67,8 +66,9 @@ void choose_passers(uint first_block, uint per_block) {
     do {
         const uint turns = TILE_BLOCKS * (turn & 1u);
         for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
-            const uint entry = passer_instance[passer] != NO_INSTANCE ? passer_entry[passer] : NONE_LEFT;
-            TELL_LEAST(first_left, turns + first_block + passer / per_block, entry);
+            if (passer_instance[passer] != NO_INSTANCE) {
+                atomicMin(first_left[turns + first_block + passer / per_block], passer_entry[passer]);
+            }
         }
         barrier();
         any_left = false;

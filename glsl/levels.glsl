@@ -20,9 +20,6 @@ const uint HAD_LEVELS = 0xfffffffeu;
 const uint LIST_BITS = 24u;
 const uint LIST_MASK = (1u << LIST_BITS) - 1u;
 
-// In place of a level: one that is left to the third part of `synthesize`. It is no number.
-const uint UNSETTLED = 0x7fffffffu;
-
 // `level_entries` begins with an element for each pass: how many entries there are, and how many rows they take or would
 // take. Then come the entries of a pass, each for some sub-steps of a block: row of the camera in the table, number of
 // the block, its word as in `level_words`, first sub-step.

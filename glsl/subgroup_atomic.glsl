@@ -14,17 +14,3 @@
         } \
         previous = subgroupAdd(base) + ahead; \
     }
-
-// As `atomicMin(least[slot], value)`, by all active threads of a subgroup, whose slots mostly are the same.
-#define TELL_LEAST(least, slot, value) \
-    { \
-        const uint shared_slot = subgroupMin(slot); \
-        if (shared_slot == subgroupMax(slot)) { \
-            const uint least_value = subgroupMin(value); \
-            if (subgroupElect()) { \
-                atomicMin(least[slot], least_value); \
-            } \
-        } else { \
-            atomicMin(least[slot], value); \
-        } \
-    }

@@ -30,7 +30,6 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "levels.glsl"
 #include "paths.glsl"
 #include "candidates.glsl"
-#include "subgroup_atomic.glsl"
 #include "candidate_lists.glsl"
 #include "rigid.glsl"
 #include "layers.glsl"

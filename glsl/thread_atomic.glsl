@@ -2,5 +2,3 @@
 
 // previous = what `atomicAdd(counter, 1u)` returns.
 #define INCREMENT(counter, previous) previous = atomicAdd(counter, 1u);
-
-#define TELL_LEAST(least, slot, value) atomicMin(least[slot], value);

@@ -5,8 +5,7 @@ use crate::constants::{
     IngestCpuConstants, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
 use crate::sizes::{
-    CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, READOUT_THREADS, SILHOUETTE_THREADS, SORT_THREADS,
-    SYNTHESIZE_THREADS,
+    CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, READOUT_THREADS, SORT_THREADS, SYNTHESIZE_THREADS,
 };
 
 /// A kernel.
@@ -68,7 +67,6 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("synthesize_lists_rigid", "synthesize", INGEST_THREADS, &[SynthesizeConstants::LIST]),
     kernel("synthesize_lists_layers", "synthesize", INGEST_THREADS, &[SynthesizeConstants::LIST]),
     kernel("synthesize_levels_rigid", "synthesize", SYNTHESIZE_THREADS, &[SynthesizeConstants::LIST]),
-    kernel("synthesize_silhouettes", "synthesize", SILHOUETTE_THREADS, &[SynthesizeConstants::LIST]),
     kernel("synthesize_levels_layers", "synthesize", SYNTHESIZE_THREADS, &[SynthesizeConstants::LIST]),
     kernel("cross_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),

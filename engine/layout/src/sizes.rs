@@ -26,9 +26,6 @@ pub const INGEST_THREADS: u32 =
 /// Threads of a workgroup of `synthesize` that makes levels: some for each pixel of a block.
 pub const SYNTHESIZE_THREADS: u32 = 2 * LEVEL_ROW_WORDS;
 
-/// Threads of a workgroup of `synthesize` that shares out what is left at silhouettes.
-pub const SILHOUETTE_THREADS: u32 = 64;
-
 /// Words of a row of `levels`: one for each pixel of a block.
 pub const LEVEL_ROW_WORDS: u32 = esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
 

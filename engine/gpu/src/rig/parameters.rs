@@ -191,14 +191,10 @@ impl Permutation {
             skips_still_tiles: !moves_on,
         };
         let kernels = match self.rigid {
-            true => &[
-                stages::SYNTHESIZE_LISTS_RIGID,
-                stages::SYNTHESIZE_LEVELS_RIGID,
-                stages::SYNTHESIZE_SILHOUETTES,
-            ][..],
-            false => &[stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
+            true => [stages::SYNTHESIZE_LISTS_RIGID, stages::SYNTHESIZE_LEVELS_RIGID],
+            false => [stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
         };
-        kernels.iter().map(|&kernel| Specialised { kernel, constants: constants.words() }).collect()
+        kernels.into_iter().map(|kernel| Specialised { kernel, constants: constants.words() }).collect()
     }
 
     /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their
