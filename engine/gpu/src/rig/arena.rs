@@ -302,7 +302,7 @@ impl Arena {
 /// Elements of a buffer that the cameras at `places` need. They share those of `levels`, which is as good as new in each
 /// pass of a tick.
 fn elements_of(slot: usize, places: &[Place], policy: KernelPolicy) -> u64 {
-    let rows = shared_level_rows(places, policy);
+    let rows = shared_level_rows(places.iter(), policy);
     match slot {
         layout::LEVELS => rows * u64::from(layout::LEVEL_ROW_WORDS),
         // A block with entries takes three rows for each, at least.

@@ -190,25 +190,45 @@ fn level_rows(sensor: &SensorModel, blocks: u32) -> u32 {
 }
 
 /// Rows of `levels` that cameras share. Where an interval needs more, a tick takes several passes.
-pub(super) fn shared_level_rows(places: &[Place], policy: KernelPolicy) -> u64 {
-    if policy.kernels != KernelSet::Gpu {
-        return 0;
-    }
-    let most: u64 = places.iter().map(|place| u64::from(place.level_rows)).sum();
-    let pixels: u64 = places.iter().filter(|p| p.level_rows > 0).map(|p| u64::from(p.pixels)).sum();
-    let wanted = (pixels / PIXELS_PER_LEVEL_ROW).max(u64::from(policy.least_level_rows));
-    most.min(wanted.max(most.div_ceil(u64::from(MOST_PASSES)) + TILE_LEVEL_ROWS))
+pub(super) fn shared_level_rows<'a>(places: impl Iterator<Item = &'a Place>, policy: KernelPolicy) -> u64 {
+    LevelRows::of(places).shared(policy)
 }
 
 /// Passes of `synthesize` and `cross` after which each tile has had room in `levels`.
-pub(super) fn level_passes(places: &[Place], policy: KernelPolicy) -> u32 {
-    let most: u64 = places.iter().map(|place| u64::from(place.level_rows)).sum();
-    let rows = shared_level_rows(places, policy);
-    if rows == 0 || most <= rows {
+pub(super) fn level_passes<'a>(places: impl Iterator<Item = &'a Place>, policy: KernelPolicy) -> u32 {
+    let rows = LevelRows::of(places);
+    let shared = rows.shared(policy);
+    if shared == 0 || rows.most <= shared {
         return 1;
     }
     // Every pass but the last fills the rows, up to those of a tile that finds no room.
-    most.div_ceil(rows - TILE_LEVEL_ROWS) as u32
+    rows.most.div_ceil(shared - TILE_LEVEL_ROWS) as u32
+}
+
+/// What cameras could use of `levels`.
+#[derive(Default)]
+struct LevelRows {
+    /// Rows that an interval needs at most.
+    most: u64,
+    /// Pixels of the cameras that use any.
+    pixels: u64,
+}
+
+impl LevelRows {
+    fn of<'a>(places: impl Iterator<Item = &'a Place>) -> Self {
+        places.filter(|place| place.level_rows > 0).fold(LevelRows::default(), |sum, place| LevelRows {
+            most: sum.most + u64::from(place.level_rows),
+            pixels: sum.pixels + u64::from(place.pixels),
+        })
+    }
+
+    fn shared(&self, policy: KernelPolicy) -> u64 {
+        if policy.kernels != KernelSet::Gpu {
+            return 0;
+        }
+        let wanted = (self.pixels / PIXELS_PER_LEVEL_ROW).max(u64::from(policy.least_level_rows));
+        self.most.min(wanted.max(self.most.div_ceil(u64::from(MOST_PASSES)) + TILE_LEVEL_ROWS))
+    }
 }
 
 /// Rows of `levels` that a tile takes at most.
@@ -348,7 +368,7 @@ mod tests {
             let mut config = config(synthesis);
             config.sensor = SensorModel { width, height, substeps: 32, ..config.sensor };
             let places = place(&[config.clone(), config], RigOptions::default());
-            (shared_level_rows(&places, policy), level_passes(&places, policy))
+            (shared_level_rows(places.iter(), policy), level_passes(places.iter(), policy))
         };
         assert_eq!(of(Synthesis::Motion, 640, 480, gpu), (0, 1), "one surface a pixel");
         assert_eq!(of(Synthesis::Rigid, 640, 480, KernelPolicy::software_driver()), (0, 1));

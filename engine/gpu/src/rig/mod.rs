@@ -32,6 +32,7 @@ mod results;
 mod scene;
 mod snapshot;
 mod step;
+mod synthesize;
 mod tick;
 mod timing;
 mod transfer;

@@ -3,7 +3,6 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::code::Code;
-use super::geometry::level_passes;
 use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
@@ -35,9 +34,6 @@ fn striding_groups(rig: &Rig) -> u32 {
 
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
-
-/// Most workgroups that stride over the entries of `synthesize`.
-const ENTRY_GROUPS: u64 = 4096;
 
 /// Number of bins over all cameras.
 fn all_bins(cameras: &[CameraState]) -> u32 {
@@ -114,7 +110,7 @@ impl Kernels {
 /// Kernels that differ from sensor to sensor, by their specialisation constants. Sensors with equal constants share
 /// them.
 #[derive(Default)]
-pub(super) struct SensorKernels(HashMap<Specialised, Kernel>);
+pub(super) struct SensorKernels(pub HashMap<Specialised, Kernel>);
 
 impl SensorKernels {
     /// Compiles the kernels of a permutation that are missing.
@@ -143,11 +139,11 @@ impl SensorKernels {
 }
 
 /// Cameras that share a permutation; they are neighbours in the table.
-struct Group {
-    permutation: Permutation,
-    first: u32,
-    count: u32,
-    tiles: u32,
+pub(super) struct Group {
+    pub permutation: Permutation,
+    pub first: u32,
+    pub count: u32,
+    pub tiles: u32,
 }
 
 /// The commands of a tick that writes one set of packet buffers.
@@ -309,12 +305,6 @@ impl Rig {
         RecordedFor { permutations: self.permutations(), passes: self.passes(whole), addresses }
     }
 
-    /// Passes of `synthesize` and `cross`, in a whole tick or (`whole` false) in the part that runs again.
-    fn passes(&self, whole: bool) -> u32 {
-        let most = level_passes(&self.places(), self.pipelines.policy);
-        if whole { self.passes.count(most) } else { most }
-    }
-
     /// The permutation of each camera.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
@@ -412,41 +402,6 @@ impl Rig {
     fn stretch_groups(&self) -> u32 {
         let events = self.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
         events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
-    }
-
-    /// Records a pass of `synthesize`, with a barrier at its end.
-    ///
-    /// # Safety
-    /// As of [`Kernel::record`].
-    unsafe fn record_synthesize(&self, commands: vk::CommandBuffer, groups: &[Group], pass: u32) {
-        let policy = self.pipelines.policy;
-        let of_groups: Vec<_> = groups.iter().map(|g| (g, g.permutation.synthesize(policy))).collect();
-        let parts = of_groups.iter().map(|(_, kernels)| kernels.len()).max().unwrap_or(0);
-        for part in 0..parts {
-            let of_part = of_groups.iter().filter_map(|(group, kernels)| Some((group, kernels.get(part)?)));
-            for (index, (group, kernel)) in of_part.enumerate() {
-                if index > 0 && policy.serial {
-                    record_barrier(&self.device, commands);
-                }
-                let extent = match part {
-                    0 => [group.tiles, group.count, 1],
-                    _ => [self.entry_groups(), 1, 1],
-                };
-                let push =
-                    Push { first_camera: group.first, cameras: group.count, level: pass, ..Push::default() };
-                let kernel = &self.pipelines.specialised.0[kernel];
-                // SAFETY: the caller's contract is the same.
-                unsafe { kernel.record(commands, bytes_of(&push), extent) };
-            }
-            record_barrier(&self.device, commands);
-        }
-    }
-
-    /// Workgroups of `synthesize` that stride over the entries of all cameras: as many as fill a device some times over, or
-    /// as there may be entries.
-    fn entry_groups(&self) -> u32 {
-        let entries = self.arena.buffer(layout::LEVEL_ENTRIES).bytes() / size_of::<[u32; 4]>() as u64;
-        entries.min(ENTRY_GROUPS) as u32
     }
 
     /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
