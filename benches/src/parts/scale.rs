@@ -226,7 +226,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         let case = on_pattern(cameras as f64, sensor, pattern);
         Case { cameras, packets: PacketPlace::OnDevice, ..case }
     };
-    let environments: &[usize] = if software { &[1, 4] } else { &[64, 256, 1024] };
+    let environments: &[usize] = if software { &[1, 4] } else { &[64, 256] };
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
         ("cameras", "cameras", cameras),
