@@ -24,7 +24,7 @@ const uint SUB_TILES = uint(BLOCK_PX) / SUB_TILE_ROWS;
 // Largest motion in each block of the tile and the blocks around it, and the block's own change.
 shared uint neighbourhood_motion[TILE_BLOCKS];
 shared uint own_change[TILE_BLOCKS];
-// All bits of both together, gathered only where still tiles are skipped.
+// All bits of both together, gathered only where still tiles are passed over.
 shared uint any_activity;
 
 // First pixel of the sub-tile.
@@ -47,6 +47,9 @@ uvec2 corner;
 
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
+
+// Pixel of the sub-tile that this thread takes.
+uint place();
 
 #ifdef PHYSICAL
 #include "pixel_physical.glsl"
@@ -71,12 +74,18 @@ uint rows_of(uint first_sub_tile, uint sub_tiles) {
     return ((1u << (sub_tiles * SUB_TILE_ROWS)) - 1u) << (first_sub_tile * SUB_TILE_ROWS);
 }
 
-// Whether a tile without motion and change can be skipped. A physical pixel moves on after the light has come to rest.
+// Whether a tile without motion and change can be skipped; or only such pixels of it as rest, in a permutation that lets
+// them rest. A physical pixel moves on after the light has come to rest.
 #ifdef PHYSICAL
 const bool SKIPS_STILL_TILES = false;
+const bool MAY_REST = false;
 #else
 const bool SKIPS_STILL_TILES = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !EFFECT_FLICKER && !DUMP_SAMPLES;
+const bool MAY_REST = (EFFECT_LEAK || EFFECT_SHOT) && !EFFECT_APS && !EFFECT_FLICKER && !DUMP_SAMPLES;
 #endif
+
+// Whether it is found out first if a tile is still; else pixels are read at once.
+const bool LOOKS_FIRST = SKIPS_STILL_TILES || PIXELS_REST;
 
 // Whether sub-steps may be read along a pixel's motion: by synthesis `rigid` where a pixel has no path.
 const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
@@ -218,7 +227,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
 
 // This thread's pixel.
 uvec2 sub_tile_pixel() {
-    return corner + uvec2(gl_LocalInvocationID.x % TILE_WIDTH_PX, gl_LocalInvocationID.x / TILE_WIDTH_PX);
+    return corner + uvec2(place() % TILE_WIDTH_PX, place() / TILE_WIDTH_PX);
 }
 
 // Whether this thread does the counting for its block.
@@ -232,6 +241,19 @@ void read_pixel(Camera cam, uvec2 at, out PixelState before, out Source s) {
     before = load_pixel(cam, at.y * cam.width + at.x);
     s = read_source(cam, at);
 }
+
+#include "resting.glsl"
+#ifdef PHYSICAL
+#include "pixel_never_rests.glsl"
+#else
+#include "pixel_log_rest.glsl"
+#endif
+
+// Which pixels are awake, as the threads of the workgroup tell each other: begins with none, notes those of this thread,
+// tells whether there are any. What `awake` means is up to the including file; 0 is none.
+void begin_awake();
+void note_awake(uint awake);
+bool any_awake();
 
 // The tile's blocks, as this thread addresses them.
 struct TileBlocks {
@@ -251,9 +273,9 @@ TileBlocks find_blocks(Camera cam) {
     return TileBlocks(in_tile, row_base + block_at.x, first_block, blocks[first_block].z);
 }
 
-// Loads into shared memory the largest motion in and around each block of the tile, and each block's own change. Called
-// by the whole workgroup; ends with a barrier.
-void load_activity(Camera cam, TileBlocks tile) {
+// Loads into shared memory the largest motion in and around each block of the tile, and each block's own change; notes
+// which of this thread's pixels are awake. Called by the whole workgroup; ends with a barrier.
+void load_activity(Camera cam, TileBlocks tile, uint awake) {
     const uint lane = gl_LocalInvocationID.x;
     if (lane < TILE_BLOCKS) {
         neighbourhood_motion[lane] = 0u;
@@ -262,8 +284,14 @@ void load_activity(Camera cam, TileBlocks tile) {
     if (lane == 0u) {
         queue_count = 0u;
         any_activity = 0u;
+        if (PIXELS_REST) {
+            begin_awake();
+        }
     }
     barrier();
+    if (PIXELS_REST) {
+        note_awake(awake);
+    }
     // Nine blocks around each of four, in both frames.
     const uint loads = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) ? 18u * TILE_BLOCKS : 0u;
     for (uint load = lane; load < loads; load += gl_WorkGroupSize.x) {
@@ -277,7 +305,7 @@ void load_activity(Camera cam, TileBlocks tile) {
             const uint motion_bits =
                 blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)].x;
             atomicMax(neighbourhood_motion[which_block], motion_bits);
-            if (SKIPS_STILL_TILES) {
+            if (LOOKS_FIRST) {
                 atomicOr(any_activity, motion_bits);
             }
         }
@@ -285,25 +313,42 @@ void load_activity(Camera cam, TileBlocks tile) {
     if (RIGID && lane < TILE_BLOCKS) {
         const uint passing_bits = passing_motion(cam, lane);
         atomicMax(neighbourhood_motion[lane], passing_bits);
-        if (SKIPS_STILL_TILES) {
+        if (LOOKS_FIRST) {
             atomicOr(any_activity, passing_bits);
         }
     }
     if (LAYERED && lane < TILE_BLOCKS) {
         const uint meeting_bits = meeting_motion(cam, lane);
         atomicMax(neighbourhood_motion[lane], meeting_bits);
-        if (SKIPS_STILL_TILES) {
+        if (LOOKS_FIRST) {
             atomicOr(any_activity, meeting_bits);
         }
     }
     if (counts_block(cam)) {
         const uint change_bits = blocks[tile.own_block].y;
         own_change[tile.in_tile] = change_bits;
-        if (SKIPS_STILL_TILES) {
+        if (LOOKS_FIRST) {
             atomicOr(any_activity, change_bits);
         }
     }
     barrier();
+}
+
+// Whether nothing in and around the tile moves or changes, so that its pixels may rest.
+bool is_still() {
+    return PIXELS_REST && any_activity == 0u;
+}
+
+// Counts the sub-steps of this thread's block, and whether it is still; called once in a tick for each tile.
+void count_block(Camera cam, uint n) {
+    const uint counter = 2u * cam.slot + cam.frame_slot;
+    if (counts_block(cam)) {
+        atomicAdd(counters[counter].substeps, n);
+        const uint in_tile = gl_LocalInvocationID.x / BLOCK_PX;
+        if (MAY_REST && (neighbourhood_motion[in_tile] | own_change[in_tile]) == 0u) {
+            atomicAdd(counters[counter].still_blocks, 1u);
+        }
+    }
 }
 
 // Whether the workgroup's sub-tiles need no walk: an earlier attempt at this tick did them, or nothing in and around
@@ -358,6 +403,14 @@ void cross_sub_tile(
         }
     }
 
+    Rest rest;
+    if (PIXELS_REST && inside) {
+        rest = rests[cam.slot];
+        if (active_pixel) {
+            catch_up(cam, rest, load_state(cam, pixel, STATE_REST), to_q24(s.log_previous), before);
+        }
+    }
+
     PixelState p = before;
     float exposed = 0.0;
     scattering = false;
@@ -409,6 +462,10 @@ void cross_sub_tile(
         }
     }
     if (inside) {
+        if (PIXELS_REST) {
+            const uint units = active_pixel && is_still() ? rest_units(cam, p, to_q24(s.log_current)) : 0u;
+            store_state(cam, pixel, STATE_REST, rest_word(cam, rest, units));
+        }
         if (active_pixel) {
             store_pixel(cam, pixel, p);
         } else if (before.reference == ARMING) {
@@ -427,7 +484,17 @@ void cross_sub_tile(
     if (lane == 0u) {
         atomicOr(blocks[first_block].z, rows_of(sub_tile, 1u));
     }
-    if (counts && counts_block(cam)) {
-        atomicAdd(counters[counter].substeps, n);
+    if (counts) {
+        count_block(cam, n);
+    }
+}
+
+// Passes over a sub-tile whose pixels all rest.
+void rest_sub_tile(Camera cam, uint sub_tile, uint first_block, uint n, bool counts) {
+    if (gl_LocalInvocationID.x == 0u) {
+        atomicOr(blocks[first_block].z, rows_of(sub_tile, 1u));
+    }
+    if (counts) {
+        count_block(cam, n);
     }
 }

@@ -35,17 +35,51 @@ bool is_armed(PixelState before) {
     return before.reference != UNARMED && before.reference != ARMING;
 }
 
+// Place of this thread's pixel where pixels rest; those that are awake, packed into as few subgroups as hold them.
+uint rest_place;
+shared uint awake_places[PIXELS_REST ? CROSS_THREADS : 1];
+shared uint awake_count;
+
+uint place() {
+    return PIXELS_REST ? rest_place : gl_LocalInvocationID.x;
+}
+
+void begin_awake() {
+    awake_count = 0u;
+}
+
+void note_awake(uint awake) {
+    if (awake != 0u) {
+        uint position;
+        INCREMENT(awake_count, position);
+        awake_places[position] = gl_LocalInvocationID.x;
+    }
+}
+
+bool any_awake() {
+    return awake_count != 0u;
+}
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     const uint in_order = gl_WorkGroupID.x / SUB_TILES;
     const uint sub_tile = gl_WorkGroupID.x % SUB_TILES;
-    if (cameras[index].frame_kind != FRAME_INTERVAL || in_order >= tile_count(cameras[index])) {
+    const uint frame_kind = cameras[index].frame_kind;
+    const bool catches_up = PIXELS_REST && frame_kind == FRAME_CATCH_UP;
+    if ((frame_kind != FRAME_INTERVAL && !catches_up) || in_order >= tile_count(cameras[index])) {
         return;
     }
     const Camera cam = cameras[index];
     corner = tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, sub_tile * SUB_TILE_ROWS);
-    const uvec2 at = sub_tile_pixel();
-    const bool inside = at.x < cam.width && at.y < cam.height;
+    rest_place = gl_LocalInvocationID.x;
+    uvec2 at = sub_tile_pixel();
+    bool inside = at.x < cam.width && at.y < cam.height;
+    if (catches_up) {
+        if (!LAYERED) {
+            catch_up_pixel(cam, at);
+        }
+        return;
+    }
     if (LAYERS > 1u && motions_meet(cam) != LAYERED) {
         // The other kernel's tile.
         return;
@@ -53,22 +87,36 @@ void main() {
     const TileBlocks tile = find_blocks(cam);
     PixelState before;
     Source s;
-    if (inside && !SKIPS_STILL_TILES) {
+    uint awake = 0u;
+    if (PIXELS_REST && inside) {
+        const uint word = load_state(cam, at.y * cam.width + at.x, STATE_REST);
+        awake = uint(is_awake(cam, rests[cam.slot], word));
+    }
+    if (inside && !LOOKS_FIRST) {
         // Every tile is walked, so these loads are issued together with those of the blocks and share their latency.
         read_pixel(cam, at, before, s);
     }
-    load_activity(cam, tile);
+    load_activity(cam, tile, awake);
     if (skip_sub_tiles(cam, tile, sub_tile, rows_of(sub_tile, 1u))) {
         return;
     }
     const uint n = substeps_of_block(cam, tile);
+    if (is_still() && rests[cam.slot].mode == REST_ALLOWED) {
+        if (!any_awake()) {
+            rest_sub_tile(cam, sub_tile, tile.first_block, n, sub_tile == 0u);
+            return;
+        }
+        inside = gl_LocalInvocationID.x < awake_count;
+        rest_place = awake_places[inside ? gl_LocalInvocationID.x : 0u];
+        at = sub_tile_pixel();
+    }
     if (RIGID) {
         list_candidates(cam);
     }
     if (LAYERED) {
         list_layers(cam);
     }
-    if (inside && SKIPS_STILL_TILES) {
+    if (inside && LOOKS_FIRST) {
         read_pixel(cam, at, before, s);
     }
     cross_sub_tile(cam, sub_tile, tile.first_block, n, inside, sub_tile == 0u, before, s);

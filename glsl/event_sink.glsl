@@ -17,7 +17,7 @@ bool scattering;
 
 // Pixel in the sub-tile, polarity << 7, ordinal in the interval << 8.
 uint event_tag(bool on, uint ordinal) {
-    return gl_LocalInvocationID.x | (uint(on) << 7) | (ordinal << 8);
+    return place() | (uint(on) << 7) | (ordinal << 8);
 }
 
 // Stamps an event and scatters it to its bin.

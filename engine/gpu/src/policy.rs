@@ -17,6 +17,17 @@ pub enum KernelSet {
     SoftwareDriver,
 }
 
+/// Whether pixels in still light are passed over until their noise may send something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Resting {
+    /// All are walked.
+    Never,
+    /// They are passed over while past ticks say that it costs less.
+    WherePaid,
+    /// They are passed over always.
+    Always,
+}
+
 /// How kernels are run; chosen once for a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KernelPolicy {
@@ -51,6 +62,10 @@ pub struct KernelPolicy {
     /// Longest event queue of `cross`, in events for each pixel of a sub-tile. The queue grows from
     /// [`QUEUE_PER_PX`] to this while intervals overflow it.
     pub most_queue_per_px: u32,
+    /// Whether pixels rest.
+    pub resting: Resting,
+    /// How many neighbouring pixels must rest for one of them to be passed over.
+    pub rest_together: u32,
     /// Whether the dispatches of `ingest` and of `backward_transfer` run one after the other.
     pub serial: bool,
 }
@@ -75,6 +90,8 @@ impl KernelPolicy {
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
             most_queue_per_px: 2 * QUEUE_PER_PX,
+            resting: Resting::WherePaid,
+            rest_together: 1,
             serial: false,
         }
     }
@@ -101,6 +118,8 @@ impl KernelPolicy {
             events_per_thread: 64,
             // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
             most_queue_per_px: QUEUE_PER_PX,
+            resting: Resting::WherePaid,
+            rest_together: TILE_WIDTH_PX,
             serial: true,
         }
     }

@@ -7,6 +7,7 @@ use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
+use super::rest::rest_row;
 use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
@@ -132,7 +133,7 @@ impl SensorKernels {
 }
 
 /// Cameras that share a permutation; they are neighbours in the table.
-struct Group {
+pub(super) struct Group {
     permutation: Permutation,
     first: u32,
     count: u32,
@@ -248,7 +249,12 @@ impl Rig {
             let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| optics_row(c, *t_ns)).collect();
             self.arena.table(layout::OPTICS).write(0, &rows);
         }
-        let order = order(&self.permutations());
+        let permutations = self.permutations();
+        if permutations.iter().any(|permutation| permutation.cross.pixels_rest) {
+            let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| rest_row(c, *t_ns)).collect();
+            self.arena.table(layout::RESTS).write(0, &rows);
+        }
+        let order = order(&permutations);
         self.parameters.clear();
         self.parameters
             .extend(order.iter().map(|&camera| camera_row(&self.cameras[camera], t_ns[camera], &self.arena)));
@@ -299,7 +305,11 @@ impl Rig {
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
         let queue_per_px = self.queue.per_px();
-        self.cameras.iter().map(|c| permutation(c, self.options, policy, texels, queue_per_px)).collect()
+        let rests = self.rest.rests();
+        self.cameras
+            .iter()
+            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests))
+            .collect()
     }
 
     /// Every kernel that the rig has compiled, by stage.
@@ -337,11 +347,7 @@ impl Rig {
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
-        let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
-        for p in permutations {
-            specialised.need(code, bindings, *policy, p, !whole)?;
-        }
-        kernels.need(*policy, &self.cameras, code, bindings, permutations)?;
+        self.need_kernels(permutations, whole)?;
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
@@ -350,12 +356,26 @@ impl Rig {
         Ok(())
     }
 
+    /// Compiles the kernels of these permutations that are missing, for a whole tick or (`whole` false) the part that runs
+    /// again.
+    pub(super) fn need_kernels(
+        &mut self,
+        permutations: &[Permutation],
+        whole: bool,
+    ) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
+        for p in permutations {
+            specialised.need(code, bindings, *policy, p, !whole)?;
+        }
+        kernels.need(*policy, &self.cameras, code, bindings, permutations)
+    }
+
     fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
         let recording = self.recording();
         if whole { &mut recording.tick_for } else { &mut recording.retry_for }
     }
 
-    fn groups(&self, permutations: &[Permutation], order: &[usize]) -> Vec<Group> {
+    pub(super) fn groups(&self, permutations: &[Permutation], order: &[usize]) -> Vec<Group> {
         let mut groups: Vec<Group> = Vec::new();
         for (position, &camera) in order.iter().enumerate() {
             let tiles = self.cameras[camera].place.tiles;
@@ -436,6 +456,20 @@ pub(super) fn order(permutations: &[Permutation]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..permutations.len()).collect();
     order.sort_by_key(|&camera| permutations.iter().position(|p| *p == permutations[camera]));
     order
+}
+
+/// Records `cross` for the cameras whose pixels rest, which have [`layout::FrameKind::CatchUp`] in their rows.
+pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[Group]) {
+    let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
+    for group in groups.iter().filter(|group| group.permutation.cross.pixels_rest) {
+        // The first kernel catches up all tiles.
+        let cross = group.permutation.cross(*policy, false).swap_remove(0);
+        let push = Push { first_camera: group.first, ..Push::default() };
+        let extent = [group.tiles * policy.cross_groups(false), group.count, 1];
+        // SAFETY: the commands are submitted and waited for before anything else uses the rig's handles. The kernel stays
+        // within what the table gives each camera.
+        unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
+    }
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
