@@ -48,8 +48,8 @@ uvec2 corner;
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
 
-// Pixel of the sub-tile that this thread takes.
-uint place();
+// Pixel that a thread takes, row by row from the corner of its sub-tile.
+uint place_of(uint thread);
 
 #ifdef PHYSICAL
 #include "pixel_physical.glsl"
@@ -227,7 +227,8 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
 
 // This thread's pixel.
 uvec2 sub_tile_pixel() {
-    return corner + uvec2(place() % TILE_WIDTH_PX, place() / TILE_WIDTH_PX);
+    const uint place = place_of(gl_LocalInvocationID.x);
+    return corner + uvec2(place % TILE_WIDTH_PX, place / TILE_WIDTH_PX);
 }
 
 // Whether this thread does the counting for its block.
@@ -249,11 +250,10 @@ void read_pixel(Camera cam, uvec2 at, out PixelState before, out Source s) {
 #include "pixel_log_rest.glsl"
 #endif
 
-// Which pixels are awake, as the threads of the workgroup tell each other: begins with none, notes those of this thread,
-// tells whether there are any. What `awake` means is up to the including file; 0 is none.
+// Which pixels are awake, as the threads of the workgroup tell each other: begins with none, notes those of this thread.
+// What `awake` means is up to the including file; 0 is none.
 void begin_awake();
 void note_awake(uint awake);
-bool any_awake();
 
 // The tile's blocks, as this thread addresses them.
 struct TileBlocks {
@@ -376,11 +376,11 @@ uint substeps_of_block(Camera cam, TileBlocks tile) {
             cam, uintBitsToFloat(neighbourhood_motion[tile.in_tile]), uintBitsToFloat(own_change[tile.in_tile]));
 }
 
-// Walks the sub-tile at `corner`, whose pixels have `n` sub-steps, and scatters its events. `before` and `s` are those
+// Walks the sub-tile at `corner`, which has these rows of the tile and whose pixels have `n` sub-steps, and scatters its events. `before` and `s` are those
 // of this thread's pixel, which takes part if it is `inside`. If `counts`, this sub-tile adds its blocks' sub-steps to
 // the counters.
 void cross_sub_tile(
-    Camera cam, uint sub_tile, uint first_block, uint n, bool inside, bool counts, PixelState before, Source s
+    Camera cam, uint rows, uint first_block, uint n, bool inside, bool counts, PixelState before, Source s
 ) {
     const uint lane = gl_LocalInvocationID.x;
     const uint counter = 2u * cam.slot + cam.frame_slot;
@@ -482,17 +482,17 @@ void cross_sub_tile(
         }
     }
     if (lane == 0u) {
-        atomicOr(blocks[first_block].z, rows_of(sub_tile, 1u));
+        atomicOr(blocks[first_block].z, rows);
     }
     if (counts) {
         count_block(cam, n);
     }
 }
 
-// Passes over a sub-tile whose pixels all rest.
-void rest_sub_tile(Camera cam, uint sub_tile, uint first_block, uint n, bool counts) {
+// Passes over rows whose pixels all rest.
+void rest_rows(Camera cam, uint rows, uint first_block, uint n, bool counts) {
     if (gl_LocalInvocationID.x == 0u) {
-        atomicOr(blocks[first_block].z, rows_of(sub_tile, 1u));
+        atomicOr(blocks[first_block].z, rows);
     }
     if (counts) {
         count_block(cam, n);

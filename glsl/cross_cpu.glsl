@@ -54,8 +54,8 @@ bool is_armed(PixelState before) {
 // Sub-tiles that a workgroup takes.
 const uint OWN_SUB_TILES = WHOLE_TILES && !QUEUE_OVERFLOWED ? SUB_TILES : 1u;
 
-uint place() {
-    return gl_LocalInvocationID.x;
+uint place_of(uint thread) {
+    return thread;
 }
 
 // A bit for each row of the tile that has a pixel awake.
@@ -69,10 +69,6 @@ void note_awake(uint awake) {
     if (awake != 0u) {
         atomicOr(awake_rows, awake);
     }
-}
-
-bool any_awake() {
-    return awake_rows != 0u;
 }
 
 // Bits of the rows in which this thread's pixel is awake; `first` is its pixel of the first.
@@ -159,7 +155,7 @@ void main() {
         const uint rows = rows_of(sub_tile, 1u);
         const bool counts = sub_tile == 0u && (tile.rows_done & 1u) == 0u;
         if (resting && (awake_rows & rows) == 0u) {
-            rest_sub_tile(cam, sub_tile, tile.first_block, n, counts);
+            rest_rows(cam, rows, tile.first_block, n, counts);
         } else if (OWN_SUB_TILES == 1u || (tile.rows_done & rows) == 0u) {
             const uvec2 at = sub_tile_pixel();
             bool in_image = at.x < cam.width && at.y < cam.height;
@@ -171,7 +167,7 @@ void main() {
             }
             // A rerun's sub-tiles are larger than those of the first run, so some of their rows may be done.
             const bool row_done = QUEUE_OVERFLOWED && ((tile.rows_done >> (at.y % BLOCK_PX)) & 1u) != 0u;
-            cross_sub_tile(cam, sub_tile, tile.first_block, n, in_image && !row_done, counts, before, s);
+            cross_sub_tile(cam, rows, tile.first_block, n, in_image && !row_done, counts, before, s);
         }
         done += 1u;
     } while (done < OWN_SUB_TILES);

@@ -35,29 +35,45 @@ bool is_armed(PixelState before) {
     return before.reference != UNARMED && before.reference != ARMING;
 }
 
-// Place of this thread's pixel where pixels rest; those that are awake, packed into as few subgroups as hold them.
-uint rest_place;
+// Pixels of a still tile that are awake are packed into as few subgroups as hold them. If they are no more than a workgroup
+// has threads, the first workgroup takes those of the whole tile.
 shared uint awake_places[PIXELS_REST ? CROSS_THREADS : 1];
 shared uint awake_count;
+bool packs;
 
-uint place() {
-    return PIXELS_REST ? rest_place : gl_LocalInvocationID.x;
+uint place_of(uint thread) {
+    return PIXELS_REST && packs ? awake_places[thread] : thread;
 }
 
 void begin_awake() {
     awake_count = 0u;
 }
 
+// `awake` has a bit for each sub-tile, for the pixel in it that has the place of this thread.
 void note_awake(uint awake) {
-    if (awake != 0u) {
-        uint position;
-        INCREMENT(awake_count, position);
-        awake_places[position] = gl_LocalInvocationID.x;
+    for (uint sub_tile = 0u; sub_tile < SUB_TILES; ++sub_tile) {
+        if (((awake >> sub_tile) & 1u) != 0u) {
+            uint position;
+            INCREMENT(awake_count, position);
+            if (position < CROSS_THREADS) {
+                awake_places[position] = sub_tile * CROSS_THREADS + gl_LocalInvocationID.x;
+            }
+        }
     }
 }
 
-bool any_awake() {
-    return awake_count != 0u;
+// Which of the tile's pixels with the place of this thread are awake; `first` is that of the first sub-tile.
+uint find_awake(Camera cam, uvec2 first) {
+    const Rest rest = rests[cam.slot];
+    uint awake = 0u;
+    for (uint sub_tile = 0u; sub_tile < SUB_TILES; ++sub_tile) {
+        const uvec2 at = first + uvec2(0u, sub_tile * SUB_TILE_ROWS);
+        if (at.x < cam.width && at.y < cam.height
+            && is_awake(cam, rest, load_state(cam, at.y * cam.width + at.x, STATE_REST))) {
+            awake |= 1u << sub_tile;
+        }
+    }
+    return awake;
 }
 
 void main() {
@@ -71,7 +87,7 @@ void main() {
     }
     const Camera cam = cameras[index];
     corner = tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, sub_tile * SUB_TILE_ROWS);
-    rest_place = gl_LocalInvocationID.x;
+    packs = false;
     uvec2 at = sub_tile_pixel();
     bool inside = at.x < cam.width && at.y < cam.height;
     if (catches_up) {
@@ -88,27 +104,34 @@ void main() {
     PixelState before;
     Source s;
     uint awake = 0u;
-    if (PIXELS_REST && inside) {
-        const uint word = load_state(cam, at.y * cam.width + at.x, STATE_REST);
-        awake = uint(is_awake(cam, rests[cam.slot], word));
+    if (PIXELS_REST) {
+        awake = find_awake(cam, at - uvec2(0u, sub_tile * SUB_TILE_ROWS));
     }
     if (inside && !LOOKS_FIRST) {
         // Every tile is walked, so these loads are issued together with those of the blocks and share their latency.
         read_pixel(cam, at, before, s);
     }
     load_activity(cam, tile, awake);
-    if (skip_sub_tiles(cam, tile, sub_tile, rows_of(sub_tile, 1u))) {
+    uint rows = rows_of(sub_tile, 1u);
+    if (skip_sub_tiles(cam, tile, sub_tile, rows)) {
         return;
     }
     const uint n = substeps_of_block(cam, tile);
     if (is_still() && rests[cam.slot].mode == REST_ALLOWED) {
-        if (!any_awake()) {
-            rest_sub_tile(cam, sub_tile, tile.first_block, n, sub_tile == 0u);
-            return;
+        packs = awake_count <= CROSS_THREADS;
+        if (packs) {
+            rows = rows_of(0u, SUB_TILES);
+            if (sub_tile == 0u && awake_count == 0u) {
+                rest_rows(cam, rows, tile.first_block, n, true);
+            }
+            if (sub_tile != 0u || awake_count == 0u) {
+                return;
+            }
+            inside = gl_LocalInvocationID.x < awake_count;
+            at = sub_tile_pixel();
+        } else {
+            inside = ((awake >> sub_tile) & 1u) != 0u;
         }
-        inside = gl_LocalInvocationID.x < awake_count;
-        rest_place = awake_places[inside ? gl_LocalInvocationID.x : 0u];
-        at = sub_tile_pixel();
     }
     if (RIGID) {
         list_candidates(cam);
@@ -119,5 +142,5 @@ void main() {
     if (inside && LOOKS_FIRST) {
         read_pixel(cam, at, before, s);
     }
-    cross_sub_tile(cam, sub_tile, tile.first_block, n, inside, sub_tile == 0u, before, s);
+    cross_sub_tile(cam, rows, tile.first_block, n, inside, sub_tile == 0u, before, s);
 }

@@ -20,8 +20,9 @@ void pass_intervals(Camera cam, uvec2 counts, uvec2 lengths_ns, int level, inout
 // units of wakes.
 uint rest_units(Camera cam, PixelState p, int level);
 
-// Longest rest: units, so that wakes compare modulo 2^16 with the ends of later intervals; and intervals, so that counts do.
-const float LONGEST_REST = 16000.0;
+// Longest rest: units, so that wakes compare modulo 2^16 with the ends of intervals up to a second later (an interval is no
+// longer); and intervals, so that counts do.
+const float LONGEST_REST = 28000.0;
 const uint MOST_INTERVALS = 250u;
 
 // End of the interval in units of wakes.
@@ -35,11 +36,12 @@ uvec2 intervals_since(Rest rest, uint word) {
     return uvec2((rest.counts - (word >> 16)) & 0xffu, ((rest.counts >> 8) - (word >> 24)) & 0xffu);
 }
 
-// Whether a pixel has to be walked though its light is still.
+// Whether a pixel has to be walked though its light is still. One that an earlier attempt at this tick or another workgroup
+// has just walked had to be.
 bool is_awake(Camera cam, Rest rest, uint word) {
     const uvec2 since = intervals_since(rest, word);
     const int left = int((word - end_units(cam)) << 16);
-    return rest.mode != REST_ALLOWED || left <= 0 || since.x + since.y >= MOST_INTERVALS;
+    return rest.mode != REST_ALLOWED || word >> 16 == rest.counts >> 16 || left <= 0 || since.x + since.y >= MOST_INTERVALS;
 }
 
 // The word of a pixel that is walked in this interval and rests for so many units after its end.
