@@ -226,10 +226,10 @@ fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
     }
 }
 
-/// The kernel of `sort` for a rig with `bins` bins in all. `has_bus`: whether a camera has a bus.
-pub(super) fn sort(policy: KernelPolicy, bins: u32, has_bus: bool) -> Specialised {
+/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus.
+pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool) -> Specialised {
     let constants = SortConstants {
-        group_bins: policy.group_bins_of(bins),
+        group_bins,
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,

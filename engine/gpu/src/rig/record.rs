@@ -34,9 +34,9 @@ fn striding_groups(rig: &Rig) -> u32 {
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
 
-/// Number of bins over all cameras.
-fn all_bins(cameras: &[CameraState]) -> u32 {
-    cameras.iter().map(|c| c.place.bin_count).sum()
+/// Bins that a workgroup of `sort` takes.
+fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
+    policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
@@ -73,7 +73,7 @@ impl Kernels {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
-            sort: code.kernel(bindings, &sort(policy, all_bins(cameras), false))?,
+            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
             forms: HashMap::new(),
@@ -99,7 +99,7 @@ impl Kernels {
                     true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
+                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true))?,
             });
         }
         Ok(())
@@ -337,7 +337,8 @@ impl Rig {
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
         let bus = &self.pipelines.kernels.bus;
         for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
-            let sort = sort(self.pipelines.policy, all_bins(&self.cameras), *has_bus);
+            let sort =
+                sort(self.pipelines.policy, group_bins(self.pipelines.policy, &self.cameras), *has_bus);
             all.push((sort.kernel.0, sort.constants));
         }
         all.sort();
@@ -405,7 +406,7 @@ impl Rig {
     /// Workgroups of `sort` for each camera.
     fn bin_groups(&self) -> u32 {
         let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
-        bins.div_ceil(self.pipelines.policy.group_bins_of(all_bins(&self.cameras)))
+        bins.div_ceil(group_bins(self.pipelines.policy, &self.cameras))
     }
 
     /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.

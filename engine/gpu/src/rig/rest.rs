@@ -12,15 +12,17 @@ use crate::policy::Resting;
 use esaac_layout::{self as layout, Counters, FrameKind, Rest, RestMode};
 use esaac_model::{Pixel, SensorModel};
 
-/// What a tile costs whose pixels may rest, in walks of a tile: one that is not still, and one that is, besides its
-/// pixels that are awake.
-const RESTLESS_COST: f64 = 1.1;
-const STILL_COST: f64 = 0.4;
+/// What a tile costs whose pixels may rest, in walks of a tile of which none may: one that is not still; and one that is,
+/// what it costs more if any pixel is awake, and what it costs more if all are.
+const RESTLESS_COST: f64 = 1.06;
+const STILL_COST: f64 = 0.33;
+const ANY_AWAKE_COST: f64 = 0.6;
+const ALL_AWAKE_COST: f64 = 0.6;
 
 /// Pixels begin to rest if a tick would have cost less than this share of what it costs with all pixels walked, and stop
 /// if it would have cost more than that.
-const BEGIN_SHARE: f64 = 0.8;
-const STOP_SHARE: f64 = 0.9;
+const BEGIN_SHARE: f64 = 0.9;
+const STOP_SHARE: f64 = 0.95;
 
 /// Pixels begin or stop to rest once so many ticks in a row speak for it.
 const TICKS: u32 = 8;
@@ -99,13 +101,19 @@ pub(super) struct RestLoad {
     /// Blocks whose pixels can rest, and those of them that were still.
     blocks: f64,
     still_blocks: f64,
-    /// Still blocks that would have been walked for pixels that are awake, if all others rested.
-    awake_blocks: f64,
+    /// What these would have cost with pixels at rest.
+    still_cost: f64,
+}
+
+/// What a still tile costs, of whose pixels each has so many events of noise on average. Work is spared where so many
+/// pixels `together` are at rest.
+fn still_cost(events_per_px: f64, together: u32) -> f64 {
+    let awake = |pixels: f64| 1.0 - (-events_per_px * pixels).exp();
+    STILL_COST + ANY_AWAKE_COST * awake(f64::from(together)) + ALL_AWAKE_COST * awake(1.0)
 }
 
 impl RestLoad {
-    /// The load of all cameras that took part in a tick. `together`: how many pixels have to rest for one to be passed
-    /// over.
+    /// The load of all cameras that took part in a tick. `together`: see [`still_cost`].
     pub(super) fn of(cameras: &[CameraState], end: &TickEnd, together: u32) -> Self {
         let mut load = RestLoad::default();
         for (camera, counters) in cameras.iter().zip(&end.counters) {
@@ -114,10 +122,9 @@ impl RestLoad {
             if can_rest(sensor) {
                 let rate_hz = sensor.leak_rate_hz + sensor.shot_noise_rate_hz;
                 let events_per_px = rate_hz * f64::from(camera.last_interval_ns) * 1e-9;
-                let asleep = (-events_per_px * f64::from(together)).exp();
                 load.blocks += f64::from(camera.place.blocks);
                 load.still_blocks += f64::from(still_blocks);
-                load.awake_blocks += f64::from(still_blocks) * (1.0 - asleep);
+                load.still_cost += f64::from(still_blocks) * still_cost(events_per_px, together);
             }
         }
         load
@@ -125,8 +132,7 @@ impl RestLoad {
 
     /// The cost with pixels at rest, as a share of that with all pixels walked.
     fn cost_share(self) -> f64 {
-        let still = STILL_COST * self.still_blocks + (1.0 - STILL_COST) * self.awake_blocks;
-        ((self.blocks - self.still_blocks) * RESTLESS_COST + still) / self.blocks
+        ((self.blocks - self.still_blocks) * RESTLESS_COST + self.still_cost) / self.blocks
     }
 }
 
@@ -236,8 +242,9 @@ mod tests {
         assert_eq!(passed, PassedIntervals { lengths_ns: [MS, 0], counts: [1, 0] });
     }
 
-    fn load(still: f64, awake: f64) -> RestLoad {
-        RestLoad { blocks: 100.0, still_blocks: still, awake_blocks: awake * still }
+    /// Of 100 blocks so many are still; each pixel has so many events of noise.
+    fn load(still: f64, events_per_px: f64) -> RestLoad {
+        RestLoad { blocks: 100.0, still_blocks: still, still_cost: still * still_cost(events_per_px, 256) }
     }
 
     /// Whether pixels rest after each of `ticks` ticks.
@@ -253,23 +260,23 @@ mod tests {
     #[test]
     fn pixels_rest_after_a_still_time_and_stop_when_much_moves() {
         let mut choice = RestChoice::new(Resting::WherePaid);
-        let begun = choices(&mut choice, load(100.0, 0.1), TICKS);
+        let begun = choices(&mut choice, load(100.0, 0.002), TICKS);
         assert_eq!(begun.iter().filter(|&&rests| rests).count(), 1, "only the last of {TICKS} ticks");
-        let stopped = choices(&mut choice, load(10.0, 0.1), TICKS);
+        let stopped = choices(&mut choice, load(10.0, 0.002), TICKS);
         assert_eq!(stopped.iter().filter(|&&rests| !rests).count(), 1);
         // What moves now and then, or what is nearly as costly, changes nothing.
         for _ in 0..TICKS {
-            choice.follow(load(100.0, 0.1), Resting::WherePaid);
+            choice.follow(load(100.0, 0.002), Resting::WherePaid);
             choice.follow(load(0.0, 0.0), Resting::WherePaid);
             assert!(!choice.rests());
         }
-        assert!(choices(&mut choice, load(40.0, 0.5), 100).iter().all(|rests| !rests));
+        assert!(choices(&mut choice, load(40.0, 0.002), 100).iter().all(|rests| !rests));
     }
 
     #[test]
     fn noise_that_wakes_most_pixels_is_walked() {
         let mut choice = RestChoice::new(Resting::WherePaid);
-        assert!(choices(&mut choice, load(100.0, 0.9), 100).iter().all(|rests| !rests));
+        assert!(choices(&mut choice, load(100.0, 0.15), 100).iter().all(|rests| !rests));
     }
 
     #[test]
