@@ -87,7 +87,7 @@ impl KernelPolicy {
             native_division: true,
             group_bins: 8,
             group_bins_of_many: 16,
-            group_bins_of_small: 32,
+            group_bins_of_small: 64,
             many_bins: 1 << 13,
             readout_threads: READOUT_THREADS,
             readout_rounds: u32::MAX,
