@@ -270,7 +270,7 @@ mod tests {
             choice.follow(load(0.0, 0.0), Resting::WherePaid);
             assert!(!choice.rests());
         }
-        assert!(choices(&mut choice, load(40.0, 0.002), 100).iter().all(|rests| !rests));
+        assert!(choices(&mut choice, load(25.0, 0.002), 100).iter().all(|rests| !rests));
     }
 
     #[test]
