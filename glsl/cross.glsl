@@ -16,12 +16,18 @@
 // the physical pixel), frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that
 // are declared here without a body.
 
-// Whether a tile without motion and change can be skipped. A physical pixel moves on after the light has come to rest.
+// Whether a tile without motion and change can be skipped; or only such pixels of it as rest, in a permutation that lets
+// them rest. A physical pixel moves on after the light has come to rest.
 #ifdef PHYSICAL
 const bool SKIPS_STILL_TILES = false;
+const bool MAY_REST = false;
 #else
 const bool SKIPS_STILL_TILES = !EFFECT_LEAK && !EFFECT_SHOT && !EFFECT_APS && !EFFECT_FLICKER && !DUMP_SAMPLES;
+const bool MAY_REST = (EFFECT_LEAK || EFFECT_SHOT) && !EFFECT_APS && !EFFECT_FLICKER && !DUMP_SAMPLES;
 #endif
+
+// Whether it is found out first if a tile is still; else pixels are read at once.
+const bool LOOKS_FIRST = SKIPS_STILL_TILES || PIXELS_REST;
 
 // Whether sub-steps may be read along a pixel's motion: by synthesis `rigid` where a pixel has no path.
 const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
@@ -53,6 +59,9 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
 
+// Pixel that a thread takes, row by row from the corner of its sub-tile.
+uint place_of(uint thread);
+
 #ifdef PHYSICAL
 #include "pixel_physical.glsl"
 #else
@@ -70,10 +79,6 @@ uint queued_time_ns(uint position, uint tag);
 
 // Whether a pixel has had a valid colour, and is armed since an earlier interval.
 bool is_armed(PixelState before);
-
-void clear_queue() {
-    queue_count = 0u;
-}
 
 // Bits of the rows of some sub-tiles.
 uint rows_of(uint first_sub_tile, uint sub_tiles) {
@@ -144,11 +149,58 @@ void read_pixel(Camera cam, uvec2 at, out PixelState before, out Source s) {
     s = read_source(cam, at);
 }
 
-// Whether the workgroup's sub-tiles need no walk: an earlier attempt at this tick did them, or the tile `is_still`:
-// nothing in and around it moves or changes.
-bool skip_sub_tiles(Camera cam, TileBlocks tile, uint first_sub_tile, uint own_rows, bool is_still) {
+#include "resting.glsl"
+#ifdef PHYSICAL
+#include "pixel_never_rests.glsl"
+#else
+#include "pixel_log_rest.glsl"
+#endif
+
+// Which pixels are awake, as the threads of the workgroup tell each other: begins with none, notes those of this thread.
+// What `awake` means is up to the including file; 0 is none.
+void begin_awake();
+void note_awake(uint awake);
+
+// This thread's pixels that are awake, if pixels rest; whether nothing in and around the tile moves or changes, and in and
+// around this thread's block, if that is looked for.
+uint own_awake = 0u;
+bool still_tile = false;
+bool still_block = false;
+
+void begin_tile() {
+    queue_count = 0u;
+    if (PIXELS_REST) {
+        begin_awake();
+    }
+}
+
+void note_own() {
+    if (PIXELS_REST) {
+        note_awake(own_awake);
+    }
+}
+
+// Whether the tile is still, so that its pixels may rest.
+bool may_rest() {
+    return PIXELS_REST && still_tile;
+}
+
+// Counts the sub-steps of this thread's block, and whether it is still; called once in a tick for each tile.
+void count_block(Camera cam, uint n) {
+    const uint counter = 2u * cam.slot + cam.frame_slot;
+    if (counts_block(cam)) {
+        atomicAdd(counters[counter].substeps, n);
+        if (MAY_REST && still_block) {
+            atomicAdd(counters[counter].still_blocks, 1u);
+        }
+    }
+}
+
+// Whether the workgroup's sub-tiles need no walk: an earlier attempt at this tick did them, or the tile is still and is
+// skipped.
+bool skip_sub_tiles(Camera cam, TileBlocks tile, uint first_sub_tile, uint own_rows) {
     bool skips = (tile.rows_done & own_rows) == own_rows;
-    if (!skips && is_still) {
+    if (!skips && still_tile && skips_still(cam)) {
         if (gl_LocalInvocationID.x == 0u) {
             atomicOr(blocks[tile.first_block].z, own_rows);
         }
@@ -161,11 +213,12 @@ bool skip_sub_tiles(Camera cam, TileBlocks tile, uint first_sub_tile, uint own_r
     return skips;
 }
 
-// Walks the sub-tile at `corner`, whose pixels have `n` sub-steps, and scatters its events. `before` and `s` are those
+// Walks the sub-tile at `corner`, which has these rows of the tile and whose pixels have `n` sub-steps, and scatters its
+// events. `before` and `s` are those
 // of this thread's pixel, which takes part if it is `inside`. If `counts`, this sub-tile adds its blocks' sub-steps to
 // the counters.
 void cross_sub_tile(
-    Camera cam, uint sub_tile, uint first_block, uint n, bool inside, bool counts, PixelState before, Source s
+    Camera cam, uint rows, uint first_block, uint n, bool inside, bool counts, PixelState before, Source s
 ) {
     const uint lane = gl_LocalInvocationID.x;
     const uint counter = 2u * cam.slot + cam.frame_slot;
@@ -175,6 +228,14 @@ void cross_sub_tile(
     if (inside) {
         active_pixel = is_armed(before);
         prepare_source(cam, s, n, (at.x - corner.x) / BLOCK_PX);
+    }
+
+    Rest rest;
+    if (PIXELS_REST && inside) {
+        rest = rests[cam.slot];
+        if (active_pixel) {
+            catch_up(cam, rest, load_state(cam, pixel, STATE_REST), to_q24(s.log_previous), before);
+        }
     }
 
     PixelState p = before;
@@ -228,6 +289,10 @@ void cross_sub_tile(
         }
     }
     if (inside) {
+        if (PIXELS_REST) {
+            const uint units = active_pixel && may_rest() ? rest_units(cam, p, to_q24(s.log_current)) : 0u;
+            store_state(cam, pixel, STATE_REST, rest_word(cam, rest, units));
+        }
         if (active_pixel) {
             store_pixel(cam, pixel, p);
         } else if (before.reference == ARMING) {
@@ -245,9 +310,19 @@ void cross_sub_tile(
         }
     }
     if (lane == 0u) {
-        atomicOr(blocks[first_block].z, rows_of(sub_tile, 1u));
+        atomicOr(blocks[first_block].z, rows);
     }
-    if (counts && counts_block(cam)) {
-        atomicAdd(counters[counter].substeps, n);
+    if (counts) {
+        count_block(cam, n);
+    }
+}
+
+// Passes over rows whose pixels all rest.
+void rest_rows(Camera cam, uint rows, uint first_block, uint n, bool counts) {
+    if (gl_LocalInvocationID.x == 0u) {
+        atomicOr(blocks[first_block].z, rows);
+    }
+    if (counts) {
+        count_block(cam, n);
     }
 }

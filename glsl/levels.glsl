@@ -7,10 +7,12 @@
 
 const uint ROW_WORDS = uint(BLOCK_PX) * uint(BLOCK_PX);
 
-// A tile's element of `level_words` has a word for each block: its first row and, below, its number of sub-steps. All are 0
-// for a tile that is still.
-const uint ROW_SHIFT = 6u;
+// A tile's element of `level_words` has a word for each block: its number of sub-steps, its first row above that, and in
+// the highest bit whether nothing in and around it moves or changes.
+const uint ROW_SHIFT = 7u;
 const uint SUBSTEPS_MASK = (1u << ROW_SHIFT) - 1u;
+const uint STILL_BLOCK = 0x80000000u;
+const uint ROW_MASK = STILL_BLOCK - (1u << ROW_SHIFT);
 // In all four: the tile has found no room yet; it had some in an earlier pass of this tick.
 const uint NO_LEVELS = 0xffffffffu;
 const uint HAD_LEVELS = 0xfffffffeu;
@@ -29,11 +31,15 @@ bool has_levels(uvec4 of_tile) {
 }
 
 bool is_still_tile(uvec4 of_tile) {
-    return of_tile.x == 0u;
+    return (of_tile.x & of_tile.y & of_tile.z & of_tile.w & STILL_BLOCK) != 0u;
 }
 
 uint substeps_of_levels(uint of_block) {
     return of_block & SUBSTEPS_MASK;
+}
+
+uint row_of_levels(uint of_block) {
+    return (of_block & ROW_MASK) >> ROW_SHIFT;
 }
 
 // A pixel's place in a row.
@@ -43,7 +49,7 @@ uint place_in_row(uvec2 at) {
 
 // Word of a pixel in the first row of its block.
 uint first_level_word(uint of_block, uvec2 at) {
-    return (of_block >> ROW_SHIFT) * ROW_WORDS + place_in_row(at);
+    return row_of_levels(of_block) * ROW_WORDS + place_in_row(at);
 }
 
 // Words of a layer in a list: its place, its slopes, its vector before.

@@ -120,7 +120,7 @@ void main() {
         const uvec2 at = uvec2(entry.y % cam.blocks_x, entry.y / cam.blocks_x) * BLOCK_PX
             + uvec2(place % BLOCK_PX, place / BLOCK_PX);
         barrier();
-        load_list(cam, (entry.z >> ROW_SHIFT) + substeps_of_levels(entry.z));
+        load_list(cam, row_of_levels(entry.z) + substeps_of_levels(entry.z));
         barrier();
         if (at.x < cam.width && at.y < cam.height) {
             synthesize_entry(cam, at, entry);

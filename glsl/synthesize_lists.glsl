@@ -20,6 +20,7 @@ BUFFER(, SLOT_LEVEL_WORDS, uvec4, level_words);
 BUFFER(, SLOT_LEVEL_ENTRIES, uvec4, level_entries);
 
 const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
+const bool LOOKS_FIRST = SKIPS_STILL_TILES;
 #define LIST_BLOCKS TILE_BLOCKS
 
 #include "frame_load_by_address.glsl"
@@ -35,11 +36,18 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "layers.glsl"
 #include "layer_lists.glsl"
 
-void clear_queue() {}
+uint place_of(uint thread) {
+    return thread;
+}
 
-// Sub-steps of each block of the tile, 0 beyond the image; the word of each in `level_words`; the pass's first entry of
+void begin_tile() {}
+
+void note_own() {}
+
+// Sub-steps of each block of the tile, 0 beyond the image; STILL_BLOCK of those that are still, and of those beyond it; the word of each in `level_words`; the pass's first entry of
 // the tile; whether the tile has room.
 shared uint block_substeps[TILE_BLOCKS];
+shared uint block_stillness[TILE_BLOCKS];
 shared uint block_words[TILE_BLOCKS];
 shared uint first_entry;
 shared bool has_room;
@@ -64,7 +72,7 @@ void take_room() {
     has_room = row + rows <= uint(levels.length()) / ROW_WORDS;
     first_entry = rows == 0u || !has_room ? 0u : atomicAdd(level_entries[push.level].x, entries);
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
-        block_words[b] = has_room ? (row << ROW_SHIFT) | block_substeps[b] : NO_LEVELS;
+        block_words[b] = has_room ? block_stillness[b] | (row << ROW_SHIFT) | block_substeps[b] : NO_LEVELS;
         row += rows_of_substeps(block_substeps[b]);
     }
 }
@@ -127,7 +135,7 @@ void write_lists() {
     const uint b = lane / ROW_WORDS;
     const uint place = lane % ROW_WORDS;
     if (block_substeps[b] > 1u) {
-        const uint row = (block_words[b] >> ROW_SHIFT) + block_substeps[b];
+        const uint row = row_of_levels(block_words[b]) + block_substeps[b];
         levels[row * ROW_WORDS + place] = list_word(b, place);
     }
 }
@@ -159,14 +167,16 @@ void main() {
         return;
     }
     load_activity(cam, tile);
-    if (is_still(cam)) {
+    if (is_still_tile() && skips_still(cam)) {
         if (lane == 0u) {
-            level_words[tile_number] = uvec4(0u);
+            level_words[tile_number] = uvec4(STILL_BLOCK | 1u);
         }
         return;
     }
     if (lane < TILE_WIDTH_PX && lane % BLOCK_PX == 0u) {
-        block_substeps[tile.in_tile] = has_block(cam, tile.in_tile) ? substeps_of_block(cam, tile) : 1u;
+        const bool in_image = has_block(cam, tile.in_tile);
+        block_substeps[tile.in_tile] = in_image ? substeps_of_block(cam, tile) : 1u;
+        block_stillness[tile.in_tile] = !in_image || is_still_block(tile) ? STILL_BLOCK : 0u;
     }
     barrier();
     if (lane == 0u) {

@@ -2,8 +2,9 @@
 // lists of `synthesize`. Called by whole workgroups, whose threads are the pixels of some rows of a tile.
 //
 // The including file provides, before this one: RIGID and LAYERED (whether surfaces are followed along exact paths, or
-// told apart by motion vectors), SKIPS_STILL_TILES, FOLLOWS_MOTION, surfaces.glsl, block_pairs.glsl and the buffers
-// `blocks`, `passing` and `meetings`; after it: `clear_queue`.
+// told apart by motion vectors), SKIPS_STILL_TILES, LOOKS_FIRST (whether it is found out if a tile is still),
+// FOLLOWS_MOTION, surfaces.glsl, block_pairs.glsl and the buffers `blocks`, `passing` and `meetings`; after it: the functions
+// that are declared here without a body.
 
 // Rows of a sub-tile, and sub-tiles of a tile.
 const uint SUB_TILE_ROWS = gl_WorkGroupSize.x / TILE_WIDTH_PX;
@@ -12,14 +13,18 @@ const uint SUB_TILES = uint(BLOCK_PX) / SUB_TILE_ROWS;
 // Largest motion in each block of the tile and the blocks around it, and the block's own change.
 shared uint neighbourhood_motion[TILE_BLOCKS];
 shared uint own_change[TILE_BLOCKS];
-// All bits of both together, gathered only where still tiles are skipped.
+// All bits of both together, gathered only where still tiles are looked for.
 shared uint any_activity;
 
 // First pixel of the sub-tile.
 uvec2 corner;
 
-// Empties what the workgroup fills later; called by its first thread.
-void clear_queue();
+// Pixel that a thread takes, row by row from `corner`.
+uint place_of(uint thread);
+
+// Empties what the workgroup fills later; called by its first thread. Then every thread notes what it knows.
+void begin_tile();
+void note_own();
 
 // Block of the tile's `b`th block.
 uvec2 tile_block(uint b) {
@@ -59,7 +64,8 @@ bool motions_meet(Camera cam) {
 
 // This thread's pixel.
 uvec2 sub_tile_pixel() {
-    return corner + uvec2(gl_LocalInvocationID.x % TILE_WIDTH_PX, gl_LocalInvocationID.x / TILE_WIDTH_PX);
+    const uint place = place_of(gl_LocalInvocationID.x);
+    return corner + uvec2(place % TILE_WIDTH_PX, place / TILE_WIDTH_PX);
 }
 
 // Whether this thread does the counting for its block.
@@ -95,10 +101,11 @@ void load_activity(Camera cam, TileBlocks tile) {
         own_change[lane] = 0u;
     }
     if (lane == 0u) {
-        clear_queue();
+        begin_tile();
         any_activity = 0u;
     }
     barrier();
+    note_own();
     // Nine blocks around each of four, in both frames.
     const uint loads = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) ? 18u * TILE_BLOCKS : 0u;
     for (uint load = lane; load < loads; load += gl_WorkGroupSize.x) {
@@ -112,7 +119,7 @@ void load_activity(Camera cam, TileBlocks tile) {
             const uint motion_bits =
                 blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)].x;
             atomicMax(neighbourhood_motion[which_block], motion_bits);
-            if (SKIPS_STILL_TILES) {
+            if (LOOKS_FIRST) {
                 atomicOr(any_activity, motion_bits);
             }
         }
@@ -120,21 +127,21 @@ void load_activity(Camera cam, TileBlocks tile) {
     if (RIGID && lane < TILE_BLOCKS) {
         const uint passing_bits = passing_motion(cam, lane);
         atomicMax(neighbourhood_motion[lane], passing_bits);
-        if (SKIPS_STILL_TILES) {
+        if (LOOKS_FIRST) {
             atomicOr(any_activity, passing_bits);
         }
     }
     if (LAYERED && lane < TILE_BLOCKS) {
         const uint meeting_bits = meeting_motion(cam, lane);
         atomicMax(neighbourhood_motion[lane], meeting_bits);
-        if (SKIPS_STILL_TILES) {
+        if (LOOKS_FIRST) {
             atomicOr(any_activity, meeting_bits);
         }
     }
     if (counts_block(cam)) {
         const uint change_bits = blocks[tile.own_block].y;
         own_change[tile.in_tile] = change_bits;
-        if (SKIPS_STILL_TILES) {
+        if (LOOKS_FIRST) {
             atomicOr(any_activity, change_bits);
         }
     }
@@ -149,7 +156,16 @@ uint substeps_of_block(Camera cam, TileBlocks tile) {
             cam, uintBitsToFloat(neighbourhood_motion[tile.in_tile]), uintBitsToFloat(own_change[tile.in_tile]));
 }
 
-// Whether nothing in and around the tile moves or changes, so that it can be skipped.
-bool is_still(Camera cam) {
-    return SKIPS_STILL_TILES && any_activity == 0u && cam.no_skip == 0u;
+// Whether nothing in and around the tile moves or changes, as far as that is looked for; and the thread's own block.
+bool is_still_tile() {
+    return LOOKS_FIRST && any_activity == 0u;
+}
+
+bool is_still_block(TileBlocks tile) {
+    return (neighbourhood_motion[tile.in_tile] | own_change[tile.in_tile]) == 0u;
+}
+
+// Whether a tile, if it is still, can be skipped.
+bool skips_still(Camera cam) {
+    return SKIPS_STILL_TILES && cam.no_skip == 0u;
 }

@@ -223,6 +223,8 @@ spec_constants! {
     /// Most surfaces that a pixel may show between two frames. If more than one, tiles where motions meet are left to
     /// kernels of their own.
     layers: u32,
+    /// Whether pixels in still light are passed over until their noise may send something.
+    pixels_rest: bool,
 }
 
 spec_constants! {
@@ -300,8 +302,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..16).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [16, 17, 18, 19]);
+        assert_eq!(ids(CrossConstants::LIST), (0..17).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [17, 18, 19, 20]);
     }
 
     #[test]

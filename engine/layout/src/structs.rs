@@ -272,6 +272,21 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// What a camera's pixels at rest know of past intervals: a row of the table of rests, in the camera's `slot`.
+    Rest {
+        /// A [`RestMode`].
+        mode: u32,
+        /// How often intervals had the first length, modulo 2^8, and 8 bits above it the second; before this interval,
+        /// and 16 bits above it with this interval.
+        counts: u32,
+        /// The first length.
+        first_ns: u32,
+        /// The second length.
+        second_ns: u32,
+    }
+}
+
+gpu_struct! {
     /// Counters of a camera or its outlet in one tick; two sets, used in turn.
     Counters {
         /// Events emitted, whether they fit or not.
@@ -292,6 +307,8 @@ gpu_struct! {
         skipped_blocks: u32,
         /// Sub-steps, summed over blocks.
         substeps: u32,
+        /// Blocks in and around which nothing moves or changes, of those whose pixels may rest.
+        still_blocks: u32,
         /// Sub-tiles with more events than the event queue holds; `cross` runs them again without it.
         queue_overflows: u32,
         /// Sub-tiles for whose levels there was no room; they run again.
@@ -401,4 +418,18 @@ pub enum FrameKind {
     First = 1,
     /// A frame that ends an interval.
     Interval = 2,
+    /// No frame: pixels that rest are brought up to date.
+    CatchUp = 3,
+}
+
+/// What the words of rest of a camera's pixels are good for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum RestMode {
+    /// Nothing: each pixel was walked in the last interval.
+    Unknown = 0,
+    /// They tell how many intervals each pixel has passed over, and all pixels are walked now.
+    Ends = 1,
+    /// They tell that, and which pixels are passed over now if their light is still.
+    Allowed = 2,
 }

@@ -242,6 +242,7 @@ mod tests {
         unarmed_pixels: 0,
         skipped_blocks: 0,
         substeps: 0,
+        still_blocks: 0,
         queue_overflows: 0,
         without_levels: 0,
         largest_bin: 0,

@@ -44,13 +44,14 @@ pub(super) struct Permutation {
 }
 
 /// The permutation that a camera needs; code of effects that are off is left out. `texels`: whether the texel views
-/// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues.
+/// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues. `rests`: whether pixels rest that can.
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
     policy: KernelPolicy,
     texels: bool,
     queue_per_px: u32,
+    rests: bool,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
     // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
@@ -99,6 +100,7 @@ pub(super) fn permutation(
             queue_per_px,
             fisheye,
             layers: layers(sensor),
+            pixels_rest: camera.knows_rest(rests),
         },
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
@@ -264,10 +266,10 @@ fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
     }
 }
 
-/// The kernel of `sort` for a rig with `bins` bins in all. `has_bus`: whether a camera has a bus.
-pub(super) fn sort(policy: KernelPolicy, bins: u32, has_bus: bool) -> Specialised {
+/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus.
+pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool) -> Specialised {
     let constants = SortConstants {
-        group_bins: policy.group_bins_of(bins),
+        group_bins,
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,

@@ -7,6 +7,7 @@ use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
+use super::rest::rest_row;
 use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
@@ -35,9 +36,9 @@ fn striding_groups(rig: &Rig) -> u32 {
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
 
-/// Number of bins over all cameras.
-fn all_bins(cameras: &[CameraState]) -> u32 {
-    cameras.iter().map(|c| c.place.bin_count).sum()
+/// Bins that a workgroup of `sort` takes.
+fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
+    policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
@@ -74,7 +75,7 @@ impl Kernels {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
-            sort: code.kernel(bindings, &sort(policy, all_bins(cameras), false))?,
+            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
             forms: HashMap::new(),
@@ -100,7 +101,7 @@ impl Kernels {
                     true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
+                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true))?,
             });
         }
         Ok(())
@@ -258,7 +259,12 @@ impl Rig {
             let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| optics_row(c, *t_ns)).collect();
             self.arena.table(layout::OPTICS).write(0, &rows);
         }
-        let order = order(&self.permutations());
+        let permutations = self.permutations();
+        if permutations.iter().any(|permutation| permutation.cross.pixels_rest) {
+            let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| rest_row(c, *t_ns)).collect();
+            self.arena.table(layout::RESTS).write(0, &rows);
+        }
+        let order = order(&permutations);
         self.parameters.clear();
         self.parameters
             .extend(order.iter().map(|&camera| camera_row(&self.cameras[camera], t_ns[camera], &self.arena)));
@@ -309,7 +315,11 @@ impl Rig {
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
         let queue_per_px = self.queue.per_px();
-        self.cameras.iter().map(|c| permutation(c, self.options, policy, texels, queue_per_px)).collect()
+        let rests = self.rest.rests();
+        self.cameras
+            .iter()
+            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests))
+            .collect()
     }
 
     /// Every kernel that the rig has compiled, by stage.
@@ -337,7 +347,8 @@ impl Rig {
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
         let bus = &self.pipelines.kernels.bus;
         for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
-            let sort = sort(self.pipelines.policy, all_bins(&self.cameras), *has_bus);
+            let sort =
+                sort(self.pipelines.policy, group_bins(self.pipelines.policy, &self.cameras), *has_bus);
             all.push((sort.kernel.0, sort.constants));
         }
         all.sort();
@@ -347,11 +358,7 @@ impl Rig {
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
-        let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
-        for p in permutations {
-            specialised.need(code, bindings, *policy, p, !whole)?;
-        }
-        kernels.need(*policy, &self.cameras, code, bindings, permutations)?;
+        self.need_kernels(permutations, whole)?;
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
@@ -360,12 +367,26 @@ impl Rig {
         Ok(())
     }
 
+    /// Compiles the kernels of these permutations that are missing, for a whole tick or (`whole` false) the part that runs
+    /// again.
+    pub(super) fn need_kernels(
+        &mut self,
+        permutations: &[Permutation],
+        whole: bool,
+    ) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
+        for p in permutations {
+            specialised.need(code, bindings, *policy, p, !whole)?;
+        }
+        kernels.need(*policy, &self.cameras, code, bindings, permutations)
+    }
+
     fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
         let recording = self.recording();
         if whole { &mut recording.tick_for } else { &mut recording.retry_for }
     }
 
-    fn groups(&self, permutations: &[Permutation], order: &[usize]) -> Vec<Group> {
+    pub(super) fn groups(&self, permutations: &[Permutation], order: &[usize]) -> Vec<Group> {
         let mut groups: Vec<Group> = Vec::new();
         for (position, &camera) in order.iter().enumerate() {
             let tiles = self.cameras[camera].place.tiles;
@@ -395,7 +416,7 @@ impl Rig {
     /// Workgroups of `sort` for each camera.
     fn bin_groups(&self) -> u32 {
         let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
-        bins.div_ceil(self.pipelines.policy.group_bins_of(all_bins(&self.cameras)))
+        bins.div_ceil(group_bins(self.pipelines.policy, &self.cameras))
     }
 
     /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.
@@ -446,6 +467,20 @@ pub(super) fn order(permutations: &[Permutation]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..permutations.len()).collect();
     order.sort_by_key(|&camera| permutations.iter().position(|p| *p == permutations[camera]));
     order
+}
+
+/// Records `cross` for the cameras whose pixels rest, which have [`layout::FrameKind::CatchUp`] in their rows.
+pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[Group]) {
+    let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
+    for group in groups.iter().filter(|group| group.permutation.cross.pixels_rest) {
+        // The first kernel catches up all tiles.
+        let cross = group.permutation.cross(*policy, false).swap_remove(0);
+        let push = Push { first_camera: group.first, ..Push::default() };
+        let extent = [group.tiles * policy.cross_groups(false), group.count, 1];
+        // SAFETY: the commands are submitted and waited for before anything else uses the rig's handles. The kernel stays
+        // within what the table gives each camera.
+        unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
+    }
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
