@@ -19,7 +19,7 @@ const uint REGION_X = TILE_BLOCKS + 2u * LAYER_REACH_BLOCKS;
 const uint REGION_Y = 1u + 2u * LAYER_REACH_BLOCKS;
 const uint REGION = REGION_X * REGION_Y;
 const uint FOUND = !LAYERED ? 1u : LIST_BLOCKS == 1u ? BLOCK_LAYERS : 2u * REGION + TILE_BLOCKS;
-// Pixel and vector of each. The pixel\'s column has a fraction: half the layer\'s thickness.
+// Pixel and vector of each. The pixel's column has a fraction: half the layer's thickness.
 shared vec4 found_place[FOUND];
 shared vec4 found_slopes[FOUND];
 shared vec2 found_before[FOUND];
