@@ -20,7 +20,7 @@ BUFFER(, SLOT_LEVEL_WORDS, uvec4, level_words);
 BUFFER(, SLOT_LEVEL_ENTRIES, uvec4, level_entries);
 
 const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
-const bool LOOKS_FIRST = SKIPS_STILL_TILES;
+#define LOOKS_FIRST SKIPS_STILL_TILES
 #define LIST_BLOCKS TILE_BLOCKS
 
 #include "frame_load_by_address.glsl"
