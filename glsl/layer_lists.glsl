@@ -41,11 +41,12 @@ vec3 walk_vectors(Camera cam, ivec2 at, vec2 own, ivec2 way) {
     return vec3(last, float(steps));
 }
 
-vec2 slope_of_vectors(Camera cam, ivec2 at, vec2 own, ivec2 way) {
+// Change of the vectors along an axis (xy), and the number of steps that it is measured over.
+vec3 slope_of_vectors(Camera cam, ivec2 at, vec2 own, ivec2 way) {
     const vec3 before = walk_vectors(cam, at, own, -way);
     const vec3 after = walk_vectors(cam, at, own, way);
     const float steps = before.z + after.z;
-    return steps < 2.0 ? vec2(0.0) : (after.xy - before.xy) / steps;
+    return vec3(steps < 2.0 ? vec2(0.0) : (after.xy - before.xy) / steps, steps);
 }
 
 // Notes the layer that a pixel shows. Returns whether its path is known.
@@ -55,7 +56,10 @@ bool note_layer(Camera cam, uint number, ivec2 at) {
     if (!known) {
         return false;
     }
-    vec4 slopes = vec4(slope_of_vectors(cam, at, motion, ivec2(1, 0)), slope_of_vectors(cam, at, motion, ivec2(0, 1)));
+    const vec3 along_x = slope_of_vectors(cam, at, motion, ivec2(1, 0));
+    const vec3 along_y = slope_of_vectors(cam, at, motion, ivec2(0, 1));
+    const float thickness = min(min(along_x.z, along_y.z) * (1.0 / LAYER_THICK_STEPS), 1.0);
+    vec4 slopes = vec4(along_x.xy, along_y.xy);
     if (fma(1.0 + slopes.x, 1.0 + slopes.w, -slopes.z * slopes.y) < LAYER_LEAST_DETERMINANT) {
         slopes = vec4(0.0);
     }
@@ -102,7 +106,7 @@ bool note_layer(Camera cam, uint number, ivec2 at) {
             return false;
         }
     }
-    found_place[number] = vec4(at, motion);
+    found_place[number] = vec4(float(at.x) + 0.5 * thickness, at.y, motion);
     found_slopes[number] = slopes;
     found_before[number] = before;
     return true;

@@ -9,6 +9,8 @@ struct Layer {
     vec4 slopes;
     // The vector of its point in the previous frame, over the interval before.
     vec2 before;
+    // From 0, one pixel wide, to 1.
+    float thickness;
 };
 
 // Layers that the tile's blocks may have: those of the pairs in all blocks within reach, then one of each block itself.
@@ -17,6 +19,7 @@ const uint REGION_X = TILE_BLOCKS + 2u * LAYER_REACH_BLOCKS;
 const uint REGION_Y = 1u + 2u * LAYER_REACH_BLOCKS;
 const uint REGION = REGION_X * REGION_Y;
 const uint FOUND = !LAYERED ? 1u : LIST_BLOCKS == 1u ? BLOCK_LAYERS : 2u * REGION + TILE_BLOCKS;
+// Pixel and vector of each. The pixel's column has a fraction: half the layer's thickness.
 shared vec4 found_place[FOUND];
 shared vec4 found_slopes[FOUND];
 shared vec2 found_before[FOUND];
@@ -67,7 +70,9 @@ vec2 times(vec4 slopes, vec2 v) {
 
 Layer found_layer(uint number) {
     const vec4 place = found_place[number];
-    return Layer(place.xy, place.zw, found_slopes[number], found_before[number]);
+    const float column = floor(place.x);
+    return Layer(
+        vec2(column, place.y), place.zw, found_slopes[number], found_before[number], 2.0 * (place.x - column));
 }
 
 // Its vector at a position in the current frame, and in the previous one over the interval before.
@@ -92,21 +97,42 @@ vec4 layer_sources(Layer layer, vec2 at, float alpha, float ratio) {
     return vec4(in_current, in_current + layer.motion + times(layer.slopes, from));
 }
 
+// Takes a layer, at this place in an order, for the owner of a pixel's vector if it fits and is nearer than the one so far.
+void compare_owner(
+    uint listed, uint place, bool current, vec2 at, vec2 vector, float ratio, inout uint owner, inout float least
+) {
+    const Layer layer = found_layer(listed_layer[listed]);
+    const vec2 expected = current ? motion_of(layer, at) : before_of(layer, at, ratio);
+    const float apart = distance(vector, expected);
+    if (apart <= fma(LAYER_BELONG_SHARE, length(expected), LAYER_BELONG_PX) && (owner == NO_LAYER || apart < least)) {
+        owner = place;
+        least = apart;
+    }
+}
+
 // Which of some layers of a block a vector is at a pixel: its place in `order`; NO_LAYER if it is none.
 uint owner_of(uint block, uint order, bool current, vec2 at, vec2 vector, float ratio) {
     uint owner = NO_LAYER;
     float least = 0.0;
     uint place = 0u;
     while (order != 0u) {
-        const Layer layer = found_layer(listed_layer[block + (order & LAYER_MASK) - 1u]);
-        const vec2 expected = current ? motion_of(layer, at) : before_of(layer, at, ratio);
-        const float apart = distance(vector, expected);
-        if (apart <= fma(LAYER_BELONG_SHARE, length(expected), LAYER_BELONG_PX) && (owner == NO_LAYER || apart < least)) {
-            owner = place;
-            least = apart;
-        }
+        compare_owner(block + (order & LAYER_MASK) - 1u, place, current, at, vector, ratio, owner, least);
         order >>= LAYER_BITS;
         place += 1u;
+    }
+    return owner;
+}
+
+// As `owner_of`, of the layers of a pixel. Each sub-step asks it for many pixels, and the software driver ends loops after
+// so many iterations in all; so this has none.
+uint owner_in_pixel(uint block, uint order, bool current, vec2 at, vec2 vector, float ratio) {
+    uint owner = NO_LAYER;
+    float least = 0.0;
+    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
+        const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
+        if (listed != 0u) {
+            compare_owner(block + listed - 1u, place, current, at, vector, ratio, owner, least);
+        }
     }
     return owner;
 }
@@ -201,113 +227,172 @@ uint layers_of_pixel(Camera cam, uvec2 at, uint in_tile) {
     return order;
 }
 
-// What a frame knows of a layer at a position: shares of the pixels around, the layer's level, the level there whatever
-// it is of, and that of farther layers, with whether there is any.
+// What a frame knows of a layer at a position: shares of the pixels around that show it, of those beside it, and of those
+// that hide it; the layer's level and how much that counts; the level there whatever it is of; and that of farther
+// layers, with whether there is any.
 struct LayerView {
     float seen;
+    float fringe;
     float hidden;
     float level;
+    float trust;
     float as_shown;
     float behind;
     bool has_behind;
 };
 
+// As `shown_layer`, of the layers of a pixel, without loops.
+uint shown_in_pixel(Camera cam, uint block, uint order, bool current, ivec2 at, float ratio) {
+    bool known = true;
+    const uint farthest = layers_in(order) - 1u;
+    if (current || has_earlier_vectors(cam)) {
+        const vec2 vector = vector_at(cam, motion_base(cam, current), at, known);
+        const uint owner = owner_in_pixel(block, order, current, vec2(at), vector, ratio);
+        return !known ? NO_LAYER : owner == NO_LAYER ? farthest : owner;
+    }
+    uint shown = farthest;
+    [[unroll]] for (uint after = 0u; after < LAYERS; ++after) {
+        const uint place = LAYERS - 1u - after;
+        const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
+        if (listed != 0u) {
+            const Layer layer = found_layer(listed_layer[block + listed - 1u]);
+            const ivec2 there = nearest_pixel(layer_sources(layer, vec2(at), 0.0, ratio).xy);
+            known = true;
+            const vec2 vector = vector_at(cam, motion_base(cam, true), there, known);
+            shown = known && owner_in_pixel(block, order, true, vec2(there), vector, ratio) == place ? place : shown;
+        }
+    }
+    return shown;
+}
+
+// The 4x4 pixels around a cell, a bit for each, row by row: those that show a nearer layer than one, it, and a farther one.
+struct Window {
+    uint nearer;
+    uint own;
+    uint farther;
+};
+
+const uint WINDOW_SIDE = 4u;
+
+// The bits of the 3x3 pixels around the first one that has all of them, of the window's second row and column.
+const uint AROUND = 0x777u;
+
+Window layer_window(Camera cam, uint block, uint order, uint place, bool current, ivec2 first, float ratio) {
+    Window window = Window(0u, 0u, 0u);
+    const ivec2 size = ivec2(cam.width, cam.height);
+    int row = 0;
+    do {
+        [[unroll]] for (int column = 0; column < int(WINDOW_SIDE); ++column) {
+            const ivec2 at = first + ivec2(column, row);
+            const uint bit = 1u << (uint(row) * WINDOW_SIDE + uint(column));
+            if (all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size))) {
+                const uint shown = shown_in_pixel(cam, block, order, current, at, ratio);
+                window.nearer |= shown < place ? bit : 0u;
+                window.own |= shown == place ? bit : 0u;
+                window.farther |= shown > place && shown != NO_LAYER ? bit : 0u;
+            }
+        }
+        row += 1;
+    } while (row < int(WINDOW_SIDE));
+    return window;
+}
+
 LayerView view_layer(
     Camera cam, uint frame, uint block, uint order, uint place, bool current, vec2 position, float ratio
 ) {
-    LayerView view = LayerView(0.0, 0.0, 0.0, 0.0, 0.0, false);
+    LayerView view = LayerView(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, false);
     view.as_shown = TAPS == TAPS_CUBIC ? half_pel_cubic(cam, frame, to_half_pel(cam, position))
                                        : frame_bilinear(cam, frame, position);
     const Cell cell = cell_at(cam, position);
     const vec2 g = 1.0 - cell.f;
     const vec4 weights = vec4(g.x * g.y, cell.f.x * g.y, g.x * cell.f.y, cell.f.x * cell.f.y);
+    const ivec2 first = ivec2(cell.low) - 1;
+    const Window window = layer_window(cam, block, order, place, current, first, ratio);
     float farther = 0.0;
+    float pure = 0.0;
     float all_weights = 0.0;
-    bool whole = true;
-    for (uint i = 0u; i < 4u; ++i) {
+    [[unroll]] for (uint i = 0u; i < 4u; ++i) {
         if (weights[i] < SLIGHT_WEIGHT) {
             continue;
         }
         all_weights += weights[i];
         const ivec2 at = ivec2((i & 1u) == 0u ? cell.low.x : cell.high.x, i < 2u ? cell.low.y : cell.high.y);
-        const uint shown = shown_layer(cam, block, order, current, at, ratio);
         const float level = load_plane(frame + frame_word(cam, TAPS == TAPS_CUBIC, at));
-        if (shown == place) {
+        const uvec2 in_window = uvec2(at - first);
+        const uint own = 1u << (in_window.y * WINDOW_SIDE + in_window.x);
+        const uint around = AROUND << ((in_window.y - 1u) * WINDOW_SIDE + in_window.x - 1u);
+        const bool by_nearer = (window.nearer & around) != 0u;
+        if ((window.own & own) != 0u) {
+            const float trust = by_nearer ? MIXED_WEIGHT * weights[i] : weights[i];
+            pure += by_nearer ? 0.0 : weights[i];
             view.seen += weights[i];
-            view.level = fma(weights[i], level, view.level);
-        } else if (shown != NO_LAYER && shown > place) {
-            whole = false;
+            view.trust += trust;
+            view.level = fma(trust, level, view.level);
+        } else if ((window.farther & own) != 0u) {
+            view.fringe += !by_nearer && (window.own & around) != 0u ? weights[i] : 0.0;
             farther += weights[i];
             view.behind = fma(weights[i], level, view.behind);
         } else {
-            whole = false;
             view.hidden += weights[i];
         }
     }
-    view.level = whole ? view.as_shown : view.level / (view.seen > 0.0 ? view.seen : 1.0);
+    if (view.seen > 0.0) {
+        const float others = min((1.0 - pure / all_weights) * (1.0 / LAYER_WHOLE_SHARE), 1.0);
+        view.level = lerp(view.as_shown, view.level / view.trust, others);
+    }
     view.has_behind = farther > 0.0;
     view.behind /= farther > 0.0 ? farther : 1.0;
     view.seen /= all_weights;
+    view.fringe /= all_weights;
     view.hidden /= all_weights;
+    view.trust /= all_weights;
     return view;
+}
+
+// Light of a layer over that of the farther ones, `here`; 0 if none shows. `say` is how much each frame counts.
+float light_over(LayerView previous, LayerView current, vec2 say, float thickness, float here) {
+    const vec2 opens = vec2(say.x * (1.0 - previous.hidden), say.y * (1.0 - current.hidden));
+    const float open = opens.x + opens.y;
+    const float open_current = opens.y / open;
+    const float mixture = exp(lerp(previous.as_shown, current.as_shown, open_current));
+    const float trust_current = say.y * current.trust;
+    const float trust = fma(say.x, previous.trust, trust_current);
+    const float own = trust > 0.0 ? exp(lerp(previous.level, current.level, trust_current / trust)) : mixture;
+    const float coverage = min(fma(say.x, previous.seen, say.y * current.seen) / open, 1.0);
+    if (here == 0.0 || coverage >= 1.0 - SLIGHT_WEIGHT) {
+        return own;
+    }
+    const float there = lerp(
+        previous.has_behind ? exp(previous.behind) : here, current.has_behind ? exp(current.behind) : here,
+        open_current);
+    const float unlike = min(abs(log(here / there)) * (1.0 / LAYER_BACKGROUND_LOG), 1.0);
+    const float reach =
+        min(fma(say.x, previous.seen + previous.fringe, say.y * (current.seen + current.fringe)) / open, 1.0);
+    return lerp(here, lerp(mixture, lerp(here, own, coverage), thickness * unlike), reach);
 }
 
 // Log intensity at `alpha` of a pixel of several layers. `lost` becomes true if none of them is seen.
 float synthesize_layers(Camera cam, Frames frames, vec2 at, uint block, uint layers, float alpha, out bool lost) {
     const float ratio = interval_ratio(cam);
     float light = 0.0;
-    float shown = 0.0;
-    Silhouette silhouette;
-    silhouette.coverage = 0.0;
-    uint rest = layers;
-    uint place = 0u;
+    uint place = layers_in(layers);
     do {
-        const Layer layer = found_layer(listed_layer[block + (rest & LAYER_MASK) - 1u]);
-        rest >>= LAYER_BITS;
+        place -= 1u;
+        const uint listed = (layers >> (place * LAYER_BITS)) & LAYER_MASK;
+        const Layer layer = found_layer(listed_layer[block + listed - 1u]);
         const vec4 sources = layer_sources(layer, at, alpha, ratio);
         const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
         const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
         const LayerView previous =
             view_layer(cam, frames.previous, block, layers, place, false, in_previous, ratio);
         const LayerView current = view_layer(cam, frames.current, block, layers, place, true, in_current, ratio);
-        place += 1u;
         const vec2 say = vec2(
             (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
             alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));
-        const float seen_current = say.y * current.seen;
-        const float seen = fma(say.x, previous.seen, seen_current);
-        if (seen <= 0.0) {
-            continue;
+        if (say.x * (previous.seen + previous.fringe) + say.y * (current.seen + current.fringe) > 0.0) {
+            light = light_over(previous, current, say, layer.thickness, light);
         }
-        const vec2 open = vec2(say.x * (1.0 - previous.hidden), say.y * (1.0 - current.hidden));
-        const float coverage = min(seen / (open.x + open.y), 1.0);
-        const float level = lerp(previous.level, current.level, seen_current / seen);
-        if (silhouette.coverage == 0.0 && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT) {
-            const float open_current = open.y / (open.x + open.y);
-            const vec2 behind = vec2(
-                previous.has_behind ? 1.0 - open_current : 0.0, current.has_behind ? open_current : 0.0);
-            const float behind_sum = behind.x + behind.y;
-            silhouette.coverage = coverage;
-            silhouette.light = exp(level);
-            silhouette.as_shown = exp(lerp(previous.as_shown, current.as_shown, open_current));
-            silhouette.behind = behind_sum;
-            silhouette.light_behind = behind_sum > 0.0
-                ? fma(behind.x, exp(previous.behind), behind.y * exp(current.behind)) / behind_sum
-                : 0.0;
-            continue;
-        }
-        const float share = (1.0 - shown) * coverage;
-        light = fma(share, exp(level), light);
-        shown += share;
-    } while (rest != 0u && shown < 1.0);
-    lost = silhouette.coverage == 0.0 && shown < SLIGHT_WEIGHT;
-    if (silhouette.coverage == 0.0) {
-        return lost ? 0.0 : log(light / shown);
-    } else if (shown < SLIGHT_WEIGHT) {
-        return log(silhouette.as_shown);
-    }
-    const float here = light / shown;
-    const float there = lerp(here, silhouette.light_behind, silhouette.behind);
-    const float alike = max(1.0 - abs(log(here / there)) * (1.0 / LAYER_BACKGROUND_LOG), 0.0);
-    return log(lerp(lerp(here, silhouette.light, silhouette.coverage), silhouette.as_shown, alike));
+    } while (place != 0u);
+    lost = light == 0.0;
+    return lost ? 0.0 : log(light);
 }

@@ -189,6 +189,8 @@ step "documentation tests" cargo test --workspace --locked --doc
 # Kernels that the layer does not watch are others on the software driver.
 step "suites, without the layer" tools/suites.py --suite unit --suite gpu_against_oracle --suite gpu_policy \
     --suite stages --suite packets --suite invariants --suite faults --suite physical --suite layers
+# Shaders that the layer leaves as they are do not take long. It watches the calls alone.
+step "layers, calls watched" env ESAAC_VALIDATION=calls tools/suites.py --suite layers -- where_motions_do_not_meet
 step "suites, rigid" tools/suites.py --suite exact_paths --suite frontier --suite interop --suite process \
     -- "${rigid[@]}"
 step "feature tracy" test_tracy

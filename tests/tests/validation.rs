@@ -17,7 +17,11 @@ use std::sync::Arc;
 
 /// Opens the device under test again, always with the validation layer.
 fn watched() -> Arc<Device> {
-    let device = Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), Validation::On)
+    watched_by(Validation::On)
+}
+
+fn watched_by(validation: Validation) -> Arc<Device> {
+    let device = Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), validation)
         .expect("the validation layer, which is a package of the test set-up");
     assert_silent(&device);
     device
@@ -53,7 +57,12 @@ const ONE: [u32; 3] = [1, 1, 1];
 
 #[test]
 fn a_misused_call_is_reported() {
-    let device = watched();
+    for validation in [Validation::On, Validation::Calls] {
+        misuse_a_call(&watched_by(validation));
+    }
+}
+
+fn misuse_a_call(device: &Arc<Device>) {
     let nothing = vk::BufferCreateInfo::default().usage(vk::BufferUsageFlags::STORAGE_BUFFER);
     // SAFETY: not valid, on purpose: a buffer of no bytes. The driver makes a handle of it or refuses;
     // nothing reads or writes it.
@@ -62,7 +71,7 @@ fn a_misused_call_is_reported() {
         // SAFETY: the buffer was just made by this device and is used nowhere.
         unsafe { device.raw().destroy_buffer(buffer, None) };
     }
-    assert_reported(&device, &["VUID-VkBufferCreateInfo-size-00912"]);
+    assert_reported(device, &["VUID-VkBufferCreateInfo-size-00912"]);
 }
 
 /// Writes a buffer and copies it in one submission, with or without a barrier between.
@@ -91,11 +100,13 @@ fn write_then_copy(device: &Arc<Device>, with_barrier: bool) {
 
 #[test]
 fn a_missing_barrier_is_reported() {
-    let device = watched();
-    write_then_copy(&device, true);
-    assert_silent(&device);
-    write_then_copy(&device, false);
-    assert_reported(&device, &["SYNC-HAZARD-READ-AFTER-WRITE", "SYNC-HAZARD-READ_AFTER_WRITE"]);
+    for validation in [Validation::On, Validation::Calls] {
+        let device = watched_by(validation);
+        write_then_copy(&device, true);
+        assert_silent(&device);
+        write_then_copy(&device, false);
+        assert_reported(&device, &["SYNC-HAZARD-READ-AFTER-WRITE", "SYNC-HAZARD-READ_AFTER_WRITE"]);
+    }
 }
 
 #[test]

@@ -14,16 +14,20 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 pub enum Validation {
     /// Off.
     Off,
+    /// On, with core checks and synchronisation checks. Shaders stay as they are: what GPU-assisted checks write into large
+    /// ones takes the software driver minutes to compile.
+    Calls,
     /// On, with core checks, GPU-assisted checks and synchronisation checks. Messages are kept: see
     /// [`crate::Device::validation_messages`].
     On,
 }
 
 impl Validation {
-    /// `On` if the environment variable `ESAAC_VALIDATION` is set to anything but `0`.
+    /// `Calls` if the environment variable `ESAAC_VALIDATION` is `calls`; `On` if it is anything else but `0`.
     #[must_use]
     pub fn from_env() -> Self {
         match std::env::var_os("ESAAC_VALIDATION") {
+            Some(value) if value == "calls" => Validation::Calls,
             Some(value) if value != "0" => Validation::On,
             _ => Validation::Off,
         }
@@ -74,7 +78,7 @@ impl Instance {
             .api_version(vk::API_VERSION_1_3);
         let mut layers: Vec<*const c_char> = Vec::new();
         let mut extensions: Vec<*const c_char> = Vec::new();
-        if validation == Validation::On {
+        if validation != Validation::Off {
             // SAFETY: the entry is loaded.
             let present = unsafe { entry.enumerate_instance_layer_properties() }
                 .call("vkEnumerateInstanceLayerProperties")?;
@@ -86,16 +90,17 @@ impl Instance {
             extensions.push(ext::validation_features::NAME.as_ptr());
         }
         let enabled = [
+            vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION,
             vk::ValidationFeatureEnableEXT::GPU_ASSISTED,
             vk::ValidationFeatureEnableEXT::GPU_ASSISTED_RESERVE_BINDING_SLOT,
-            vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION,
         ];
-        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+        let enabled = if validation == Validation::On { &enabled[..] } else { &enabled[..1] };
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(enabled);
         let mut info = vk::InstanceCreateInfo::default()
             .application_info(&application)
             .enabled_layer_names(&layers)
             .enabled_extension_names(&extensions);
-        if validation == Validation::On {
+        if validation != Validation::Off {
             info = info.push_next(&mut features);
         }
         // SAFETY: every pointer in `info` lives until the call returns.
@@ -104,7 +109,7 @@ impl Instance {
             result => EngineError::Vulkan { call: "vkCreateInstance", result },
         })?;
         let mut instance = Instance { entry, raw, debug: None, messages: Box::default() };
-        if validation == Validation::On {
+        if validation != Validation::Off {
             let debug = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
                 .message_severity(

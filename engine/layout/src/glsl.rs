@@ -169,6 +169,8 @@ fn declarations() -> String {
         ("LAYER_STEPS", format!("{}u", layers::MOST_STEPS)),
         ("LAYER_VOTES", format!("{}u", layers::LEAST_VOTES)),
         ("LAYER_BACKGROUND_LOG", format!("{:.6}", layers::BACKGROUND_LOG)),
+        ("LAYER_THICK_STEPS", format!("{}.0", layers::THICK_STEPS)),
+        ("LAYER_WHOLE_SHARE", format!("{:.6}", layers::WHOLE_SHARE)),
         ("BLOCK_LAYERS", format!("{}u", layers::BLOCK_LAYERS)),
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),

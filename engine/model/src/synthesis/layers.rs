@@ -49,15 +49,29 @@
 //! nearest to its point shows it in either frame. Of those seen at all, the
 //! [`layers`](crate::SensorModel::layers) seen most often count. A pixel with fewer than two is as without layers.
 //!
-//! **Composite.** As in [`rigid`](super::rigid), from near to far, where the four pixels around a position always speak:
-//! those that show the layer, `s`; those that show a nearer one or are unknown, `h`; and those that show a farther one.
-//! Weights below [`SLIGHT_WEIGHT`] do not count. The level is read from the half-pel frame where all that count show the
-//! layer, else it is the mean of those; it is blended by `u s`. Silhouettes are as there, with
-//! [`BACKGROUND_LOG`]. Where nothing is known, the pixel is as without layers.
+//! **Composite.** As in [`rigid`](super::rigid), where the four pixels around a position always speak: those that show the
+//! layer, `s`; those that show a nearer one or are unknown, `h`; and those that show a farther one. Weights below
+//! [`SLIGHT_WEIGHT`] do not count. Renderers mix the colours of what meets in a pixel, so a layer shows beyond the pixels
+//! whose vectors are its own: its **fringe**, `f`, are those that show a farther layer and of whose 3x3 pixels it is the
+//! nearest that shows. And a pixel that shows the layer is mixed if one of its 3x3 pixels shows a nearer one.
+//!
+//! With `u` as there, a layer covers `c = sum u s / sum u (1 - h)` of the pixel and reaches into `e = sum u (s + f) / sum u
+//! (1 - h)` of it, both at most 1. Its level `L` is the mean by `u s`, where mixed pixels count [`MIXED_WEIGHT`] times. In a
+//! frame it is the mean of the pixels that show it, and where no others are around the one read from the half-pel
+//! frame: up to a share of [`WHOLE_SHARE`] that is mixed or of other layers, it goes over from one to the other. `R` is the
+//! level at its positions whatever it is of, the mean in log by `u (1 - h)`; it is `L` where no pixel shows the layer.
+//!
+//! From far to near, with `H` the light of the farther layers, that of a layer over them is `e (v R + (1 - v) (c exp(L) + (1
+//! - c) H)) + (1 - e) H`. It is `exp(L)` if no farther one shows, or if `c` is at least `1 - `[`SLIGHT_WEIGHT`]. Layers
+//! with `e = 0` do not show. `R` holds another background than the pixel's, `B`: as there, the mean by `u (1 - h)` of
+//! `exp` of the level of farther pixels around, or `H` in a frame that shows none. `v = 1 - d min(|ln(H / B)| /
+//! `[`BACKGROUND_LOG`]`, 1)`. The **thickness** `d` is the smaller number of the steps along the two axes over which the
+//! layer's slopes were measured, over [`THICK_STEPS`], at most 1: of what is thin no pixel shows the colour unmixed, so
+//! there is nothing to make a composite of. Where no layer shows, the pixel is as without layers.
 //!
 //! **Sub-steps.** The vectors of pairs that pass a block count for its number of sub-steps.
 
-pub use super::rigid::{BLOCK_PX, SLIGHT_WEIGHT, SNAP_SAMPLES};
+pub use super::rigid::{BLOCK_PX, MIXED_WEIGHT, SLIGHT_WEIGHT, SNAP_SAMPLES};
 
 /// Most surfaces that a pixel may show between two frames.
 pub const MAX_LAYERS: u32 = 3;
@@ -109,3 +123,9 @@ pub const LEAST_VOTES: u32 = 16;
 
 /// Difference of the background here from that in the frames, nepers, at which a silhouette's mixture does not count.
 pub const BACKGROUND_LOG: f64 = 1.0;
+
+/// Steps across a layer, by vectors that go on, from which it is thick enough to show its own colour.
+pub const THICK_STEPS: i64 = 4;
+
+/// Share of the pixels around that are mixed or of other layers, from which a layer's level is the mean of its own.
+pub const WHOLE_SHARE: f64 = 0.05;

@@ -2,7 +2,7 @@
 
 use super::super::trajectory::{is_valid, outside_px};
 use esaac_model::synthesis::layers::{
-    BEND_PX, BEND_SHARE, LEAST_DETERMINANT, OUTSIDE_PX, SLOPE_REACH_PX, SMOOTH_PX, SNAP_SAMPLES,
+    BEND_PX, BEND_SHARE, LEAST_DETERMINANT, OUTSIDE_PX, SLOPE_REACH_PX, SMOOTH_PX, SNAP_SAMPLES, THICK_STEPS,
 };
 use glam::{DMat2, DVec2};
 
@@ -31,8 +31,8 @@ impl Vectors<'_> {
         Some((pixel, self.at(pixel.x as i64, pixel.y as i64)?))
     }
 
-    /// Change of the vectors along an axis around a pixel, a pixel.
-    fn slope(&self, (x, y): (usize, usize), (dx, dy): (i64, i64)) -> DVec2 {
+    /// Change of the vectors along an axis around a pixel, a pixel, and the number of steps that it is measured over.
+    fn slope(&self, (x, y): (usize, usize), (dx, dy): (i64, i64)) -> (DVec2, i64) {
         let walk = |way: i64| {
             let mut steps = 0;
             let mut last = self.at(x as i64, y as i64).unwrap_or_default();
@@ -46,7 +46,8 @@ impl Vectors<'_> {
             (last, steps)
         };
         let ((before, back), (after, on)) = (walk(-1), walk(1));
-        if back + on < 2 { DVec2::ZERO } else { (after - before) / (back + on) as f64 }
+        let steps = back + on;
+        (if steps < 2 { DVec2::ZERO } else { (after - before) / steps as f64 }, steps)
     }
 }
 
@@ -85,6 +86,8 @@ pub struct Layer {
     pub slopes_before: DMat2,
     /// Curvature of its path.
     pub curvature: DVec2,
+    /// From 0, one pixel wide, to 1.
+    pub thickness: f64,
 }
 
 impl Layer {
@@ -93,12 +96,21 @@ impl Layer {
     pub fn new(end: &Vectors<'_>, start: Option<(&Vectors<'_>, f64)>, pixel: (usize, usize)) -> Option<Self> {
         let at = DVec2::new(pixel.0 as f64, pixel.1 as f64);
         let motion = end.at(pixel.0 as i64, pixel.1 as i64)?;
-        let mut slopes = DMat2::from_cols(end.slope(pixel, (1, 0)), end.slope(pixel, (0, 1)));
+        let ((along_x, steps_x), (along_y, steps_y)) = (end.slope(pixel, (1, 0)), end.slope(pixel, (0, 1)));
+        let thickness = steps_x.min(steps_y).min(THICK_STEPS) as f64 / THICK_STEPS as f64;
+        let mut slopes = DMat2::from_cols(along_x, along_y);
         if (DMat2::IDENTITY + slopes).determinant() < LEAST_DETERMINANT {
             slopes = DMat2::ZERO;
         }
-        let layer =
-            Layer { at, motion, slopes, before: motion, slopes_before: slopes, curvature: DVec2::ZERO };
+        let layer = Layer {
+            at,
+            motion,
+            slopes,
+            before: motion,
+            slopes_before: slopes,
+            curvature: DVec2::ZERO,
+            thickness,
+        };
         let Some((start, ratio)) = start else {
             return Some(Layer { curvature: 0.5 * (slopes * motion), ..layer });
         };

@@ -6,7 +6,9 @@ pub mod layer;
 
 use super::trajectory::outside_px;
 use candidates::{Block, owner};
-use esaac_model::synthesis::layers::{BACKGROUND_LOG, BLOCK_PX, MOST_STEPS, SLIGHT_WEIGHT};
+use esaac_model::synthesis::layers::{
+    BACKGROUND_LOG, BLOCK_PX, MIXED_WEIGHT, MOST_STEPS, SLIGHT_WEIGHT, WHOLE_SHARE,
+};
 use esaac_model::synthesis::{EDGE_PX, EDGE_WEIGHT};
 use glam::DVec2;
 use layer::{Layer, Vectors, corners, largest, nearest_pixel, snapped};
@@ -141,45 +143,18 @@ impl Layers {
         let at = self.position(pixel);
         let block = self.block(pixel);
         let layers: Vec<&Layer> = self.pixels[pixel].iter().map(|&k| &block.layers[k]).collect();
-        let (mut light, mut shown) = (0.0, 0.0);
-        let mut silhouette = None;
-        for (k, layer) in layers.iter().enumerate() {
+        let mut light = None;
+        for (k, layer) in layers.iter().enumerate().rev() {
             let views = [(0, 1.0 - fraction), (1, fraction)].map(|(frame, time)| {
                 let place = snapped(layer.sources(at, fraction)[frame]);
                 let edge = (1.0 - outside_px(self.size, place.to_array()) / EDGE_PX).max(EDGE_WEIGHT);
                 self.view(levels, &layers, k, frame, place, time * edge)
             });
-            let sum = |of: &dyn Fn(&View) -> f64| views.iter().map(|v| v.weight * of(v)).sum::<f64>();
-            let seen = sum(&|v| v.seen);
-            if seen <= 0.0 {
-                continue;
+            if views.iter().any(|view| view.weight * (view.seen + view.fringe) > 0.0) {
+                light = Some(over(layer, &views, light));
             }
-            let coverage = (seen / sum(&|v| 1.0 - v.hidden)).min(1.0);
-            let level = sum(&|v| v.seen * v.level) / seen;
-            if silhouette.is_none() && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT {
-                silhouette = Some((coverage, level.exp(), views));
-                continue;
-            }
-            let share = (1.0 - shown) * coverage;
-            light += share * level.exp();
-            shown += share;
         }
-        if let Some((coverage, own, views)) = silhouette {
-            let open: f64 = views.iter().map(|v| v.weight * (1.0 - v.hidden)).sum();
-            let mean = |of: &dyn Fn(&View) -> f64| {
-                views.iter().map(|v| v.weight * (1.0 - v.hidden) / open * of(v)).sum::<f64>()
-            };
-            let mixture = mean(&|view| view.as_shown).exp();
-            if shown < SLIGHT_WEIGHT {
-                return Some(mixture.ln());
-            }
-            let here = light / shown;
-            let there = mean(&|view| view.behind.map_or(here, f64::exp));
-            let alike = (1.0 - (here / there).ln().abs() / BACKGROUND_LOG).max(0.0);
-            let composite = coverage * own + (1.0 - coverage) * here;
-            return Some((alike * mixture + (1.0 - alike) * composite).ln());
-        }
-        (shown > SLIGHT_WEIGHT).then(|| (light / shown).ln())
+        light.map(f64::ln)
     }
 
     /// What a frame knows of a layer at a position.
@@ -193,20 +168,27 @@ impl Layers {
         weight: f64,
     ) -> View {
         let as_shown = levels.at(frame, place);
-        let mut view = View { weight, seen: 0.0, hidden: 0.0, level: 0.0, as_shown, behind: None };
-        let (mut farther, mut behind, mut all) = (0.0, 0.0, 0.0);
+        let mut view = View { weight, as_shown, ..View::default() };
+        let (mut farther, mut behind, mut pure, mut all) = (0.0, 0.0, 0.0, 0.0);
         for ((x, y), weight) in corners(self.size, place) {
             if weight < SLIGHT_WEIGHT {
                 continue;
             }
             all += weight;
             let own = levels.pixel(frame, x, y);
-            match self.shown(layers, frame, x, y) {
+            let shown = self.shown(layers, frame, x, y);
+            let nearest_around = self.nearest_around(layers, frame, (x, y));
+            match shown {
                 Some(owner) if owner == k => {
+                    let is_mixed = nearest_around.is_some_and(|nearest| nearest < k);
+                    let trust = weight * if is_mixed { MIXED_WEIGHT } else { 1.0 };
+                    pure += if is_mixed { 0.0 } else { weight };
                     view.seen += weight;
-                    view.level += weight * own;
+                    view.trust += trust;
+                    view.level += trust * own;
                 }
                 Some(owner) if owner > k => {
+                    view.fringe += if nearest_around == Some(k) { weight } else { 0.0 };
                     farther += weight;
                     behind += weight * own;
                 }
@@ -214,21 +196,59 @@ impl Layers {
             }
         }
         if view.seen > 0.0 {
-            view.level = if view.seen >= all { as_shown } else { view.level / view.seen };
+            let others = ((1.0 - pure / all) / WHOLE_SHARE).min(1.0);
+            view.level = (1.0 - others) * as_shown + others * view.level / view.trust;
         }
-        view.seen /= all;
-        view.hidden /= all;
+        for share in [&mut view.seen, &mut view.fringe, &mut view.hidden, &mut view.trust] {
+            *share /= all;
+        }
         view.behind = (farther > 0.0).then(|| behind / farther);
         view
     }
+
+    /// The nearest layer that the 3x3 pixels around one show.
+    fn nearest_around(&self, layers: &[&Layer], frame: usize, (x, y): (i64, i64)) -> Option<usize> {
+        let inside = |x, y| x >= 0 && y >= 0 && x < self.size.0 as i64 && y < self.size.1 as i64;
+        (y - 1..=y + 1)
+            .flat_map(|y| (x - 1..=x + 1).map(move |x| (x, y)))
+            .filter(|&(x, y)| inside(x, y))
+            .filter_map(|(x, y)| self.shown(layers, frame, x, y))
+            .min()
+    }
 }
 
-/// What a frame knows of a layer at a position, and how much it counts.
+/// Light of a layer over that of the farther ones, `here`, if any shows.
+fn over(layer: &Layer, views: &[View; 2], here: Option<f64>) -> f64 {
+    let sum = |of: &dyn Fn(&View) -> f64| views.iter().map(|v| v.weight * of(v)).sum::<f64>();
+    let open = sum(&|v| 1.0 - v.hidden);
+    let mean = |of: &dyn Fn(&View) -> f64| sum(&|v| (1.0 - v.hidden) * of(v)) / open;
+    let mixture = mean(&|v| v.as_shown).exp();
+    let trust = sum(&|v| v.trust);
+    let own = if trust > 0.0 { (sum(&|v| v.trust * v.level) / trust).exp() } else { mixture };
+    let coverage = (sum(&|v| v.seen) / open).min(1.0);
+    let Some(here) = here.filter(|_| coverage < 1.0 - SLIGHT_WEIGHT) else { return own };
+    let there = mean(&|v| v.behind.map_or(here, f64::exp));
+    let unlike = ((here / there).ln().abs() / BACKGROUND_LOG).min(1.0);
+    let composite = coverage * own + (1.0 - coverage) * here;
+    let strange = layer.thickness * unlike;
+    let reach = (sum(&|v| v.seen + v.fringe) / open).min(1.0);
+    reach * ((1.0 - strange) * mixture + strange * composite) + (1.0 - reach) * here
+}
+
+/// What a frame knows of a layer at a position.
+#[derive(Clone, Copy, Debug, Default)]
 struct View {
+    /// How much it counts.
     weight: f64,
+    /// Shares of the pixels around that show the layer, of those beside it, and of those that hide it.
     seen: f64,
+    fringe: f64,
     hidden: f64,
+    /// The layer's level, and how much it counts.
     level: f64,
+    trust: f64,
+    /// The level there, whatever it is of.
     as_shown: f64,
+    /// That of farther layers.
     behind: Option<f64>,
 }

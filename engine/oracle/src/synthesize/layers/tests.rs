@@ -49,6 +49,50 @@ fn a_bar_is_whole_and_alone_at_every_instant() {
     }
 }
 
+/// A bright wire with soft borders before a dark wall. Only the pixels in its middle have its vector.
+struct Wire;
+
+impl Wire {
+    const MIDDLE: i64 = 10;
+
+    fn vectors(frame: i64) -> Vec<[f64; 2]> {
+        let is_wire = |i: usize| (i % SIZE.0) as i64 == Wire::MIDDLE + 8 * frame;
+        (0..SIZE.0 * SIZE.1).map(|i| if is_wire(i) { [-8.0, 0.0] } else { [0.0; 2] }).collect()
+    }
+
+    fn profile(off: i64) -> f64 {
+        [1.0, 0.5].get(off.unsigned_abs() as usize).copied().unwrap_or(0.0)
+    }
+}
+
+impl Levels for Wire {
+    fn at(&self, frame: usize, position: DVec2) -> f64 {
+        corners(SIZE, position).map(|((x, y), weight)| weight * self.pixel(frame, x, y)).sum()
+    }
+
+    fn pixel(&self, frame: usize, x: i64, _y: i64) -> f64 {
+        Wire::profile(x - Wire::MIDDLE - 8 * (frame as i64 + 1))
+    }
+}
+
+#[test]
+fn soft_borders_move_with_what_they_are_of() {
+    let (start, end) = (Wire::vectors(1), Wire::vectors(2));
+    let layers = Layers::new(SIZE, &end, Some(&start), Some(1.0), 3);
+    let mut shown = 0;
+    for x in 0..SIZE.0 as i64 {
+        let pixel = 12 * SIZE.0 + x as usize;
+        let expected = Wire::profile(x - Wire::MIDDLE - 12);
+        if layers.has(pixel) {
+            let level = layers.level(&Wire, pixel, 0.5).expect("both are seen");
+            // What is left of a border where the wire was, in a level of the wall, is a mixed pixel's share.
+            assert!((level - expected).abs() < 0.1, "column {x}: {level}, expected {expected}");
+            shown += usize::from(expected > 0.0);
+        }
+    }
+    assert_eq!(shown, 3, "the middle and both borders");
+}
+
 #[test]
 fn what_disappears_is_behind() {
     // A gap in a wall that moves, through which what is at rest is seen.
