@@ -67,7 +67,7 @@ fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) ->
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
     }
     // Constants: bins of a group, threads, native division.
-    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1, 0]]);
+    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1, 0, 0]]);
     drop(rig);
     assert_silent();
     got

@@ -125,8 +125,9 @@ fn check(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Se
     all
 }
 
-/// Chunks of a packet one after the other, as on the software driver, and side by side, as on GPUs.
-fn orders() -> [RigOptions; 2] {
+/// Chunks of a packet one after the other, as on the software driver; side by side; and as on GPUs, where the whole packet is
+/// served at once if events hardly wait.
+fn orders() -> [RigOptions; 3] {
     let kernels =
         if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
     let software = KernelPolicy::software_driver();
@@ -134,6 +135,7 @@ fn orders() -> [RigOptions; 2] {
         readout_threads: software.readout_threads,
         readout_rounds: software.readout_rounds,
         readout_dispatches: software.readout_dispatches,
+        readout_light: false,
         readout_apart: false,
         ..kernels
     };
@@ -142,10 +144,13 @@ fn orders() -> [RigOptions; 2] {
         readout_threads: gpu.readout_threads,
         readout_rounds: gpu.readout_rounds,
         readout_dispatches: gpu.readout_dispatches,
+        readout_light: false,
         readout_apart: gpu.readout_apart,
         ..kernels
     };
-    [one_by_one, side_by_side].map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
+    let at_once = KernelPolicy { readout_light: gpu.readout_light, ..side_by_side };
+    [one_by_one, side_by_side, at_once]
+        .map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
 }
 
 const KINDS: [ReadoutKind; 2] = [ReadoutKind::Fifo, ReadoutKind::Rows];
@@ -159,7 +164,7 @@ fn random_streams_from_idle_to_tenfold_overload_are_served_as_by_a_queue() {
         .flat_map(|kind| loads.map(|event_ns| sensor(kind, event_ns)))
         .map(|sensor| (sensor.clone(), random(&sensor, 5, 5.0)))
         .collect();
-    let [_, runs] = orders().map(|options| check(&cameras, options));
+    let [_, _, runs] = orders().map(|options| check(&cameras, options));
     let lost = |run: &Vec<Served>| run.iter().map(|s| s.lost).sum::<u64>();
     for of_kind in runs.chunks(loads.len()) {
         assert_eq!(lost(&of_kind[0]), 0, "an idle bus loses nothing");
@@ -223,7 +228,7 @@ fn a_flash_of_all_pixels_is_served_as_by_a_queue_though_buffers_grow() {
     for kind in KINDS {
         cameras.extend([flash(kind, 0.001, 1), flash(kind, 83.0, 1_000), flash(kind, 4_000.0, 20_000_000)]);
     }
-    for (options, initial_events) in orders().into_iter().zip([0, 64]) {
+    for (options, initial_events) in orders().into_iter().zip([0, 64, 64]) {
         check(&cameras, RigOptions { initial_events, ..options });
     }
 }

@@ -230,6 +230,8 @@ spec_constants! {
     native_division: bool,
     /// Whether a camera of the rig has a bus.
     has_bus: bool,
+    /// Whether `readout_light` serves what it can.
+    readout_light: bool,
 }
 
 spec_constants! {
@@ -241,6 +243,8 @@ spec_constants! {
     most_rounds: u32,
     /// Whether `readout_apart` has served what it can.
     apart: bool,
+    /// Bins that a workgroup of `sort` has taken.
+    group_bins: u32,
 }
 
 /// Every list.

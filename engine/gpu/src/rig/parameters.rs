@@ -207,20 +207,27 @@ impl Permutation {
 }
 
 /// The kernel of `readout`.
-pub(super) fn readout(policy: KernelPolicy) -> Specialised {
-    Specialised { kernel: stages::READOUT, constants: readout_constants(policy).words() }
+pub(super) fn readout(policy: KernelPolicy, bins: u32) -> Specialised {
+    Specialised { kernel: stages::READOUT, constants: readout_constants(policy, bins).words() }
 }
 
 /// The kernel of `readout` that serves chunks side by side.
-pub(super) fn readout_apart(policy: KernelPolicy) -> Specialised {
-    Specialised { kernel: stages::READOUT_APART, constants: readout_constants(policy).words() }
+pub(super) fn readout_apart(policy: KernelPolicy, bins: u32) -> Specialised {
+    Specialised { kernel: stages::READOUT_APART, constants: readout_constants(policy, bins).words() }
 }
 
-fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
+/// The kernel of `readout` that serves ticks in which events hardly wait.
+pub(super) fn readout_light(policy: KernelPolicy, bins: u32) -> Specialised {
+    Specialised { kernel: stages::READOUT_LIGHT, constants: readout_constants(policy, bins).words() }
+}
+
+/// `bins`: those of the rig.
+fn readout_constants(policy: KernelPolicy, bins: u32) -> ReadoutConstants {
     ReadoutConstants {
         threads: policy.readout_threads,
         most_rounds: policy.readout_rounds,
         apart: policy.readout_apart,
+        group_bins: policy.group_bins_of(bins),
     }
 }
 
@@ -231,6 +238,7 @@ pub(super) fn sort(policy: KernelPolicy, bins: u32, has_bus: bool) -> Specialise
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,
+        readout_light: has_bus && policy.readout_light,
     };
     Specialised { kernel: stages::SORT, constants: constants.words() }
 }

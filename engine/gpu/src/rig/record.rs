@@ -5,7 +5,7 @@
 use super::code::Code;
 use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
-    permutation, physical_row, readout, readout_apart, readout_row, sort,
+    permutation, physical_row, readout, readout_apart, readout_light, readout_row, sort,
 };
 use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
@@ -56,6 +56,8 @@ pub(super) struct Kernels {
 
 /// Kernels of rigs in which a camera has a bus.
 struct BusKernels {
+    /// `None` if every tick is served by the others.
+    light: Option<Kernel>,
     readout: Kernel,
     /// `None` if chunks are not served side by side.
     apart: Option<Kernel>,
@@ -92,13 +94,18 @@ impl Kernels {
             self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
         }
         if self.bus.is_none() && permutations.iter().any(|p| p.has_bus) {
+            let bins = all_bins(cameras);
             self.bus = Some(BusKernels {
-                readout: code.kernel(bindings, &readout(policy))?,
-                apart: match policy.readout_apart {
-                    true => Some(code.kernel(bindings, &readout_apart(policy))?),
+                light: match policy.readout_light {
+                    true => Some(code.kernel(bindings, &readout_light(policy, bins))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
+                readout: code.kernel(bindings, &readout(policy, bins))?,
+                apart: match policy.readout_apart {
+                    true => Some(code.kernel(bindings, &readout_apart(policy, bins))?),
+                    false => None,
+                },
+                sort: code.kernel(bindings, &sort(policy, bins, true))?,
             });
         }
         Ok(())
@@ -313,7 +320,7 @@ impl Rig {
         let bus = k.bus.iter().flat_map(|bus| {
             [("sort", &bus.sort), ("readout", &bus.readout)]
                 .into_iter()
-                .chain(bus.apart.iter().map(|apart| ("readout", apart)))
+                .chain(bus.light.iter().chain(&bus.apart).map(|kernel| ("readout", kernel)))
         });
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
         of_sensors.chain(events).chain(paths).chain(bus).chain(forms)
@@ -403,6 +410,21 @@ impl Rig {
         let kernel = &self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it").sort;
         // SAFETY: the caller's contract is the same.
         unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
+    }
+
+    /// Records the readout of a tick: of packets in which events hardly wait, if the policy has them apart, else of all.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    unsafe fn record_first_readout(&self, commands: vk::CommandBuffer, outlets: u32) {
+        let kernels = self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it");
+        let groups = [self.bin_groups(), self.cameras.len() as u32, 1];
+        match &kernels.light {
+            // SAFETY: the caller's contract is the same.
+            Some(light) => unsafe { light.record(commands, bytes_of(&Push::default()), groups) },
+            // SAFETY: the caller's contract is the same.
+            None => unsafe { self.record_readout(commands, outlets, false) },
+        }
     }
 
     /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
@@ -521,7 +543,7 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
             record_barrier(device, commands);
             stage_done();
             // SAFETY: as for the commands, below.
-            unsafe { rig.record_readout(commands, outlets, false) };
+            unsafe { rig.record_first_readout(commands, outlets) };
         } else {
             let extent = [rig.bin_groups(), cameras, 1];
             dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);
