@@ -10,7 +10,7 @@
 //
 // Chunks that `readout_apart` has served are passed over: the bus is idle before and after them.
 //
-// A tick whose packet `readout_light` has made needs nothing of this.
+// A tick that `sort` has served needs nothing of this.
 //
 // Reads the packet, where `sort` or `merge` has left it. `bus` keeps what waits from chunk to chunk and from tick to tick. A
 // dispatch may end before the packet's end (MOST_ROUNDS); the next one goes on. `progress` of the outlet's counters says

@@ -10,8 +10,8 @@
 // events go to `gathered` only, and `merge` sorts them. Deferred events go there too, behind the packet, where the next
 // tick's `deferred` finds them. Events with a bus before them go to `gathered` too, sorted, for `readout`; what leaves
 // the bus comes back as the packet of the camera's outlet. The first workgroup writes the camera's `report` for the host and resets the next
-// tick's counters; all workgroups clear the next tick's bins. With a bus before the packet and `readout_light` behind, they do the
-// same for the outlet, and leave how busy the bus is with a group's events.
+// tick's counters; all workgroups clear the next tick's bins. Where events hardly wait for the bus, they are served here
+// (sort_served.glsl), and the packet of the outlet is written at once.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -25,13 +25,13 @@ BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(, SLOT_BINS, uint, bins);
 BUFFER(readonly, SLOT_BIN_STORAGE, uvec2, bin_storage);
 BUFFER(readonly, SLOT_OVERFLOW, uvec2, overflow);
-BUFFER(writeonly, SLOT_GATHERED, uvec2, gathered);
+BUFFER(, SLOT_GATHERED, uvec2, gathered);
 BUFFER(writeonly, SLOT_EVENT_T, uint, event_t);
 BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 BUFFER(writeonly, SLOT_REPORT, Counters, report);
-BUFFER(writeonly, SLOT_BUS, int64_t, bus);
+BUFFER(, SLOT_BUS, int64_t, bus);
 
 #include "readouts.glsl"
 
@@ -40,12 +40,7 @@ const bool MAY_BIN_BY_SAMPLE = true;
 // Whether events go to `readout`, which finds them in `gathered`, and not into the packet.
 bool before_bus;
 
-// With `readout_light`: the camera's readout; the longest service of an event; when the bus is free after the group's events, of
-// which this thread has written some, if it was idle before; and the packet's place of the event after them.
 Readout readout;
-int64_t service_ps;
-int64_t free_ps;
-uint group_end;
 
 #include "udiv_float.glsl"
 
@@ -56,7 +51,6 @@ uint fast_udiv(uint x, uint divisor) {
 #include "bins.glsl"
 #include "event_order.glsl"
 #include "bus_layout.glsl"
-#include "workgroup_max.glsl"
 
 // Most events of a group that is ranked at once: the other half of `keys` receives them in order. Ranking takes as many
 // steps as a bin has events; beyond RANKED_BIN_EVENTS it takes fewer steps to split bins first.
@@ -110,9 +104,6 @@ Sums sum_bins(Camera cam, uint first_bin) {
     return Sums(sum_ahead, sum_packet, sum_largest);
 }
 
-const Counters NO_COUNTS = Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
-                                    0u, 0u, 0u, 0u, 0u);
-
 void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred, bool fitted) {
     const uint counter = 2u * cam.slot + cam.frame_slot;
     counted.packet = sums_of_bins.packet;
@@ -124,7 +115,9 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
         counters[counter].packet = counted.packet;
         counters[counter].deferred = counted.deferred;
         counters[counter].heavy = counted.heavy;
-        counters[2u * cam.slot + 1u - cam.frame_slot] = NO_COUNTS;
+        counters[2u * cam.slot + 1u - cam.frame_slot] =
+            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
+                     0u, 0u, 0u, 0u, 0u);
     }
 }
 
@@ -164,43 +157,10 @@ void write_keys(Camera cam, uint first, uint length, uint from, bool split) {
             const uvec2 key = keys[split ? uint(in_order[e]) : from + e];
             if (HAS_BUS && before_bus) {
                 gathered[position] = key;
-                if (READOUT_LIGHT) {
-                    free_ps = max(free_ps, int64_t(key.x) * 1000l + int64_t(group_end - position) * service_ps);
-                }
             } else {
                 write_out(cam, position, key);
             }
         }
-    }
-}
-
-// Makes the outlet's next counters and bins ready, as `sort` does when it sorts an outlet. If the packet cannot be served
-// now, the report says that `readout` has to go on.
-void prepare_outlet(Camera cam, uint first_bin, bool is_served) {
-    const Camera outlet = cameras[readout.outlet_row];
-    const uint lane = gl_LocalInvocationID.x;
-    for (uint b = first_bin + lane; b < min(first_bin + GROUP_BINS, cam.bin_count + 1u); b += gl_WorkGroupSize.x) {
-        bins[bins_of(outlet, 1u - cam.frame_slot) + b] = 0u;
-    }
-    if (gl_WorkGroupID.x == 0u && lane == 0u) {
-        const uint last = 2u * outlet.slot + 1u - cam.frame_slot;
-        bus[at_head(HEAD_CARRIED)] = int64_t(counters[last].deferred);
-        bus[at_head(HEAD_CARRIED_PLACE)] = int64_t(counters[last].packet);
-        Counters fresh = NO_COUNTS;
-        counters[last] = fresh;
-        fresh.progress = is_served ? READOUT_DONE : READOUT_UNDONE;
-        report[outlet.slot] = fresh;
-    }
-}
-
-// Writes how busy the bus is with the group's events, and how many events of the packet come before the next group. Called
-// by the whole workgroup.
-void write_load(Camera cam) {
-    const int64_t latest = workgroup_max(free_ps);
-    if (gl_LocalInvocationID.x == 0u) {
-        const uint word = at_group(cam, gl_WorkGroupID.x);
-        bus[word] = latest;
-        bus[word + 1u] = int64_t(group_end - cam.event_base);
     }
 }
 
@@ -314,6 +274,8 @@ void gather_overflow(Camera cam, uint overflow_count, uint packet, bool heavy) {
     }
 }
 
+#include "sort_served.glsl"
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     const uint first_bin = gl_WorkGroupID.x * GROUP_BINS;
@@ -354,30 +316,35 @@ void main() {
     if (gl_WorkGroupID.x == 0u && lane == 0u) {
         write_report(cam, counted, all, deferred, fitted);
     }
-    const bool heavy = is_heavy(all, counted.overflow);
-    const bool has_light = HAS_BUS && READOUT_LIGHT && before_bus;
-    if (has_light && fitted) {
+    const bool is_served = HAS_BUS && READOUT_LIGHT && before_bus;
+    Camera outlet;
+    if (is_served && fitted) {
         readout = readouts[cam.slot];
-        prepare_outlet(cam, first_bin, !heavy);
+        outlet = cameras[readout.outlet_row];
+        prepare_outlet(outlet, first_bin);
     }
     if (!fitted || cam.frame_kind != FRAME_INTERVAL) {
         // Not all events fit (the host grows the buffers and `cross` runs again), `readout` has to go on, or there is no
         // interval.
         return;
     }
+    const bool heavy = is_heavy(all, counted.overflow);
     if (deferred != 0u || heavy) {
         gather_overflow(cam, counted.overflow, all.packet, heavy);
     }
     const uint events = offsets[GROUP_BINS - 1u] + counts[GROUP_BINS - 1u];
-    if (has_light) {
-        service_ps = int64_t(readout.row_ps + readout.event_ps);
-        free_ps = NO_LOAD;
-        group_end = cam.event_base + all.ahead + events;
+    if (is_served && heavy && gl_WorkGroupID.x == 0u && lane == 0u) {
+        report[outlet.slot].progress = READOUT_UNDONE;
+    }
+    if (is_served && !heavy && (events != 0u || (all.packet == 0u && gl_WorkGroupID.x == 0u))) {
+        if (serve_group(cam, outlet, first_bin, all)) {
+            return;
+        }
+        if (lane == 0u) {
+            report[outlet.slot].progress = READOUT_UNDONE;
+        }
     }
     if (events == 0u) {
-        if (has_light) {
-            write_load(cam);
-        }
         return;
     }
     if (heavy) {
@@ -395,8 +362,5 @@ void main() {
         rank_group(cam, first_bin, events, largest, counted.overflow, position);
     } else {
         split_group(cam, first_bin, counted.overflow, position);
-    }
-    if (has_light) {
-        write_load(cam);
     }
 }

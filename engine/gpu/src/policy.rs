@@ -44,8 +44,8 @@ pub struct KernelPolicy {
     pub readout_rounds: u32,
     /// Dispatches of `readout` in a submission. If it needs more, it costs another submission.
     pub readout_dispatches: u32,
-    /// Whether `readout_light` serves ticks in which events hardly wait, and `readout` has a submission of its own for the
-    /// others.
+    /// Whether `sort` serves ticks in which events hardly wait for a bus, and `readout` has a submission of its own for the
+    /// others. Then it must not leave any rest.
     pub readout_light: bool,
     /// Whether `readout` serves chunks side by side, where the bus is idle in between. Then it must not leave any rest.
     pub readout_apart: bool,

@@ -230,7 +230,7 @@ spec_constants! {
     native_division: bool,
     /// Whether a camera of the rig has a bus.
     has_bus: bool,
-    /// Whether `readout_light` serves what it can.
+    /// Whether events that hardly wait for a bus are served.
     readout_light: bool,
 }
 
@@ -243,8 +243,6 @@ spec_constants! {
     most_rounds: u32,
     /// Whether `readout_apart` has served what it can.
     apart: bool,
-    /// Bins that a workgroup of `sort` has taken.
-    group_bins: u32,
 }
 
 /// Every list.

@@ -84,7 +84,6 @@ pub const KERNELS: &[KernelInfo] = &[
         &[CrossConstants::LIST, CrossCpuConstants::LIST],
     ),
     kernel("sort", "sort", SORT_THREADS, &[SortConstants::LIST]),
-    kernel("readout_light", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),
     kernel("readout_apart", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),
     kernel("readout", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),
     kernel("merge", "merge", STRIDING_THREADS, &[]),

@@ -3,9 +3,8 @@
 use super::parameters::{has_bus, is_rigid, plane_words};
 use super::{CameraConfig, RigOptions};
 use esaac_layout::{
-    self as layout, BINDINGS, BUS_GROUP, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LEAST_GROUP_BINS,
-    MOST_CARRIED, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS,
-    TILE_BLOCKS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, MOST_CARRIED, PASSING_ENTRIES,
+    PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::BLOCK_PX;
@@ -91,7 +90,6 @@ impl Place {
         let bus = u64::from(BUS_HEAD)
             + pixels
             + u64::from(BUS_ROW) * u64::from(self.height)
-            + u64::from(BUS_GROUP) * u64::from(self.bin_count / LEAST_GROUP_BINS + 1)
             + u64::from(BUS_STRETCH) * stretches;
         elements[layout::BUS] = Some(u64::from(self.has_bus) * bus);
         elements

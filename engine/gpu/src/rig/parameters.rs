@@ -207,27 +207,20 @@ impl Permutation {
 }
 
 /// The kernel of `readout`.
-pub(super) fn readout(policy: KernelPolicy, bins: u32) -> Specialised {
-    Specialised { kernel: stages::READOUT, constants: readout_constants(policy, bins).words() }
+pub(super) fn readout(policy: KernelPolicy) -> Specialised {
+    Specialised { kernel: stages::READOUT, constants: readout_constants(policy).words() }
 }
 
 /// The kernel of `readout` that serves chunks side by side.
-pub(super) fn readout_apart(policy: KernelPolicy, bins: u32) -> Specialised {
-    Specialised { kernel: stages::READOUT_APART, constants: readout_constants(policy, bins).words() }
+pub(super) fn readout_apart(policy: KernelPolicy) -> Specialised {
+    Specialised { kernel: stages::READOUT_APART, constants: readout_constants(policy).words() }
 }
 
-/// The kernel of `readout` that serves ticks in which events hardly wait.
-pub(super) fn readout_light(policy: KernelPolicy, bins: u32) -> Specialised {
-    Specialised { kernel: stages::READOUT_LIGHT, constants: readout_constants(policy, bins).words() }
-}
-
-/// `bins`: those of the rig.
-fn readout_constants(policy: KernelPolicy, bins: u32) -> ReadoutConstants {
+fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
     ReadoutConstants {
         threads: policy.readout_threads,
         most_rounds: policy.readout_rounds,
         apart: policy.readout_apart,
-        group_bins: policy.group_bins_of(bins),
     }
 }
 

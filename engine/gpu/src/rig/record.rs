@@ -5,7 +5,7 @@
 use super::code::Code;
 use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
-    permutation, physical_row, readout, readout_apart, readout_light, readout_row, sort,
+    permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
 use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
@@ -16,7 +16,9 @@ use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, sta
 use crate::policy::KernelPolicy;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{self as layout, KERNELS, KernelInfo, Push, TICK_STAGES_WITH_BUS};
+use esaac_layout::{
+    self as layout, Counters, KERNELS, KernelInfo, Push, ReadoutProgress, TICK_STAGES_WITH_BUS,
+};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -56,8 +58,6 @@ pub(super) struct Kernels {
 
 /// Kernels of rigs in which a camera has a bus.
 struct BusKernels {
-    /// `None` if every tick is served by the others.
-    light: Option<Kernel>,
     readout: Kernel,
     /// `None` if chunks are not served side by side.
     apart: Option<Kernel>,
@@ -94,18 +94,13 @@ impl Kernels {
             self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
         }
         if self.bus.is_none() && permutations.iter().any(|p| p.has_bus) {
-            let bins = all_bins(cameras);
             self.bus = Some(BusKernels {
-                light: match policy.readout_light {
-                    true => Some(code.kernel(bindings, &readout_light(policy, bins))?),
-                    false => None,
-                },
-                readout: code.kernel(bindings, &readout(policy, bins))?,
+                readout: code.kernel(bindings, &readout(policy))?,
                 apart: match policy.readout_apart {
-                    true => Some(code.kernel(bindings, &readout_apart(policy, bins))?),
+                    true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, bins, true))?,
+                sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
             });
         }
         Ok(())
@@ -215,6 +210,7 @@ impl Rig {
             self.record(needed, true)?;
         }
         self.prepare_rows(t_ns);
+        self.prepare_reports(t_ns);
         self.prepare_poses(t_ns);
         Ok(())
     }
@@ -238,6 +234,7 @@ impl Rig {
             self.record(needed, false)?;
         }
         self.prepare_rows(t_ns);
+        self.prepare_reports(t_ns);
         Ok(())
     }
 
@@ -263,6 +260,16 @@ impl Rig {
             self.prepare_readouts(&order);
         }
         self.arena.table(layout::CAMERAS).write(0, &self.parameters);
+    }
+
+    /// Resets the reports of outlets. Where `sort` serves, it says in them what it has served, and where it could not.
+    fn prepare_reports(&mut self, t_ns: &[Option<i64>]) {
+        let fresh = Counters { progress: ReadoutProgress::Done as u32, ..Counters::default() };
+        for (camera, _) in self.cameras.iter().zip(t_ns).filter(|(_, t_ns)| t_ns.is_some()) {
+            if has_bus(&camera.config.sensor) {
+                self.arena.table(layout::REPORT).write(camera.outlet.slot as usize, &[fresh]);
+            }
+        }
     }
 
     /// Adds the rows of outlets to the table of cameras, in the order of their cameras, and fills the table of readouts.
@@ -320,7 +327,7 @@ impl Rig {
         let bus = k.bus.iter().flat_map(|bus| {
             [("sort", &bus.sort), ("readout", &bus.readout)]
                 .into_iter()
-                .chain(bus.light.iter().chain(&bus.apart).map(|kernel| ("readout", kernel)))
+                .chain(bus.apart.iter().map(|apart| ("readout", apart)))
         });
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
         of_sensors.chain(events).chain(paths).chain(bus).chain(forms)
@@ -412,19 +419,15 @@ impl Rig {
         unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
     }
 
-    /// Records the readout of a tick: of packets in which events hardly wait, if the policy has them apart, else of all.
+    /// Records `deferred` for outlets: what has left the buses in earlier ticks comes back.
     ///
     /// # Safety
     /// As of [`Kernel::record`].
-    unsafe fn record_first_readout(&self, commands: vk::CommandBuffer, outlets: u32) {
-        let kernels = self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it");
-        let groups = [self.bin_groups(), self.cameras.len() as u32, 1];
-        match &kernels.light {
-            // SAFETY: the caller's contract is the same.
-            Some(light) => unsafe { light.record(commands, bytes_of(&Push::default()), groups) },
-            // SAFETY: the caller's contract is the same.
-            None => unsafe { self.record_readout(commands, outlets, false) },
-        }
+    pub(super) unsafe fn record_deferred_of_outlets(&self, commands: vk::CommandBuffer, outlets: u32) {
+        let push = Push { first_camera: self.cameras.len() as u32, ..Push::default() };
+        let groups = [striding_groups(self), outlets, 1];
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.pipelines.kernels.deferred.record(commands, bytes_of(&push), groups) };
     }
 
     /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
@@ -504,12 +507,12 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
                     dispatch(commands, paths, group.first, [PATHS_GROUPS, group.count, 1]);
                 }
             }
-            if outlets > 0 {
+            if outlets > 0 && !policy.readout_light {
                 if policy.serial {
                     record_barrier(device, commands);
                 }
-                let extent = [striding_groups(rig), outlets, 1];
-                dispatch(commands, &rig.pipelines.kernels.deferred, cameras, extent);
+                // SAFETY: as for the commands, below.
+                unsafe { rig.record_deferred_of_outlets(commands, outlets) };
             }
             record_barrier(device, commands);
         }
@@ -540,10 +543,14 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
         if outlets > 0 {
             // SAFETY: as for the commands, below.
             unsafe { rig.record_sort(commands, 0, cameras, false) };
-            record_barrier(device, commands);
-            stage_done();
-            // SAFETY: as for the commands, below.
-            unsafe { rig.record_first_readout(commands, outlets) };
+            if !policy.readout_light {
+                record_barrier(device, commands);
+                stage_done();
+                // SAFETY: as for the commands, below.
+                unsafe { rig.record_readout(commands, outlets, false) };
+            } else {
+                stage_done();
+            }
         } else {
             let extent = [rig.bin_groups(), cameras, 1];
             dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);
