@@ -10,8 +10,8 @@
 // events go to `gathered` only, and `merge` sorts them. Deferred events go there too, behind the packet, where the next
 // tick's `deferred` finds them. Events with a bus before them go to `gathered` too, sorted, for `readout`; what leaves
 // the bus comes back as the packet of the camera's outlet. The first workgroup writes the camera's `report` for the host and resets the next
-// tick's counters; all workgroups clear the next tick's bins. Where events hardly wait for the bus, they are served here
-// (sort_served.glsl), and the packet of the outlet is written at once.
+// tick's counters; all workgroups clear the next tick's bins. Where events hardly wait for the bus, they are served
+// here (sort_served.glsl), and the packet of the outlet is written at once.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -317,10 +317,11 @@ void main() {
         write_report(cam, counted, all, deferred, fitted);
     }
     const bool is_served = HAS_BUS && READOUT_LIGHT && before_bus;
-    Camera outlet;
-    if (is_served && fitted) {
+    if (HAS_BUS && READOUT_LIGHT) {
         readout = readouts[cam.slot];
-        outlet = cameras[readout.outlet_row];
+    }
+    const Camera outlet = cameras[is_served ? readout.outlet_row : index];
+    if (is_served && fitted) {
         prepare_outlet(outlet, first_bin);
     }
     if (!fitted || cam.frame_kind != FRAME_INTERVAL) {

@@ -1,17 +1,18 @@
-// Serves the events of a group of bins over the sensor's bus as they are sorted, in a tick in which events hardly wait: none is
-// lost, and none waits at either end of the interval to be served. Writes the outlet's packet. A workgroup that finds that it
-// cannot says so in the outlet's report; the tick then goes on with `readout`, as if nothing had been done here.
+// Serves the events of a group of bins over the sensor's bus as they are sorted, in a tick in which events hardly wait:
+// none is lost, and none waits at either end of the interval to be served. Writes the outlet's packet. A workgroup that
+// finds that it cannot says so in the outlet's report; the tick then goes on with `readout`, as if nothing had been
+// done here.
 //
-// If no event is lost, an event's place in the packet differs from its place before the bus only among those of a cluster:
-// those that leave in the same tick of the sensor's clock or, by row, those between two instants at which the bus is idle.
-// A workgroup takes a bin on either side besides its own, so that clusters are whole. Before these bins the bus is free no
-// later than it would be if the events of each bin came at the bin's end. When it is free then does not matter once it has
-// been idle. Each cluster is written by the group in which it begins.
+// If no event is lost, an event's place in the packet differs from its place before the bus only among those of a
+// cluster: those that leave in the same tick of the sensor's clock or, by row, those between two instants at which the
+// bus is idle. A workgroup takes a bin on either side besides its own, so that clusters are whole. Before these bins
+// the bus is free no later than it would be if the events of each bin came at the bin's end. When it is free then does
+// not matter once it has been idle. Each cluster is written by the group in which it begins.
 
 // Needs split_sort.glsl, whose shared memory it uses.
 
-// Most events of a group and of the bins on either side: two a thread, and a quarter of `keys`. The quarters are: the packet;
-// when the bus is free after each event; the events; when each leaves.
+// Most events of a group and of the bins on either side: two a thread, and a quarter of `keys`. The quarters are: the
+// packet; when the bus is free after each event; the events; when each leaves.
 const uint QUARTER = SORTABLE_EVENTS / 4u;
 const uint MOST_SERVED = 2u * gl_WorkGroupSize.x;
 
@@ -68,8 +69,8 @@ void set_left(uint e, int64_t ps) {
     keys[3u * QUARTER + e] = halves(ps);
 }
 
-// Time stamps; by row, the event that has opened an event's service; how many events a service has; whether a cluster begins
-// with an event.
+// Time stamps; by row, the event that has opened an event's service; how many events a service has; whether a cluster
+// begins with an event.
 #define STAMP(e) bucket_ends[e]
 #define OPENER(e) bucket_ends[2u * QUARTER - 1u - (e)]
 #define MEMBERS(e) in_order[e]
@@ -142,8 +143,8 @@ void load_carried(Camera outlet, uint carried, uint place) {
     }
 }
 
-// Finds when the bus is free after each of the tile's events, if it is free at `free_ps` before them. Returns the first event
-// after which this is certain even though the bus may be free earlier than that. Ends with a barrier.
+// Finds when the bus is free after each of the tile's events, if it is free at `free_ps` before them. Returns the first
+// event after which this is certain even though the bus may be free earlier than that. Ends with a barrier.
 uint find_latest(uint length, int64_t free_ps, int64_t service_ps) {
     const uint lane = gl_LocalInvocationID.x;
     int64_t own = NEVER;
@@ -183,8 +184,8 @@ bool is_carried_at(uint e, uint carried) {
     return false;
 }
 
-// Whether event `e` may be lost if events are served one by one. `free_ps`: when the bus is free before the tile; NEVER if
-// no event comes before it.
+// Whether event `e` may be lost if events are served one by one. `free_ps`: when the bus is free before the tile; NEVER
+// if no event comes before it.
 bool may_be_lost(uint e, int64_t free_ps, uint carried) {
     const int64_t now = now_ps(e);
     uint other = e;
@@ -197,8 +198,8 @@ bool may_be_lost(uint e, int64_t free_ps, uint carried) {
     return (other == 0u && free_ps >= now) || is_carried_at(e, carried);
 }
 
-// Serves the cluster of events [first, last) by row, as a queue does. Returns false if an event is lost, or does not have
-// its turn in the interval.
+// Serves the cluster of events [first, last) by row, as a queue does. Returns false if an event is lost, or does not
+// have its turn in the interval.
 bool serve_cluster(Camera cam, uint first, uint last, int64_t free_ps, uint carried) {
     // The first service that has not begun, and the last one that has.
     uint next = first;
@@ -282,8 +283,8 @@ void write_carried(Camera outlet, uint carried, uint first, uint end) {
     write_out(outlet, outlet.event_base + place, key);
 }
 
-// Writes events [first, end) of the tile; the first one is event `base` of the packet, but for what is carried over. A subgroup
-// writes whole lines.
+// Writes events [first, end) of the tile; the first one is event `base` of the packet, but for what is carried over. A
+// subgroup writes whole lines.
 void write_served(Camera outlet, uint base, uint first, uint end, uint carried) {
     const uint from = outlet.event_base + carried + base;
     for (uint at = (from & ~31u) + gl_LocalInvocationID.x; at < from + end - first; at += gl_WorkGroupSize.x) {
@@ -298,8 +299,8 @@ void write_served(Camera outlet, uint base, uint first, uint end, uint carried) 
     }
 }
 
-// Keeps the events in [first, end) that leave after the interval, and what the next tick needs to know. Called by the whole
-// workgroup. `free_ps`: when the bus is free after the packet. `carried_place`: where lies what was carried over.
+// Keeps the events in [first, end) that leave after the interval, and what the next tick needs to know. Called by the
+// whole workgroup. `free_ps`: when the bus is free after the packet. `carried_place`: where lies what was carried over.
 void end_packet(Camera outlet, uint first, uint end, uint before_late, int64_t free_ps, uint carried_place) {
     const uint lane = gl_LocalInvocationID.x;
     // Not where those lie that were carried over: others may still read them.
@@ -346,8 +347,8 @@ void prepare_outlet(Camera outlet, uint first_bin) {
     }
 }
 
-// Serves the tile whose events are in order. `base`: the packet's number of its first event; `own`, `own_end`: which of them
-// are the group's.
+// Serves the tile whose events are in order. `base`: the packet's number of its first event; `own`, `own_end`: which of
+// them are the group's.
 void serve_tile(Camera cam, Camera outlet, uint first_bin, uint base, uvec2 own, uint length, uint packet) {
     const uint lane = gl_LocalInvocationID.x;
     const bool by_row = readout.row_ps != 0ul;
@@ -392,8 +393,8 @@ void serve_tile(Camera cam, Camera outlet, uint first_bin, uint base, uvec2 own,
         if (is_event) {
             BEGINS(e) = uint16_t(starts);
         }
-        // If the bus may be free earlier, a cluster that begins does so all the same. Another may, and its other group must
-        // find the same.
+        // If the bus may be free earlier, a cluster that begins does so all the same. Another may, and its other group
+        // must find the same.
         const bool is_known = base == 0u || (e > 0u && certain < e);
         if (!starts && !is_known) {
             gives_up = true;
@@ -464,7 +465,8 @@ void serve_tile(Camera cam, Camera outlet, uint first_bin, uint base, uvec2 own,
     }
 }
 
-// Sorts the group's events, leaves them for `readout`, and serves them. Returns false if there are too many, and nothing is done.
+// Sorts the group's events, leaves them for `readout`, and serves them. Returns false if there are too many, and
+// nothing is done.
 bool serve_group(Camera cam, Camera outlet, uint first_bin, Sums all) {
     const uint lane = gl_LocalInvocationID.x;
     const uint own = bins_of(cam, cam.frame_slot);

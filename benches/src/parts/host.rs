@@ -99,7 +99,8 @@ fn measure_light(laboratory: &Laboratory, cameras: usize) -> Result<LightRow> {
 
 fn show_light(document: &mut Document, rows: &[LightRow]) {
     document.say(
-        "Microseconds of a tick before it is submitted, cameras of 640x480 with a physical pixel. *Looks*: ticks that read some          rows of the frame back for the report of the light. *Each*: what that costs a tick if one in 256 looks.",
+        "Microseconds of a tick before it is submitted, cameras of 640x480 with a physical pixel. *Looks*: ticks that read some \
+         rows of the frame back for the report of the light. *Each*: what that costs a tick if one in 256 looks.",
     );
     let mut table = vec![cells!["cameras", "looks", "others", "a look costs", "each"]];
     for row in rows {
