@@ -1,16 +1,7 @@
 // Services on a bus: those that wait from chunk to chunk, and those of a chunk's events. Needs bus_scan.glsl, `bus`,
-// `readout`, `cam` and `free_ps`.
-//
-// `bus` has for each camera a head; for each pixel the time at which its last event leaves, nanoseconds since the epoch,
-// or that it waits; seven arrays of a word for each row; and two words for each stretch of half as many events as a
-// workgroup has threads. The services that wait are numbered in the order in which they will be.
+// `readout`, `cam` and `free_ps`. The services that wait are numbered in the order in which they will be.
 
-const uint HEAD_FREE = 0u; // when the bus is free, picoseconds from the interval's start
-const uint HEAD_PERIOD = 1u; // the rate controller's period
-const uint HEAD_SERVED = 2u; // events served in it
-const uint HEAD_SERVICES = 3u; // services that wait
-const uint HEAD_NEXT = 4u; // the packet's next event
-const uint HEAD_WAITING = 5u; // events that wait for their row
+#include "bus_layout.glsl"
 
 const uint ROW_OPENER = 0u; // by service: when its first event came, nanoseconds from the interval's start
 const uint ROW_EVENTS = 1u; // by service: its row and, times 2^32, its events
@@ -22,14 +13,6 @@ const uint ROW_SERVED = 6u; // by service: events up to its own
 
 // What the bus tells of a pixel whose event waits: that it is OFF, or ON.
 const int64_t WAITS = 0x7ffffffffffffffel;
-
-uint at_head(uint word) {
-    return readout.bus_base + word;
-}
-
-uint at_pixel(uint pixel) {
-    return readout.bus_base + BUS_HEAD + pixel;
-}
 
 uint at_row(uint array, uint index) {
     return readout.bus_base + BUS_HEAD + cam.pixels + array * cam.height + index;

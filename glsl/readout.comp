@@ -10,6 +10,8 @@
 //
 // Chunks that `readout_apart` has served are passed over: the bus is idle before and after them.
 //
+// A tick that `sort` has served needs nothing of this.
+//
 // Reads the packet, where `sort` or `merge` has left it. `bus` keeps what waits from chunk to chunk and from tick to tick. A
 // dispatch may end before the packet's end (MOST_ROUNDS); the next one goes on. `progress` of the outlet's counters says
 // whether one is needed.
@@ -74,7 +76,7 @@ void main() {
     count_waiting = 0u;
     most_loops = 0u;
     loops = 0u;
-    free_ps = bus[at_head(HEAD_FREE)];
+    free_ps = bus[at_free(cam.frame_slot)];
     uint services_waiting = uint(bus[at_head(HEAD_SERVICES)]);
     uint first = uint(bus[at_head(HEAD_NEXT)]);
     const int64_t since_epoch_ns = source.start_ns - source.epoch_ns;
@@ -122,7 +124,7 @@ void main() {
     }
     sync();
     if (lane == 0u) {
-        bus[at_head(HEAD_FREE)] = free_ps;
+        bus[at_free(is_last ? 1u - cam.frame_slot : cam.frame_slot)] = free_ps;
         bus[at_head(HEAD_SERVICES)] = int64_t(services_waiting);
         bus[at_head(HEAD_NEXT)] = is_last ? 0l : int64_t(first);
         bus[at_head(HEAD_WAITING)] = int64_t(count_waiting);

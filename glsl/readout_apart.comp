@@ -41,7 +41,7 @@ int64_t load_before(uint stretch) {
     barrier();
     const int64_t waiting_ps = bus[at_head(HEAD_SERVICES)] * int64_t(readout.row_ps)
         + bus[at_head(HEAD_WAITING)] * int64_t(readout.event_ps);
-    const int64_t from_start = bus[at_head(HEAD_FREE)] + waiting_ps + int64_t(stretch) * of_stretch;
+    const int64_t from_start = bus[at_free(cam.frame_slot)] + waiting_ps + int64_t(stretch) * of_stretch;
     latest = max(last_end, from_start);
     barrier();
     return latest;

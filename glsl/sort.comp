@@ -10,7 +10,8 @@
 // events go to `gathered` only, and `merge` sorts them. Deferred events go there too, behind the packet, where the next
 // tick's `deferred` finds them. Events with a bus before them go to `gathered` too, sorted, for `readout`; what leaves
 // the bus comes back as the packet of the camera's outlet. The first workgroup writes the camera's `report` for the host and resets the next
-// tick's counters; all workgroups clear the next tick's bins.
+// tick's counters; all workgroups clear the next tick's bins. Where events hardly wait for the bus, they are served
+// here (sort_served.glsl), and the packet of the outlet is written at once.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -24,12 +25,13 @@ BUFFER(, SLOT_COUNTERS, Counters, counters);
 BUFFER(, SLOT_BINS, uint, bins);
 BUFFER(readonly, SLOT_BIN_STORAGE, uvec2, bin_storage);
 BUFFER(readonly, SLOT_OVERFLOW, uvec2, overflow);
-BUFFER(writeonly, SLOT_GATHERED, uvec2, gathered);
+BUFFER(, SLOT_GATHERED, uvec2, gathered);
 BUFFER(writeonly, SLOT_EVENT_T, uint, event_t);
 BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 BUFFER(writeonly, SLOT_REPORT, Counters, report);
+BUFFER(, SLOT_BUS, int64_t, bus);
 
 #include "readouts.glsl"
 
@@ -37,6 +39,8 @@ const bool MAY_BIN_BY_SAMPLE = true;
 
 // Whether events go to `readout`, which finds them in `gathered`, and not into the packet.
 bool before_bus;
+
+Readout readout;
 
 #include "udiv_float.glsl"
 
@@ -46,6 +50,7 @@ uint fast_udiv(uint x, uint divisor) {
 
 #include "bins.glsl"
 #include "event_order.glsl"
+#include "bus_layout.glsl"
 
 // Most events of a group that is ranked at once: the other half of `keys` receives them in order. Ranking takes as many
 // steps as a bin has events; beyond RANKED_BIN_EVENTS it takes fewer steps to split bins first.
@@ -269,6 +274,8 @@ void gather_overflow(Camera cam, uint overflow_count, uint packet, bool heavy) {
     }
 }
 
+#include "sort_served.glsl"
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     const uint first_bin = gl_WorkGroupID.x * GROUP_BINS;
@@ -309,6 +316,14 @@ void main() {
     if (gl_WorkGroupID.x == 0u && lane == 0u) {
         write_report(cam, counted, all, deferred, fitted);
     }
+    const bool is_served = HAS_BUS && READOUT_LIGHT && before_bus;
+    if (HAS_BUS && READOUT_LIGHT) {
+        readout = readouts[cam.slot];
+    }
+    const Camera outlet = cameras[is_served ? readout.outlet_row : index];
+    if (is_served && fitted) {
+        prepare_outlet(outlet, first_bin);
+    }
     if (!fitted || cam.frame_kind != FRAME_INTERVAL) {
         // Not all events fit (the host grows the buffers and `cross` runs again), `readout` has to go on, or there is no
         // interval.
@@ -319,6 +334,17 @@ void main() {
         gather_overflow(cam, counted.overflow, all.packet, heavy);
     }
     const uint events = offsets[GROUP_BINS - 1u] + counts[GROUP_BINS - 1u];
+    if (is_served && heavy && gl_WorkGroupID.x == 0u && lane == 0u) {
+        report[outlet.slot].progress = READOUT_UNDONE;
+    }
+    if (is_served && !heavy && (events != 0u || (all.packet == 0u && gl_WorkGroupID.x == 0u))) {
+        if (serve_group(cam, outlet, first_bin, all)) {
+            return;
+        }
+        if (lane == 0u) {
+            report[outlet.slot].progress = READOUT_UNDONE;
+        }
+    }
     if (events == 0u) {
         return;
     }

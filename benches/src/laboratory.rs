@@ -34,6 +34,8 @@ pub enum Part {
     Host,
     /// Cost of each sensor effect
     Effects,
+    /// Cost of each sensor's bus
+    Readout,
     /// Effects of the physical pixel in bright and dim scenes
     Light,
     /// Packets into ROS messages, from where the device wrote them

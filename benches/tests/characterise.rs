@@ -4,6 +4,7 @@ use esaac_benches::characterise::noise::{leak, noise_at};
 use esaac_benches::characterise::public::{NIST_W_PER_M2, lux_of, published};
 use esaac_benches::characterise::response::{LightStep, bandwidth_at, latency, shortest_gap_us};
 use esaac_benches::characterise::s_curve::{SCurve, s_curve};
+use esaac_benches::characterise::saturation::saturation_at;
 use esaac_benches::characterise::{Lab, characterise};
 use esaac_model::SensorModel;
 use esaac_model::physical::DOUBLING_K;
@@ -109,4 +110,20 @@ fn leak_and_dark_current_double_with_warmth() {
 fn a_log_intensity_pixel_is_refused() {
     let error = characterise(&lab(8, 0, 1), &preset("hd").expect("listed")).unwrap_err().to_string();
     assert!(error.contains("`hd` has a log-intensity pixel"), "{error}");
+}
+
+/// One by one a bus sends at most an event a service, however many pixels ask; by row it sends more the more of a row wait.
+#[test]
+fn a_bus_saturates_as_its_services_say() {
+    let lab = lab(64, 0, 1);
+    for name in ["davis346", "hd"] {
+        let sensor = preset_with_physical_pixel(name).expect("listed");
+        for (active, saturated) in [(64, false), (1024, false), (4096, true)] {
+            let point = saturation_at(&lab, &sensor, active).unwrap();
+            println!("{name}, {active} pixels: {point:?}");
+            assert_eq!(point.left_hz < 0.9 * point.asked_hz, saturated, "{name}: {point:?}");
+            assert!((point.left_hz / point.model_hz - 1.0).abs() < 0.05, "{name}: {point:?}");
+        }
+    }
+    assert_silent();
 }

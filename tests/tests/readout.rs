@@ -125,8 +125,9 @@ fn check(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Se
     all
 }
 
-/// Chunks of a packet one after the other, as on the software driver, and side by side, as on GPUs.
-fn orders() -> [RigOptions; 2] {
+/// Chunks of a packet one after the other, as on the software driver; side by side; and as on GPUs, where the whole packet is
+/// served at once if events hardly wait.
+fn orders() -> [RigOptions; 3] {
     let kernels =
         if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
     let software = KernelPolicy::software_driver();
@@ -134,6 +135,7 @@ fn orders() -> [RigOptions; 2] {
         readout_threads: software.readout_threads,
         readout_rounds: software.readout_rounds,
         readout_dispatches: software.readout_dispatches,
+        readout_light: false,
         readout_apart: false,
         ..kernels
     };
@@ -142,10 +144,24 @@ fn orders() -> [RigOptions; 2] {
         readout_threads: gpu.readout_threads,
         readout_rounds: gpu.readout_rounds,
         readout_dispatches: gpu.readout_dispatches,
+        readout_light: false,
         readout_apart: gpu.readout_apart,
         ..kernels
     };
-    [one_by_one, side_by_side].map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
+    let at_once = KernelPolicy {
+        readout_light: gpu.readout_light,
+        sort_threads: gpu.sort_threads,
+        group_bins: gpu.group_bins,
+        ..side_by_side
+    };
+    [one_by_one, side_by_side, at_once]
+        .map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
+}
+
+/// The last of [`orders`].
+fn at_once() -> RigOptions {
+    let [_, _, at_once] = orders();
+    at_once
 }
 
 const KINDS: [ReadoutKind; 2] = [ReadoutKind::Fifo, ReadoutKind::Rows];
@@ -159,7 +175,7 @@ fn random_streams_from_idle_to_tenfold_overload_are_served_as_by_a_queue() {
         .flat_map(|kind| loads.map(|event_ns| sensor(kind, event_ns)))
         .map(|sensor| (sensor.clone(), random(&sensor, 5, 5.0)))
         .collect();
-    let [_, runs] = orders().map(|options| check(&cameras, options));
+    let [_, _, runs] = orders().map(|options| check(&cameras, options));
     let lost = |run: &Vec<Served>| run.iter().map(|s| s.lost).sum::<u64>();
     for of_kind in runs.chunks(loads.len()) {
         assert_eq!(lost(&of_kind[0]), 0, "an idle bus loses nothing");
@@ -223,7 +239,7 @@ fn a_flash_of_all_pixels_is_served_as_by_a_queue_though_buffers_grow() {
     for kind in KINDS {
         cameras.extend([flash(kind, 0.001, 1), flash(kind, 83.0, 1_000), flash(kind, 4_000.0, 20_000_000)]);
     }
-    for (options, initial_events) in orders().into_iter().zip([0, 64]) {
+    for (options, initial_events) in orders().into_iter().zip([0, 64, 64]) {
         check(&cameras, RigOptions { initial_events, ..options });
     }
 }
@@ -247,7 +263,7 @@ fn the_rate_controller_the_tick_and_the_latency_are_those_of_the_queue() {
         })
         .map(|sensor| (sensor.clone(), random(&sensor, 4, 5.0)))
         .collect();
-    let runs = check(&cameras, RigOptions::default());
+    let runs = check(&cameras, at_once());
     let capped: Vec<u64> = runs.iter().map(|run| run.iter().map(|s| s.capped).sum()).collect();
     assert!(
         capped[0] == 0 && capped[4] == 0 && capped.iter().filter(|&&n| n > 100).count() == 6,
@@ -269,7 +285,7 @@ fn a_davis346_sends_12_million_events_a_second_and_10_000_at_once_in_a_milliseco
         let crosses = frame >= 2 && pixel % 4 == 0 && pixel / 4 < 10_000;
         intensity_of(&davis, if crosses { -0.7 } else { -1.0 })
     });
-    let run = check(&[(davis, frames)], RigOptions::default()).remove(0);
+    let run = check(&[(davis, frames)], at_once()).remove(0);
     let counts: Vec<usize> = run.iter().map(|s| s.events.len()).collect();
     assert_eq!(counts, [0, 0, 0, 10_000, 0]);
     let times_ns: Vec<i64> = run[3].events.iter().map(|event| event.t_ns).collect();
@@ -293,7 +309,7 @@ fn an_infinitely_fast_bus_changes_nothing() {
         });
         // All of them have the same number in random draws.
         let runs = cameras.map(|(sensor, frames)| {
-            let mut rig = rig(&sensor, &frames, RigOptions::default());
+            let mut rig = rig(&sensor, &frames, at_once());
             steps(&mut rig, &frames, 0..4)
         });
         assert!(events(&runs[0]).len() > 1000);
@@ -336,16 +352,16 @@ fn the_oracle_has_the_same_bus_for_both_pixels() {
 
 #[test]
 fn a_saved_bus_goes_on_as_if_nothing_had_happened() {
-    for kind in KINDS {
+    for (kind, cap) in [(ReadoutKind::Fifo, 900), (ReadoutKind::Rows, 900), (ReadoutKind::Fifo, 0)] {
         let sensor = SensorModel {
             latency_ns: 3_000_000,
-            readout_cap_events: 900,
+            readout_cap_events: cap,
             readout_cap_period_ns: 50_000_000,
             ..sensor(kind, 10_000.0)
         };
         let frames = random(&sensor, 6, 5.0);
         // Its buffers grow; the other rig's do not.
-        let small = RigOptions { initial_events: 64, ..RigOptions::default() };
+        let small = RigOptions { initial_events: 64, ..at_once() };
         let mut whole = rig(&sensor, &frames, small);
         steps(&mut whole, &frames, 0..3);
         let saved = whole.save().expect("a healthy rig");
@@ -375,7 +391,7 @@ fn a_bus_is_switched_on_and_off_while_a_camera_runs() {
         let mut rig = rig(sensor, &frames, RigOptions::default());
         steps(&mut rig, &frames, range)
     };
-    let mut switched = rig(&off, &frames, RigOptions::default());
+    let mut switched = rig(&off, &frames, at_once());
     for (sensor, range) in [(&off, 0..3), (&on, 3..6), (&off, 6..9), (&on, 9..12)] {
         switched.set_sensor(0, sensor.clone()).expect("a valid sensor");
         let got = steps(&mut switched, &frames, range.clone());
@@ -395,7 +411,7 @@ fn packets_behind_a_bus_are_the_same_wherever_they_lie() {
     let sensor = SensorModel { timestamp_quantum_ns: 1_000, ..sensor(ReadoutKind::Fifo, 7_000.0) };
     let frames = random(&sensor, 4, 5.0);
     let mut owned = rig(&sensor, &frames, RigOptions::default());
-    let place = |packets| RigOptions { packets, ..RigOptions::default() };
+    let place = |packets| RigOptions { packets, ..at_once() };
     let mut in_place = rig(&sensor, &frames, place(PacketPlace::InPlace));
     let mut on_device = rig(&sensor, &frames, place(PacketPlace::OnDevice));
     for index in 0..4 {
@@ -417,6 +433,38 @@ fn packets_behind_a_bus_are_the_same_wherever_they_lie() {
         assert_eq!(gathered[..times_ns.len()], times_ns);
     }
     drop((owned, in_place, on_device));
+    assert_silent();
+}
+
+#[test]
+fn a_tick_in_which_events_hardly_wait_takes_one_submission() {
+    for (kind, event_ns) in
+        [(ReadoutKind::Fifo, 50.0), (ReadoutKind::Rows, 50.0), (ReadoutKind::Fifo, 2_000.0)]
+    {
+        let sensor = SensorModel { timestamp_quantum_ns: 1_000, ..sensor(kind, event_ns) };
+        let frames = random(&sensor, 12, 5.0);
+        let arrivals =
+            engine_of_many(&[(without_bus(&sensor), frames.clone())], RigOptions::default()).remove(0);
+        let expected = queued(&sensor, &frames, &arrivals);
+        let mut rig = rig(&sensor, &frames, RigOptions { stage_times: true, ..at_once() });
+        let (mut at_once, mut carried) = (0, 0);
+        for (index, expected) in expected.iter().enumerate() {
+            let got = served(&step(&mut rig, &frames, index));
+            assert_eq!(&got, expected, "packet {index}, {kind:?} {event_ns} ns");
+            let retries =
+                rig.last_tick().stage_ns.iter().filter(|(stage, ns)| *stage == "retry" && *ns > 0).count();
+            at_once += usize::from(retries == 0 && index > 0);
+            carried += usize::from(retries == 0 && got.waiting > 0);
+        }
+        println!(
+            "{kind:?} {event_ns} ns: {at_once} of 11 at once, {carried} of them with events that leave later"
+        );
+        if event_ns < 100.0 {
+            assert!(at_once >= 9, "{kind:?} {event_ns} ns: {at_once} of 11");
+        } else {
+            assert!(carried >= 1, "{kind:?} {event_ns} ns: {carried} of {at_once}");
+        }
+    }
     assert_silent();
 }
 

@@ -6,6 +6,7 @@ pub mod noise;
 pub mod public;
 pub mod response;
 pub mod s_curve;
+pub mod saturation;
 mod show;
 
 pub use show::{document, plots};
@@ -18,6 +19,7 @@ use noise::{LeakPoint, NoisePoint};
 use public::Published;
 use response::{BandwidthPoint, LatencyPoint};
 use s_curve::SCurve;
+use saturation::SaturationPoint;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -52,7 +54,7 @@ impl<'a> Lab<'a> {
 }
 
 /// Number of curves.
-const CURVES: u64 = 6;
+const CURVES: u64 = 7;
 
 /// Everything that is measured of a sensor.
 #[derive(Clone, Debug, Serialize)]
@@ -77,6 +79,8 @@ pub struct Characterisation {
     pub shortest_gap_us: f64,
     /// Leak against light and temperature.
     pub leak: Vec<LeakPoint>,
+    /// Events that leave the bus against active pixels.
+    pub saturation: Vec<SaturationPoint>,
     /// What is published about the sensor.
     pub published: Published,
 }
@@ -105,6 +109,8 @@ pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisat
     let shortest_gap_us = response::shortest_gap_us(lab, sensor)?;
     lab.begin("leak");
     let leak = noise::leak(lab, sensor)?;
+    lab.begin("saturation");
+    let saturation = saturation::saturation(lab, sensor)?;
     lab.progress.finish_and_clear();
     Ok(Characterisation {
         burn_in_s: lab.burn_in_s,
@@ -116,6 +122,7 @@ pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisat
         latency,
         shortest_gap_us,
         leak,
+        saturation,
         published: public::published(&sensor.name),
         sensor: sensor.clone(),
     })

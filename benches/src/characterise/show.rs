@@ -74,6 +74,18 @@ pub fn plots(of: &Characterisation) -> Result<Vec<(&'static str, String)>> {
         }
     }
     add("latency", axes, series)?;
+
+    let title = format!("{name}: events that leave the sensor");
+    let axes = Axes { title: &title, x: "active pixels", y: "events a s", logarithmic: (true, true) };
+    let saturation = |hz: fn(&super::saturation::SaturationPoint) -> f64| {
+        of.saturation.iter().map(|point| (point.active as f64, hz(point))).collect()
+    };
+    let series = vec![
+        Series::scatter("left", saturation(|p| p.left_hz)),
+        Series::path("asked for", saturation(|p| p.asked_hz)),
+        Series::path("the bus at most", saturation(|p| p.model_hz)),
+    ];
+    add("saturation", axes, series)?;
     Ok(plots)
 }
 
@@ -124,6 +136,13 @@ pub fn document(of: &Characterisation) -> Result<Document> {
         let mismatch = short(of.sensor.contrast_mismatch);
         let [half, width, sigma] = [curve.half_log, curve.width_log, curve.sigma_log].map(short);
         cells![short(curve.lux), half, width, sigma, mismatch]
+    }));
+    document.table(&table);
+    document.heading("Saturation");
+    let mut table = vec![cells!["active pixels", "asked for, 1/s", "left, 1/s", "equation, 1/s", "lost"]];
+    table.extend(of.saturation.iter().map(|p| {
+        let lost = format!("{:.0}%", 100.0 * (1.0 - p.left_hz / p.asked_hz).max(0.0));
+        cells![p.active, short(p.asked_hz), short(p.left_hz), short(p.model_hz), lost]
     }));
     document.table(&table);
     document.heading("Leak");

@@ -1,4 +1,4 @@
-//! What poses cost the host.
+//! What poses, and the report of the light, cost the host.
 
 use super::sensors::clean;
 use crate::cells;
@@ -9,6 +9,7 @@ use crate::statistics::median;
 use anyhow::Result;
 use esaac_engine::{CameraConfig, FrameBytes, GeometryConfig, Rig};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
+use esaac_model::presets::preset_with_physical_pixel;
 use esaac_model::{DepthFormat, HdrFormat, IdFormat, SensorModel, Synthesis};
 use glam::{DQuat, DVec3};
 use serde::Serialize;
@@ -35,7 +36,84 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     let cameras: &[usize] = if laboratory.options().quick { &[4, 16] } else { &[1, 16, 64, 256] };
     let cases = cameras.iter().flat_map(|&cameras| [0, 3].map(|bodies| (cameras, bodies))).collect();
     let rows = laboratory.rows("host", cases, |(cameras, bodies)| measure(laboratory, cameras, bodies))?;
-    Ok(Outcome { document: show(&rows), figures: serde_json::json!({ "rows": rows }) })
+    let light_cameras: &[usize] = if laboratory.options().quick { &[1] } else { &[1, 4, 16] };
+    let light =
+        laboratory.rows("host", light_cameras.to_vec(), |cameras| measure_light(laboratory, cameras))?;
+    let mut document = show(&rows);
+    show_light(&mut document, &light);
+    Ok(Outcome { document, figures: serde_json::json!({ "rows": rows, "light": light }) })
+}
+
+/// Ticks of a pass over cameras whose light is looked at; few of them look. Passes, and those of `--quick`.
+const LIGHT_TICKS: i64 = 70;
+const LIGHT_PASSES: [i64; 2] = [6, 1];
+
+/// Ticks of such cameras: those that look at the light, and the others.
+#[derive(Serialize)]
+struct LightRow {
+    cameras: usize,
+    looks: usize,
+    look_us: f64,
+    other_us: f64,
+}
+
+fn measure_light(laboratory: &Laboratory, cameras: usize) -> Result<LightRow> {
+    let sensor = SensorModel {
+        width: 640,
+        height: 480,
+        synthesis: Synthesis::Linear,
+        ..preset_with_physical_pixel("vga").expect("a preset")
+    };
+    let config = |camera| CameraConfig {
+        sensor: sensor.clone(),
+        camera,
+        hdr: HdrFormat::F16x4,
+        motion: None,
+        geometry: None,
+    };
+    let configs: Vec<CameraConfig> = (0..cameras as u32).map(config).collect();
+    let mut rig = Rig::new(laboratory.device(), &configs)?;
+    // Still light of an intensity of 1.
+    let hdr = 0x3c00_u16.to_le_bytes().repeat(4 * sensor.pixels());
+    for camera in 0..cameras {
+        rig.upload(camera, &FrameBytes { hdr: &hdr, ..FrameBytes::default() })?;
+    }
+    let (mut looks_us, mut others_us) = (Vec::new(), Vec::new());
+    for _ in 0..LIGHT_PASSES[usize::from(laboratory.options().quick)] {
+        (0..cameras).try_for_each(|camera| rig.reset(camera))?;
+        for tick in 0..LIGHT_TICKS {
+            let looked = |rig: &Rig| rig.light(0).map(|light| light.map_or(0, |light| light.frames));
+            let before = looked(&rig)?;
+            let started = Instant::now();
+            let submitted_ns = rig.step(&vec![tick * FRAME_NS; cameras])?.submit_to_packet_ns;
+            let own_us = started.elapsed().as_secs_f64() * 1e6 - submitted_ns as f64 / 1e3;
+            // The first ticks record commands.
+            if tick > 1 {
+                if looked(&rig)? > before { &mut looks_us } else { &mut others_us }.push(own_us);
+            }
+        }
+    }
+    let (look_us, other_us) = (median(&looks_us), median(&others_us));
+    Ok(LightRow { cameras, looks: looks_us.len(), look_us, other_us })
+}
+
+fn show_light(document: &mut Document, rows: &[LightRow]) {
+    document.say(
+        "Microseconds of a tick before it is submitted, cameras of 640x480 with a physical pixel. *Looks*: ticks that read some \
+         rows of the frame back for the report of the light. *Each*: what that costs a tick if one in 256 looks.",
+    );
+    let mut table = vec![cells!["cameras", "looks", "others", "a look costs", "each"]];
+    for row in rows {
+        let cost_us = row.look_us - row.other_us;
+        table.push(cells![
+            row.cameras,
+            short(row.look_us),
+            short(row.other_us),
+            short(cost_us),
+            short(cost_us / 256.0)
+        ]);
+    }
+    document.table(&table);
 }
 
 fn measure(laboratory: &Laboratory, cameras: usize, bodies: u32) -> Result<Row> {

@@ -9,6 +9,7 @@ mod frontier;
 mod host;
 mod light;
 mod memory;
+mod readout;
 mod real_sensor;
 mod scale;
 mod sensors;
@@ -29,6 +30,7 @@ pub(crate) fn run(laboratory: &Laboratory, part: Part) -> Result<Outcome> {
         Part::Scale => scale::run(laboratory),
         Part::Host => host::run(laboratory),
         Part::Effects => effects::run(laboratory),
+        Part::Readout => readout::run(laboratory),
         Part::Light => light::run(laboratory),
         Part::Encode => encode::run(laboratory),
         Part::Day => day::run(laboratory),

@@ -57,6 +57,9 @@ pub struct KernelPolicy {
     pub readout_rounds: u32,
     /// Dispatches of `readout` in a submission. If it needs more, it costs another submission.
     pub readout_dispatches: u32,
+    /// Whether `sort` serves ticks in which events hardly wait for a bus, and `readout` has a submission of its own for the
+    /// others. Then it must not leave any rest.
+    pub readout_light: bool,
     /// Whether `readout` serves chunks side by side, where the bus is idle in between. Then it must not leave any rest.
     pub readout_apart: bool,
     /// Most events that a thread strides over when the event buffers are full.
@@ -94,6 +97,7 @@ impl KernelPolicy {
             readout_threads: READOUT_THREADS,
             readout_rounds: u32::MAX,
             readout_dispatches: 1,
+            readout_light: true,
             readout_apart: true,
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
@@ -125,6 +129,7 @@ impl KernelPolicy {
             readout_threads: 64,
             readout_rounds: 16_384,
             readout_dispatches: 4,
+            readout_light: false,
             readout_apart: false,
             events_per_thread: 64,
             // A row of a tile has room for 32 events a pixel: one bit each for their polarities.

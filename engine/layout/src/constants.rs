@@ -251,6 +251,8 @@ spec_constants! {
     native_division: bool,
     /// Whether a camera of the rig has a bus.
     has_bus: bool,
+    /// Whether events that hardly wait for a bus are served.
+    readout_light: bool,
 }
 
 spec_constants! {

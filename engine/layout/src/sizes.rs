@@ -71,13 +71,16 @@ pub const PATHS_THREADS: u32 = 64;
 pub const READOUT_THREADS: u32 = 256;
 
 /// Elements of a camera in `bus` before those of its pixels and rows.
-pub const BUS_HEAD: u32 = 6;
+pub const BUS_HEAD: u32 = 7;
 
 /// Elements of a row in `bus`, in as many arrays.
 pub const BUS_ROW: u32 = 7;
 
 /// The first of these arrays: those that outlive a tick.
 pub const BUS_KEPT_ROW: u32 = 3;
+
+/// Most events that leave the bus after an interval that `sort` serves.
+pub const MOST_CARRIED: u32 = 32;
 
 /// Elements of `bus` for each stretch of half as many events as a workgroup of `readout` has threads.
 pub const BUS_STRETCH: u32 = 2;

@@ -1,7 +1,7 @@
 //! A physical pixel of known parameters is recovered from its own recordings under known light. The engine makes the
 //! recordings and does the fit.
 
-use esaac_calibrate::physical::{Flicker, Light, expose, fit_physical, fit_scene, read_exposures};
+use esaac_calibrate::physical::{Flicker, Light, Shape, expose, fit_physical, fit_scene, read_exposures};
 use esaac_formats::event_file::{EventColumns, write_npz};
 use esaac_model::presets::preset_with_physical_pixel;
 use esaac_model::{Pixel, Polarity, SensorModel};
@@ -52,7 +52,7 @@ fn lights() -> Vec<Light> {
     let still = [0.05, 0.4, 2.0, 6.0, 40.0].map(|lux| (lux, None, SECONDS));
     // Bright and slow: thresholds. Dim: the first pole. Bright and fast: the second.
     let swinging = [(100.0, 4.0), (0.4, 50.0), (300.0, 200.0), (300.0, 400.0), (300.0, 800.0)]
-        .map(|(lux, hz)| (lux, Some(Flicker { hz, depth: 0.8 }), 8.0 / hz));
+        .map(|(lux, hz)| (lux, Some(Flicker { hz, depth: 0.8, shape: Shape::Sine }), 8.0 / hz));
     still
         .into_iter()
         .chain(swinging)
@@ -61,9 +61,9 @@ fn lights() -> Vec<Light> {
 }
 
 /// Records the sensor and writes the recordings and their list, as a user has them.
-fn record(folder: &Path, sensor: &SensorModel) {
+fn record(folder: &Path, sensor: &SensorModel, lights: &[Light]) {
     let mut list = format!("burn_in_s = {BURN_IN_S}\n");
-    for (number, light) in lights().iter().enumerate() {
+    for (number, light) in lights.iter().enumerate() {
         let exposure = expose(&DEVICE, sensor, SIZE_PX, light).expect("an exposure");
         let mut columns = EventColumns::default();
         // What `expose` leaves out at the start is left out again when the list is read.
@@ -82,6 +82,9 @@ fn record(folder: &Path, sensor: &SensorModel) {
         ));
         if let Some(flicker) = light.flicker {
             list.push_str(&format!("flicker_hz = {}\ndepth = {}\n", flicker.hz, flicker.depth));
+            if flicker.shape == Shape::Step {
+                list.push_str("kind = \"step\"\n");
+            }
         }
     }
     std::fs::write(folder.join("list.toml"), list).expect("written");
@@ -91,7 +94,7 @@ fn record(folder: &Path, sensor: &SensorModel) {
 fn a_known_physical_pixel_is_recovered_from_its_recordings() {
     let known = known();
     let folder = tempfile::tempdir().unwrap();
-    record(folder.path(), &known);
+    record(folder.path(), &known, &lights());
     let exposures = read_exposures(&folder.path().join("list.toml")).unwrap();
     let guess = preset_with_physical_pixel("hd").expect("listed");
     let fit = fit_physical(&DEVICE, &exposures, &guess, |_, _| {}).unwrap();
@@ -118,6 +121,38 @@ fn a_known_physical_pixel_is_recovered_from_its_recordings() {
     assert!(holds.into_iter().all(|holds| holds), "{holds:?}");
     assert!(fit.misfit < 2.5, "{}", fit.misfit);
     assert_eq!(SensorModel::from_toml(&found.to_toml()).as_ref(), Ok(found));
+    assert_silent();
+}
+
+/// Steps in dim and in bright light tell both poles, without a flicker as fast as these.
+#[test]
+fn both_poles_are_recovered_from_steps() {
+    let known = known();
+    let folder = tempfile::tempdir().unwrap();
+    let light = |(lux, hz, depth, shape): (f64, f64, f64, Shape)| {
+        let flicker = Some(Flicker { hz, depth, shape });
+        Light { lux, flicker, burn_in_s: BURN_IN_S, seconds: 2.0 / hz }
+    };
+    let still = [2.0, 10.0].map(|lux| Light { lux, flicker: None, burn_in_s: BURN_IN_S, seconds: 8.0 });
+    let swinging = [
+        (100.0, 4.0, 0.8, Shape::Sine),
+        (0.4, 5.0, 0.6, Shape::Step),
+        (4.0, 25.0, 0.6, Shape::Step),
+        (500.0, 100.0, 0.6, Shape::Step),
+    ];
+    let lights: Vec<Light> = still.into_iter().chain(swinging.map(light)).collect();
+    record(folder.path(), &known, &lights);
+    let exposures = read_exposures(&folder.path().join("list.toml")).unwrap();
+    let guess = preset_with_physical_pixel("hd").expect("listed");
+    let fit = fit_physical(&DEVICE, &exposures, &guess, |_, _| {}).unwrap();
+    let pole = |s: &SensorModel| s.response_e_per_lux_s / s.photoreceptor_charge_e;
+    let of = |s: &SensorModel| [pole(s), s.second_pole_hz, s.contrast_on, s.contrast_off];
+    println!("known {:?}, found {:?}, guess {:?}\n{fit:#?}", of(&known), of(&fit.sensor), of(&guess));
+    for (at, bound) in [SPEED, SPEED, THRESHOLD, THRESHOLD].into_iter().enumerate() {
+        let ratio = of(&fit.sensor)[at] / of(&known)[at];
+        assert!((ratio - 1.0).abs() <= bound, "{at}: {ratio}");
+        assert!((of(&guess)[at] / of(&known)[at] - 1.0).abs() > 0.05, "{at}: the guess was unlike it");
+    }
     assert_silent();
 }
 
@@ -169,6 +204,11 @@ fn lists_that_say_too_little_or_something_impossible_are_errors() {
     assert!(refused(&entry("lux = 1.0\nflicker_hz = 5.0")).contains("flicker_hz and depth together"));
     assert!(refused(&entry("lux = 1.0\nflicker_hz = 5.0\ndepth = 1.5")).contains("depth is 1.5"));
     assert!(refused(&entry("lux = 1.0\nlight = 2")).contains("light"));
+    assert!(refused(&entry("lux = 1.0\nkind = \"ramp\"")).contains("ramp"));
+    assert!(refused(&entry("lux = 1.0\nkind = \"step\"")).contains("steps have both"));
+    let step = "lux = 1.0\nkind = \"step\"\nflicker_hz = 5.0\ndepth = 0.5";
+    assert!(refused(&entry(step)).contains("expected `seconds` for steps"));
+    assert!(refused(&entry(&step.replace("5.0", "0.5"))).contains("flicker_hz is 0.5, expected 1 to 1e5"));
     assert!(refused(&format!("burn_in_s = 9.0\n{}", entry("lux = 1.0"))).contains("burn-in of 9 s"));
     assert!(refused("[[exposure]]\nfile = \"none.npz\"\nlux = 1.0").contains("cannot read"));
     assert!(refused("[[exposure]]\nfile = \"a.csv\"\nlux = 1.0").contains(".npz or .aedat4"));

@@ -4,8 +4,9 @@ use super::parameters::{has_bus, is_rigid, makes_levels, plane_words};
 use super::{CameraConfig, RigOptions};
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
-    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_PASSES,
-    PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_CARRIED,
+    MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS,
+    TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
@@ -159,7 +160,8 @@ impl Place {
         Place {
             bin_count: camera.bin_count,
             bin_capacity: self.bin_capacity.max(BIN_CAPACITY),
-            event_capacity: round_events(camera.event_capacity.saturating_add(camera.pixels)),
+            event_capacity: round_events(camera.event_capacity.saturating_add(camera.pixels))
+                .max(3 * MOST_CARRIED),
             ..self
         }
     }

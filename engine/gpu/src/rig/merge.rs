@@ -50,7 +50,13 @@ impl Rig {
         self.submit_apart(|rig, commands| {
             record_barrier(&rig.device, commands);
             // SAFETY: as for the commands in `submit_apart`; the kernels stay within what their cameras' rows give them.
-            unsafe { rig.record_readout(commands, rig.outlets(), true) };
+            unsafe {
+                if rig.pipelines.policy.readout_light {
+                    rig.record_deferred_of_outlets(commands, rig.outlets());
+                    record_barrier(&rig.device, commands);
+                }
+                rig.record_readout(commands, rig.outlets(), true);
+            }
         })
     }
 

@@ -273,6 +273,7 @@ pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool) -> Spec
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,
+        readout_light: has_bus && policy.readout_light,
     };
     Specialised { kernel: stages::SORT, constants: constants.words() }
 }

@@ -19,7 +19,9 @@ use crate::kernel::{
 use crate::policy::KernelPolicy;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{self as layout, KERNELS, KernelInfo, MOST_PASSES, Push, TICK_STAGES_WITH_BUS};
+use esaac_layout::{
+    self as layout, Counters, KERNELS, KernelInfo, MOST_PASSES, Push, ReadoutProgress, TICK_STAGES_WITH_BUS,
+};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -219,6 +221,7 @@ impl Rig {
             self.record(needed, true)?;
         }
         self.prepare_rows(t_ns);
+        self.prepare_reports(t_ns);
         self.prepare_poses(t_ns);
         Ok(())
     }
@@ -242,6 +245,7 @@ impl Rig {
             self.record(needed, false)?;
         }
         self.prepare_rows(t_ns);
+        self.prepare_reports(t_ns);
         Ok(())
     }
 
@@ -272,6 +276,16 @@ impl Rig {
             self.prepare_readouts(&order);
         }
         self.arena.table(layout::CAMERAS).write(0, &self.parameters);
+    }
+
+    /// Resets the reports of outlets. Where `sort` serves, it says in them what it has served, and where it could not.
+    fn prepare_reports(&mut self, t_ns: &[Option<i64>]) {
+        let fresh = Counters { progress: ReadoutProgress::Done as u32, ..Counters::default() };
+        for (camera, _) in self.cameras.iter().zip(t_ns).filter(|(_, t_ns)| t_ns.is_some()) {
+            if has_bus(&camera.config.sensor) {
+                self.arena.table(layout::REPORT).write(camera.outlet.slot as usize, &[fresh]);
+            }
+        }
     }
 
     /// Adds the rows of outlets to the table of cameras, in the order of their cameras, and fills the table of readouts.
@@ -436,6 +450,17 @@ impl Rig {
         unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
     }
 
+    /// Records `deferred` for outlets: what has left the buses in earlier ticks comes back.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    pub(super) unsafe fn record_deferred_of_outlets(&self, commands: vk::CommandBuffer, outlets: u32) {
+        let push = Push { first_camera: self.cameras.len() as u32, ..Push::default() };
+        let groups = [striding_groups(self), outlets, 1];
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.pipelines.kernels.deferred.record(commands, bytes_of(&push), groups) };
+    }
+
     /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
     ///
     /// # Safety
@@ -537,12 +562,12 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
                     dispatch(commands, paths, group.first, [PATHS_GROUPS, group.count, 1]);
                 }
             }
-            if outlets > 0 {
+            if outlets > 0 && !policy.readout_light {
                 if policy.serial {
                     record_barrier(device, commands);
                 }
-                let extent = [striding_groups(rig), outlets, 1];
-                dispatch(commands, &rig.pipelines.kernels.deferred, cameras, extent);
+                // SAFETY: as for the commands, below.
+                unsafe { rig.record_deferred_of_outlets(commands, outlets) };
             }
         }
         if synthesizes {
@@ -586,10 +611,14 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
         if outlets > 0 {
             // SAFETY: as for the commands, below.
             unsafe { rig.record_sort(commands, 0, cameras, false) };
-            record_barrier(device, commands);
-            stage_done();
-            // SAFETY: as for the commands, below.
-            unsafe { rig.record_readout(commands, outlets, false) };
+            if !policy.readout_light {
+                record_barrier(device, commands);
+                stage_done();
+                // SAFETY: as for the commands, below.
+                unsafe { rig.record_readout(commands, outlets, false) };
+            } else {
+                stage_done();
+            }
         } else {
             let extent = [rig.bin_groups(), cameras, 1];
             dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);

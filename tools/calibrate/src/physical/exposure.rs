@@ -7,13 +7,26 @@ use esaac_model::packet::Event;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Light that swings like a sine.
+/// How light swings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shape {
+    /// Like a sine.
+    #[default]
+    Sine,
+    /// In steps: up half a period after the recording begins, down with each full one.
+    Step,
+}
+
+/// Light that swings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Flicker {
     /// Frequency, Hz.
     pub hz: f64,
     /// Depth of the modulation: the light swings from `lux (1 - depth)` to `lux (1 + depth)`.
     pub depth: f64,
+    /// How it swings.
+    pub shape: Shape,
 }
 
 /// A recording of a sensor whose pixels all see the same light.
@@ -51,6 +64,8 @@ struct Entry {
     /// Recording, relative to the list.
     file: PathBuf,
     lux: f64,
+    #[serde(default)]
+    kind: Shape,
     flicker_hz: Option<f64>,
     depth: Option<f64>,
     /// Length of the recording, seconds; without, the time of its last event.
@@ -82,13 +97,21 @@ impl Entry {
         let name = self.file.display().to_string();
         ensure!((1e-6..=1e6).contains(&self.lux), "{name}: lux is {}, expected 1e-6 to 1e6", self.lux);
         let flicker = match (self.flicker_hz, self.depth) {
-            (None, None) => None,
+            (None, None) if self.kind == Shape::Sine => None,
             (Some(hz), Some(depth)) => {
-                ensure!((0.01..=1e5).contains(&hz), "{name}: flicker_hz is {hz}, expected 0.01 to 1e5");
+                let least_hz = if self.kind == Shape::Step { 1.0 } else { 0.01 };
+                ensure!(
+                    (least_hz..=1e5).contains(&hz),
+                    "{name}: flicker_hz is {hz}, expected {least_hz} to 1e5"
+                );
+                ensure!(
+                    self.kind == Shape::Sine || self.seconds.is_some(),
+                    "{name}: expected `seconds` for steps: they begin at time 0"
+                );
                 ensure!((0.01..=0.99).contains(&depth), "{name}: depth is {depth}, expected 0.01 to 0.99");
-                Some(Flicker { hz, depth })
+                Some(Flicker { hz, depth, shape: self.kind })
             }
-            _ => bail!("{name}: expected flicker_hz and depth together, or neither"),
+            _ => bail!("{name}: expected flicker_hz and depth together, or neither (steps have both)"),
         };
         let path = folder.join(&self.file);
         let (width_px, height_px, mut events) = match path.extension().and_then(|e| e.to_str()) {
@@ -107,7 +130,12 @@ impl Entry {
         // With a stated length a recording begins at time 0 (`esaac` writes such); else with its first event.
         let start_ns = if self.seconds.is_some() { 0 } else { first_ns };
         let whole_s = self.seconds.unwrap_or((last_ns - start_ns) as f64 * 1e-9);
-        let begin_ns = start_ns + (burn_in_s * 1e9) as i64;
+        // Steps are left out in whole periods.
+        let burn_in_s = match flicker {
+            Some(Flicker { hz, shape: Shape::Step, .. }) => (burn_in_s * hz - 1e-6).ceil().max(0.0) / hz,
+            _ => burn_in_s,
+        };
+        let begin_ns = start_ns + (burn_in_s * 1e9).round() as i64;
         let kept = events.iter().filter(|event| event.t_ns >= begin_ns);
         let events: Vec<Event> = kept.map(|event| Event { t_ns: event.t_ns - begin_ns, ..*event }).collect();
         let seconds = whole_s - burn_in_s;

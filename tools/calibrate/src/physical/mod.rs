@@ -6,7 +6,7 @@
 //! | parameter | from |
 //! |---|---|
 //! | thresholds | events of a period in bright, slow flicker |
-//! | first pole (response over charge), second pole | what dim or fast flicker loses |
+//! | first pole (response over charge), second pole | what dim or fast flicker loses; times to the first event after a step |
 //! | charge, dark current, leak | noise against light: its height, its dim end, its surplus of one polarity |
 //! | mismatch | counts of flicker that differ from pixel to pixel in the same way all the time |
 //! | refractory period | the shortest times between two events of a pixel |
@@ -20,7 +20,7 @@ mod scene;
 mod simulate;
 mod summary;
 
-pub use exposure::{Exposure, Exposures, Flicker, read_exposures};
+pub use exposure::{Exposure, Exposures, Flicker, Shape, read_exposures};
 pub use scene::fit_scene;
 pub use simulate::{Light, expose};
 pub use summary::Summary;
@@ -256,6 +256,12 @@ impl Fit<'_> {
                 residuals.push(ratio(simulated.on, recorded.on, 0.02) / all);
                 residuals.push(ratio(simulated.off, recorded.off, 0.02) / all);
                 residuals.push((simulated.spread - recorded.spread) / 0.02);
+                for (simulated, recorded) in
+                    [(simulated.rise_ns, recorded.rise_ns), (simulated.fall_ns, recorded.fall_ns)]
+                {
+                    let told = simulated.is_finite() && recorded.is_finite();
+                    residuals.push(if told { ratio(simulated, recorded, 1.0) / FLOOR } else { 0.0 });
+                }
             } else {
                 let [sum, other] = [simulated, recorded].map(|s| s.on + s.off);
                 residuals.push(ratio(sum, other, 1e-3) / all);

@@ -1,6 +1,6 @@
 //! The exposures of a list, with a simulated sensor.
 
-use super::exposure::{Exposure, Flicker};
+use super::exposure::{Exposure, Flicker, Shape};
 use crate::LightBox;
 use anyhow::Result;
 use esaac_engine::Device;
@@ -17,6 +17,14 @@ const SETTLING: i64 = 3;
 /// Time for which still light is counted at most, seconds.
 const LONGEST_S: f64 = 40.0;
 
+/// Periods of steps before they are counted, and that are counted at most: every pixel answers each.
+const STEP_SETTLING: i64 = 1;
+const MOST_STEPS: i64 = 2;
+
+/// Time that a step takes, nanoseconds, and by how much longer each interval after it is than the one before.
+const STEP_NS: f64 = 1e3;
+const GROWTH: f64 = 1.5;
+
 /// Periods of a flicker that are counted at most.
 const MOST_PERIODS: i64 = 8;
 
@@ -30,6 +38,7 @@ pub fn expose(
     light: &Light,
 ) -> Result<Exposure> {
     match light.flicker {
+        Some(flicker) if flicker.shape == Shape::Step => steps(device, sensor, size_px, light, flicker),
         Some(flicker) => swing(device, sensor, size_px, light, flicker),
         None => Ok(still(device, sensor, size_px, std::slice::from_ref(light))?.remove(0)),
     }
@@ -94,6 +103,42 @@ pub fn still(
         }
     }
     Ok(exposures)
+}
+
+fn steps(
+    device: &Arc<Device>,
+    sensor: &SensorModel,
+    size_px: (u32, u32),
+    light: &Light,
+    flicker: Flicker,
+) -> Result<Exposure> {
+    let periods = ((light.seconds * flicker.hz) as i64).clamp(1, MOST_STEPS);
+    let mut light_box = LightBox::new(device, sensor, size_px, 4)?;
+    let mut exposure = named(light, size_px, periods as f64 / flicker.hz);
+    let half_ns = 0.5e9 / flicker.hz;
+    let begin_ns = (STEP_SETTLING as f64 / flicker.hz * 1e9).round() as i64;
+    light_box.show(0, |_| light.lux * (1.0 - flicker.depth))?;
+    for half in 0..2 * (STEP_SETTLING + periods) {
+        let sign = if half % 2 == 1 { 1.0 } else { -1.0 };
+        let lux = light.lux * (1.0 + sign * flicker.depth);
+        let mut since_ns = STEP_NS.min(half_ns);
+        loop {
+            let t_ns = (half as f64 * half_ns + since_ns).round() as i64;
+            for mut event in light_box.show(t_ns, |_| lux)? {
+                event.t_ns -= begin_ns;
+                if event.t_ns >= 0 {
+                    exposure.events.push(event);
+                }
+            }
+            if since_ns >= half_ns {
+                break;
+            }
+            // Not to leave a last interval that is too short.
+            let next_ns = since_ns * GROWTH + STEP_NS;
+            since_ns = if next_ns * GROWTH > half_ns { half_ns } else { next_ns };
+        }
+    }
+    Ok(exposure)
 }
 
 fn swing(

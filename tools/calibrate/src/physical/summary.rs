@@ -1,7 +1,8 @@
 //! What a fit compares: rates of an exposure.
 
-use super::exposure::Exposure;
+use super::exposure::{Exposure, Shape};
 use esaac_model::Polarity;
+use esaac_model::packet::Event;
 use serde::Serialize;
 
 /// Rates of an exposure.
@@ -18,6 +19,11 @@ pub struct Summary {
     pub spread: f64,
     /// Time between two events of a pixel that one in a thousand falls short of, nanoseconds; infinite with fewer.
     pub short_gap_ns: f64,
+    /// Median time from a step up to a pixel's first ON event, nanoseconds; infinite without steps, or if not even half of the
+    /// pixels answer.
+    pub rise_ns: f64,
+    /// The same from a step down to an OFF event.
+    pub fall_ns: f64,
 }
 
 impl Summary {
@@ -49,6 +55,33 @@ impl Summary {
             0..1000 => f64::INFINITY,
             count => gaps_ns[count / 1000] as f64,
         };
-        Summary { on, off, events: exposure.events.len() as f64, spread, short_gap_ns }
+        let [rise_ns, fall_ns] = [Polarity::On, Polarity::Off].map(|polarity| latency_ns(exposure, polarity));
+        let events = exposure.events.len() as f64;
+        Summary { on, off, events, spread, short_gap_ns, rise_ns, fall_ns }
     }
+}
+
+/// Median time from steps to the first events of this polarity, nanoseconds.
+fn latency_ns(exposure: &Exposure, polarity: Polarity) -> f64 {
+    let Some(flicker) = exposure.flicker.filter(|flicker| flicker.shape == Shape::Step) else {
+        return f64::INFINITY;
+    };
+    let half_ns = 0.5e9 / flicker.hz;
+    let halves = (2.0 * exposure.seconds * flicker.hz).round() as usize;
+    let mut first_ns = vec![f64::INFINITY; exposure.pixels * halves];
+    let pixel = |event: &Event| usize::from(event.y) * exposure.width_px as usize + usize::from(event.x);
+    for event in exposure.events.iter().filter(|event| event.polarity == polarity) {
+        let half = (event.t_ns as f64 / half_ns) as usize;
+        // The light is up in odd halves. It has always been down before the first one.
+        if half > 0 && half < halves && (half % 2 == 1) == (polarity == Polarity::On) {
+            let since_ns = event.t_ns as f64 - half as f64 * half_ns;
+            let first = &mut first_ns[half * exposure.pixels + pixel(event)];
+            *first = first.min(since_ns);
+        }
+    }
+    let answers = (1..halves).filter(|half| (half % 2 == 1) == (polarity == Polarity::On));
+    let mut all: Vec<f64> =
+        answers.flat_map(|half| first_ns[half * exposure.pixels..][..exposure.pixels].to_vec()).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.get(all.len() / 2).copied().unwrap_or(f64::INFINITY)
 }
