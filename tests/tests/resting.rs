@@ -38,7 +38,7 @@ fn frame(t_ns: i64, change: impl Fn(usize) -> usize, moves: impl Fn(usize) -> bo
         for channel in [0.9, 1.0, 1.2, 1.0] {
             hdr.extend(((value * channel) as f32).to_le_bytes());
         }
-        let vector = if moves(patch) { [1.5_f32, -0.5] } else { [0.0; 2] };
+        let vector = if moves(patch) { [2.5_f32, -0.5] } else { [0.0; 2] };
         motion.extend(vector.iter().flat_map(|v| v.to_le_bytes()));
     }
     Frame { t_ns, hdr, motion: Some(motion) }
@@ -104,6 +104,11 @@ fn bayer() -> SensorModel {
         refractory_ns: 500_000,
         ..noisy()
     }
+}
+
+/// A sensor that tells surfaces apart where patches begin to move.
+fn layered() -> SensorModel {
+    SensorModel { synthesis: Synthesis::Motion, taps: Taps::Cubic, layers: 3, refractory_ns: 0, ..noisy() }
 }
 
 /// The kernels that a device can run: those of GPUs, and on the software driver its own too.
@@ -181,7 +186,7 @@ fn has_kernel(rig: &Rig, rests: bool) -> bool {
 #[test]
 fn pixels_at_rest_would_have_sent_nothing() {
     let frames = 120;
-    for (sensor, policy) in policies().into_iter().flat_map(|p| [quiet(), noisy(), bayer()].map(|s| (s, p))) {
+    for (sensor, policy) in policies().into_iter().flat_map(|p| [quiet(), noisy(), bayer(), layered()].map(|s| (s, p))) {
         let mut pair = Pair::new(&sensor, patches(frames), policy, Resting::Always);
         let mut sent = 0;
         let mut behind = 0;
