@@ -48,7 +48,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (!active_pixel) {
         silence(p, first_q24);
     }
-    Walk w = begin_walk(cam, pixel, first_q24, p);
+    Walk w = begin_walk(cam, pixel, n, first_q24, p);
     do {
         walk(cam, pixel, n, p, w);
         if (needs_draw()) {

@@ -1,34 +1,39 @@
 // What a physical pixel's event and its release do, and the draws that they need.
 
-// A walk makes draws where it needs them. The software driver would make those that stand in a loop in each round: there,
-// where WALKS_SUSPEND, they are made before the walk for its first renewal, and for another one the walk ends until the
-// kernel has called `make_draw`.
+// Draws of the coming renewals, the one after `k` others at `k % DRAWN_AHEAD`. Before the walk all pixels of a subgroup make
+// their first ones together. Later a pixel makes one when it needs it; the software driver would make draws that stand in a
+// loop in each round: there, where WALKS_SUSPEND, the walk ends until the kernel has called `make_draw`.
+const uint DRAWN_AHEAD = WALKS_SUSPEND ? 1u : 8u;
+Draws drawn[DRAWN_AHEAD];
 bool draws_missing;
 
 bool needs_draw() {
     return WALKS_SUSPEND && draws_missing;
 }
 
-// Makes the draws of the next renewal, which begins after `events` events.
-Draws draw_renewal(Camera cam, uint pixel, uint events) {
+// Makes the draws of one more renewal.
+void make_draw(Camera cam, uint pixel, PixelState p, inout Walk w) {
+    const uint events = p.events + w.first_renewal + w.drawn;
     const uvec4 words = draw(cam, pixel, STREAM_CLOCK, events);
-    return Draws(
+    drawn[w.drawn % DRAWN_AHEAD] = Draws(
         EFFECT_REFRACTORY ? normal_from_words(draw(cam, pixel, STREAM_RELEASE, events)) : 0.0,
         normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, events)), exponential_q27(words.x), words.yz);
+    w.drawn += 1u;
+    draws_missing = false;
 }
 
-void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    w.next = draw_renewal(cam, pixel, p.events + w.ordinal);
-    w.has_next = true;
-    draws_missing = false;
+// Words for polarity and slope of a noise event in the present renewal.
+uvec2 polarity_words(Camera cam, uint pixel, PixelState p, Walk w) {
+    if (w.ordinal >= w.first_renewal) {
+        return drawn[(w.ordinal - w.first_renewal) % DRAWN_AHEAD].words;
+    }
+    return WALKS_SUSPEND ? w.words : draw(cam, pixel, STREAM_CLOCK, p.events).yz;
 }
 
 // Begins a renewal with these draws.
 void begin_renewal(Draws draws, inout PixelState p, inout Walk w) {
     p.clock = draws.clock;
     w.deviate = draws.deviate;
-    w.words = draws.words;
-    w.has_next = false;
     w.renews = false;
     w.hurries = true;
 }
@@ -70,14 +75,17 @@ void release(Camera cam, uint t, float fresh, inout PixelState p, inout Walk w) 
         const float second = second_phase(cam, p, w, float(t));
         const float sigma = lerp(w.part.from_sigma, w.drive.sigma, share);
         const float slope = uintBitsToFloat(p.clock);
-        const float kept = min(correlation(phase, second), 1.0);
-        const float turned = slope == 0.0 ? 0.0 : slope_correlation(phase, second);
+        const Memory memory = memory_after(phase, second);
+        const float kept = memory.value;
+        const float turned = slope == 0.0 ? 0.0 : memory.slope;
         const float unknown = sqrt(max(1.0 - kept * kept - turned * turned, 0.0));
         noise = kept * p.noise + sigma * (turned * slope + unknown * fresh);
     }
     p.noise = noise;
     w.noise = noise;
-    p.reference = output_at(w.part, t) + to_q24(noise);
+    p.reference = EFFECT_SHOT
+        ? p.reference + to_q24(above_at(w.part, p.reference, share) + noise)
+        : output_at(w.part, t);
     w.is_held = false;
     p.release_ns = int(t);
     w.now = t;
@@ -94,14 +102,16 @@ bool awaken(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
         return false;
     }
     Draws draws;
-    if (EFFECT_SHOT && WALKS_SUSPEND) {
-        if (!w.has_next) {
-            draws_missing = true;
-            return false;
+    if (EFFECT_SHOT) {
+        const uint renewal = w.ordinal - w.first_renewal;
+        if (renewal == w.drawn) {
+            if (WALKS_SUSPEND) {
+                draws_missing = true;
+                return false;
+            }
+            make_draw(cam, pixel, p, w);
         }
-        draws = w.next;
-    } else if (EFFECT_SHOT) {
-        draws = draw_renewal(cam, pixel, p.events + w.ordinal);
+        draws = drawn[renewal % DRAWN_AHEAD];
     }
     if (w.is_held) {
         release(cam, max(uint(p.release_ns), w.part.start), draws.fresh, p, w);

@@ -7,11 +7,6 @@ const float SMALL_HAZARD = 0.02;
 // Largest exponent by which a hazard grows or falls within a stretch.
 const float MOST_HAZARD_GROWTH = 6.0;
 
-// Output with leak above the reference at a share of the part, nepers.
-float above_at(Part part, int reference, float share) {
-    return fma(share, nepers(part.to - part.from), nepers(part.from - reference)) + bow_at(part, share);
-}
-
 // What is known of the noise at a share of the part.
 Law law_at(Camera cam, PixelState p, Walk w, float share) {
     const float t = fma(share, float(w.part.end - w.part.start), float(w.part.start));
@@ -29,12 +24,13 @@ struct Stretch {
 };
 
 // Share of the part at which a stretch crosses `level`. The straight line's crossing is made better once, on the part's
-// cubic and with the law of the noise.
-float noisy_crossing(Camera cam, Stretch stretch, float level, PixelState p, Walk w) {
+// cubic and with the law of the noise, which is `noise` there.
+float noisy_crossing(Camera cam, Stretch stretch, float level, PixelState p, Walk w, out float noise) {
     const float straight = clamp((level - stretch.from) / (stretch.to - stretch.from), 0.0, 1.0);
     const float at = lerp(stretch.start, stretch.end, straight);
     const Law law = law_at(cam, p, w, at);
-    const float there = above_at(w.part, p.reference, at) + fma(law.deviation, w.deviate, law.mean);
+    noise = fma(law.deviation, w.deviate, law.mean);
+    const float there = above_at(w.part, p.reference, at) + noise;
     const bool is_before = (there < level) == (stretch.from < level);
     const vec2 from = is_before ? vec2(at, there) : vec2(stretch.start, stretch.from);
     const vec2 to = is_before ? vec2(stretch.end, stretch.to) : vec2(at, there);
@@ -129,10 +125,11 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const bool rises = starts_beyond ? starts_above : stretch.to >= on_log;
     const bool falls = starts_beyond ? !starts_above : -stretch.to >= off_log;
     float signal = LONGEST_TURN;
+    float met = w.noise;
     if (rises || falls) {
         const float level = rises ? on_log : -off_log;
         const bool crosses = rises ? stretch.from < level : stretch.from > level;
-        signal = crosses && !starts_beyond ? noisy_crossing(cam, stretch, level, p, w) : stretch.start;
+        signal = crosses && !starts_beyond ? noisy_crossing(cam, stretch, level, p, w, met) : stretch.start;
     }
     const float end = min(signal, stretch.end);
     const Hazard hazard = stretch_hazard(cam, stretch, end, law.mean, p, w);
@@ -154,17 +151,13 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const uint at = max(time_at(w.part, share), w.now);
     bool on = rises;
     float slope = 0.0;
-    float met;
     if (runs_out) {
-        const uvec2 words = WALKS_SUSPEND ? w.words : draw(cam, pixel, STREAM_CLOCK, p.events + w.ordinal).yz;
+        const uvec2 words = polarity_words(cam, pixel, p, w);
         on = float(words.x) * (1.0 / 4294967296.0) * (hazard.off + hazard.on) < hazard.on;
         slope = sqrt(2.0 * exponential_of(words.y));
         slope = on ? slope : -slope;
         // The noise lifts the output to the threshold.
         met = (on ? on_log : -off_log) - above_at(w.part, p.reference, share);
-    } else {
-        const Law at_signal = law_at(cam, p, w, share);
-        met = fma(at_signal.deviation, w.deviate, at_signal.mean);
     }
     fire(cam, at, on, met, slope, p, w);
     return false;

@@ -56,6 +56,11 @@ int output_at(Part part, uint t) {
     return level_at(part.from, part.to, part.start, part.end, t) + to_q24(bow_at(part, share_of(part, t)));
 }
 
+// Output with leak above the reference at a share of the part, nepers.
+float above_at(Part part, int reference, float share) {
+    return fma(share, nepers(part.to - part.from), nepers(part.from - reference)) + bow_at(part, share);
+}
+
 // What drives the photoreceptor, and how it stands: the rate that the light drives and that of the first stage, per second,
 // ln(1 + excess), and the standard deviation of the noise, nepers.
 struct Drive {
@@ -75,7 +80,7 @@ void update_drive(Camera cam, float excess, inout Drive drive) {
 // Time constants of a stage in a part, so that a cubic is near enough. `bend` is how far the stage is from where it
 // settles, nepers.
 float longest_turn(float bend) {
-    return bend > BEND_LOG ? max(sqrt(sqrt(384.0 * CUBIC_ERROR_LOG / bend)), 0.5) : LONGEST_TURN;
+    return bend > BEND_LOG ? max(inversesqrt(sqrt(bend * (1.0 / (384.0 * CUBIC_ERROR_LOG)))), 0.5) : LONGEST_TURN;
 }
 
 // End of the part that begins at `start`, so that it is short enough for a cubic. `change` is that of the level up to
@@ -84,20 +89,28 @@ uint part_end(Camera cam, uint start, uint end, float change, PixelState p, Driv
     const float rest_ns = float(end - start);
     const float rest_s = rest_ns * 1e-9;
     // Time constants of both stages up to `end`, the first one's at its present rate.
+    const float first = drive.per_s * rest_s;
     const float second = physicals[cam.slot].second_per_s * rest_s;
-    const float per_first = 1.0 / (drive.per_s * rest_s);
-    const float per_second = 1.0 / second;
+    // How far the second stage is from where it settles.
+    const float second_s = 1.0 / physicals[cam.slot].second_per_s;
+    const float second_bend = abs(p.lag + fma(drive.first_per_s * p.excess, second_s, drive.behind));
+    // The first one settles within twice the change over its time constants. If it is faster than the second, it shows less
+    // of its bend.
+    const float most_bend = fma(abs(drive.behind), first, 2.0 * abs(change)) * min(first, second);
+    if (max(abs(change) * (BEND_LOG / MAX_CHANGE_LOG), second_bend) <= BEND_LOG
+        && abs(drive.behind) <= FAR_BEHIND_LOG && most_bend <= BEND_LOG * first * first) {
+        return end;
+    }
+    const float per_first = 1.0 / first;
     const float shares = clamp(ceil(abs(change) * (1.0 / MAX_CHANGE_LOG)), 1.0, MOST_SHARES);
-    // Where the first stage would settle in light that goes on changing like this, about, and the second one behind it.
+    // Where the first stage would settle in light that goes on changing like this, about.
     const float ramp = min(change * per_first, 0.9);
     const float first_settled = ramp / (1.0 - 0.5 * ramp);
-    const float second_settled = -fma(drive.first_per_s * p.excess * rest_s, per_second, drive.behind);
-    // A first stage faster than the second shows less of its bend.
     const float first_bend = abs(drive.behind - first_settled) * min(second * per_first, 1.0);
     const float first_turn = abs(drive.behind) > FAR_BEHIND_LOG ? 0.5 : longest_turn(first_bend);
-    const float second_turn = longest_turn(abs(p.lag - second_settled));
-    const float share = min(min(first_turn * per_first, second_turn * per_second), 1.0 / shares);
-    const float part_ns = ceil(share * rest_ns);
+    const float second_turn = longest_turn(second_bend);
+    const float most_ns = min(first_turn * per_first * rest_ns, second_turn * second_s * 1e9);
+    const float part_ns = ceil(min(most_ns, rest_ns / shares));
     return part_ns < rest_ns ? start + max(uint(part_ns), 1u) : end;
 }
 

@@ -11,8 +11,8 @@ uint next_end(Camera cam, uint n, uint end_ns, inout uint over) {
     return end_ns + whole_ns + (carries ? 1u : 0u);
 }
 
-// Begins a walk. `level` is that at the interval's start, as it is in the planes.
-Walk begin_walk(Camera cam, uint pixel, int level, inout PixelState p) {
+// Begins a walk of `n` sub-steps. `level` is that at the interval's start, as it is in the planes.
+Walk begin_walk(Camera cam, uint pixel, uint n, int level, inout PixelState p) {
     Walk w;
     w.substep = 0u;
     w.end = 0u;
@@ -41,7 +41,9 @@ Walk begin_walk(Camera cam, uint pixel, int level, inout PixelState p) {
     w.hurries = true;
     w.renews = false;
     w.words = uvec2(0u);
-    w.has_next = WALKS_SUSPEND && EFFECT_SHOT && !p.silent;
+    // A pixel that is not held has an event to come before its next renewal.
+    w.first_renewal = w.is_held ? 0u : 1u;
+    w.drawn = 0u;
     w.raw = level;
     w.exposed = 0.0;
     draws_missing = false;
@@ -51,9 +53,12 @@ Walk begin_walk(Camera cam, uint pixel, int level, inout PixelState p) {
         const Law law = noise_law(p.noise, w.drive.sigma, p.phase, second_phase(cam, p, w, 0.0));
         w.noise = fma(law.deviation, w.deviate, law.mean);
     }
-    if (w.has_next) {
-        // A pixel that is not held has an event to come before its next renewal.
-        w.next = draw_renewal(cam, pixel, p.events + (w.is_held ? 0u : 1u));
+    if (EFFECT_SHOT && !p.silent) {
+        // More sub-steps are of more motion, and so of more events.
+        const uint ahead = min(DRAWN_AHEAD, 1u + n / 4u);
+        do {
+            make_draw(cam, pixel, p, w);
+        } while (w.drawn < ahead);
     }
     return w;
 }

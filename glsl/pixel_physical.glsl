@@ -126,12 +126,13 @@ struct Walk {
     float deviate;
     // Whether stretches are as long as the part, although the noise moves fast.
     bool hurries;
-    // Whether an event has ended the renewal and the next one has not begun; for WALKS_SUSPEND, draws of the present one
-    // and, if they are made, of the next one.
+    // Whether an event has ended the renewal and the next one has not begun; for WALKS_SUSPEND, words of the renewal that
+    // the interval begins in.
     bool renews;
     uvec2 words;
-    Draws next;
-    bool has_next;
+    // Events before the first renewal that begins in this interval, and renewals whose draws are made from that on.
+    uint first_renewal;
+    uint drawn;
     // APS: level at the end of the sub-step as it is in the planes, and integral of the intensity.
     int raw;
     float exposed;
