@@ -53,6 +53,7 @@ void fire(Camera cam, uint t, bool on, float noise, float slope, inout PixelStat
     w.now = t;
     p.noise = noise;
     w.noise = noise;
+    w.mean = noise;
     p.phase = -share_of(w.part, t) * w.part.turned;
     if (EFFECT_REFRACTORY && cam.refractory_ns != 0u) {
         w.is_held = true;
@@ -83,6 +84,7 @@ void release(Camera cam, uint t, float fresh, inout PixelState p, inout Walk w) 
     }
     p.noise = noise;
     w.noise = noise;
+    w.mean = noise;
     p.reference = EFFECT_SHOT
         ? p.reference + to_q24(above_at(w.part, p.reference, share) + noise)
         : output_at(w.part, t);

@@ -44,10 +44,9 @@ struct Hazard {
     float growth;
 };
 
-// Hazards in a stretch up to the share `end` of the part; the mean of the noise at the stretch's own end is `mean`. They are
-// those at the middle; the nearer threshold's grows or falls exponentially from there.
-Hazard stretch_hazard(Camera cam, Stretch stretch, float end, float mean, PixelState p, Walk w) {
-    const float start = stretch.start;
+// Hazards from the share `start` to `end` of the part, over which the mean of the noise goes by `mean_rise`. They are those
+// at the middle; the nearer threshold's grows or falls exponentially from there.
+Hazard stretch_hazard(Camera cam, float start, float end, float mean_rise, PixelState p, Walk w) {
     const float middle = 0.5 * (start + end);
     const Law law = law_at(cam, p, w, middle);
     if (!(end > start) || law.deviation <= 0.0) {
@@ -62,8 +61,6 @@ Hazard stretch_hazard(Camera cam, Stretch stretch, float end, float mean, PixelS
         return Hazard(0.0, 0.0, 0.0);
     }
     const float bowed = bow_at(w.part, end) - bow_at(w.part, start);
-    const float mean_rise =
-        mean == law.mean ? 0.0 : (mean - law.mean) * ((end - start) / (stretch.end - middle));
     const float rise = (fma(nepers(w.part.to - w.part.from), end - start, bowed) + mean_rise) * per_deviation;
     const float nearing = on < off ? rise : -rise;
     // e^(-b^2/2) where b falls by `nearing`, over its value in the middle.
@@ -132,7 +129,10 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
         signal = crosses && !starts_beyond ? noisy_crossing(cam, stretch, level, p, w, met) : stretch.start;
     }
     const float end = min(signal, stretch.end);
-    const Hazard hazard = stretch_hazard(cam, stretch, end, law.mean, p, w);
+    const float watched = stretch.end > stretch.start
+        ? (end - stretch.start) / (stretch.end - stretch.start)
+        : 0.0;
+    const Hazard hazard = stretch_hazard(cam, stretch.start, end, watched * (law.mean - w.mean), p, w);
     const float clock = float(p.clock) * (1.0 / float(1u << HAZARD_FRACTION_BITS));
     const bool runs_out = clock < hazard.off + hazard.on;
     if (hurries && (rises || falls || runs_out || hazard.off + hazard.on > SMALL_HAZARD)) {
@@ -143,6 +143,7 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
         p.clock = spend(p.clock, hazard.off + hazard.on);
         w.now = until;
         w.noise = noise;
+        w.mean = law.mean;
         return until == w.part.end;
     }
     const float share =

@@ -37,6 +37,7 @@ Walk begin_walk(Camera cam, uint pixel, uint n, int level, inout PixelState p) {
             - physicals[cam.slot].dark_light_q24_per_s * exp(p.dark_factor_log);
     }
     w.noise = 0.0;
+    w.mean = 0.0;
     w.deviate = 0.0;
     w.hurries = true;
     w.renews = false;
@@ -52,6 +53,7 @@ Walk begin_walk(Camera cam, uint pixel, uint n, int level, inout PixelState p) {
         w.deviate = normal_from_words(draw(cam, pixel, STREAM_THRESHOLD, p.events));
         const Law law = noise_law(p.noise, w.drive.sigma, p.phase, second_phase(cam, p, w, 0.0));
         w.noise = fma(law.deviation, w.deviate, law.mean);
+        w.mean = law.mean;
     }
     if (EFFECT_SHOT && !p.silent) {
         // More sub-steps are of more motion, and so of more events.

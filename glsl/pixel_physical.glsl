@@ -121,8 +121,9 @@ struct Walk {
     Drive drive;
     // Leak in the dark, Q24 per second.
     float dark_leak;
-    // Noise of the moment that a signal meets, nepers, and its deviate.
+    // Noise of the moment that a signal meets and its mean, nepers, and its deviate.
     float noise;
+    float mean;
     float deviate;
     // Whether stretches are as long as the part, although the noise moves fast.
     bool hurries;
