@@ -54,16 +54,67 @@ bool is_armed(PixelState before) {
 // Sub-tiles that a workgroup takes.
 const uint OWN_SUB_TILES = WHOLE_TILES && !QUEUE_OVERFLOWED ? SUB_TILES : 1u;
 
+uint place_of(uint thread) {
+    return thread;
+}
+
+// A bit for each row of the tile that has a pixel awake.
+shared uint awake_rows;
+
+void begin_awake() {
+    awake_rows = 0u;
+}
+
+void note_awake(uint awake) {
+    if (awake != 0u) {
+        atomicOr(awake_rows, awake);
+    }
+}
+
+// Bits of the rows in which this thread's pixel is awake; `first` is its pixel of the first.
+uint rows_awake(Camera cam, uvec2 first) {
+    const Rest rest = rests[cam.slot];
+    uint rows = 0u;
+    uint sub_tile = 0u;
+    do {
+        const uvec2 at = first + uvec2(0u, sub_tile * SUB_TILE_ROWS);
+        if (at.x < cam.width && at.y < cam.height
+            && is_awake(cam, rest, load_state(cam, at.y * cam.width + at.x, STATE_REST))) {
+            rows |= 1u << (at.y % BLOCK_PX);
+        }
+        sub_tile += 1u;
+    } while (sub_tile < OWN_SUB_TILES);
+    return rows;
+}
+
+// Catches up this thread's pixels; `first` is that of the first sub-tile.
+void catch_up_sub_tiles(Camera cam, uvec2 first) {
+    uint sub_tile = 0u;
+    do {
+        catch_up_pixel(cam, first + uvec2(0u, sub_tile * SUB_TILE_ROWS));
+        sub_tile += 1u;
+    } while (sub_tile < OWN_SUB_TILES);
+}
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     const uint in_order = gl_WorkGroupID.x * OWN_SUB_TILES / SUB_TILES;
     const uint first_sub_tile = gl_WorkGroupID.x * OWN_SUB_TILES % SUB_TILES;
-    if (cameras[index].frame_kind != FRAME_INTERVAL || in_order >= tile_count(cameras[index])) {
+    const uint frame_kind = cameras[index].frame_kind;
+    const bool catches_up = PIXELS_REST && frame_kind == FRAME_CATCH_UP;
+    if ((frame_kind != FRAME_INTERVAL && !catches_up) || in_order >= tile_count(cameras[index])) {
         return;
     }
     const Camera cam = cameras[index];
     corner =
         tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, first_sub_tile * SUB_TILE_ROWS);
+    const uvec2 first = sub_tile_pixel();
+    if (catches_up) {
+        if (!LAYERED) {
+            catch_up_sub_tiles(cam, first);
+        }
+        return;
+    }
     if (LAYERS > 1u && motions_meet(cam) != LAYERED) {
         // The other kernel's tile.
         return;
@@ -71,15 +122,20 @@ void main() {
     const TileBlocks tile = find_blocks(cam);
     PixelState before;
     Source s;
-    const uvec2 first = sub_tile_pixel();
-    if (!SKIPS_STILL_TILES && first.x < cam.width && first.y < cam.height) {
+    if (PIXELS_REST) {
+        own_awake = rows_awake(cam, first);
+    }
+    if (!LOOKS_FIRST && first.x < cam.width && first.y < cam.height) {
         read_pixel(cam, first, before, s);
     }
     load_activity(cam, tile);
+    still_tile = is_still_tile();
+    still_block = MAY_REST && is_still_block(tile);
     if (skip_sub_tiles(cam, tile, first_sub_tile, rows_of(first_sub_tile, OWN_SUB_TILES))) {
         return;
     }
     const uint n = substeps_of_block(cam, tile);
+    const bool resting = may_rest() && rests[cam.slot].mode == REST_ALLOWED;
     if (RIGID) {
         list_candidates(cam);
     }
@@ -97,16 +153,22 @@ void main() {
             }
             barrier();
         }
-        if (OWN_SUB_TILES == 1u || (tile.rows_done & rows_of(sub_tile, 1u)) == 0u) {
+        const uint rows = rows_of(sub_tile, 1u);
+        const bool counts = sub_tile == 0u && (tile.rows_done & 1u) == 0u;
+        if (resting && (awake_rows & rows) == 0u) {
+            rest_rows(cam, rows, tile.first_block, n, counts);
+        } else if (OWN_SUB_TILES == 1u || (tile.rows_done & rows) == 0u) {
             const uvec2 at = sub_tile_pixel();
-            const bool in_image = at.x < cam.width && at.y < cam.height;
-            if ((SKIPS_STILL_TILES || done != 0u) && in_image) {
+            bool in_image = at.x < cam.width && at.y < cam.height;
+            if (PIXELS_REST) {
+                in_image = in_image && (!resting || ((own_awake >> (at.y % BLOCK_PX)) & 1u) != 0u);
+            }
+            if ((LOOKS_FIRST || done != 0u) && in_image) {
                 read_pixel(cam, at, before, s);
             }
             // A rerun's sub-tiles are larger than those of the first run, so some of their rows may be done.
             const bool row_done = QUEUE_OVERFLOWED && ((tile.rows_done >> (at.y % BLOCK_PX)) & 1u) != 0u;
-            const bool counts = sub_tile == 0u && (tile.rows_done & 1u) == 0u;
-            cross_sub_tile(cam, sub_tile, tile.first_block, n, in_image && !row_done, counts, before, s);
+            cross_sub_tile(cam, rows, tile.first_block, n, in_image && !row_done, counts, before, s);
         }
         done += 1u;
     } while (done < OWN_SUB_TILES);

@@ -15,14 +15,14 @@ shared uint queue_base;
 // Whether the second walk of a QUEUE_OVERFLOWED sub-tile is under way.
 bool scattering;
 
-// Pixel in the sub-tile, polarity << 7, ordinal in the interval << 8.
+// Thread of the pixel, polarity << 7, ordinal in the interval << 8.
 uint event_tag(bool on, uint ordinal) {
     return gl_LocalInvocationID.x | (uint(on) << 7) | (ordinal << 8);
 }
 
 // Stamps an event and scatters it to its bin.
 void stamp_and_scatter(Camera cam, uint at_ns, uint tag) {
-    const uint in_sub_tile = tag & 127u;
+    const uint in_sub_tile = place_of(tag & 127u);
     const uint pixel = (corner.y + in_sub_tile / TILE_WIDTH_PX) * cam.width + corner.x + in_sub_tile % TILE_WIDTH_PX;
     uint since_start_ns = at_ns;
     if (EFFECT_DELAY) {

@@ -9,7 +9,8 @@
 //
 // The including file provides, before this one: RIGID, whether this is the kernel of synthesis `rigid`; PHYSICAL, defined
 // for the kernel of the physical pixel; CHANNELS, the number of colour components; COMPONENTS, how many of them a
-// workgroup takes, from `first_component()` on; `is_first(cam)`; frame loads and `store_pair`.
+// workgroup takes, from `first_component()` on; MAKES_LISTS, whether the kernel makes surfaces and lists, for synthesis
+// `rigid`; MAKES_FRAME, whether it makes the rest; `is_first(cam)`; frame loads and `store_pair`.
 
 #include "state_words.glsl"
 #ifdef PHYSICAL
@@ -435,9 +436,18 @@ void main() {
     barrier();
     if (RIGID) {
         for (uint pixel = lane; pixel < SURFACE_PIXELS; pixel += gl_WorkGroupSize.x) {
-            load_geometry(cam, geometries[cam.slot], pixel, channel == 0u);
+            load_geometry(cam, geometries[cam.slot], pixel, MAKES_LISTS);
         }
         barrier();
+        for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {
+            find_surface(cam, geometries[cam.slot], pixel, MAKES_LISTS);
+        }
+        if (MAKES_LISTS) {
+            write_lists(cam, geometries[cam.slot]);
+        }
+        if (!MAKES_FRAME) {
+            return;
+        }
     }
     if (EFFECT_PSF) {
         blur_rows(cam);
@@ -470,13 +480,11 @@ void main() {
         write_block(cam, lane);
         clear_meetings(cam, lane);
     }
-    if (RIGID) {
-        for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {
-            find_surface(cam, geometries[cam.slot], pixel, channel == 0u);
+    if (MAKES_LISTS) {
+        if (lane < TILE_BLOCKS) {
+            block_motion[lane] = max(block_motion[lane], own_motion[lane]);
         }
-        if (channel == 0u) {
-            write_lists(cam, geometries[cam.slot]);
-        }
+        barrier();
     }
     if (channel == 0u && lane == gl_WorkGroupSize.x - 1u) {
         enqueue_tile(cam);

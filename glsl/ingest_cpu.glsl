@@ -22,6 +22,9 @@ bool is_first(Camera cam) {
     return MAY_BE_FIRST && cam.frame_kind == FRAME_FIRST;
 }
 
+#define MAKES_LISTS RIGID
+#define MAKES_FRAME true
+
 uint first_component() {
     return 0u;
 }

@@ -21,6 +21,12 @@ bool is_first(Camera cam) {
     return cam.frame_kind == FRAME_FIRST;
 }
 
+// Surfaces and lists are a chain of steps that takes as long as all else. So ingest_surfaces_gpu.comp makes them alongside.
+#ifndef MAKES_LISTS
+#define MAKES_LISTS false
+#define MAKES_FRAME true
+#endif
+
 // Keep dynamic: as a constant the compiler hoists loads, raises register use and costs a quarter of occupancy.
 uint first_component() {
     return HALF_PEL ? gl_WorkGroupID.z : 0u;

@@ -335,8 +335,4 @@ void write_lists(Camera cam, Geometry geo) {
     for (uint number = lane; number < told; number += gl_WorkGroupSize.x) {
         tell_passed(cam, geo, number);
     }
-    if (lane < TILE_BLOCKS) {
-        block_motion[lane] = max(block_motion[lane], own_motion[lane]);
-    }
-    barrier();
 }

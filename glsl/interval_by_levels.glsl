@@ -5,20 +5,17 @@
 // sub-step. Here each goes at its own pace. Two loops also hold fewer registers than one that does both.
 
 // Levels at the ends of the sub-steps, Q7.24. Not in shared memory: there they would keep other workgroups out.
-int levels_q24[MAX_SUBSTEPS];
+int substep_levels_q24[MAX_SUBSTEPS];
 
 int level_of_substep(uint i) {
-    return levels_q24[i - 1u];
+    return substep_levels_q24[i - 1u];
 }
 
 // Synthesises the levels at the ends of all `n` sub-steps.
-void synthesize_levels(Camera cam, Source s, uint n) {
+void synthesize_all(Camera cam, Source s, uint n) {
     const uint pixel = s.at.y * cam.width + s.at.x;
     const float inverse = 1.0 / float(n);
-    Geometry geo;
-    if (RIGID) {
-        geo = geometries[cam.slot];
-    }
+    const Geometry geo = geometry_of(cam);
     uint end_ns = 0u;
     uint over = 0u;
     uint i = 0u;
@@ -33,7 +30,7 @@ void synthesize_levels(Camera cam, Source s, uint n) {
         if (DUMP_SAMPLES) {
             samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
         }
-        levels_q24[i - 1u] = level_q24;
+        substep_levels_q24[i - 1u] = level_q24;
     } while (i < n);
 }
 
@@ -44,7 +41,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
-    synthesize_levels(cam, s, n);
+    synthesize_all(cam, s, n);
     if (!active_pixel) {
         silence(p, first_q24);
     }

@@ -14,10 +14,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     uint end_ns = 0u;
     uint over = 0u;
     float done = 0.0;
-    Geometry geo;
-    if (RIGID) {
-        geo = geometries[cam.slot];
-    }
+    const Geometry geo = geometry_of(cam);
     // Shot noise follows the steady light.
     const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
     Walk w = begin_walk(cam, pixel, first_q24, frames_q24, whole_ns, p);

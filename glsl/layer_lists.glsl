@@ -12,24 +12,9 @@ const uint NO_FIRST = 0xffffffffu;
 shared uint layer_votes[LAYERED ? TILE_BLOCKS * BLOCK_LAYERS * BLOCK_LAYERS : 1u];
 shared uint ranked_layer[LISTED_LAYERS];
 
-// Bits of the largest motion of what passes the tile's `b`th block where motions meet; 0 if nothing does.
-uint meeting_motion(Camera cam, uint b) {
-    const uvec2 block = corner / BLOCK_PX + uvec2(b, 0u);
-    return block.x < cam.blocks_x ? meetings[meeting_of_block(cam, block)] : 0u;
-}
-
 // The word of a block for its pair.
 uint pair_of_block(Camera cam, ivec2 block) {
     return blocks[cam.block_base + cam.frame_slot * cam.blocks + uint(block.y) * cam.blocks_x + uint(block.x)].w;
-}
-
-// Whether motions meet in the tile.
-bool motions_meet(Camera cam) {
-    uint any = 0u;
-    [[unroll]] for (uint b = 0u; b < TILE_BLOCKS; ++b) {
-        any |= meeting_motion(cam, b);
-    }
-    return any != 0u;
 }
 
 // Whether a position lies outside the image. A rounding's width outside does not matter.

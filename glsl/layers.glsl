@@ -12,18 +12,19 @@ struct Layer {
 };
 
 // Layers that the tile's blocks may have: those of the pairs in all blocks within reach, then one of each block itself.
+// Where only one block has lists (LIST_BLOCKS), its own.
 const uint REGION_X = TILE_BLOCKS + 2u * LAYER_REACH_BLOCKS;
 const uint REGION_Y = 1u + 2u * LAYER_REACH_BLOCKS;
 const uint REGION = REGION_X * REGION_Y;
-const uint FOUND = LAYERED ? 2u * REGION + TILE_BLOCKS : 1u;
+const uint FOUND = !LAYERED ? 1u : LIST_BLOCKS == 1u ? BLOCK_LAYERS : 2u * REGION + TILE_BLOCKS;
 shared vec4 found_place[FOUND];
 shared vec4 found_slopes[FOUND];
 shared vec2 found_before[FOUND];
 
 // The layers of each block, from near to far, by their number among those, and how many.
-const uint LISTED_LAYERS = LAYERED ? TILE_BLOCKS * BLOCK_LAYERS : 1u;
+const uint LISTED_LAYERS = LAYERED ? LIST_BLOCKS * BLOCK_LAYERS : 1u;
 shared uint listed_layer[LISTED_LAYERS];
-shared uint layer_count[TILE_BLOCKS];
+shared uint layer_count[LIST_BLOCKS];
 
 // Lists of a block's layers from near to far: four bits for each, its place in the block's list plus one.
 const uint LAYER_BITS = 4u;

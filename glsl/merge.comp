@@ -149,7 +149,7 @@ void main() {
     const Counters counted = counters[2u * cam.slot + cam.frame_slot];
     // Length of the sorted runs before this level. A run that holds the whole packet needs no merging.
     const uint width = push.level == 0u ? 0u : RUN_EVENTS << (push.level - 1u);
-    if (counted.emitted_fit != 0xffffffffu || counted.queue_overflows != 0u || counted.heavy == 0u
+    if (counted.emitted_fit != 0xffffffffu || (counted.queue_overflows | counted.without_levels) != 0u || counted.heavy == 0u
         || width >= counted.packet) {
         return;
     }

@@ -74,6 +74,16 @@ float shot_share(Camera cam, int log_q24) {
     return 1.0 - SHOT_NOISE_FALL * clamp(intensity_of(cam, log_q24) * cam.inverse_white, 0.0, 1.0);
 }
 
+// Hazard a nanosecond, Q27, between two frames with these levels.
+float hazard_in(Camera cam, ivec2 frame_levels) {
+    const float share = 0.5 * (shot_share(cam, frame_levels.x) + shot_share(cam, frame_levels.y));
+    return cam.hazard_q27_per_ns * share;
+}
+
+uint hazard_of_interval(float hazard_per_ns, uint interval_ns) {
+    return uint(roundEven(hazard_per_ns * float(interval_ns)));
+}
+
 #include "chord.glsl"
 
 // floor(leak * (t - epoch)) in Q24 at t = base + since_start, modulo 2^32; `base` is the full product at the start. The
@@ -215,9 +225,8 @@ Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, uint firs
         w.leak_base = uvec2(uint(base & uint64_t(0xffffffffu)), uint(base >> 32));
     }
     if (EFFECT_SHOT) {
-        const float share = 0.5 * (shot_share(cam, frame_levels.x) + shot_share(cam, frame_levels.y));
-        const float hazard_per_ns = cam.hazard_q27_per_ns * share;
-        w.interval_hazard = uint(roundEven(hazard_per_ns * float(cam.interval_ns)));
+        const float hazard_per_ns = hazard_in(cam, frame_levels);
+        w.interval_hazard = hazard_of_interval(hazard_per_ns, cam.interval_ns);
         w.ns_per_hazard = 1.0 / hazard_per_ns;
         // Drawn before the walk, so that all threads of a subgroup that need a draw make it together.
         if (p.shot_off <= w.interval_hazard) {

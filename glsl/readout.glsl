@@ -293,7 +293,7 @@ uint serve_chunk(uvec2 event, bool is_event, uint services_waiting, int64_t sinc
 
 // Whether a packet is sorted, so that the bus can serve it. `merge` sorts heavy packets after the tick's first submission.
 bool is_ready(Counters counted) {
-    return counted.emitted_fit == 0xffffffffu && counted.queue_overflows == 0u
+    return counted.emitted_fit == 0xffffffffu && (counted.queue_overflows | counted.without_levels) == 0u
         && (counted.heavy == 0u || push.merged != 0u);
 }
 

@@ -73,18 +73,17 @@ float depth_in_middle(Geometry geo, Surface surface, vec3 ray) {
     return seen ? inverse_depth : -1.0;
 }
 
-RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
+// A pixel's own surfaces, without an order.
+RigidPixel own_surfaces(Camera cam, Geometry geo, uvec2 at, vec3 ray) {
     RigidPixel p;
     bool in_start = true;
     bool in_end = true;
     p.start = surface_of_pixel(cam, geo, 0u, ivec2(at), in_start);
     p.end = surface_of_pixel(cam, geo, 1u, ivec2(at), in_end);
-    p.block = in_tile * BLOCK_CANDIDATES;
+    p.block = 0u;
     p.order = 0u;
-    const vec3 ray = ray_of(geo, vec2(at));
     if (!in_start && !in_end) {
         p.own = NO_SURFACE;
-        return p;
     } else if (!in_start || !in_end) {
         p.own = ONE_SURFACE;
         if (!in_start) {
@@ -95,6 +94,17 @@ RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
             && are_one(
                 depths_along(p.start.planes, ray), depths_along(p.end.planes, ray), parallax_of(geo, p.start.instance));
         p.own = same ? SAME_SURFACE : TWO_SURFACES;
+    }
+    return p;
+}
+
+// A pixel with its candidates, those of the `in_tile`th block of the lists among them.
+RigidPixel read_rigid_pixel(Camera cam, Geometry geo, uvec2 at, uint in_tile) {
+    const vec3 ray = ray_of(geo, vec2(at));
+    RigidPixel p = own_surfaces(cam, geo, at, ray);
+    p.block = in_tile * BLOCK_CANDIDATES;
+    if (p.own == NO_SURFACE) {
+        return p;
     }
     if (listed_count[in_tile] == 0u && p.own != TWO_SURFACES) {
         p.order = 1u;

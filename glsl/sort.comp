@@ -112,7 +112,7 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.frame_slot] =
             Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
-                     0u, 0u, 0u, 0u, 0u);
+                     0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }
 
@@ -279,7 +279,7 @@ void main() {
     const uint lane = gl_LocalInvocationID.x;
     const uint own = bins_of(cam, cam.frame_slot);
     const Counters counted = counters[2u * cam.slot + cam.frame_slot];
-    const bool fitted = counted.emitted_fit == 0xffffffffu && counted.queue_overflows == 0u
+    const bool fitted = counted.emitted_fit == 0xffffffffu && (counted.queue_overflows | counted.without_levels) == 0u
         && (!HAS_BUS || counted.progress != READOUT_UNDONE);
     before_bus = HAS_BUS && push.outlets == 0u && readouts[cam.slot].has_bus != 0u;
     if (lane < GROUP_BINS) {

@@ -110,7 +110,7 @@ fn pose_times_ns(t_ns: i64, step_ns: i64) -> Vec<i64> {
     (0..=POSES).map(|j| t_ns - step_ns + step_ns * j / POSES).collect()
 }
 
-/// A sinusoid in log intensity that moves to the right in the upper part of the image and stands still in the rest.
+/// A sinusoid in log intensity that moves to the right in the upper left part of the image and stands still in the rest.
 /// Its colour is f16x4, its motion f32x2.
 #[derive(Clone, Copy, Debug)]
 pub struct Pattern {
@@ -120,6 +120,8 @@ pub struct Pattern {
     pub motion_px: f64,
     /// Share of rows that move, 0 to 1, rounded to whole blocks.
     pub moving: f64,
+    /// Share of their columns that move.
+    pub moving_columns: f64,
     /// Wavelength, pixels.
     pub wavelength_px: f64,
 }
@@ -136,10 +138,15 @@ impl Pattern {
         ((f64::from(blocks) * self.moving).round() as u32 * BLOCK_ROWS).min(self.size.1)
     }
 
+    fn moving_row_columns(&self) -> u32 {
+        (f64::from(self.size.0) * self.moving_columns).round() as u32
+    }
+
     fn hdr(&self, index: usize) -> Vec<u8> {
         let row = |shift_px: f64| -> Vec<u8> {
             (0..self.size.0)
                 .flat_map(|x| {
+                    let shift_px = if x < self.moving_row_columns() { shift_px } else { 0.0 };
                     let turns = (f64::from(x) - shift_px) / self.wavelength_px;
                     let value = (AMPLITUDE_LOG * (std::f64::consts::TAU * turns).sin()).exp();
                     encode(value)
@@ -154,12 +161,14 @@ impl Pattern {
 
     fn motion(&self) -> Vec<u8> {
         let (columns, rows) = (self.size.0 as usize, self.moving_rows() as usize);
-        let vectors = |x: f32, rows: usize| {
+        let vectors = |x: f32, columns: usize| {
             let texel: Vec<u8> = [x, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-            texel.repeat(columns * rows)
+            texel.repeat(columns)
         };
-        let mut image = vectors(-self.motion_px as f32, rows);
-        image.extend(vectors(0.0, self.size.1 as usize - rows));
+        let moving = self.moving_row_columns() as usize;
+        let row = [vectors(-self.motion_px as f32, moving), vectors(0.0, columns - moving)].concat();
+        let mut image = row.repeat(rows);
+        image.extend(vectors(0.0, columns * (self.size.1 as usize - rows)));
         image
     }
 }
@@ -186,7 +195,8 @@ mod tests {
 
     #[test]
     fn a_pattern_moves_as_its_vectors_say_and_only_where_it_moves() {
-        let pattern = Pattern { size: (32, 16), motion_px: 2.0, moving: 0.5, wavelength_px: 16.0 };
+        let pattern =
+            Pattern { size: (32, 16), motion_px: 2.0, moving: 0.5, moving_columns: 1.0, wavelength_px: 16.0 };
         let [first, second] = [0, 1].map(|index| pattern.hdr(index));
         let at = |frame: &[u8], x: usize, y: usize| HdrFormat::F16x4.decode(frame, y * 32 + x)[0];
         assert_eq!(at(&second, 10, 3), at(&first, 8, 3));
@@ -194,5 +204,12 @@ mod tests {
         let motion = pattern.motion();
         assert_eq!(MotionFormat::F32x2.decode(&motion, 3 * 32), [-2.0, 0.0]);
         assert_eq!(MotionFormat::F32x2.decode(&motion, 12 * 32), [0.0, 0.0]);
+        let narrow = Pattern { moving_columns: 0.25, ..pattern };
+        let [first, second] = [0, 1].map(|index| narrow.hdr(index));
+        assert_eq!(at(&second, 7, 3), at(&first, 5, 3));
+        assert_eq!(at(&second, 8, 3), at(&first, 8, 3));
+        let motion = narrow.motion();
+        assert_eq!(MotionFormat::F32x2.decode(&motion, 3 * 32 + 7), [-2.0, 0.0]);
+        assert_eq!(MotionFormat::F32x2.decode(&motion, 3 * 32 + 8), [0.0, 0.0]);
     }
 }

@@ -127,7 +127,7 @@ fn larger_groups_of_bins_sort_the_same_packets_on_a_gpu() {
         assert!(small.packet == large.packet);
     }
     // A rig with many bins chooses the larger groups by itself.
-    let many = KernelPolicy { many_bins: 1, ..POLICY };
+    let many = KernelPolicy { many_bins: 1, group_bins_of_small: 16, ..POLICY };
     let rig = Rig::with_options(
         &DEVICE,
         &[camera(&sensor, 0, &sequence)],

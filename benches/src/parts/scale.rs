@@ -1,4 +1,4 @@
-//! Time against the amount of work: cameras, pixels, sub-steps, events, motion, moving share of the image.
+//! Time against the amount of work: cameras, pixels, sub-steps, events, motion, noise, moving share of the image.
 
 use super::sensors::{clean, noisy, stages};
 use crate::amount::Amount;
@@ -55,7 +55,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
          motion alone grow; whole columns of it cross at the same instants, which is the hardest to sort. `dense` \
          is a clean sensor with ever lower thresholds on `flight`; its packets go to the host, whose bus then bounds \
          `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
-         at 0, else with profile `noisy` and this rate of shot noise. The exponent is that of time over the last half \
+         at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile `noisy`, \
+         in each of which a sixteenth moves by 2 px; packets stay on the device. The exponent is that of time over the last half \
          of the points (1: proportional, 0: does not matter). Stages are stamped, which costs a microsecond each.",
     );
     let mut sweeps = Vec::new();
@@ -169,7 +170,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
     };
     let size = pattern_size(laboratory);
     let base = SensorModel { width: size.0, height: size.1, ..clean("vga") };
-    let pattern = Pattern { size, motion_px: 4.0, moving: 1.0, wavelength_px: 48.0 };
+    let pattern = Pattern { size, motion_px: 4.0, moving: 1.0, moving_columns: 1.0, wavelength_px: 48.0 };
     let on_pattern = |value: f64, sensor: SensorModel, pattern: Pattern| Case {
         value,
         sensor,
@@ -218,6 +219,14 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
     };
     let noises_hz: &[f64] = if quick { &[0.0, 5.0] } else { &[0.0, 0.1, 1.0, 5.0, 20.0] };
     let small_cameras = if software { 2 } else { 256 };
+    let environment = |&cameras: &usize| {
+        let size = (64, 64);
+        let pattern = Pattern { size, motion_px: 2.0, moving: 0.25, moving_columns: 0.25, ..pattern };
+        let sensor = SensorModel { width: size.0, height: size.1, ..noisy("vga") };
+        let case = on_pattern(cameras as f64, sensor, pattern);
+        Case { cameras, packets: PacketPlace::OnDevice, ..case }
+    };
+    let environments: &[usize] = if software { &[1, 4] } else { &[64, 256] };
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
         ("cameras", "cameras", cameras),
@@ -233,6 +242,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
             "Hz of shot noise",
             noises_hz.iter().map(|&hz| still(hz, (64, 64), small_cameras)).collect(),
         ),
+        ("environments", "environments", environments.iter().map(environment).collect()),
         ("moving share", "% of rows", shares.iter().copied().map(share).collect()),
     ]
 }
@@ -255,7 +265,7 @@ fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
 fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
     document.heading(sweep.name);
     let curve = |of: &dyn Fn(&Timing) -> f64| sweep.points.iter().map(|p| (p.value, of(&p.timing))).collect();
-    let logarithmic = matches!(sweep.name, "cameras" | "pixels" | "sub-steps");
+    let logarithmic = matches!(sweep.name, "cameras" | "pixels" | "sub-steps" | "environments");
     let title = format!("Time against {}", sweep.name);
     let axes =
         Axes { title: &title, x: sweep.unit, y: "GPU time, us", logarithmic: (logarithmic, logarithmic) };

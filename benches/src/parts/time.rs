@@ -23,6 +23,12 @@ const BILINEAR_MODES: [(&str, Intensity); 2] =
 const LUMINANCE_RIGID: &str = "luminance, rigid";
 const RIGID_SUFFIX: &str = ", rigid";
 
+/// The modes of synthesis `motion` with several surfaces where motions meet, and what tells them from the same with one.
+const GRAY_LAYERS: &str = "gray, layers";
+const LUMINANCE_LAYERS: &str = "luminance, layers";
+const LAYERS_SUFFIX: &str = ", layers";
+const LAYERS: u32 = 3;
+
 /// The modes of the physical pixel with its noise, and what tells them from the same with the noisy log pixel.
 const GRAY_PHYSICAL: &str = "gray, physical";
 const LUMINANCE_PHYSICAL: &str = "luminance, physical";
@@ -75,6 +81,9 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         }
     }
     for sensor in SENSORS {
+        cases.push((SensorModel { layers: LAYERS, ..noisy(sensor) }, GRAY_LAYERS, 1));
+    }
+    for sensor in SENSORS {
         cases.push((noisy(sensor).with_preset_pixel(), GRAY_PHYSICAL, 1));
     }
     if !shortest {
@@ -85,6 +94,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         cases.push((noisy("vga"), "luminance", 8));
         cases.push((noisy("vga"), "luminance", 64));
         cases.push((SensorModel { synthesis: Synthesis::Rigid, ..noisy("vga") }, LUMINANCE_RIGID, 64));
+        cases.push((SensorModel { layers: LAYERS, ..noisy("vga") }, LUMINANCE_LAYERS, 64));
         cases.push((noisy("vga").with_preset_pixel(), LUMINANCE_PHYSICAL, 64));
         cases.push((noisy("davis346"), "luminance", 8));
     }
@@ -208,6 +218,11 @@ fn show(rows: &[Row]) -> Result<Document> {
             RIGID_SUFFIX,
             ["motion", "rigid"],
             "What exact paths cost, x32: `rigid` from depth, ids and poses beside `motion` from vectors.",
+        ),
+        (
+            LAYERS_SUFFIX,
+            ["one surface", "three"],
+            "What several surfaces a pixel cost where motions meet, x32: synthesis `motion` with `layers` 3 beside 1.",
         ),
         (
             PHYSICAL_SUFFIX,

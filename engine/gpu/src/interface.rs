@@ -4,7 +4,7 @@
 use esaac_kernels::Reflection;
 use esaac_layout::{
     BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, OPTICS,
-    Optics, PHYSICALS, Physical, Push, READOUTS, Readout, Slice, TEXELS,
+    Optics, PHYSICALS, Physical, Push, READOUTS, RESTS, Readout, Rest, Slice, TEXELS,
 };
 use std::collections::BTreeMap;
 
@@ -50,6 +50,11 @@ pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
         let table = reflection.uniform_strides.get(&(OPTICS as u32)).copied();
         same("stride of `optics`", table, Some(size_of::<Optics>() as u32))?;
         check_struct::<Optics>(&reflection)?;
+    }
+    if reflection.structs.contains_key(Rest::NAME) {
+        let table = reflection.uniform_strides.get(&(RESTS as u32)).copied();
+        same("stride of `rests`", table, Some(size_of::<Rest>() as u32))?;
+        check_struct::<Rest>(&reflection)?;
     }
     same("workgroup", reflection.workgroup, [kernel.threads, 1, 1])?;
     check_constants(kernel, &reflection)?;

@@ -17,6 +17,17 @@ pub enum KernelSet {
     SoftwareDriver,
 }
 
+/// Whether pixels in still light are passed over until their noise may send something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Resting {
+    /// All are walked.
+    Never,
+    /// They are passed over while past ticks say that it costs less.
+    WherePaid,
+    /// They are passed over always.
+    Always,
+}
+
 /// How kernels are run; chosen once for a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KernelPolicy {
@@ -36,7 +47,9 @@ pub struct KernelPolicy {
     /// `group_bins` of a rig with at least `many_bins` bins. Each workgroup sums all bins of its camera; such a rig
     /// fills the device with fewer, larger groups.
     pub group_bins_of_many: u32,
-    /// Bins of a rig from which on `group_bins_of_many` applies.
+    /// `group_bins` of such a rig whose cameras have few bins, [`FEW_BINS`] or less on average: their packets are small.
+    pub group_bins_of_small: u32,
+    /// Bins of a rig from which on `group_bins_of_many` or `group_bins_of_small` applies.
     pub many_bins: u32,
     /// Threads of a workgroup of `readout`.
     pub readout_threads: u32,
@@ -51,9 +64,18 @@ pub struct KernelPolicy {
     /// Longest event queue of `cross`, in events for each pixel of a sub-tile. The queue grows from
     /// [`QUEUE_PER_PX`] to this while intervals overflow it.
     pub most_queue_per_px: u32,
-    /// Whether the dispatches of `ingest` and of `backward_transfer` run one after the other.
+    /// Fewest rows of `levels`, if cameras could use as many: with fewer, ticks of small rigs take more passes.
+    pub least_level_rows: u32,
+    /// Whether pixels rest.
+    pub resting: Resting,
+    /// How many neighbouring pixels must rest for most of the work on them to be spared.
+    pub rest_together: u32,
+    /// Whether the dispatches of a stage run one after the other, those of `cross` excepted.
     pub serial: bool,
 }
+
+/// See [`KernelPolicy::group_bins_of_small`].
+const FEW_BINS: u32 = 128;
 
 impl KernelPolicy {
     /// For GPUs.
@@ -67,6 +89,7 @@ impl KernelPolicy {
             native_division: true,
             group_bins: 8,
             group_bins_of_many: 16,
+            group_bins_of_small: 64,
             many_bins: 1 << 13,
             readout_threads: READOUT_THREADS,
             readout_rounds: u32::MAX,
@@ -75,6 +98,10 @@ impl KernelPolicy {
             // Buffers are seldom half full, so that a thread usually has less than one event.
             events_per_thread: 2,
             most_queue_per_px: 2 * QUEUE_PER_PX,
+            // 8 MiB.
+            least_level_rows: 1 << 15,
+            resting: Resting::WherePaid,
+            rest_together: TILE_WIDTH_PX * BLOCK_PX,
             serial: false,
         }
     }
@@ -93,6 +120,7 @@ impl KernelPolicy {
             native_division: false,
             group_bins: 32,
             group_bins_of_many: 32,
+            group_bins_of_small: 32,
             many_bins: u32::MAX,
             readout_threads: 64,
             readout_rounds: 16_384,
@@ -101,6 +129,10 @@ impl KernelPolicy {
             events_per_thread: 64,
             // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
             most_queue_per_px: QUEUE_PER_PX,
+            // `cross` synthesises by itself.
+            least_level_rows: 0,
+            resting: Resting::WherePaid,
+            rest_together: TILE_WIDTH_PX,
             serial: true,
         }
     }
@@ -122,9 +154,13 @@ impl KernelPolicy {
         }
     }
 
-    /// Bins that a workgroup of `sort` takes in a rig with `bins` bins.
-    pub(crate) fn group_bins_of(&self, bins: u32) -> u32 {
-        if bins >= self.many_bins { self.group_bins_of_many } else { self.group_bins }
+    /// Bins that a workgroup of `sort` takes in a rig whose `cameras` have `bins` bins in all.
+    pub(crate) fn group_bins_of(&self, bins: u32, cameras: u32) -> u32 {
+        match (bins >= self.many_bins, bins <= cameras * FEW_BINS) {
+            (false, _) => self.group_bins,
+            (true, false) => self.group_bins_of_many,
+            (true, true) => self.group_bins_of_small,
+        }
     }
 
     /// Threads of a workgroup of `ingest_cpu`.
@@ -161,6 +197,15 @@ mod tests {
                 assert_eq!(pixels * rows, TILE_WIDTH_PX * BLOCK_PX, "{policy:?}");
             }
         }
+    }
+
+    #[test]
+    fn groups_of_bins_are_large_where_many_packets_are_small() {
+        let policy = KernelPolicy::gpu();
+        let of = |cameras: u32, bins: u32| policy.group_bins_of(cameras * bins, cameras);
+        assert_eq!([of(1, 128), of(8, 128), of(1, 4096)], [policy.group_bins; 3]);
+        assert_eq!([of(2, 4096), of(1, 16_384), of(256, 256)], [policy.group_bins_of_many; 3]);
+        assert_eq!([of(64, 128), of(256, 128)], [policy.group_bins_of_small; 2]);
     }
 
     #[test]

@@ -40,7 +40,7 @@ mod off {
     pub struct GpuZones(());
 
     impl GpuZones {
-        pub(crate) fn show(&mut self, _: &Device, _: &[u64], _: &[(&'static str, u64)]) {}
+        pub(crate) fn show(&mut self, _: &Device, _: &[u64], _: &[&'static str]) {}
     }
 
     pub(crate) fn tick(_: &[u32], _: &[Packet], _: u64, _: impl FnOnce() -> Vec<MemoryUse>) {}
@@ -69,12 +69,12 @@ mod on {
     impl GpuZones {
         /// Shows the stages of a finished tick, from the raw time stamps around them. Shows none if the device cannot
         /// read its clock together with the host's.
-        pub(crate) fn show(&mut self, device: &Device, raw: &[u64], stages: &[(&'static str, u64)]) {
+        pub(crate) fn show(&mut self, device: &Device, raw: &[u64], stages: &[&'static str]) {
             if !Client::is_connected() {
                 return;
             }
             let Ok(Some(context)) = self.context(device) else { return };
-            for (&(stage, _), pair) in stages.iter().zip(raw.windows(2)) {
+            for (&stage, pair) in stages.iter().zip(raw.windows(2)) {
                 // Fails only while 32767 zones wait for their times. These get theirs at once.
                 if let Ok(mut span) = context.span_alloc(stage, stage, "glsl", 0) {
                     span.end_zone();

@@ -8,10 +8,12 @@ use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 
-const ALL: [&str; 10] = [
+const ALL: [&str; 12] = [
     "ingest",
     "backward_transfer",
+    "paths",
     "deferred",
+    "synthesize",
     "cross",
     "sort",
     "readout",

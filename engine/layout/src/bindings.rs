@@ -1,12 +1,12 @@
 //! Bindings of the kernels: descriptor set 0.
 
-use crate::{Camera, Counters, Geometry, Optics, Physical, Readout};
+use crate::{Camera, Counters, Geometry, Optics, Physical, Readout, Rest};
 
 /// Whether the binding of a slot is a uniform buffer, a table with a row for each camera; the others are storage
 /// buffers.
 #[must_use]
 pub fn is_table(slot: usize) -> bool {
-    matches!(slot, CAMERAS | GEOMETRIES | PHYSICALS | OPTICS | READOUTS)
+    matches!(slot, CAMERAS | GEOMETRIES | PHYSICALS | OPTICS | READOUTS | RESTS)
 }
 
 /// A binding: slot, name, GLSL element type.
@@ -63,6 +63,10 @@ bindings! {
     READOUTS = 28, "readouts", "Readout", size_of::<Readout>() as u32;
     BUS = 29, "bus", "int64_t", 8;
     MEETINGS = 30, "meetings", "uint", 4;
+    LEVELS = 31, "levels", "uint", 4;
+    LEVEL_WORDS = 32, "level_words", "uvec4", 16;
+    LEVEL_ENTRIES = 33, "level_entries", "uvec4", 16;
+    RESTS = 34, "rests", "Rest", size_of::<Rest>() as u32;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

@@ -169,6 +169,25 @@ spec_constants! {
 }
 
 spec_constants! {
+    /// Constants of `synthesize`.
+    SynthesizeConstants in "synthesize_constants" from 0;
+    /// How colour becomes intensity.
+    intensity: Intensity,
+    /// Whether the lamp flickers.
+    effect_flicker: bool,
+    /// Frame-gap synthesis.
+    synthesis: Synthesis,
+    /// Interpolation of warped frames.
+    taps: Taps,
+    /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
+    fisheye: bool,
+    /// Most surfaces that a pixel may show between two frames.
+    layers: u32,
+    /// Whether `cross` skips tiles without motion and change.
+    skips_still_tiles: bool,
+}
+
+spec_constants! {
     /// Constants of `cross` that depend on the sensor; code of effects that are off is left out.
     CrossConstants in "cross_constants" from 0;
     /// How colour becomes intensity.
@@ -204,6 +223,8 @@ spec_constants! {
     /// Most surfaces that a pixel may show between two frames. If more than one, tiles where motions meet are left to
     /// kernels of their own.
     layers: u32,
+    /// Whether pixels in still light are passed over until their noise may send something.
+    pixels_rest: bool,
 }
 
 spec_constants! {
@@ -248,6 +269,7 @@ pub(crate) const LISTS: &[ConstantList] = &[
     IngestConstants::LIST,
     IngestCpuConstants::LIST,
     BackwardTransferConstants::LIST,
+    SynthesizeConstants::LIST,
     CrossConstants::LIST,
     CrossCpuConstants::LIST,
     SortConstants::LIST,
@@ -280,8 +302,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..16).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [16, 17, 18, 19]);
+        assert_eq!(ids(CrossConstants::LIST), (0..17).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [17, 18, 19, 20]);
     }
 
     #[test]

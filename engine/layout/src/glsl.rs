@@ -2,14 +2,14 @@
 
 use crate::bindings::{BINDINGS, TEXELS};
 use crate::sizes::{
-    BUS_HEAD, CROSS_THREADS, FLICKER_FRACTION_BITS, INGEST_THREADS, MAX_CAMERAS, PASSING_ENTRIES,
-    PASSING_HEAD_WORDS, PATHS_THREADS, POSE_ROWS, READOUT_THREADS, REPRESENTATIVE_WORDS, RUN_EVENTS,
-    SEARCHED_EVENTS, SORT_THREADS, SORTABLE_EVENTS, TILE_BLOCKS,
+    BUS_HEAD, CROSS_THREADS, ENTRY_SUBSTEPS, FLICKER_FRACTION_BITS, INGEST_THREADS, MAX_CAMERAS, MOST_PASSES,
+    PASSING_ENTRIES, PASSING_HEAD_WORDS, PATHS_THREADS, POSE_ROWS, READOUT_THREADS, REPRESENTATIVE_WORDS,
+    RUN_EVENTS, SEARCHED_EVENTS, SORT_THREADS, SORTABLE_EVENTS, SYNTHESIZE_THREADS, TILE_BLOCKS,
 };
 use crate::state::{PhysicalWord, StateWord};
 use crate::{
-    Camera, Counters, FrameKind, Geometry, GpuStruct, Optics, Physical, Push, Readout, ReadoutProgress,
-    Slice, constants,
+    Camera, Counters, FrameKind, Geometry, GpuStruct, Optics, Physical, Push, Readout, ReadoutProgress, Rest,
+    RestMode, Slice, constants,
 };
 use esaac_model::intensity;
 use esaac_model::synthesis::{layers, rigid};
@@ -69,6 +69,7 @@ fn declarations() -> String {
     glsl_struct::<Physical>(&mut out);
     glsl_struct::<Readout>(&mut out);
     glsl_struct::<Optics>(&mut out);
+    glsl_struct::<Rest>(&mut out);
     glsl_struct::<Counters>(&mut out);
     glsl_struct::<Slice>(&mut out);
     out.push_str("layout(push_constant) uniform ");
@@ -101,6 +102,7 @@ fn declarations() -> String {
         ("SHOT_OFF_DRAWS", StateWord::ShotOffDraws),
         ("SHOT_ON_DRAWS", StateWord::ShotOnDraws),
         ("EVENTS", StateWord::Events),
+        ("REST", StateWord::Rest),
     ] {
         out.push_str(&format!("#define STATE_{name} {}\n", word as u32));
     }
@@ -127,6 +129,9 @@ fn declarations() -> String {
         ("INGEST_THREADS", INGEST_THREADS.to_string()),
         ("SORT_THREADS", SORT_THREADS.to_string()),
         ("PATHS_THREADS", PATHS_THREADS.to_string()),
+        ("SYNTHESIZE_THREADS", SYNTHESIZE_THREADS.to_string()),
+        ("ENTRY_SUBSTEPS", format!("{ENTRY_SUBSTEPS}u")),
+        ("MOST_PASSES", format!("{MOST_PASSES}u")),
         ("READOUT_THREADS", READOUT_THREADS.to_string()),
         ("BUS_HEAD", format!("{BUS_HEAD}u")),
         ("POSE_ROWS", format!("{POSE_ROWS}u")),
@@ -173,6 +178,9 @@ fn declarations() -> String {
         ("FRAME_NONE", format!("{}u", FrameKind::None as u32)),
         ("FRAME_FIRST", format!("{}u", FrameKind::First as u32)),
         ("FRAME_INTERVAL", format!("{}u", FrameKind::Interval as u32)),
+        ("FRAME_CATCH_UP", format!("{}u", FrameKind::CatchUp as u32)),
+        ("REST_UNKNOWN", format!("{}u", RestMode::Unknown as u32)),
+        ("REST_ALLOWED", format!("{}u", RestMode::Allowed as u32)),
         ("SYNTHESIS_FOLLOWS_MOTION(S)", follows_motion()),
         ("SHOT_NOISE_FALL", format!("{:.6}", esaac_model::SHOT_NOISE_FALL)),
         ("MAX_CAMERAS", MAX_CAMERAS.to_string()),
@@ -244,6 +252,7 @@ mod tests {
         assert_eq!(size_of::<Physical>() % 16, 0);
         assert_eq!(size_of::<Readout>() % 16, 0);
         assert_eq!(size_of::<Optics>() % 16, 0);
+        assert_eq!(size_of::<Rest>() % 16, 0);
         assert_eq!(size_of::<Counters>() % 4, 0);
     }
 
@@ -268,6 +277,7 @@ mod tests {
             Physical::FIELDS,
             Readout::FIELDS,
             Optics::FIELDS,
+            Rest::FIELDS,
             Counters::FIELDS,
             Push::FIELDS,
         ]

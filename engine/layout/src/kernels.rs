@@ -2,9 +2,11 @@
 
 use crate::constants::{
     BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
-    IngestCpuConstants, ReadoutConstants, SortConstants,
+    IngestCpuConstants, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
-use crate::sizes::{CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, READOUT_THREADS, SORT_THREADS};
+use crate::sizes::{
+    CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, READOUT_THREADS, SORT_THREADS, SYNTHESIZE_THREADS,
+};
 
 /// A kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +40,7 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("ingest_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
     kernel("ingest_rigid_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel("ingest_rigid_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
+    kernel("ingest_surfaces_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel("ingest_physical_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel(
         "ingest_physical_cpu",
@@ -61,22 +64,24 @@ pub const KERNELS: &[KernelInfo] = &[
     ),
     kernel("paths", "paths", PATHS_THREADS, &[]),
     kernel("deferred", "deferred", STRIDING_THREADS, &[]),
+    kernel("synthesize_lists_rigid", "synthesize", INGEST_THREADS, &[SynthesizeConstants::LIST]),
+    kernel("synthesize_lists_layers", "synthesize", INGEST_THREADS, &[SynthesizeConstants::LIST]),
+    kernel("synthesize_levels_rigid", "synthesize", SYNTHESIZE_THREADS, &[SynthesizeConstants::LIST]),
+    kernel("synthesize_levels_layers", "synthesize", SYNTHESIZE_THREADS, &[SynthesizeConstants::LIST]),
     kernel("cross_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
-    kernel("cross_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel("cross_levels_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_rigid_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
-    kernel("cross_layers_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_layers_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
     kernel("cross_physical_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel("cross_physical_cpu", "cross", CROSS_THREADS, &[CrossConstants::LIST, CrossCpuConstants::LIST]),
-    kernel("cross_physical_rigid_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
+    kernel("cross_physical_levels_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel(
         "cross_physical_rigid_cpu",
         "cross",
         CROSS_THREADS,
         &[CrossConstants::LIST, CrossCpuConstants::LIST],
     ),
-    kernel("cross_physical_layers_gpu", "cross", CROSS_THREADS, &[CrossConstants::LIST]),
     kernel(
         "cross_physical_layers_cpu",
         "cross",
@@ -94,10 +99,11 @@ pub const KERNELS: &[KernelInfo] = &[
 
 /// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside the first. `merge` runs only for heavy
 /// packets, the other kernels only when a program asks for a representation.)
-pub const TICK_STAGES: &[&str] = &["ingest", "backward_transfer", "cross", "sort"];
+pub const TICK_STAGES: &[&str] = &["ingest", "backward_transfer", "synthesize", "cross", "sort"];
 
 /// The stages of a tick with a bus. The last one includes the sort of what has left the bus.
-pub const TICK_STAGES_WITH_BUS: &[&str] = &["ingest", "backward_transfer", "cross", "sort", "readout"];
+pub const TICK_STAGES_WITH_BUS: &[&str] =
+    &["ingest", "backward_transfer", "synthesize", "cross", "sort", "readout"];
 
 /// The stages of the kernels with these names, in the order of [`KERNELS`] and each once.
 #[must_use]

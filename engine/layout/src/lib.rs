@@ -13,7 +13,7 @@ pub mod structs;
 pub use bindings::*;
 pub use constants::{
     BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
-    IngestCpuConstants, ReadoutConstants, SortConstants, SpecConstant, SpecType,
+    IngestCpuConstants, ReadoutConstants, SortConstants, SpecConstant, SpecType, SynthesizeConstants,
 };
 pub use glsl::generated_files;
 pub use kernels::{KERNELS, KernelInfo, TICK_STAGES, TICK_STAGES_WITH_BUS, stages};

@@ -23,6 +23,21 @@ pub const QUEUE_PER_PX: u32 = 8;
 pub const INGEST_THREADS: u32 =
     TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
 
+/// Threads of a workgroup of `synthesize` that makes levels: some for each pixel of a block.
+pub const SYNTHESIZE_THREADS: u32 = 2 * LEVEL_ROW_WORDS;
+
+/// Words of a row of `levels`: one for each pixel of a block.
+pub const LEVEL_ROW_WORDS: u32 = esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
+
+/// Rows of `levels` that a block takes beside those of its levels: what its pixels may show, and its list.
+pub const LIST_ROWS: u32 = 2;
+
+/// Most sub-steps of an entry of `level_entries`.
+pub const ENTRY_SUBSTEPS: u32 = 4;
+
+/// Most passes of `synthesize` and `cross` in a submission.
+pub const MOST_PASSES: u32 = 16;
+
 /// Threads of a workgroup of `sort` on a GPU.
 pub const SORT_THREADS: u32 = 256;
 

@@ -27,6 +27,8 @@ pub enum StateWord {
     ShotOnDraws = 9,
     /// Number of events emitted so far.
     Events = 10,
+    /// Until when the pixel rests, and since when: see `resting.glsl`. Of no use unless pixels rest.
+    Rest = 11,
 }
 
 /// Words of state of a physical pixel.
@@ -82,6 +84,6 @@ mod tests {
         assert_eq!(StateWord::ContrastOff as u32, PhysicalWord::ContrastOff as u32);
         assert_eq!(StateWord::Leak as u32, PhysicalWord::Factors as u32, "drawn once, and written together");
         assert_eq!(StateWord::Events as u32, PhysicalWord::Events as u32);
-        assert!((StateWord::Events as u32) < STATE_WORDS && (PhysicalWord::Fraction as u32) < STATE_WORDS);
+        assert!((StateWord::Rest as u32) < STATE_WORDS && (PhysicalWord::Fraction as u32) < STATE_WORDS);
     }
 }

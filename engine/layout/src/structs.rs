@@ -272,6 +272,21 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    /// What a camera's pixels at rest know of past intervals: a row of the table of rests, in the camera's `slot`.
+    Rest {
+        /// A [`RestMode`].
+        mode: u32,
+        /// How often intervals had the first length, modulo 2^8, and 8 bits above it the second; before this interval,
+        /// and 16 bits above it with this interval.
+        counts: u32,
+        /// The first length.
+        first_ns: u32,
+        /// The second length.
+        second_ns: u32,
+    }
+}
+
+gpu_struct! {
     /// Counters of a camera or its outlet in one tick; two sets, used in turn.
     Counters {
         /// Events emitted, whether they fit or not.
@@ -292,8 +307,12 @@ gpu_struct! {
         skipped_blocks: u32,
         /// Sub-steps, summed over blocks.
         substeps: u32,
+        /// Blocks in and around which nothing moves or changes, of those whose pixels may rest.
+        still_blocks: u32,
         /// Sub-tiles with more events than the event queue holds; `cross` runs them again without it.
         queue_overflows: u32,
+        /// Sub-tiles for whose levels there was no room; they run again.
+        without_levels: u32,
         /// Events in the largest bin of the packet.
         largest_bin: u32,
         /// Tiles with more sub-steps than `many_substeps`; they fill `tile_order` from the front.
@@ -332,7 +351,7 @@ gpu_struct! {
     Push {
         /// First camera of the dispatch. Its cameras are neighbours in the table; `gl_WorkGroupID.y` counts them.
         first_camera: u32,
-        /// Number of the pass of `merge` or `voxel_grid`; unused by other kernels.
+        /// Number of the pass of `synthesize`, `cross`, `merge` or `voxel_grid`; unused by other kernels.
         level: u32,
         /// Device address of a [`Slice`] for each camera, for kernels that read packets.
         slices: u64,
@@ -346,6 +365,10 @@ gpu_struct! {
         outlets: u32,
         /// Whether `merge` has sorted the heavy packets.
         merged: u32,
+        /// Cameras of the dispatch, for kernels whose workgroups belong to no one camera.
+        cameras: u32,
+        /// Passes of `synthesize` and `cross` in this submission.
+        passes: u32,
     }
 }
 
@@ -395,4 +418,18 @@ pub enum FrameKind {
     First = 1,
     /// A frame that ends an interval.
     Interval = 2,
+    /// No frame: pixels that rest are brought up to date.
+    CatchUp = 3,
+}
+
+/// What the words of rest of a camera's pixels are good for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum RestMode {
+    /// Nothing: each pixel was walked in the last interval.
+    Unknown = 0,
+    /// They tell how many intervals each pixel has passed over, and all pixels are walked now.
+    Ends = 1,
+    /// They tell that, and which pixels are passed over now if their light is still.
+    Allowed = 2,
 }

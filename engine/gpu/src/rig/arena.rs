@@ -6,11 +6,12 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
-use super::geometry::{Place, lay_out, total};
+use super::geometry::{Place, lay_out, shared_level_rows, total};
 use super::{CameraState, PacketPlace, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::{Buffer, MemoryUse};
+use crate::policy::KernelPolicy;
 use ash::vk;
 use esaac_layout::{self as layout, BINDINGS, TEXELS};
 use esaac_model::substeps::MAX_SUBSTEPS;
@@ -64,6 +65,7 @@ pub(super) struct Arena {
     packet_elements: PacketElements,
     pub samples_pixels: usize,
     packets: PacketPlace,
+    policy: KernelPolicy,
 }
 
 /// New places for cameras and the buffers that they need, planned but not in use yet.
@@ -85,6 +87,7 @@ impl Arena {
         device: &Arc<Device>,
         places: &[Place],
         options: RigOptions,
+        policy: KernelPolicy,
     ) -> Result<Self, EngineError> {
         let cameras = places.len() / 2;
         let samples_pixels = places.iter().map(|p| p.pixels as usize).max().unwrap_or(0);
@@ -101,7 +104,7 @@ impl Arena {
                         (cameras * (MAX_SUBSTEPS as usize + 1) * samples_pixels) as u64
                     }
                     layout::SAMPLES => 0,
-                    slot => total(places, slot),
+                    slot => elements_of(slot, places, policy),
                 };
                 allocate(device, slot, elements, options.packets).map(Some)
             })
@@ -110,7 +113,8 @@ impl Arena {
         let first = Arc::new(PacketBuffers::new(device, &packet_elements, options.packets)?);
         let mut ring = vec![Some(first)];
         ring.resize(options.ring(), None);
-        Ok(Arena { buffers, ring, current: 0, packet_elements, samples_pixels, packets: options.packets })
+        let packets = options.packets;
+        Ok(Arena { buffers, ring, current: 0, packet_elements, samples_pixels, packets, policy })
     }
 
     /// The buffer of a slot.
@@ -159,6 +163,15 @@ impl Arena {
         (0..BINDINGS.len()).chain(TEXELS.iter().map(|t| t.of)).map(|slot| self.buffer(slot))
     }
 
+    /// Records commands that empty the passes of `synthesize`.
+    pub(super) fn record_zero_passes(&self, device: &Device, commands: vk::CommandBuffer) {
+        let heads = u64::from(layout::MOST_PASSES * layout::BINDINGS[layout::LEVEL_ENTRIES].stride);
+        // SAFETY: `commands` is being recorded; the buffer is alive, was made for transfers and has so many bytes.
+        unsafe {
+            device.raw().cmd_fill_buffer(commands, self.buffer(layout::LEVEL_ENTRIES).raw(), 0, heads, 0);
+        }
+    }
+
     /// Records commands that zero buffers.
     pub(super) fn record_zero(&self, device: &Device, commands: vk::CommandBuffer, slots: &[usize]) {
         for &slot in slots {
@@ -177,11 +190,13 @@ impl Arena {
         mut places: Vec<Place>,
     ) -> Result<Move, EngineError> {
         lay_out(&mut places);
-        let changes =
-            |slot: usize| before.iter().zip(&places).any(|(a, b)| a.elements()[slot] != b.elements()[slot]);
+        let changes = |slot: usize| {
+            before.iter().zip(&places).any(|(a, b)| a.elements()[slot] != b.elements()[slot])
+                || self.elements_of(slot, before) != self.elements_of(slot, &places)
+        };
         let mut fresh = Vec::new();
         for slot in (0..BINDINGS.len()).filter(|slot| !PACKET_SLOTS.contains(slot) && changes(*slot)) {
-            fresh.push((slot, allocate(device, slot, total(&places, slot), self.packets)?));
+            fresh.push((slot, allocate(device, slot, self.elements_of(slot, &places), self.packets)?));
         }
         let packets = if PACKET_SLOTS.iter().any(|&slot| changes(slot)) {
             Some(PacketBuffers::new(device, &packet_elements(&places), self.packets)?)
@@ -189,6 +204,11 @@ impl Arena {
             None
         };
         Ok(Move { places, fresh, packets })
+    }
+
+    /// Elements of a buffer that the cameras at `places` need.
+    fn elements_of(&self, slot: usize, places: &[Place]) -> u64 {
+        elements_of(slot, places, self.policy)
     }
 
     /// Records the copies of a move: each camera's part, as much of it as fits both places.
@@ -276,6 +296,18 @@ impl Arena {
             }
         }
         uses
+    }
+}
+
+/// Elements of a buffer that the cameras at `places` need. They share those of `levels`, which is as good as new in each
+/// pass of a tick.
+fn elements_of(slot: usize, places: &[Place], policy: KernelPolicy) -> u64 {
+    let rows = shared_level_rows(places.iter(), policy);
+    match slot {
+        layout::LEVELS => rows * u64::from(layout::LEVEL_ROW_WORDS),
+        // A block with entries takes three rows for each, at least.
+        layout::LEVEL_ENTRIES => u64::from(layout::MOST_PASSES) + rows / 3,
+        slot => total(places, slot),
     }
 }
 

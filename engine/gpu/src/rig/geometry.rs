@@ -1,13 +1,14 @@
 //! Where each camera's data lie in the rig's buffers.
 
-use super::parameters::{has_bus, is_rigid, plane_words};
+use super::parameters::{has_bus, is_rigid, makes_levels, plane_words};
 use super::{CameraConfig, RigOptions};
+use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
-    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, PASSING_ENTRIES,
-    PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
+    self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_PASSES,
+    PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
-use esaac_model::substeps::BLOCK_PX;
+use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
 
 /// A camera's sizes and its parts of the rig's buffers; bases and capacities are in elements of the buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,6 +40,8 @@ pub(super) struct Place {
     pub pose_base: u32,
     pub path_base: u32,
     pub bus_base: u32,
+    /// Rows of `levels` that an interval needs at most; 0 if `cross` synthesises by itself.
+    pub level_rows: u32,
     /// Rows of instances that there is room for; 0 without synthesis `rigid`.
     pub instances: u32,
     /// Instants of sub-steps that an instance has room for in `paths`.
@@ -75,6 +78,8 @@ impl Place {
         // For each element of `blocks`, at the same place.
         elements[layout::MEETINGS] = Some(2 * u64::from(self.blocks));
         elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
+        // For each element of `tile_order`, at the same place.
+        elements[layout::LEVEL_WORDS] = Some(u64::from(self.tiles));
         let (rigid, blocks) = (u64::from(self.is_rigid), u64::from(self.blocks));
         elements[layout::SURFACES] = Some(rigid * 2 * pixels);
         elements[layout::SLOPES] = Some(rigid * 2 * pixels);
@@ -167,6 +172,7 @@ impl Place {
             is_rigid: self.is_rigid || is_rigid(sensor),
             has_bus: self.has_bus || has_bus(sensor),
             path_instants: self.path_instants.max(instants),
+            level_rows: self.level_rows.max(level_rows(sensor, self.blocks)),
             ..self
         }
     }
@@ -177,6 +183,59 @@ impl Place {
         Place { instances, ..self }
     }
 }
+
+/// Rows of `levels` that an interval of so many blocks needs at most.
+fn level_rows(sensor: &SensorModel, blocks: u32) -> u32 {
+    if makes_levels(sensor) { blocks * (sensor.substeps.max(1) - 1 + LIST_ROWS) } else { 0 }
+}
+
+/// Rows of `levels` that cameras share. Where an interval needs more, a tick takes several passes.
+pub(super) fn shared_level_rows<'a>(places: impl Iterator<Item = &'a Place>, policy: KernelPolicy) -> u64 {
+    LevelRows::of(places).shared(policy)
+}
+
+/// Passes of `synthesize` and `cross` after which each tile has had room in `levels`.
+pub(super) fn level_passes<'a>(places: impl Iterator<Item = &'a Place>, policy: KernelPolicy) -> u32 {
+    let rows = LevelRows::of(places);
+    let shared = rows.shared(policy);
+    if shared == 0 || rows.most <= shared {
+        return 1;
+    }
+    // Every pass but the last fills the rows, up to those of a tile that finds no room.
+    rows.most.div_ceil(shared - TILE_LEVEL_ROWS) as u32
+}
+
+/// What cameras could use of `levels`.
+#[derive(Default)]
+struct LevelRows {
+    /// Rows that an interval needs at most.
+    most: u64,
+    /// Pixels of the cameras that use any.
+    pixels: u64,
+}
+
+impl LevelRows {
+    fn of<'a>(places: impl Iterator<Item = &'a Place>) -> Self {
+        places.filter(|place| place.level_rows > 0).fold(LevelRows::default(), |sum, place| LevelRows {
+            most: sum.most + u64::from(place.level_rows),
+            pixels: sum.pixels + u64::from(place.pixels),
+        })
+    }
+
+    fn shared(&self, policy: KernelPolicy) -> u64 {
+        if policy.kernels != KernelSet::Gpu {
+            return 0;
+        }
+        let wanted = (self.pixels / PIXELS_PER_LEVEL_ROW).max(u64::from(policy.least_level_rows));
+        self.most.min(wanted.max(self.most.div_ceil(u64::from(MOST_PASSES)) + TILE_LEVEL_ROWS))
+    }
+}
+
+/// Rows of `levels` that a tile takes at most.
+pub(super) const TILE_LEVEL_ROWS: u64 = (TILE_BLOCKS * (MAX_SUBSTEPS - 1 + LIST_ROWS)) as u64;
+
+/// Pixels of a rig's cameras for each row of `levels`: 16 bytes a pixel, less than a tenth of what a camera takes.
+const PIXELS_PER_LEVEL_ROW: u64 = 16;
 
 /// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
 const LEAST_STRETCH: u32 = 32;
@@ -300,6 +359,29 @@ mod tests {
         let kept = |place: Place, sensor| place.kept_elements(layout::PLANES, sensor);
         assert_eq!(kept(grown, &small.sensor), kept(place, &small.sensor));
         assert_eq!(kept(grown, &large.sensor), 2 * u64::from(grown.plane_words));
+    }
+
+    #[test]
+    fn every_tile_finds_room_for_its_levels_in_a_few_passes() {
+        let gpu = KernelPolicy::gpu();
+        let of = |synthesis, width, height, policy| {
+            let mut config = config(synthesis);
+            config.sensor = SensorModel { width, height, substeps: 32, ..config.sensor };
+            let places = place(&[config.clone(), config], RigOptions::default());
+            (shared_level_rows(places.iter(), policy), level_passes(places.iter(), policy))
+        };
+        assert_eq!(of(Synthesis::Motion, 640, 480, gpu), (0, 1), "one surface a pixel");
+        assert_eq!(of(Synthesis::Rigid, 640, 480, KernelPolicy::software_driver()), (0, 1));
+        // Two cameras of 15 blocks.
+        assert_eq!(of(Synthesis::Rigid, 40, 24, gpu), (2 * 15 * 33, 1));
+        for (width, height, least) in [(640, 480, gpu.least_level_rows), (640, 480, 0), (40, 24, 0)] {
+            let policy = KernelPolicy { least_level_rows: least, ..gpu };
+            let (rows, passes) = of(Synthesis::Rigid, width, height, policy);
+            let blocks = u64::from(2 * width.div_ceil(8) * height.div_ceil(8));
+            assert!((2..=MOST_PASSES).contains(&passes), "{passes} passes of {rows} rows");
+            assert!(u64::from(passes) * (rows - TILE_LEVEL_ROWS) >= 33 * blocks);
+            assert!(16 * rows <= u64::from(2 * width * height).max(16 * u64::from(least)) || width == 40);
+        }
     }
 
     #[test]

@@ -138,7 +138,7 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
         let counted = counters(camera);
         progress.end.queue_overflows += u64::from(counted.queue_overflows);
         let fitted = counted.emitted_fit == u32::MAX;
-        if fitted && counted.queue_overflows == 0 {
+        if fitted && counted.queue_overflows == 0 && counted.without_levels == 0 {
             progress.end.counters[camera] = Some(counted);
             *pending = false;
             continue;
@@ -149,7 +149,8 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
             retry.wanted_events[camera] = counted.emitted;
             progress.end.regrown[camera] += 1;
         }
-        let resumed = Counters { emitted, emitted_fit: u32::MAX, queue_overflows: 0, ..counted };
+        let resumed =
+            Counters { emitted, emitted_fit: u32::MAX, queue_overflows: 0, without_levels: 0, ..counted };
         retry.resumed.push((camera, resumed));
     }
     if !retry.resumed.is_empty() {
@@ -241,7 +242,9 @@ mod tests {
         unarmed_pixels: 0,
         skipped_blocks: 0,
         substeps: 0,
+        still_blocks: 0,
         queue_overflows: 0,
+        without_levels: 0,
         largest_bin: 0,
         slow_tiles: 0,
         quick_tiles: 0,
@@ -351,7 +354,7 @@ mod tests {
     fn what_did_not_fit_goes_on_from_what_did_and_packets_are_merged_once_at_the_end() {
         let heavy = Counters { packet: 900, heavy: 1, ..FITTED };
         let overflown = Counters { emitted: 500, emitted_fit: 60, substeps: 3, ..ZERO };
-        let overflowed = Counters { emitted: 500, queue_overflows: 2, ..FITTED };
+        let overflowed = Counters { emitted: 500, queue_overflows: 2, without_levels: 3, ..FITTED };
         let done = Counters { emitted: 620, packet: 620, ..FITTED };
         let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
         let end = run(&mut fake, vec![true, true]).unwrap();
@@ -365,7 +368,7 @@ mod tests {
             }
         );
         let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
-        let from_500 = Counters { queue_overflows: 0, ..overflowed };
+        let from_500 = Counters { queue_overflows: 0, without_levels: 0, ..overflowed };
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());

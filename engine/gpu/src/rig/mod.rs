@@ -22,15 +22,18 @@ mod light;
 mod machine;
 mod merge;
 mod parameters;
+mod passes;
 mod queue;
 mod record;
 #[cfg(feature = "shaderc")]
 mod reload;
 mod represent;
+mod rest;
 mod results;
 mod scene;
 mod snapshot;
 mod step;
+mod synthesize;
 mod tick;
 mod timing;
 mod transfer;
@@ -40,7 +43,7 @@ use crate::device::Device;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
-use crate::policy::KernelPolicy;
+use crate::policy::{KernelPolicy, Resting};
 use arena::{Arena, Move};
 use ash::vk;
 use bytemuck::cast_slice;
@@ -54,7 +57,9 @@ use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
 use parameters::has_bus;
+use passes::Passes;
 use queue::QueueLength;
+use rest::{PassedIntervals, RestChoice};
 use results::Results;
 use scene::Instances;
 use std::sync::Arc;
@@ -116,6 +121,8 @@ struct CameraState {
     frames: u64,
     sequence: u64,
     changed: bool,
+    /// Intervals that pixels at rest have passed over; `None` if every pixel was walked in the last one.
+    rested: Option<PassedIntervals>,
     /// Whether there may be pixels that never had a valid colour.
     may_be_unarmed: bool,
     /// Latest end of a refractory period that began before the parameter changed; no pixel is held longer.
@@ -169,6 +176,9 @@ pub struct Rig {
     past_scenes: Vec<SceneMotion>,
     /// The length of the event queues of `cross`.
     queue: QueueLength,
+    passes: Passes,
+    /// Whether pixels rest.
+    rest: RestChoice,
     timing: Timing,
     results: Results,
     health: Health,
@@ -201,8 +211,11 @@ impl Rig {
         let policy = options
             .policy
             .map_or_else(|| KernelPolicy::of(device), |policy| policy.validated(device.is_validated()));
+        // A pixel at rest has no sub-steps to keep.
+        let resting = if options.keep_substeps { Resting::Never } else { policy.resting };
+        let policy = KernelPolicy { resting, ..policy };
         check_groups(device, policy, &places)?;
-        let arena = Arena::new(device, &places, options)?;
+        let arena = Arena::new(device, &places, options, policy)?;
         let mut cameras = Vec::with_capacity(configs.len());
         let (places, outlets) = places.split_at(configs.len());
         for (number, config) in configs.iter().enumerate() {
@@ -231,6 +244,8 @@ impl Rig {
             parameters: vec![Camera::default(); cameras.len()],
             past_scenes: Vec::new(),
             queue: QueueLength::default(),
+            passes: Passes::default(),
+            rest: RestChoice::new(policy.resting),
             timing: Timing::new(device, options.stage_times)?,
             results: Results::new(configs),
             health: Health::Good,
@@ -289,6 +304,9 @@ impl Rig {
         }
         let others = self.cameras.iter().enumerate().filter(|&(number, _)| number != camera);
         check_rows(others.map(|(_, c)| &c.config.sensor).chain([&sensor]))?;
+        // Pixels at rest have passed over intervals with the parameters of before.
+        self.catch_up()?;
+        let state = &self.cameras[camera];
         let mut places = self.places();
         let mut writes = Vec::new();
         places[camera] = places[camera].with_planes_of(&sensor);
@@ -534,6 +552,7 @@ impl CameraState {
             frames: 0,
             sequence: 0,
             changed: true,
+            rested: None,
             may_be_unarmed: true,
             holds_until_ns: None,
         })
@@ -547,6 +566,7 @@ impl CameraState {
     /// Makes the next frame count as the first.
     fn forget(&mut self) {
         self.last_ns = None;
+        self.rested = None;
         self.may_be_unarmed = true;
         self.holds_until_ns = None;
         self.frames = 0;

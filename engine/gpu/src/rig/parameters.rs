@@ -8,7 +8,7 @@ use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
     IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, Readout, ReadoutConstants,
-    SortConstants,
+    SortConstants, SynthesizeConstants,
 };
 use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
@@ -44,13 +44,14 @@ pub(super) struct Permutation {
 }
 
 /// The permutation that a camera needs; code of effects that are off is left out. `texels`: whether the texel views
-/// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues.
+/// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues. `rests`: whether pixels rest that can.
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
     policy: KernelPolicy,
     texels: bool,
     queue_per_px: u32,
+    rests: bool,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
     // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
@@ -99,6 +100,7 @@ pub(super) fn permutation(
             queue_per_px,
             fisheye,
             layers: layers(sensor),
+            pixels_rest: camera.knows_rest(rests),
         },
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
@@ -145,6 +147,12 @@ impl Permutation {
         Specialised { kernel, constants }
     }
 
+    /// The kernel of `ingest` that makes surfaces alongside the other, if that is a kernel of its own.
+    pub(super) fn ingest_surfaces(&self, policy: KernelPolicy) -> Option<Specialised> {
+        let apart = policy.kernels == KernelSet::Gpu && self.rigid;
+        apart.then(|| Specialised { kernel: stages::INGEST_SURFACES_GPU, constants: self.ingest.words() })
+    }
+
     /// Workgroups of `ingest` per tile: one per colour component on a GPU if frames become half-pel frames, else one.
     pub(super) fn ingest_groups(&self, policy: KernelPolicy) -> u32 {
         let finely = policy.kernels == KernelSet::Gpu && self.ingest.half_pel;
@@ -160,6 +168,35 @@ impl Permutation {
         };
         let kernel = if self.rigid { stages::BACKWARD_TRANSFER_RIGID } else { stages::BACKWARD_TRANSFER };
         (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
+    }
+
+    /// The kernels of `synthesize`, one after the other: for the lists, then for the levels. None if `cross` synthesises by
+    /// itself.
+    pub(super) fn synthesize(&self, policy: KernelPolicy) -> Vec<Specialised> {
+        if policy.kernels != KernelSet::Gpu || !(self.rigid || self.cross.layers > 1) {
+            return Vec::new();
+        }
+        let cross = &self.cross;
+        let moves_on = self.physical
+            || cross.effect_leak
+            || cross.effect_shot
+            || cross.effect_aps
+            || cross.effect_flicker
+            || cross.dump_samples;
+        let constants = SynthesizeConstants {
+            intensity: cross.intensity,
+            effect_flicker: cross.effect_flicker,
+            synthesis: cross.synthesis,
+            taps: cross.taps,
+            fisheye: cross.fisheye,
+            layers: cross.layers,
+            skips_still_tiles: !moves_on,
+        };
+        let kernels = match self.rigid {
+            true => [stages::SYNTHESIZE_LISTS_RIGID, stages::SYNTHESIZE_LEVELS_RIGID],
+            false => [stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
+        };
+        kernels.into_iter().map(|kernel| Specialised { kernel, constants: constants.words() }).collect()
     }
 
     /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their
@@ -178,11 +215,9 @@ impl Permutation {
         let kernel = match policy.kernels {
             KernelSet::Gpu => match (self.physical, self.rigid, meeting) {
                 (false, false, false) => stages::CROSS_GPU,
-                (false, false, true) => stages::CROSS_LAYERS_GPU,
-                (false, true, _) => stages::CROSS_RIGID_GPU,
+                (false, false, true) | (false, true, _) => stages::CROSS_LEVELS_GPU,
                 (true, false, false) => stages::CROSS_PHYSICAL_GPU,
-                (true, false, true) => stages::CROSS_PHYSICAL_LAYERS_GPU,
-                (true, true, _) => stages::CROSS_PHYSICAL_RIGID_GPU,
+                (true, false, true) | (true, true, _) => stages::CROSS_PHYSICAL_LEVELS_GPU,
             },
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
@@ -206,6 +241,13 @@ impl Permutation {
     }
 }
 
+impl Specialised {
+    /// Whether the kernel reads what `synthesize` has made.
+    pub(super) fn reads_levels(&self) -> bool {
+        [stages::CROSS_LEVELS_GPU, stages::CROSS_PHYSICAL_LEVELS_GPU].iter().any(|k| k.0 == self.kernel.0)
+    }
+}
+
 /// The kernel of `readout`.
 pub(super) fn readout(policy: KernelPolicy) -> Specialised {
     Specialised { kernel: stages::READOUT, constants: readout_constants(policy).words() }
@@ -224,10 +266,10 @@ fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
     }
 }
 
-/// The kernel of `sort` for a rig with `bins` bins in all. `has_bus`: whether a camera has a bus.
-pub(super) fn sort(policy: KernelPolicy, bins: u32, has_bus: bool) -> Specialised {
+/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus.
+pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool) -> Specialised {
     let constants = SortConstants {
-        group_bins: policy.group_bins_of(bins),
+        group_bins,
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,
@@ -496,6 +538,11 @@ pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
 /// Most surfaces that a pixel may show between two frames, told apart by motion vectors.
 pub(super) fn layers(sensor: &SensorModel) -> u32 {
     if sensor.synthesis == Synthesis::Motion { sensor.layers } else { 1 }
+}
+
+/// Whether what pixels show between two frames is worked out apart from their walks, where kernels have threads for it.
+pub(super) fn makes_levels(sensor: &SensorModel) -> bool {
+    is_rigid(sensor) || layers(sensor) > 1
 }
 
 /// Whether surfaces are found in frames and followed along exact paths.

@@ -7,16 +7,19 @@ use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
+use super::rest::rest_row;
 use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, Kernel, record_barrier, record_host_barrier, stages};
+use crate::kernel::{
+    BindingSet, Kernel, record_barrier, record_barrier_from_transfer, record_host_barrier, stages,
+};
 use crate::policy::KernelPolicy;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{self as layout, KERNELS, KernelInfo, Push, TICK_STAGES_WITH_BUS};
+use esaac_layout::{self as layout, KERNELS, KernelInfo, MOST_PASSES, Push, TICK_STAGES_WITH_BUS};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -33,13 +36,13 @@ fn striding_groups(rig: &Rig) -> u32 {
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
 
-/// Number of bins over all cameras.
-fn all_bins(cameras: &[CameraState]) -> u32 {
-    cameras.iter().map(|c| c.place.bin_count).sum()
+/// Bins that a workgroup of `sort` takes.
+fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
+    policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
-pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1;
+pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1 + 2 * (MOST_PASSES - 1);
 
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
@@ -72,7 +75,7 @@ impl Kernels {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
-            sort: code.kernel(bindings, &sort(policy, all_bins(cameras), false))?,
+            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
             forms: HashMap::new(),
@@ -98,7 +101,7 @@ impl Kernels {
                     true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, all_bins(cameras), true))?,
+                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true))?,
             });
         }
         Ok(())
@@ -108,7 +111,7 @@ impl Kernels {
 /// Kernels that differ from sensor to sensor, by their specialisation constants. Sensors with equal constants share
 /// them.
 #[derive(Default)]
-pub(super) struct SensorKernels(HashMap<Specialised, Kernel>);
+pub(super) struct SensorKernels(pub HashMap<Specialised, Kernel>);
 
 impl SensorKernels {
     /// Compiles the kernels of a permutation that are missing.
@@ -120,8 +123,13 @@ impl SensorKernels {
         permutation: &Permutation,
         queue_overflowed: bool,
     ) -> Result<(), EngineError> {
-        let needed = [Some(permutation.ingest(policy)), permutation.backward_transfer()];
-        for specialised in needed.into_iter().flatten().chain(permutation.cross(policy, queue_overflowed)) {
+        let needed = [
+            Some(permutation.ingest(policy)),
+            permutation.ingest_surfaces(policy),
+            permutation.backward_transfer(),
+        ];
+        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy));
+        for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
             if let Entry::Vacant(missing) = self.0.entry(specialised) {
                 let kernel = code.kernel(bindings, missing.key())?;
                 missing.insert(kernel);
@@ -132,11 +140,11 @@ impl SensorKernels {
 }
 
 /// Cameras that share a permutation; they are neighbours in the table.
-struct Group {
-    permutation: Permutation,
-    first: u32,
-    count: u32,
-    tiles: u32,
+pub(super) struct Group {
+    pub permutation: Permutation,
+    pub first: u32,
+    pub count: u32,
+    pub tiles: u32,
 }
 
 /// The commands of a tick that writes one set of packet buffers.
@@ -156,6 +164,8 @@ pub(super) struct Recording {
 #[derive(PartialEq)]
 struct RecordedFor {
     permutations: Vec<Permutation>,
+    /// Passes of `synthesize` and `cross`.
+    passes: u32,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -201,8 +211,9 @@ impl Rig {
     /// on the device does not change.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let _zone = zone!("record");
-        let needed = self.needed_recording();
+        let needed = self.needed_recording(true);
         self.timing.with_bus = self.outlets() > 0;
+        self.timing.passes = needed.passes;
         self.bind_current();
         if self.recording().tick_for.as_ref() != Some(&needed) {
             self.record(needed, true)?;
@@ -225,7 +236,7 @@ impl Rig {
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
     pub(super) fn prepare_retry(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
-        let needed = self.needed_recording();
+        let needed = self.needed_recording(false);
         self.bind_current();
         if self.recording().retry_for.as_ref() != Some(&needed) {
             self.record(needed, false)?;
@@ -248,7 +259,12 @@ impl Rig {
             let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| optics_row(c, *t_ns)).collect();
             self.arena.table(layout::OPTICS).write(0, &rows);
         }
-        let order = order(&self.permutations());
+        let permutations = self.permutations();
+        if permutations.iter().any(|permutation| permutation.cross.pixels_rest) {
+            let rows: Vec<_> = self.cameras.iter().zip(t_ns).map(|(c, t_ns)| rest_row(c, *t_ns)).collect();
+            self.arena.table(layout::RESTS).write(0, &rows);
+        }
+        let order = order(&permutations);
         self.parameters.clear();
         self.parameters
             .extend(order.iter().map(|&camera| camera_row(&self.cameras[camera], t_ns[camera], &self.arena)));
@@ -290,16 +306,20 @@ impl Rig {
 
     /// What commands must be recorded for now. The validation layer notes which addresses are valid when commands are
     /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
-    fn needed_recording(&self) -> RecordedFor {
+    fn needed_recording(&self, whole: bool) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
-        RecordedFor { permutations: self.permutations(), addresses }
+        RecordedFor { permutations: self.permutations(), passes: self.passes(whole), addresses }
     }
 
     /// The permutation of each camera.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
         let queue_per_px = self.queue.per_px();
-        self.cameras.iter().map(|c| permutation(c, self.options, policy, texels, queue_per_px)).collect()
+        let rests = self.rest.rests();
+        self.cameras
+            .iter()
+            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests))
+            .collect()
     }
 
     /// Every kernel that the rig has compiled, by stage.
@@ -327,7 +347,8 @@ impl Rig {
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
         let bus = &self.pipelines.kernels.bus;
         for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
-            let sort = sort(self.pipelines.policy, all_bins(&self.cameras), *has_bus);
+            let sort =
+                sort(self.pipelines.policy, group_bins(self.pipelines.policy, &self.cameras), *has_bus);
             all.push((sort.kernel.0, sort.constants));
         }
         all.sort();
@@ -337,17 +358,27 @@ impl Rig {
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
+        self.need_kernels(permutations, whole)?;
+        // If recording fails, the commands must not be taken for recorded.
+        *self.recorded_for(whole) = None;
+        let groups = self.groups(permutations, &order(permutations));
+        record_tick(self, &groups, needed.passes, whole)?;
+        *self.recorded_for(whole) = Some(needed);
+        Ok(())
+    }
+
+    /// Compiles the kernels of these permutations that are missing, for a whole tick or (`whole` false) the part that runs
+    /// again.
+    pub(super) fn need_kernels(
+        &mut self,
+        permutations: &[Permutation],
+        whole: bool,
+    ) -> Result<(), EngineError> {
         let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
-        kernels.need(*policy, &self.cameras, code, bindings, permutations)?;
-        // If recording fails, the commands must not be taken for recorded.
-        *self.recorded_for(whole) = None;
-        let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &groups, whole)?;
-        *self.recorded_for(whole) = Some(needed);
-        Ok(())
+        kernels.need(*policy, &self.cameras, code, bindings, permutations)
     }
 
     fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
@@ -355,7 +386,7 @@ impl Rig {
         if whole { &mut recording.tick_for } else { &mut recording.retry_for }
     }
 
-    fn groups(&self, permutations: &[Permutation], order: &[usize]) -> Vec<Group> {
+    pub(super) fn groups(&self, permutations: &[Permutation], order: &[usize]) -> Vec<Group> {
         let mut groups: Vec<Group> = Vec::new();
         for (position, &camera) in order.iter().enumerate() {
             let tiles = self.cameras[camera].place.tiles;
@@ -385,7 +416,7 @@ impl Rig {
     /// Workgroups of `sort` for each camera.
     fn bin_groups(&self) -> u32 {
         let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
-        bins.div_ceil(self.pipelines.policy.group_bins_of(all_bins(&self.cameras)))
+        bins.div_ceil(group_bins(self.pipelines.policy, &self.cameras))
     }
 
     /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.
@@ -438,8 +469,22 @@ pub(super) fn order(permutations: &[Permutation]) -> Vec<usize> {
     order
 }
 
+/// Records `cross` for the cameras whose pixels rest, which have [`layout::FrameKind::CatchUp`] in their rows.
+pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[Group]) {
+    let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
+    for group in groups.iter().filter(|group| group.permutation.cross.pixels_rest) {
+        // The first kernel catches up all tiles.
+        let cross = group.permutation.cross(*policy, false).swap_remove(0);
+        let push = Push { first_camera: group.first, ..Push::default() };
+        let extent = [group.tiles * policy.cross_groups(false), group.count, 1];
+        // SAFETY: the commands are submitted and waited for before anything else uses the rig's handles. The kernel stays
+        // within what the table gives each camera.
+        unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
+    }
+}
+
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
-fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineError> {
+fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<(), EngineError> {
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
@@ -465,10 +510,20 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
         };
         rig.timing.timer.record_reset(commands, first_stamp..if whole { STAMPS } else { STAMPS + 2 });
         write_stamp();
+        let synthesizes = groups.iter().any(|group| !group.permutation.synthesize(policy).is_empty());
+        if synthesizes {
+            rig.arena.record_zero_passes(device, commands);
+        }
         if whole {
             for (index, group) in groups.iter().enumerate() {
                 if index > 0 && policy.serial {
                     record_barrier(device, commands);
+                }
+                if let Some(surfaces) = group.permutation.ingest_surfaces(policy) {
+                    dispatch(commands, &specialised[&surfaces], group.first, [group.tiles, group.count, 1]);
+                    if policy.serial {
+                        record_barrier(device, commands);
+                    }
                 }
                 let ingest = &specialised[&group.permutation.ingest(policy)];
                 let extent = [group.tiles, group.count, group.permutation.ingest_groups(policy)];
@@ -489,6 +544,10 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
                 let extent = [striding_groups(rig), outlets, 1];
                 dispatch(commands, &rig.pipelines.kernels.deferred, cameras, extent);
             }
+        }
+        if synthesizes {
+            record_barrier_from_transfer(device, commands);
+        } else if whole {
             record_barrier(device, commands);
         }
         stage_done();
@@ -507,14 +566,23 @@ fn record_tick(rig: &Rig, groups: &[Group], whole: bool) -> Result<(), EngineErr
             record_barrier(device, commands);
         }
         stage_done();
-        for group in groups {
-            for cross in group.permutation.cross(policy, !whole) {
+        for pass in 0..passes {
+            // SAFETY: as for the commands, below.
+            unsafe { rig.record_synthesize(commands, groups, pass) };
+            stage_done();
+            for group in groups {
+                let push = Push { first_camera: group.first, level: pass, passes, ..Push::default() };
                 let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
-                dispatch(commands, &specialised[&cross], group.first, extent);
+                for cross in group.permutation.cross(policy, !whole) {
+                    if pass == 0 || cross.reads_levels() {
+                        // SAFETY: as for the commands, below.
+                        unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
+                    }
+                }
             }
+            record_barrier(device, commands);
+            stage_done();
         }
-        record_barrier(device, commands);
-        stage_done();
         if outlets > 0 {
             // SAFETY: as for the commands, below.
             unsafe { rig.record_sort(commands, 0, cameras, false) };

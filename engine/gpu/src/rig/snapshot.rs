@@ -3,6 +3,7 @@
 
 use super::geometry::Place;
 use super::parameters::has_bus;
+use super::rest::PassedIntervals;
 use super::scene::Instances;
 use super::transfer::{Part, Write, read_back};
 use super::{CameraState, GeometryConfig, Rig};
@@ -47,6 +48,7 @@ struct CameraHeader {
     frames: u64,
     sequence: u64,
     holds_until_ns: Option<i64>,
+    rested: Option<PassedIntervals>,
     deferred_events: u32,
     /// Events that leave the bus after the last packet.
     leaving_events: u32,
@@ -64,7 +66,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
@@ -99,6 +101,7 @@ impl Rig {
                 frames: c.frames,
                 sequence: c.sequence,
                 holds_until_ns: c.holds_until_ns,
+                rested: c.rested,
                 deferred_events: last(&c.place).deferred,
                 leaving_events,
                 instances: c.instances.ids(),
@@ -141,6 +144,7 @@ impl Rig {
             c.frames = saved.frames;
             c.sequence = saved.sequence;
             c.holds_until_ns = saved.holds_until_ns;
+            c.rested = saved.rested;
             c.changed = true;
             c.may_be_unarmed = true;
             c.check = PoseCheck::resumed(saved.trust);

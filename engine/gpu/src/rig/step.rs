@@ -3,12 +3,15 @@
 use super::conventions::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::parameters::has_bus;
+use super::passes::rows_used;
 use super::queue::Load;
+use super::rest::RestLoad;
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
 use super::{Addresses, CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
+use crate::policy::KernelPolicy;
 use crate::profile;
 use esaac_layout::{self as layout, Counters};
 use esaac_model::{FrameError, frame};
@@ -113,6 +116,7 @@ impl Rig {
         }
         let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|(t_ns, _)| t_ns)).collect();
         self.results.clear();
+        self.end_rest()?;
         self.next_packet_set()?;
         self.prepare(&t_ns)?;
         let started = Instant::now();
@@ -132,6 +136,11 @@ impl Rig {
         self.grow_bins(&end);
         let most_per_px = self.pipelines.policy.most_queue_per_px;
         self.queue.follow(Load::of(&self.cameras, &end), most_per_px);
+        let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
+        let rows = self.arena.buffer(layout::LEVELS).bytes() / words;
+        self.passes.follow(rows_used(&self.cameras, &end), rows);
+        let KernelPolicy { resting, rest_together, .. } = self.pipelines.policy;
+        self.rest.follow(RestLoad::of(&self.cameras, &end, rest_together), resting);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
         let results = &self.results;
         profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());
@@ -161,9 +170,10 @@ impl Rig {
             self.results.take(number, &self.cameras[number], *t_ns, &counters, end.regrown[number]);
         }
         self.results.copy_out(self.options.packets, &self.cameras, &self.arena);
+        let rests = self.rest.rests();
         for (camera, (counters, t_ns)) in self.cameras.iter_mut().zip(end.counters.iter().zip(t_ns)) {
             let (Some(counters), Some(t_ns)) = (counters, t_ns) else { continue };
-            camera.advance(*t_ns, counters);
+            camera.advance(*t_ns, counters, rests);
         }
     }
 
@@ -320,8 +330,8 @@ impl TickDevice for RigTick<'_, '_> {
 }
 
 impl CameraState {
-    /// Advances to the next interval, after a tick to time `t_ns`.
-    fn advance(&mut self, t_ns: i64, counters: &Counters) {
+    /// Advances to the next interval, after a tick to time `t_ns` in which pixels rested that can (`rests`) or not.
+    fn advance(&mut self, t_ns: i64, counters: &Counters, rests: bool) {
         // Unarmed pixels of skipped blocks are not counted.
         if counters.unarmed_pixels == 0 && counters.skipped_blocks == 0 {
             self.may_be_unarmed = false;
@@ -330,8 +340,9 @@ impl CameraState {
         self.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
         self.last_interval_ns = self.last_ns.map_or(0, |last| (t_ns - last) as u32);
         self.longest_interval_ns = self.longest_interval_ns.max(self.last_interval_ns);
-        if self.last_ns.is_none() {
-            self.epoch_ns = t_ns;
+        match self.last_ns {
+            None => self.epoch_ns = t_ns,
+            Some(_) => self.note_rest(rests, self.last_interval_ns),
         }
         self.last_ns = Some(t_ns);
         self.frame_slot = 1 - self.frame_slot;

@@ -11,7 +11,10 @@ use esaac_layout::{TICK_STAGES, TICK_STAGES_WITH_BUS};
 use std::sync::Arc;
 
 /// Most time stamps of a tick.
-pub(super) const MOST_STAMPS: usize = 16;
+pub(super) const MOST_STAMPS: usize = STAMPS as usize;
+
+/// The stages that run in passes, by their places among those of a tick.
+const PASS_STAGES: std::ops::Range<usize> = 2..4;
 
 /// The fence that a rig waits for, and its timer.
 pub(super) struct Timing {
@@ -21,6 +24,8 @@ pub(super) struct Timing {
     by_stage: bool,
     /// Whether the tick has a bus.
     pub with_bus: bool,
+    /// Passes of `synthesize` and `cross`.
+    pub passes: u32,
 }
 
 impl Timing {
@@ -31,6 +36,7 @@ impl Timing {
             gpu_zones: GpuZones::default(),
             by_stage,
             with_bus: false,
+            passes: 1,
         })
     }
 
@@ -52,12 +58,14 @@ impl Timing {
     }
 
     /// Names of the spans between time stamps, in order.
-    pub(super) fn spans(&self) -> &'static [&'static str] {
-        match (self.by_stage, self.with_bus) {
-            (false, _) => &["tick"],
-            (true, false) => TICK_STAGES,
-            (true, true) => TICK_STAGES_WITH_BUS,
+    pub(super) fn spans(&self) -> Vec<&'static str> {
+        if !self.by_stage {
+            return vec!["tick"];
         }
+        let stages = if self.with_bus { TICK_STAGES_WITH_BUS } else { TICK_STAGES };
+        let (before, from_passes) = stages.split_at(PASS_STAGES.start);
+        let (of_pass, after) = from_passes.split_at(PASS_STAGES.len());
+        [before, &of_pass.repeat(self.passes as usize), after].concat()
     }
 
     /// Stores the times of the tick's first submission. If they cannot be read, they are absent: that is no reason to
@@ -67,9 +75,13 @@ impl Timing {
         results.stage_ns.clear();
         let Ok(Some(raw)) = self.timer.read_raw::<MOST_STAMPS>(0, spans.len() + 1) else { return };
         for (stage, pair) in spans.iter().zip(raw.windows(2)) {
-            results.stage_ns.push((stage, device.timestamp_span_ns(pair[0], pair[1])));
+            let span_ns = device.timestamp_span_ns(pair[0], pair[1]);
+            match results.stage_ns.iter_mut().find(|(known, _)| known == stage) {
+                Some((_, sum_ns)) => *sum_ns += span_ns,
+                None => results.stage_ns.push((stage, span_ns)),
+            }
         }
-        self.gpu_zones.show(device, &raw[..spans.len() + 1], &results.stage_ns);
+        self.gpu_zones.show(device, &raw[..spans.len() + 1], &spans);
         if self.by_stage {
             results.stage_ns.push(("retry", 0));
         }

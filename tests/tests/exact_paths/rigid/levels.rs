@@ -14,7 +14,7 @@ use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::geometry::Rendered;
 
 /// Odd: the image cuts blocks off at the right and at the bottom.
-const SIZE: (u32, u32) = (75, 53);
+pub(super) const SIZE: (u32, u32) = (75, 53);
 
 const FRAMES: usize = 4;
 
@@ -34,7 +34,7 @@ const DIFFERING_SAMPLES: f64 = 1e-4;
 const SCENES: [SceneKind; 5] =
     [SceneKind::Shake, SceneKind::Poles, SceneKind::Foliage, SceneKind::Propeller, SceneKind::Bounce];
 
-fn sensor() -> SensorModel {
+pub(super) fn sensor() -> SensorModel {
     SensorModel {
         width: SIZE.0,
         height: SIZE.1,
@@ -53,15 +53,20 @@ fn keep() -> RigOptions {
 }
 
 /// A tick of the engine.
-struct Step {
-    events: Vec<Event>,
-    substeps: u64,
-    unseen: u64,
+pub(super) struct Step {
+    pub events: Vec<Event>,
+    pub substeps: u64,
+    pub unseen: u64,
     levels_q24: Option<Vec<Vec<i32>>>,
 }
 
 /// Runs the engine over frames, with their motion vectors if `vectors`.
-fn run(sensor: &SensorModel, rendered: &Rendered, options: RigOptions, vectors: bool) -> Vec<Step> {
+pub(super) fn run(
+    sensor: &SensorModel,
+    rendered: &Rendered,
+    options: RigOptions,
+    vectors: bool,
+) -> Vec<Step> {
     let motion = vectors.then_some(MotionFormat::F32x2);
     let camera = CameraConfig { motion, ..rendered.camera(sensor) };
     let mut rig = Rig::with_options(&DEVICE, &[camera], options).expect("a rig");

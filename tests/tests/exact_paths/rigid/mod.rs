@@ -3,5 +3,6 @@
 mod doubt;
 mod input;
 mod levels;
+mod passes;
 mod plane;
 mod stages;

@@ -1,8 +1,0 @@
-// cross where motions meet, for GPUs: see cross_gpu.glsl.
-// Only for synthesis `motion`. A kernel of its own, so that the other tiles keep a small one.
-#version 460
-#extension GL_GOOGLE_include_directive : require
-
-#define RIGID false
-#define LAYERED true
-#include "cross_gpu.glsl"

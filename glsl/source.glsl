@@ -1,0 +1,108 @@
+// A pixel's synthesis: its inputs, and its log intensity at the ends of sub-steps. Needs synthesize.glsl, rigid.glsl and
+// layers.glsl, RIGID, LAYERED and FOLLOWS_MOTION.
+
+// Inputs of a pixel's synthesis.
+struct Source {
+    uvec2 at;
+    Frames frames;
+    // Log intensity in both frames.
+    float log_previous;
+    float log_current;
+    // Whether the pixel has a usable motion vector; its warp; whether the warp may leave the image.
+    bool warps;
+    Warp warp;
+    bool leaves;
+    // Its surfaces, for synthesis `rigid`.
+    RigidPixel rigid;
+    // Its layers from near to far, and the first of its block's; none if it follows one surface.
+    uint layers;
+    uint layer_block;
+};
+
+// Log of the linear blend of both frames at `alpha`. `prepare_blend` takes the exponentials in advance, on devices
+// where that is cheaper.
+float blend_frames(Source s, float alpha);
+void prepare_blend(Source s);
+
+// Log intensity at a fraction of the interval.
+float synthesize(Camera cam, Source s, float alpha) {
+    if (SYNTHESIS == SYNTHESIS_LINEAR || !s.warps) {
+        return max(blend_frames(s, alpha), cam.log_dark);
+    } else if (SYNTHESIS == SYNTHESIS_MOTION) {
+        if (LAYERED && s.layers != 0u) {
+            bool lost;
+            const float level = synthesize_layers(cam, s.frames, vec2(s.at), s.layer_block, s.layers, alpha, lost);
+            if (!lost) {
+                return max(level, cam.log_dark);
+            }
+        }
+        return max(synthesize_motion(cam, s.frames, vec2(s.at), s.warp, s.leaves, alpha), cam.log_dark);
+    }
+    return max(synthesize_paper(cam, s.frames, ivec2(s.at), alpha), cam.log_dark);
+}
+
+// Log intensity at the end of sub-step `i` of `n`, at `alpha`, before the interval's end.
+float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
+    if (!RIGID) {
+        return synthesize(cam, s, alpha);
+    }
+    bool lost = s.rigid.own == NO_SURFACE;
+    float level;
+    if (!lost) {
+        level = synthesize_rigid(cam, geo, s.frames, s.at, s.rigid, n, i, alpha, lost);
+    }
+    if (lost && s.warps) {
+        // Made for each sub-step: few pixels have no path, and all others would hold its registers.
+        const Warp warp = warp_at(cam, s.at, s.leaves);
+        level = synthesize_motion(cam, s.frames, vec2(s.at), warp, s.leaves, alpha);
+    } else if (lost) {
+        level = blend_frames(s, alpha);
+    }
+    return max(level, cam.log_dark);
+}
+
+// Loads the inputs that do not depend on the pixel's number of sub-steps.
+Source read_source(Camera cam, uvec2 at) {
+    Source s;
+    s.at = at;
+    s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
+    const uint word = frame_word(cam, has_half_pel_frames(), ivec2(at));
+    s.log_previous = load_plane(s.frames.previous + word);
+    s.log_current = load_plane(s.frames.current + word);
+    s.warps = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) && has_vector(cam, motion_base(cam, true), ivec2(at));
+    s.leaves = false;
+    prepare_blend(s);
+    return s;
+}
+
+// Finds what a pixel with `n` sub-steps follows, in the tile's `in_tile`th block. The lists of the tile's blocks are made.
+void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
+    s.warps = s.warps && n > 1u;
+    if (SYNTHESIS == SYNTHESIS_MOTION && s.warps) {
+        s.warp = warp_at(cam, s.at, s.leaves);
+        if (LAYERED) {
+            s.layers = layers_of_pixel(cam, s.at, in_tile);
+            s.layer_block = in_tile * BLOCK_LAYERS;
+        }
+    }
+    if (RIGID) {
+        s.rigid = read_rigid_pixel(cam, geometries[cam.slot], s.at, in_tile);
+    }
+}
+
+Geometry geometry_of(Camera cam) {
+    Geometry geo;
+    if (RIGID) {
+        geo = geometries[cam.slot];
+    }
+    return geo;
+}
+
+// Counting of the samples of a pixel that show what neither key frame shows.
+void begin_count() {
+    unseen_samples = 0u;
+}
+
+uint count_unseen(Source s, uint n) {
+    return unseen_samples;
+}

@@ -1,0 +1,129 @@
+// synthesize, second part: the levels of pixels at the ends of sub-steps. For GPUs; see levels.glsl.
+//
+// An entry of `level_entries` is some sub-steps of a block. A workgroup takes one after the other, with threads for each
+// of its pixels, whose sub-steps they share out. So many threads of one pixel wait for memory at once, and none carries the
+// state of a walk.
+//
+// Reads frames, and surfaces, poses and lists, or vectors and lists. Writes `levels`, which `cross` reads after a barrier.
+#include "common.glsl"
+#include "synthesize_constants.glsl"
+#include "tiles.glsl"
+
+layout(local_size_x = SYNTHESIZE_THREADS) in;
+
+#include "synthesize_bindings.glsl"
+BUFFER(, SLOT_LEVELS, uint, levels);
+BUFFER(readonly, SLOT_LEVEL_ENTRIES, uvec4, level_entries);
+
+const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
+#define LIST_BLOCKS 1u
+
+#include "frame_load_by_address.glsl"
+#include "synthesize.glsl"
+#include "surfaces.glsl"
+#include "levels.glsl"
+#include "paths.glsl"
+#include "candidates.glsl"
+#include "rigid.glsl"
+#include "layers.glsl"
+#include "source.glsl"
+
+float blend_frames(Source s, float alpha) {
+    return synthesize_linear(exp(s.log_previous), exp(s.log_current), alpha);
+}
+
+void prepare_blend(Source s) {}
+
+// Sub-steps of a pixel that are synthesised at once.
+const uint LANES_A_PIXEL = gl_WorkGroupSize.x / ROW_WORDS;
+
+// Loads a block's list into shared memory.
+void load_list(Camera cam, uint row) {
+    const uint lane = gl_LocalInvocationID.x;
+    const uint count = levels[row * ROW_WORDS];
+    if (RIGID) {
+        if (lane == 0u) {
+            listed_count[0] = count;
+        }
+        if (lane < count) {
+            const Geometry geo = geometries[cam.slot];
+            const uint word = levels[row * ROW_WORDS + 1u + lane];
+            const uint pixel = word & ~PASSING_KEY;
+            bool seen = true;
+            const Surface surface =
+                surface_of_pixel(cam, geo, word >> 31, ivec2(pixel % cam.width, pixel / cam.width), seen);
+            listed_instance[lane] = surface.instance;
+            listed_parallax[lane] = parallax_of(geo, surface.instance);
+            listed_plane[2u * lane] = surface.planes[0];
+            listed_plane[2u * lane + 1u] = surface.planes[1];
+        }
+    } else {
+        if (lane == 0u) {
+            layer_count[0] = count;
+        }
+        if (lane < count) {
+            float words[LAYER_WORDS];
+            [[unroll]] for (uint word = 0u; word < LAYER_WORDS; ++word) {
+                words[word] = uintBitsToFloat(levels[row * ROW_WORDS + 1u + lane * LAYER_WORDS + word]);
+            }
+            found_place[lane] = vec4(words[0], words[1], words[2], words[3]);
+            found_slopes[lane] = vec4(words[4], words[5], words[6], words[7]);
+            found_before[lane] = vec2(words[8], words[9]);
+            listed_layer[lane] = lane;
+        }
+    }
+}
+
+// Synthesises this thread's sub-steps of an entry.
+void synthesize_entry(Camera cam, uvec2 at, uvec4 entry) {
+    const uint n = substeps_of_levels(entry.z);
+    const uint last = min(entry.w + ENTRY_SUBSTEPS, n);
+    uint i = entry.w + gl_LocalInvocationID.x / ROW_WORDS;
+    if (i >= last) {
+        return;
+    }
+    const uint first_level = first_level_word(entry.z, at);
+    const uint list = levels[first_level] & LIST_MASK;
+    Source s = read_source(cam, at);
+    const Geometry geo = geometry_of(cam);
+    if (RIGID) {
+        s.rigid = own_surfaces(cam, geo, at, ray_of(geo, vec2(at)));
+        s.rigid.order = list;
+    } else if (s.warps) {
+        s.warp = warp_at(cam, at, s.leaves);
+        s.layers = list;
+        s.layer_block = 0u;
+    }
+    begin_count();
+    const float inverse = 1.0 / float(n);
+    do {
+        const float level = synthesize_substep(cam, geo, s, n, i, float(i) * inverse);
+        levels[first_level + i * ROW_WORDS] = floatBitsToUint(level);
+        i += LANES_A_PIXEL;
+    } while (i < last);
+    const uint unseen = RIGID ? count_unseen(s, n) : 0u;
+    if (unseen != 0u) {
+        atomicAdd(levels[first_level], unseen << LIST_BITS);
+    }
+}
+
+void main() {
+    const uint count = level_entries[push.level].x;
+    for (uint number = gl_WorkGroupID.x; number < count; number += gl_NumWorkGroups.x) {
+        const uvec4 entry = level_entries[MOST_PASSES + number];
+        if (entry.x < push.first_camera || entry.x - push.first_camera >= push.cameras) {
+            // Of cameras with another kernel.
+            continue;
+        }
+        const Camera cam = cameras[entry.x];
+        const uint place = gl_LocalInvocationID.x % ROW_WORDS;
+        const uvec2 at = uvec2(entry.y % cam.blocks_x, entry.y / cam.blocks_x) * BLOCK_PX
+            + uvec2(place % BLOCK_PX, place / BLOCK_PX);
+        barrier();
+        load_list(cam, row_of_levels(entry.z) + substeps_of_levels(entry.z));
+        barrier();
+        if (at.x < cam.width && at.y < cam.height) {
+            synthesize_entry(cam, at, entry);
+        }
+    }
+}

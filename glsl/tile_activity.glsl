@@ -1,0 +1,171 @@
+// A tile's blocks: what moves and changes in and around them, and how many sub-steps they have. For `cross` and the
+// lists of `synthesize`. Called by whole workgroups, whose threads are the pixels of some rows of a tile.
+//
+// The including file provides, before this one: RIGID and LAYERED (whether surfaces are followed along exact paths, or
+// told apart by motion vectors), SKIPS_STILL_TILES, LOOKS_FIRST (whether it is found out if a tile is still),
+// FOLLOWS_MOTION, surfaces.glsl, block_pairs.glsl and the buffers `blocks`, `passing` and `meetings`; after it: the functions
+// that are declared here without a body.
+
+// Rows of a sub-tile, and sub-tiles of a tile.
+const uint SUB_TILE_ROWS = gl_WorkGroupSize.x / TILE_WIDTH_PX;
+const uint SUB_TILES = uint(BLOCK_PX) / SUB_TILE_ROWS;
+
+// Largest motion in each block of the tile and the blocks around it, and the block's own change.
+shared uint neighbourhood_motion[TILE_BLOCKS];
+shared uint own_change[TILE_BLOCKS];
+// All bits of both together, gathered only where still tiles are looked for.
+shared uint any_activity;
+
+// First pixel of the sub-tile.
+uvec2 corner;
+
+// Pixel that a thread takes, row by row from `corner`.
+uint place_of(uint thread);
+
+// Empties what the workgroup fills later; called by its first thread. Then every thread notes what it knows.
+void begin_tile();
+void note_own();
+
+// Block of the tile's `b`th block.
+uvec2 tile_block(uint b) {
+    return corner / BLOCK_PX + uvec2(b, 0u);
+}
+
+// Whether the tile's `b`th block lies in the image.
+bool has_block(Camera cam, uint b) {
+    return tile_block(b).x < cam.blocks_x;
+}
+
+uint block_head(Camera cam, Geometry geo, uint b) {
+    const uvec2 block = tile_block(b);
+    return passing_head(cam, geo, block.y * cam.blocks_x + block.x);
+}
+
+// Largest motion of what passes a block, as the bits of a float.
+uint passing_motion(Camera cam, uint b) {
+    const Geometry geo = geometries[cam.slot];
+    return has_block(cam, b) ? passing[block_head(cam, geo, b) + 1u] : 0u;
+}
+
+// Bits of the largest motion of what passes the tile's `b`th block where motions meet; 0 if nothing does.
+uint meeting_motion(Camera cam, uint b) {
+    const uvec2 block = corner / BLOCK_PX + uvec2(b, 0u);
+    return block.x < cam.blocks_x ? meetings[meeting_of_block(cam, block)] : 0u;
+}
+
+// Whether motions meet in the tile.
+bool motions_meet(Camera cam) {
+    uint any = 0u;
+    [[unroll]] for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+        any |= meeting_motion(cam, b);
+    }
+    return any != 0u;
+}
+
+// This thread's pixel.
+uvec2 sub_tile_pixel() {
+    const uint place = place_of(gl_LocalInvocationID.x);
+    return corner + uvec2(place % TILE_WIDTH_PX, place / TILE_WIDTH_PX);
+}
+
+// Whether this thread does the counting for its block.
+bool counts_block(Camera cam) {
+    const uint lane = gl_LocalInvocationID.x;
+    return lane < TILE_WIDTH_PX && lane % BLOCK_PX == 0u && corner.x + lane < cam.width;
+}
+
+// The tile's blocks, as this thread addresses them.
+struct TileBlocks {
+    // Number of the thread's own block in the tile, and its element of `blocks`.
+    uint in_tile;
+    uint own_block;
+    // Element of the tile's first block, whose word z has a bit for each row of the tile that is done.
+    uint first_block;
+    uint rows_done;
+};
+
+TileBlocks find_blocks(Camera cam) {
+    const uint in_tile = (gl_LocalInvocationID.x % TILE_WIDTH_PX) / BLOCK_PX;
+    const uvec2 block_at = uvec2(min(corner.x / BLOCK_PX + in_tile, cam.blocks_x - 1u), corner.y / BLOCK_PX);
+    const uint row_base = cam.block_base + cam.frame_slot * cam.blocks + block_at.y * cam.blocks_x;
+    const uint first_block = row_base + corner.x / BLOCK_PX;
+    return TileBlocks(in_tile, row_base + block_at.x, first_block, blocks[first_block].z);
+}
+
+// Loads into shared memory the largest motion in and around each block of the tile, and each block's own change. Called
+// by the whole workgroup; ends with a barrier.
+void load_activity(Camera cam, TileBlocks tile) {
+    const uint lane = gl_LocalInvocationID.x;
+    if (lane < TILE_BLOCKS) {
+        neighbourhood_motion[lane] = 0u;
+        own_change[lane] = 0u;
+    }
+    if (lane == 0u) {
+        begin_tile();
+        any_activity = 0u;
+    }
+    barrier();
+    note_own();
+    // Nine blocks around each of four, in both frames.
+    const uint loads = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) ? 18u * TILE_BLOCKS : 0u;
+    for (uint load = lane; load < loads; load += gl_WorkGroupSize.x) {
+        const uint which_block = load / 18u;
+        const uint neighbour = load % 18u;
+        const ivec2 near = ivec2(corner / BLOCK_PX) + ivec2(which_block, 0)
+            + ivec2(int(neighbour % 3u) - 1, int((neighbour / 3u) % 3u) - 1);
+        const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
+        if (all(greaterThanEqual(near, ivec2(0))) && all(lessThanEqual(near, last_block))) {
+            const uint which = neighbour < 9u ? cam.frame_slot : 1u - cam.frame_slot;
+            const uint motion_bits =
+                blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)].x;
+            atomicMax(neighbourhood_motion[which_block], motion_bits);
+            if (LOOKS_FIRST) {
+                atomicOr(any_activity, motion_bits);
+            }
+        }
+    }
+    if (RIGID && lane < TILE_BLOCKS) {
+        const uint passing_bits = passing_motion(cam, lane);
+        atomicMax(neighbourhood_motion[lane], passing_bits);
+        if (LOOKS_FIRST) {
+            atomicOr(any_activity, passing_bits);
+        }
+    }
+    if (LAYERED && lane < TILE_BLOCKS) {
+        const uint meeting_bits = meeting_motion(cam, lane);
+        atomicMax(neighbourhood_motion[lane], meeting_bits);
+        if (LOOKS_FIRST) {
+            atomicOr(any_activity, meeting_bits);
+        }
+    }
+    if (counts_block(cam)) {
+        const uint change_bits = blocks[tile.own_block].y;
+        own_change[tile.in_tile] = change_bits;
+        if (LOOKS_FIRST) {
+            atomicOr(any_activity, change_bits);
+        }
+    }
+    barrier();
+}
+
+// Sub-steps of this thread's block.
+uint substeps_of_block(Camera cam, TileBlocks tile) {
+    return SYNTHESIS == SYNTHESIS_NONE
+        ? 1u
+        : substep_count(
+            cam, uintBitsToFloat(neighbourhood_motion[tile.in_tile]), uintBitsToFloat(own_change[tile.in_tile]));
+}
+
+// Whether nothing in and around the tile moves or changes, as far as that is looked for; and the thread's own block.
+bool is_still_tile() {
+    return LOOKS_FIRST && any_activity == 0u;
+}
+
+bool is_still_block(TileBlocks tile) {
+    return (neighbourhood_motion[tile.in_tile] | own_change[tile.in_tile]) == 0u;
+}
+
+// Whether a tile, if it is still, can be skipped.
+bool skips_still(Camera cam) {
+    return SKIPS_STILL_TILES && cam.no_skip == 0u;
+}
