@@ -12,34 +12,35 @@ const float MOST_GROWTH = 40.0;
 // Excess up to which its logarithm is a straight line over a part.
 const float STRAIGHT_EXCESS = 0.02;
 
+// (e^x - 1) / x for small x.
+float phi_series(float x) {
+    return fma(x, fma(x, fma(x, fma(x, 1.0 / 120.0, 1.0 / 24.0), 1.0 / 6.0), 0.5), 1.0);
+}
+
 // (e^x - 1) / x. Near 0 a series keeps the digits that the difference loses.
 float phi(float x) {
-    if (abs(x) < 0.1) {
-        return 1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0))));
-    }
-    return (exp(min(x, 80.0)) - 1.0) / x;
+    const float near = fma(x * x, x * x * (x * (1.0 / 720.0)), phi_series(x));
+    return mix((exp(min(x, 80.0)) - 1.0) / x, near, abs(x) < 0.2);
 }
 
 // ln(1 + d), with all digits for small d.
 float log_1p(float d) {
-    if (abs(d) < 0.25) {
-        const float t = d / (2.0 + d);
-        const float s = t * t;
-        return 2.0 * t * (1.0 + s * (1.0 / 3.0 + s * (0.2 + s * (1.0 / 7.0 + s * (1.0 / 9.0)))));
-    }
-    return log(1.0 + d);
+    const float t = d / (2.0 + d);
+    const float s = t * t;
+    const float near = 2.0 * t * fma(s, fma(s, fma(s, fma(s, 1.0 / 9.0, 1.0 / 7.0), 0.2), 1.0 / 3.0), 1.0);
+    return mix(log(1.0 + d), near, abs(d) < 0.25);
 }
 
 // (e^-x - 1) / -x, given e^-x.
 float phi_falling(float x, float kept) {
-    return abs(x) < 0.1 ? phi(-x) : (1.0 - kept) / x;
+    return mix((1.0 - kept) / x, phi_series(-x), abs(x) < 0.1);
 }
 
 // What the second pole, which turns by `second` over the part, passes of a decay by `rate`. `kept` is e^-second, `left`
 // e^-rate.
 float passed(float second, float rate, float kept, float left) {
     const float apart = abs(second - rate);
-    return second * (apart < 0.1 ? max(kept, left) * phi(-apart) : abs(kept - left) / apart);
+    return second * mix(abs(kept - left) / apart, max(kept, left) * phi_series(-apart), apart < 0.1);
 }
 
 // Convolution with the second pole of u, which falls from 1 to 0 linearly in e^(-decay s). `kept` is e^-second, `left`

@@ -1,8 +1,8 @@
 // Noise before the comparators: twin of the model's `physical::noise`, in single precision. Needs photoreceptor.glsl and
 // random.glsl.
 
-// A phase beyond which nothing is remembered.
-const float FORGOTTEN_PHASE = 12.0;
+// A phase beyond which nothing is remembered: less than a hundredth of a standard deviation.
+const float FORGOTTEN_PHASE = 8.0;
 
 // Distance, in standard deviations, beyond which the hazard is left out.
 const float FAR_DISTANCE = 6.0;
@@ -21,22 +21,21 @@ float exponential_of(uint word) {
 
 // Standard deviation of the noise behind both poles, nepers. `variance` is that behind the first alone.
 float sigma_log(float variance, float first, float second) {
-    return sqrt(variance * (second / (first + second)));
+    return sqrt(variance * second) * inversesqrt(first + second);
 }
 
-// Correlation of the noise with itself after the phases p and q.
-float correlation(float p, float q) {
+// Correlations of the noise after the phases p and q: with itself, and with its slope.
+struct Memory {
+    float value;
+    float slope;
+};
+
+Memory memory_after(float p, float q) {
     const float low = min(p, q);
-    const float high = max(p, q);
+    const float apart = max(p, q) - low;
     const float kept = exp(-low);
-    const float apart = high - low;
-    return kept + low * (apart < 0.1 ? kept * phi(-apart) : (kept - exp(-high)) / apart);
-}
-
-// Correlation of the noise with its slope.
-float slope_correlation(float p, float q) {
-    const float low = min(p, q);
-    return sqrt(p * q) * exp(-low) * phi(low - max(p, q));
+    const float passed_on = kept * mix((1.0 - exp(-apart)) / apart, phi_series(-apart), apart < 0.1);
+    return Memory(min(fma(low, passed_on, kept), 1.0), sqrt(p * q) * passed_on);
 }
 
 // What is known of the noise: mean and standard deviation, nepers.
@@ -50,7 +49,7 @@ Law noise_law(float released, float sigma, float p, float q) {
     if (min(p, q) > FORGOTTEN_PHASE) {
         return Law(0.0, sigma);
     }
-    const float kept = min(correlation(p, q), 1.0);
+    const float kept = memory_after(p, q).value;
     return Law(kept * released, sigma * sqrt(1.0 - kept * kept));
 }
 

@@ -110,11 +110,11 @@ fn packets(steps: &[Step]) -> Vec<&Packet> {
 }
 
 /// The light turns by up to five decades a second from one frame to the next. Where a turn just touches a threshold, the
-/// cubics between the ends of sub-steps may miss it: at one pixel in a thousand. A refractory period hands small errors on:
-/// what the output is at its end is the next reference.
+/// cubics between the ends of sub-steps may miss it: at one pixel in a thousand, also where a refractory period hands small
+/// errors on, as what the output is at its end is the next reference.
 #[test]
 fn without_noise_pixels_send_the_oracles_events() {
-    for (refractory_ns, most_differing) in [(0, 0.001), (700_000, 0.005)] {
+    for refractory_ns in [0, 700_000] {
         let mut total = Agreement::default();
         for lux in [0.05, 1.0, 30.0, 2000.0] {
             let sensor = SensorModel { substeps: 64, refractory_ns, ..quiet() };
@@ -129,7 +129,7 @@ fn without_noise_pixels_send_the_oracles_events() {
         }
         println!("{refractory_ns} ns: {} and {} ns apart", total.apart_ns(0.5), total.apart_ns(0.99));
         let share = total.differing as f64 / total.pixels as f64;
-        assert!(share <= most_differing, "{} of {} pixels", total.differing, total.pixels);
+        assert!(share <= 0.001, "{} of {} pixels", total.differing, total.pixels);
         assert!(total.apart_ns(0.5) < 5_000 && total.apart_ns(0.99) < 200_000, "{refractory_ns} ns");
     }
 }
@@ -147,9 +147,8 @@ fn behind_a_lens_pixels_send_the_oracles_events() {
     assert!(total.apart_ns(0.5) < 5_000 && total.apart_ns(0.99) < 200_000);
 }
 
-/// The light turns twenty times in these frames. Each turn that ends within the photoreceptor's error of a threshold is an
-/// event more or less, so most sequences agree, not all; what the photoreceptor shows must, and so must the number of
-/// events.
+/// The light turns twenty times in these frames, forty events a pixel. Each turn that ends within the cubics' error of a
+/// threshold is an event more or less: at one pixel in two hundred.
 #[test]
 fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
     // As bright as the second pole, so that the flicker of 100 Hz passes.
@@ -178,9 +177,8 @@ fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
         oracle.len()
     );
     println!("{} and {} ns apart", total.apart_ns(0.5), total.apart_ns(0.9));
-    assert!(engine.len() > 25 * pixels && engine.len().abs_diff(oracle.len()) < oracle.len() / 200);
-    // A hundredth of a neper, the photoreceptor's tolerance, takes the flicker's steepest slope 40 us.
-    assert!(differing < pixels / 5 && total.apart_ns(0.5) < 20_000 && total.apart_ns(0.9) < 40_000);
+    assert!(engine.len() > 25 * pixels && engine.len().abs_diff(oracle.len()) < oracle.len() / 2000);
+    assert!(differing <= pixels / 200 && total.apart_ns(0.5) < 2_000 && total.apart_ns(0.9) < 10_000);
     drop(rig);
     assert_silent();
 }
