@@ -186,7 +186,9 @@ fn has_kernel(rig: &Rig, rests: bool) -> bool {
 #[test]
 fn pixels_at_rest_would_have_sent_nothing() {
     let frames = 120;
-    for (sensor, policy) in policies().into_iter().flat_map(|p| [quiet(), noisy(), bayer(), layered()].map(|s| (s, p))) {
+    for (sensor, policy) in
+        policies().into_iter().flat_map(|p| [quiet(), noisy(), bayer(), layered()].map(|s| (s, p)))
+    {
         let mut pair = Pair::new(&sensor, patches(frames), policy, Resting::Always);
         let mut sent = 0;
         let mut behind = 0;

@@ -61,13 +61,13 @@
 //! frame: up to a share of [`WHOLE_SHARE`] that is mixed or of other layers, it goes over from one to the other. `R` is the
 //! level at its positions whatever it is of, the mean in log by `u (1 - h)`; it is `L` where no pixel shows the layer.
 //!
-//! From far to near, with `H` the light of the farther layers, that of a layer over them is `e (v R + (1 - v) (c exp(L) + (1
-//! - c) H)) + (1 - e) H`. It is `exp(L)` if no farther one shows, or if `c` is at least `1 - `[`SLIGHT_WEIGHT`]. Layers
-//! with `e = 0` do not show. `R` holds another background than the pixel's, `B`: as there, the mean by `u (1 - h)` of
-//! `exp` of the level of farther pixels around, or `H` in a frame that shows none. `v = 1 - d min(|ln(H / B)| /
-//! `[`BACKGROUND_LOG`]`, 1)`. The **thickness** `d` is the smaller number of the steps along the two axes over which the
-//! layer's slopes were measured, over [`THICK_STEPS`], at most 1: of what is thin no pixel shows the colour unmixed, so
-//! there is nothing to make a composite of. Where no layer shows, the pixel is as without layers.
+//! From far to near, with `H` the light of the farther layers, that of a layer over them is
+//! `e (v R + (1 - v) (c exp(L) + (1 - c) H)) + (1 - e) H`. It is `exp(L)` if no farther one shows, or if `c` is at least
+//! `1 - `[`SLIGHT_WEIGHT`]. Layers with `e = 0` do not show. `R` holds another background than the pixel's, `B`: as there,
+//! the mean by `u (1 - h)` of `exp` of the level of farther pixels around, or `H` in a frame that shows none.
+//! `v = 1 - d min(|ln(H / B)| / `[`BACKGROUND_LOG`]`, 1)`. The **thickness** `d` is the smaller number of the steps along the
+//! two axes over which the layer's slopes were measured, over [`THICK_STEPS`], at most 1: of what is thin no pixel shows
+//! the colour unmixed, so there is nothing to make a composite of. Where no layer shows, the pixel is as without layers.
 //!
 //! **Sub-steps.** The vectors of pairs that pass a block count for its number of sub-steps.
 
