@@ -59,9 +59,6 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
 
-// Pixel that a thread takes, row by row from the corner of its sub-tile.
-uint place_of(uint thread);
-
 #ifdef PHYSICAL
 #include "pixel_physical.glsl"
 #else
