@@ -30,7 +30,7 @@ use std::sync::Arc;
 pub(super) const MOST_GROUPS: u32 = 65_535;
 
 /// Workgroups per camera for kernels that stride over events.
-fn striding_groups(rig: &Rig) -> u32 {
+pub(super) fn striding_groups(rig: &Rig) -> u32 {
     let events = rig.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
     events.div_ceil(256 * rig.pipelines.policy.events_per_thread).clamp(4, MOST_GROUPS)
 }
@@ -39,7 +39,7 @@ fn striding_groups(rig: &Rig) -> u32 {
 const PATHS_GROUPS: u32 = 16;
 
 /// Bins that a workgroup of `sort` takes.
-fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
+pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
     policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
@@ -48,23 +48,23 @@ pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1 + 2 * (MOST
 
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
-    deferred: Kernel,
+    pub deferred: Kernel,
     /// Compiled when a camera needs it first.
     paths: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
     /// Compiled when a camera needs it first.
-    bus: Option<BusKernels>,
+    pub bus: Option<BusKernels>,
     /// Kernels that make representations of packets, by stage; compiled at their first use.
     pub forms: HashMap<&'static str, Kernel>,
 }
 
 /// Kernels of rigs in which a camera has a bus.
-struct BusKernels {
-    readout: Kernel,
+pub(super) struct BusKernels {
+    pub readout: Kernel,
     /// `None` if chunks are not served side by side.
-    apart: Option<Kernel>,
-    sort: Kernel,
+    pub apart: Option<Kernel>,
+    pub sort: Kernel,
 }
 
 impl Kernels {
@@ -418,72 +418,6 @@ impl Rig {
             }
         }
         groups
-    }
-}
-
-impl Rig {
-    /// Cameras that have a bus.
-    pub(super) fn outlets(&self) -> u32 {
-        self.cameras.iter().filter(|camera| has_bus(&camera.config.sensor)).count() as u32
-    }
-
-    /// Workgroups of `sort` for each camera.
-    fn bin_groups(&self) -> u32 {
-        let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
-        bins.div_ceil(group_bins(self.pipelines.policy, &self.cameras))
-    }
-
-    /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.
-    fn stretch_groups(&self) -> u32 {
-        let events = self.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
-        events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
-    }
-
-    /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
-    ///
-    /// # Safety
-    /// As of [`Kernel::record`].
-    unsafe fn record_sort(&self, commands: vk::CommandBuffer, first_camera: u32, count: u32, outlets: bool) {
-        let push = Push { first_camera, outlets: u32::from(outlets), ..Push::default() };
-        let kernel = &self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it").sort;
-        // SAFETY: the caller's contract is the same.
-        unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
-    }
-
-    /// Records `deferred` for outlets: what has left the buses in earlier ticks comes back.
-    ///
-    /// # Safety
-    /// As of [`Kernel::record`].
-    pub(super) unsafe fn record_deferred_of_outlets(&self, commands: vk::CommandBuffer, outlets: u32) {
-        let push = Push { first_camera: self.cameras.len() as u32, ..Push::default() };
-        let groups = [striding_groups(self), outlets, 1];
-        // SAFETY: the caller's contract is the same.
-        unsafe { self.pipelines.kernels.deferred.record(commands, bytes_of(&push), groups) };
-    }
-
-    /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
-    ///
-    /// # Safety
-    /// As of [`Kernel::record`].
-    pub(super) unsafe fn record_readout(&self, commands: vk::CommandBuffer, outlets: u32, merged: bool) {
-        let cameras = self.cameras.len() as u32;
-        let push = Push { merged: u32::from(merged), ..Push::default() };
-        let kernels = self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it");
-        for level in [0, 1].iter().filter(|_| kernels.apart.is_some()) {
-            let push = Push { level: *level, ..push };
-            let groups = [self.stretch_groups(), cameras, 1];
-            // SAFETY: the caller's contract is the same.
-            unsafe { kernels.apart.iter().for_each(|apart| apart.record(commands, bytes_of(&push), groups)) };
-            record_barrier(&self.device, commands);
-        }
-        let kernel = &kernels.readout;
-        for _ in 0..self.pipelines.policy.readout_dispatches {
-            // SAFETY: the caller's contract is the same.
-            unsafe { kernel.record(commands, bytes_of(&push), [1, cameras, 1]) };
-            record_barrier(&self.device, commands);
-        }
-        // SAFETY: the caller's contract is the same.
-        unsafe { self.record_sort(commands, cameras, outlets, true) };
     }
 }
 

@@ -1,0 +1,83 @@
+//! Recording of what cameras with a bus need: their own `sort`, `readout`, and what comes back from earlier ticks.
+
+#![expect(unsafe_code, reason = "Vulkan's edge")]
+
+use super::Rig;
+use super::parameters::has_bus;
+use super::record::{MOST_GROUPS, group_bins, striding_groups};
+use crate::kernel::record_barrier;
+use ash::vk;
+use bytemuck::bytes_of;
+use esaac_layout::Push;
+
+impl Rig {
+    /// Cameras that have a bus.
+    pub(super) fn outlets(&self) -> u32 {
+        self.cameras.iter().filter(|camera| has_bus(&camera.config.sensor)).count() as u32
+    }
+
+    /// Workgroups of `sort` for each camera.
+    pub(super) fn bin_groups(&self) -> u32 {
+        let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
+        bins.div_ceil(group_bins(self.pipelines.policy, &self.cameras))
+    }
+
+    /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.
+    fn stretch_groups(&self) -> u32 {
+        let events = self.cameras.iter().map(|c| c.place.event_capacity).max().unwrap_or(0);
+        events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
+    }
+
+    /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    pub(super) unsafe fn record_sort(
+        &self,
+        commands: vk::CommandBuffer,
+        first_camera: u32,
+        count: u32,
+        outlets: bool,
+    ) {
+        let push = Push { first_camera, outlets: u32::from(outlets), ..Push::default() };
+        let kernel = &self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it").sort;
+        // SAFETY: the caller's contract is the same.
+        unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
+    }
+
+    /// Records `deferred` for outlets: what has left the buses in earlier ticks comes back.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    pub(super) unsafe fn record_deferred_of_outlets(&self, commands: vk::CommandBuffer, outlets: u32) {
+        let push = Push { first_camera: self.cameras.len() as u32, ..Push::default() };
+        let groups = [striding_groups(self), outlets, 1];
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.pipelines.kernels.deferred.record(commands, bytes_of(&push), groups) };
+    }
+
+    /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
+    ///
+    /// # Safety
+    /// As of [`Kernel::record`].
+    pub(super) unsafe fn record_readout(&self, commands: vk::CommandBuffer, outlets: u32, merged: bool) {
+        let cameras = self.cameras.len() as u32;
+        let push = Push { merged: u32::from(merged), ..Push::default() };
+        let kernels = self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it");
+        for level in [0, 1].iter().filter(|_| kernels.apart.is_some()) {
+            let push = Push { level: *level, ..push };
+            let groups = [self.stretch_groups(), cameras, 1];
+            // SAFETY: the caller's contract is the same.
+            unsafe { kernels.apart.iter().for_each(|apart| apart.record(commands, bytes_of(&push), groups)) };
+            record_barrier(&self.device, commands);
+        }
+        let kernel = &kernels.readout;
+        for _ in 0..self.pipelines.policy.readout_dispatches {
+            // SAFETY: the caller's contract is the same.
+            unsafe { kernel.record(commands, bytes_of(&push), [1, cameras, 1]) };
+            record_barrier(&self.device, commands);
+        }
+        // SAFETY: the caller's contract is the same.
+        unsafe { self.record_sort(commands, cameras, outlets, true) };
+    }
+}
