@@ -1,7 +1,7 @@
 //! Draws the pictures of the guide's page on input: `cargo run --release -p esaac-cli --example hard_cases -- DIR`.
 //!
 //! One for each scene that is hard to synthesise: a frame, and the events of a few milliseconds between two frames, the
-//! exact ones, those from motion vectors, and those from depth and poses. It prints how near the events of each input set
+//! exact ones, those from motion vectors, by one surface a pixel and by three layers, and those from depth and poses. It prints how near the events of each input set
 //! come to the exact ones.
 
 use anyhow::{Context, Result, ensure};
@@ -13,6 +13,7 @@ use esaac_engine::{CameraConfig, Device, DeviceChoice, FrameBytes, GeometryConfi
 use esaac_formats::frame_time::frame_time_ns;
 use esaac_formats::scene_file::pose_times_ns;
 use esaac_model::packet::Event;
+use esaac_model::synthesis::layers::MAX_LAYERS;
 use esaac_model::{DepthFormat, HdrFormat, IdFormat, MotionFormat, Polarity, SensorModel, Synthesis};
 use esaac_scene::{Scene, SceneKind, all_pixels, exact_events, render_cpu};
 use std::path::PathBuf;
@@ -52,7 +53,9 @@ fn main() -> Result<()> {
     };
     ensure!(folder.is_dir(), "there is no folder {}", folder.display());
     let device = Device::open(DeviceChoice::Best, Validation::Off)?;
-    println!("| scene | colour | and motion vectors | depth and poses |\n|---|---|---|---|");
+    println!(
+        "| scene | colour | and motion vectors | in three layers | depth and poses |\n|---|---|---|---|---|"
+    );
     for kind in CASES {
         let path = folder.join(format!("{}.png", kind.name()));
         let case = Case::of(&device, kind).with_context(|| kind.name())?;
@@ -68,8 +71,8 @@ struct Case {
     frames: Vec<Frame>,
     truth: Vec<Event>,
     judge: Truth,
-    /// By `linear`, `motion` and `rigid`.
-    simulated: [Vec<Event>; 3],
+    /// By `linear`, `motion`, `motion` in layers, and `rigid`.
+    simulated: [Vec<Event>; 4],
 }
 
 impl Case {
@@ -88,17 +91,23 @@ impl Case {
         let end_ns = frames[FRAMES - 1].t_ns;
         let truth = exact_events(&scene, &sensor, &pixels, 0, end_ns).concat();
         let judge = Truth::of_scene(&scene, &sensor, COMPARED_PIXELS, (0, end_ns));
-        let by = |synthesis| simulated(device, &scene, &frames, synthesis);
-        let simulated = [by(Synthesis::Linear)?, by(Synthesis::Motion)?, by(Synthesis::Rigid)?];
+        let by = |synthesis, layers| simulated(device, &scene, &frames, synthesis, layers);
+        let simulated = [
+            by(Synthesis::Linear, 1)?,
+            by(Synthesis::Motion, 1)?,
+            by(Synthesis::Motion, MAX_LAYERS)?,
+            by(Synthesis::Rigid, 1)?,
+        ];
         Ok(Case { frames, truth, judge, simulated })
     }
 
     fn picture(&self) -> Canvas {
-        let Case { frames, truth, simulated: [_, motion, rigid], .. } = self;
+        let Case { frames, truth, simulated: [_, motion, layers, rigid], .. } = self;
         let panels = [
             ("a frame", still(&frames[FRAMES - 1].images.hdr)),
             ("exact events", shown(frames, truth)),
             ("from motion vectors", shown(frames, motion)),
+            ("in three layers", shown(frames, layers)),
             ("from depth and poses", shown(frames, rigid)),
         ];
         let (width, height) = (SIZE_PX.0 as usize * ENLARGED, SIZE_PX.1 as usize * ENLARGED);
@@ -125,8 +134,10 @@ fn simulated(
     scene: &Scene,
     frames: &[Frame],
     synthesis: Synthesis,
+    layers: u32,
 ) -> Result<Vec<Event>> {
-    let sensor = SensorModel { width: SIZE_PX.0, height: SIZE_PX.1, synthesis, ..SensorModel::default() };
+    let sensor =
+        SensorModel { width: SIZE_PX.0, height: SIZE_PX.1, synthesis, layers, ..SensorModel::default() };
     let exact =
         GeometryConfig { depth: DepthFormat::F32, ids: Some(IdFormat::U32), lens: scene.intrinsics() };
     let camera = CameraConfig {
