@@ -1,8 +1,8 @@
 //! Draws the pictures of the guide's page on input: `cargo run --release -p esaac-cli --example hard_cases -- DIR`.
 //!
 //! One for each scene that is hard to synthesise: a frame, and the events of a few milliseconds between two frames, the
-//! exact ones, those from motion vectors, by one surface a pixel and by three layers, and those from depth and poses. It prints how near the events of each input set
-//! come to the exact ones.
+//! exact ones, those from motion vectors, by one surface a pixel and by three layers, and those from depth and poses. It
+//! prints how near the events of each input set come to the exact ones.
 
 use anyhow::{Context, Result, ensure};
 use bytemuck::cast_slice;
