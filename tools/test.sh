@@ -184,11 +184,12 @@ step "suites" env ESAAC_VALIDATION=1 tools/suites.py -- \
     --skip the_photoreceptor_is_the_solution --skip without_lag_and_noise --skip pixels_without_light_start_late \
     --skip lens_and_lamp --skip levels_and_events_are_those_of_the_oracle --skip what_is_thin_or_turns \
     --skip packets_are_the_same_bits_from_run_to_run_and_by_every_kernel --skip where_motions_do_not_meet \
+    --skip pixels_at_rest_would_have_sent_nothing --skip rest_outlives --skip a_rest_may_outlast \
     "${rigid[@]/#/--skip=}"
 step "documentation tests" cargo test --workspace --locked --doc
 # Kernels that the layer does not watch are others on the software driver.
 step "suites, without the layer" tools/suites.py --suite unit --suite gpu_against_oracle --suite gpu_policy \
-    --suite stages --suite packets --suite invariants --suite faults --suite physical --suite layers
+    --suite stages --suite packets --suite invariants --suite faults --suite physical --suite layers --suite resting
 # Shaders that the layer leaves as they are do not take long. It watches the calls alone.
 step "layers, calls watched" env ESAAC_VALIDATION=calls tools/suites.py --suite layers -- where_motions_do_not_meet
 step "suites, rigid" tools/suites.py --suite exact_paths --suite frontier --suite interop --suite process \

@@ -21,8 +21,8 @@ fn bench_writes_figures_tables_and_plots() {
     assert_eq!(serde_json::from_str::<serde_json::Value>(&file).unwrap(), printed);
     let rows = printed["parts"]["time"].as_array().unwrap();
     // A quick run has fewer sub-steps than x32 too, except on a software driver. At x32 each tap count has two modes,
-    // `rigid` has two, and the physical pixel one.
-    assert_eq!(rows.iter().filter(|row| row["substeps"] == 32).count(), 7, "{rows:?}");
+    // `rigid` has two, and layers and the physical pixel have one.
+    assert_eq!(rows.iter().filter(|row| row["substeps"] == 32).count(), 8, "{rows:?}");
     for row in rows {
         assert_eq!(row["sensor"], "dvs128", "{row}");
         let [median, floor] =
