@@ -47,7 +47,7 @@ pub struct KernelPolicy {
     /// `group_bins` of a rig with at least `many_bins` bins. Each workgroup sums all bins of its camera; such a rig
     /// fills the device with fewer, larger groups.
     pub group_bins_of_many: u32,
-    /// `group_bins` of such a rig whose cameras have few bins, [`FEW_BINS`] or less on average: their packets are small.
+    /// `group_bins` of such a rig whose cameras have few bins, 128 or less on average: their packets are small.
     pub group_bins_of_small: u32,
     /// Bins of a rig from which on `group_bins_of_many` or `group_bins_of_small` applies.
     pub many_bins: u32,
