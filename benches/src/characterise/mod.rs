@@ -23,6 +23,23 @@ use saturation::SaturationPoint;
 use serde::Serialize;
 use std::sync::Arc;
 
+/// A sensor whose pixels are alike and read what they are shown: without noise, leak and delays, both thresholds the same.
+fn without_noise(sensor: &SensorModel, threshold_log: f64) -> SensorModel {
+    SensorModel {
+        contrast_on: threshold_log,
+        contrast_off: threshold_log,
+        contrast_mismatch: 0.0,
+        refractory_ns: 0,
+        latency_ns: 0,
+        latency_jitter_ns: 0,
+        noise_gain: 0.0,
+        dark_spread_log: 0.0,
+        leak_rate_hz: 0.0,
+        leak_per_lux_hz: 0.0,
+        ..sensor.clone()
+    }
+}
+
 /// The device and how much is measured.
 pub struct Lab<'a> {
     /// The device.

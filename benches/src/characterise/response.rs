@@ -1,6 +1,6 @@
 //! Speed: bandwidth, latency and refractory period.
 
-use super::Lab;
+use super::{Lab, without_noise};
 use anyhow::Result;
 use esaac_calibrate::LightBox;
 use esaac_model::physical::noise::corner_hz;
@@ -118,19 +118,7 @@ pub fn bandwidth_at(lab: &Lab<'_>, sensor: &SensorModel, lux: f64) -> Result<Ban
     let dark_lux = physical.dark_lux * physical.thermal_factor();
     let swing_log = ((lux * (1.0 + DEPTH) + dark_lux) / (lux * (1.0 - DEPTH) + dark_lux)).ln();
     let threshold_log = (READING * swing_log).max(1e-4);
-    let reader = SensorModel {
-        contrast_on: threshold_log,
-        contrast_off: threshold_log,
-        contrast_mismatch: 0.0,
-        refractory_ns: 0,
-        latency_ns: 0,
-        latency_jitter_ns: 0,
-        noise_gain: 0.0,
-        dark_spread_log: 0.0,
-        leak_rate_hz: 0.0,
-        leak_per_lux_hz: 0.0,
-        ..sensor.clone()
-    };
+    let reader = without_noise(sensor, threshold_log);
     let first_per_s = physical.drive_per_s((lux + dark_lux) / physical.lux_per_unit);
     let model_hz = corner_hz(first_per_s, physical.second_pole_per_s());
     let mut light = LightBox::new(lab.device, &reader, (RATIOS.len() as u32, 1), 4)?;

@@ -1,6 +1,6 @@
 //! Saturation of the bus: how many events leave the sensor against how many pixels are active.
 
-use super::Lab;
+use super::{Lab, without_noise};
 use anyhow::Result;
 use esaac_calibrate::LightBox;
 use esaac_model::physical::Bus;
@@ -51,18 +51,8 @@ pub fn saturation_at(lab: &Lab<'_>, sensor: &SensorModel, active: usize) -> Resu
     let with_bus = SensorModel {
         readout,
         readout_cap_events: 0,
-        contrast_on: THRESHOLD_LOG,
-        contrast_off: THRESHOLD_LOG,
-        contrast_mismatch: 0.0,
-        refractory_ns: 0,
-        latency_ns: 0,
-        latency_jitter_ns: 0,
-        noise_gain: 0.0,
-        dark_spread_log: 0.0,
-        leak_rate_hz: 0.0,
-        leak_per_lux_hz: 0.0,
         second_pole_hz: 1e6,
-        ..sensor.clone()
+        ..without_noise(sensor, THRESHOLD_LOG)
     };
     let pixels = (SIZE_PX.0 * SIZE_PX.1) as usize;
     let rate_hz = LOAD * most_hz(&with_bus, pixels) / pixels as f64;

@@ -31,7 +31,7 @@ impl Rig {
     /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
     ///
     /// # Safety
-    /// As of [`Kernel::record`].
+    /// As of [`crate::kernel::Kernel::record`].
     pub(super) unsafe fn record_sort(
         &self,
         commands: vk::CommandBuffer,
@@ -48,7 +48,7 @@ impl Rig {
     /// Records `deferred` for outlets: what has left the buses in earlier ticks comes back.
     ///
     /// # Safety
-    /// As of [`Kernel::record`].
+    /// As of [`crate::kernel::Kernel::record`].
     pub(super) unsafe fn record_deferred_of_outlets(&self, commands: vk::CommandBuffer, outlets: u32) {
         let push = Push { first_camera: self.cameras.len() as u32, ..Push::default() };
         let groups = [striding_groups(self), outlets, 1];
@@ -59,7 +59,7 @@ impl Rig {
     /// Records `readout`, and the sort of what has left the buses. `merged`: whether heavy packets are sorted.
     ///
     /// # Safety
-    /// As of [`Kernel::record`].
+    /// As of [`crate::kernel::Kernel::record`].
     pub(super) unsafe fn record_readout(&self, commands: vk::CommandBuffer, outlets: u32, merged: bool) {
         let cameras = self.cameras.len() as u32;
         let push = Push { merged: u32::from(merged), ..Push::default() };

@@ -5,6 +5,7 @@ use crate::LightBox;
 use anyhow::Result;
 use esaac_engine::Device;
 use esaac_model::SensorModel;
+use esaac_model::packet::Event;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -105,6 +106,12 @@ pub fn still(
     Ok(exposures)
 }
 
+/// The events from an instant on, with times that count from it.
+fn counted_from(begin_ns: i64, events: Vec<Event>) -> impl Iterator<Item = Event> {
+    let since = events.into_iter().map(move |event| Event { t_ns: event.t_ns - begin_ns, ..event });
+    since.filter(|event| event.t_ns >= 0)
+}
+
 fn steps(
     device: &Arc<Device>,
     sensor: &SensorModel,
@@ -124,12 +131,7 @@ fn steps(
         let mut since_ns = STEP_NS.min(half_ns);
         loop {
             let t_ns = (half as f64 * half_ns + since_ns).round() as i64;
-            for mut event in light_box.show(t_ns, |_| lux)? {
-                event.t_ns -= begin_ns;
-                if event.t_ns >= 0 {
-                    exposure.events.push(event);
-                }
-            }
+            exposure.events.extend(counted_from(begin_ns, light_box.show(t_ns, |_| lux)?));
             if since_ns >= half_ns {
                 break;
             }
@@ -157,12 +159,8 @@ fn swing(
     for instant in 0..=(SETTLING + periods) * per_period {
         let turns = instant as f64 / per_period as f64;
         let lux = light.lux * (1.0 + flicker.depth * (TAU * turns).sin());
-        for mut event in light_box.show((turns / flicker.hz * 1e9) as i64, |_| lux)? {
-            event.t_ns -= begin_ns;
-            if event.t_ns >= 0 {
-                exposure.events.push(event);
-            }
-        }
+        let shown = light_box.show((turns / flicker.hz * 1e9) as i64, |_| lux)?;
+        exposure.events.extend(counted_from(begin_ns, shown));
     }
     Ok(exposure)
 }
