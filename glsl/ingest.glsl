@@ -287,12 +287,13 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
 
 #include "block_pairs.glsl"
 #include "ingest_meetings.glsl"
+#include "ingest_bends.glsl"
 
 // Writes a block's statistics.
 void write_block(Camera cam, uint in_tile) {
     const uint block = (uint(tile_origin.y) / BLOCK_PX) * cam.blocks_x + uint(tile_origin.x) / BLOCK_PX + in_tile;
     blocks[cam.block_base + cam.frame_slot * cam.blocks + block] =
-        uvec4(block_motion[in_tile], block_change[in_tile], 0u, LAYERED ? pair_word(in_tile) : 0u);
+        uvec4(needed_motion(cam, in_tile), needed_change(in_tile), 0u, LAYERED ? pair_word(in_tile) : 0u);
     const uint counter = 2u * cam.slot + cam.frame_slot;
     if (block_invalid[in_tile] != 0u) {
         atomicAdd(counters[counter].invalid_pixels, block_invalid[in_tile]);
@@ -307,7 +308,7 @@ void write_block(Camera cam, uint in_tile) {
 void enqueue_tile(Camera cam) {
     uint most = 0u;
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
-        most = max(most, substep_count(cam, uintBitsToFloat(block_motion[b]), uintBitsToFloat(block_change[b])));
+        most = max(most, substep_count(cam, uintBitsToFloat(needed_motion(cam, b)), uintBitsToFloat(needed_change(b))));
     }
     const uint counter = 2u * cam.slot + cam.frame_slot;
     const uint place = most > cam.many_substeps
@@ -426,6 +427,9 @@ void main() {
         if (LAYERED) {
             largest_pair[lane] = 0u;
         }
+        if (SUBSTEPS_BY_ERROR) {
+            begin_bends(lane);
+        }
     }
     if (lane == 0u) {
         any_change = is_first(cam) ? 1u : 0u;
@@ -475,6 +479,10 @@ void main() {
         }
         barrier();
         mark_meetings(cam);
+    }
+    if (SUBSTEPS_BY_ERROR && channel == 0u && cam.has_motion != 0u) {
+        note_bends(cam);
+        barrier();
     }
     if (channel == 0u && lane < TILE_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
         write_block(cam, lane);

@@ -183,9 +183,11 @@ fn synthesis_and_plan() {
     for (synthesis, taps, transfers, intensity) in MODES {
         for (kind, size) in SCENES {
             let frames = scene(kind, size, &times(5_000_000_003, 4), HdrFormat::F32x4, MotionFormat::F32x2);
-            for substep_policy in [SubstepPolicy::Adaptive, SubstepPolicy::Fixed] {
-                let sensor =
-                    SensorModel { substep_policy, transfers, ..sensor(size, synthesis, taps, intensity) };
+            for (substep_policy, substep_error_ns) in
+                [(SubstepPolicy::Adaptive, 0), (SubstepPolicy::Adaptive, 150_000), (SubstepPolicy::Fixed, 0)]
+            {
+                let base = sensor(size, synthesis, taps, intensity);
+                let sensor = SensorModel { substep_policy, substep_error_ns, transfers, ..base };
                 cameras.push((sensor, frames.clone()));
             }
         }
@@ -197,12 +199,13 @@ fn synthesis_and_plan() {
         let intervals = oracle(sensor, number as u32, sequence);
         let level = worst_level(sensor, &intervals, steps);
         let what = format!(
-            "{:?} {:?} {} {:?} {:?} {}x{}",
+            "{:?} {:?} {} {:?} {:?} {} {}x{}",
             sensor.synthesis,
             sensor.taps,
             sensor.transfers,
             sensor.intensity,
             sensor.substep_policy,
+            sensor.substep_error_ns,
             sensor.width,
             sensor.height
         );

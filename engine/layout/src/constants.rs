@@ -144,6 +144,8 @@ spec_constants! {
     fisheye: bool,
     /// Whether it is noted where motions meet.
     layered: bool,
+    /// Whether sub-steps follow how far levels bend along their motion.
+    substeps_by_error: bool,
 }
 
 spec_constants! {

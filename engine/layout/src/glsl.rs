@@ -125,6 +125,8 @@ fn declarations() -> String {
         ("MAX_SUBSTEPS", esaac_model::substeps::MAX_SUBSTEPS.to_string()),
         ("SUBSTEP_MOTION_PX", format!("{:.9}", esaac_model::substeps::SUBSTEP_MOTION_PX)),
         ("SUBSTEP_TIME_ERROR_NS", format!("{:.1}", esaac_model::substeps::SUBSTEP_TIME_ERROR_NS)),
+        ("SUBSTEP_LEVEL_ERROR", format!("{:.9}", esaac_model::substeps::SUBSTEP_LEVEL_ERROR)),
+        ("LEAST_NEEDED_PX", format!("{:e}", esaac_model::substeps::LEAST_NEEDED_PX)),
         ("TILE_BLOCKS", format!("{TILE_BLOCKS}u")),
         ("CROSS_THREADS", CROSS_THREADS.to_string()),
         ("INGEST_THREADS", INGEST_THREADS.to_string()),

@@ -242,7 +242,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
-    /// What lens and lamp do to a camera's light in one tick: a row of the table of optics, in the camera's `slot`.
+    /// What lens and lamp do to a camera's light in one tick, and what sub-steps need for it: a row of the table of optics, in the camera's `slot`.
     Optics {
         /// Weight of a pixel's own light in the blur, along one axis.
         psf_0: f32,
@@ -266,8 +266,8 @@ gpu_struct! {
         flicker_step: u32,
         /// Least number of sub-steps of the adaptive policy.
         least_substeps: u32,
-        /// Fills the row up to a multiple of 16 bytes.
-        unused: u32,
+        /// How far a crossing may be off between two sub-steps, as a share of the interval; 0 in a camera's first frame.
+        substep_error_share: f32,
     }
 }
 

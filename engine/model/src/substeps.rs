@@ -1,6 +1,10 @@
 //! How an interval is cut into sub-steps, and how time stamps are quantised.
+//!
+//! Each block has a number of sub-steps of its own, of equal lengths ([`substep_count`]). By speed, a sub-step is half a
+//! pixel of the largest motion around the block. That is finer than smooth texture needs, whose level hardly bends on its
+//! way. So [`by_error`] the way is shorter, down to what the bend of the texture needs ([`needed_motion_px`]).
 
-use crate::{SensorModel, SubstepPolicy};
+use crate::{Intensity, SensorModel, SubstepPolicy, Synthesis, Taps};
 
 /// Side of a block, pixels. The pixels of a block share one sub-step count and are skipped together.
 pub const BLOCK_PX: u32 = 8;
@@ -13,6 +17,12 @@ pub const SUBSTEP_MOTION_PX: f64 = 0.5;
 /// `T |dL| / (8 n^2)`.
 pub const SUBSTEP_TIME_ERROR_NS: f64 = 50_000.0;
 
+/// By error: how far the level may be off between two sub-steps whatever its slope, as a share of the smaller threshold.
+pub const SUBSTEP_LEVEL_ERROR: f64 = 0.005;
+
+/// Least motion of a block that moves, pixels: it is not still.
+pub const LEAST_NEEDED_PX: f64 = 1e-12;
+
 /// Sub-steps in a period of a lamp's flicker, at least. Between sub-steps log intensity is linear, so a peak is too low by
 /// up to 8% of the flicker's depth.
 pub const FLICKER_SUBSTEPS: u32 = 8;
@@ -21,7 +31,9 @@ pub const FLICKER_SUBSTEPS: u32 = 8;
 pub const MAX_SUBSTEPS: u32 = 64;
 
 /// Number of sub-steps of a block. `motion_px` is the largest finite motion vector of both frames in the 3x3 blocks
-/// around it, or 0 for a synthesis without motion. `change_log` is the largest `|L_k - L_{k-1}|` in the block itself.
+/// around it, or 0 for a synthesis without motion; or [`by_error`] the largest [`needed_motion_px`] of these blocks.
+/// `change_log` is the largest `|L_k - L_{k-1}|` in the block itself; by error it counts only if the block has an invalid
+/// vector in frame k, since what follows a vector is blended in the log, where a change does not bend.
 /// A lamp's flicker needs [`least_substeps`] everywhere.
 /// The caller gives [`Synthesis::None`](crate::Synthesis::None) one sub-step in place of this.
 #[must_use]
@@ -30,11 +42,77 @@ pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, inte
         SubstepPolicy::Fixed => sensor.substeps,
         SubstepPolicy::Adaptive => {
             let for_motion = (motion_px / SUBSTEP_MOTION_PX).ceil();
-            let for_change = (change_log * interval_ns / (8.0 * SUBSTEP_TIME_ERROR_NS)).sqrt().ceil();
+            let for_change = for_change(change_log, interval_ns).ceil();
             let least = least_substeps(sensor, interval_ns as u32);
             for_motion.max(for_change).clamp(f64::from(least), f64::from(sensor.substeps)) as u32
         }
     }
+}
+
+/// Whether sub-steps follow how far levels bend along their motion. The level between two frames must be the texture of
+/// the frames: that of [`Synthesis::Motion`], in the one plane that a pixel sees, with taps that see as much as the bend.
+#[must_use]
+pub fn by_error(sensor: &SensorModel) -> bool {
+    sensor.substep_error_ns > 0
+        && sensor.substep_policy == SubstepPolicy::Adaptive
+        && sensor.synthesis == Synthesis::Motion
+        && sensor.taps == Taps::Cubic
+        && sensor.intensity != Intensity::BayerRggb
+}
+
+/// What the pixels of a block of a frame show at most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BlockActivity {
+    /// Motion, pixels.
+    pub motion_px: f64,
+    /// Change since the frame before, nepers; 0 in a camera's first.
+    pub change_log: f64,
+    /// Bend along motion, nepers for the square of an interval.
+    pub bend_log: f64,
+    /// Slope along motion, nepers for an interval.
+    pub slope_log: f64,
+}
+
+/// By error: motion of a block of a frame as its number of sub-steps needs it, pixels; at most what speed and change give
+/// it, and 0 without motion. `interval_ns` is the length of the interval that ends at the frame, 0 if it is a camera's first.
+///
+/// Along its vector `m` the level of a pixel has a slope and bends, nepers for an interval and its square: with first and
+/// second differences of the frame's log intensity around the pixel
+/// ```text
+/// slope = |L_x m_x + L_y m_y|        L_x = (L(x+1, y) - L(x-1, y)) / 2
+/// bend  = |L_xx m_x^2 + 2 L_xy m_x m_y + L_yy m_y^2|
+/// L_xx = L(x-1, y) - 2 L(x, y) + L(x+1, y)
+/// L_xy = (L(x+1, y+1) - L(x-1, y+1) - L(x+1, y-1) + L(x-1, y-1)) / 4
+/// ```
+/// for pixels with a valid vector. Beyond the image the frame repeats its border. Of `n` sub-steps each is off by up to
+/// `bend / (8 n^2)`. That may be what a slope passes in `substep_error_ns`, or [`SUBSTEP_LEVEL_ERROR`].
+#[must_use]
+pub fn needed_motion_px(sensor: &SensorModel, block: BlockActivity, interval_ns: u32) -> f64 {
+    if block.motion_px == 0.0 {
+        return 0.0;
+    }
+    let allowed_log = (block.slope_log * error_share(sensor, interval_ns)).max(level_error_log(sensor));
+    let by_bend = (block.bend_log / (8.0 * allowed_log)).sqrt();
+    let by_change = for_change(block.change_log, f64::from(interval_ns));
+    let most_px = block.motion_px.max(SUBSTEP_MOTION_PX * by_change);
+    (SUBSTEP_MOTION_PX * by_bend).max(LEAST_NEEDED_PX).min(most_px)
+}
+
+/// Sub-steps of a change, not rounded; see [`SUBSTEP_TIME_ERROR_NS`].
+fn for_change(change_log: f64, interval_ns: f64) -> f64 {
+    (change_log * interval_ns / (8.0 * SUBSTEP_TIME_ERROR_NS)).sqrt()
+}
+
+/// The bound of a crossing's error as a share of the interval; 0 without one.
+#[must_use]
+pub fn error_share(sensor: &SensorModel, interval_ns: u32) -> f64 {
+    if interval_ns == 0 { 0.0 } else { f64::from(sensor.substep_error_ns) / f64::from(interval_ns) }
+}
+
+/// See [`SUBSTEP_LEVEL_ERROR`]; nepers.
+#[must_use]
+pub fn level_error_log(sensor: &SensorModel) -> f64 {
+    SUBSTEP_LEVEL_ERROR * sensor.contrast_on.min(sensor.contrast_off)
 }
 
 /// Sub-steps that the adaptive policy gives a block without motion and change: 1, or what a lamp's flicker needs, but no
@@ -76,6 +154,41 @@ mod tests {
         assert_eq!(substep_count(&few, 0.0, 0.0, interval_ns), 5);
         let fixed = SensorModel { substep_policy: SubstepPolicy::Fixed, ..sensor };
         assert_eq!(substep_count(&fixed, 0.0, 0.0, interval_ns), 32);
+    }
+
+    #[test]
+    fn smooth_texture_needs_fewer_substeps_than_its_speed() {
+        let sensor = SensorModel {
+            substep_error_ns: 100_000,
+            synthesis: Synthesis::Motion,
+            contrast_off: 0.1,
+            ..SensorModel::default()
+        };
+        assert!(by_error(&sensor));
+        for other in [
+            SensorModel { substep_error_ns: 0, ..sensor.clone() },
+            SensorModel { substep_policy: SubstepPolicy::Fixed, ..sensor.clone() },
+            SensorModel { synthesis: Synthesis::Rigid, ..sensor.clone() },
+            SensorModel { taps: Taps::Bilinear, ..sensor.clone() },
+            SensorModel { intensity: Intensity::BayerRggb, ..sensor.clone() },
+        ] {
+            assert!(!by_error(&other));
+        }
+        let needed = |motion_px, bend_log, slope_log, interval_ns| {
+            let block = BlockActivity { motion_px, bend_log, slope_log, change_log: 0.0 };
+            needed_motion_px(&sensor, block, interval_ns)
+        };
+        // In 100 us of 20 ms a slope of 2 passes .01; a chord of 4 sub-steps is off by 1.28 / (8 16).
+        assert!((needed(9.0, 1.28, 2.0, 20_000_000) - 4.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
+        // A slope of .01 passes less than the share of the threshold, .0005.
+        assert!((needed(9.0, 0.064, 0.01, 20_000_000) - 4.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
+        assert_eq!(needed(9.0, 0.064, 2.0, 0), needed(9.0, 0.064, 0.0, 20_000_000), "a first frame");
+        assert_eq!(needed(1.5, 1.28, 2.0, 20_000_000), 1.5, "no more than by speed");
+        let changed = BlockActivity { motion_px: 1.5, change_log: 0.5, bend_log: 1.28, slope_log: 2.0 };
+        // The change has 5 sub-steps.
+        assert!((needed_motion_px(&sensor, changed, 20_000_000) - 4.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
+        assert_eq!(needed(9.0, 0.0, 0.0, 20_000_000), LEAST_NEEDED_PX, "flat, but not still");
+        assert_eq!(needed(0.0, 0.0, 0.0, 20_000_000), 0.0);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::cross::{PixelConstants, PixelState, Span, aps, walk};
 use crate::ingest::{self, Frame, Image, Ingested};
 use crate::physical::readout::Queue;
 use crate::physical::{self, PhysicalState};
-use crate::plan::{Plan, plan};
+use crate::plan::{Plan, needed_motion, plan};
 use crate::sort::sort;
 use crate::stamp;
 use crate::synthesize::motion::Motion;
@@ -113,6 +113,8 @@ struct Run {
     /// Times of the first frame and of the latest, nanoseconds.
     times_ns: Option<(i64, i64)>,
     image: Image,
+    /// What [`needed_motion`] says of it.
+    needed: Option<Vec<f64>>,
     /// Length of the previous interval, nanoseconds.
     last_interval_ns: Option<u32>,
     /// Half-pel frames of the last frame, one per plane, which the next interval improves.
@@ -132,6 +134,7 @@ impl Run {
         Run {
             times_ns: None,
             image: Image::black(sensor),
+            needed: None,
             last_interval_ns: None,
             history: None,
             pixels: vec![None; sensor.pixels()],
@@ -301,10 +304,14 @@ impl Oracle {
             substeps_per_block: Vec::new(),
             samples: None,
         };
+        // The cast is exact: `check_time` keeps an interval within MAX_INTERVAL_NS.
+        let interval_ns = (t_ns - start_ns) as u32;
+        let before = self.run.times_ns.is_some().then_some(&self.run.image);
+        let needed = needed_motion(&self.sensor, before, &image, interval_ns);
         if self.run.times_ns.is_some() {
-            // The cast is exact: `check_time` keeps an interval within MAX_INTERVAL_NS.
-            self.cross_interval(start_ns, (t_ns - start_ns) as u32, &image, between, &mut interval);
+            self.cross_interval(start_ns, interval_ns, (&image, needed.as_deref()), between, &mut interval);
         }
+        self.run.needed = needed;
         self.arm(&image, &valid, t_ns, t_ns - epoch_ns);
         interval.diagnostics.invalid_pixels = valid.iter().filter(|&&valid| !valid).count() as u64;
         interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
@@ -359,7 +366,7 @@ impl Oracle {
         &mut self,
         start_ns: i64,
         interval_ns: u32,
-        end: &Image,
+        (end, end_needed): (&Image, Option<&[f64]>),
         between: &Between<'_>,
         interval: &mut Interval,
     ) {
@@ -374,7 +381,8 @@ impl Oracle {
         let plan = match between {
             Between::Synthesis => {
                 let passing_px = gap.motion.as_ref().and_then(Motion::passing_px);
-                plan(sensor, &start, end, interval_ns, gap.rigid.as_ref(), passing_px.as_deref())
+                let needed = [self.run.needed.as_deref(), end_needed];
+                plan(sensor, &start, end, interval_ns, gap.rigid.as_ref(), passing_px.as_deref(), needed)
             }
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
         };

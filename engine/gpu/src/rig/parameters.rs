@@ -14,7 +14,7 @@ use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
 use esaac_model::physical::Bus;
 use esaac_model::random::HAZARD_FRACTION_BITS;
-use esaac_model::substeps::{MAX_SUBSTEPS, least_substeps, quantise_ns};
+use esaac_model::substeps::{MAX_SUBSTEPS, by_error, error_share, least_substeps, quantise_ns};
 use esaac_model::{
     IdFormat, Intensity, LOG_FRACTION_BITS, MotionFormat, Pixel, ReadoutKind, SensorModel, SubstepPolicy,
     Synthesis, Taps, Timestamps, log_to_q24,
@@ -81,6 +81,7 @@ pub(super) fn permutation(
             effect_flicker: sensor.flicker().is_some(),
             fisheye,
             layered: layers(sensor) > 1,
+            substeps_by_error: by_error(sensor),
         },
         cross: CrossConstants {
             intensity: sensor.intensity,
@@ -471,9 +472,13 @@ pub(super) fn physical_row(sensor: &SensorModel) -> Physical {
     }
 }
 
-/// Whether lens or lamp do anything to a camera's light.
+/// Whether a kernel reads a camera's row of the table of optics: lens or lamp do anything to its light, or sub-steps follow
+/// their error.
 pub(super) fn has_optics(sensor: &SensorModel) -> bool {
-    sensor.psf_sigma_px > 0.0 || sensor.vignetting_fov_deg > 0.0 || sensor.flicker().is_some()
+    sensor.psf_sigma_px > 0.0
+        || sensor.vignetting_fov_deg > 0.0
+        || sensor.flicker().is_some()
+        || by_error(sensor)
 }
 
 /// A camera's row of the table of optics for a tick; `t_ns` is `None` if the camera takes no part.
@@ -481,6 +486,7 @@ pub(super) fn optics_row(camera: &CameraState, t_ns: Option<i64>) -> Optics {
     let sensor = &camera.config.sensor;
     let start_ns = camera.last_ns.or(t_ns).unwrap_or(0);
     let end_ns = t_ns.unwrap_or(start_ns);
+    let interval_ns = (end_ns - start_ns) as u32;
     let [psf_0, psf_1, psf_2, psf_3] = psf_weights(sensor.psf_sigma_px).map(|weight| weight as f32);
     let tangent_per_px = match sensor.vignetting_fov_deg {
         0.0 => 0.0,
@@ -494,7 +500,8 @@ pub(super) fn optics_row(camera: &CameraState, t_ns: Option<i64>) -> Optics {
         vignetting_per_px2: (tangent_per_px * tangent_per_px) as f32,
         lamp_start: 1.0,
         lamp_end: 1.0,
-        least_substeps: least_substeps(sensor, (end_ns - start_ns) as u32),
+        least_substeps: least_substeps(sensor, interval_ns),
+        substep_error_share: error_share(sensor, interval_ns) as f32,
         ..Optics::default()
     };
     let Some(lamp) = sensor.flicker() else { return row };

@@ -93,6 +93,12 @@ impl SensorModel {
         check("layers", self.layers, "1 to 3", (1..=MAX_LAYERS).contains(&self.layers))?;
         check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
         check(
+            "substep_error_ns",
+            self.substep_error_ns,
+            "0 to 1000000000",
+            self.substep_error_ns <= 1_000_000_000,
+        )?;
+        check(
             "aps_exposure_ns",
             self.aps_exposure_ns,
             "0 to 1000000000",

@@ -1,0 +1,71 @@
+// How far the levels of a tile's blocks bend along their motion, where sub-steps follow that (SUBSTEPS_BY_ERROR). Twin of
+// the model crate's `needed_motion_px`. Needs the tile cache of ingest.glsl, with its apron, and what it knows of blocks.
+
+// Largest in each block, as the bits of floats.
+shared uint block_bend[TILE_BLOCKS];
+shared uint block_slope[TILE_BLOCKS];
+
+void begin_bends(uint in_tile) {
+    block_bend[in_tile] = 0u;
+    block_slope[in_tile] = 0u;
+}
+
+// Bend and slope of the level at `in_tile` along its vector.
+vec2 bend_and_slope(ivec2 in_tile) {
+    const uint centre = cache_index(tile_origin + in_tile);
+    const vec2 m = cached_motion[centre];
+    if (m.x == NOWHERE_PX) {
+        return vec2(0.0);
+    }
+    const uint above = centre - CACHE_X;
+    const uint below = centre + CACHE_X;
+    const float left = cached_level[centre - 1u];
+    const float right = cached_level[centre + 1u];
+    const float twice = 2.0 * cached_level[centre];
+    const vec2 second =
+        vec2(left + right - twice, cached_level[above] + cached_level[below] - twice);
+    const float mixed = 0.25
+        * (cached_level[below + 1u] - cached_level[below - 1u] - cached_level[above + 1u] + cached_level[above - 1u]);
+    const vec2 first = 0.5 * vec2(right - left, cached_level[below] - cached_level[above]);
+    return abs(vec2(dot(second, m * m) + 2.0 * mixed * m.x * m.y, dot(first, m)));
+}
+
+// Notes the largest bend and slope of each block. Called by the whole workgroup, whose threads each stay in one block.
+void note_bends(Camera cam) {
+    const uint lane = gl_LocalInvocationID.x;
+    vec2 largest = vec2(0.0);
+    uint number = lane;
+    do {
+        const ivec2 in_tile = ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
+        if (all(lessThan(tile_origin + in_tile, ivec2(cam.width, cam.height)))) {
+            largest = max(largest, bend_and_slope(in_tile));
+        }
+        number += gl_WorkGroupSize.x;
+    } while (number < TILE_ANCHORS);
+    const uint block = (lane % TILE_WIDTH_PX) / BLOCK_PX;
+    atomicMax(block_bend[block], floatBitsToUint(largest.x));
+    atomicMax(block_slope[block], floatBitsToUint(largest.y));
+}
+
+// Bits of the motion of a block as its number of sub-steps needs it.
+uint needed_motion(Camera cam, uint in_tile) {
+    const uint bits = block_motion[in_tile];
+    if (!SUBSTEPS_BY_ERROR || bits == 0u) {
+        return bits;
+    }
+    const float level_error_log =
+        (SUBSTEP_LEVEL_ERROR / LOG_SCALE) * float(min(cam.contrast_on_q24, cam.contrast_off_q24));
+    const float share = optics[cam.slot].substep_error_share;
+    const float allowed = max(uintBitsToFloat(block_slope[in_tile]) * share, level_error_log);
+    const float by_bend = sqrt(uintBitsToFloat(block_bend[in_tile]) / (8.0 * allowed));
+    const float by_change = for_change(cam, uintBitsToFloat(block_change[in_tile]));
+    const float most = max(uintBitsToFloat(bits), SUBSTEP_MOTION_PX * by_change);
+    return floatBitsToUint(min(max(SUBSTEP_MOTION_PX * by_bend, LEAST_NEEDED_PX), most));
+}
+
+// Bits of the change of a block as its number of sub-steps needs it. Where each pixel follows a vector, a change does not
+// bend the level, but the block is not still.
+uint needed_change(uint in_tile) {
+    const uint bits = block_change[in_tile];
+    return SUBSTEPS_BY_ERROR && block_invalid_motion[in_tile] == 0u ? min(bits, floatBitsToUint(1e-12)) : bits;
+}
