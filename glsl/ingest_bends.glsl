@@ -22,8 +22,7 @@ vec2 bend_and_slope(ivec2 in_tile) {
     const float left = cached_level[centre - 1u];
     const float right = cached_level[centre + 1u];
     const float twice = 2.0 * cached_level[centre];
-    const vec2 second =
-        vec2(left + right - twice, cached_level[above] + cached_level[below] - twice);
+    const vec2 second = vec2(left + right - twice, cached_level[above] + cached_level[below] - twice);
     const float mixed = 0.25
         * (cached_level[below + 1u] - cached_level[below - 1u] - cached_level[above + 1u] + cached_level[above - 1u]);
     const vec2 first = 0.5 * vec2(right - left, cached_level[below] - cached_level[above]);

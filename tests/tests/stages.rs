@@ -10,7 +10,7 @@ use esaac_scene::SceneKind;
 use esaac_tests::agreement::LEVEL_TOLERANCE_LOG;
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Frame, Sequence, gray, scene, times};
-use esaac_tests::run::{Step, camera, engine_of_many, oracle};
+use esaac_tests::run::{Step, camera, engine_of_many, oracle, step};
 
 /// An APS pixel is rounded to the nearest count. Near a half, f32 may round to the other side.
 const APS_TOLERANCE_COUNTS: u16 = 1;
@@ -262,6 +262,37 @@ fn transfers_may_change_between_ticks() {
         }
     }
     assert!(worst <= LEVEL_TOLERANCE_LOG, "levels off by up to {worst:.2e}");
+    assert_silent();
+}
+
+/// A frame keeps what its sub-steps needed by the bound at its time, also for the interval after it.
+#[test]
+fn the_bound_of_substeps_may_change_between_ticks() {
+    const BOUNDS_NS: [u32; 8] = [0, 150_000, 150_000, 20_000, 1_000_000, 1_000_000, 0, 150_000];
+    const TIMES_MS: [i64; 8] = [0, 33, 66, 110, 133, 150, 190, 223];
+    let size = (45, 37);
+    let times_ns = TIMES_MS.map(|ms| 1_000_000 * ms);
+    let frames = scene(SceneKind::Flight, size, &times_ns, HdrFormat::F32x4, MotionFormat::F32x2);
+    let base = sensor(size, Synthesis::Motion, Taps::Cubic, Intensity::Luminance);
+    let of = |substep_error_ns| SensorModel { substep_error_ns, ..base.clone() };
+    let mut rig = Rig::with_options(&DEVICE, &[camera(&of(0), 0, &frames)], keep()).expect("a rig");
+    let mut oracle = Oracle::new(of(0), 0).expect("a valid sensor");
+    let by_speed = self::oracle(&of(0), 0, &frames);
+    let mut spared = Vec::new();
+    for (index, &bound_ns) in BOUNDS_NS.iter().enumerate() {
+        rig.set_sensor(0, of(bound_ns)).expect("of the same size");
+        oracle.set_sensor(of(bound_ns)).expect("of the same size");
+        let got = step(&mut rig, &frames, index);
+        let interval = oracle.step(&frames.oracle_frame(index)).expect("a frame in time");
+        let total = |substeps: &[u32]| substeps.iter().map(|&n| u64::from(n)).sum::<u64>();
+        let expected = total(&interval.substeps_per_block);
+        assert_eq!(got.diagnostics.substeps, expected, "frame {index}");
+        if expected < total(&by_speed[index].substeps_per_block) {
+            spared.push(index);
+        }
+    }
+    // Those between two frames of a wide bound. A camera's first frame has no motion.
+    assert_eq!(spared, [1, 2, 5], "intervals with fewer sub-steps than by speed");
     assert_silent();
 }
 

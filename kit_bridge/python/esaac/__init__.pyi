@@ -127,6 +127,7 @@ class SensorModel:
     layers: int
     substeps: int
     substep_policy: str
+    substep_error_ns: int
     timestamps: str
     readout: str
     readout_event_ns: float
