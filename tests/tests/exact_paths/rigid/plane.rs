@@ -86,6 +86,8 @@ fn sensor(synthesis: Synthesis, contrast: f64) -> SensorModel {
         contrast_off: contrast,
         log_offset: 0.01,
         substeps: FINE as u32,
+        // By speed, as `rigid` has them: both ways are compared at the same instants.
+        substep_error_ns: 0,
         ..SensorModel::default()
     }
 }
