@@ -264,7 +264,7 @@ fn saved_states_that_do_not_fit() {
     flipped[20] ^= 0xff;
     let mut version = saved.clone();
     let digit = saved.windows(10).position(|w| w == b"\"version\":").expect("the header is JSON") + 10;
-    version[digit] = b'9';
+    version[digit] = b'2';
     let garbage: Vec<u8> = (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     let mut endless = saved[..16].to_vec();
     endless[8..16].copy_from_slice(&u64::MAX.to_le_bytes());
@@ -276,7 +276,7 @@ fn saved_states_that_do_not_fit() {
         ("half a header", &saved[..60], &["truncated"]),
         ("a header without end", &endless, &["truncated"]),
         ("a broken header", &flipped, &["saved state"]),
-        ("another version", &version, &["version", "9", "expected"]),
+        ("another version", &version, &["version", "2", "expected"]),
         ("a truncated body", &saved[..saved.len() - 5], &["bytes", "expected"]),
         ("a longer body", &longer, &["bytes", "expected"]),
     ];
