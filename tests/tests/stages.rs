@@ -417,6 +417,31 @@ fn invalid_vectors_are_counted_and_blended() {
     assert_silent();
 }
 
+/// What follows a vector is blended in the log, where a change does not bend. What has none is blended in linear light.
+#[test]
+fn a_change_needs_substeps_where_a_vector_is_invalid() {
+    let size = (45, 37);
+    let mut frames = scene(SceneKind::Lamp, size, &times(0, 8), HdrFormat::F32x4, MotionFormat::F32x2);
+    for frame in &mut frames.frames {
+        let motion = frame.motion.as_mut().expect("the scene has motion");
+        let pixel = 20 * 45 + 30;
+        motion[8 * pixel..8 * pixel + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    }
+    let sensor = sensor(size, Synthesis::Motion, Taps::Cubic, Intensity::Luminance);
+    let cameras = [(sensor, frames)];
+    let steps = &engine_of_many(&cameras, keep())[0];
+    let mut with_change = 0;
+    for (interval, step) in oracle(&cameras[0].0, 0, &cameras[0].1).iter().zip(steps) {
+        let cut: Vec<u32> = interval.substeps_per_block.iter().copied().filter(|&n| n > 1).collect();
+        assert!(cut.len() <= 1, "{cut:?} sub-steps in blocks, expected one block with more than one");
+        with_change += cut.len();
+        let expected: u64 = interval.substeps_per_block.iter().map(|&n| u64::from(n)).sum();
+        assert_eq!(step.diagnostics.substeps, expected);
+    }
+    assert!(with_change > 0, "the lamp changes");
+    assert_silent();
+}
+
 #[test]
 fn aps() {
     let size = (31, 22);
