@@ -1,11 +1,12 @@
 """A program that uses event cameras for Newton, MuJoCo, ovrtx and Isaac Lab, for a type checker; it is not run."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import esaac
 from esaac.isaaclab import (
+    EventCamera,
     EventCameraCfg,
     EventReading,
     EventRendererCfg,
@@ -16,9 +17,6 @@ from esaac.isaaclab import (
 from esaac.mujoco import EventCamera as MujocoCamera
 from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
 from esaac.ovrtx import EventCamera as OvrtxCamera
-
-if TYPE_CHECKING:
-    from esaac.isaaclab.camera import EventCamera
 
 
 def newton(model: Any, state: Any) -> None:

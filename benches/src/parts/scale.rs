@@ -56,7 +56,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
          is a clean sensor with ever lower thresholds on `flight`; its packets go to the host, whose bus then bounds \
          `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
          at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile `noisy`, \
-         in each of which a sixteenth moves by 2 px; packets stay on the device. The exponent is that of time over the last half \
+         in each of which a sixteenth moves by 2 px; packets stay on the device. `moving share, physical` has the preset's \
+         physical pixel with its noise. The exponent is that of time over the last half \
          of the points (1: proportional, 0: does not matter). Stages are stamped, which costs a microsecond each.",
     );
     let mut sweeps = Vec::new();
@@ -217,6 +218,11 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         let sensor = SensorModel { width, height, shot_noise_rate_hz: value, ..own };
         Case { value, sensor, cameras, feed: Kind::Scene(SceneKind::Still), packets: PacketPlace::Owned }
     };
+    // The share of rows that move, with the preset's physical pixel and its noise.
+    let physical = |moving: f64| {
+        let sensor = SensorModel { width: size.0, height: size.1, ..clean("vga").with_preset_pixel() };
+        on_pattern(100.0 * moving, sensor, Pattern { moving, ..pattern })
+    };
     let noises_hz: &[f64] = if quick { &[0.0, 5.0] } else { &[0.0, 0.1, 1.0, 5.0, 20.0] };
     let small_cameras = if software { 2 } else { 256 };
     let environment = |&cameras: &usize| {
@@ -244,6 +250,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         ),
         ("environments", "environments", environments.iter().map(environment).collect()),
         ("moving share", "% of rows", shares.iter().copied().map(share).collect()),
+        ("moving share, physical", "% of rows", shares.iter().copied().map(physical).collect()),
     ]
 }
 
@@ -273,7 +280,7 @@ fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
         Series::curve("GPU time", curve(&|t| t.gpu_us.median)),
         Series::curve("floor", curve(&|t| t.floor_us)),
     ];
-    let file = format!("scale_{}", sweep.name.replace([' ', '-'], "_"));
+    let file = format!("scale_{}", sweep.name.replace([' ', '-'], "_").replace(',', ""));
     document.plot(&file, &title, draw(axes, &series)?);
     let head = cells![
         sweep.unit,

@@ -11,8 +11,7 @@ from isaaclab.managers import EventManager, EventTermCfg, SceneEntityCfg
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
 
 import esaac
-from esaac.isaaclab import EventReading, event_frame, outputs, randomize_sensor
-from esaac.isaaclab.camera import EventCamera
+from esaac.isaaclab import EventCamera, EventReading, event_frame, outputs, randomize_sensor
 from esaac.isaaclab.schedule import Schedule
 
 STILL = SceneEntityCfg("still")

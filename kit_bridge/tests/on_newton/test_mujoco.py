@@ -135,7 +135,7 @@ BOUNDS = {
     ("shaken", FRAME_HZ): 0.85,
     ("yard", FRAME_HZ): 0.42,
 }
-"""Still cameras see only what turns, whose sides come into view between two frames, and hard edges."""
+"""Still cameras see only what turns, with texture as fine as their pixels, and hard edges."""
 
 
 @pytest.mark.parametrize(("camera", "frame_hz"), BOUNDS)

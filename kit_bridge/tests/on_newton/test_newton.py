@@ -25,8 +25,14 @@ def cameras(moving, on_link=False, rate_hz=PHYSICS_HZ, **options):
     return EventCameras(moving.model, "dvs128", **options)
 
 
+def on_host(column):
+    return column if isinstance(column, np.ndarray) else column.numpy()
+
+
 def events_of(packets, world):
-    return tuple(np.concatenate([getattr(packet[world], name) for packet in packets]) for name in COLUMNS)
+    return tuple(
+        np.concatenate([on_host(getattr(packet[world], name)) for packet in packets]) for name in COLUMNS
+    )
 
 
 def run(frame_hz, seconds, on_link, synthesis):
@@ -116,8 +122,8 @@ def drawn(moving, state, cameras, directions):
             "depth_image": sensor.utils.create_depth_image_output(WIDTH, HEIGHT),
             "shape_index_image": sensor.utils.create_shape_index_image_output(WIDTH, HEIGHT),
         }
-        places = wp.array(cameras[None], dtype=wp.transformf, device="cpu")
-        sensor.update(state, places, wp.array(rays, dtype=wp.vec3f, device="cpu"), **given)
+        places = wp.array(cameras[None], dtype=wp.transformf, device=moving.model.device)
+        sensor.update(state, places, wp.array(rays, dtype=wp.vec3f, device=moving.model.device), **given)
         albedo, distance, shape = (array.numpy()[world, 0] for array in given.values())
         images.append(((albedo & 255).astype(float), distance, shape, rays[0, ..., 1, :].astype(float)))
     return images
@@ -212,8 +218,9 @@ def test_an_episode_after_a_reset_is_a_fresh_run_bit_for_bit():
             reference = expected[frame - begun[world]][world]
             shift_ns = round(per_frame * begun[world] * EXACT_S * 1e9)
             for name in ("x", "y", "p"):
-                np.testing.assert_array_equal(getattr(packet[world], name), getattr(reference, name))
-            np.testing.assert_array_equal(packet[world].t_ns - shift_ns, reference.t_ns)
+                columns = [on_host(getattr(one, name)) for one in (packet[world], reference)]
+                np.testing.assert_array_equal(*columns)
+            np.testing.assert_array_equal(on_host(packet[world].t_ns) - shift_ns, on_host(reference.t_ns))
         # The fresh run is not longer.
         ends = (random.random(4) < 0.3) | (frame - begun == frames - 1)
         again = np.flatnonzero(ends)

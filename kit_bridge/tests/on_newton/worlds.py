@@ -1,11 +1,14 @@
 """Newton worlds whose bodies move along paths in closed form, so that any moment can be rendered: the truth."""
 
+import os
+
 import newton
 import numpy as np
 import warp as wp
 
 wp.config.quiet = True
 
+DEVICE = os.environ.get("ESAAC_NEWTON_DEVICE", "cpu")
 PHYSICS_HZ, FRAME_HZ, TRUTH_HZ = 240, 30, 960
 WIDTH, HEIGHT, FOCAL_PX = 64, 48, 60.0
 LENS = (FOCAL_PX, FOCAL_PX, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
@@ -59,7 +62,7 @@ def model(worlds):
     one.add_shape_mesh(BOX, mesh=textured(newton.Mesh.create_box(0.4, 0.3, 0.25), 2, 4), color=white)
     together = newton.ModelBuilder()
     together.replicate(one, worlds, spacing=(APART_M, 0.0, 0.0))
-    return together.finalize(device="cpu")
+    return together.finalize(device=DEVICE)
 
 
 def origins(made):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import newton.sensors
 import numpy as np
 import warp as wp
-from newton.sensors import SensorTiledCamera
 
 from esaac import ArgumentError, TiledEventCamera
 from esaac.newton.bodies import WorldBodies
@@ -58,8 +58,8 @@ class EventCameras:
         * `places`: `(7,)` or `(worlds, 7)`, metres and a quaternion x y z w: where a camera is in the axes of its
           body, or in the world. It looks along -z, x right, y up.
         * `bodies`: the body of the model that each camera sits on, one number or `(worlds,)`; -1 is the world.
-        * `tiled_camera`: a `newton.sensors.SensorTiledCamera` with lights and textures of its own. Without it there
-          is one with textures and a light without shadows.
+        * `tiled_camera`: a `newton.sensors.SensorCamera` (Newton 1.7 and later) or `SensorTiledCamera`, with lights
+          and textures of its own. Without it there is one with textures and a light without shadows.
         * `antialiasing`: rays along each axis of a pixel, 1 to 8.
         * `background`: linear red, green and blue of what no ray hits.
         * `limit`: most substeps between two frames of a world.
@@ -72,11 +72,7 @@ class EventCameras:
             raise ArgumentError(f"substep_s is {substep_s}, expected seconds above 0")
         if limit < 1:
             raise ArgumentError(f"limit is {limit}, expected at least 1 substep")
-        if tiled_camera is None:
-            config = SensorTiledCamera.RenderConfig(enable_textures=True, enable_backface_culling=False)
-            tiled_camera = SensorTiledCamera(model, default_render_config=config)
-            tiled_camera.utils.create_default_light(enable_shadows=False)
-        self._tiled_camera = tiled_camera
+        self._tiled_camera = _tiled_camera(model) if tiled_camera is None else tiled_camera
         places = np.asarray(places, np.float64)
         if places.shape not in ((7,), (worlds, 7)):
             raise ArgumentError(f"places have shape {places.shape}, expected (7,) or ({worlds}, 7)")
@@ -142,6 +138,15 @@ class EventCameras:
         chosen = np.zeros(count, np.bool_)
         chosen[numbers.astype(np.int64)] = True
         return chosen
+
+
+def _tiled_camera(model: Any) -> Any:
+    """Newton 1.7 has a new class for it, and deprecates the old one."""
+    kind = getattr(newton.sensors, "SensorCamera", None) or newton.sensors.SensorTiledCamera
+    config = kind.RenderConfig(enable_textures=True, enable_backface_culling=False)
+    camera = kind(model, default_render_config=config)
+    getattr(camera, "utils", camera).create_default_light(enable_shadows=False)
+    return camera
 
 
 def _bodies(given: int | ArrayLike, model: Any) -> NDArray[np.int64]:

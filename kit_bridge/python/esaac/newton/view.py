@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import newton.sensors
 import numpy as np
 import warp as wp
 
@@ -109,17 +110,21 @@ class View:
     def draw(self, sensor: Any, state: Any, cameras: Any, colour: Any = None) -> None:
         """Draws a state as cameras `(1, worlds)` see it, into `colour` or `self.colour`, `self.depth` and `self.ids`.
 
-        `sensor` is a `newton.sensors.SensorTiledCamera`. The model's BVH must fit the state. It only launches
-        kernels, so a CUDA graph may capture it."""
-        sensor.update(
-            state,
-            cameras,
-            self._rays,
-            hdr_color_image=self._colours,
-            forward_depth_image=self._depths,
-            shape_index_image=self._shapes,
-        )
+        `sensor` is a `newton.sensors.SensorCamera` or `SensorTiledCamera`. The model's BVH must fit the state. It
+        only launches kernels, so a CUDA graph may capture it."""
         worlds, height, width = self.depth.shape
+        images = {
+            "hdr_color_image": self._colours,
+            "forward_depth_image": self._depths,
+            "shape_index_image": self._shapes,
+        }
+        rays = self._rays
+        if _has_views(sensor):
+            # A view a world, without an axis for more cameras; and an axis for more rays a pixel.
+            across = width * self._per_pixel
+            images = {name: image.reshape((worlds, height, across)) for name, image in images.items()}
+            cameras, rays = cameras.reshape((worlds,)), rays.reshape((height, across, 1, 2))
+        sensor.update(state, cameras, rays, **images)
         wp.launch(
             _gather,
             (worlds, height, width),
@@ -128,6 +133,12 @@ class View:
             + [self.depth, self.ids],
             device=self._model.device,
         )
+
+
+def _has_views(sensor: Any) -> bool:
+    """Of Newton's two cameras, whether it is the one that came with 1.7."""
+    kind = getattr(newton.sensors, "SensorCamera", None)
+    return kind is not None and isinstance(sensor, kind)
 
 
 def _lens(given: Intrinsics | Sequence[float]) -> Intrinsics:
