@@ -111,6 +111,8 @@ fn a_producer_of_version_2_is_served_in_version_2() {
     assert_eq!(producer.client().version(), Version::Two);
     // The camera takes no depth.
     assert_eq!(producer.client().images().geometry, None);
+    // The producer has its ring a moment before the server notes it.
+    until("its ring", || server.connected() == 1);
     assert_eq!(
         server.agreements()[0].map(|agreed| (agreed.version, agreed.geometry)),
         Some((Version::Two, false))
