@@ -262,7 +262,7 @@ void cross_sub_tile(
     }
 }
 
-// Passes over rows whose pixels all rest.
+// Passes over rows whose pixels need no walk.
 void rest_rows(Camera cam, uint rows, uint first_block, uint n, bool counts) {
     if (gl_LocalInvocationID.x == 0u) {
         atomicOr(blocks[first_block].z, rows);

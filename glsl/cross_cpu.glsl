@@ -19,6 +19,10 @@ layout(local_size_x = CROSS_THREADS, local_size_x_id = THREADS_ID) in;
 #define MAY_BIN_BY_SAMPLE AT_SAMPLE
 #define WALKS_SUSPEND EFFECT_SHOT
 
+// Pixels that pass an interval in still light do so row by row, before the others are walked: a branch that they take in the
+// walk would spare nothing.
+const bool PASSES_IN_WALK = false;
+
 #include "frame_load_by_texel.glsl"
 #include "udiv_float.glsl"
 
@@ -96,6 +100,60 @@ void catch_up_sub_tiles(Camera cam, uvec2 first) {
     } while (sub_tile < OWN_SUB_TILES);
 }
 
+#ifdef PHYSICAL
+// A bit for each of the workgroup's sub-tiles that is to be walked.
+shared uint walks;
+
+// Levels of both frames at a pixel, as they are in the planes.
+ivec2 frame_levels(Camera cam, uvec2 at) {
+    const Frames frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
+    const uint word = frame_word(cam, has_half_pel_frames(), ivec2(at));
+    return ivec2(to_q24(load_plane(frames.previous + word)), to_q24(load_plane(frames.current + word)));
+}
+
+// Lets each sub-tile of a still tile pass the interval whose pixels all can; `first` is this thread's pixel of the first.
+// Returns which are left, a bit for each.
+uint pass_sub_tiles(Camera cam, TileBlocks tile, uint first_sub_tile, uvec2 first, uint n) {
+    uint activity = 0u;
+    [[unroll]] for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+        activity |= neighbourhood_motion[b] | own_change[b];
+    }
+    const bool is_still = activity == 0u;
+    if (gl_LocalInvocationID.x == 0u) {
+        walks = is_still ? 0u : (1u << OWN_SUB_TILES) - 1u;
+    }
+    barrier();
+    uint sub_tile = is_still ? 0u : OWN_SUB_TILES - 1u;
+    uint passed_rows = 0u;
+    do {
+        const uvec2 at = first + uvec2(0u, sub_tile * SUB_TILE_ROWS);
+        const uint pixel = at.y * cam.width + at.x;
+        const uint rows = rows_of(first_sub_tile + sub_tile, 1u);
+        // An earlier attempt at this tick may have done some.
+        const bool is_left = is_still && (tile.rows_done & rows) != rows;
+        const bool inside = is_left && at.x < cam.width && at.y < cam.height;
+        PixelState p;
+        if (inside) {
+            p = load_pixel(cam, pixel);
+            const ivec2 levels = frame_levels(cam, at);
+            if (n != 1u || !is_armed(p) || levels.x != levels.y || !pass_interval(cam, pixel, levels.x, p)) {
+                atomicOr(walks, 1u << sub_tile);
+            }
+        }
+        barrier();
+        if (is_left && ((walks >> sub_tile) & 1u) == 0u) {
+            passed_rows |= rows;
+            if (inside) {
+                store_pixel(cam, pixel, p);
+            }
+        }
+        sub_tile += 1u;
+    } while (sub_tile < OWN_SUB_TILES);
+    rest_rows(cam, passed_rows, tile.first_block, n, first_sub_tile == 0u && (passed_rows & 1u) != 0u);
+    return walks;
+}
+#endif
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     const uint in_order = gl_WorkGroupID.x * OWN_SUB_TILES / SUB_TILES;
@@ -143,10 +201,23 @@ void main() {
         list_layers(cam);
     }
     uint done = 0u;
+#ifdef PHYSICAL
+    uint left = 0xffffffffu;
+    if (PASSES_STILL && !QUEUE_OVERFLOWED) {
+        left = pass_sub_tiles(cam, tile, first_sub_tile, first, n);
+        if (left == 0u) {
+            return;
+        }
+        done = uint(findLSB(left));
+        // Ends the search for the next one.
+        left |= 1u << OWN_SUB_TILES;
+    }
+#endif
+    const uint first_y = corner.y;
     do {
         const uint sub_tile = first_sub_tile + done;
         if (done != 0u) {
-            corner.y += SUB_TILE_ROWS;
+            corner.y = first_y + done * SUB_TILE_ROWS;
             barrier();
             if (gl_LocalInvocationID.x == 0u) {
                 queue_count = 0u;
@@ -171,5 +242,8 @@ void main() {
             cross_sub_tile(cam, rows, tile.first_block, n, in_image && !row_done, counts, before, s);
         }
         done += 1u;
+#ifdef PHYSICAL
+        done += uint(findLSB(left >> done));
+#endif
     } while (done < OWN_SUB_TILES);
 }

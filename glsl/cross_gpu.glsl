@@ -17,6 +17,9 @@ layout(local_size_x = CROSS_THREADS) in;
 const bool MAY_BIN_BY_SAMPLE = true;
 const bool WALKS_SUSPEND = false;
 
+// Whether pixels that pass an interval in still light do so one by one, in the walk of a sub-tile.
+const bool PASSES_IN_WALK = true;
+
 #include "frame_load_by_address.glsl"
 #include "udiv_native.glsl"
 #include "subgroup_atomic.glsl"

@@ -41,6 +41,10 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
+    if (PASSES_STILL && PASSES_IN_WALK && n == 1u && active_pixel && to_q24(s.log_current) == first_q24
+        && pass_interval(cam, pixel, first_q24, p)) {
+        return 0.0;
+    }
     synthesize_all(cam, s, n);
     if (!active_pixel) {
         silence(p, first_q24);
@@ -53,5 +57,8 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
         }
     } while (WALKS_SUSPEND && walk_goes_on(n, w));
     end_walk(cam, w, p);
+    if (n == 1u && level_of_substep(1u) == first_q24) {
+        settle(p);
+    }
     return w.exposed;
 }

@@ -45,10 +45,9 @@ struct Hazard {
 };
 
 // Hazards from the share `start` to `end` of the part, over which the mean of the noise goes by `mean_rise`. They are those
-// at the middle; the nearer threshold's grows or falls exponentially from there.
-Hazard stretch_hazard(Camera cam, float start, float end, float mean_rise, PixelState p, Walk w) {
+// at the middle, where `law` holds; the nearer threshold's grows or falls exponentially from there.
+Hazard stretch_hazard(Camera cam, Law law, float start, float end, float mean_rise, PixelState p, Walk w) {
     const float middle = 0.5 * (start + end);
-    const Law law = law_at(cam, p, w, middle);
     if (!(end > start) || law.deviation <= 0.0) {
         return Hazard(0.0, 0.0, 0.0);
     }
@@ -80,6 +79,11 @@ Hazard stretch_hazard(Camera cam, float start, float end, float mean_rise, Pixel
 float spent_share(Hazard hazard, float clock) {
     const float spent = clock / (hazard.off + hazard.on);
     return abs(hazard.growth) < 0.01 ? spent : log(fma(spent, exp(hazard.growth) - 1.0, 1.0)) / hazard.growth;
+}
+
+// Hazard that is left until the clock has run out.
+float clock_left(uint clock) {
+    return float(clock) * (1.0 / float(1u << HAZARD_FRACTION_BITS));
 }
 
 // Spends hazard that the clock has.
@@ -132,8 +136,10 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const float watched = stretch.end > stretch.start
         ? (end - stretch.start) / (stretch.end - stretch.start)
         : 0.0;
-    const Hazard hazard = stretch_hazard(cam, stretch.start, end, watched * (law.mean - w.mean), p, w);
-    const float clock = float(p.clock) * (1.0 / float(1u << HAZARD_FRACTION_BITS));
+    const Law middle_law = law_at(cam, p, w, 0.5 * (stretch.start + end));
+    const Hazard hazard =
+        stretch_hazard(cam, middle_law, stretch.start, end, watched * (law.mean - w.mean), p, w);
+    const float clock = clock_left(p.clock);
     const bool runs_out = clock < hazard.off + hazard.on;
     if (hurries && (rises || falls || runs_out || hazard.off + hazard.on > SMALL_HAZARD)) {
         w.hurries = false;

@@ -11,8 +11,8 @@ uint next_end(Camera cam, uint n, uint end_ns, inout uint over) {
     return end_ns + whole_ns + (carries ? 1u : 0u);
 }
 
-// Begins a walk of `n` sub-steps. `level` is that at the interval's start, as it is in the planes.
-Walk begin_walk(Camera cam, uint pixel, uint n, int level, inout PixelState p) {
+// A walk at the interval's start, before any draw. `level` is that at the start, as it is in the planes.
+Walk walk_at_start(Camera cam, int level, PixelState p) {
     Walk w;
     w.substep = 0u;
     w.end = 0u;
@@ -47,6 +47,12 @@ Walk begin_walk(Camera cam, uint pixel, uint n, int level, inout PixelState p) {
     w.drawn = 0u;
     w.raw = level;
     w.exposed = 0.0;
+    return w;
+}
+
+// Begins a walk of `n` sub-steps.
+Walk begin_walk(Camera cam, uint pixel, uint n, int level, inout PixelState p) {
+    Walk w = walk_at_start(cam, level, p);
     draws_missing = false;
     if (EFFECT_SHOT && !w.is_held && !p.silent) {
         w.words = WALKS_SUSPEND ? draw(cam, pixel, STREAM_CLOCK, p.events).yz : uvec2(0u);
@@ -118,6 +124,12 @@ void begin_part(Camera cam, inout PixelState p, inout Walk w) {
     w.now = start;
 }
 
+// Takes the pixel to the end of a part that has been watched.
+void end_part(Part part, inout PixelState p) {
+    p.phase = clamp(p.phase + part.turned, 0.0, MOST_PHASE);
+    p.reference -= part.leaked;
+}
+
 // Whether a walk of `n` sub-steps has not come to its end.
 bool walk_goes_on(uint n, Walk w) {
     return !(w.is_over && w.part.end == w.end && w.substep == n) && walks_on(w.ordinal);
@@ -147,14 +159,18 @@ void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w) {
                 w.is_over = !needs_draw();
             }
             if (w.is_over) {
-                p.phase = clamp(p.phase + w.part.turned, 0.0, MOST_PHASE);
-                p.reference -= w.part.leaked;
+                end_part(w.part, p);
             }
         }
     } while (walk_goes_on(n, w) && !needs_draw());
 }
 
+// What an interval that ends at `end` leaves of the time of a release.
+int release_after(int release_ns, uint end) {
+    return max(release_ns - int(end), -LONGEST_NS);
+}
+
 void end_walk(Camera cam, Walk w, inout PixelState p) {
     p.events += w.ordinal;
-    p.release_ns = max(p.release_ns - int(w.end), -LONGEST_NS);
+    p.release_ns = release_after(p.release_ns, w.end);
 }

@@ -9,7 +9,7 @@
 // A sub-step is cut into parts (physical_part.glsl), over which the photoreceptor is taken at once. A part is cut into
 // stretches, in which the watched level (output, leak and noise) only rises or only falls: those of a pixel without
 // noise are in physical_quiet.glsl, those of one with noise in physical_noisy.glsl. An event or a release begins a new
-// stretch.
+// stretch. What needs no walk in still light is in physical_still.glsl.
 
 // Level at the end of sub-step `i`, which counts from 1, as it is in the planes.
 int level_of_substep(uint i);
@@ -40,6 +40,8 @@ struct PixelState {
     uint events;
     // Whether it never had a valid colour.
     bool silent;
+    // Whether it has passed the interval without a walk.
+    bool passed;
 };
 
 PixelState load_pixel(Camera cam, uint pixel) {
@@ -59,6 +61,7 @@ PixelState load_pixel(Camera cam, uint pixel) {
     p.clock = load_state(cam, pixel, STATE_CLOCK);
     p.events = load_state(cam, pixel, STATE_EVENTS);
     p.silent = false;
+    p.passed = false;
     return p;
 }
 
@@ -73,15 +76,17 @@ void store_pixel(Camera cam, uint pixel, PixelState p) {
     if (EFFECT_LEAK) {
         store_state(cam, pixel, STATE_FRACTION, p.fraction);
     }
-    store_state(cam, pixel, STATE_EXCESS, floatBitsToUint(p.excess));
-    store_state(cam, pixel, STATE_LAG, floatBitsToUint(p.lag));
-    store_state(cam, pixel, STATE_NOISE, floatBitsToUint(p.noise));
     store_state(cam, pixel, STATE_PHASE, floatBitsToUint(p.phase));
     store_state(cam, pixel, STATE_RELEASE, uint(p.release_ns));
     if (EFFECT_SHOT) {
         store_state(cam, pixel, STATE_CLOCK, p.clock);
     }
-    store_state(cam, pixel, STATE_EVENTS, p.events);
+    if (!p.passed) {
+        store_state(cam, pixel, STATE_EXCESS, floatBitsToUint(p.excess));
+        store_state(cam, pixel, STATE_LAG, floatBitsToUint(p.lag));
+        store_state(cam, pixel, STATE_NOISE, floatBitsToUint(p.noise));
+        store_state(cam, pixel, STATE_EVENTS, p.events);
+    }
 }
 
 float nepers(int q24) {
@@ -143,3 +148,4 @@ struct Walk {
 #include "physical_quiet.glsl"
 #include "physical_noisy.glsl"
 #include "physical_walk.glsl"
+#include "physical_still.glsl"

@@ -1,9 +1,9 @@
-//! Pixels at rest: where light is still, pixels whose noise cannot send anything are passed over. Packets and counts are
-//! those of rigs that walk every pixel.
+//! Pixels at rest: where light is still, pixels whose noise cannot send anything are passed over, and settled physical
+//! pixels pass an interval in closed form. Packets and counts are those of rigs that walk every pixel.
 
 use esaac_engine::{KernelPolicy, Resting, Rig, RigOptions};
-use esaac_layout::CrossConstants;
-use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
+use esaac_layout::{CrossConstants, PhysicalWord};
+use esaac_model::{HdrFormat, Intensity, MotionFormat, Pixel, SensorModel, SubstepPolicy, Synthesis, Taps};
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Frame, Sequence};
 use esaac_tests::run::{Step, rig, step};
@@ -117,7 +117,7 @@ fn policies() -> Vec<KernelPolicy> {
     std::iter::once(KernelPolicy::gpu()).chain(own).collect()
 }
 
-/// Two rigs of one camera: in one all pixels are walked, in the other they rest whenever they can, or as it chooses.
+/// Two rigs of one camera: in one all pixels are walked, in the other they rest or pass whenever they can, or as it chooses.
 struct Pair {
     sequence: Sequence,
     walked: Rig,
@@ -125,8 +125,7 @@ struct Pair {
 }
 
 impl Pair {
-    fn rig(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy, resting: Resting) -> Rig {
-        let policy = KernelPolicy { resting, ..policy };
+    fn rig(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Rig {
         // Event buffers that have to grow.
         rig(
             sensor,
@@ -136,8 +135,9 @@ impl Pair {
     }
 
     fn new(sensor: &SensorModel, sequence: Sequence, policy: KernelPolicy, resting: Resting) -> Self {
-        let walked = Pair::rig(sensor, &sequence, policy, Resting::Never);
-        let rested = Pair::rig(sensor, &sequence, policy, resting);
+        let walks = KernelPolicy { resting: Resting::Never, passes_still: false, ..policy };
+        let walked = Pair::rig(sensor, &sequence, walks);
+        let rested = Pair::rig(sensor, &sequence, KernelPolicy { resting, ..policy });
         Pair { sequence, walked, rested }
     }
 
@@ -159,6 +159,15 @@ impl Pair {
         }
     }
 
+    /// Some of the words of state in which the rigs differ: the word, the pixel and both values.
+    fn differing_words(&self) -> Vec<(usize, usize, [u32; 2])> {
+        let [walked, rested] =
+            [&self.walked, &self.rested].map(|rig| rig.words(0, "state").expect("a state"));
+        assert_eq!(walked.len(), rested.len());
+        let both = walked.iter().zip(&rested).enumerate().filter(|(_, (walked, rested))| walked != rested);
+        both.map(|(i, (&walked, &rested))| (i / PIXELS, i % PIXELS, [walked, rested])).take(8).collect()
+    }
+
     /// Words of saved state in which the rigs differ, besides the words of rest themselves.
     fn words_behind(&self) -> usize {
         let [walked, rested] = [&self.walked, &self.rested].map(|rig| body(&rig.save().expect("a state")));
@@ -176,11 +185,16 @@ fn body(saved: &[u8]) -> Vec<u8> {
 
 /// Whether a permutation of `cross` in which pixels rest (`rests`), or all are walked, has been compiled.
 fn has_kernel(rig: &Rig, rests: bool) -> bool {
-    let word = CrossConstants::LIST.constants.iter().position(|c| c.field == "pixels_rest");
+    has_constant(rig, "pixels_rest", rests)
+}
+
+/// Whether a permutation of `cross` in which this constant has this value has been compiled.
+fn has_constant(rig: &Rig, field: &str, value: bool) -> bool {
+    let word = CrossConstants::LIST.constants.iter().position(|c| c.field == field);
     let word = word.expect("a constant of `cross`");
     rig.permutations_compiled()
         .iter()
-        .any(|(name, words)| name.starts_with("cross") && words[word] == u32::from(rests))
+        .any(|(name, words)| name.starts_with("cross") && words[word] == u32::from(value))
 }
 
 #[test]
@@ -294,6 +308,108 @@ fn a_rig_chooses_by_what_has_moved() {
         }
         assert_eq!(rested, [false, true, true, false, false, false, false, true, true]);
         assert!(has_kernel(&pair.rested, true) && has_kernel(&pair.rested, false));
+        drop(pair);
+        assert_silent();
+    }
+}
+
+/// A physical pixel with every effect, between 2 and 130 lux.
+fn physical() -> SensorModel {
+    SensorModel {
+        pixel: Pixel::Physical,
+        refractory_ns: 200_000,
+        leak_rate_hz: -0.4,
+        leak_per_lux_hz: 0.002,
+        dark_spread_log: 0.3,
+        photoreceptor_charge_e: 150.0,
+        lux_per_unit: 100.0,
+        ..quiet()
+    }
+}
+
+/// The sensors whose settled pixels pass: with every effect, in the dark, without noise, and with nothing but the light.
+fn settling() -> [SensorModel; 4] {
+    let plain = SensorModel {
+        contrast_mismatch: 0.0,
+        refractory_ns: 0,
+        leak_rate_hz: 0.0,
+        leak_per_lux_hz: 0.0,
+        dark_spread_log: 0.0,
+        ..physical()
+    };
+    [
+        physical(),
+        SensorModel { lux_per_unit: 0.1, contrast_on: 0.25, contrast_off: 0.25, ..physical() },
+        SensorModel { noise_gain: 0.0, ..physical() },
+        SensorModel { noise_gain: 0.0, ..plain },
+    ]
+}
+
+/// Pixels whose photoreceptor has settled for good, which a pixel that passes has.
+fn settled(rig: &Rig) -> usize {
+    let words = rig.words(0, "state").expect("a rig that is not lost");
+    let [excess, lag] =
+        [PhysicalWord::Excess, PhysicalWord::Lag].map(|word| &words[word as usize * PIXELS..][..PIXELS]);
+    excess.iter().zip(lag).filter(|&(&excess, &lag)| excess | lag == 0).count()
+}
+
+#[test]
+fn settled_physical_pixels_pass_as_if_they_were_walked() {
+    let frames = 90;
+    for (sensor, policy) in policies().into_iter().flat_map(|p| settling().map(|s| (s, p))) {
+        let mut pair = Pair::new(&sensor, patches(frames), policy, Resting::WherePaid);
+        let (mut sent, mut most_settled) = (0, 0);
+        for index in 0..frames {
+            sent += pair.step(index).packet.len();
+            let differing = pair.differing_words();
+            assert!(differing.is_empty(), "frame {index}: {differing:?} of {sensor:?}");
+            most_settled = most_settled.max(settled(&pair.rested));
+        }
+        println!("{sent} events, up to {most_settled} of {PIXELS} pixels settled");
+        assert!(sent > 1000, "{sent} events of {sensor:?}");
+        assert!(most_settled > PIXELS / 2, "{most_settled} pixels of {sensor:?} settled");
+        assert!(!has_constant(&pair.walked, "passes_still", true), "all are walked");
+        assert!(!has_constant(&pair.rested, "passes_still", false), "settled ones pass");
+        drop(pair);
+        assert_silent();
+    }
+}
+
+#[test]
+fn what_happens_to_a_camera_finds_settled_physical_pixels_up_to_date() {
+    let frames = 100;
+    for policy in policies() {
+        let mut pair = Pair::new(&physical(), patches(frames), policy, Resting::WherePaid);
+        let mut sent = 0;
+        for index in 0..frames {
+            match index {
+                15 => pair.change(|sensor| sensor.contrast_on *= 0.7),
+                25 => pair.change(|sensor| sensor.leak_rate_hz = 0.5),
+                35 => {
+                    // Each goes on with the state of the other.
+                    let [walked, passed] =
+                        [&pair.walked, &pair.rested].map(|rig| rig.save().expect("a state"));
+                    pair.walked.restore(&passed).expect("a state of such a rig");
+                    pair.rested.restore(&walked).expect("a state of such a rig");
+                }
+                45 => pair.change(|sensor| sensor.temperature_c = 60.0),
+                55 => pair.change(|sensor| sensor.photoreceptor_charge_e = 90.0),
+                65 => pair.change(|sensor| (sensor.noise_gain, sensor.refractory_ns) = (0.0, 0)),
+                75 => pair.change(|sensor| (sensor.noise_gain, sensor.refractory_ns) = (1.0, 40_000_000)),
+                // While there are APS frames, or the lamp flickers, all are walked.
+                80 => pair.change(|sensor| sensor.aps_exposure_ns = 1_000_000),
+                84 => pair.change(|sensor| (sensor.aps_exposure_ns, sensor.flicker_depth) = (0, 0.3)),
+                88 => pair.change(|sensor| sensor.flicker_depth = 0.0),
+                92 => {
+                    pair.walked.reset(0).expect("a camera");
+                    pair.rested.reset(0).expect("a camera");
+                }
+                _ => {}
+            }
+            sent += pair.step(index).packet.len();
+        }
+        println!("{sent} events");
+        assert!(sent > 2000, "{sent} events");
         drop(pair);
         assert_silent();
     }

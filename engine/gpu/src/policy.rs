@@ -71,6 +71,9 @@ pub struct KernelPolicy {
     pub least_level_rows: u32,
     /// Whether pixels rest.
     pub resting: Resting,
+    /// Whether settled physical pixels in still light that send nothing are taken over an interval in closed form. Without,
+    /// each is walked.
+    pub passes_still: bool,
     /// How many neighbouring pixels must rest for most of the work on them to be spared.
     pub rest_together: u32,
     /// Whether the dispatches of a stage run one after the other, those of `cross` excepted.
@@ -105,6 +108,7 @@ impl KernelPolicy {
             // 8 MiB.
             least_level_rows: 1 << 15,
             resting: Resting::WherePaid,
+            passes_still: true,
             rest_together: TILE_WIDTH_PX * BLOCK_PX,
             serial: false,
         }
@@ -137,6 +141,7 @@ impl KernelPolicy {
             // `cross` synthesises by itself.
             least_level_rows: 0,
             resting: Resting::WherePaid,
+            passes_still: true,
             rest_together: TILE_WIDTH_PX,
             serial: true,
         }

@@ -227,6 +227,8 @@ spec_constants! {
     layers: u32,
     /// Whether pixels in still light are passed over until their noise may send something.
     pixels_rest: bool,
+    /// Whether settled pixels in still light that send nothing are taken over an interval in closed form.
+    passes_still: bool,
 }
 
 spec_constants! {

@@ -102,6 +102,11 @@ pub(super) fn permutation(
             fisheye,
             layers: layers(sensor),
             pixels_rest: camera.knows_rest(rests),
+            passes_still: physical
+                && policy.passes_still
+                && !options.keep_substeps
+                && sensor.aps_exposure_ns == 0
+                && sensor.flicker().is_none(),
         },
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
