@@ -74,5 +74,6 @@ uint block_texture(uint in_tile) {
 // bend the level, but the block is not still.
 uint needed_change(uint in_tile) {
     const uint bits = block_change[in_tile];
-    return !RIGID && SUBSTEPS_BY_ERROR && block_invalid_motion[in_tile] == 0u ? min(bits, floatBitsToUint(1e-12)) : bits;
+    const bool follows = !RIGID && SUBSTEPS_BY_ERROR && block_invalid_motion[in_tile] == 0u;
+    return follows ? min(bits, floatBitsToUint(1e-12)) : bits;
 }

@@ -10,12 +10,12 @@
 const uint SUB_TILE_ROWS = gl_WorkGroupSize.x / TILE_WIDTH_PX;
 const uint SUB_TILES = uint(BLOCK_PX) / SUB_TILE_ROWS;
 
-// Largest motion in each block of the tile and the blocks around it, and the block's own change. Along exact paths, vectors
-// count there only where there is no path.
+// Largest motion in each block of the tile and the blocks around it, and the block's own change. Along exact paths,
+// vectors count there only where there is no path.
 shared uint neighbourhood_motion[TILE_BLOCKS];
 shared uint own_change[TILE_BLOCKS];
-// Along exact paths: the largest motion of what passes each block; what of it the textures around need; and a bit for each
-// block whose sub-steps are by speed, because it has a silhouette or one passes it.
+// Along exact paths: the largest motion of what passes each block; what of it the textures around need; and a bit for
+// each block whose sub-steps are by speed, because it has a silhouette or one passes it.
 shared uint longest_way[RIGID ? TILE_BLOCKS : 1u];
 shared uint needed_way[RIGID ? TILE_BLOCKS : 1u];
 shared uint by_speed;
@@ -58,7 +58,8 @@ uint passing_motion(Camera cam, uint b) {
     return passing_word(cam, b, 1u);
 }
 
-// Notes what a block of a frame, around or at the tile's `b`th block (`is_own`), says about sub-steps along exact paths.
+// Notes what a block of a frame, around or at the tile's `b`th block (`is_own`), says about sub-steps along exact
+// paths.
 void note_texture(Camera cam, uint b, uint of_texture, bool is_own) {
     if ((of_texture & HAS_TEXTURE) != 0u) {
         const float way_px = uintBitsToFloat(passing_motion(cam, b));

@@ -34,8 +34,8 @@ pub const MAX_SUBSTEPS: u32 = 64;
 /// Number of sub-steps of a block. `motion_px` is the largest finite motion vector of both frames in the 3x3 blocks
 /// around it, or 0 for a synthesis without motion; or [`by_error`] the largest [`needed_motion_px`] of these blocks.
 /// `change_log` is the largest `|L_k - L_{k-1}|` in the block itself; by error it counts only if the block has an invalid
-/// vector in frame k, since what follows a vector is blended in the log, where a change does not bend. Along exact paths
-/// both are as [`motion_on_way_px`] says.
+/// vector in frame k, since what follows a vector is blended in the log, where a change does not bend. Along exact
+/// paths both are as [`motion_on_way_px`] says.
 /// A lamp's flicker needs [`least_substeps`] everywhere.
 /// The caller gives [`Synthesis::None`](crate::Synthesis::None) one sub-step in place of this.
 #[must_use]
@@ -52,8 +52,8 @@ pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, inte
 }
 
 /// Whether sub-steps follow how far levels bend along their motion. The level between two frames must be the texture of
-/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], in the one plane that a pixel sees, with taps that see
-/// as much as the bend.
+/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], in the one plane that a pixel sees, with taps that
+/// see as much as the bend.
 #[must_use]
 pub fn by_error(sensor: &SensorModel) -> bool {
     sensor.substep_error_ns > 0
@@ -149,8 +149,8 @@ pub struct BlockWay {
 /// By error along exact paths: motion as a block's number of sub-steps needs it for a texture that passes it, pixels.
 ///
 /// A path may be bent and come back to where it began. So the texture counts by the length of the way `s`, in whichever
-/// direction it bends most, and a bent way bends the level on a slope too: with the texture's bend `B` and slope `G` and the
-/// way's bend `a`
+/// direction it bends most, and a bent way bends the level on a slope too: with the texture's bend `B` and slope `G` and
+/// the way's bend `a`
 /// ```text
 /// bend  = B s^2 + G a
 /// slope = G s
@@ -166,10 +166,10 @@ pub fn needed_on_way_px(sensor: &SensorModel, texture: BlockTexture, way: BlockW
 }
 
 /// Motion of a block along exact paths as its number of sub-steps needs it, pixels; 0 if nothing that passes it moves.
-/// `needed_px` is the largest [`needed_on_way_px`] of the textures of the 3x3 blocks around it in both frames, as far as they
-/// have no silhouette. `None` is by speed: for a block with a silhouette in either frame, or which one from elsewhere passes.
-/// Motion is then the longest way, and a change counts. By error it does not count: along a path a level is blended in the
-/// log. But a block needs at most what its way and `change_log` give it by speed.
+/// `needed_px` is the largest [`needed_on_way_px`] of the textures of the 3x3 blocks around it in both frames, as far as
+/// they have no silhouette. `None` is by speed: for a block with a silhouette in either frame, or which a surface of such a
+/// block passes. Motion is then the longest way, and a change counts. By error it does not count: along a path a level is
+/// blended in the log. But a block needs at most what its way and `change_log` give it by speed.
 #[must_use]
 pub fn motion_on_way_px(way: BlockWay, needed_px: Option<f64>, change_log: f64, interval_ns: u32) -> f64 {
     let Some(needed_px) = needed_px.filter(|_| way.way_px > 0.0) else { return way.way_px };
@@ -291,7 +291,8 @@ mod tests {
         let both = needed(texture(1.28 / 100.0, 0.2), way(10.0, 3.0 * 6.4));
         assert!((both - 8.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
 
-        let motion_px = |way_px, needed_px, change| motion_on_way_px(way(way_px, 0.0), needed_px, change, 20_000_000);
+        let motion_px =
+            |way_px, needed_px, change| motion_on_way_px(way(way_px, 0.0), needed_px, change, 20_000_000);
         assert_eq!(motion_px(9.0, Some(2.0), 0.0), 2.0);
         assert_eq!(motion_px(9.0, None, 0.0), 9.0, "by speed");
         assert_eq!(motion_px(1.5, Some(2.0), 0.0), 1.5, "no more than by speed");

@@ -176,8 +176,8 @@ fn logs(sensor: &SensorModel, image: &Image) -> Vec<f64> {
     image.planes(sensor.intensity)[0].iter().map(|s| (s + sensor.log_offset).ln()).collect()
 }
 
-/// First differences of a frame's levels at a pixel, along x and y, and second ones, `xx`, `xy` and `yy`. Beyond the image
-/// it repeats its border.
+/// First differences of a frame's levels at a pixel, along x and y, and second ones, `xx`, `xy` and `yy`. Beyond the
+/// image it repeats its border.
 fn differences(levels: &[f64], (width, height): (usize, usize), pixel: usize) -> ([f64; 2], [f64; 3]) {
     let (x, y) = ((pixel % width) as i64, (pixel / width) as i64);
     let log = |dx: i64, dy: i64| {

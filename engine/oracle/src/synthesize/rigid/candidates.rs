@@ -152,8 +152,8 @@ impl Interval<'_> {
         a.id == b.id && apart_px(0) < MERGE_PX && apart_px(1) < MERGE_PX
     }
 
-    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and what passes each
-    /// block. `silhouettes` is what [`Interval::silhouettes`] says of both key frames.
+    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and what passes
+    /// each block. `silhouettes` is what [`Interval::silhouettes`] says of both key frames.
     #[must_use]
     pub fn candidates(&self, silhouettes: &[Vec<bool>; 2]) -> (Vec<Vec<Candidate>>, Vec<Passing>) {
         let size = self.keys[0].size;
@@ -231,9 +231,8 @@ impl Interval<'_> {
     #[must_use]
     pub fn silhouettes(&self, key: usize) -> Vec<bool> {
         let (width, height) = self.keys[key].size;
-        let corners = (0..height)
-            .step_by(BLOCK_PX)
-            .flat_map(|y| (0..width).step_by(BLOCK_PX).map(move |x| (x, y)));
+        let corners =
+            (0..height).step_by(BLOCK_PX).flat_map(|y| (0..width).step_by(BLOCK_PX).map(move |x| (x, y)));
         corners.map(|corner| self.has_silhouette(key, corner)).collect()
     }
 
@@ -289,7 +288,8 @@ impl Interval<'_> {
 fn way(places: &[Option<DVec2>]) -> BlockWay {
     let steps = places.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).length()));
     let way_px: f64 = steps.sum();
-    let bends = places.windows(3).filter_map(|three| Some((three[0]? - 2.0 * three[1]? + three[2]?).length()));
+    let bends =
+        places.windows(3).filter_map(|three| Some((three[0]? - 2.0 * three[1]? + three[2]?).length()));
     let bend_px = bends.fold(0.0, f64::max) * ((KNOTS - 1) * (KNOTS - 1)) as f64;
     BlockWay { way_px: if way_px < REST_PX { 0.0 } else { way_px }, bend_px }
 }

@@ -165,7 +165,18 @@ impl<'a> Rigid<'a> {
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
-        Rigid { scene, times_ns, log_offset, taps, parallax_px_m, keys, candidates, passing, silhouettes, half_pels }
+        Rigid {
+            scene,
+            times_ns,
+            log_offset,
+            taps,
+            parallax_px_m,
+            keys,
+            candidates,
+            passing,
+            silhouettes,
+            half_pels,
+        }
     }
 
     /// The poses at `fraction` of the interval.
