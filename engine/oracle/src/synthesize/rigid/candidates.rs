@@ -199,9 +199,8 @@ impl Interval<'_> {
         let mut candidates: Vec<Vec<Surface>> = vec![Vec::new(); columns * rows];
         let mut passing = vec![Passing::default(); columns * rows];
         for (key, silhouettes) in silhouettes.iter().enumerate() {
-            for block in 0..columns * rows {
+            for (block, &has_silhouette) in silhouettes.iter().enumerate() {
                 let corner = (block % columns * BLOCK_PX, block / columns * BLOCK_PX);
-                let has_silhouette = silhouettes[block];
                 for pixel in self.block_surfaces(key, corner) {
                     let Some(surface) = self.surface(key, pixel) else { continue };
                     let places = self.places(key, pixel);
