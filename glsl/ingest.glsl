@@ -220,6 +220,9 @@ void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, v
 // Whether a pixel of the tile has an exact path.
 bool shows_surface(ivec2 at);
 
+// A bit for each block of the tile: whether it has a silhouette, pixels that are not inner. For synthesis `rigid`.
+shared uint silhouettes;
+
 // Loads a pixel of the tile or its apron; `channel` is the first component that the workgroup takes.
 void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inout BlockStats stats) {
     const ivec2 at = tile_origin + in_tile;
@@ -289,11 +292,19 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
 #include "ingest_meetings.glsl"
 #include "ingest_bends.glsl"
 
+// What else `cross` must know of a block: where motions meet in it, or its texture.
+uint further_word(uint in_tile) {
+    if (RIGID) {
+        return SUBSTEPS_BY_ERROR ? block_texture(in_tile) : 0u;
+    }
+    return LAYERED ? pair_word(in_tile) : 0u;
+}
+
 // Writes a block's statistics.
 void write_block(Camera cam, uint in_tile) {
     const uint block = (uint(tile_origin.y) / BLOCK_PX) * cam.blocks_x + uint(tile_origin.x) / BLOCK_PX + in_tile;
     blocks[cam.block_base + cam.frame_slot * cam.blocks + block] =
-        uvec4(needed_motion(cam, in_tile), needed_change(in_tile), 0u, LAYERED ? pair_word(in_tile) : 0u);
+        uvec4(needed_motion(cam, in_tile), needed_change(in_tile), 0u, further_word(in_tile));
     const uint counter = 2u * cam.slot + cam.frame_slot;
     if (block_invalid[in_tile] != 0u) {
         atomicAdd(counters[counter].invalid_pixels, block_invalid[in_tile]);
@@ -480,7 +491,7 @@ void main() {
         barrier();
         mark_meetings(cam);
     }
-    if (SUBSTEPS_BY_ERROR && channel == 0u && cam.has_motion != 0u) {
+    if (SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u)) {
         note_bends(cam);
         barrier();
     }

@@ -1,5 +1,6 @@
-// How far the levels of a tile's blocks bend along their motion, where sub-steps follow that (SUBSTEPS_BY_ERROR). Twin of
-// the model crate's `needed_motion_px`. Needs the tile cache of ingest.glsl, with its apron, and what it knows of blocks.
+// How far the levels of a tile's blocks bend along their motion, where sub-steps follow that (SUBSTEPS_BY_ERROR); for
+// synthesis `rigid` in any direction, since `cross` knows the way. Twin of the model crate's `needed_motion_px` and
+// `BlockTexture`. Needs the tile cache of ingest.glsl, with its apron, and what it knows of blocks.
 
 // Largest in each block, as the bits of floats.
 shared uint block_bend[TILE_BLOCKS];
@@ -10,10 +11,10 @@ void begin_bends(uint in_tile) {
     block_slope[in_tile] = 0u;
 }
 
-// Bend and slope of the level at `in_tile` along its vector.
+// Bend and slope of the level at `in_tile` along its vector; for synthesis `rigid` the largest, for a pixel of motion.
 vec2 bend_and_slope(ivec2 in_tile) {
     const uint centre = cache_index(tile_origin + in_tile);
-    const vec2 m = cached_motion[centre];
+    const vec2 m = RIGID ? vec2(0.0) : cached_motion[centre];
     if (m.x == NOWHERE_PX) {
         return vec2(0.0);
     }
@@ -26,6 +27,10 @@ vec2 bend_and_slope(ivec2 in_tile) {
     const float mixed = 0.25
         * (cached_level[below + 1u] - cached_level[below - 1u] - cached_level[above + 1u] + cached_level[above - 1u]);
     const vec2 first = 0.5 * vec2(right - left, cached_level[below] - cached_level[above]);
+    if (RIGID) {
+        const float largest = abs(second.x + second.y) + length(vec2(second.x - second.y, 2.0 * mixed));
+        return vec2(0.5 * largest, length(first));
+    }
     return abs(vec2(dot(second, m * m) + 2.0 * mixed * m.x * m.y, dot(first, m)));
 }
 
@@ -49,22 +54,26 @@ void note_bends(Camera cam) {
 // Bits of the motion of a block as its number of sub-steps needs it.
 uint needed_motion(Camera cam, uint in_tile) {
     const uint bits = block_motion[in_tile];
-    if (!SUBSTEPS_BY_ERROR || bits == 0u) {
+    if (RIGID || !SUBSTEPS_BY_ERROR || bits == 0u) {
         return bits;
     }
-    const float level_error_log =
-        (SUBSTEP_LEVEL_ERROR / LOG_SCALE) * float(min(cam.contrast_on_q24, cam.contrast_off_q24));
-    const float share = optics[cam.slot].substep_error_share;
-    const float allowed = max(uintBitsToFloat(block_slope[in_tile]) * share, level_error_log);
-    const float by_bend = sqrt(uintBitsToFloat(block_bend[in_tile]) / (8.0 * allowed));
-    const float by_change = for_change(cam, uintBitsToFloat(block_change[in_tile]));
-    const float most = max(uintBitsToFloat(bits), SUBSTEP_MOTION_PX * by_change);
-    return floatBitsToUint(min(max(SUBSTEP_MOTION_PX * by_bend, LEAST_NEEDED_PX), most));
+    const float needed_px =
+        needed_for_bend(cam, uintBitsToFloat(block_bend[in_tile]), uintBitsToFloat(block_slope[in_tile]));
+    const float most_px = most_needed(cam, uintBitsToFloat(bits), uintBitsToFloat(block_change[in_tile]));
+    return floatBitsToUint(min(max(needed_px, LEAST_NEEDED_PX), most_px));
+}
+
+// The texture of a block, for synthesis `rigid`.
+uint block_texture(uint in_tile) {
+    return ((silhouettes >> in_tile) & 1u) == 0u
+        ? texture_word(uintBitsToFloat(block_bend[in_tile]), uintBitsToFloat(block_slope[in_tile]))
+        : 0u;
 }
 
 // Bits of the change of a block as its number of sub-steps needs it. Where each pixel follows a vector, a change does not
 // bend the level, but the block is not still.
 uint needed_change(uint in_tile) {
     const uint bits = block_change[in_tile];
-    return SUBSTEPS_BY_ERROR && block_invalid_motion[in_tile] == 0u ? min(bits, floatBitsToUint(1e-12)) : bits;
+    const bool follows = !RIGID && SUBSTEPS_BY_ERROR && block_invalid_motion[in_tile] == 0u;
+    return follows ? min(bits, floatBitsToUint(1e-12)) : bits;
 }

@@ -26,6 +26,7 @@ shared uint handed_pixel[HANDED];
 shared uint handed_entry[HANDED];
 shared uint handed_block[HANDED];
 shared float handed_motion[HANDED];
+shared float handed_bend[HANDED];
 
 // At each knot: where a representative is, and the first and last block that it passes, two halves each.
 shared vec2 knot_place[HANDED * KNOTS];
@@ -220,15 +221,23 @@ void follow_to_knot(Camera cam, Geometry geo, uint number) {
         : uvec2(0xffffffffu, 0u);
 }
 
-// Adds up the way of a representative from knot to knot.
+// Adds up the way of a representative from knot to knot, and finds where it bends most.
 void measure_way(uint entry) {
     float motion_px = 0.0;
+    float bend_px = 0.0;
+    vec2 before = vec2(NOWHERE);
+    vec2 place = knot_place[entry * KNOTS];
     for (uint knot = 1u; knot < KNOTS; ++knot) {
-        const vec2 before = knot_place[entry * KNOTS + knot - 1u];
-        const vec2 place = knot_place[entry * KNOTS + knot];
-        motion_px += before.x < NOWHERE && place.x < NOWHERE ? length(place - before) : 0.0;
+        const vec2 next = knot_place[entry * KNOTS + knot];
+        if (place.x < NOWHERE && next.x < NOWHERE) {
+            motion_px += length(next - place);
+            bend_px = max(bend_px, before.x < NOWHERE ? length(before - 2.0 * place + next) : 0.0);
+        }
+        before = place;
+        place = next;
     }
     handed_motion[entry] = motion_px < REST_PX ? 0.0 : motion_px;
+    handed_bend[entry] = bend_px * float((KNOTS - 1u) * (KNOTS - 1u));
     atomicMax(own_motion[handed_block[entry] & ~HANDS_ON], floatBitsToUint(handed_motion[entry]));
 }
 
@@ -262,6 +271,9 @@ void tell_passed(Camera cam, Geometry geo, uint number) {
     const uint passed_block = block.y * cam.blocks_x + block.x;
     const uint head = passing_head(cam, geo, passed_block);
     atomicMax(passing[head + 1u], floatBitsToUint(handed_motion[entry]));
+    if (SUBSTEPS_BY_ERROR) {
+        atomicMax(passing[head + 2u], floatBitsToUint(handed_bend[entry]));
+    }
     if ((handed_block[entry] & HANDS_ON) != 0u) {
         const uint place = atomicAdd(passing[head], 1u);
         if (place < PASSING_ENTRIES) {
@@ -313,6 +325,7 @@ void write_lists(Camera cam, Geometry geo) {
         const uint head = geo.passing_base + ((1u - cam.frame_slot) * cam.blocks + block) * PASSING_HEAD_WORDS;
         passing[head] = 0u;
         passing[head + 1u] = 0u;
+        passing[head + 2u] = 0u;
     }
     barrier();
     if (is_first(cam)) {

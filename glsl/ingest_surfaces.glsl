@@ -20,9 +20,6 @@ const uint ALL_CONTINUE = (1u << 25) - 1u;
 // Three rows of three of them, from the first on.
 const uint PURE_BITS = 7u | 7u << 5 | 7u << 10;
 
-// A bit for each block of the tile: whether it has a silhouette, pixels that are not inner.
-shared uint silhouettes;
-
 // Bit of the pixel `offset` away, in `continuing`.
 uint continuing_bit(ivec2 offset) {
     return 1u << uint(5 * (offset.y + 2) + offset.x + 2);

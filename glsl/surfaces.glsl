@@ -270,7 +270,8 @@ uint representative_word(Camera cam, Geometry geo, uint key, uint block) {
 }
 
 // Word of a block's head in `passing` of this tick: the number of surfaces that pass it (it may exceed
-// PASSING_ENTRIES), and the bits of the largest motion of them, pixels.
+// PASSING_ENTRIES), the bits of the largest motion of them, pixels, and where sub-steps are by error those of the
+// largest bend of their ways, pixels for the square of an interval.
 uint passing_head(Camera cam, Geometry geo, uint block) {
     return geo.passing_base + (cam.frame_slot * cam.blocks + block) * PASSING_HEAD_WORDS;
 }

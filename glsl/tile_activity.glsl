@@ -10,9 +10,15 @@
 const uint SUB_TILE_ROWS = gl_WorkGroupSize.x / TILE_WIDTH_PX;
 const uint SUB_TILES = uint(BLOCK_PX) / SUB_TILE_ROWS;
 
-// Largest motion in each block of the tile and the blocks around it, and the block's own change.
+// Largest motion in each block of the tile and the blocks around it, and the block's own change. Along exact paths,
+// vectors count there only where there is no path.
 shared uint neighbourhood_motion[TILE_BLOCKS];
 shared uint own_change[TILE_BLOCKS];
+// Along exact paths: the largest motion of what passes each block; what of it the textures around need; and a bit for
+// each block whose sub-steps are by speed, because it has a silhouette or one passes it.
+shared uint longest_way[RIGID ? TILE_BLOCKS : 1u];
+shared uint needed_way[RIGID ? TILE_BLOCKS : 1u];
+shared uint by_speed;
 // All bits of both together, gathered only where still tiles are looked for.
 shared uint any_activity;
 
@@ -41,10 +47,27 @@ uint block_head(Camera cam, Geometry geo, uint b) {
     return passing_head(cam, geo, block.y * cam.blocks_x + block.x);
 }
 
+// A word of the head of what passes a block; 0 beyond the image.
+uint passing_word(Camera cam, uint b, uint word) {
+    const Geometry geo = geometries[cam.slot];
+    return has_block(cam, b) ? passing[block_head(cam, geo, b) + word] : 0u;
+}
+
 // Largest motion of what passes a block, as the bits of a float.
 uint passing_motion(Camera cam, uint b) {
-    const Geometry geo = geometries[cam.slot];
-    return has_block(cam, b) ? passing[block_head(cam, geo, b) + 1u] : 0u;
+    return passing_word(cam, b, 1u);
+}
+
+// Notes what a block of a frame, around or at the tile's `b`th block (`is_own`), says about sub-steps along exact
+// paths.
+void note_texture(Camera cam, uint b, uint of_texture, bool is_own) {
+    if ((of_texture & HAS_TEXTURE) != 0u) {
+        const float way_px = uintBitsToFloat(passing_motion(cam, b));
+        const float way_bend_px = uintBitsToFloat(passing_word(cam, b, 2u));
+        atomicMax(needed_way[b], floatBitsToUint(needed_on_way(cam, of_texture, way_px, way_bend_px)));
+    } else if (is_own) {
+        atomicOr(by_speed, 1u << b);
+    }
 }
 
 // Bits of the largest motion of what passes the tile's `b`th block where motions meet; 0 if nothing does.
@@ -99,15 +122,22 @@ void load_activity(Camera cam, TileBlocks tile) {
     if (lane < TILE_BLOCKS) {
         neighbourhood_motion[lane] = 0u;
         own_change[lane] = 0u;
+        if (RIGID) {
+            longest_way[lane] = 0u;
+            needed_way[lane] = 0u;
+        }
     }
     if (lane == 0u) {
         begin_tile();
         any_activity = 0u;
+        if (RIGID) {
+            by_speed = 0u;
+        }
     }
     barrier();
     note_own();
     // Nine blocks around each of four, in both frames.
-    const uint loads = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) ? 18u * TILE_BLOCKS : 0u;
+    const uint loads = RIGID || FOLLOWS_MOTION ? 18u * TILE_BLOCKS : 0u;
     for (uint load = lane; load < loads; load += gl_WorkGroupSize.x) {
         const uint which_block = load / 18u;
         const uint neighbour = load % 18u;
@@ -116,17 +146,23 @@ void load_activity(Camera cam, TileBlocks tile) {
         const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
         if (all(greaterThanEqual(near, ivec2(0))) && all(lessThanEqual(near, last_block))) {
             const uint which = neighbour < 9u ? cam.frame_slot : 1u - cam.frame_slot;
-            const uint motion_bits =
-                blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)].x;
-            atomicMax(neighbourhood_motion[which_block], motion_bits);
+            const uvec4 near_block =
+                blocks[cam.block_base + which * cam.blocks + uint(near.y) * cam.blocks_x + uint(near.x)];
+            atomicMax(neighbourhood_motion[which_block], near_block.x);
             if (LOOKS_FIRST) {
-                atomicOr(any_activity, motion_bits);
+                atomicOr(any_activity, near_block.x);
+            }
+            if (RIGID) {
+                note_texture(cam, which_block, near_block.w, neighbour % 9u == 4u);
             }
         }
     }
     if (RIGID && lane < TILE_BLOCKS) {
         const uint passing_bits = passing_motion(cam, lane);
-        atomicMax(neighbourhood_motion[lane], passing_bits);
+        longest_way[lane] = passing_bits;
+        if (passing_word(cam, lane, 0u) != 0u) {
+            atomicOr(by_speed, 1u << lane);
+        }
         if (LOOKS_FIRST) {
             atomicOr(any_activity, passing_bits);
         }
@@ -150,10 +186,20 @@ void load_activity(Camera cam, TileBlocks tile) {
 
 // Sub-steps of this thread's block.
 uint substeps_of_block(Camera cam, TileBlocks tile) {
-    return SYNTHESIS == SYNTHESIS_NONE
-        ? 1u
-        : substep_count(
-            cam, uintBitsToFloat(neighbourhood_motion[tile.in_tile]), uintBitsToFloat(own_change[tile.in_tile]));
+    if (SYNTHESIS == SYNTHESIS_NONE) {
+        return 1u;
+    }
+    float motion_px = uintBitsToFloat(neighbourhood_motion[tile.in_tile]);
+    float change_log = uintBitsToFloat(own_change[tile.in_tile]);
+    if (RIGID) {
+        float way_px = uintBitsToFloat(longest_way[tile.in_tile]);
+        if (((by_speed >> tile.in_tile) & 1u) == 0u) {
+            way_px = motion_on_way(cam, way_px, uintBitsToFloat(needed_way[tile.in_tile]), change_log);
+            change_log = 0.0;
+        }
+        motion_px = max(motion_px, way_px);
+    }
+    return substep_count(cam, motion_px, change_log);
 }
 
 // Whether nothing in and around the tile moves or changes, as far as that is looked for; and the thread's own block.
@@ -162,7 +208,8 @@ bool is_still_tile() {
 }
 
 bool is_still_block(TileBlocks tile) {
-    return (neighbourhood_motion[tile.in_tile] | own_change[tile.in_tile]) == 0u;
+    const uint way = RIGID ? longest_way[tile.in_tile] : 0u;
+    return (neighbourhood_motion[tile.in_tile] | way | own_change[tile.in_tile]) == 0u;
 }
 
 // Whether a tile, if it is still, can be skipped.

@@ -54,8 +54,9 @@ pub const REPRESENTATIVE_WORDS: u32 =
 /// Entries of a block in `passing`. A block that more surfaces pass looks for them itself.
 pub const PASSING_ENTRIES: u32 = 64;
 
-/// Words of a block's head in `passing`: the number of surfaces that pass it, and the largest motion of them.
-pub const PASSING_HEAD_WORDS: u32 = 2;
+/// Words of a block's head in `passing`: the number of surfaces that pass it, the largest motion of them, and the
+/// largest bend of their ways.
+pub const PASSING_HEAD_WORDS: u32 = 3;
 
 /// Instants in `paths` of an instance of a sensor with at most `substeps` sub-steps: the ends of all but the last
 /// sub-step, for every number of them.

@@ -105,7 +105,7 @@ sensor_model! {
     layers: u32 = 1, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 where things cover each other.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
-    substep_error_ns: u32 = 150_000, "ns", "Adaptive: how far a crossing may be off between two sub-steps (motion, cubic taps); 0 for by speed alone.";
+    substep_error_ns: u32 = 150_000, "ns", "Adaptive: how far a crossing may be off between two sub-steps (motion, rigid; cubic taps); 0 for by speed alone.";
     timestamps: Timestamps = Timestamps::Interpolated, "", "Time of a crossing: interpolated or at_sample.";
     readout: ReadoutKind = ReadoutKind::None, "", "How events leave the sensor: none (at once), fifo (one by one) or rows.";
     readout_event_ns: f64 = 83.0, "ns", "Readout: time that the bus takes for an event.";

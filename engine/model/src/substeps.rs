@@ -2,7 +2,8 @@
 //!
 //! Each block has a number of sub-steps of its own, of equal lengths ([`substep_count`]). By speed, a sub-step is half a
 //! pixel of the largest motion around the block. That is finer than smooth texture needs, whose level hardly bends on its
-//! way. So [`by_error`] the way is shorter, down to what the bend of the texture needs ([`needed_motion_px`]).
+//! way. So [`by_error`] the way is shorter, down to what the bend of the texture needs: along motion vectors
+//! [`needed_motion_px`], along exact paths [`needed_on_way_px`].
 
 use crate::{Intensity, SensorModel, SubstepPolicy, Synthesis, Taps};
 
@@ -33,7 +34,8 @@ pub const MAX_SUBSTEPS: u32 = 64;
 /// Number of sub-steps of a block. `motion_px` is the largest finite motion vector of both frames in the 3x3 blocks
 /// around it, or 0 for a synthesis without motion; or [`by_error`] the largest [`needed_motion_px`] of these blocks.
 /// `change_log` is the largest `|L_k - L_{k-1}|` in the block itself; by error it counts only if the block has an invalid
-/// vector in frame k, since what follows a vector is blended in the log, where a change does not bend.
+/// vector in frame k, since what follows a vector is blended in the log, where a change does not bend. Along exact
+/// paths both are as [`motion_on_way_px`] says.
 /// A lamp's flicker needs [`least_substeps`] everywhere.
 /// The caller gives [`Synthesis::None`](crate::Synthesis::None) one sub-step in place of this.
 #[must_use]
@@ -50,12 +52,13 @@ pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, inte
 }
 
 /// Whether sub-steps follow how far levels bend along their motion. The level between two frames must be the texture of
-/// the frames: that of [`Synthesis::Motion`], in the one plane that a pixel sees, with taps that see as much as the bend.
+/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], in the one plane that a pixel sees, with taps that
+/// see as much as the bend.
 #[must_use]
 pub fn by_error(sensor: &SensorModel) -> bool {
     sensor.substep_error_ns > 0
         && sensor.substep_policy == SubstepPolicy::Adaptive
-        && sensor.synthesis == Synthesis::Motion
+        && matches!(sensor.synthesis, Synthesis::Motion | Synthesis::Rigid)
         && sensor.taps == Taps::Cubic
         && sensor.intensity != Intensity::BayerRggb
 }
@@ -96,6 +99,82 @@ pub fn needed_motion_px(sensor: &SensorModel, block: BlockActivity, interval_ns:
     let by_change = for_change(block.change_log, f64::from(interval_ns));
     let most_px = block.motion_px.max(SUBSTEP_MOTION_PX * by_change);
     (SUBSTEP_MOTION_PX * by_bend).max(LEAST_NEEDED_PX).min(most_px)
+}
+
+/// What a block of a frame shows at most, whichever way it moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BlockTexture {
+    /// Bend, nepers for the square of a pixel.
+    pub bend_log_px2: f64,
+    /// Slope, nepers a pixel.
+    pub slope_log_px: f64,
+}
+
+impl BlockTexture {
+    /// That of a pixel: the slope `|(L_x, L_y)|` and the larger eigenvalue, without its sign, of the second differences
+    /// `L_xx`, `L_xy` and `L_yy` of [`needed_motion_px`].
+    #[must_use]
+    pub fn of_pixel([x, y]: [f64; 2], [xx, xy, yy]: [f64; 3]) -> Self {
+        let bend_log_px2 = 0.5 * ((xx + yy).abs() + (xx - yy).hypot(2.0 * xy));
+        BlockTexture { bend_log_px2, slope_log_px: x.hypot(y) }
+    }
+
+    /// The larger bend and the larger slope of two.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        BlockTexture {
+            bend_log_px2: self.bend_log_px2.max(other.bend_log_px2),
+            slope_log_px: self.slope_log_px.max(other.slope_log_px),
+        }
+    }
+
+    /// As kernels keep it: of each the upper half of the bits of an f32, cut off.
+    #[must_use]
+    pub fn kept(self) -> Self {
+        let kept = |value: f64| f64::from(f32::from_bits((value as f32).to_bits() & 0xffff_0000));
+        BlockTexture { bend_log_px2: kept(self.bend_log_px2), slope_log_px: kept(self.slope_log_px) }
+    }
+}
+
+/// How what passes a block moves along exact paths, at most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BlockWay {
+    /// Length of the way in the interval, pixels.
+    pub way_px: f64,
+    /// Bend of the way: the largest second difference of places at three knots in a row, over the square of the time
+    /// between two, pixels for the square of an interval.
+    pub bend_px: f64,
+}
+
+/// By error along exact paths: motion as a block's number of sub-steps needs it for a texture that passes it, pixels.
+///
+/// A path may be bent and come back to where it began. So the texture counts by the length of the way `s`, in whichever
+/// direction it bends most, and a bent way bends the level on a slope too: with the texture's bend `B` and slope `G` and
+/// the way's bend `a`
+/// ```text
+/// bend  = B s^2 + G a
+/// slope = G s
+/// ```
+/// Of `n` sub-steps each may be off as in [`needed_motion_px`].
+#[must_use]
+pub fn needed_on_way_px(sensor: &SensorModel, texture: BlockTexture, way: BlockWay, interval_ns: u32) -> f64 {
+    let BlockTexture { bend_log_px2, slope_log_px } = texture;
+    let bend_log = bend_log_px2 * way.way_px * way.way_px + slope_log_px * way.bend_px;
+    let slope_log = slope_log_px * way.way_px;
+    let allowed_log = (slope_log * error_share(sensor, interval_ns)).max(level_error_log(sensor));
+    SUBSTEP_MOTION_PX * (bend_log / (8.0 * allowed_log)).sqrt()
+}
+
+/// Motion of a block along exact paths as its number of sub-steps needs it, pixels; 0 if nothing that passes it moves.
+/// `needed_px` is the largest [`needed_on_way_px`] of the textures of the 3x3 blocks around it in both frames, as far as
+/// they have no silhouette. `None` is by speed: for a block with a silhouette in either frame, or which a surface of such a
+/// block passes. Motion is then the longest way, and a change counts. By error it does not count: along a path a level is
+/// blended in the log. But a block needs at most what its way and `change_log` give it by speed.
+#[must_use]
+pub fn motion_on_way_px(way: BlockWay, needed_px: Option<f64>, change_log: f64, interval_ns: u32) -> f64 {
+    let Some(needed_px) = needed_px.filter(|_| way.way_px > 0.0) else { return way.way_px };
+    let most_px = way.way_px.max(SUBSTEP_MOTION_PX * for_change(change_log, f64::from(interval_ns)));
+    needed_px.max(LEAST_NEEDED_PX).min(most_px)
 }
 
 /// Sub-steps of a change, not rounded; see [`SUBSTEP_TIME_ERROR_NS`].
@@ -168,7 +247,7 @@ mod tests {
         for other in [
             SensorModel { substep_error_ns: 0, ..sensor.clone() },
             SensorModel { substep_policy: SubstepPolicy::Fixed, ..sensor.clone() },
-            SensorModel { synthesis: Synthesis::Rigid, ..sensor.clone() },
+            SensorModel { synthesis: Synthesis::Linear, ..sensor.clone() },
             SensorModel { taps: Taps::Bilinear, ..sensor.clone() },
             SensorModel { intensity: Intensity::BayerRggb, ..sensor.clone() },
         ] {
@@ -189,6 +268,52 @@ mod tests {
         assert!((needed_motion_px(&sensor, changed, 20_000_000) - 4.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
         assert_eq!(needed(9.0, 0.0, 0.0, 20_000_000), LEAST_NEEDED_PX, "flat, but not still");
         assert_eq!(needed(0.0, 0.0, 0.0, 20_000_000), 0.0);
+    }
+
+    #[test]
+    fn a_way_needs_what_its_texture_and_its_own_bend_ask_for() {
+        let sensor = SensorModel {
+            substep_error_ns: 100_000,
+            synthesis: Synthesis::Rigid,
+            contrast_off: 0.1,
+            ..SensorModel::default()
+        };
+        assert!(by_error(&sensor));
+        let texture = |bend_log_px2, slope_log_px| BlockTexture { bend_log_px2, slope_log_px };
+        let way = |way_px, bend_px| BlockWay { way_px, bend_px };
+        let needed = |texture, way| needed_on_way_px(&sensor, texture, way, 20_000_000);
+        // In 100 us of 20 ms a slope of 2 passes .01; a chord of 4 sub-steps is off by 1.28 / (8 16).
+        let straight = needed(texture(1.28 / 100.0, 0.2), way(10.0, 0.0));
+        assert!((straight - 4.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
+        // There and back again on a slope without a bend.
+        let bent = needed(texture(0.0, 0.2), way(10.0, 6.4));
+        assert!((bent - 4.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
+        let both = needed(texture(1.28 / 100.0, 0.2), way(10.0, 3.0 * 6.4));
+        assert!((both - 8.0 * SUBSTEP_MOTION_PX).abs() < 1e-12);
+
+        let motion_px =
+            |way_px, needed_px, change| motion_on_way_px(way(way_px, 0.0), needed_px, change, 20_000_000);
+        assert_eq!(motion_px(9.0, Some(2.0), 0.0), 2.0);
+        assert_eq!(motion_px(9.0, None, 0.0), 9.0, "by speed");
+        assert_eq!(motion_px(1.5, Some(2.0), 0.0), 1.5, "no more than by speed");
+        assert_eq!(motion_px(1.5, Some(2.0), 0.5), 2.0, "the change has 5 sub-steps");
+        assert_eq!(motion_px(9.0, Some(0.0), 0.0), LEAST_NEEDED_PX, "flat, but not still");
+        assert_eq!(motion_px(0.0, Some(2.0), 0.0), 0.0);
+    }
+
+    #[test]
+    fn a_texture_bends_most_across_its_ridge() {
+        for angle in [0.0_f64, 0.3, 1.1, 2.6] {
+            let (sin, cos) = angle.sin_cos();
+            // -0.7 across the ridge, 0.2 along it.
+            let second =
+                [-0.7 * cos * cos + 0.2 * sin * sin, -0.9 * sin * cos, -0.7 * sin * sin + 0.2 * cos * cos];
+            let found = BlockTexture::of_pixel([0.3 * sin, -0.3 * cos], second);
+            assert!((found.bend_log_px2 - 0.7).abs() < 1e-12 && (found.slope_log_px - 0.3).abs() < 1e-12);
+            let kept = found.kept();
+            assert!(kept.bend_log_px2 <= 0.7 && kept.bend_log_px2 > 0.7 * (1.0 - 1.0 / 128.0));
+            assert_eq!(kept.kept(), kept);
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::cross::{PixelConstants, PixelState, Span, aps, walk};
 use crate::ingest::{self, Frame, Image, Ingested};
 use crate::physical::readout::Queue;
 use crate::physical::{self, PhysicalState};
-use crate::plan::{Plan, needed_motion, plan};
+use crate::plan::{Needs, Plan, needs, plan};
 use crate::sort::sort;
 use crate::stamp;
 use crate::synthesize::motion::Motion;
@@ -113,8 +113,8 @@ struct Run {
     /// Times of the first frame and of the latest, nanoseconds.
     times_ns: Option<(i64, i64)>,
     image: Image,
-    /// What [`needed_motion`] says of it.
-    needed: Option<Vec<f64>>,
+    /// What [`needs`] says of it.
+    needs: Option<Needs>,
     /// Length of the previous interval, nanoseconds.
     last_interval_ns: Option<u32>,
     /// Half-pel frames of the last frame, one per plane, which the next interval improves.
@@ -134,7 +134,7 @@ impl Run {
         Run {
             times_ns: None,
             image: Image::black(sensor),
-            needed: None,
+            needs: None,
             last_interval_ns: None,
             history: None,
             pixels: vec![None; sensor.pixels()],
@@ -307,11 +307,11 @@ impl Oracle {
         // The cast is exact: `check_time` keeps an interval within MAX_INTERVAL_NS.
         let interval_ns = (t_ns - start_ns) as u32;
         let before = self.run.times_ns.is_some().then_some(&self.run.image);
-        let needed = needed_motion(&self.sensor, before, &image, interval_ns);
+        let needs = needs(&self.sensor, before, &image, interval_ns);
         if self.run.times_ns.is_some() {
-            self.cross_interval(start_ns, interval_ns, (&image, needed.as_deref()), between, &mut interval);
+            self.cross_interval(start_ns, interval_ns, (&image, needs.as_ref()), between, &mut interval);
         }
-        self.run.needed = needed;
+        self.run.needs = needs;
         self.arm(&image, &valid, t_ns, t_ns - epoch_ns);
         interval.diagnostics.invalid_pixels = valid.iter().filter(|&&valid| !valid).count() as u64;
         interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
@@ -366,7 +366,7 @@ impl Oracle {
         &mut self,
         start_ns: i64,
         interval_ns: u32,
-        (end, end_needed): (&Image, Option<&[f64]>),
+        (end, end_needs): (&Image, Option<&Needs>),
         between: &Between<'_>,
         interval: &mut Interval,
     ) {
@@ -381,8 +381,8 @@ impl Oracle {
         let plan = match between {
             Between::Synthesis => {
                 let passing_px = gap.motion.as_ref().and_then(Motion::passing_px);
-                let needed = [self.run.needed.as_deref(), end_needed];
-                plan(sensor, &start, end, interval_ns, gap.rigid.as_ref(), passing_px.as_deref(), needed)
+                let needs = [self.run.needs.as_ref(), end_needs];
+                plan(sensor, &start, end, interval_ns, gap.rigid.as_ref(), passing_px.as_deref(), needs)
             }
             Between::Exact(_) => Plan::uniform(sensor, sensor.substeps),
         };

@@ -3,7 +3,10 @@
 use crate::ingest::{Image, plane_of};
 use crate::synthesize::rigid::Rigid;
 use crate::synthesize::trajectory::is_valid;
-use esaac_model::substeps::{BLOCK_PX, BlockActivity, by_error, needed_motion_px, substep_count};
+use esaac_model::substeps::{
+    BLOCK_PX, BlockActivity, BlockTexture, by_error, motion_on_way_px, needed_motion_px, needed_on_way_px,
+    substep_count,
+};
 use esaac_model::{SensorModel, Synthesis};
 
 /// Sub-steps per block, for a whole image.
@@ -30,10 +33,34 @@ impl Plan {
     }
 }
 
+/// What a frame says about the sub-steps of each block, where they are by error.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Needs {
+    /// Motion as the number of sub-steps needs it, pixels, of synthesis `motion`.
+    Motion(Vec<f64>),
+    /// Texture, of synthesis `rigid`.
+    Texture(Vec<BlockTexture>),
+}
+
+impl Needs {
+    fn motion_px(&self) -> Option<&[f64]> {
+        match self {
+            Needs::Motion(motion_px) => Some(motion_px),
+            Needs::Texture(_) => None,
+        }
+    }
+
+    fn texture(&self) -> Option<&[BlockTexture]> {
+        match self {
+            Needs::Motion(_) => None,
+            Needs::Texture(texture) => Some(texture),
+        }
+    }
+}
+
 /// Chooses the sub-steps of every block in the interval between two frames, `interval_ns` long. Ignores motion vectors
 /// with a non-finite component, and all motion if the synthesis uses none. With synthesis `rigid`, a block's own motion
-/// counts along paths, and vectors only where a frame shows no surface. `needed` is what [`needed_motion`] says of both
-/// frames.
+/// counts along paths, and vectors only where a frame shows no surface. `needs` is what [`needs`] says of both frames.
 #[must_use]
 pub fn plan(
     sensor: &SensorModel,
@@ -42,11 +69,13 @@ pub fn plan(
     interval_ns: u32,
     rigid: Option<&Rigid<'_>>,
     passing_px: Option<&[f64]>,
-    needed: [Option<&[f64]>; 2],
+    needs: [Option<&Needs>; 2],
 ) -> Plan {
     if sensor.synthesis == Synthesis::None {
         return Plan::uniform(sensor, 1);
     }
+    let needed = needs.map(|needs| needs.and_then(Needs::motion_px));
+    let textures = needs.map(|needs| needs.and_then(Needs::texture));
     let uses_vectors = sensor.synthesis.follows_motion();
     let has_path = |key: usize, pixel: usize| rigid.is_some_and(|rigid| rigid.shows_surface(key, pixel));
     let (blocks_x, blocks_y) = blocks(sensor);
@@ -81,20 +110,25 @@ pub fn plan(
     let mut substeps = Vec::with_capacity(blocks_x * blocks_y);
     for by in 0..blocks_y {
         for bx in 0..blocks_x {
-            let mut around_px = 0.0_f64;
-            for ny in by.saturating_sub(1)..=(by + 1).min(blocks_y - 1) {
-                for nx in bx.saturating_sub(1)..=(bx + 1).min(blocks_x - 1) {
-                    around_px = around_px.max(motion_px[ny * blocks_x + nx]);
+            let around: Vec<usize> = (by.saturating_sub(1)..=(by + 1).min(blocks_y - 1))
+                .flat_map(|ny| {
+                    (bx.saturating_sub(1)..=(bx + 1).min(blocks_x - 1)).map(move |nx| ny * blocks_x + nx)
+                })
+                .collect();
+            let index = by * blocks_x + bx;
+            let mut around_px = around.iter().map(|&near| motion_px[near]).fold(0.0, f64::max);
+            let mut change = if needed[1].is_none() || has_invalid[index] { change_log[index] } else { 0.0 };
+            if let Some(rigid) = rigid {
+                let needed_px = needed_along_paths(sensor, rigid, textures, (index, &around), interval_ns);
+                let way = rigid.way(index);
+                around_px = around_px.max(motion_on_way_px(way, needed_px, change, interval_ns));
+                if needed_px.is_some() {
+                    change = 0.0;
                 }
             }
-            if let Some(rigid) = rigid {
-                around_px = around_px.max(rigid.motion_px()[by * blocks_x + bx]);
-            }
             if let Some(passing_px) = passing_px {
-                around_px = around_px.max(passing_px[by * blocks_x + bx]);
+                around_px = around_px.max(passing_px[index]);
             }
-            let index = by * blocks_x + bx;
-            let change = if needed[1].is_none() || has_invalid[index] { change_log[index] } else { 0.0 };
             substeps.push(substep_count(sensor, around_px, change, f64::from(interval_ns)));
         }
     }
@@ -105,41 +139,98 @@ fn blocks(sensor: &SensorModel) -> (usize, usize) {
     (sensor.width.div_ceil(BLOCK_PX) as usize, sensor.height.div_ceil(BLOCK_PX) as usize)
 }
 
-/// Motion of each block of a frame as its number of sub-steps needs it, pixels; `None` if sub-steps are not by error.
-/// `interval_ns` is the length of the interval that ends at the frame, 0 if it is a camera's first and has no frame before.
+/// Motion of block `own` as its number of sub-steps needs it for the textures `around` it; `None` if it is by speed.
+fn needed_along_paths(
+    sensor: &SensorModel,
+    rigid: &Rigid<'_>,
+    textures: [Option<&[BlockTexture]>; 2],
+    (own, around): (usize, &[usize]),
+    interval_ns: u32,
+) -> Option<f64> {
+    let textures = [textures[0]?, textures[1]?];
+    if rigid.is_passed_by_silhouette(own) || (0..2).any(|key| rigid.has_silhouette(key, own)) {
+        return None;
+    }
+    let needed_px = (0..2).flat_map(|key| {
+        let smooth = around.iter().filter(move |&&near| !rigid.has_silhouette(key, near));
+        smooth.map(move |&near| needed_on_way_px(sensor, textures[key][near], rigid.way(own), interval_ns))
+    });
+    Some(needed_px.fold(0.0, f64::max))
+}
+
+/// What a frame says about its blocks' sub-steps; `None` if they are not by error. `interval_ns` is the length of the
+/// interval that ends at the frame, 0 if it is a camera's first and has no frame before.
 #[must_use]
-pub fn needed_motion(
+pub fn needs(sensor: &SensorModel, before: Option<&Image>, frame: &Image, interval_ns: u32) -> Option<Needs> {
+    if !by_error(sensor) {
+        return None;
+    }
+    if sensor.synthesis == Synthesis::Rigid {
+        return Some(Needs::Texture(textures(sensor, frame)));
+    }
+    needed_motion(sensor, before, frame, interval_ns).map(Needs::Motion)
+}
+
+/// Log intensity of a frame's one plane.
+fn logs(sensor: &SensorModel, image: &Image) -> Vec<f64> {
+    image.planes(sensor.intensity)[0].iter().map(|s| (s + sensor.log_offset).ln()).collect()
+}
+
+/// First differences of a frame's levels at a pixel, along x and y, and second ones, `xx`, `xy` and `yy`. Beyond the
+/// image it repeats its border.
+fn differences(levels: &[f64], (width, height): (usize, usize), pixel: usize) -> ([f64; 2], [f64; 3]) {
+    let (x, y) = ((pixel % width) as i64, (pixel / width) as i64);
+    let log = |dx: i64, dy: i64| {
+        let at = [(x + dx).clamp(0, width as i64 - 1), (y + dy).clamp(0, height as i64 - 1)];
+        levels[at[1] as usize * width + at[0] as usize]
+    };
+    let first = [(log(1, 0) - log(-1, 0)) / 2.0, (log(0, 1) - log(0, -1)) / 2.0];
+    let mixed = (log(1, 1) - log(-1, 1) - log(1, -1) + log(-1, -1)) / 4.0;
+    let second = [log(-1, 0) - 2.0 * log(0, 0) + log(1, 0), mixed, log(0, -1) - 2.0 * log(0, 0) + log(0, 1)];
+    (first, second)
+}
+
+/// Block of a pixel.
+fn block_of(pixel: usize, width: usize) -> usize {
+    let block = BLOCK_PX as usize;
+    pixel / width / block * width.div_ceil(block) + pixel % width / block
+}
+
+/// Texture of each block, as kernels keep it.
+fn textures(sensor: &SensorModel, frame: &Image) -> Vec<BlockTexture> {
+    let (levels, (blocks_x, blocks_y)) = (logs(sensor, frame), blocks(sensor));
+    let mut textures = vec![BlockTexture::default(); blocks_x * blocks_y];
+    for pixel in 0..levels.len() {
+        let (first, second) = differences(&levels, (frame.width, frame.height), pixel);
+        let block = &mut textures[block_of(pixel, frame.width)];
+        *block = block.max(BlockTexture::of_pixel(first, second));
+    }
+    textures.into_iter().map(BlockTexture::kept).collect()
+}
+
+/// Motion of each block of a frame as its number of sub-steps needs it, pixels; `None` without motion vectors.
+fn needed_motion(
     sensor: &SensorModel,
     before: Option<&Image>,
     frame: &Image,
     interval_ns: u32,
 ) -> Option<Vec<f64>> {
-    let motion = frame.motion.as_ref().filter(|_| by_error(sensor))?;
-    let logs = |image: &Image| -> Vec<f64> {
-        image.planes(sensor.intensity)[0].iter().map(|s| (s + sensor.log_offset).ln()).collect()
-    };
-    let (own, before) = (logs(frame), before.map(logs));
-    let (width, height) = (frame.width as i64, frame.height as i64);
-    let log = |x: i64, y: i64| own[(y.clamp(0, height - 1) * width + x.clamp(0, width - 1)) as usize];
+    let motion = frame.motion.as_ref()?;
+    let (own, before) = (logs(sensor, frame), before.map(|before| logs(sensor, before)));
     let (blocks_x, blocks_y) = blocks(sensor);
     let mut activity = vec![BlockActivity::default(); blocks_x * blocks_y];
     for (pixel, &[dx, dy]) in motion.iter().enumerate() {
-        let (x, y) = (pixel as i64 % width, pixel as i64 / width);
-        let block = &mut activity[y as usize / BLOCK_PX as usize * blocks_x + x as usize / BLOCK_PX as usize];
+        let block = &mut activity[block_of(pixel, frame.width)];
         if let Some(before) = &before {
             block.change_log = block.change_log.max((own[pixel] - before[pixel]).abs());
         }
         if !is_valid([dx, dy]) {
             continue;
         }
-        let second_x = log(x - 1, y) - 2.0 * log(x, y) + log(x + 1, y);
-        let second_y = log(x, y - 1) - 2.0 * log(x, y) + log(x, y + 1);
-        let mixed = (log(x + 1, y + 1) - log(x - 1, y + 1) - log(x + 1, y - 1) + log(x - 1, y - 1)) / 4.0;
-        let bend = second_x * dx * dx + 2.0 * mixed * dx * dy + second_y * dy * dy;
-        let slope = (log(x + 1, y) - log(x - 1, y)) / 2.0 * dx + (log(x, y + 1) - log(x, y - 1)) / 2.0 * dy;
+        let ([x, y], [xx, xy, yy]) = differences(&own, (frame.width, frame.height), pixel);
         block.motion_px = block.motion_px.max(dx.hypot(dy));
-        block.bend_log = block.bend_log.max(bend.abs());
-        block.slope_log = block.slope_log.max(slope.abs());
+        block.bend_log = block.bend_log.max((xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy).abs());
+        block.slope_log = block.slope_log.max((x * dx + y * dy).abs());
     }
     Some(activity.into_iter().map(|block| needed_motion_px(sensor, block, interval_ns)).collect())
 }

@@ -95,8 +95,9 @@
 //!
 //! **Sub-steps.** The motion of a block is the longest way of the surfaces that pass it: the sum of their displacements
 //! from knot to knot, each as its pixel is displaced; 0 if that is less than [`REST_PX`]. A camera that shakes may end
-//! where it began. Motion vectors in and around the block count only where their frame shows no surface
-//! ([`substep_count`](crate::substeps::substep_count)).
+//! where it began. A block without silhouettes needs less where its texture is smooth
+//! ([`motion_on_way_px`](crate::substeps::motion_on_way_px)). Motion vectors in and around the block count only where
+//! their frame shows no surface ([`substep_count`](crate::substeps::substep_count)).
 
 pub use super::EDGE_WEIGHT;
 

@@ -8,10 +8,11 @@ use esaac_model::{
     DepthFormat, HdrFormat, IdFormat, Intensity, MotionFormat, Polarity, SensorModel, SubstepPolicy,
     Synthesis, Taps, q24_to_log,
 };
+use esaac_oracle::metrics::compare;
 use esaac_oracle::{Frame, Interval, Oracle};
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
-use esaac_tests::geometry::Rendered;
+use esaac_tests::geometry::{KeyFrame, Rendered};
 
 /// Odd: the image cuts blocks off at the right and at the bottom.
 pub(super) const SIZE: (u32, u32) = (75, 53);
@@ -92,24 +93,22 @@ pub(super) fn run(
     steps
 }
 
+fn oracle_frame(frame: &KeyFrame, vectors: bool) -> Frame<'_> {
+    Frame {
+        t_ns: frame.t_ns,
+        hdr: (HdrFormat::F32x4, &frame.hdr),
+        motion: vectors.then_some((MotionFormat::F32x2, &frame.motion[..])),
+        depth: Some((DepthFormat::F32, &frame.depth)),
+        ids: Some((IdFormat::U32, &frame.ids)),
+    }
+}
+
 fn oracle(sensor: &SensorModel, rendered: &Rendered, vectors: bool) -> Vec<Interval> {
     let mut oracle = Oracle::new(sensor.clone(), 0).expect("a valid sensor");
     oracle.keep_samples(true);
     oracle.set_scene(rendered.scene.clone());
-    rendered
-        .frames
-        .iter()
-        .map(|frame| {
-            let frame = Frame {
-                t_ns: frame.t_ns,
-                hdr: (HdrFormat::F32x4, &frame.hdr),
-                motion: vectors.then_some((MotionFormat::F32x2, &frame.motion[..])),
-                depth: Some((DepthFormat::F32, &frame.depth)),
-                ids: Some((IdFormat::U32, &frame.ids)),
-            };
-            oracle.step(&frame).expect("a frame in time")
-        })
-        .collect()
+    let step = |frame| oracle.step(&oracle_frame(frame, vectors)).expect("a frame in time");
+    rendered.frames.iter().map(step).collect()
 }
 
 fn polarities(sensor: &SensorModel, events: impl Iterator<Item = Event>) -> Vec<Vec<Polarity>> {
@@ -229,6 +228,61 @@ fn bilinear_taps_are_the_oracles() {
     for policy in [None, Some(KernelPolicy::gpu())] {
         check(&sensor, &[SceneKind::Shake, SceneKind::Bounce], policy);
     }
+}
+
+/// Sub-steps of all intervals.
+fn total(substeps: impl Iterator<Item = u64>) -> u64 {
+    substeps.skip(1).sum()
+}
+
+/// Large enough for blocks that no silhouette passes.
+const LARGE: (u32, u32) = (139, 101);
+
+fn by_error(substep_error_ns: u32) -> SensorModel {
+    SensorModel { width: LARGE.0, height: LARGE.1, substeps: 32, substep_error_ns, ..sensor() }
+}
+
+#[test]
+fn substeps_by_error_are_the_oracles_and_fewer_than_by_speed() {
+    for (kind, policy) in [(SceneKind::Flight, None), (SceneKind::Shake, Some(KernelPolicy::gpu()))] {
+        let rendered = Rendered::of(kind, LARGE, 3);
+        check_frames(&by_error(300_000), &[(kind, rendered.clone())], policy, false);
+        let of = |error_ns| run(&by_error(error_ns), &rendered, RigOptions { policy, ..keep() }, false);
+        let [some, most] = [of(300_000), of(0)];
+        let events = |steps: &[Step]| steps.iter().flat_map(|step| step.events.clone()).collect::<Vec<_>>();
+        let apart = compare(LARGE, events(&most), events(&some));
+        let [some, most] = [some, most].map(|steps| total(steps.iter().map(|step| step.substeps)));
+        println!("{kind:?}: {some} sub-steps, {most} by speed, {apart:?}");
+        assert!(50 * some < 49 * most, "{kind:?}: {some} sub-steps, {most} by speed");
+        assert!(apart.f1 > 0.99, "{kind:?}: events are {apart:?}");
+    }
+}
+
+/// A frame keeps its texture only where sub-steps are by error at its time, also for the interval after it.
+#[test]
+fn the_bound_of_substeps_may_change_between_ticks() {
+    const BOUNDS_NS: [u32; 6] = [0, 300_000, 300_000, 100_000, 0, 300_000];
+    let rendered = Rendered::of(SceneKind::Flight, LARGE, BOUNDS_NS.len());
+    let mut rig = rendered.rig(&by_error(0), RigOptions::default());
+    let mut oracle = Oracle::new(by_error(0), 0).expect("a valid sensor");
+    oracle.set_scene(rendered.scene.clone());
+    let by_speed = self::oracle(&by_error(0), &rendered, false);
+    let mut spared = Vec::new();
+    for (index, (&bound_ns, frame)) in BOUNDS_NS.iter().zip(&rendered.frames).enumerate() {
+        rig.set_sensor(0, by_error(bound_ns)).expect("of the same size");
+        oracle.set_sensor(by_error(bound_ns)).expect("of the same size");
+        rig.upload(0, &frame.bytes()).expect("a frame that fits");
+        let got = rig.step(&[frame.t_ns]).expect("a frame in time").diagnostics[0].substeps;
+        let interval = oracle.step(&oracle_frame(frame, false)).expect("a frame in time");
+        let sum =
+            |interval: &Interval| interval.substeps_per_block.iter().map(|&n| u64::from(n)).sum::<u64>();
+        assert_eq!(got, sum(&interval), "frame {index}");
+        if got < sum(&by_speed[index]) {
+            spared.push(index);
+        }
+    }
+    assert_eq!(spared, [2, 3], "intervals between two frames with textures");
+    assert_silent();
 }
 
 /// The frames of a scene, with no depth in the right half of the image.

@@ -86,7 +86,7 @@ fn sensor(synthesis: Synthesis, contrast: f64) -> SensorModel {
         contrast_off: contrast,
         log_offset: 0.01,
         substeps: FINE as u32,
-        // By speed, as `rigid` has them: both ways are compared at the same instants.
+        // By speed: both ways are compared at the same instants.
         substep_error_ns: 0,
         ..SensorModel::default()
     }

@@ -2,6 +2,7 @@
 
 use super::surface::{Element, Surfaces, moved_plane, position};
 use esaac_model::paths::{Intrinsics, Pose, SceneMotion};
+use esaac_model::substeps::BlockWay;
 use esaac_model::synthesis::rigid::{
     BLOCK_CANDIDATES, BLOCK_PX, BLOCK_SURFACES, KNOTS, MERGE_PX, PIXEL_CANDIDATES, REACH_PX, REST_PX,
 };
@@ -101,6 +102,23 @@ impl Candidate {
     }
 }
 
+/// What passes a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Passing {
+    /// How it moves.
+    pub way: BlockWay,
+    /// Whether some of it is of blocks with a silhouette.
+    pub with_silhouette: bool,
+}
+
+impl Passing {
+    fn add(&mut self, way: BlockWay, with_silhouette: bool) {
+        self.way.way_px = self.way.way_px.max(way.way_px);
+        self.way.bend_px = self.way.bend_px.max(way.bend_px);
+        self.with_silhouette |= with_silhouette;
+    }
+}
+
 /// What the search for candidates needs to know of an interval.
 pub struct Interval<'a> {
     /// The lens.
@@ -134,19 +152,19 @@ impl Interval<'_> {
         a.id == b.id && apart_px(0) < MERGE_PX && apart_px(1) < MERGE_PX
     }
 
-    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and the motion of
-    /// each block, pixels.
+    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and what passes
+    /// each block. `silhouettes` is what [`Interval::silhouettes`] says of both key frames.
     #[must_use]
-    pub fn candidates(&self) -> (Vec<Vec<Candidate>>, Vec<f64>) {
+    pub fn candidates(&self, silhouettes: &[Vec<bool>; 2]) -> (Vec<Vec<Candidate>>, Vec<Passing>) {
         let size = self.keys[0].size;
-        let (blocks, motion_px) = self.block_candidates();
+        let (blocks, passing) = self.block_candidates(silhouettes);
         let candidates = (0..size.0 * size.1)
             .map(|pixel| {
                 let block = pixel / size.0 / BLOCK_PX * size.0.div_ceil(BLOCK_PX) + pixel % size.0 / BLOCK_PX;
                 self.pixel_candidates(pixel, &blocks[block])
             })
             .collect();
-        (candidates, motion_px)
+        (candidates, passing)
     }
 
     fn pixel_candidates(&self, pixel: usize, block: &[Surface]) -> Vec<Candidate> {
@@ -174,23 +192,22 @@ impl Interval<'_> {
         candidates
     }
 
-    /// The surfaces that pass each block, and the longest way of them.
-    fn block_candidates(&self) -> (Vec<Vec<Surface>>, Vec<f64>) {
+    /// The surfaces that pass each block, and how they move.
+    fn block_candidates(&self, silhouettes: &[Vec<bool>; 2]) -> (Vec<Vec<Surface>>, Vec<Passing>) {
         let size = self.keys[0].size;
         let (columns, rows) = (size.0.div_ceil(BLOCK_PX), size.1.div_ceil(BLOCK_PX));
         let mut candidates: Vec<Vec<Surface>> = vec![Vec::new(); columns * rows];
-        let mut motion_px = vec![0.0_f64; columns * rows];
-        for key in 0..2 {
-            for block in 0..columns * rows {
+        let mut passing = vec![Passing::default(); columns * rows];
+        for (key, silhouettes) in silhouettes.iter().enumerate() {
+            for (block, &has_silhouette) in silhouettes.iter().enumerate() {
                 let corner = (block % columns * BLOCK_PX, block / columns * BLOCK_PX);
-                let has_silhouette = self.has_silhouette(key, corner);
                 for pixel in self.block_surfaces(key, corner) {
                     let Some(surface) = self.surface(key, pixel) else { continue };
                     let places = self.places(key, pixel);
-                    let way_px = way_px(&places);
+                    let way = way(&places);
                     let from = position(size, pixel);
                     for passed in passed_blocks(&places, from, corner, (columns, rows)) {
-                        motion_px[passed] = motion_px[passed].max(way_px);
+                        passing[passed].add(way, has_silhouette);
                         if !has_silhouette {
                             continue;
                         }
@@ -206,7 +223,16 @@ impl Interval<'_> {
                 }
             }
         }
-        (candidates, motion_px)
+        (candidates, passing)
+    }
+
+    /// Which blocks of a key frame have a silhouette, row by row.
+    #[must_use]
+    pub fn silhouettes(&self, key: usize) -> Vec<bool> {
+        let (width, height) = self.keys[key].size;
+        let corners =
+            (0..height).step_by(BLOCK_PX).flat_map(|y| (0..width).step_by(BLOCK_PX).map(move |x| (x, y)));
+        corners.map(|corner| self.has_silhouette(key, corner)).collect()
     }
 
     /// Whether a block has pixels that are not inner.
@@ -257,11 +283,14 @@ impl Interval<'_> {
     }
 }
 
-/// Length of the way from place to place, pixels.
-fn way_px(places: &[Option<DVec2>]) -> f64 {
+/// The way from place to place at the knots.
+fn way(places: &[Option<DVec2>]) -> BlockWay {
     let steps = places.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).length()));
     let way_px: f64 = steps.sum();
-    if way_px < REST_PX { 0.0 } else { way_px }
+    let bends =
+        places.windows(3).filter_map(|three| Some((three[0]? - 2.0 * three[1]? + three[2]?).length()));
+    let bend_px = bends.fold(0.0, f64::max) * ((KNOTS - 1) * (KNOTS - 1)) as f64;
+    BlockWay { way_px: if way_px < REST_PX { 0.0 } else { way_px }, bend_px }
 }
 
 /// Blocks that a block's square passes, displaced as one of its pixels is from `from` to each of `places`. Ascending.

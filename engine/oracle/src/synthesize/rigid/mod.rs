@@ -8,9 +8,10 @@ pub mod transfer;
 
 use super::half_pel::HalfPelFrame;
 use super::sampling::Sampling;
-use candidates::{Candidate, Instant, Interval, Sources, Surface};
+use candidates::{Candidate, Instant, Interval, Passing, Sources, Surface};
 use esaac_model::Taps;
 use esaac_model::paths::{NoPath, SceneMotion};
+use esaac_model::substeps::BlockWay;
 use esaac_model::synthesis::rigid::{
     BACKGROUND_LOG, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE,
 };
@@ -116,7 +117,9 @@ pub struct Rigid<'a> {
     parallax_px_m: BTreeMap<u32, f64>,
     keys: [KeyFrame; 2],
     candidates: Vec<Vec<Candidate>>,
-    motion_px: Vec<f64>,
+    passing: Vec<Passing>,
+    /// Whether each block of both key frames has a silhouette.
+    silhouettes: [Vec<bool>; 2],
     /// One pair a plane.
     half_pels: Vec<[Vec<f64>; 2]>,
 }
@@ -141,7 +144,8 @@ impl<'a> Rigid<'a> {
         let surfaces = inputs.map(|input| Surfaces::new(scene, &input.geometry));
         let interval =
             Interval { lens: scene.lens(), keys: &surfaces, knots: &knots, parallax_px_m: &parallax };
-        let (candidates, motion_px) = interval.candidates();
+        let silhouettes = [0, 1].map(|key| interval.silhouettes(key));
+        let (candidates, passing) = interval.candidates(&silhouettes);
         let keys = surfaces.clone().map(KeyFrame::new);
         let routes: Vec<Route> = [1, 0]
             .into_iter()
@@ -161,7 +165,18 @@ impl<'a> Rigid<'a> {
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
-        Rigid { scene, times_ns, log_offset, taps, parallax_px_m, keys, candidates, motion_px, half_pels }
+        Rigid {
+            scene,
+            times_ns,
+            log_offset,
+            taps,
+            parallax_px_m,
+            keys,
+            candidates,
+            passing,
+            silhouettes,
+            half_pels,
+        }
     }
 
     /// The poses at `fraction` of the interval.
@@ -176,10 +191,22 @@ impl<'a> Rigid<'a> {
         &self.candidates
     }
 
-    /// Motion of each block, row by row, pixels.
+    /// How what passes a block moves; blocks count row by row.
     #[must_use]
-    pub fn motion_px(&self) -> &[f64] {
-        &self.motion_px
+    pub fn way(&self, block: usize) -> BlockWay {
+        self.passing[block].way
+    }
+
+    /// Whether a surface of a block with a silhouette passes a block.
+    #[must_use]
+    pub fn is_passed_by_silhouette(&self, block: usize) -> bool {
+        self.passing[block].with_silhouette
+    }
+
+    /// Whether a block of key frame `key` (0 or 1) has a silhouette, pixels that are not inner.
+    #[must_use]
+    pub fn has_silhouette(&self, key: usize, block: usize) -> bool {
+        self.silhouettes[key][block]
     }
 
     /// Whether a pixel of key frame `key` (0 or 1) shows a surface.
