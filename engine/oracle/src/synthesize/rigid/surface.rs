@@ -147,9 +147,7 @@ impl Surfaces {
             let (x, y) = (clamped(pixel % width, i, width), clamped(pixel / width, j, height));
             self.continues(pixel, y * width + x)
         };
-        (0..3).any(|top| {
-            (0..3).any(|left| (top..top + 3).all(|j| (left..left + 3).all(|i| continues(i, j))))
-        })
+        (0..3).any(|top| (0..3).any(|left| (top..top + 3).all(|j| (left..left + 3).all(|i| continues(i, j)))))
     }
 
     /// How a pixel lies to the surface of instance `id` and plane `plane`, in this key frame's axes.
