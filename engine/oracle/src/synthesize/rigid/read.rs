@@ -168,7 +168,8 @@ impl KeyFrame {
         }
         let lies = self.relation(spot.nearest, surface);
         if lies == Relation::Farther && !self.is_pure_within(&spot) {
-            return self.look_around(half_pel, &spot, as_shown, surface, |_| Relation::Farther);
+            let known = self.look_around(half_pel, &spot, as_shown, surface, |_| Relation::Farther);
+            return Known { behind: Some(as_shown), ..known };
         }
         let share = |of: Relation| if lies == of { 1.0 } else { 0.0 };
         let level = |of: Relation| (lies == of).then_some(as_shown);
