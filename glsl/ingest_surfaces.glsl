@@ -186,6 +186,30 @@ uint parents_of(int phase) {
         | continuing_bit(offset);
 }
 
+// The front of a pixel, a bit among those of the pixels around: of those that do not continue its surface, the nearest to
+// the camera, if that is nearer than the pixel. One without a surface counts as nearest of all. 0 if there is none.
+uint front_around(Camera cam, ivec2 at, uint bits) {
+    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+    float nearest = cached_depth[surface_index(at)];
+    uint front = 0u;
+    uint around = 1u;
+    for (int y = -1; y <= 1; ++y) {
+        for (int x = -1; x <= 1; ++x) {
+            const ivec2 near = at + ivec2(x, y);
+            if (x == 0 && y == 0) {
+                continue;
+            }
+            if ((bits & continuing_bit(ivec2(x, y))) == 0u && near == clamp(near, ivec2(0), last)) {
+                const float depth = shows_surface(near) ? cached_depth[surface_index(near)] : -1.0;
+                front = depth < nearest ? around : front;
+                nearest = min(depth, nearest);
+            }
+            around <<= 1u;
+        }
+    }
+    return front;
+}
+
 // Finds and writes the surface of a pixel of the tile. The workgroup of the first component writes.
 void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
     const ivec2 at = tile_origin + ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
@@ -210,6 +234,9 @@ void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
             word |= all_continue(bits >> first, PURE_BITS) ? 1u << (SURFACE_PURE_SHIFT + around) : 0u;
             around += 1u;
         }
+    }
+    if (own.instance != NO_INSTANCE && !all_continue(bits >> 6u, PURE_BITS)) {
+        word |= front_around(cam, at, bits) << SURFACE_PURE_SHIFT;
     }
     const uint element = surface_base(cam, geo, 1u) + uint(at.y) * cam.width + uint(at.x);
     surfaces[element] = uvec2(floatBitsToUint(own.inverse_depth), word);

@@ -147,11 +147,13 @@ vec4 find_sources(Geometry geo, Pose pose, Surface surface, vec3 ray, inout bool
 }
 
 // What a key frame knows of a surface at a position: shares of the pixels around, its level, and that of what is behind
-// it with the share of that.
+// it with the share of that. `reach` counts those in its fringe too, and `thick` those of them where it is thick.
 struct Known {
     float seen;
     float hidden;
     float trust;
+    float reach;
+    float thick;
     float level;
     float level_behind;
     float behind;
@@ -164,41 +166,86 @@ float read_level(Camera cam, uint frame, vec2 position) {
         : frame_bilinear(cam, frame, position);
 }
 
-// What the four pixels around a position know of a surface, where they show more than one.
-Known look_around(Camera cam, Geometry geo, uint frame, uint base, vec2 position, Seen surface) {
+// The pixel around `at` that a bit stands for.
+ivec2 pixel_around(ivec2 at, uint bit) {
+    const int around = findLSB(bit);
+    const int place = around < 4 ? around : around + 1;
+    return at + ivec2(place % 3 - 1, place / 3 - 1);
+}
+
+// What the four pixels around a position know of a surface; of its fringe only if one `asks`. All are farther than it if
+// the nearest one said so for all (`is_farther`): then they are asked for the fringe alone, and levels are left out. All
+// four are loaded before any branch, so that their loads overlap.
+Known look_around(
+    Camera cam, Geometry geo, uint frame, uint base, vec2 position, Seen surface, bool is_farther, bool asks
+) {
     const Cell cell = cell_at(cam, position);
     const vec2 g = 1.0 - cell.f;
     const vec4 weights = vec4(g.x * g.y, cell.f.x * g.y, g.x * cell.f.y, cell.f.x * cell.f.y);
-    Known known = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for (uint i = 0u; i < 4u; ++i) {
-        const ivec2 at = ivec2((i & 1u) == 0u ? cell.low.x : cell.high.x, i < 2u ? cell.low.y : cell.high.y);
-        const uvec2 shown = load_surface(base, cam, at);
-        const float level = load_plane(frame + frame_word(cam, TAPS == TAPS_CUBIC, at));
-        const uint lies = relation(geo, shown, vec2(at), surface);
-        if (lies == BELONGS) {
-            known.seen += weights[i];
-            known.trust = fma(is_pure(shown) ? 1.0 : MIXED_WEIGHT, weights[i], known.trust);
-            known.level = fma(weights[i], level, known.level);
-        } else if (lies == HIDES) {
-            known.hidden += weights[i];
-        } else {
-            known.behind += weights[i];
-            known.level_behind = fma(weights[i], level, known.level_behind);
+    const ivec2 at[4] = ivec2[4](
+        cell.low, ivec2(cell.high.x, cell.low.y), ivec2(cell.low.x, cell.high.y), cell.high);
+    uvec2 shown[4];
+    [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+        shown[i] = load_surface(base, cam, at[i]);
+    }
+    uvec4 fronts;
+    Known known = Known(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    if (!is_farther) {
+        float levels[4];
+        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+            levels[i] = load_plane(frame + frame_word(cam, TAPS == TAPS_CUBIC, at[i]));
+        }
+        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+            const uint lies = relation(geo, shown[i], vec2(at[i]), surface);
+            if (lies == BELONGS) {
+                known.seen += weights[i];
+                known.trust = fma(is_pure(shown[i]) ? 1.0 : MIXED_WEIGHT, weights[i], known.trust);
+                known.level = fma(weights[i], levels[i], known.level);
+                known.thick += is_thick(shown[i]) ? weights[i] : 0.0;
+            } else if (lies == HIDES) {
+                known.hidden += weights[i];
+            } else {
+                known.behind += weights[i];
+                known.level_behind = fma(weights[i], levels[i], known.level_behind);
+            }
+            fronts[i] = asks && lies == FARTHER ? front_of(shown[i]) : 0u;
+        }
+        known.level /= known.seen > 0.0 ? known.seen : 1.0;
+        known.level_behind /= known.behind > 0.0 ? known.behind : 1.0;
+        known.reach = known.seen;
+    } else {
+        known.behind = 1.0;
+        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+            fronts[i] = front_of(shown[i]);
         }
     }
-    known.level /= known.seen > 0.0 ? known.seen : 1.0;
-    known.level_behind /= known.behind > 0.0 ? known.behind : 1.0;
+    if (fronts != uvec4(0u)) {
+        ivec2 beside[4];
+        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+            beside[i] = fronts[i] != 0u ? pixel_around(at[i], fronts[i]) : at[i];
+            shown[i] = load_surface(base, cam, beside[i]);
+        }
+        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+            if (fronts[i] != 0u && belongs(geo, shown[i], vec2(beside[i]), surface)) {
+                known.reach += weights[i];
+                known.thick += is_thick(shown[i]) ? weights[i] : 0.0;
+            }
+        }
+    }
     return known;
 }
 
-// What a key frame knows of a surface at a spot; `as_shown` is the level there, whatever it is of.
-Known look(Camera cam, Geometry geo, uint frame, uint base, Spot spot, Seen surface, uint lies, float as_shown) {
-    if (!is_within(spot)) {
-        return look_around(cam, geo, frame, base, spot.position, surface);
+// What a key frame knows of a surface at a spot. Where its nearest pixel speaks for all, levels are what is shown there,
+// and left to the caller.
+Known look(Camera cam, Geometry geo, uint frame, uint base, Spot spot, Seen surface, uint lies, bool asks) {
+    const bool within = is_within(spot);
+    if (!within || (asks && lies == FARTHER && !is_pure_within(spot))) {
+        return look_around(cam, geo, frame, base, spot.position, surface, within, asks);
     }
+    const float seen = lies == BELONGS ? 1.0 : 0.0;
     return Known(
-        lies == BELONGS ? 1.0 : 0.0, lies == HIDES ? 1.0 : 0.0, lies == BELONGS ? trust_within(spot) : 0.0, as_shown,
-        as_shown, lies == FARTHER ? 1.0 : 0.0);
+        seen, lies == HIDES ? 1.0 : 0.0, lies == BELONGS ? trust_within(spot) : 0.0, seen,
+        is_thick(spot.shown) ? seen : 0.0, 0.0, 0.0, lies == FARTHER ? 1.0 : 0.0);
 }
 
 // Adds up the levels of the pixels `steps` beside a position that belong to a surface, and counts them.
@@ -218,8 +265,10 @@ vec2 levels_beside(Camera cam, Geometry geo, uint frame, uint base, vec2 positio
 
 // The silhouette of the nearest candidate that shows, if that covers the pixel in part.
 struct Silhouette {
-    // 0 if there is none.
     float coverage;
+    // How much of the pixel it reaches into; 0 if there is none. How much of that is where it is thick.
+    float reach;
+    float thickness;
     // Light of the candidate; what the key frames show along its path, mixtures and all; and what they show behind it,
     // with the share of that.
     float light;
@@ -231,8 +280,14 @@ struct Silhouette {
 // Light of a pixel with a silhouette; `behind` is that of the other candidates.
 float light_at_silhouette(Silhouette s, float behind) {
     const float there = lerp(behind, s.light_behind, s.behind);
-    const float alike = max(1.0 - abs(log(behind / there)) * (1.0 / BACKGROUND_LOG), 0.0);
-    return lerp(lerp(behind, s.light, s.coverage), s.as_shown, alike);
+    const float unlike = min(abs(log(behind / there)) * (1.0 / BACKGROUND_LOG), 1.0);
+    const float composite = lerp(behind, s.light, s.coverage);
+    return lerp(behind, lerp(s.as_shown, composite, s.thickness * unlike), s.reach);
+}
+
+// Whether a key frame says that a surface is hidden at a spot or not there, nor its fringe if one `asks` for that.
+bool misses(Spot spot, uint lies, bool asks) {
+    return lies != BELONGS && is_within(spot) && (lies == HIDES || !asks || is_pure_within(spot));
 }
 
 // Log intensity of a pixel that has a path at the end of sub-step `i` of `n`, at `alpha`; `lost` becomes true if
@@ -250,7 +305,7 @@ float synthesize_rigid(
     vec4 sources;
     bool any_seen = false;
     Silhouette silhouette;
-    silhouette.coverage = 0.0;
+    silhouette.reach = 0.0;
     uint order = p.order;
     do {
         const Surface here = candidate_at(p, (order & ORDER_MASK) - 1u, alpha);
@@ -270,27 +325,37 @@ float synthesize_rigid(
         const Seen in_end = Seen(here.instance, here.planes[1], parallax);
         const uint lies_start = relation(geo, start_spot.shown, vec2(start_spot.nearest), in_start);
         const uint lies_end = relation(geo, end_spot.shown, vec2(end_spot.nearest), in_end);
-        if (lies_start != BELONGS && lies_end != BELONGS && is_within(start_spot) && is_within(end_spot)) {
+        // Only the nearest that shows has a silhouette.
+        const bool asks = silhouette.reach == 0.0 && shown == 0.0;
+        if (misses(start_spot, lies_start, asks) && misses(end_spot, lies_end, asks)) {
+            continue;
+        }
+        Known start = look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start, asks);
+        Known end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end, asks);
+        const float say_start = (1.0 - alpha) * max(1.0 - outside_px(cam, at_keys.xy), EDGE_WEIGHT);
+        const float say_end = alpha * max(1.0 - outside_px(cam, at_keys.zw), EDGE_WEIGHT);
+        const float weight_reach = fma(say_start, start.reach, say_end * end.reach);
+        if (weight_reach <= 0.0) {
             continue;
         }
         // Both reads before any branch: their loads overlap.
         const float start_shown = read_level(cam, frames.previous, start_spot.position);
         const float end_shown = read_level(cam, frames.current, end_spot.position);
-        const Known start =
-            look(cam, geo, frames.previous, start_base, start_spot, in_start, lies_start, start_shown);
-        const Known end = look(cam, geo, frames.current, end_base, end_spot, in_end, lies_end, end_shown);
-        const float say_start = (1.0 - alpha) * max(1.0 - outside_px(cam, at_keys.xy), EDGE_WEIGHT);
-        const float say_end = alpha * max(1.0 - outside_px(cam, at_keys.zw), EDGE_WEIGHT);
+        if (is_within(start_spot)) {
+            start.level = start_shown;
+            start.level_behind = start_shown;
+        }
+        if (is_within(end_spot)) {
+            end.level = end_shown;
+            end.level_behind = end_shown;
+        }
         const float trust_end = say_end * end.trust;
         const float trust = fma(say_start, start.trust, trust_end);
-        if (trust <= 0.0) {
-            continue;
-        }
         const float weight_seen = fma(say_start, start.seen, say_end * end.seen);
         const vec2 open = vec2(say_start * (1.0 - start.hidden), say_end * (1.0 - end.hidden));
-        level = lerp(start.level, end.level, trust_end / trust);
+        level = lerp(start.level, end.level, trust > 0.0 ? trust_end / trust : 0.0);
         const float coverage = min(weight_seen / (open.x + open.y), 1.0);
-        if (silhouette.coverage == 0.0 && shown == 0.0) {
+        if (asks) {
             if (coverage >= 1.0) {
                 lost = false;
                 return level;
@@ -300,6 +365,8 @@ float synthesize_rigid(
                     start.behind > 0.0 ? 1.0 - open_end : 0.0, end.behind > 0.0 ? open_end : 0.0);
                 const float behind_sum = behind.x + behind.y;
                 silhouette.coverage = coverage;
+                silhouette.reach = min(weight_reach / (open.x + open.y), 1.0);
+                silhouette.thickness = fma(say_start, start.thick, say_end * end.thick) / weight_reach;
                 silhouette.light = exp(level);
                 silhouette.as_shown = exp(lerp(start_shown, end_shown, open_end));
                 silhouette.behind = behind_sum;
@@ -314,7 +381,7 @@ float synthesize_rigid(
         shown += share;
     } while (order != 0u && shown < 1.0);
     lost = !any_seen;
-    if (silhouette.coverage != 0.0) {
+    if (silhouette.reach != 0.0) {
         return log(shown < UNSEEN_SHARE ? silhouette.as_shown : light_at_silhouette(silhouette, light / shown));
     }
     if (lost || shown >= UNSEEN_SHARE) {

@@ -11,7 +11,7 @@
 
 // What a pixel shows, as `surfaces` has it: x is the inverse depth, y the instance and two sets of bits, one for each of
 // the eight pixels around, row by row: whether that continues the pixel's surface, and whether it is pure as far as the
-// pixel can tell.
+// pixel can tell. None that does not continue the surface is pure: there the second bit says that it is the front.
 const uint NO_INSTANCE = 0xffffu;
 const uint SURFACE_CONTINUES_SHIFT = 16u;
 const uint SURFACE_PURE_SHIFT = 24u;
@@ -44,6 +44,17 @@ uint continuing_of(uvec2 surface) {
 
 bool is_pure(uvec2 surface) {
     return continuing_of(surface) == ALL_AROUND;
+}
+
+// Whether some 3x3 pixels that hold a pixel continue its surface.
+bool is_thick(uvec2 surface) {
+    const uint continuing = continuing_of(surface);
+    return continuing == ALL_AROUND || (continuing & (surface.y >> SURFACE_PURE_SHIFT)) != 0u;
+}
+
+// The bit of a pixel's front; 0 if it has none.
+uint front_of(uvec2 surface) {
+    return ~continuing_of(surface) & (surface.y >> SURFACE_PURE_SHIFT);
 }
 
 // Whether the 5x5 pixels around continue a pixel's surface.
@@ -340,6 +351,12 @@ Spot spot_at(Camera cam, uint base, vec2 position) {
 bool is_within(Spot spot) {
     const uint needed = spot.between.x | spot.between.y | spot.between.z;
     return (continuing_of(spot.shown) & needed) == needed;
+}
+
+// Whether the pixels that a position within a surface lies between are pure.
+bool is_pure_within(Spot spot) {
+    const uint needed = spot.between.x | spot.between.y | spot.between.z;
+    return is_pure(spot.shown) && ((spot.shown.y >> SURFACE_PURE_SHIFT) & needed) == needed;
 }
 
 // Confidence in the light at a position within a surface: pixels that are not pure may be mixtures.

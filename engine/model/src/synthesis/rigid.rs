@@ -51,6 +51,15 @@
 //! are weighed bilinearly. `s` is the weight of those that belong to the candidate: it is seen. `h` is the weight of the
 //! nearer ones and of those without a surface: it may be hidden. The rest is farther: it is not there.
 //!
+//! Renderers mix the colours of what meets in a pixel, so a surface shows beyond the pixels that belong to it. The
+//! **front** of a pixel is, of those of the eight pixels around that do not continue its surface, the one of the largest
+//! `w`, if that is larger than the pixel's own; of equals the first row by row. A pixel without a surface counts as nearest
+//! of all. A farther pixel whose front belongs to the candidate is in its **fringe**, and `f` is the weight of those. Where
+//! the nearest pixel speaks for all and is farther, and one that the position lies between is not pure, the four count as
+//! farther and are asked for their fronts. A surface is **thick** at a pixel if some 3x3 pixels that hold the pixel
+//! continue its surface; beyond the image its border goes on. `t` is the weight of the pixels that belong where it is
+//! thick, and of those in the fringe with such a front.
+//!
 //! **Coverage.** With weights `u_0 = (1 - a) e_0` and `u_1 = a e_1`, where `e = max(1 - o, `[`EDGE_WEIGHT`]`)` and `o`
 //! is how far the position lies outside the image, a candidate covers the pixel by `c = sum u s / sum u (1 - h)`: what
 //! is hidden in one key frame is judged by the other. It is 0 where the candidate is hidden in both. Its level is `L =
@@ -64,14 +73,16 @@
 //! The mean of `exp(L)` by these shares is the pixel's `S + log_offset`. It is a mean in linear intensity, as a
 //! renderer's antialiasing is, and it is continuous in time: a silhouette passes as a ramp, without events of its own.
 //!
-//! **Silhouettes.** Renderers mix the colours of what meets in a pixel. Where the nearest candidate that shows covers the
-//! pixel in part, by `c < 1 - `[`SLIGHT_WEIGHT`], its silhouette passes. The mixture is then also known as it is: `R` is
-//! read at the candidate's positions in the half-pel frames, whatever surfaces the taps are of: the mean in log by `u (1 -
-//! h)`. It holds another background than the pixel's. `H` is the composite of the other candidates, and `B` what the key
-//! frames show behind the silhouette at its positions: the mean by `u (1 - h)` of `exp` of the level of the farther
-//! pixels around, or `H` in a key frame that shows none. The pixel is `v R + (1 - v) (c exp(L) + (1 - c) H)` with
-//! `v = max(1 - |ln(H / B)| / `[`BACKGROUND_LOG`]`, 0)`: the more alike both backgrounds are, the more the mixture
-//! counts. Without other candidates that show, it is `R`.
+//! **Silhouettes.** A candidate covers `c` of the pixel and reaches into `e = sum u (s + f) / sum u (1 - h)` of it, at most
+//! 1; with `e = 0` it does not show. Where the nearest one that shows covers the pixel in part, by `c < 1 -
+//! `[`SLIGHT_WEIGHT`], its silhouette passes. The mixture is then also known as it is: `R` is read at the candidate's
+//! positions in the half-pel frames, whatever surfaces the taps are of: the mean in log by `u (1 - h)`. It holds another
+//! background than the pixel's. `H` is the composite of the other candidates, and `B` what the key frames show behind the
+//! silhouette at its positions: the mean by `u (1 - h)` of `exp` of the level of the farther pixels around, or `H` in a key
+//! frame that shows none. The pixel is `e (v R + (1 - v) (c exp(L) + (1 - c) H)) + (1 - e) H` with `v = 1 - d min(|ln(H /
+//! B)| / `[`BACKGROUND_LOG`]`, 1)`: the more alike both backgrounds are, the more the mixture counts. `d = sum u t / sum u
+//! (s + f)` tells how thick the surface is there: of what is thin no pixel shows the colour unmixed, so there is nothing to
+//! make a composite of. Without other candidates that show, the pixel is `R`.
 //!
 //! **Unseen.** Where the shares sum to less than [`UNSEEN_SHARE`], no key frame shows what is there. The pixel then
 //! takes the level of its farthest candidate at the nearest pixels that belong to it, in the row and the column of its

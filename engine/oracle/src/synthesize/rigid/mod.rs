@@ -99,13 +99,29 @@ impl View {
     }
 }
 
-/// Coverage of a candidate and its level, nepers. `None` if it covers nothing, or is hidden in both key frames.
-fn covers(views: &[View; 2]) -> Option<(f64, f64)> {
+/// How much of a pixel a candidate covers.
+struct Cover {
+    coverage: f64,
+    /// Its own light; 0 if it covers nothing.
+    light: f64,
+    /// How much of the pixel it reaches into, with its fringe, and how much of that is where it is thick.
+    reach: f64,
+    thickness: f64,
+}
+
+/// `None` if it reaches into nothing, or is hidden in both key frames.
+fn covers(views: &[View; 2]) -> Option<Cover> {
     let sum = |of: &dyn Fn(&View) -> f64| views.iter().map(of).sum::<f64>();
     let trust = sum(&|view| view.weight * view.known.trust);
     let levels = sum(&|view| view.known.level.map_or(0.0, |level| view.weight * view.known.trust * level));
-    let coverage = sum(&|view| view.weight * view.known.seen) / sum(&View::open);
-    (trust > 0.0).then(|| (coverage.min(1.0), levels / trust))
+    let open = sum(&View::open);
+    let reach = sum(&|view| view.weight * view.known.reach);
+    (reach > 0.0).then(|| Cover {
+        coverage: (sum(&|view| view.weight * view.known.seen) / open).min(1.0),
+        light: if trust > 0.0 { (levels / trust).exp() } else { 0.0 },
+        reach: (reach / open).min(1.0),
+        thickness: sum(&|view| view.weight * view.known.thick) / reach,
+    })
 }
 
 /// Two key frames prepared to be read along exact paths.
@@ -243,16 +259,16 @@ impl<'a> Rigid<'a> {
         let mut silhouette = None;
         for (sources, surface) in &here {
             let views = self.views(instant.fraction, plane, sources, surface);
-            let Some((coverage, level)) = covers(&views) else { continue };
-            if silhouette.is_none() && shown == 0.0 && coverage < 1.0 - SLIGHT_WEIGHT {
-                silhouette = Some((coverage, level.exp(), views));
+            let Some(cover) = covers(&views) else { continue };
+            if silhouette.is_none() && shown == 0.0 && cover.coverage < 1.0 - SLIGHT_WEIGHT {
+                silhouette = Some((cover, views));
                 continue;
             }
-            let share = (1.0 - shown) * coverage;
-            light += share * level.exp();
+            let share = (1.0 - shown) * cover.coverage;
+            light += share * cover.light;
             shown += share;
         }
-        if let Some((coverage, own, views)) = silhouette {
+        if let Some((cover, views)) = silhouette {
             let open: f64 = views.iter().map(View::open).sum();
             let mean = |of: &dyn Fn(&View) -> f64| views.iter().map(|v| v.open() / open * of(v)).sum::<f64>();
             let mixture = mean(&|view| view.known.as_shown).exp();
@@ -261,9 +277,11 @@ impl<'a> Rigid<'a> {
             }
             let here = light / shown;
             let there = mean(&|view| view.known.behind.map_or(here, f64::exp));
-            let alike = (1.0 - (here / there).ln().abs() / BACKGROUND_LOG).max(0.0);
-            let composite = coverage * own + (1.0 - coverage) * here;
-            return Sample::Seen(self.intensity(alike * mixture + (1.0 - alike) * composite));
+            let unlike = ((here / there).ln().abs() / BACKGROUND_LOG).min(1.0);
+            let composite = cover.coverage * cover.light + (1.0 - cover.coverage) * here;
+            let strange = cover.thickness * unlike;
+            let reached = (1.0 - strange) * mixture + strange * composite;
+            return Sample::Seen(self.intensity(cover.reach * reached + (1.0 - cover.reach) * here));
         }
         if shown < UNSEEN_SHARE {
             let level = here.last().and_then(|(sources, farthest)| {

@@ -30,6 +30,10 @@ pub struct Known {
     pub trust: f64,
     /// Its level, nepers. `None` if none of them belongs.
     pub level: Option<f64>,
+    /// Weight of those that belong, and of those in its fringe.
+    pub reach: f64,
+    /// Weight of those of the reach where the surface is thick.
+    pub thick: f64,
     /// Level of those that are farther, nepers. `None` if there are none.
     pub behind: Option<f64>,
     /// Level there, of whatever it is, nepers.
@@ -43,6 +47,10 @@ pub struct KeyFrame {
     pub surfaces: Surfaces,
     /// Whether the 3x3 pixels around each continue its surface.
     pub pure: Vec<bool>,
+    /// Whether each shows a surface that is thick there.
+    pub thick: Vec<bool>,
+    /// The front of each.
+    pub front: Vec<Option<usize>>,
     /// Whether each half-pel sample lies between pixels that continue the surface of the first of them.
     pub joined: Vec<bool>,
 }
@@ -97,13 +105,15 @@ impl KeyFrame {
     pub fn new(surfaces: Surfaces) -> Self {
         let (width, height) = surfaces.size;
         let pure = (0..width * height).map(|pixel| surfaces.all_continue(pixel, pixel, 1)).collect();
+        let thick = (0..width * height).map(|pixel| surfaces.is_thick(pixel)).collect();
+        let front = (0..width * height).map(|pixel| surfaces.front(pixel)).collect();
         let joined = (0..4 * width * height)
             .map(|sample| {
                 let first = parent((width, height), sample);
                 parents((width, height), sample).all(|parent| surfaces.continues(first, parent))
             })
             .collect();
-        KeyFrame { surfaces, pure, joined }
+        KeyFrame { surfaces, pure, thick, front, joined }
     }
 
     /// Whether a pixel belongs to a surface.
@@ -153,9 +163,14 @@ impl KeyFrame {
         let spot = self.spot(at);
         let as_shown = self.level(half_pel, taps, spot.at);
         if !self.is_within(&spot) {
-            return self.look_around(half_pel, &spot, surface, as_shown);
+            let relation = |pixel| self.relation(pixel, surface);
+            return self.look_around(half_pel, &spot, as_shown, surface, relation);
         }
         let lies = self.relation(spot.nearest, surface);
+        if lies == Relation::Farther && !self.is_pure_within(&spot) {
+            let known = self.look_around(half_pel, &spot, as_shown, surface, |_| Relation::Farther);
+            return Known { behind: Some(as_shown), ..known };
+        }
         let share = |of: Relation| if lies == of { 1.0 } else { 0.0 };
         let level = |of: Relation| (lies == of).then_some(as_shown);
         Known {
@@ -163,41 +178,82 @@ impl KeyFrame {
             hidden: share(Relation::Hides),
             trust: share(Relation::Belongs) * self.trust_within(&spot),
             level: level(Relation::Belongs),
+            reach: share(Relation::Belongs),
+            thick: if self.thick[spot.nearest] { share(Relation::Belongs) } else { 0.0 },
             behind: level(Relation::Farther),
             as_shown,
         }
     }
 
-    /// Confidence in the light at a position within a surface: a pixel is pure, as far as the nearest one tells, if the
-    /// 3x3 pixels around it continue the nearest one's surface.
+    /// Whether a pixel that shows something farther is in the fringe of a surface, and then whether that is thick there:
+    /// the pixel's front belongs to it.
+    fn fringe(&self, pixel: usize, surface: &Seen) -> Option<bool> {
+        let front = self.front[pixel].filter(|&front| self.belongs(front, surface))?;
+        Some(self.thick[front])
+    }
+
+    /// Whether a pixel is pure, as far as the nearest one of a position tells: the 3x3 pixels around it continue the
+    /// nearest one's surface.
+    fn is_pure_for(&self, spot: &Spot, pixel: usize) -> bool {
+        self.surfaces.all_continue(spot.nearest, pixel, 1)
+    }
+
+    /// Whether all pixels that a position within a surface lies between are.
+    fn is_pure_within(&self, spot: &Spot) -> bool {
+        self.is_pure_for(spot, spot.nearest)
+            && self.beside(spot).all(|(pixel, _)| self.is_pure_for(spot, pixel))
+    }
+
+    /// Confidence in the light at a position within a surface.
     fn trust_within(&self, spot: &Spot) -> f64 {
-        let trust = |pixel: usize| {
-            if self.surfaces.all_continue(spot.nearest, pixel, 1) { 1.0 } else { MIXED_WEIGHT }
-        };
+        let trust = |pixel: usize| if self.is_pure_for(spot, pixel) { 1.0 } else { MIXED_WEIGHT };
         let beside: f64 = self.beside(spot).map(|(_, weight)| weight).sum();
         let trust_beside: f64 = self.beside(spot).map(|(pixel, weight)| weight * trust(pixel)).sum();
         (1.0 - beside) * trust(spot.nearest) + trust_beside
     }
 
-    /// What the four pixels around a position know of a surface, where they show more than one.
-    fn look_around(&self, half_pel: &[f64], spot: &Spot, surface: &Seen, as_shown: f64) -> Known {
+    /// What the four pixels around a position know of a surface, by how each lies to it.
+    fn look_around(
+        &self,
+        half_pel: &[f64],
+        spot: &Spot,
+        as_shown: f64,
+        surface: &Seen,
+        relation: impl Fn(usize) -> Relation,
+    ) -> Known {
         let size = self.surfaces.size;
-        let mut known = Known { seen: 0.0, hidden: 0.0, trust: 0.0, level: None, behind: None, as_shown };
+        let mut known = Known {
+            seen: 0.0,
+            hidden: 0.0,
+            trust: 0.0,
+            level: None,
+            reach: 0.0,
+            thick: 0.0,
+            behind: None,
+            as_shown,
+        };
         let (mut level, mut behind, mut farther) = (0.0, 0.0, 0.0);
         for (pixel, weight) in Cell::new(size, spot.at).corners() {
             let own = half_pel[pixel_sample(size, pixel)];
-            match self.relation(pixel, surface) {
+            let is_thick = match relation(pixel) {
                 Relation::Belongs => {
                     known.seen += weight;
                     known.trust += if self.pure[pixel] { weight } else { MIXED_WEIGHT * weight };
                     level += weight * own;
+                    Some(self.thick[pixel])
                 }
-                Relation::Hides => known.hidden += weight,
+                Relation::Hides => {
+                    known.hidden += weight;
+                    None
+                }
                 Relation::Farther => {
                     farther += weight;
                     behind += weight * own;
+                    self.fringe(pixel, surface)
                 }
-            }
+            };
+            known.reach += if is_thick.is_some() { weight } else { 0.0 };
+            known.thick += if is_thick == Some(true) { weight } else { 0.0 };
         }
         known.level = (known.seen > 0.0).then(|| level / known.seen);
         known.behind = (farther > 0.0).then(|| behind / farther);

@@ -119,6 +119,37 @@ impl Surfaces {
             .all(|row| columns.clone().all(|column| self.continues(of, row * width + column)))
     }
 
+    /// The front of a pixel: of the pixels around that do not continue its surface, the nearest to the camera, if that is
+    /// nearer than the pixel. One without a surface counts as nearest of all.
+    #[must_use]
+    pub fn front(&self, pixel: usize) -> Option<usize> {
+        let (width, height) = self.size;
+        let (x, y) = (pixel % width, pixel / width);
+        let mut nearest = (self.elements[pixel].ok()?.inverse_depth, None);
+        for row in y.saturating_sub(1)..=(y + 1).min(height - 1) {
+            for column in x.saturating_sub(1)..=(x + 1).min(width - 1) {
+                let around = row * width + column;
+                let inverse_depth = self.elements[around].map_or(f64::INFINITY, |e| e.inverse_depth);
+                if inverse_depth > nearest.0 && !self.continues(pixel, around) {
+                    nearest = (inverse_depth, Some(around));
+                }
+            }
+        }
+        nearest.1
+    }
+
+    /// Whether some 3x3 pixels that hold a pixel continue its surface. Beyond the image the border goes on.
+    #[must_use]
+    pub fn is_thick(&self, pixel: usize) -> bool {
+        let (width, height) = self.size;
+        let clamped = |at: usize, step: usize, size: usize| (at + step).saturating_sub(2).min(size - 1);
+        let continues = |i: usize, j: usize| {
+            let (x, y) = (clamped(pixel % width, i, width), clamped(pixel / width, j, height));
+            self.continues(pixel, y * width + x)
+        };
+        (0..3).any(|top| (0..3).any(|left| (top..top + 3).all(|j| (left..left + 3).all(|i| continues(i, j)))))
+    }
+
     /// How a pixel lies to the surface of instance `id` and plane `plane`, in this key frame's axes.
     #[must_use]
     pub fn relation(&self, pixel: usize, id: u32, plane: DVec3, parallax_px_m: f64) -> Relation {

@@ -220,7 +220,7 @@ fn an_occluding_edge_before_texture_keeps_to_the_number_of_events() {
     let moving = |t: f64| pose(DVec3::ZERO, DVec3::new(-0.6 + 0.4 * t, 0.0, 0.0));
     let [got, _] =
         Stage::new(&shake, &moving, vec![wall(), bar(8.0, |_, y| 0.6 + 0.3 * (9.0 * y).sin())]).compare();
-    assert!(got.f1 > 0.85 && got.victor_purpura < 0.4, "{got:?}");
+    assert!(got.f1 > 0.89 && got.victor_purpura < 0.33, "{got:?}");
     assert!((0.9..1.1).contains(&got.count_ratio), "{got:?}");
 }
 
@@ -234,10 +234,10 @@ fn a_pole_narrower_than_its_motion_does_not_vanish() {
     let light_above_wall = |frame: &[f64]| frame.iter().map(|s| s - 0.3).sum::<f64>();
     for (i, (expected, got)) in rendered.iter().zip(&synthesized).enumerate() {
         let ratio = light_above_wall(got) / light_above_wall(expected);
-        assert!((0.75..1.25).contains(&ratio), "frame {i}: {ratio}");
+        assert!((0.9..1.1).contains(&ratio), "frame {i}: {ratio}");
     }
     let got = against(&rendered, &synthesized);
-    assert!(got.f1 > 0.83 && (0.85..1.15).contains(&got.count_ratio), "{got:?}");
+    assert!(got.f1 > 0.87 && (0.85..1.15).contains(&got.count_ratio), "{got:?}");
 }
 
 #[test]
@@ -300,4 +300,33 @@ fn what_neither_key_frame_shows_is_counted_as_unseen() {
     // The bar itself is where it is.
     let Sample::Seen(bar) = rigid.sample(&rigid.instant(0.5), 0, 44, 16) else { panic!("not seen") };
     assert!((bar - 2.0).abs() < 1e-6, "{bar}");
+}
+
+#[test]
+fn pixels_beside_what_is_nearer_have_it_as_their_front() {
+    for width in [1, 2, 3, 5] {
+        // Half a pixel to the right, so that `width` columns from the middle one to the left show it.
+        let moving = |_: f64| pose(DVec3::ZERO, DVec3::new(-0.025 * (width % 2) as f64, 0.0, 0.0));
+        let stage = Stage::new(&still, &moving, vec![wall(), bar(width as f64 - 0.1, texture)]);
+        let frame = stage.frame(0);
+        let surfaces = Surfaces::new(&stage.scene, &input(&frame).geometry);
+        let row = 16 * SIZE.0;
+        let columns: Vec<usize> = (0..SIZE.0).filter(|x| frame.ids[row + x] == 1).collect();
+        assert_eq!(columns.len(), width);
+        let (first, last) = (columns[0], columns[width - 1]);
+        for x in 1..SIZE.0 - 1 {
+            let front = surfaces.front(row + x);
+            // Of three pixels of the same depth the upper one counts.
+            let expected = if x + 1 == first {
+                Some(row - SIZE.0 + first)
+            } else if x == last + 1 {
+                Some(row - SIZE.0 + last)
+            } else {
+                None
+            };
+            assert_eq!(front, expected, "{width} px: column {x}");
+            let on_bar = columns.contains(&x);
+            assert_eq!(surfaces.is_thick(row + x), !on_bar || width > 2, "{width} px: column {x}");
+        }
+    }
 }
