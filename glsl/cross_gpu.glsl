@@ -1,6 +1,7 @@
 // cross, for GPUs: see cross.glsl. The kernels of `synthesize` make the levels of synthesis `rigid` and of tiles where
 // motions meet; READS_LEVELS is defined for the kernels that read them. One workgroup per sub-tile of half a tile: a small
 // workgroup ends as soon as its own pixels are done, and makes place for the next. Events go into a queue as they are found.
+// Sub-tiles with more events than it holds are listed in `crowded`, for the permutation SECOND_RUN.
 #include "common.glsl"
 #include "cross_constants.glsl"
 #include "random.glsl"
@@ -10,6 +11,9 @@
 
 layout(local_size_x = CROSS_THREADS) in;
 
+#ifndef READS_LEVELS
+#define LISTS_CROWDED
+#endif
 #include "cross_bindings.glsl"
 
 // Leaves the test of `bin_samples` to run time: decided at compile time, it lets the compiler use fewer registers and
@@ -77,10 +81,35 @@ uint find_awake(Camera cam, uvec2 first) {
     return awake;
 }
 
+// Number of the workgroup's sub-tile, in the order of `tile_order`; beyond the last one if it has none.
+uint own_place(uint index) {
+#ifdef LISTS_CROWDED
+    if (SECOND_RUN) {
+        const uint counter = 2u * cameras[index].slot + cameras[index].frame_slot;
+        const bool is_left = gl_WorkGroupID.x < counters[counter].crowded_sub_tiles;
+        return is_left ? crowded[SUB_TILES * cameras[index].tile_base + gl_WorkGroupID.x] : 0xffffffffu;
+    }
+#endif
+    return gl_WorkGroupID.x;
+}
+
+void leave_crowded(Camera cam, uint counter) {
+#ifdef LISTS_CROWDED
+    if (!SECOND_RUN) {
+        atomicAdd(counters[counter].queue_overflows, 1u);
+        const uint entry = atomicAdd(counters[counter].crowded_sub_tiles, 1u);
+        crowded[SUB_TILES * cam.tile_base + entry] = gl_WorkGroupID.x;
+    }
+#else
+    atomicAdd(counters[counter].queue_overflows, 1u);
+#endif
+}
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    const uint in_order = gl_WorkGroupID.x / SUB_TILES;
-    const uint sub_tile = gl_WorkGroupID.x % SUB_TILES;
+    const uint place = own_place(index);
+    const uint in_order = place / SUB_TILES;
+    const uint sub_tile = place % SUB_TILES;
     const uint frame_kind = cameras[index].frame_kind;
     const bool catches_up = PIXELS_REST && frame_kind == FRAME_CATCH_UP;
     if ((frame_kind != FRAME_INTERVAL && !catches_up) || in_order >= tile_count(cameras[index])) {

@@ -76,6 +76,9 @@ shared uint sum_ahead;
 shared uint sum_packet;
 shared uint sum_largest;
 
+// Bins that a thread reads before it adds up any: it would wait as long for each one alone.
+const uint SUMMED_AT_ONCE = 8u;
+
 struct Sums {
     uint ahead;
     uint packet;
@@ -90,9 +93,16 @@ bool is_heavy(Sums all, uint overflow_count) {
 Sums sum_bins(Camera cam, uint first_bin) {
     const uint own = bins_of(cam, cam.frame_slot);
     uvec3 sum = uvec3(0u);
-    for (uint b = gl_LocalInvocationID.x; b < cam.bin_count; b += gl_WorkGroupSize.x) {
-        const uint count = bins[own + b];
-        sum = uvec3(sum.x + (b < first_bin ? count : 0u), sum.y + count, max(sum.z, count));
+    for (uint first = gl_LocalInvocationID.x; first < cam.bin_count; first += SUMMED_AT_ONCE * gl_WorkGroupSize.x) {
+        uint some[SUMMED_AT_ONCE];
+        [[unroll]] for (uint i = 0u; i < SUMMED_AT_ONCE; ++i) {
+            const uint b = first + i * gl_WorkGroupSize.x;
+            some[i] = b < cam.bin_count ? bins[own + b] : 0u;
+        }
+        [[unroll]] for (uint i = 0u; i < SUMMED_AT_ONCE; ++i) {
+            const uint b = first + i * gl_WorkGroupSize.x;
+            sum = uvec3(sum.x + (b < first_bin ? some[i] : 0u), sum.y + some[i], max(sum.z, some[i]));
+        }
     }
     const uvec3 subgroup_sum = uvec3(subgroupAdd(sum.xy), subgroupMax(sum.z));
     if (subgroupElect()) {
@@ -116,7 +126,7 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
         counters[counter].deferred = counted.deferred;
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.frame_slot] =
-            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
+            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
                      0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }

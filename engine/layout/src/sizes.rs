@@ -19,9 +19,16 @@ pub const CROSS_THREADS: u32 = TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * 4
 /// Room in the shortest event queue of `cross`, in events for each pixel of a sub-tile.
 pub const QUEUE_PER_PX: u32 = 8;
 
+/// Room in the event queue of the second run of `cross`, in events for each pixel of a sub-tile. There are few such
+/// sub-tiles, so it may take the shared memory that every device has for `sort`.
+pub const CROWDED_QUEUE_PER_PX: u32 = 4 * QUEUE_PER_PX;
+
 /// Threads of a workgroup of `ingest` and `backward_transfer` on a GPU: one for each pixel of a tile.
 pub const INGEST_THREADS: u32 =
     TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
+
+/// Sub-tiles of a tile.
+pub const SUB_TILES: u32 = INGEST_THREADS / CROSS_THREADS;
 
 /// Threads of a workgroup of `synthesize` that makes levels: some for each pixel of a block.
 pub const SYNTHESIZE_THREADS: u32 = 2 * LEVEL_ROW_WORDS;

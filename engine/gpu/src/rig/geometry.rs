@@ -6,7 +6,7 @@ use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_CARRIED,
     MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS,
-    TILE_BLOCKS,
+    SUB_TILES, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
@@ -81,6 +81,7 @@ impl Place {
         elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
         // For each element of `tile_order`, at the same place.
         elements[layout::LEVEL_WORDS] = Some(u64::from(self.tiles));
+        elements[layout::CROWDED] = Some(u64::from(SUB_TILES * self.tiles));
         let (rigid, blocks) = (u64::from(self.is_rigid), u64::from(self.blocks));
         elements[layout::SURFACES] = Some(rigid * 2 * pixels);
         elements[layout::SLOPES] = Some(rigid * 2 * pixels);

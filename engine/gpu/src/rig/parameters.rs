@@ -6,9 +6,9 @@ use super::{CameraState, RigOptions};
 use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
-    self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
-    IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, Readout, ReadoutConstants,
-    SortConstants, SynthesizeConstants,
+    self as layout, BackwardTransferConstants, CROWDED_QUEUE_PER_PX, Camera, CrossConstants,
+    CrossCpuConstants, FrameKind, IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX,
+    Readout, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
 use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
@@ -99,6 +99,7 @@ pub(super) fn permutation(
             dump_samples: options.keep_substeps,
             queue_overflowed: false,
             queue_per_px,
+            second_run: false,
             fisheye,
             layers: layers(sensor),
             pixels_rest: camera.knows_rest(rests),
@@ -206,6 +207,14 @@ impl Permutation {
     pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Vec<Specialised> {
         let kinds = if self.cross.layers > 1 { &[false, true][..] } else { &[false] };
         kinds.iter().map(|&meeting| self.cross_where(policy, queue_overflowed, meeting)).collect()
+    }
+
+    /// The kernel of `cross` for the sub-tiles that the first run lists in `crowded`; `None` if it lists none, or may have
+    /// changed which pixels rest.
+    pub(super) fn second_run(&self, policy: KernelPolicy) -> Option<Specialised> {
+        let lists = policy.kernels == KernelSet::Gpu && !self.rigid && !self.cross.pixels_rest;
+        let cross = CrossConstants { queue_per_px: CROWDED_QUEUE_PER_PX, second_run: true, ..self.cross };
+        lists.then(|| Permutation { cross, ..*self }.cross_where(policy, false, false))
     }
 
     /// The kernel of `cross` of the tiles where motions meet (`meeting`), or of the others.

@@ -132,10 +132,21 @@ impl SensorKernels {
         ];
         let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy));
         for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
-            if let Entry::Vacant(missing) = self.0.entry(specialised) {
-                let kernel = code.kernel(bindings, missing.key())?;
-                missing.insert(kernel);
-            }
+            self.need_one(code, bindings, specialised)?;
+        }
+        Ok(())
+    }
+
+    /// Compiles a kernel if it is missing.
+    fn need_one(
+        &mut self,
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        specialised: Specialised,
+    ) -> Result<(), EngineError> {
+        if let Entry::Vacant(missing) = self.0.entry(specialised) {
+            let kernel = code.kernel(bindings, missing.key())?;
+            missing.insert(kernel);
         }
         Ok(())
     }
@@ -168,6 +179,8 @@ struct RecordedFor {
     permutations: Vec<Permutation>,
     /// Passes of `synthesize` and `cross`.
     passes: u32,
+    /// Workgroups for each camera of the second run of `cross`; 0 if there is none.
+    second_run: u32,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -322,7 +335,10 @@ impl Rig {
     /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
     fn needed_recording(&self, whole: bool) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
-        RecordedFor { permutations: self.permutations(), passes: self.passes(whole), addresses }
+        let permutations = self.permutations();
+        let runs_twice = whole && permutations.iter().any(|p| p.second_run(self.pipelines.policy).is_some());
+        let second_run = if runs_twice { self.second_run.groups() } else { 0 };
+        RecordedFor { permutations, passes: self.passes(whole), second_run, addresses }
     }
 
     /// The permutation of each camera.
@@ -373,10 +389,13 @@ impl Rig {
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
         self.need_kernels(permutations, whole)?;
+        if needed.second_run > 0 {
+            self.need_second_run(permutations)?;
+        }
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &groups, needed.passes, whole)?;
+        record_tick(self, &groups, needed.passes, needed.second_run, whole)?;
         *self.recorded_for(whole) = Some(needed);
         Ok(())
     }
@@ -393,6 +412,15 @@ impl Rig {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
         kernels.need(*policy, &self.cameras, code, bindings, permutations)
+    }
+
+    /// Compiles the kernels of the second run of `cross` that are missing.
+    fn need_second_run(&mut self, permutations: &[Permutation]) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
+        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy)) {
+            specialised.need_one(code, bindings, second_run)?;
+        }
+        Ok(())
     }
 
     fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
@@ -443,7 +471,13 @@ pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
-fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<(), EngineError> {
+fn record_tick(
+    rig: &Rig,
+    groups: &[Group],
+    passes: u32,
+    second_run: u32,
+    whole: bool,
+) -> Result<(), EngineError> {
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
@@ -540,6 +574,15 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
                 }
             }
             record_barrier(device, commands);
+            if second_run > 0 && pass + 1 == passes {
+                for group in groups {
+                    if let Some(kernel) = group.permutation.second_run(policy) {
+                        let extent = [second_run, group.count, 1];
+                        dispatch(commands, &specialised[&kernel], group.first, extent);
+                    }
+                }
+                record_barrier(device, commands);
+            }
             stage_done();
         }
         if outlets > 0 {
