@@ -113,8 +113,10 @@ pub(super) struct TickEnd {
     pub regrown: Vec<u64>,
     /// Sub-tiles of all cameras with more events than their queue holds.
     pub queue_overflows: u64,
-    /// Those that a second run may take, of the camera that has most.
+    /// Those that a second run in the same submission may take, of the camera that has most.
     pub most_crowded: u32,
+    /// Whether such a run has left any that it looked at, though the buffers had room.
+    pub leaves_crowded: bool,
 }
 
 /// How a tick fails.
@@ -142,6 +144,8 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
         let overflows = counted.queue_overflows.max(counted.crowded_sub_tiles);
         progress.end.queue_overflows += u64::from(overflows);
         progress.end.most_crowded = progress.end.most_crowded.max(counted.crowded_sub_tiles);
+        progress.end.leaves_crowded |=
+            counted.crowded_sub_tiles > 0 && counted.queue_overflows > 0 && counted.emitted_fit == u32::MAX;
         let fitted = counted.emitted_fit == u32::MAX;
         if fitted && counted.queue_overflows == 0 && counted.without_levels == 0 {
             progress.end.counters[camera] = Some(counted);
@@ -197,6 +201,7 @@ pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<Ti
         regrown: vec![0; cameras],
         queue_overflows: 0,
         most_crowded: 0,
+        leaves_crowded: false,
     };
     let mut progress = Progress { pending: in_tick, end };
     let mut state = State::Prepared;
@@ -350,7 +355,8 @@ mod tests {
                 outlets: vec![None; 2],
                 regrown: vec![0, 0],
                 queue_overflows: 0,
-                most_crowded: 0
+                most_crowded: 0,
+                leaves_crowded: false
             }
         );
         assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
@@ -386,7 +392,8 @@ mod tests {
                 outlets: vec![None; 2],
                 regrown: vec![0, 1],
                 queue_overflows: 9,
-                most_crowded: 9
+                most_crowded: 9,
+                leaves_crowded: true
             }
         );
         let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };

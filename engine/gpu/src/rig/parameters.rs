@@ -211,10 +211,10 @@ impl Permutation {
 
     /// The kernel of `cross` for the sub-tiles that the first run lists in `crowded`; `None` if it lists none, or may have
     /// changed which pixels rest.
-    pub(super) fn second_run(&self, policy: KernelPolicy) -> Option<Specialised> {
+    pub(super) fn second_run(&self, policy: KernelPolicy, without_queue: bool) -> Option<Specialised> {
         let lists = policy.kernels == KernelSet::Gpu && !self.rigid && !self.cross.pixels_rest;
         let cross = CrossConstants { queue_per_px: CROWDED_QUEUE_PER_PX, second_run: true, ..self.cross };
-        lists.then(|| Permutation { cross, ..*self }.cross_where(policy, false, false))
+        lists.then(|| Permutation { cross, ..*self }.cross_where(policy, without_queue, false))
     }
 
     /// The kernel of `cross` of the tiles where motions meet (`meeting`), or of the others.

@@ -173,14 +173,22 @@ pub(super) struct Recording {
     retry_for: Option<RecordedFor>,
 }
 
+/// The second run of `cross` in a tick.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Second {
+    /// Workgroups for each camera; 0 if there is no such run.
+    groups: u32,
+    without_queue: bool,
+}
+
 /// What recorded commands are good for.
 #[derive(PartialEq)]
 struct RecordedFor {
     permutations: Vec<Permutation>,
     /// Passes of `synthesize` and `cross`.
     passes: u32,
-    /// Workgroups for each camera of the second run of `cross`; 0 if there is none.
-    second_run: u32,
+    /// The second run of `cross`.
+    second_run: Second,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -336,8 +344,11 @@ impl Rig {
     fn needed_recording(&self, whole: bool) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
         let permutations = self.permutations();
-        let runs_twice = whole && permutations.iter().any(|p| p.second_run(self.pipelines.policy).is_some());
-        let second_run = if runs_twice { self.second_run.groups() } else { 0 };
+        let policy = self.pipelines.policy;
+        let (groups, without_queue) = (self.second_run.groups(), self.second_run.without_queue());
+        let runs_twice = whole && permutations.iter().any(|p| p.second_run(policy, without_queue).is_some());
+        let second_run =
+            if runs_twice && groups > 0 { Second { groups, without_queue } } else { Second::default() };
         RecordedFor { permutations, passes: self.passes(whole), second_run, addresses }
     }
 
@@ -389,8 +400,8 @@ impl Rig {
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
         self.need_kernels(permutations, whole)?;
-        if needed.second_run > 0 {
-            self.need_second_run(permutations)?;
+        if needed.second_run.groups > 0 {
+            self.need_second_run(permutations, needed.second_run.without_queue)?;
         }
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
@@ -415,9 +426,13 @@ impl Rig {
     }
 
     /// Compiles the kernels of the second run of `cross` that are missing.
-    fn need_second_run(&mut self, permutations: &[Permutation]) -> Result<(), EngineError> {
+    fn need_second_run(
+        &mut self,
+        permutations: &[Permutation],
+        without_queue: bool,
+    ) -> Result<(), EngineError> {
         let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
-        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy)) {
+        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy, without_queue)) {
             specialised.need_one(code, bindings, second_run)?;
         }
         Ok(())
@@ -475,7 +490,7 @@ fn record_tick(
     rig: &Rig,
     groups: &[Group],
     passes: u32,
-    second_run: u32,
+    second_run: Second,
     whole: bool,
 ) -> Result<(), EngineError> {
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
@@ -574,10 +589,10 @@ fn record_tick(
                 }
             }
             record_barrier(device, commands);
-            if second_run > 0 && pass + 1 == passes {
+            if second_run.groups > 0 && pass + 1 == passes {
                 for group in groups {
-                    if let Some(kernel) = group.permutation.second_run(policy) {
-                        let extent = [second_run, group.count, 1];
+                    if let Some(kernel) = group.permutation.second_run(policy, second_run.without_queue) {
+                        let extent = [second_run.groups, group.count, 1];
                         dispatch(commands, &specialised[&kernel], group.first, extent);
                     }
                 }
