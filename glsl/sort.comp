@@ -2,7 +2,8 @@
 // host reads. Equal events are equal in every bit, so the packet does not depend on the order in which they came.
 //
 // One workgroup per group of GROUP_BINS bins; x over groups, y over cameras. Each workgroup sums all bins itself, to
-// know where its own begin: they are few, and a dispatch for that would cost more. Events are ranked within their bins
+// know where its own begin: they are few, and a dispatch for that would cost more. In a rig with many, `bin_sums` has summed
+// them in chunks (SUMMED). Events are ranked within their bins
 // in shared memory: a group or half of it at once if they fit, else bin by bin. Stores are line-aligned: partial PCIe
 // writes are slow. Where a bin overflowed, the workgroup searches the overflow buffer for its events.
 //
@@ -76,9 +77,6 @@ shared uint sum_ahead;
 shared uint sum_packet;
 shared uint sum_largest;
 
-// Bins that a thread reads before it adds up any: it would wait as long for each one alone.
-const uint SUMMED_AT_ONCE = 8u;
-
 struct Sums {
     uint ahead;
     uint packet;
@@ -93,15 +91,19 @@ bool is_heavy(Sums all, uint overflow_count) {
 Sums sum_bins(Camera cam, uint first_bin) {
     const uint own = bins_of(cam, cam.frame_slot);
     uvec3 sum = uvec3(0u);
-    for (uint first = gl_LocalInvocationID.x; first < cam.bin_count; first += SUMMED_AT_ONCE * gl_WorkGroupSize.x) {
-        uint some[SUMMED_AT_ONCE];
-        [[unroll]] for (uint i = 0u; i < SUMMED_AT_ONCE; ++i) {
-            const uint b = first + i * gl_WorkGroupSize.x;
-            some[i] = b < cam.bin_count ? bins[own + b] : 0u;
+    if (SUMMED) {
+        const uint chunk = first_bin / SUMMED_BINS;
+        for (uint c = gl_LocalInvocationID.x; c < chunks_of(cam); c += gl_WorkGroupSize.x) {
+            const uint count = bins[sums_of(cam) + 2u * c];
+            sum = uvec3(sum.x + (c < chunk ? count : 0u), sum.y + count, max(sum.z, bins[sums_of(cam) + 2u * c + 1u]));
         }
-        [[unroll]] for (uint i = 0u; i < SUMMED_AT_ONCE; ++i) {
-            const uint b = first + i * gl_WorkGroupSize.x;
-            sum = uvec3(sum.x + (b < first_bin ? some[i] : 0u), sum.y + some[i], max(sum.z, some[i]));
+        for (uint b = chunk * SUMMED_BINS + gl_LocalInvocationID.x; b < first_bin; b += gl_WorkGroupSize.x) {
+            sum.x += bins[own + b];
+        }
+    } else {
+        for (uint b = gl_LocalInvocationID.x; b < cam.bin_count; b += gl_WorkGroupSize.x) {
+            const uint count = bins[own + b];
+            sum = uvec3(sum.x + (b < first_bin ? count : 0u), sum.y + count, max(sum.z, count));
         }
     }
     const uvec3 subgroup_sum = uvec3(subgroupAdd(sum.xy), subgroupMax(sum.z));

@@ -67,7 +67,7 @@ fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) ->
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
     }
     // Constants: bins of a group, threads, native division.
-    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1, 0, 0]]);
+    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1, 0, 0, 0]]);
     drop(rig);
     assert_silent();
     got
@@ -144,7 +144,7 @@ fn larger_groups_of_bins_sort_the_same_packets_on_a_gpu() {
         RigOptions { policy: Some(many), ..RigOptions::default() },
     )
     .expect("a rig");
-    assert_eq!(compiled(&rig, "sort"), [vec![16, 256, 1, 0, 0]]);
+    assert_eq!(compiled(&rig, "sort"), [vec![16, 256, 1, 0, 0, 0]]);
 }
 
 /// Sub-tiles with more events than the queue holds run again, and no others; then the queue grows, if it may, or else ticks

@@ -257,6 +257,8 @@ spec_constants! {
     has_bus: bool,
     /// Whether events that hardly wait for a bus are served.
     readout_light: bool,
+    /// Whether `bin_sums` has summed the bins.
+    summed: bool,
 }
 
 spec_constants! {

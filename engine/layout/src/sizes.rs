@@ -9,6 +9,9 @@ pub const SORTABLE_EVENTS: u32 = 2048;
 /// Most overflow events that a workgroup of `sort` searches; `merge` sorts packets that have more.
 pub const SEARCHED_EVENTS: u32 = 1 << 15;
 
+/// Bins whose events `bin_sums` sums for `sort`; a multiple of the bins that a workgroup of `sort` takes.
+pub const SUMMED_BINS: u32 = 2048;
+
 /// Blocks of a tile, side by side: 32 pixels in a row, a subgroup's width.
 pub const TILE_BLOCKS: u32 = 4;
 

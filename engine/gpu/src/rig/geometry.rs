@@ -6,7 +6,7 @@ use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_CARRIED,
     MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS,
-    SUB_TILES, TILE_BLOCKS,
+    SUB_TILES, SUMMED_BINS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
@@ -64,7 +64,11 @@ impl Place {
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
         elements[layout::BINS] =
-            Some(if self.bin_count == 0 { 0 } else { 2 * (u64::from(self.bin_count) + 1) });
+            // Two sets of bins, then two words for each chunk that is summed.
+            Some(match self.bin_count {
+                0 => 0,
+                bins => 2 * (u64::from(bins) + 1) + 2 * u64::from(bins.div_ceil(SUMMED_BINS)),
+            });
         elements[layout::BIN_STORAGE] = Some(u64::from(self.bin_count) * u64::from(self.bin_capacity));
         for slot in [
             layout::OVERFLOW,
@@ -243,8 +247,12 @@ const PIXELS_PER_LEVEL_ROW: u64 = 16;
 /// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
 const LEAST_STRETCH: u32 = 32;
 
-/// Most bins of a camera: each workgroup of `sort` sums them all.
-const MOST_BINS: u32 = 16_384;
+/// Most bins of a camera.
+const MOST_BINS: u32 = 1 << 17;
+
+/// Bins of a camera up to which there is one for each [`BIN_PX`] pixels. Beyond, there are twice as many: a bin is at
+/// least one tick of the sensor's clock, and with ticks of a microsecond some bins stay empty.
+const SPARSE_BINS: u32 = 16_384;
 
 /// Fewest bins of a camera. There may be many small cameras, and each bin takes memory.
 const LEAST_BINS: u32 = 128;
@@ -258,6 +266,16 @@ const BIN_CAPACITY: u32 = BIN_PX + BIN_PX / 2;
 /// Bin capacities are multiples of this: whole lines of memory.
 const BIN_CAPACITY_STEP: u32 = 16;
 
+/// Number of bins of a camera, and their initial capacity.
+fn first_bins(pixels: u32) -> (u32, u32) {
+    let bins = (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS);
+    if bins <= SPARSE_BINS {
+        return (bins, BIN_CAPACITY);
+    }
+    let bins = (2 * bins).min(MOST_BINS);
+    (bins, ((pixels + pixels / 2) / bins).next_multiple_of(BIN_CAPACITY_STEP).min(BIN_CAPACITY))
+}
+
 /// Initial places of the cameras, and after them those of their outlets.
 pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
     let mut places: Vec<Place> = configs
@@ -269,6 +287,7 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
             let blocks_x = sensor.width.div_ceil(BLOCK_PX);
             let events =
                 if options.initial_events == 0 { pixels + pixels / 2 } else { options.initial_events };
+            let (bin_count, bin_capacity) = first_bins(pixels);
             let place = Place {
                 slot: slot as u32,
                 pixels,
@@ -276,8 +295,8 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 tiles: blocks_x.div_ceil(TILE_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
-                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS),
-                bin_capacity: BIN_CAPACITY,
+                bin_count,
+                bin_capacity,
                 event_capacity: round_events(events),
                 has_motion: config.motion.is_some(),
                 instances: 1,
@@ -385,6 +404,15 @@ mod tests {
             assert!(u64::from(passes) * (rows - TILE_LEVEL_ROWS) >= 33 * blocks);
             assert!(16 * rows <= u64::from(2 * width * height).max(16 * u64::from(least)) || width == 40);
         }
+    }
+
+    #[test]
+    fn large_images_have_more_bins_and_no_more_room_in_them() {
+        let all = [128 * 128, 640 * 480, 1280 * 720, 1920 * 1080, 3840 * 2160, 1 << 28].map(first_bins);
+        assert_eq!(
+            all,
+            [(256, 96), (8192, 96), (16_384, 96), (65_536, 48), (131_072, 96), (131_072, 96)]
+        );
     }
 
     #[test]

@@ -276,14 +276,16 @@ fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
     }
 }
 
-/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus.
-pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool) -> Specialised {
+/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus. `summed`: whether
+/// `bin_sums` runs before it.
+pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool, summed: bool) -> Specialised {
     let constants = SortConstants {
         group_bins,
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,
         readout_light: has_bus && policy.readout_light,
+        summed,
     };
     Specialised { kernel: stages::SORT, constants: constants.words() }
 }

@@ -124,12 +124,13 @@ impl SecondRun {
 
     /// Adapts it after a tick in which no camera had more than `most` sub-tiles for it, and it left some though it had room
     /// for them (`leaves`). `length_changes`: whether queues have another length in the next tick.
-    pub(super) fn follow(&mut self, most: u32, leaves: bool, length_changes: bool) {
+    pub(super) fn follow(&mut self, load: Load, most: u32, leaves: bool, length_changes: bool) {
         self.without_queue |= leaves && most <= self.groups;
         // Another length may spare it.
         self.busy_ticks = if most > 0 && !length_changes { self.busy_ticks + 1 } else { 0 };
         self.quiet_ticks = if most == 0 { self.quiet_ticks + 1 } else { 0 };
-        if self.quiet_ticks >= QUIET_TICKS {
+        if self.quiet_ticks >= QUIET_TICKS || 2 * load.overflows > load.sub_tiles {
+            // What it spares does not grow with the sub-tiles.
             *self = SecondRun::default();
         } else if self.busy_ticks >= BUSY_TICKS && most > self.groups {
             // Intervals are not alike: twice as many.
@@ -148,7 +149,7 @@ mod tests {
     fn a_second_run_follows_crowds_that_last_and_ends_with_them() {
         let mut second = SecondRun::default();
         let mut after = |most, changes| {
-            second.follow(most, false, changes);
+            second.follow(load(2, most.into()), most, false, changes);
             second.groups()
         };
         assert_eq!([after(9, false), after(0, false), after(9, false)], [0; 3], "one tick is no reason");
@@ -158,13 +159,14 @@ mod tests {
             assert_eq!(after(0, false), 256);
         }
         assert_eq!([after(0, false), after(9, false)], [0, 0]);
+        assert_eq!([after(9, false), after(3600, false), after(3601, false)], [64, 8192, 0], "most sub-tiles");
     }
 
     #[test]
     fn a_second_run_whose_queue_is_too_short_goes_without() {
         let mut second = SecondRun::default();
         let mut after = |most, leaves| {
-            second.follow(most, leaves, false);
+            second.follow(load(2, most.into()), most, leaves, false);
             (second.groups(), second.without_queue())
         };
         assert_eq!([after(9, true), after(9, true)], [(0, false), (64, false)], "there was none");

@@ -43,6 +43,17 @@ pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
     policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
+/// Reads of bins over all workgroups of `sort` from which on `bin_sums` spares more than it costs: several microseconds on
+/// a GPU.
+const SUMMED_READS: u64 = 1 << 23;
+
+/// Whether `bin_sums` runs before `sort` in a rig without a bus.
+pub(super) fn sums_bins(policy: KernelPolicy, cameras: &[CameraState]) -> bool {
+    let group_bins = u64::from(group_bins(policy, cameras));
+    let bins = cameras.iter().map(|c| u64::from(c.place.bin_count));
+    bins.map(|bins| bins * bins / group_bins).sum::<u64>() >= SUMMED_READS
+}
+
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
 pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1 + 2 * (MOST_PASSES - 1);
 
@@ -51,6 +62,8 @@ pub(super) struct Kernels {
     pub deferred: Kernel,
     /// Compiled when a camera needs it first.
     paths: Option<Kernel>,
+    /// If bins are summed before they are sorted.
+    bin_sums: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
     /// Compiled when a camera needs it first.
@@ -74,10 +87,15 @@ impl Kernels {
         code: &Code,
         bindings: &Arc<BindingSet>,
     ) -> Result<Self, EngineError> {
+        let summed = sums_bins(policy, cameras);
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
-            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false))?,
+            bin_sums: match summed {
+                true => Some(code.plain_kernel(bindings, stages::BIN_SUMS)?),
+                false => None,
+            },
+            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false, summed))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
             forms: HashMap::new(),
@@ -103,7 +121,7 @@ impl Kernels {
                     true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true))?,
+                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true, false))?,
             });
         }
         Ok(())
@@ -371,13 +389,14 @@ impl Rig {
         let k = &self.pipelines.kernels;
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
         let paths = k.paths.iter().map(|kernel| ("paths", kernel));
+        let sums = k.bin_sums.iter().map(|kernel| ("sort", kernel));
         let bus = k.bus.iter().flat_map(|bus| {
             [("sort", &bus.sort), ("readout", &bus.readout)]
                 .into_iter()
                 .chain(bus.apart.iter().map(|apart| ("readout", apart)))
         });
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
-        of_sensors.chain(events).chain(paths).chain(bus).chain(forms)
+        of_sensors.chain(events).chain(sums).chain(paths).chain(bus).chain(forms)
     }
 
     /// Names of the compiled kernels and their specialisation constants, for tests: which permutations ran.
@@ -388,8 +407,9 @@ impl Rig {
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
         let bus = &self.pipelines.kernels.bus;
         for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
-            let sort =
-                sort(self.pipelines.policy, group_bins(self.pipelines.policy, &self.cameras), *has_bus);
+            let policy = self.pipelines.policy;
+            let summed = !has_bus && sums_bins(policy, &self.cameras);
+            let sort = sort(policy, group_bins(policy, &self.cameras), *has_bus, summed);
             all.push((sort.kernel.0, sort.constants));
         }
         all.sort();
@@ -612,6 +632,11 @@ fn record_tick(
                 stage_done();
             }
         } else {
+            if let Some(sums) = &rig.pipelines.kernels.bin_sums {
+                let most = rig.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0);
+                dispatch(commands, sums, 0, [most.div_ceil(layout::SUMMED_BINS), cameras, 1]);
+                record_barrier(device, commands);
+            }
             let extent = [rig.bin_groups(), cameras, 1];
             dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);
         }
