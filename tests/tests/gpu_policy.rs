@@ -204,6 +204,37 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
     }
 }
 
+/// With bins for more than one chunk.
+#[test]
+fn bins_that_are_summed_in_chunks_sort_the_same_packets() {
+    let sensor = SensorModel {
+        width: 480,
+        height: 320,
+        synthesis: Synthesis::Linear,
+        latency_ns: 3_000_000,
+        contrast_on: 0.05,
+        contrast_off: 0.05,
+        ..SensorModel::default()
+    };
+    let swing = |pixel: usize| 0.3 * (pixel % 7) as f64 - 0.9;
+    let sequence = gray(&sensor, &times(0, 4), |frame, pixel| {
+        intensity_of(&sensor, -2.0 + if frame % 2 == 1 { swing(pixel) } else { 0.0 })
+    });
+    let packets = |summed_reads| {
+        let policy = KernelPolicy { summed_reads, ..POLICY };
+        let cameras = [(sensor.clone(), sequence.clone()), (self::sensor(), moving())];
+        let rig =
+            Rig::with_options(&DEVICE, &[camera(&sensor, 0, &sequence)], forced(policy)).expect("a rig");
+        assert_eq!(compiled(&rig, "sort")[0][5], u32::from(summed_reads == 0));
+        engine_of_many(&cameras, forced(policy))
+    };
+    let (summed, own) = (packets(0), packets(u64::MAX));
+    assert!(own[0][1].packet.len() > 100_000 && own[0][1].diagnostics.deferred_events > 1000);
+    for (summed, own) in summed.iter().flatten().zip(own.iter().flatten()) {
+        assert!(summed.packet == own.packet && summed.diagnostics == own.diagnostics);
+    }
+}
+
 #[test]
 fn cameras_of_different_kernels_step_together_on_a_gpu() {
     let sequence = moving();
@@ -231,7 +262,8 @@ fn an_event_number_that_a_tag_has_no_bits_for_overflows_the_queue() {
     assert_eq!(retried, [false, true, true, true, false, false]);
     let kernels = compiled(&rig, "cross_gpu");
     for constants in [[0, 0], [1, 0], [0, 1], [1, 1]] {
-        let found = |words: &&Vec<u32>| [words[word("queue_overflowed")], words[word("second_run")]] == constants;
+        let found =
+            |words: &&Vec<u32>| [words[word("queue_overflowed")], words[word("second_run")]] == constants;
         assert_eq!(kernels.iter().filter(found).count(), 1, "{constants:?}");
     }
     drop(rig);

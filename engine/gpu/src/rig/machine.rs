@@ -375,13 +375,8 @@ mod tests {
         let heavy = Counters { packet: 900, heavy: 1, ..FITTED };
         let overflown = Counters { emitted: 500, emitted_fit: 60, substeps: 3, ..ZERO };
         // A second run has done seven of nine.
-        let overflowed = Counters {
-            emitted: 500,
-            queue_overflows: 2,
-            crowded_sub_tiles: 9,
-            without_levels: 3,
-            ..FITTED
-        };
+        let overflowed =
+            Counters { emitted: 500, queue_overflows: 2, crowded_sub_tiles: 9, without_levels: 3, ..FITTED };
         let done = Counters { emitted: 620, packet: 620, ..FITTED };
         let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
         let end = run(&mut fake, vec![true, true]).unwrap();
@@ -397,8 +392,7 @@ mod tests {
             }
         );
         let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
-        let from_500 =
-            Counters { queue_overflows: 0, crowded_sub_tiles: 0, without_levels: 0, ..overflowed };
+        let from_500 = Counters { queue_overflows: 0, crowded_sub_tiles: 0, without_levels: 0, ..overflowed };
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());

@@ -159,7 +159,11 @@ mod tests {
             assert_eq!(after(0, false), 256);
         }
         assert_eq!([after(0, false), after(9, false)], [0, 0]);
-        assert_eq!([after(9, false), after(3600, false), after(3601, false)], [64, 8192, 0], "most sub-tiles");
+        assert_eq!(
+            [after(9, false), after(3600, false), after(3601, false)],
+            [64, 8192, 0],
+            "most sub-tiles"
+        );
     }
 
     #[test]

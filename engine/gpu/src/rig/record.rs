@@ -43,15 +43,11 @@ pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
     policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
-/// Reads of bins over all workgroups of `sort` from which on `bin_sums` spares more than it costs: several microseconds on
-/// a GPU.
-const SUMMED_READS: u64 = 1 << 23;
-
 /// Whether `bin_sums` runs before `sort` in a rig without a bus.
 pub(super) fn sums_bins(policy: KernelPolicy, cameras: &[CameraState]) -> bool {
     let group_bins = u64::from(group_bins(policy, cameras));
     let bins = cameras.iter().map(|c| u64::from(c.place.bin_count));
-    bins.map(|bins| bins * bins / group_bins).sum::<u64>() >= SUMMED_READS
+    bins.map(|bins| bins * bins / group_bins).sum::<u64>() >= policy.summed_reads
 }
 
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
