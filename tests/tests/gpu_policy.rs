@@ -217,7 +217,7 @@ fn bins_that_are_summed_in_chunks_sort_the_same_packets() {
         ..SensorModel::default()
     };
     let swing = |pixel: usize| 0.3 * (pixel % 7) as f64 - 0.9;
-    let sequence = gray(&sensor, &times(0, 4), |frame, pixel| {
+    let sequence = gray(&sensor, &times(0, 3), |frame, pixel| {
         intensity_of(&sensor, -2.0 + if frame % 2 == 1 { swing(pixel) } else { 0.0 })
     });
     let packets = |summed_reads| {
