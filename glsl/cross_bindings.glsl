@@ -18,9 +18,6 @@ BUFFER(readonly, SLOT_PATHS, vec4, paths);
 BUFFER(readonly, SLOT_REPRESENTATIVES, uint, representatives);
 BUFFER(readonly, SLOT_PASSING, uint, passing);
 BUFFER(readonly, SLOT_MEETINGS, uint, meetings);
-#ifdef LISTS_CROWDED
-BUFFER(, SLOT_CROWDED, uint, crowded);
-#endif
 #ifdef READS_LEVELS
 BUFFER(readonly, SLOT_LEVELS, uint, levels);
 BUFFER(readonly, SLOT_LEVEL_WORDS, uvec4, level_words);

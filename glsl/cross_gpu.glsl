@@ -1,7 +1,7 @@
 // cross, for GPUs: see cross.glsl. The kernels of `synthesize` make the levels of synthesis `rigid` and of tiles where
 // motions meet; READS_LEVELS is defined for the kernels that read them. One workgroup per sub-tile of half a tile: a small
 // workgroup ends as soon as its own pixels are done, and makes place for the next. Events go into a queue as they are found.
-// Sub-tiles with more events than it holds are listed in `crowded`, for the permutation SECOND_RUN.
+// Sub-tiles with more events than it holds are listed behind the bins, for the permutation SECOND_RUN.
 #include "common.glsl"
 #include "cross_constants.glsl"
 #include "random.glsl"
@@ -11,9 +11,6 @@
 
 layout(local_size_x = CROSS_THREADS) in;
 
-#ifndef READS_LEVELS
-#define LISTS_CROWDED
-#endif
 #include "cross_bindings.glsl"
 
 // Leaves the test of `bin_samples` to run time: decided at compile time, it lets the compiler use fewer registers and
@@ -83,26 +80,22 @@ uint find_awake(Camera cam, uvec2 first) {
 
 // Number of the workgroup's sub-tile, in the order of `tile_order`; beyond the last one if it has none.
 uint own_place(uint index) {
-#ifdef LISTS_CROWDED
     if (SECOND_RUN) {
-        const uint counter = 2u * cameras[index].slot + cameras[index].frame_slot;
-        const bool is_left = gl_WorkGroupID.x < counters[counter].crowded_sub_tiles;
-        return is_left ? crowded[SUB_TILES * cameras[index].tile_base + gl_WorkGroupID.x] : 0xffffffffu;
+        const Camera cam = cameras[index];
+        const bool is_left = gl_WorkGroupID.x < counters[2u * cam.slot + cam.frame_slot].crowded_sub_tiles;
+        return is_left ? bins[crowded_of(cam) + gl_WorkGroupID.x] : 0xffffffffu;
     }
-#endif
     return gl_WorkGroupID.x;
 }
 
 void leave_crowded(Camera cam, uint counter) {
-#ifdef LISTS_CROWDED
     if (!SECOND_RUN) {
         atomicAdd(counters[counter].queue_overflows, 1u);
+#ifndef READS_LEVELS
         const uint entry = atomicAdd(counters[counter].crowded_sub_tiles, 1u);
-        crowded[SUB_TILES * cam.tile_base + entry] = gl_WorkGroupID.x;
-    }
-#else
-    atomicAdd(counters[counter].queue_overflows, 1u);
+        bins[crowded_of(cam) + entry] = gl_WorkGroupID.x;
 #endif
+    }
 }
 
 void main() {

@@ -67,7 +67,6 @@ bindings! {
     LEVEL_WORDS = 32, "level_words", "uvec4", 16;
     LEVEL_ENTRIES = 33, "level_entries", "uvec4", 16;
     RESTS = 34, "rests", "Rest", size_of::<Rest>() as u32;
-    CROWDED = 35, "crowded", "uint", 4;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

@@ -220,7 +220,7 @@ spec_constants! {
     queue_overflowed: bool,
     /// Events that the queue has room for, for each pixel of a sub-tile.
     queue_per_px: u32,
-    /// Whether the sub-tiles in `crowded` are walked, which the first run has left.
+    /// Whether the sub-tiles are walked that the first run has listed.
     second_run: bool,
     /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
     fisheye: bool,

@@ -312,7 +312,7 @@ gpu_struct! {
         /// Sub-tiles with more events than the event queue holds, but for those that a second run in the same submission
         /// has done; `cross` runs them again without a queue.
         queue_overflows: u32,
-        /// Sub-tiles in `crowded`, which the first run of `cross` has left to the second.
+        /// Sub-tiles in the list that the first run of `cross` leaves to the second.
         crowded_sub_tiles: u32,
         /// Sub-tiles for whose levels there was no room; they run again.
         without_levels: u32,

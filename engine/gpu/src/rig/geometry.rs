@@ -64,10 +64,14 @@ impl Place {
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
         elements[layout::BINS] =
-            // Two sets of bins, then two words for each chunk that is summed.
-            Some(match self.bin_count {
+            // Two sets of bins, two words for each chunk that is summed, and the list of crowded sub-tiles: a slot of its own
+            // would be one more than the software driver has with instrumented shaders.
+            Some(match u64::from(self.bin_count) {
                 0 => 0,
-                bins => 2 * (u64::from(bins) + 1) + 2 * u64::from(bins.div_ceil(SUMMED_BINS)),
+                bins => {
+                    let chunks = bins.div_ceil(u64::from(SUMMED_BINS));
+                    2 * (bins + 1) + 2 * chunks + u64::from(SUB_TILES * self.tiles)
+                }
             });
         elements[layout::BIN_STORAGE] = Some(u64::from(self.bin_count) * u64::from(self.bin_capacity));
         for slot in [
@@ -85,7 +89,6 @@ impl Place {
         elements[layout::TILE_ORDER] = Some(u64::from(self.tiles));
         // For each element of `tile_order`, at the same place.
         elements[layout::LEVEL_WORDS] = Some(u64::from(self.tiles));
-        elements[layout::CROWDED] = Some(u64::from(SUB_TILES * self.tiles));
         let (rigid, blocks) = (u64::from(self.is_rigid), u64::from(self.blocks));
         elements[layout::SURFACES] = Some(rigid * 2 * pixels);
         elements[layout::SLOPES] = Some(rigid * 2 * pixels);

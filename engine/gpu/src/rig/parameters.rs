@@ -209,7 +209,7 @@ impl Permutation {
         kinds.iter().map(|&meeting| self.cross_where(policy, queue_overflowed, meeting)).collect()
     }
 
-    /// The kernel of `cross` for the sub-tiles that the first run lists in `crowded`; `None` if it lists none, or may have
+    /// The kernel of `cross` for the sub-tiles that the first run lists; `None` if it lists none, or may have
     /// changed which pixels rest.
     pub(super) fn second_run(&self, policy: KernelPolicy, without_queue: bool) -> Option<Specialised> {
         let lists = policy.kernels == KernelSet::Gpu && !self.rigid && !self.cross.pixels_rest;

@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn a_second_run_follows_crowds_that_last_and_ends_with_them() {
         let mut second = SecondRun::default();
-        let mut after = |most, changes| {
+        let mut after = |most: u32, changes| {
             second.follow(load(2, most.into()), most, false, changes);
             second.groups()
         };
@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn a_second_run_whose_queue_is_too_short_goes_without() {
         let mut second = SecondRun::default();
-        let mut after = |most, leaves| {
+        let mut after = |most: u32, leaves| {
             second.follow(load(2, most.into()), most, leaves, false);
             (second.groups(), second.without_queue())
         };
