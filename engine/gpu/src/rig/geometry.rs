@@ -250,12 +250,16 @@ const PIXELS_PER_LEVEL_ROW: u64 = 16;
 /// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
 const LEAST_STRETCH: u32 = 32;
 
-/// Most bins of a camera.
-const MOST_BINS: u32 = 1 << 17;
+/// Most bins of a camera but for those of [`RANKED_PX`].
+const MOST_BINS: u32 = 16_384;
 
-/// Bins of a camera up to which there is one for each [`BIN_PX`] pixels. Beyond, there are twice as many: a bin is at
-/// least one tick of the sensor's clock, and with ticks of a microsecond some bins stay empty.
-const SPARSE_BINS: u32 = 16_384;
+/// Most pixels of an image whose bins are small enough to be ranked, not split, if there are [`RANKED_BINS`] of them. Those
+/// of larger images are split in any case, which takes least time with few bins.
+const RANKED_PX: u32 = 2 * MOST_BINS * BIN_PX;
+
+/// Bins of the largest such images: four times as many, for a bin is at least one tick of the sensor's clock, and with
+/// ticks of a microsecond half of them stay empty.
+const RANKED_BINS: u32 = 4 * MOST_BINS;
 
 /// Fewest bins of a camera. There may be many small cameras, and each bin takes memory.
 const LEAST_BINS: u32 = 128;
@@ -271,12 +275,11 @@ const BIN_CAPACITY_STEP: u32 = 16;
 
 /// Number of bins of a camera, and their initial capacity.
 fn first_bins(pixels: u32) -> (u32, u32) {
-    let bins = (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS);
-    if bins <= SPARSE_BINS {
-        return (bins, BIN_CAPACITY);
+    if (MOST_BINS * BIN_PX..=RANKED_PX).contains(&pixels) {
+        let capacity = (pixels + pixels / 2) / RANKED_BINS;
+        return (RANKED_BINS, capacity.next_multiple_of(BIN_CAPACITY_STEP));
     }
-    let bins = (2 * bins).min(MOST_BINS);
-    (bins, ((pixels + pixels / 2) / bins).next_multiple_of(BIN_CAPACITY_STEP).min(BIN_CAPACITY))
+    ((pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS), BIN_CAPACITY)
 }
 
 /// Initial places of the cameras, and after them those of their outlets.
@@ -410,9 +413,10 @@ mod tests {
     }
 
     #[test]
-    fn large_images_have_more_bins_and_no_more_room_in_them() {
-        let all = [128 * 128, 640 * 480, 1280 * 720, 1920 * 1080, 3840 * 2160, 1 << 28].map(first_bins);
-        assert_eq!(all, [(256, 96), (8192, 96), (16_384, 96), (65_536, 48), (131_072, 96), (131_072, 96)]);
+    fn images_above_a_megapixel_have_more_bins_with_less_room_in_each() {
+        let sizes = [128 * 128, 640 * 480, 1280 * 720, 1920 * 1080, 3840 * 2160, u32::MAX];
+        let expected = [(256, 96), (8192, 96), (16_384, 96), (65_536, 48), (16_384, 96), (16_384, 96)];
+        assert_eq!(sizes.map(first_bins), expected);
     }
 
     #[test]
