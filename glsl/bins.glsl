@@ -24,6 +24,20 @@ uint stamp_offset(Camera cam, uint since_start_ns) {
     return fast_udiv(offset_ns, cam.timestamp_quantum_ns) * cam.timestamp_quantum_ns;
 }
 
+// Chunks of SUMMED_BINS of the camera's bins, and where `bin_sums` writes their sums and largest bins, one after the other.
+uint chunks_of(Camera cam) {
+    return (cam.bin_count + SUMMED_BINS - 1u) / SUMMED_BINS;
+}
+
+uint sums_of(Camera cam) {
+    return cam.bin_base + 2u * (cam.bin_count + 1u);
+}
+
+// Where the list of crowded sub-tiles lies in `bins`: those that the second run of `cross` walks.
+uint crowded_of(Camera cam) {
+    return sums_of(cam) + 2u * chunks_of(cam);
+}
+
 // First of the camera's bins of a frame slot. There are two sets; `sort` clears the one of the next tick.
 uint bins_of(Camera cam, uint frame_slot) {
     return cam.bin_base + frame_slot * (cam.bin_count + 1u);

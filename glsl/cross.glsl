@@ -9,7 +9,7 @@
 // Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks; or `planes` and
 // `levels`. Writes events to bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose
 // events do not fit changes nothing and runs again: after the buffers have grown or, if the queue was too short, in the
-// permutation QUEUE_OVERFLOWED. The order within a bin is that of the atomics; `sort` makes the packet independent of it.
+// permutation SECOND_RUN with a longer one, or QUEUE_OVERFLOWED with none. The order within a bin is that of the atomics; `sort` makes the packet independent of it.
 //
 // The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), LAYERED (whether
 // it is that of tiles where motions meet), READS_LEVELS (defined for kernels that do), PHYSICAL (defined for the kernel of
@@ -73,6 +73,9 @@ bool walks_on(uint ordinal);
 void begin_events();
 void end_events(uint count);
 uint queued_time_ns(uint position, uint tag);
+
+// Notes that the workgroup's sub-tile has more events than the queue holds.
+void leave_crowded(Camera cam, uint counter);
 
 // Whether a pixel has had a valid colour, and is armed since an earlier interval.
 bool is_armed(PixelState before);
@@ -196,7 +199,7 @@ void cross_sub_tile(
     const uint found = queue_count;
     if (!QUEUE_OVERFLOWED && found > QUEUE_EVENTS) {
         if (lane == 0u) {
-            atomicAdd(counters[counter].queue_overflows, 1u);
+            leave_crowded(cam, counter);
         }
         return;
     }
@@ -256,6 +259,9 @@ void cross_sub_tile(
     }
     if (lane == 0u) {
         atomicOr(blocks[first_block].z, rows);
+        if (SECOND_RUN) {
+            atomicAdd(counters[counter].queue_overflows, 0xffffffffu);
+        }
     }
     if (counts) {
         count_block(cam, n);

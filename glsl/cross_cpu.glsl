@@ -62,6 +62,10 @@ uint place_of(uint thread) {
     return thread;
 }
 
+void leave_crowded(Camera cam, uint counter) {
+    atomicAdd(counters[counter].queue_overflows, 1u);
+}
+
 // A bit for each row of the tile that has a pixel awake.
 shared uint awake_rows;
 

@@ -1,6 +1,7 @@
 // cross, for GPUs: see cross.glsl. The kernels of `synthesize` make the levels of synthesis `rigid` and of tiles where
 // motions meet; READS_LEVELS is defined for the kernels that read them. One workgroup per sub-tile of half a tile: a small
 // workgroup ends as soon as its own pixels are done, and makes place for the next. Events go into a queue as they are found.
+// Sub-tiles with more events than it holds are listed behind the bins, for the permutation SECOND_RUN.
 #include "common.glsl"
 #include "cross_constants.glsl"
 #include "random.glsl"
@@ -80,10 +81,31 @@ uint find_awake(Camera cam, uvec2 first) {
     return awake;
 }
 
+// Number of the workgroup's sub-tile, in the order of `tile_order`; beyond the last one if it has none.
+uint own_place(uint index) {
+    if (SECOND_RUN) {
+        const Camera cam = cameras[index];
+        const bool is_left = gl_WorkGroupID.x < counters[2u * cam.slot + cam.frame_slot].crowded_sub_tiles;
+        return is_left ? bins[crowded_of(cam) + gl_WorkGroupID.x] : 0xffffffffu;
+    }
+    return gl_WorkGroupID.x;
+}
+
+void leave_crowded(Camera cam, uint counter) {
+    if (!SECOND_RUN) {
+        atomicAdd(counters[counter].queue_overflows, 1u);
+#ifndef READS_LEVELS
+        const uint entry = atomicAdd(counters[counter].crowded_sub_tiles, 1u);
+        bins[crowded_of(cam) + entry] = gl_WorkGroupID.x;
+#endif
+    }
+}
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
-    const uint in_order = gl_WorkGroupID.x / SUB_TILES;
-    const uint sub_tile = gl_WorkGroupID.x % SUB_TILES;
+    const uint place = own_place(index);
+    const uint in_order = place / SUB_TILES;
+    const uint sub_tile = place % SUB_TILES;
     const uint frame_kind = cameras[index].frame_kind;
     const bool catches_up = PIXELS_REST && frame_kind == FRAME_CATCH_UP;
     if ((frame_kind != FRAME_INTERVAL && !catches_up) || in_order >= tile_count(cameras[index])) {

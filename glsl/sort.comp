@@ -2,7 +2,8 @@
 // host reads. Equal events are equal in every bit, so the packet does not depend on the order in which they came.
 //
 // One workgroup per group of GROUP_BINS bins; x over groups, y over cameras. Each workgroup sums all bins itself, to
-// know where its own begin: they are few, and a dispatch for that would cost more. Events are ranked within their bins
+// know where its own begin: they are few, and a dispatch for that would cost more. In a rig with many, `bin_sums` has summed
+// them in chunks (SUMMED). Events are ranked within their bins
 // in shared memory: a group or half of it at once if they fit, else bin by bin. Stores are line-aligned: partial PCIe
 // writes are slow. Where a bin overflowed, the workgroup searches the overflow buffer for its events.
 //
@@ -90,9 +91,20 @@ bool is_heavy(Sums all, uint overflow_count) {
 Sums sum_bins(Camera cam, uint first_bin) {
     const uint own = bins_of(cam, cam.frame_slot);
     uvec3 sum = uvec3(0u);
-    for (uint b = gl_LocalInvocationID.x; b < cam.bin_count; b += gl_WorkGroupSize.x) {
-        const uint count = bins[own + b];
-        sum = uvec3(sum.x + (b < first_bin ? count : 0u), sum.y + count, max(sum.z, count));
+    if (SUMMED) {
+        const uint chunk = first_bin / SUMMED_BINS;
+        for (uint c = gl_LocalInvocationID.x; c < chunks_of(cam); c += gl_WorkGroupSize.x) {
+            const uint count = bins[sums_of(cam) + 2u * c];
+            sum = uvec3(sum.x + (c < chunk ? count : 0u), sum.y + count, max(sum.z, bins[sums_of(cam) + 2u * c + 1u]));
+        }
+        for (uint b = chunk * SUMMED_BINS + gl_LocalInvocationID.x; b < first_bin; b += gl_WorkGroupSize.x) {
+            sum.x += bins[own + b];
+        }
+    } else {
+        for (uint b = gl_LocalInvocationID.x; b < cam.bin_count; b += gl_WorkGroupSize.x) {
+            const uint count = bins[own + b];
+            sum = uvec3(sum.x + (b < first_bin ? count : 0u), sum.y + count, max(sum.z, count));
+        }
     }
     const uvec3 subgroup_sum = uvec3(subgroupAdd(sum.xy), subgroupMax(sum.z));
     if (subgroupElect()) {
@@ -116,7 +128,7 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
         counters[counter].deferred = counted.deferred;
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.frame_slot] =
-            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
+            Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
                      0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }

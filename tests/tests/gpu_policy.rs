@@ -67,10 +67,20 @@ fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) ->
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
     }
     // Constants: bins of a group, threads, native division.
-    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1, 0, 0]]);
+    assert_eq!(compiled(&rig, "sort"), [vec![policy.group_bins, 256, 1, 0, 0, 0]]);
     drop(rig);
     assert_silent();
     got
+}
+
+/// The steps of a rig with time stamps between stages, and after which of them something ran again.
+fn steps_and_retries(rig: &mut Rig, sequence: &Sequence) -> (Vec<Step>, Vec<bool>) {
+    let step = |frame| {
+        let step = steps(rig, sequence, frame..frame + 1).remove(0);
+        let tick = rig.last_tick();
+        (step, tick.stage_ns.iter().any(|&(stage, ns)| stage == "retry" && ns > 0))
+    };
+    (0..sequence.frames.len()).map(step).unzip()
 }
 
 #[track_caller]
@@ -134,11 +144,11 @@ fn larger_groups_of_bins_sort_the_same_packets_on_a_gpu() {
         RigOptions { policy: Some(many), ..RigOptions::default() },
     )
     .expect("a rig");
-    assert_eq!(compiled(&rig, "sort"), [vec![16, 256, 1, 0, 0]]);
+    assert_eq!(compiled(&rig, "sort"), [vec![16, 256, 1, 0, 0, 0]]);
 }
 
-/// Sub-tiles with more events than the queue holds run again, and no others; then the queue grows, if it may. Buffers
-/// grow meanwhile.
+/// Sub-tiles with more events than the queue holds run again, and no others; then the queue grows, if it may, or else ticks
+/// have a second run, after which nothing is left. Buffers grow meanwhile.
 #[test]
 fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
     const STEPS: u32 = 6;
@@ -157,18 +167,22 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
         (column, row) => 0.11 * ((row + column / 9) % 4) as f64,
     };
     for sensor in [calm, noisy] {
-        let sequence = gray(&sensor, &times(0, 4), |frame, pixel| {
+        let sequence = gray(&sensor, &times(0, 6), |frame, pixel| {
             // Levels stay away from whole numbers of thresholds, where f32 and f64 could differ.
             let log = -1.0 - 0.013 * frame as f64 + if frame % 2 == 1 { swing(pixel) } else { 0.0 };
             intensity_of(&sensor, log)
         });
         let short = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..POLICY };
         for (initial_events, policy) in [(1 << 20, POLICY), (1 << 20, short), (64, short)] {
-            let options = RigOptions { initial_events, ..forced(policy) };
+            let options = RigOptions { initial_events, stage_times: true, ..forced(policy) };
             let mut rig = rig(&sensor, &sequence, options);
-            let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
+            let (got, retried) = steps_and_retries(&mut rig, &sequence);
+            // Two ticks are busy.
+            assert_eq!(retried, [false, true, true, false, false, false], "{sensor:?}");
             // Constants: whether the queue overflowed, its length.
             let kernels = compiled(&rig, "cross_gpu");
+            let second_runs = kernels.iter().filter(|words| words[word("second_run")] == 1).count();
+            assert_eq!(second_runs, usize::from(policy == short));
             assert_eq!(
                 kernels.iter().filter(|words| words[word("queue_overflowed")] == 1).count(),
                 1,
@@ -176,7 +190,7 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
             );
             let lengths: Vec<u32> = kernels
                 .iter()
-                .filter(|words| words[word("queue_overflowed")] == 0)
+                .filter(|words| words[word("queue_overflowed")] == 0 && words[word("second_run")] == 0)
                 .map(|words| words[word("queue_per_px")])
                 .collect();
             assert_eq!(lengths, if policy == short { vec![8] } else { vec![8, 16] });
@@ -187,6 +201,37 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
                 assert_eq!(step.diagnostics.substeps, u64::from(STEPS) * 6 * 3, "{sensor:?}");
             }
         }
+    }
+}
+
+/// With bins for more than one chunk.
+#[test]
+fn bins_that_are_summed_in_chunks_sort_the_same_packets() {
+    let sensor = SensorModel {
+        width: 480,
+        height: 320,
+        synthesis: Synthesis::Linear,
+        latency_ns: 3_000_000,
+        contrast_on: 0.05,
+        contrast_off: 0.05,
+        ..SensorModel::default()
+    };
+    let swing = |pixel: usize| 0.3 * (pixel % 7) as f64 - 0.9;
+    let sequence = gray(&sensor, &times(0, 3), |frame, pixel| {
+        intensity_of(&sensor, -2.0 + if frame % 2 == 1 { swing(pixel) } else { 0.0 })
+    });
+    let packets = |summed_reads| {
+        let policy = KernelPolicy { summed_reads, ..POLICY };
+        let cameras = [(sensor.clone(), sequence.clone()), (self::sensor(), moving())];
+        let rig =
+            Rig::with_options(&DEVICE, &[camera(&sensor, 0, &sequence)], forced(policy)).expect("a rig");
+        assert_eq!(compiled(&rig, "sort")[0][5], u32::from(summed_reads == 0));
+        engine_of_many(&cameras, forced(policy))
+    };
+    let (summed, own) = (packets(0), packets(u64::MAX));
+    assert!(own[0][1].packet.len() > 100_000 && own[0][1].diagnostics.deferred_events > 1000);
+    for (summed, own) in summed.iter().flatten().zip(own.iter().flatten()) {
+        assert!(summed.packet == own.packet && summed.diagnostics == own.diagnostics);
     }
 }
 
@@ -202,20 +247,25 @@ fn cameras_of_different_kernels_step_together_on_a_gpu() {
     }
 }
 
-/// A tag has bits for 256 events of a pixel. A pixel with more events overflows the queue, even if the queue has room.
+/// A tag has bits for 256 events of a pixel. A pixel with more events overflows the queue, even if the queue has room; that
+/// of the second run, too, which then goes without one.
 #[test]
 fn an_event_number_that_a_tag_has_no_bits_for_overflows_the_queue() {
     let sensor =
         SensorModel { synthesis: Synthesis::Linear, contrast_on: 0.02, contrast_off: 0.02, ..sensor() };
-    let sequence = gray(&sensor, &times(0, 3), |frame, pixel| {
-        intensity_of(&sensor, if frame == 1 && pixel == 100 { 3.01 } else { -3.0 })
+    let sequence = gray(&sensor, &times(0, 6), |frame, pixel| {
+        intensity_of(&sensor, if frame % 2 == 1 && pixel == 100 { 3.01 } else { -3.0 })
     });
-    let mut rig = rig(&sensor, &sequence, forced(POLICY));
-    let got = steps(&mut rig, &sequence, 0..sequence.frames.len());
-    assert!(
-        compiled(&rig, "cross_gpu").iter().any(|words| words[word("queue_overflowed")] == 1),
-        "no queue overflowed"
-    );
+    let policy = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..POLICY };
+    let mut rig = rig(&sensor, &sequence, RigOptions { stage_times: true, ..forced(policy) });
+    let (got, retried) = steps_and_retries(&mut rig, &sequence);
+    assert_eq!(retried, [false, true, true, true, false, false]);
+    let kernels = compiled(&rig, "cross_gpu");
+    for constants in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+        let found =
+            |words: &&Vec<u32>| [words[word("queue_overflowed")], words[word("second_run")]] == constants;
+        assert_eq!(kernels.iter().filter(found).count(), 1, "{constants:?}");
+    }
     drop(rig);
     assert_silent();
     assert!(got[1].packet.len() > 256 && got[1].packet.len() < 1024, "{} events", got[1].packet.len());

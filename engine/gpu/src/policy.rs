@@ -51,6 +51,9 @@ pub struct KernelPolicy {
     pub group_bins_of_small: u32,
     /// Bins of a rig from which on `group_bins_of_many` or `group_bins_of_small` applies.
     pub many_bins: u32,
+    /// Bins that all workgroups of `sort` together would read to sum them, from which on a dispatch of its own sums them
+    /// first.
+    pub summed_reads: u64,
     /// Threads of a workgroup of `readout`.
     pub readout_threads: u32,
     /// Rounds of loops of a thread of `readout` after which it leaves the rest to the next dispatch.
@@ -97,6 +100,7 @@ impl KernelPolicy {
             group_bins_of_many: 16,
             group_bins_of_small: 64,
             many_bins: 1 << 13,
+            summed_reads: 1 << 25,
             readout_threads: READOUT_THREADS,
             readout_rounds: u32::MAX,
             readout_dispatches: 1,
@@ -130,6 +134,7 @@ impl KernelPolicy {
             group_bins_of_many: 32,
             group_bins_of_small: 32,
             many_bins: u32::MAX,
+            summed_reads: 1 << 25,
             readout_threads: 64,
             readout_rounds: 16_384,
             readout_dispatches: 4,

@@ -220,6 +220,8 @@ spec_constants! {
     queue_overflowed: bool,
     /// Events that the queue has room for, for each pixel of a sub-tile.
     queue_per_px: u32,
+    /// Whether the sub-tiles are walked that the first run has listed.
+    second_run: bool,
     /// Whether the lens is an equidistant fisheye; else a pinhole. Only for synthesis `rigid`.
     fisheye: bool,
     /// Most surfaces that a pixel may show between two frames. If more than one, tiles where motions meet are left to
@@ -257,6 +259,8 @@ spec_constants! {
     has_bus: bool,
     /// Whether events that hardly wait for a bus are served.
     readout_light: bool,
+    /// Whether `bin_sums` has summed the bins.
+    summed: bool,
 }
 
 spec_constants! {

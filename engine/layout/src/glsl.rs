@@ -5,7 +5,7 @@ use crate::sizes::{
     BUS_HEAD, CROSS_THREADS, ENTRY_SUBSTEPS, FLICKER_FRACTION_BITS, INGEST_THREADS, MAX_CAMERAS,
     MOST_CARRIED, MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, PATHS_THREADS, POSE_ROWS,
     READOUT_THREADS, REPRESENTATIVE_WORDS, RUN_EVENTS, SEARCHED_EVENTS, SORT_THREADS, SORTABLE_EVENTS,
-    SYNTHESIZE_THREADS, TILE_BLOCKS,
+    SUMMED_BINS, SYNTHESIZE_THREADS, TILE_BLOCKS,
 };
 use crate::state::{PhysicalWord, StateWord};
 use crate::{
@@ -179,6 +179,7 @@ fn declarations() -> String {
         ("RUN_EVENTS", format!("{RUN_EVENTS}u")),
         ("SORTABLE_EVENTS", format!("{SORTABLE_EVENTS}u")),
         ("SEARCHED_EVENTS", format!("{SEARCHED_EVENTS}u")),
+        ("SUMMED_BINS", format!("{SUMMED_BINS}u")),
         ("READOUT_UNDONE", format!("{}u", ReadoutProgress::Undone as u32)),
         ("READOUT_DONE", format!("{}u", ReadoutProgress::Done as u32)),
         ("FRAME_NONE", format!("{}u", FrameKind::None as u32)),

@@ -88,6 +88,7 @@ pub const KERNELS: &[KernelInfo] = &[
         CROSS_THREADS,
         &[CrossConstants::LIST, CrossCpuConstants::LIST],
     ),
+    kernel("bin_sums", "sort", STRIDING_THREADS, &[]),
     kernel("sort", "sort", SORT_THREADS, &[SortConstants::LIST]),
     kernel("readout_apart", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),
     kernel("readout", "readout", READOUT_THREADS, &[ReadoutConstants::LIST]),

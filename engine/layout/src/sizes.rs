@@ -9,6 +9,9 @@ pub const SORTABLE_EVENTS: u32 = 2048;
 /// Most overflow events that a workgroup of `sort` searches; `merge` sorts packets that have more.
 pub const SEARCHED_EVENTS: u32 = 1 << 15;
 
+/// Bins whose events `bin_sums` sums for `sort`; a multiple of the bins that a workgroup of `sort` takes.
+pub const SUMMED_BINS: u32 = 2048;
+
 /// Blocks of a tile, side by side: 32 pixels in a row, a subgroup's width.
 pub const TILE_BLOCKS: u32 = 4;
 
@@ -19,9 +22,16 @@ pub const CROSS_THREADS: u32 = TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * 4
 /// Room in the shortest event queue of `cross`, in events for each pixel of a sub-tile.
 pub const QUEUE_PER_PX: u32 = 8;
 
+/// Room in the event queue of the second run of `cross`, in events for each pixel of a sub-tile. There are few such
+/// sub-tiles, so it may take the shared memory that every device has for `sort`.
+pub const CROWDED_QUEUE_PER_PX: u32 = 4 * QUEUE_PER_PX;
+
 /// Threads of a workgroup of `ingest` and `backward_transfer` on a GPU: one for each pixel of a tile.
 pub const INGEST_THREADS: u32 =
     TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
+
+/// Sub-tiles of a tile.
+pub const SUB_TILES: u32 = INGEST_THREADS / CROSS_THREADS;
 
 /// Threads of a workgroup of `synthesize` that makes levels: some for each pixel of a block.
 pub const SYNTHESIZE_THREADS: u32 = 2 * LEVEL_ROW_WORDS;

@@ -6,7 +6,7 @@ use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_CARRIED,
     MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS,
-    TILE_BLOCKS,
+    SUB_TILES, SUMMED_BINS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
@@ -64,7 +64,15 @@ impl Place {
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
         elements[layout::BINS] =
-            Some(if self.bin_count == 0 { 0 } else { 2 * (u64::from(self.bin_count) + 1) });
+            // Two sets of bins, two words for each chunk that is summed, and the list of crowded sub-tiles: a slot of its own
+            // would be one more than the software driver has with instrumented shaders.
+            Some(match u64::from(self.bin_count) {
+                0 => 0,
+                bins => {
+                    let chunks = bins.div_ceil(u64::from(SUMMED_BINS));
+                    2 * (bins + 1) + 2 * chunks + u64::from(SUB_TILES * self.tiles)
+                }
+            });
         elements[layout::BIN_STORAGE] = Some(u64::from(self.bin_count) * u64::from(self.bin_capacity));
         for slot in [
             layout::OVERFLOW,
@@ -242,8 +250,16 @@ const PIXELS_PER_LEVEL_ROW: u64 = 16;
 /// Events of the shortest stretches of `readout`, those of workgroups of 64 threads.
 const LEAST_STRETCH: u32 = 32;
 
-/// Most bins of a camera: each workgroup of `sort` sums them all.
+/// Most bins of a camera but for those of [`RANKED_PX`].
 const MOST_BINS: u32 = 16_384;
+
+/// Most pixels of an image whose bins are small enough to be ranked, not split, if there are [`RANKED_BINS`] of them. Those
+/// of larger images are split in any case, which takes least time with few bins.
+const RANKED_PX: u32 = 2 * MOST_BINS * BIN_PX;
+
+/// Bins of the largest such images: four times as many, for a bin is at least one tick of the sensor's clock, and with
+/// ticks of a microsecond half of them stay empty.
+const RANKED_BINS: u32 = 4 * MOST_BINS;
 
 /// Fewest bins of a camera. There may be many small cameras, and each bin takes memory.
 const LEAST_BINS: u32 = 128;
@@ -257,6 +273,15 @@ const BIN_CAPACITY: u32 = BIN_PX + BIN_PX / 2;
 /// Bin capacities are multiples of this: whole lines of memory.
 const BIN_CAPACITY_STEP: u32 = 16;
 
+/// Number of bins of a camera, and their initial capacity.
+fn first_bins(pixels: u32) -> (u32, u32) {
+    if (MOST_BINS * BIN_PX..=RANKED_PX).contains(&pixels) {
+        let capacity = (pixels + pixels / 2) / RANKED_BINS;
+        return (RANKED_BINS, capacity.next_multiple_of(BIN_CAPACITY_STEP));
+    }
+    ((pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS), BIN_CAPACITY)
+}
+
 /// Initial places of the cameras, and after them those of their outlets.
 pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place> {
     let mut places: Vec<Place> = configs
@@ -268,6 +293,7 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
             let blocks_x = sensor.width.div_ceil(BLOCK_PX);
             let events =
                 if options.initial_events == 0 { pixels + pixels / 2 } else { options.initial_events };
+            let (bin_count, bin_capacity) = first_bins(pixels);
             let place = Place {
                 slot: slot as u32,
                 pixels,
@@ -275,8 +301,8 @@ pub(super) fn place(configs: &[CameraConfig], options: RigOptions) -> Vec<Place>
                 blocks_x,
                 blocks: blocks_x * sensor.height.div_ceil(BLOCK_PX),
                 tiles: blocks_x.div_ceil(TILE_BLOCKS) * sensor.height.div_ceil(BLOCK_PX),
-                bin_count: (pixels / BIN_PX).next_power_of_two().clamp(LEAST_BINS, MOST_BINS),
-                bin_capacity: BIN_CAPACITY,
+                bin_count,
+                bin_capacity,
                 event_capacity: round_events(events),
                 has_motion: config.motion.is_some(),
                 instances: 1,
@@ -384,6 +410,13 @@ mod tests {
             assert!(u64::from(passes) * (rows - TILE_LEVEL_ROWS) >= 33 * blocks);
             assert!(16 * rows <= u64::from(2 * width * height).max(16 * u64::from(least)) || width == 40);
         }
+    }
+
+    #[test]
+    fn images_above_a_megapixel_have_more_bins_with_less_room_in_each() {
+        let sizes = [128 * 128, 640 * 480, 1280 * 720, 1920 * 1080, 3840 * 2160, u32::MAX];
+        let expected = [(256, 96), (8192, 96), (16_384, 96), (65_536, 48), (16_384, 96), (16_384, 96)];
+        assert_eq!(sizes.map(first_bins), expected);
     }
 
     #[test]

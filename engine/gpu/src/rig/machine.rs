@@ -113,6 +113,10 @@ pub(super) struct TickEnd {
     pub regrown: Vec<u64>,
     /// Sub-tiles of all cameras with more events than their queue holds.
     pub queue_overflows: u64,
+    /// Those that a second run in the same submission may take, of the camera that has most.
+    pub most_crowded: u32,
+    /// Whether such a run has left any that it looked at, though the buffers had room.
+    pub leaves_crowded: bool,
 }
 
 /// How a tick fails.
@@ -136,7 +140,12 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
     let mut retry = Retry { resumed: Vec::new(), wanted_events: vec![0; progress.pending.len()] };
     for (camera, pending) in progress.pending.iter_mut().enumerate().filter(|(_, pending)| **pending) {
         let counted = counters(camera);
-        progress.end.queue_overflows += u64::from(counted.queue_overflows);
+        // A second run has taken some of those in the list.
+        let overflows = counted.queue_overflows.max(counted.crowded_sub_tiles);
+        progress.end.queue_overflows += u64::from(overflows);
+        progress.end.most_crowded = progress.end.most_crowded.max(counted.crowded_sub_tiles);
+        progress.end.leaves_crowded |=
+            counted.crowded_sub_tiles > 0 && counted.queue_overflows > 0 && counted.emitted_fit == u32::MAX;
         let fitted = counted.emitted_fit == u32::MAX;
         if fitted && counted.queue_overflows == 0 && counted.without_levels == 0 {
             progress.end.counters[camera] = Some(counted);
@@ -149,8 +158,14 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
             retry.wanted_events[camera] = counted.emitted;
             progress.end.regrown[camera] += 1;
         }
-        let resumed =
-            Counters { emitted, emitted_fit: u32::MAX, queue_overflows: 0, without_levels: 0, ..counted };
+        let resumed = Counters {
+            emitted,
+            emitted_fit: u32::MAX,
+            queue_overflows: 0,
+            crowded_sub_tiles: 0,
+            without_levels: 0,
+            ..counted
+        };
         retry.resumed.push((camera, resumed));
     }
     if !retry.resumed.is_empty() {
@@ -185,6 +200,8 @@ pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<Ti
         outlets: vec![None; cameras],
         regrown: vec![0; cameras],
         queue_overflows: 0,
+        most_crowded: 0,
+        leaves_crowded: false,
     };
     let mut progress = Progress { pending: in_tick, end };
     let mut state = State::Prepared;
@@ -244,6 +261,7 @@ mod tests {
         substeps: 0,
         still_blocks: 0,
         queue_overflows: 0,
+        crowded_sub_tiles: 0,
         without_levels: 0,
         largest_bin: 0,
         slow_tiles: 0,
@@ -336,7 +354,9 @@ mod tests {
                 counters: vec![Some(counted), None],
                 outlets: vec![None; 2],
                 regrown: vec![0, 0],
-                queue_overflows: 0
+                queue_overflows: 0,
+                most_crowded: 0,
+                leaves_crowded: false
             }
         );
         assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
@@ -354,7 +374,9 @@ mod tests {
     fn what_did_not_fit_goes_on_from_what_did_and_packets_are_merged_once_at_the_end() {
         let heavy = Counters { packet: 900, heavy: 1, ..FITTED };
         let overflown = Counters { emitted: 500, emitted_fit: 60, substeps: 3, ..ZERO };
-        let overflowed = Counters { emitted: 500, queue_overflows: 2, without_levels: 3, ..FITTED };
+        // A second run has done seven of nine.
+        let overflowed =
+            Counters { emitted: 500, queue_overflows: 2, crowded_sub_tiles: 9, without_levels: 3, ..FITTED };
         let done = Counters { emitted: 620, packet: 620, ..FITTED };
         let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
         let end = run(&mut fake, vec![true, true]).unwrap();
@@ -364,11 +386,13 @@ mod tests {
                 counters: vec![Some(heavy), Some(done)],
                 outlets: vec![None; 2],
                 regrown: vec![0, 1],
-                queue_overflows: 2
+                queue_overflows: 9,
+                most_crowded: 9,
+                leaves_crowded: true
             }
         );
         let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
-        let from_500 = Counters { queue_overflows: 0, without_levels: 0, ..overflowed };
+        let from_500 = Counters { queue_overflows: 0, crowded_sub_tiles: 0, without_levels: 0, ..overflowed };
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());

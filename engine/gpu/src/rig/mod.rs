@@ -60,7 +60,7 @@ use gpu_allocator::MemoryLocation;
 use input::Addresses;
 use parameters::has_bus;
 use passes::Passes;
-use queue::QueueLength;
+use queue::{QueueLength, SecondRun};
 use rest::{PassedIntervals, RestChoice};
 use results::Results;
 use scene::Instances;
@@ -178,6 +178,8 @@ pub struct Rig {
     past_scenes: Vec<SceneMotion>,
     /// The length of the event queues of `cross`.
     queue: QueueLength,
+    /// The second run of `cross` in a tick.
+    second_run: SecondRun,
     passes: Passes,
     /// Whether pixels rest.
     rest: RestChoice,
@@ -246,6 +248,7 @@ impl Rig {
             parameters: vec![Camera::default(); cameras.len()],
             past_scenes: Vec::new(),
             queue: QueueLength::default(),
+            second_run: SecondRun::default(),
             passes: Passes::default(),
             rest: RestChoice::new(policy.resting),
             timing: Timing::new(device, options.stage_times)?,

@@ -6,9 +6,9 @@ use super::{CameraState, RigOptions};
 use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
-    self as layout, BackwardTransferConstants, Camera, CrossConstants, CrossCpuConstants, FrameKind,
-    IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX, Readout, ReadoutConstants,
-    SortConstants, SynthesizeConstants,
+    self as layout, BackwardTransferConstants, CROWDED_QUEUE_PER_PX, Camera, CrossConstants,
+    CrossCpuConstants, FrameKind, IngestConstants, IngestCpuConstants, Optics, Physical, QUEUE_PER_PX,
+    Readout, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
 use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::paths::Projection;
@@ -99,6 +99,7 @@ pub(super) fn permutation(
             dump_samples: options.keep_substeps,
             queue_overflowed: false,
             queue_per_px,
+            second_run: false,
             fisheye,
             layers: layers(sensor),
             pixels_rest: camera.knows_rest(rests),
@@ -213,6 +214,14 @@ impl Permutation {
         kinds.iter().map(|&meeting| self.cross_where(policy, queue_overflowed, meeting)).collect()
     }
 
+    /// The kernel of `cross` for the sub-tiles that the first run lists; `None` if it lists none, or may have
+    /// changed which pixels rest.
+    pub(super) fn second_run(&self, policy: KernelPolicy, without_queue: bool) -> Option<Specialised> {
+        let lists = policy.kernels == KernelSet::Gpu && !self.rigid && !self.cross.pixels_rest;
+        let cross = CrossConstants { queue_per_px: CROWDED_QUEUE_PER_PX, second_run: true, ..self.cross };
+        lists.then(|| Permutation { cross, ..*self }.cross_where(policy, without_queue, false))
+    }
+
     /// The kernel of `cross` of the tiles where motions meet (`meeting`), or of the others.
     fn cross_where(&self, policy: KernelPolicy, queue_overflowed: bool, meeting: bool) -> Specialised {
         // Without a queue, its length must not make another kernel.
@@ -272,14 +281,16 @@ fn readout_constants(policy: KernelPolicy) -> ReadoutConstants {
     }
 }
 
-/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus.
-pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool) -> Specialised {
+/// The kernel of `sort` whose workgroups take `group_bins` bins. `has_bus`: whether a camera has a bus. `summed`: whether
+/// `bin_sums` runs before it.
+pub(super) fn sort(policy: KernelPolicy, group_bins: u32, has_bus: bool, summed: bool) -> Specialised {
     let constants = SortConstants {
         group_bins,
         threads: policy.sort_threads,
         native_division: policy.native_division,
         has_bus,
         readout_light: has_bus && policy.readout_light,
+        summed,
     };
     Specialised { kernel: stages::SORT, constants: constants.words() }
 }

@@ -1,12 +1,16 @@
-//! How long the event queues of `cross` are.
+//! How long the event queues of `cross` are, and whether a tick has a second run of `cross`.
 //!
 //! A sub-tile with more events than its queue holds runs again, and walks its pixels twice more. A longer queue spares
 //! that, but it takes shared memory, so that fewer sub-tiles run at once. So queues are short until intervals overflow
-//! them, and become short again after a time of few events. Packets do not depend on it.
+//! them, and become short again after a time of few events.
+//!
+//! Where too few sub-tiles overflow to be worth longer queues for all, but some do in tick after tick, the tick has a
+//! second run for these, with a queue that is long enough for most; if it is not, with none. It spares another
+//! submission, in which each sub-tile looks for work and `sort` begins anew. Packets do not depend on any of this.
 
 use super::CameraState;
 use super::machine::TickEnd;
-use esaac_layout::{CROSS_THREADS, Counters, INGEST_THREADS, QUEUE_PER_PX};
+use esaac_layout::{Counters, QUEUE_PER_PX, SUB_TILES};
 
 /// What a second run costs before its first sub-tile, in walks of a sub-tile.
 const RERUN_WALKS: u64 = 256;
@@ -27,9 +31,6 @@ const QUIET_TICKS: u32 = 30;
 /// See [`QUIET_TICKS`].
 const QUIET_SHARE: u64 = 8;
 
-/// Sub-tiles of a tile.
-const SUB_TILES: u64 = (INGEST_THREADS / CROSS_THREADS) as u64;
-
 /// What a tick tells about the queues of its cameras.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Load {
@@ -46,7 +47,7 @@ impl Load {
         for (camera, counters) in cameras.iter().zip(&end.counters) {
             let Some(Counters { emitted, .. }) = *counters else { continue };
             load.pixels += u64::from(camera.place.pixels);
-            load.sub_tiles += u64::from(camera.place.tiles) * SUB_TILES;
+            load.sub_tiles += u64::from(camera.place.tiles * SUB_TILES);
             load.events += u64::from(emitted);
         }
         load
@@ -98,11 +99,88 @@ impl QueueLength {
     }
 }
 
+/// Fewest workgroups of a second run. One without work costs next to nothing.
+const LEAST_SECOND_RUN: u32 = 64;
+
+/// The second run of `cross` in a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct SecondRun {
+    groups: u32,
+    without_queue: bool,
+    busy_ticks: u32,
+    quiet_ticks: u32,
+}
+
+impl SecondRun {
+    /// Sub-tiles of a camera that it has room for; 0 if a tick has none.
+    pub(super) fn groups(self) -> u32 {
+        self.groups
+    }
+
+    /// Whether it counts events and scatters them one by one.
+    pub(super) fn without_queue(self) -> bool {
+        self.without_queue
+    }
+
+    /// Adapts it after a tick in which no camera had more than `most` sub-tiles for it, and it left some though it had room
+    /// for them (`leaves`). `length_changes`: whether queues have another length in the next tick.
+    pub(super) fn follow(&mut self, load: Load, most: u32, leaves: bool, length_changes: bool) {
+        self.without_queue |= leaves && most <= self.groups;
+        // Another length may spare it.
+        self.busy_ticks = if most > 0 && !length_changes { self.busy_ticks + 1 } else { 0 };
+        self.quiet_ticks = if most == 0 { self.quiet_ticks + 1 } else { 0 };
+        if self.quiet_ticks >= QUIET_TICKS || 2 * load.overflows > load.sub_tiles {
+            // What it spares does not grow with the sub-tiles.
+            *self = SecondRun::default();
+        } else if self.busy_ticks >= BUSY_TICKS && most > self.groups {
+            // Intervals are not alike: twice as many.
+            self.groups = (2 * most).next_power_of_two().max(LEAST_SECOND_RUN);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const MOST: u32 = 32;
+
+    #[test]
+    fn a_second_run_follows_crowds_that_last_and_ends_with_them() {
+        let mut second = SecondRun::default();
+        let mut after = |most: u32, changes| {
+            second.follow(load(2, most.into()), most, false, changes);
+            second.groups()
+        };
+        assert_eq!([after(9, false), after(0, false), after(9, false)], [0; 3], "one tick is no reason");
+        assert_eq!(after(9, true), 0, "queues grow");
+        assert_eq!([after(9, false), after(9, false), after(70, false), after(9, false)], [0, 64, 256, 256]);
+        for _ in 1..QUIET_TICKS {
+            assert_eq!(after(0, false), 256);
+        }
+        assert_eq!([after(0, false), after(9, false)], [0, 0]);
+        assert_eq!(
+            [after(9, false), after(3600, false), after(3601, false)],
+            [64, 8192, 0],
+            "most sub-tiles"
+        );
+    }
+
+    #[test]
+    fn a_second_run_whose_queue_is_too_short_goes_without() {
+        let mut second = SecondRun::default();
+        let mut after = |most: u32, leaves| {
+            second.follow(load(2, most.into()), most, leaves, false);
+            (second.groups(), second.without_queue())
+        };
+        assert_eq!([after(9, true), after(9, true)], [(0, false), (64, false)], "there was none");
+        assert_eq!([after(70, true), after(70, false)], [(256, false); 2], "there was no room");
+        assert_eq!([after(70, true), after(70, false)], [(256, true); 2]);
+        for _ in 0..QUIET_TICKS {
+            after(0, false);
+        }
+        assert_eq!(second, SecondRun { quiet_ticks: 0, ..SecondRun::default() });
+    }
 
     /// An image of 1280x720 pixels.
     fn load(events_per_px: u64, overflows: u64) -> Load {

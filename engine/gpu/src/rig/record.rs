@@ -43,6 +43,13 @@ pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
     policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
 }
 
+/// Whether `bin_sums` runs before `sort` in a rig without a bus.
+pub(super) fn sums_bins(policy: KernelPolicy, cameras: &[CameraState]) -> bool {
+    let group_bins = u64::from(group_bins(policy, cameras));
+    let bins = cameras.iter().map(|c| u64::from(c.place.bin_count));
+    bins.map(|bins| bins * bins / group_bins).sum::<u64>() >= policy.summed_reads
+}
+
 /// Time stamps of a whole tick. The two after them are for submissions that follow: retries and `merge`.
 pub(super) const STAMPS: u32 = TICK_STAGES_WITH_BUS.len() as u32 + 1 + 2 * (MOST_PASSES - 1);
 
@@ -51,6 +58,8 @@ pub(super) struct Kernels {
     pub deferred: Kernel,
     /// Compiled when a camera needs it first.
     paths: Option<Kernel>,
+    /// If bins are summed before they are sorted.
+    bin_sums: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
     /// Compiled when a camera needs it first.
@@ -74,10 +83,15 @@ impl Kernels {
         code: &Code,
         bindings: &Arc<BindingSet>,
     ) -> Result<Self, EngineError> {
+        let summed = sums_bins(policy, cameras);
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
-            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false))?,
+            bin_sums: match summed {
+                true => Some(code.plain_kernel(bindings, stages::BIN_SUMS)?),
+                false => None,
+            },
+            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false, summed))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
             forms: HashMap::new(),
@@ -103,7 +117,7 @@ impl Kernels {
                     true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true))?,
+                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true, false))?,
             });
         }
         Ok(())
@@ -132,10 +146,21 @@ impl SensorKernels {
         ];
         let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy));
         for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
-            if let Entry::Vacant(missing) = self.0.entry(specialised) {
-                let kernel = code.kernel(bindings, missing.key())?;
-                missing.insert(kernel);
-            }
+            self.need_one(code, bindings, specialised)?;
+        }
+        Ok(())
+    }
+
+    /// Compiles a kernel if it is missing.
+    fn need_one(
+        &mut self,
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        specialised: Specialised,
+    ) -> Result<(), EngineError> {
+        if let Entry::Vacant(missing) = self.0.entry(specialised) {
+            let kernel = code.kernel(bindings, missing.key())?;
+            missing.insert(kernel);
         }
         Ok(())
     }
@@ -162,12 +187,22 @@ pub(super) struct Recording {
     retry_for: Option<RecordedFor>,
 }
 
+/// The second run of `cross` in a tick.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Second {
+    /// Workgroups for each camera; 0 if there is no such run.
+    groups: u32,
+    without_queue: bool,
+}
+
 /// What recorded commands are good for.
 #[derive(PartialEq)]
 struct RecordedFor {
     permutations: Vec<Permutation>,
     /// Passes of `synthesize` and `cross`.
     passes: u32,
+    /// The second run of `cross`.
+    second_run: Second,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -322,7 +357,13 @@ impl Rig {
     /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
     fn needed_recording(&self, whole: bool) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
-        RecordedFor { permutations: self.permutations(), passes: self.passes(whole), addresses }
+        let permutations = self.permutations();
+        let policy = self.pipelines.policy;
+        let (groups, without_queue) = (self.second_run.groups(), self.second_run.without_queue());
+        let runs_twice = whole && permutations.iter().any(|p| p.second_run(policy, without_queue).is_some());
+        let second_run =
+            if runs_twice && groups > 0 { Second { groups, without_queue } } else { Second::default() };
+        RecordedFor { permutations, passes: self.passes(whole), second_run, addresses }
     }
 
     /// The permutation of each camera.
@@ -344,13 +385,14 @@ impl Rig {
         let k = &self.pipelines.kernels;
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
         let paths = k.paths.iter().map(|kernel| ("paths", kernel));
+        let sums = k.bin_sums.iter().map(|kernel| ("sort", kernel));
         let bus = k.bus.iter().flat_map(|bus| {
             [("sort", &bus.sort), ("readout", &bus.readout)]
                 .into_iter()
                 .chain(bus.apart.iter().map(|apart| ("readout", apart)))
         });
         let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
-        of_sensors.chain(events).chain(paths).chain(bus).chain(forms)
+        of_sensors.chain(events).chain(sums).chain(paths).chain(bus).chain(forms)
     }
 
     /// Names of the compiled kernels and their specialisation constants, for tests: which permutations ran.
@@ -361,8 +403,9 @@ impl Rig {
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
         let bus = &self.pipelines.kernels.bus;
         for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
-            let sort =
-                sort(self.pipelines.policy, group_bins(self.pipelines.policy, &self.cameras), *has_bus);
+            let policy = self.pipelines.policy;
+            let summed = !has_bus && sums_bins(policy, &self.cameras);
+            let sort = sort(policy, group_bins(policy, &self.cameras), *has_bus, summed);
             all.push((sort.kernel.0, sort.constants));
         }
         all.sort();
@@ -373,10 +416,13 @@ impl Rig {
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
         self.need_kernels(permutations, whole)?;
+        if needed.second_run.groups > 0 {
+            self.need_second_run(permutations, needed.second_run.without_queue)?;
+        }
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &groups, needed.passes, whole)?;
+        record_tick(self, &groups, needed.passes, needed.second_run, whole)?;
         *self.recorded_for(whole) = Some(needed);
         Ok(())
     }
@@ -393,6 +439,19 @@ impl Rig {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
         kernels.need(*policy, &self.cameras, code, bindings, permutations)
+    }
+
+    /// Compiles the kernels of the second run of `cross` that are missing.
+    fn need_second_run(
+        &mut self,
+        permutations: &[Permutation],
+        without_queue: bool,
+    ) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
+        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy, without_queue)) {
+            specialised.need_one(code, bindings, second_run)?;
+        }
+        Ok(())
     }
 
     fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
@@ -443,7 +502,13 @@ pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
-fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<(), EngineError> {
+fn record_tick(
+    rig: &Rig,
+    groups: &[Group],
+    passes: u32,
+    second_run: Second,
+    whole: bool,
+) -> Result<(), EngineError> {
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
@@ -540,6 +605,15 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
                 }
             }
             record_barrier(device, commands);
+            if second_run.groups > 0 && pass + 1 == passes {
+                for group in groups {
+                    if let Some(kernel) = group.permutation.second_run(policy, second_run.without_queue) {
+                        let extent = [second_run.groups, group.count, 1];
+                        dispatch(commands, &specialised[&kernel], group.first, extent);
+                    }
+                }
+                record_barrier(device, commands);
+            }
             stage_done();
         }
         if outlets > 0 {
@@ -554,6 +628,11 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
                 stage_done();
             }
         } else {
+            if let Some(sums) = &rig.pipelines.kernels.bin_sums {
+                let most = rig.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0);
+                dispatch(commands, sums, 0, [most.div_ceil(layout::SUMMED_BINS), cameras, 1]);
+                record_barrier(device, commands);
+            }
             let extent = [rig.bin_groups(), cameras, 1];
             dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);
         }

@@ -135,7 +135,11 @@ impl Rig {
         }
         self.grow_bins(&end);
         let most_per_px = self.pipelines.policy.most_queue_per_px;
-        self.queue.follow(Load::of(&self.cameras, &end), most_per_px);
+        let length = self.queue.per_px();
+        let load = Load::of(&self.cameras, &end);
+        self.queue.follow(load, most_per_px);
+        let length_changes = self.queue.per_px() != length;
+        self.second_run.follow(load, end.most_crowded, end.leaves_crowded, length_changes);
         let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
         let rows = self.arena.buffer(layout::LEVELS).bytes() / words;
         self.passes.follow(rows_used(&self.cameras, &end), rows);
