@@ -7,8 +7,8 @@ use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
+use super::poses::{write_poses, write_tracks};
 use super::rest::rest_row;
-use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
@@ -38,6 +38,9 @@ pub(super) fn striding_groups(rig: &Rig) -> u32 {
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
 
+/// Most workgroups per camera of `poses`, which stride over instances.
+const POSES_GROUPS: u32 = 64;
+
 /// Bins that a workgroup of `sort` takes.
 pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
     policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
@@ -51,6 +54,8 @@ pub(super) struct Kernels {
     pub deferred: Kernel,
     /// Compiled when a camera needs it first.
     paths: Option<Kernel>,
+    /// Compiled when the device works out poses first.
+    pub poses: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
     /// Compiled when a camera needs it first.
@@ -77,6 +82,7 @@ impl Kernels {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
+            poses: None,
             sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
@@ -84,7 +90,8 @@ impl Kernels {
         })
     }
 
-    /// Compiles the kernels that the permutations of `cameras` need and that are missing.
+    /// Compiles the kernels that the permutations of `cameras`, and poses from the device if it works them out, need and
+    /// that are missing.
     pub(super) fn need(
         &mut self,
         policy: KernelPolicy,
@@ -92,7 +99,11 @@ impl Kernels {
         code: &Code,
         bindings: &Arc<BindingSet>,
         permutations: &[Permutation],
+        poses: bool,
     ) -> Result<(), EngineError> {
+        if self.poses.is_none() && poses {
+            self.poses = Some(code.plain_kernel(bindings, stages::POSES)?);
+        }
         if self.paths.is_none() && permutations.iter().any(|p| p.rigid) {
             self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
         }
@@ -168,6 +179,8 @@ struct RecordedFor {
     permutations: Vec<Permutation>,
     /// Passes of `synthesize` and `cross`.
     passes: u32,
+    /// Whether they work out poses.
+    poses: bool,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -213,6 +226,8 @@ impl Rig {
     /// on the device does not change.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let _zone = zone!("record");
+        let room = self.arena.has_room_for_tracks();
+        self.poses_by.choose(&self.cameras, t_ns, self.pipelines.policy, room);
         let needed = self.needed_recording(true);
         self.timing.with_bus = self.outlets() > 0;
         self.timing.passes = needed.passes;
@@ -226,7 +241,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Fills the tables of instances and poses for a tick.
+    /// Fills the tables of instances and of poses, or of tracks, for a tick.
     fn prepare_poses(&mut self, t_ns: &[Option<i64>]) {
         for (camera, t_ns) in self.cameras.iter().zip(t_ns) {
             if t_ns.is_some() && is_rigid(&camera.config.sensor) {
@@ -234,7 +249,11 @@ impl Rig {
                 self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, known);
             }
         }
-        write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
+        if self.poses_by.device {
+            write_tracks(&self.cameras, t_ns, self.arena.track_tables());
+        } else {
+            write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
+        }
     }
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
@@ -314,6 +333,11 @@ impl Rig {
         }
     }
 
+    /// Workgroups of `poses` for each camera: as many as there are instances of one at most.
+    fn poses_groups(&self) -> u32 {
+        self.cameras.iter().map(|camera| camera.place.instances).max().unwrap_or(1).min(POSES_GROUPS)
+    }
+
     fn recording(&mut self) -> &mut Recording {
         &mut self.recordings.ring[self.arena.current()]
     }
@@ -322,7 +346,8 @@ impl Rig {
     /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
     fn needed_recording(&self, whole: bool) -> RecordedFor {
         let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
-        RecordedFor { permutations: self.permutations(), passes: self.passes(whole), addresses }
+        let poses = whole && self.poses_by.device;
+        RecordedFor { permutations: self.permutations(), passes: self.passes(whole), poses, addresses }
     }
 
     /// The permutation of each camera.
@@ -344,6 +369,7 @@ impl Rig {
         let k = &self.pipelines.kernels;
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
         let paths = k.paths.iter().map(|kernel| ("paths", kernel));
+        let paths = paths.chain(k.poses.iter().map(|kernel| ("poses", kernel)));
         let bus = k.bus.iter().flat_map(|bus| {
             [("sort", &bus.sort), ("readout", &bus.readout)]
                 .into_iter()
@@ -365,6 +391,7 @@ impl Rig {
                 sort(self.pipelines.policy, group_bins(self.pipelines.policy, &self.cameras), *has_bus);
             all.push((sort.kernel.0, sort.constants));
         }
+        all.extend(self.pipelines.kernels.poses.iter().map(|_| (stages::POSES.0, Vec::new())));
         all.sort();
         all
     }
@@ -372,27 +399,28 @@ impl Rig {
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
-        self.need_kernels(permutations, whole)?;
+        self.need_kernels(permutations, whole, needed.poses)?;
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &groups, needed.passes, whole)?;
+        record_tick(self, &groups, &needed, whole)?;
         *self.recorded_for(whole) = Some(needed);
         Ok(())
     }
 
-    /// Compiles the kernels of these permutations that are missing, for a whole tick or (`whole` false) the part that runs
-    /// again.
+    /// Compiles the kernels of these permutations that are missing, for a whole tick (with `poses` or without) or (`whole`
+    /// false) the part that runs again.
     pub(super) fn need_kernels(
         &mut self,
         permutations: &[Permutation],
         whole: bool,
+        poses: bool,
     ) -> Result<(), EngineError> {
         let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
-        kernels.need(*policy, &self.cameras, code, bindings, permutations)
+        kernels.need(*policy, &self.cameras, code, bindings, permutations, poses)
     }
 
     fn recorded_for(&mut self, whole: bool) -> &mut Option<RecordedFor> {
@@ -443,7 +471,8 @@ pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
-fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<(), EngineError> {
+fn record_tick(rig: &Rig, groups: &[Group], needed: &RecordedFor, whole: bool) -> Result<(), EngineError> {
+    let passes = needed.passes;
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
@@ -473,6 +502,13 @@ fn record_tick(rig: &Rig, groups: &[Group], passes: u32, whole: bool) -> Result<
         if synthesizes {
             rig.arena.record_zero_passes(device, commands);
         }
+        if let Some(poses) = rig.pipelines.kernels.poses.as_ref().filter(|_| needed.poses) {
+            for group in groups.iter().filter(|group| group.permutation.rigid) {
+                dispatch(commands, poses, group.first, [rig.poses_groups(), group.count, 1]);
+            }
+            record_barrier(device, commands);
+        }
+        stage_done();
         if whole {
             for (index, group) in groups.iter().enumerate() {
                 if index > 0 && policy.serial {
