@@ -1,7 +1,8 @@
 // poses: where instances are before the camera at POSE_INSTANTS instants of the interval, in double precision. Only for
 // rigs with many moving tracks: for few, the host does the same (engine/gpu/src/rig/poses.rs), to the same bits. So
 // everything is sums and products in the order of the host's, and of what a device might round in its own way there is
-// nothing: no division, no root, no sine.
+// nothing: no division, no root, no sine, and no product that a sum could be fused with. NVIDIA's compiler fuses those of
+// double precision although they are decorated with `NoContraction`.
 //
 // A workgroup takes an instance at a time, a thread an instant; y over cameras. Reads `tracks` and `segments`, which the
 // host writes; writes `poses`, which `ingest` reads after a barrier.
@@ -33,28 +34,43 @@ shared double shift_squares[KNOTS];
 // Whether the instance moves before the camera.
 shared uint moves;
 
+// A product, rounded before anything else: the compiler does not know that this word of the push constants is 0.
+double times(double a, double b) {
+    return packDouble2x32(unpackDouble2x32(a * b) ^ uvec2(push.level));
+}
+
+dvec3 times(dvec3 a, double b) {
+    return dvec3(times(a.x, b), times(a.y, b), times(a.z, b));
+}
+
 double dot_of(dvec3 a, dvec3 b) {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
+    return times(a.x, b.x) + times(a.y, b.y) + times(a.z, b.z);
 }
 
 dvec3 cross_of(dvec3 a, dvec3 b) {
-    return dvec3(a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y);
+    return dvec3(
+        times(a.y, b.z) - times(b.y, a.z), times(a.z, b.x) - times(b.z, a.x), times(a.x, b.y) - times(b.x, a.y));
 }
 
 // Rotation `b`, then `a`.
 dvec4 product(dvec4 a, dvec4 b) {
     return dvec4(
-        a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
-        a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w, a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z);
+        times(a.w, b.x) + times(a.x, b.w) + times(a.y, b.z) - times(a.z, b.y),
+        times(a.w, b.y) - times(a.x, b.z) + times(a.y, b.w) + times(a.z, b.x),
+        times(a.w, b.z) + times(a.x, b.y) - times(a.y, b.x) + times(a.z, b.w),
+        times(a.w, b.w) - times(a.x, b.x) - times(a.y, b.y) - times(a.z, b.z));
 }
 
 dvec4 renormalised(dvec4 q) {
-    return q * (1.5lf - 0.5lf * (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w));
+    const double square = dot_of(q.xyz, q.xyz) + times(q.w, q.w);
+    const double unit = 1.5lf - times(0.5lf, square);
+    return dvec4(times(q.xyz, unit), times(q.w, unit));
 }
 
 dvec3 turned(dvec4 q, dvec3 v) {
     const dvec3 b = q.xyz;
-    return v * (q.w * q.w - dot_of(b, b)) + b * (dot_of(v, b) * 2.0lf) + cross_of(b, v) * (q.w * 2.0lf);
+    return times(v, times(q.w, q.w) - dot_of(b, b)) + times(b, times(dot_of(v, b), 2.0lf))
+        + times(cross_of(b, v), times(q.w, 2.0lf));
 }
 
 Placement inverse_of(Placement p) {
@@ -71,17 +87,17 @@ Placement both(Placement outer, Placement inner) {
 
 // The rotation of a rotation vector.
 dvec4 rotation_of(dvec3 turn) {
-    double square = 0.25lf * dot_of(turn, turn);
+    double square = times(0.25lf, dot_of(turn, turn));
     if (square <= SERIES_SQUARE) {
         double half_sine = HALF_SINE[0];
         double cosine = COSINE[0];
         [[unroll]] for (uint i = 1u; i < HALF_SINE.length(); ++i) {
-            half_sine = half_sine * square + HALF_SINE[i];
+            half_sine = times(half_sine, square) + HALF_SINE[i];
         }
         [[unroll]] for (uint i = 1u; i < COSINE.length(); ++i) {
-            cosine = cosine * square + COSINE[i];
+            cosine = times(cosine, square) + COSINE[i];
         }
-        return dvec4(turn * half_sine, cosine);
+        return dvec4(times(turn, half_sine), cosine);
     }
     double part = 1.0lf;
     uint halvings = 0u;
@@ -93,16 +109,16 @@ dvec4 rotation_of(dvec3 turn) {
     double half_sine = LONG_HALF_SINE[0];
     double cosine = LONG_COSINE[0];
     [[unroll]] for (uint i = 1u; i < LONG_COSINE.length(); ++i) {
-        half_sine = half_sine * square + LONG_HALF_SINE[i];
-        cosine = cosine * square + LONG_COSINE[i];
+        half_sine = times(half_sine, square) + LONG_HALF_SINE[i];
+        cosine = times(cosine, square) + LONG_COSINE[i];
     }
-    dvec3 axis = turn * (part * half_sine);
+    dvec3 axis = times(turn, times(part, half_sine));
     for (uint i = 0u; i < halvings; ++i) {
         const double sine_square = dot_of(axis, axis);
-        const double cosine_square = cosine * cosine;
-        const double unit = 1.5lf - 0.5lf * (sine_square + cosine_square);
-        axis *= 2.0lf * cosine * unit;
-        cosine = (cosine_square - sine_square) * unit;
+        const double cosine_square = times(cosine, cosine);
+        const double unit = 1.5lf - times(0.5lf, sine_square + cosine_square);
+        axis = times(axis, times(times(2.0lf, cosine), unit));
+        cosine = times(cosine_square - sine_square, unit);
     }
     return dvec4(axis, cosine);
 }
@@ -110,7 +126,9 @@ dvec4 rotation_of(dvec3 turn) {
 // The cubic from 0 to `end` with two slopes.
 dvec3 curve(dvec3 end, dvec3 start_slope, dvec3 end_slope, double s) {
     const double left = 1.0lf - s;
-    return end * (s * s * (3.0lf - 2.0lf * s)) + start_slope * (s * left * left) - end_slope * (s * s * left);
+    const double square = times(s, s);
+    return times(end, times(square, 3.0lf - times(2.0lf, s))) + times(start_slope, times(times(s, left), left))
+        - times(end_slope, times(square, left));
 }
 
 // Placement by a track at an instant, which is `offset_ns` after the interval's start.
@@ -119,7 +137,7 @@ Placement placement(uint track, uint instant, int64_t offset_ns) {
     const PoseSegment s = segments[TRACK_SEGMENTS * track + bitCount(past)];
     const dvec4 rotation = dvec4(s.rotation_x, s.rotation_y, s.rotation_z, s.rotation_w);
     const dvec3 translation = dvec3(s.translation_x_m, s.translation_y_m, s.translation_z_m);
-    const double fraction = double(uint64_t(offset_ns - s.start_ns)) * s.per_ns;
+    const double fraction = times(double(uint64_t(offset_ns - s.start_ns)), s.per_ns);
     if (fraction == 0.0lf) {
         return Placement(rotation, translation);
     }
@@ -136,9 +154,9 @@ Placement placement(uint track, uint instant, int64_t offset_ns) {
 double square_root(double x) {
     double inverse = packDouble2x32(uvec2(0u, ROOT_SEED - (unpackDouble2x32(x).y >> 1)));
     [[unroll]] for (uint i = 0u; i < ROOT_STEPS; ++i) {
-        inverse *= 1.5lf - 0.5lf * x * inverse * inverse;
+        inverse = times(inverse, 1.5lf - times(times(times(0.5lf, x), inverse), inverse));
     }
-    return x * inverse;
+    return times(x, inverse);
 }
 
 // Writes three rows of a motion from `row` on: those of no motion if it is only rounding.
@@ -154,15 +172,15 @@ void put(uint row, Placement p) {
     moves = 1u;
     const dvec4 q = p.rotation;
     const dvec3 twice = q.xyz + q.xyz;
-    const double xx = q.x * twice.x;
-    const double xy = q.x * twice.y;
-    const double xz = q.x * twice.z;
-    const double yy = q.y * twice.y;
-    const double yz = q.y * twice.z;
-    const double zz = q.z * twice.z;
-    const double wx = q.w * twice.x;
-    const double wy = q.w * twice.y;
-    const double wz = q.w * twice.z;
+    const double xx = times(q.x, twice.x);
+    const double xy = times(q.x, twice.y);
+    const double xz = times(q.x, twice.z);
+    const double yy = times(q.y, twice.y);
+    const double yz = times(q.y, twice.z);
+    const double zz = times(q.z, twice.z);
+    const double wx = times(q.w, twice.x);
+    const double wy = times(q.w, twice.y);
+    const double wz = times(q.w, twice.z);
     poses[row] = vec4(dvec4(1.0lf - (yy + zz), xy - wz, xz + wy, p.translation.x));
     poses[row + 1u] = vec4(dvec4(xy + wz, 1.0lf - (xx + zz), yz - wx, p.translation.y));
     poses[row + 2u] = vec4(dvec4(xz - wy, yz + wx, 1.0lf - (xx + yy), p.translation.z));
@@ -237,7 +255,7 @@ void main() {
             [[unroll]] for (uint knot = 0u; knot < KNOTS; ++knot) {
                 largest = max(largest, shift_squares[knot]);
             }
-            const double parallax_px = max(focal_px * square_root(largest), 1.0lf);
+            const double parallax_px = max(times(focal_px, square_root(largest)), 1.0lf);
             poses[row + POSE_ROWS - 1u] =
                 still ? vec4(1.0, 0.0, 0.0, 0.0) : vec4(float(parallax_px), float(moves), 0.0, 0.0);
         }

@@ -19,6 +19,8 @@ use std::num::NonZero;
 pub(super) struct PosesBy {
     /// The kernel `poses`, not the host.
     pub device: bool,
+    /// How many tracks of the tick move.
+    moving: usize,
 }
 
 impl PosesBy {
@@ -30,11 +32,8 @@ impl PosesBy {
         policy: KernelPolicy,
         room: bool,
     ) {
-        if room {
-            self.follow(moving_tracks(cameras, t_ns), policy);
-        } else {
-            self.device = false;
-        }
+        self.follow(posed(cameras, t_ns).map(|posed| posed.scene.moving_tracks()).sum(), policy);
+        self.device &= room;
     }
 
     /// Chooses for a tick with so many moving tracks. A change costs new commands, so the device goes on until they are
@@ -42,6 +41,52 @@ impl PosesBy {
     fn follow(&mut self, moving: usize, policy: KernelPolicy) {
         let least = policy.device_tracks as usize;
         self.device = moving >= if self.device { least / 2 } else { least };
+        self.moving = moving;
+    }
+
+    /// Writes `poses` of the cameras that step with poses to `t_ns`.
+    pub(super) fn write_poses(
+        self,
+        cameras: &[CameraState],
+        t_ns: &[Option<i64>],
+        mut poses: &mut [[f32; 4]],
+    ) {
+        let mut before = 0;
+        let mut shares = Vec::new();
+        for posed in posed(cameras, t_ns) {
+            // Cameras have their rows in order.
+            let rows = posed.camera.instances.len() * POSE_ROWS as usize;
+            shares.push((take(&mut poses, &mut before, posed.camera.place.pose_base as usize, rows), posed));
+        }
+        in_threads(shares, self.moving / THREAD_TRACKS, |shares| {
+            let mut scratch = Scratch::default();
+            for (rows, Posed { camera, scene, interval_ns }) in shares {
+                write_rows(&camera.instances, scene, *interval_ns, &mut scratch, rows);
+            }
+        });
+    }
+
+    /// Writes `tracks` and `segments` of these cameras, for the device.
+    pub(super) fn write_tracks(
+        self,
+        cameras: &[CameraState],
+        t_ns: &[Option<i64>],
+        (mut tracks, mut segments): (&mut [Track], &mut [PoseSegment]),
+    ) {
+        let each = TRACK_SEGMENTS as usize;
+        let (mut tracks_before, mut segments_before) = (0, 0);
+        let mut shares = Vec::new();
+        for posed in posed(cameras, t_ns) {
+            let (first, count) = (posed.camera.place.track_base as usize, 1 + posed.camera.instances.len());
+            let tracks = take(&mut tracks, &mut tracks_before, first, count);
+            let segments = take(&mut segments, &mut segments_before, each * first, each * count);
+            shares.push((tracks, segments, posed));
+        }
+        in_threads(shares, self.moving / THREAD_DEVICE_TRACKS, |shares| {
+            for (tracks, segments, posed) in shares {
+                posed.write_tracks(tracks, segments);
+            }
+        });
     }
 }
 
@@ -72,50 +117,6 @@ fn posed<'a>(cameras: &'a [CameraState], t_ns: &'a [Option<i64>]) -> impl Iterat
     })
 }
 
-/// How many tracks of a tick move.
-fn moving_tracks(cameras: &[CameraState], t_ns: &[Option<i64>]) -> usize {
-    posed(cameras, t_ns).map(|posed| posed.scene.moving_tracks()).sum()
-}
-
-/// Writes `poses` of the cameras that step with poses to `t_ns`.
-pub(super) fn write_poses(cameras: &[CameraState], t_ns: &[Option<i64>], mut poses: &mut [[f32; 4]]) {
-    let mut before = 0;
-    let mut shares = Vec::new();
-    for posed in posed(cameras, t_ns) {
-        // Cameras have their rows in order.
-        let rows = posed.camera.instances.len() * POSE_ROWS as usize;
-        shares.push((take(&mut poses, &mut before, posed.camera.place.pose_base as usize, rows), posed));
-    }
-    in_threads(shares, moving_tracks(cameras, t_ns) / THREAD_TRACKS, |shares| {
-        let mut scratch = Scratch::default();
-        for (rows, Posed { camera, scene, interval_ns }) in shares {
-            write_rows(&camera.instances, scene, *interval_ns, &mut scratch, rows);
-        }
-    });
-}
-
-/// Writes `tracks` and `segments` of these cameras, for the device.
-pub(super) fn write_tracks(
-    cameras: &[CameraState],
-    t_ns: &[Option<i64>],
-    (mut tracks, mut segments): (&mut [Track], &mut [PoseSegment]),
-) {
-    let (mut tracks_before, mut segments_before) = (0, 0);
-    let mut shares = Vec::new();
-    for posed in posed(cameras, t_ns) {
-        let (first, count) = (posed.camera.place.track_base as usize, 1 + posed.camera.instances.len());
-        let each = TRACK_SEGMENTS as usize;
-        let tracks = take(&mut tracks, &mut tracks_before, first, count);
-        let segments = take(&mut segments, &mut segments_before, each * first, each * count);
-        shares.push((tracks, segments, posed));
-    }
-    in_threads(shares, moving_tracks(cameras, t_ns) / THREAD_DEVICE_TRACKS, |shares| {
-        for (tracks, segments, posed) in shares {
-            posed.write_tracks(tracks, segments);
-        }
-    });
-}
-
 /// The `count` elements from `first` on, of those that are `left`; `before` were taken or passed over.
 fn take<'a, T>(left: &mut &'a mut [T], before: &mut usize, first: usize, count: usize) -> &'a mut [T] {
     let (taken, rest) = std::mem::take(left)[first - *before..].split_at_mut(count);
@@ -123,10 +124,10 @@ fn take<'a, T>(left: &mut &'a mut [T], before: &mut usize, first: usize, count: 
     taken
 }
 
-/// Moving tracks for which a thread is worth starting: starting one takes as long as some ten of them on the host. What is
-/// left to it of a track that the device works out is a fifth.
+/// Moving tracks for which a thread is worth starting: starting one takes as long as some ten of them on the host. Of one
+/// that the device works out a quarter is left to the host, and then threads take most of the time by being started.
 const THREAD_TRACKS: usize = 64;
-const THREAD_DEVICE_TRACKS: usize = 5 * THREAD_TRACKS;
+const THREAD_DEVICE_TRACKS: usize = 128;
 
 /// Does work on shares with so many threads, or as many as there are cores.
 fn in_threads<T: Send>(mut shares: Vec<T>, worth: usize, work: impl Fn(&mut [T]) + Sync) {

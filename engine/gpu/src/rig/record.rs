@@ -7,7 +7,6 @@ use super::parameters::{
     Permutation, Specialised, camera_row, has_bus, has_optics, is_physical, is_rigid, optics_row, outlet_row,
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
-use super::poses::{write_poses, write_tracks};
 use super::rest::rest_row;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
@@ -249,10 +248,11 @@ impl Rig {
                 self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, known);
             }
         }
-        if self.poses_by.device {
-            write_tracks(&self.cameras, t_ns, self.arena.track_tables());
+        let by = self.poses_by;
+        if by.device {
+            by.write_tracks(&self.cameras, t_ns, self.arena.track_tables());
         } else {
-            write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
+            by.write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
         }
     }
 

@@ -245,9 +245,14 @@ impl PoseTrack {
     /// [`TrackError::Span`] outside the samples.
     pub fn at_all(&self, times_ns: &[i64], poses: &mut Vec<Pose>) -> Result<(), TrackError> {
         poses.clear();
-        times_ns.iter().try_for_each(|&t_ns| self.check_span(t_ns, t_ns))?;
-        for (segment, times) in self.segments(times_ns) {
-            poses.extend(times_ns[times].iter().map(|&t_ns| segment.at(t_ns)));
+        let mut last: Option<Segment> = None;
+        for (place, &t_ns) in times_ns.iter().enumerate() {
+            self.check_span(t_ns, t_ns)?;
+            let segment = match last {
+                Some(ref segment) if segment.holds(t_ns) => segment,
+                _ => last.insert(self.segment_for(t_ns, place + 1 == times_ns.len())),
+            };
+            poses.push(segment.at(t_ns));
         }
         Ok(())
     }
