@@ -3,7 +3,7 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::commands::{OneShot, SubmitHooks};
-use crate::devices::{CALIBRATED, DeviceChoice, DeviceInfo, STATISTICS, choose, devices};
+use crate::devices::{CALIBRATED, DeviceChoice, DeviceInfo, FLOAT64, STATISTICS, choose, devices};
 use crate::error::{Call, EngineError};
 use crate::faults::{FaultPoint, Faults};
 use crate::instance::{Instance, Validation};
@@ -104,7 +104,10 @@ impl Device {
             .buffer_device_address(true)
             .timeline_semaphore(info.has("timelineSemaphore"));
         let mut f13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true);
-        let base = vk::PhysicalDeviceFeatures::default().shader_int64(true).shader_int16(true);
+        let base = vk::PhysicalDeviceFeatures::default()
+            .shader_int64(true)
+            .shader_int16(true)
+            .shader_float64(info.has(FLOAT64));
         let mut extensions: Vec<*const c_char> = SHARING
             .iter()
             .filter(|name| name.to_str().is_ok_and(|name| info.has(name)))

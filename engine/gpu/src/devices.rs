@@ -13,6 +13,9 @@ pub(crate) const STATISTICS: &str = "pipelineExecutableInfo";
 /// The capability that [`crate::Device::calibrate`] needs.
 pub(crate) const CALIBRATED: &str = "VK_EXT_calibrated_timestamps";
 
+/// The capability that poses from the device need.
+pub(crate) const FLOAT64: &str = "shaderFloat64";
+
 /// The capability that GPU times need.
 pub(crate) const TIMESTAMPS: &str = "timestamps";
 
@@ -158,6 +161,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         needs("24 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 24),
         likes("timelineSemaphore", f12.timeline_semaphore == vk::TRUE),
         likes(TIMESTAMPS, stamps),
+        likes(FLOAT64, base.shader_float64 == vk::TRUE),
         likes("VK_KHR_external_memory_fd", has(ash::khr::external_memory_fd::NAME)),
         likes("VK_KHR_external_semaphore_fd", has(ash::khr::external_semaphore_fd::NAME)),
         likes("VK_EXT_external_memory_host", has(ext::external_memory_host::NAME)),

@@ -4,7 +4,7 @@
 use esaac_kernels::Reflection;
 use esaac_layout::{
     BINDINGS, CAMERAS, COUNTERS, Camera, Counters, GEOMETRIES, Geometry, GpuStruct, KernelInfo, OPTICS,
-    Optics, PHYSICALS, Physical, Push, READOUTS, RESTS, Readout, Rest, Slice, TEXELS,
+    Optics, PHYSICALS, Physical, PoseSegment, Push, READOUTS, RESTS, Readout, Rest, Slice, TEXELS, Track,
 };
 use std::collections::BTreeMap;
 
@@ -35,6 +35,10 @@ pub fn check(kernel: &KernelInfo, words: &[u32]) -> Result<(), String> {
         let table = reflection.uniform_strides.get(&(GEOMETRIES as u32)).copied();
         same("stride of `geometries`", table, Some(size_of::<Geometry>() as u32))?;
         check_struct::<Geometry>(&reflection)?;
+    }
+    if reflection.structs.contains_key(PoseSegment::NAME) {
+        check_struct::<Track>(&reflection)?;
+        check_struct::<PoseSegment>(&reflection)?;
     }
     if reflection.structs.contains_key(Physical::NAME) {
         let table = reflection.uniform_strides.get(&(PHYSICALS as u32)).copied();

@@ -79,6 +79,9 @@ pub struct KernelPolicy {
     pub passes_still: bool,
     /// How many neighbouring pixels must rest for most of the work on them to be spared.
     pub rest_together: u32,
+    /// Moving tracks of a tick from which on the device works out poses, not the host; `u32::MAX` for never. A track takes the
+    /// host some two microseconds, the kernel a tick some twenty.
+    pub device_tracks: u32,
     /// Whether the dispatches of a stage run one after the other, those of `cross` excepted.
     pub serial: bool,
 }
@@ -114,6 +117,7 @@ impl KernelPolicy {
             resting: Resting::WherePaid,
             passes_still: true,
             rest_together: TILE_WIDTH_PX * BLOCK_PX,
+            device_tracks: 24,
             serial: false,
         }
     }
@@ -148,6 +152,8 @@ impl KernelPolicy {
             resting: Resting::WherePaid,
             passes_still: true,
             rest_together: TILE_WIDTH_PX,
+            // The same processor does either.
+            device_tracks: u32::MAX,
             serial: true,
         }
     }

@@ -8,7 +8,8 @@ use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 
-const ALL: [&str; 12] = [
+const ALL: [&str; 13] = [
+    "poses",
     "ingest",
     "backward_transfer",
     "paths",

@@ -1,6 +1,6 @@
 //! Bindings of the kernels: descriptor set 0.
 
-use crate::{Camera, Counters, Geometry, Optics, Physical, Readout, Rest};
+use crate::{Camera, Counters, Geometry, Optics, Physical, PoseSegment, Readout, Rest, Track};
 
 /// Whether the binding of a slot is a uniform buffer, a table with a row for each camera; the others are storage
 /// buffers.
@@ -67,6 +67,8 @@ bindings! {
     LEVEL_WORDS = 32, "level_words", "uvec4", 16;
     LEVEL_ENTRIES = 33, "level_entries", "uvec4", 16;
     RESTS = 34, "rests", "Rest", size_of::<Rest>() as u32;
+    TRACKS = 35, "tracks", "Track", size_of::<Track>() as u32;
+    SEGMENTS = 36, "segments", "PoseSegment", size_of::<PoseSegment>() as u32;
 }
 
 /// A view of a storage buffer that kernels read by texel fetch. The software driver turns a fetch into a vector gather,

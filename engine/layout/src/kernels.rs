@@ -5,7 +5,8 @@ use crate::constants::{
     IngestCpuConstants, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
 use crate::sizes::{
-    CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, READOUT_THREADS, SORT_THREADS, SYNTHESIZE_THREADS,
+    CROSS_THREADS, INGEST_THREADS, PATHS_THREADS, POSES_THREADS, READOUT_THREADS, SORT_THREADS,
+    SYNTHESIZE_THREADS,
 };
 
 /// A kernel.
@@ -36,6 +37,7 @@ const STRIDING_THREADS: u32 = 256;
 
 /// Every kernel.
 pub const KERNELS: &[KernelInfo] = &[
+    kernel("poses", "poses", POSES_THREADS, &[]),
     kernel("ingest_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
     kernel("ingest_cpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST, IngestCpuConstants::LIST]),
     kernel("ingest_rigid_gpu", "ingest", INGEST_THREADS, &[IngestConstants::LIST]),
@@ -98,13 +100,13 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("voxel_grid", "voxel_grid", STRIDING_THREADS, &[]),
 ];
 
-/// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside the first. `merge` runs only for heavy
+/// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside `ingest`. `merge` runs only for heavy
 /// packets, the other kernels only when a program asks for a representation.)
-pub const TICK_STAGES: &[&str] = &["ingest", "backward_transfer", "synthesize", "cross", "sort"];
+pub const TICK_STAGES: &[&str] = &["poses", "ingest", "backward_transfer", "synthesize", "cross", "sort"];
 
 /// The stages of a tick with a bus. The last one includes the sort of what has left the bus.
 pub const TICK_STAGES_WITH_BUS: &[&str] =
-    &["ingest", "backward_transfer", "synthesize", "cross", "sort", "readout"];
+    &["poses", "ingest", "backward_transfer", "synthesize", "cross", "sort", "readout"];
 
 /// The stages of the kernels with these names, in the order of [`KERNELS`] and each once.
 #[must_use]

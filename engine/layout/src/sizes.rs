@@ -57,6 +57,12 @@ pub const SORT_THREADS: u32 = 256;
 /// its parallax, 0 if the instance has no poses, and whether it moves.
 pub const POSE_ROWS: u32 = 3 * esaac_model::synthesis::rigid::POSE_INSTANTS as u32 + 4;
 
+/// Elements of a track in `segments`: each instant may lie in another one.
+pub const TRACK_SEGMENTS: u32 = esaac_model::synthesis::rigid::POSE_INSTANTS as u32;
+
+/// Threads of a workgroup of `poses`: one for each instant.
+pub const POSES_THREADS: u32 = (esaac_model::synthesis::rigid::POSE_INSTANTS as u32).next_multiple_of(32);
+
 /// Words of a block in `representatives`: their number, and their pixels.
 pub const REPRESENTATIVE_WORDS: u32 =
     (esaac_model::synthesis::rigid::BLOCK_SURFACES as u32 + 1).next_power_of_two();

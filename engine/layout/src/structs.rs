@@ -189,9 +189,93 @@ gpu_struct! {
         /// Instants of sub-steps of an instance in `paths`: those within the interval for every number of sub-steps up
         /// to the sensor's.
         path_instants: u32,
-        /// Fills the row up to a multiple of 16 bytes.
-        unused: u32,
+        /// First element in `tracks`: the camera's own, and after it those of its instances.
+        track_base: u32,
     }
+}
+
+gpu_struct! {
+    /// A camera's own track in one tick, or that of an instance, for `poses`.
+    Track {
+        /// A [`TrackKind`].
+        kind: u32,
+        /// In which of its segments the instants lie: a bit for each after the first, set where the next segment begins.
+        next: u32,
+        /// Mean focal length of a camera; unused of instances.
+        focal_px: f64,
+    }
+}
+
+gpu_struct! {
+    /// What lies between two samples of a track, for `poses`: an [`esaac_model::paths::Segment`].
+    PoseSegment {
+        /// Time of its first sample after the interval's start.
+        start_ns: i64,
+        /// Part of the segment that a nanosecond is; 0 where the body stands.
+        per_ns: f64,
+        /// Rotation of its first sample.
+        rotation_x: f64,
+        /// See there.
+        rotation_y: f64,
+        /// See there.
+        rotation_z: f64,
+        /// See there.
+        rotation_w: f64,
+        /// Translation of its first sample, metres.
+        translation_x_m: f64,
+        /// See there.
+        translation_y_m: f64,
+        /// See there.
+        translation_z_m: f64,
+        /// The way from there to the next sample, metres.
+        shift_x_m: f64,
+        /// See there.
+        shift_y_m: f64,
+        /// See there.
+        shift_z_m: f64,
+        /// Its slope at the first sample.
+        shift_start_x_m: f64,
+        /// See there.
+        shift_start_y_m: f64,
+        /// See there.
+        shift_start_z_m: f64,
+        /// Its slope at the next sample.
+        shift_end_x_m: f64,
+        /// See there.
+        shift_end_y_m: f64,
+        /// See there.
+        shift_end_z_m: f64,
+        /// The rotation vector from the first sample to the next.
+        turn_x: f64,
+        /// See there.
+        turn_y: f64,
+        /// See there.
+        turn_z: f64,
+        /// Its slope at the first sample.
+        turn_start_x: f64,
+        /// See there.
+        turn_start_y: f64,
+        /// See there.
+        turn_start_z: f64,
+        /// Its slope at the next sample.
+        turn_end_x: f64,
+        /// See there.
+        turn_end_y: f64,
+        /// See there.
+        turn_end_z: f64,
+    }
+}
+
+/// What is known of a track in a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum TrackKind {
+    /// The instance has no poses.
+    None = 0,
+    /// The body stands. Of a camera that stands there is a segment nevertheless.
+    Stands = 1,
+    /// The body moves.
+    Moves = 2,
 }
 
 gpu_struct! {

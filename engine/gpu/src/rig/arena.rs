@@ -7,13 +7,14 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::geometry::{Place, lay_out, shared_level_rows, total};
+use super::poses::device_tracks;
 use super::{CameraState, PacketPlace, RigOptions};
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::memory::{Buffer, MemoryUse};
 use crate::policy::KernelPolicy;
 use ash::vk;
-use esaac_layout::{self as layout, BINDINGS, TEXELS};
+use esaac_layout::{self as layout, BINDINGS, PoseSegment, TEXELS, Track};
 use esaac_model::substeps::MAX_SUBSTEPS;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
@@ -126,6 +127,22 @@ impl Arena {
     /// A table of parameters, for the host to fill while no tick is under way.
     pub(super) fn table(&mut self, slot: usize) -> &mut Buffer {
         self.buffers[slot].as_mut().expect("tables are in no packet set")
+    }
+
+    /// Those of tracks and of their segments.
+    pub(super) fn track_tables(&mut self) -> (&mut [Track], &mut [PoseSegment]) {
+        let [tracks, segments] = self
+            .buffers
+            .get_disjoint_mut([layout::TRACKS, layout::SEGMENTS])
+            .expect("two slots")
+            .map(|buffer| buffer.as_mut().expect("tables are in no packet set"));
+        (tracks.all_mut(), segments.all_mut())
+    }
+
+    /// Whether the device may work out the poses of the cameras.
+    pub(super) fn has_room_for_tracks(&self) -> bool {
+        self.buffer(layout::SEGMENTS).bytes()
+            >= u64::from(layout::TRACK_SEGMENTS * BINDINGS[layout::SEGMENTS].stride)
     }
 
     /// The packet set of the last or current tick.
@@ -307,6 +324,7 @@ fn elements_of(slot: usize, places: &[Place], policy: KernelPolicy) -> u64 {
         layout::LEVELS => rows * u64::from(layout::LEVEL_ROW_WORDS),
         // A block with entries takes three rows for each, at least.
         layout::LEVEL_ENTRIES => u64::from(layout::MOST_PASSES) + rows / 3,
+        layout::SEGMENTS => u64::from(layout::TRACK_SEGMENTS) * device_tracks(places.iter(), policy),
         slot => total(places, slot),
     }
 }
@@ -320,7 +338,9 @@ fn allocate(
     let binding = &BINDINGS[slot];
     let (location, usage) = match slot {
         slot if layout::is_table(slot) => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
-        layout::INSTANCES | layout::POSES => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::empty()),
+        layout::INSTANCES | layout::POSES | layout::TRACKS | layout::SEGMENTS => {
+            (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::empty())
+        }
         layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P
             if packets == PacketPlace::OnDevice =>
         {

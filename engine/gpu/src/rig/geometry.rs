@@ -40,6 +40,7 @@ pub(super) struct Place {
     pub instance_base: u32,
     pub pose_base: u32,
     pub path_base: u32,
+    pub track_base: u32,
     pub bus_base: u32,
     /// Rows of `levels` that an interval needs at most; 0 if `cross` synthesises by itself.
     pub level_rows: u32,
@@ -98,6 +99,8 @@ impl Place {
         let instances = rigid * u64::from(self.instances);
         elements[layout::INSTANCES] = Some(instances);
         elements[layout::POSES] = Some(instances * u64::from(POSE_ROWS));
+        // The camera's own track too.
+        elements[layout::TRACKS] = Some(rigid * (1 + u64::from(self.instances)));
         elements[layout::PATHS] = Some(3 * instances * u64::from(self.path_instants));
         elements[layout::APS] = Some(pixels.next_multiple_of(8));
         let stretches = u64::from(self.event_capacity.div_ceil(LEAST_STRETCH));
@@ -357,6 +360,7 @@ pub(super) fn lay_out(places: &mut [Place]) {
         place.instance_base = take(layout::INSTANCES);
         place.pose_base = take(layout::POSES);
         place.path_base = take(layout::PATHS);
+        place.track_base = take(layout::TRACKS);
         place.bus_base = take(layout::BUS);
     }
 }

@@ -25,6 +25,7 @@ mod machine;
 mod merge;
 mod parameters;
 mod passes;
+mod poses;
 mod queue;
 mod record;
 #[cfg(feature = "shaderc")]
@@ -42,6 +43,7 @@ mod transfer;
 
 use crate::commands::Commands;
 use crate::device::Device;
+use crate::devices::FLOAT64;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, KernelStatistics};
 use crate::memory::{Buffer, MemoryUse};
@@ -60,6 +62,7 @@ use gpu_allocator::MemoryLocation;
 use input::Addresses;
 use parameters::has_bus;
 use passes::Passes;
+use poses::PosesBy;
 use queue::{QueueLength, SecondRun};
 use rest::{PassedIntervals, RestChoice};
 use results::Results;
@@ -183,6 +186,8 @@ pub struct Rig {
     passes: Passes,
     /// Whether pixels rest.
     rest: RestChoice,
+    /// Who works out poses.
+    poses_by: PosesBy,
     timing: Timing,
     results: Results,
     health: Health,
@@ -217,7 +222,8 @@ impl Rig {
             .map_or_else(|| KernelPolicy::of(device), |policy| policy.validated(device.is_validated()));
         // A pixel at rest has no sub-steps to keep.
         let resting = if options.keep_substeps { Resting::Never } else { policy.resting };
-        let policy = KernelPolicy { resting, ..policy };
+        let device_tracks = if device.info().has(FLOAT64) { policy.device_tracks } else { u32::MAX };
+        let policy = KernelPolicy { resting, device_tracks, ..policy };
         check_groups(device, policy, &places)?;
         let arena = Arena::new(device, &places, options, policy)?;
         let mut cameras = Vec::with_capacity(configs.len());
@@ -251,6 +257,7 @@ impl Rig {
             second_run: SecondRun::default(),
             passes: Passes::default(),
             rest: RestChoice::new(policy.resting),
+            poses_by: PosesBy::default(),
             timing: Timing::new(device, options.stage_times)?,
             results: Results::new(configs),
             health: Health::Good,

@@ -8,7 +8,6 @@ use super::parameters::{
     permutation, physical_row, readout, readout_apart, readout_row, sort,
 };
 use super::rest::rest_row;
-use super::scene::write_poses;
 use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
@@ -38,6 +37,9 @@ pub(super) fn striding_groups(rig: &Rig) -> u32 {
 /// Workgroups per camera of `paths`, whose threads stride over instances and instants.
 const PATHS_GROUPS: u32 = 16;
 
+/// Most workgroups per camera of `poses`, which stride over instances.
+const POSES_GROUPS: u32 = 64;
+
 /// Bins that a workgroup of `sort` takes.
 pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
     policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
@@ -60,6 +62,8 @@ pub(super) struct Kernels {
     paths: Option<Kernel>,
     /// If bins are summed before they are sorted.
     bin_sums: Option<Kernel>,
+    /// Compiled when the device works out poses first.
+    pub poses: Option<Kernel>,
     sort: Kernel,
     pub merge: Kernel,
     /// Compiled when a camera needs it first.
@@ -87,6 +91,7 @@ impl Kernels {
         Ok(Kernels {
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
+            poses: None,
             bin_sums: match summed {
                 true => Some(code.plain_kernel(bindings, stages::BIN_SUMS)?),
                 false => None,
@@ -98,7 +103,8 @@ impl Kernels {
         })
     }
 
-    /// Compiles the kernels that the permutations of `cameras` need and that are missing.
+    /// Compiles the kernels that the permutations of `cameras`, and poses from the device if it works them out, need and
+    /// that are missing.
     pub(super) fn need(
         &mut self,
         policy: KernelPolicy,
@@ -106,7 +112,11 @@ impl Kernels {
         code: &Code,
         bindings: &Arc<BindingSet>,
         permutations: &[Permutation],
+        poses: bool,
     ) -> Result<(), EngineError> {
+        if self.poses.is_none() && poses {
+            self.poses = Some(code.plain_kernel(bindings, stages::POSES)?);
+        }
         if self.paths.is_none() && permutations.iter().any(|p| p.rigid) {
             self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
         }
@@ -203,6 +213,8 @@ struct RecordedFor {
     passes: u32,
     /// The second run of `cross`.
     second_run: Second,
+    /// Whether they work out poses.
+    poses: bool,
     /// Number of addresses that the device had told; 0 without the validation layer.
     addresses: u64,
 }
@@ -248,6 +260,8 @@ impl Rig {
     /// on the device does not change.
     pub(super) fn prepare(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
         let _zone = zone!("record");
+        let room = self.arena.has_room_for_tracks();
+        self.poses_by.choose(&self.cameras, t_ns, self.pipelines.policy, room);
         let needed = self.needed_recording(true);
         self.timing.with_bus = self.outlets() > 0;
         self.timing.passes = needed.passes;
@@ -261,7 +275,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Fills the tables of instances and poses for a tick.
+    /// Fills the tables of instances and of poses, or of tracks, for a tick.
     fn prepare_poses(&mut self, t_ns: &[Option<i64>]) {
         for (camera, t_ns) in self.cameras.iter().zip(t_ns) {
             if t_ns.is_some() && is_rigid(&camera.config.sensor) {
@@ -269,7 +283,12 @@ impl Rig {
                 self.arena.table(layout::INSTANCES).write(camera.place.instance_base as usize, known);
             }
         }
-        write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
+        let by = self.poses_by;
+        if by.device {
+            by.write_tracks(&self.cameras, t_ns, self.arena.track_tables());
+        } else {
+            by.write_poses(&self.cameras, t_ns, self.arena.table(layout::POSES).all_mut());
+        }
     }
 
     /// As `prepare`, for the part of a tick that runs again when events did not fit.
@@ -349,6 +368,11 @@ impl Rig {
         }
     }
 
+    /// Workgroups of `poses` for each camera: as many as there are instances of one at most.
+    fn poses_groups(&self) -> u32 {
+        self.cameras.iter().map(|camera| camera.place.instances).max().unwrap_or(1).min(POSES_GROUPS)
+    }
+
     fn recording(&mut self) -> &mut Recording {
         &mut self.recordings.ring[self.arena.current()]
     }
@@ -363,7 +387,8 @@ impl Rig {
         let runs_twice = whole && permutations.iter().any(|p| p.second_run(policy, without_queue).is_some());
         let second_run =
             if runs_twice && groups > 0 { Second { groups, without_queue } } else { Second::default() };
-        RecordedFor { permutations, passes: self.passes(whole), second_run, addresses }
+        let poses = whole && self.poses_by.device;
+        RecordedFor { permutations, passes: self.passes(whole), second_run, poses, addresses }
     }
 
     /// The permutation of each camera.
@@ -386,6 +411,7 @@ impl Rig {
         let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
         let paths = k.paths.iter().map(|kernel| ("paths", kernel));
         let sums = k.bin_sums.iter().map(|kernel| ("sort", kernel));
+        let paths = paths.chain(k.poses.iter().map(|kernel| ("poses", kernel)));
         let bus = k.bus.iter().flat_map(|bus| {
             [("sort", &bus.sort), ("readout", &bus.readout)]
                 .into_iter()
@@ -408,6 +434,7 @@ impl Rig {
             let sort = sort(policy, group_bins(policy, &self.cameras), *has_bus, summed);
             all.push((sort.kernel.0, sort.constants));
         }
+        all.extend(self.pipelines.kernels.poses.iter().map(|_| (stages::POSES.0, Vec::new())));
         all.sort();
         all
     }
@@ -415,30 +442,31 @@ impl Rig {
     /// Records the whole tick, or (`whole` false) the part that runs again when events did not fit.
     fn record(&mut self, needed: RecordedFor, whole: bool) -> Result<(), EngineError> {
         let permutations = &needed.permutations;
-        self.need_kernels(permutations, whole)?;
+        self.need_kernels(permutations, whole, needed.poses)?;
         if needed.second_run.groups > 0 {
             self.need_second_run(permutations, needed.second_run.without_queue)?;
         }
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;
         let groups = self.groups(permutations, &order(permutations));
-        record_tick(self, &groups, needed.passes, needed.second_run, whole)?;
+        record_tick(self, &groups, &needed, whole)?;
         *self.recorded_for(whole) = Some(needed);
         Ok(())
     }
 
-    /// Compiles the kernels of these permutations that are missing, for a whole tick or (`whole` false) the part that runs
-    /// again.
+    /// Compiles the kernels of these permutations that are missing, for a whole tick (with `poses` or without) or (`whole`
+    /// false) the part that runs again.
     pub(super) fn need_kernels(
         &mut self,
         permutations: &[Permutation],
         whole: bool,
+        poses: bool,
     ) -> Result<(), EngineError> {
         let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
-        kernels.need(*policy, &self.cameras, code, bindings, permutations)
+        kernels.need(*policy, &self.cameras, code, bindings, permutations, poses)
     }
 
     /// Compiles the kernels of the second run of `cross` that are missing.
@@ -502,13 +530,8 @@ pub(super) fn record_catch_up(rig: &Rig, commands: vk::CommandBuffer, groups: &[
 }
 
 /// Records a whole tick, or (`whole` false) the part that runs again when events did not fit.
-fn record_tick(
-    rig: &Rig,
-    groups: &[Group],
-    passes: u32,
-    second_run: Second,
-    whole: bool,
-) -> Result<(), EngineError> {
+fn record_tick(rig: &Rig, groups: &[Group], needed: &RecordedFor, whole: bool) -> Result<(), EngineError> {
+    let (passes, second_run) = (needed.passes, needed.second_run);
     let Pipelines { policy, specialised: SensorKernels(specialised), .. } = &rig.pipelines;
     let (device, policy) = (&rig.device, *policy);
     let recording = &rig.recordings.ring[rig.arena.current()];
@@ -538,6 +561,13 @@ fn record_tick(
         if synthesizes {
             rig.arena.record_zero_passes(device, commands);
         }
+        if let Some(poses) = rig.pipelines.kernels.poses.as_ref().filter(|_| needed.poses) {
+            for group in groups.iter().filter(|group| group.permutation.rigid) {
+                dispatch(commands, poses, group.first, [rig.poses_groups(), group.count, 1]);
+            }
+            record_barrier(device, commands);
+        }
+        stage_done();
         if whole {
             for (index, group) in groups.iter().enumerate() {
                 if index > 0 && policy.serial {

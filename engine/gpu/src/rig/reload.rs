@@ -31,7 +31,8 @@ impl Rig {
         let bindings = Arc::clone(&self.pipelines.bindings);
         let policy = self.pipelines.policy;
         let mut kernels = Kernels::new(policy, &self.cameras, &code, &bindings)?;
-        kernels.need(policy, &self.cameras, &code, &bindings, &self.permutations())?;
+        let poses = self.pipelines.kernels.poses.is_some();
+        kernels.need(policy, &self.cameras, &code, &bindings, &self.permutations(), poses)?;
         let mut specialised = SensorKernels::default();
         for permutation in self.permutations() {
             specialised.need(&code, &bindings, policy, &permutation, false)?;

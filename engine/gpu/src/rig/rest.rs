@@ -185,7 +185,7 @@ impl Rig {
             return Ok(());
         }
         let permutations = self.permutations();
-        self.need_kernels(&permutations, true)?;
+        self.need_kernels(&permutations, true, false)?;
         self.bind_current();
         self.prepare_rows(&vec![None; self.cameras.len()]);
         let order = order(&permutations);

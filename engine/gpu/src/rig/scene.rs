@@ -4,22 +4,16 @@ use super::geometry::Place;
 use super::parameters::is_rigid;
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
-use esaac_layout::{Geometry, POSE_ROWS};
+use esaac_layout::Geometry;
 use esaac_model::paths::conventions::Trust;
-use esaac_model::paths::{Pose, STATIC_WORLD, SceneMotion};
-use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS};
-use glam::DMat3;
+use esaac_model::paths::{PoseTrack, STATIC_WORLD, SceneMotion};
 use std::collections::HashSet;
-use std::num::NonZero;
 
 /// Most instances of a camera: `surfaces` has 16 bits for them, and one value means none.
 pub(super) const MOST_INSTANCES: usize = 0xffff;
 
 /// The row of an id that has none, in `instances`.
 const NO_ROW: u32 = 0xffff;
-
-/// How near to rest a motion counts as none: rounding of poses in f64, radians and metres.
-const REST: f64 = 1e-9;
 
 /// The rows of a camera's instances in its tables. The surfaces of the last frame name instances by row, so a row keeps
 /// its instance until no surface names it.
@@ -111,162 +105,16 @@ impl Instances {
         &self.known
     }
 
-    /// Writes `poses` of the interval from `from_ns` to `to_ns`, which the scene's poses span.
-    fn write_poses(
-        &self,
-        scene: &SceneMotion,
-        interval_ns: [i64; 2],
-        Scratch { camera, body }: &mut Scratch,
-        rows: &mut [[f32; 4]],
-    ) {
-        let times_ns = instants_ns(interval_ns);
-        let standing_camera = scene.camera().stands();
-        scene.camera().at_all(&times_ns, camera).expect("poses that span the interval");
-        let focal_px = 0.5 * scene.lens().focal_px().element_sum();
-        // All that stands moves before the camera as the world does.
-        let mut standing = standing_camera.then_some(AT_REST);
-        for (row, rows) in self.rows.iter().zip(rows.chunks_exact_mut(POSE_ROWS as usize)) {
-            let Row::Posed(id) = *row else {
-                rows.fill([0.0; 4]);
-                continue;
-            };
-            match scene.instance(id).filter(|track| !track.stands()) {
-                Some(track) => {
-                    track.at_all(&times_ns, body).expect("poses that span the interval");
-                    rows.copy_from_slice(&moving_rows(camera, Some(body), focal_px));
-                }
-                None => {
-                    rows.copy_from_slice(standing.get_or_insert_with(|| moving_rows(camera, None, focal_px)))
-                }
-            }
-        }
+    /// The track of each row: `None` if it has no poses; `None` in that for what stands.
+    pub(super) fn tracks<'a>(
+        &'a self,
+        scene: &'a SceneMotion,
+    ) -> impl Iterator<Item = Option<Option<&'a PoseTrack>>> + 'a {
+        self.rows.iter().map(|row| match *row {
+            Row::Posed(id) => Some(scene.instance(id).filter(|track| !track.stands())),
+            Row::Left { .. } => None,
+        })
     }
-}
-
-/// Instants of an interval at which poses are worked out.
-fn instants_ns([from_ns, to_ns]: [i64; 2]) -> [i64; POSE_INSTANTS] {
-    std::array::from_fn(|i| {
-        let fraction = i as f64 / (POSE_INSTANTS - 1) as f64;
-        from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64
-    })
-}
-
-/// Rows of an instance in `poses`.
-type InstanceRows = [[f32; 4]; POSE_ROWS as usize];
-
-/// Of an instance that does not move before the camera.
-const AT_REST: InstanceRows = {
-    let mut rows = [[1.0, 0.0, 0.0, 0.0]; POSE_ROWS as usize];
-    let mut row = 0;
-    while row + 1 < rows.len() {
-        rows[row] = [0.0; 4];
-        rows[row][row % 3] = 1.0;
-        row += 1;
-    }
-    rows
-};
-
-/// What poses are worked out in, kept from one camera to the next.
-#[derive(Default)]
-struct Scratch {
-    camera: Vec<Pose>,
-    body: Vec<Pose>,
-}
-
-/// The rows of an instance that moves: `camera` and `body` are its poses and the camera's at all instants, `None` for
-/// one that stands.
-fn moving_rows(camera: &[Pose], body: Option<&[Pose]>, focal_px: f64) -> InstanceRows {
-    let mut rows = AT_REST;
-    let last = POSE_INSTANTS - 1;
-    // From camera axes at instant `i` to those at the first instant, or the last.
-    let [to_first, to_last] = [0, last].map(|key| {
-        let from_world = camera[key].inverse();
-        let from_body = body.map_or(from_world, |body| from_world * body[key]);
-        move |i: usize| match body {
-            Some(body) => from_body * (body[i].inverse() * camera[i]),
-            None => from_body * camera[i],
-        }
-    });
-    let mut moves = false;
-    let mut put = |i: usize, pose: &Pose| {
-        let shift_m = pose.translation_m();
-        if shift_m.abs().max_element() < REST && pose.rotation().xyz().abs().max_element() < REST {
-            return;
-        }
-        moves = true;
-        let turn = DMat3::from_quat(pose.rotation());
-        for axis in 0..3 {
-            let (row, shift_m) = (turn.row(axis), shift_m[axis]);
-            rows[3 * i + axis] = [row.x as f32, row.y as f32, row.z as f32, shift_m as f32];
-        }
-    };
-    let mut largest_m: f64 = 0.0;
-    for i in 0..=last {
-        let pose = to_first(i);
-        put(i, &pose);
-        if i % (last / (KNOTS - 1)) == 0 {
-            let shift_m = to_last(i).translation_m().length();
-            largest_m = largest_m.max(pose.translation_m().length()).max(shift_m);
-        }
-    }
-    put(POSE_INSTANTS, &to_last(0));
-    rows[POSE_ROWS as usize - 1] =
-        [(focal_px * largest_m).max(1.0) as f32, f32::from(u8::from(moves)), 0.0, 0.0];
-    rows
-}
-
-/// A camera that steps with poses.
-struct Posed<'a> {
-    instances: &'a Instances,
-    scene: &'a SceneMotion,
-    interval_ns: [i64; 2],
-    /// Its rows of `poses`.
-    rows: &'a mut [[f32; 4]],
-}
-
-/// Moving instances for which a thread is worth starting: starting one takes as long as some ten of them.
-const THREAD_INSTANCES: usize = 64;
-
-/// Writes `poses` of the cameras that step with poses to `t_ns`, with several threads if many instances move.
-pub(super) fn write_poses(cameras: &[CameraState], t_ns: &[Option<i64>], mut poses: &mut [[f32; 4]]) {
-    let mut posed = Vec::new();
-    let mut before = 0;
-    for (camera, t_ns) in cameras.iter().zip(t_ns) {
-        let (CameraState { instances, scene: Some(scene), .. }, Some(t_ns)) = (camera, *t_ns) else {
-            continue;
-        };
-        if !is_rigid(&camera.config.sensor) {
-            continue;
-        }
-        // Cameras have their rows in order.
-        let first = camera.place.pose_base as usize;
-        let (rows, rest) =
-            std::mem::take(&mut poses)[first - before..].split_at_mut(instances.len() * POSE_ROWS as usize);
-        (poses, before) = (rest, first + rows.len());
-        let interval_ns = [camera.last_ns.unwrap_or(t_ns), t_ns];
-        posed.push(Posed { instances, scene, interval_ns, rows });
-    }
-    let work = |posed: &mut [Posed<'_>]| {
-        let mut scratch = Scratch::default();
-        for Posed { instances, scene, interval_ns, rows } in posed {
-            instances.write_poses(scene, *interval_ns, &mut scratch, rows);
-        }
-    };
-    let instances: usize = posed.iter().map(|camera| camera.scene.moving_tracks()).sum();
-    let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
-    let threads = match instances / THREAD_INSTANCES {
-        0 | 1 => 1,
-        worth => worth.min(cores()),
-    };
-    let each = posed.len().div_ceil(threads).max(1);
-    let mut shares = posed.chunks_mut(each);
-    let own = shares.next().unwrap_or_default();
-    std::thread::scope(|scope| {
-        for share in shares {
-            scope.spawn(move || work(share));
-        }
-        work(own);
-    });
 }
 
 impl Rig {
@@ -352,7 +200,7 @@ impl CameraState {
             pose_base: place.pose_base,
             path_base: place.path_base,
             path_instants: place.path_instants,
-            unused: 0,
+            track_base: place.track_base,
         }
     }
 }
@@ -360,62 +208,24 @@ impl CameraState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use esaac_model::paths::{Intrinsics, PoseTrack};
-    use glam::{DQuat, DVec3};
-
-    fn scene(camera: PoseTrack, body: PoseTrack) -> SceneMotion {
-        let mut scene = SceneMotion::new(Intrinsics::pinhole(20.0, 20.0, 7.5, 7.5).unwrap(), camera);
-        scene.insert(4, body).unwrap();
-        scene
-    }
-
-    fn pose(turn: f64, x_m: f64) -> Pose {
-        Pose::new(DQuat::from_rotation_y(turn), DVec3::new(x_m, 2.0, -1.0)).unwrap()
-    }
-
-    /// The rows of an interval of 32 ns.
-    fn poses(instances: &Instances, scene: &SceneMotion) -> Vec<[f32; 4]> {
-        let mut rows = vec![[f32::NAN; 4]; instances.len() * POSE_ROWS as usize];
-        instances.write_poses(scene, [0, 32], &mut Scratch::default(), &mut rows);
-        rows
-    }
+    use esaac_model::paths::{Intrinsics, Pose};
 
     #[test]
     fn what_is_doubted_has_a_row_and_no_poses() {
-        let still = || PoseTrack::still(pose(0.1, 1.0));
-        let (all, scene) = (Instances::new(), scene(still(), still()));
-        let all = all.with(&scene, &Trust::All, 0);
+        let still = || PoseTrack::still(Pose::IDENTITY);
+        let lens = Intrinsics::pinhole(20.0, 20.0, 7.5, 7.5).unwrap();
+        let mut scene = SceneMotion::new(lens, still());
+        scene.insert(4, still()).unwrap();
+        let posed = |rows: &Instances| rows.tracks(&scene).map(|row| row.is_some()).collect::<Vec<_>>();
+        let all = Instances::new().with(&scene, &Trust::All, 0);
         assert_eq!((all.known(), all.ids()), (&[[0, 0], [4, 1]][..], vec![0, 4]));
+        assert_eq!(posed(&all), [true, true]);
         let some = all.with(&scene, &Trust::Without([4].into()), 1);
         assert_eq!((some.known(), some.ids()), (&[[0, 0]][..], vec![0, 4]));
+        assert_eq!(posed(&some), [true, false]);
         let none = all.with(&scene, &Trust::Nothing, 1);
         assert_eq!((none.known(), none.ids()), (&[[0, NO_ROW]][..], vec![0, 4]));
-        let rows = POSE_ROWS as usize;
-        assert!(poses(&some, &scene)[rows..].iter().all(|row| *row == [0.0; 4]));
-        assert!(poses(&none, &scene).iter().all(|row| *row == [0.0; 4]));
+        assert_eq!(posed(&none), [false, false]);
         assert_eq!(none.with(&scene, &Trust::All, 2), all);
-    }
-
-    #[test]
-    fn what_stands_is_what_moves_by_less_than_rounding() {
-        let rows = |camera: PoseTrack, body: PoseTrack| {
-            let scene = scene(camera, body);
-            poses(&Instances::new().with(&scene, &Trust::All, 0), &scene)
-        };
-        let track = |poses: [Pose; 2]| PoseTrack::new(vec![0, 32], poses.to_vec()).unwrap();
-        let stands = rows(PoseTrack::still(pose(0.3, 1.0)), track([pose(-0.2, 5.0); 2]));
-        let wavers = rows(
-            track([pose(0.3, 1.0), pose(0.3, 1.0 + 1e-12)]),
-            track([pose(-0.2, 5.0), pose(-0.2, 5.0 + 1e-12)]),
-        );
-        assert_eq!(stands, wavers);
-        assert_eq!(stands.len(), 2 * POSE_ROWS as usize);
-        // A body that moves before a camera that stands, and the world before a camera that moves.
-        let moves = |rows: &[[f32; 4]], row: usize| rows[(row + 1) * POSE_ROWS as usize - 1][1] != 0.0;
-        let body = rows(PoseTrack::still(pose(0.3, 1.0)), track([pose(0.0, 5.0), pose(0.1, 5.0)]));
-        let camera = rows(track([pose(0.3, 1.0), pose(0.3, 1.1)]), PoseTrack::still(pose(0.0, 5.0)));
-        assert_eq!([moves(&stands, 0), moves(&stands, 1)], [false, false]);
-        assert_eq!([moves(&body, 0), moves(&body, 1)], [false, true]);
-        assert_eq!([moves(&camera, 0), moves(&camera, 1)], [true, true]);
     }
 }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub(super) const MOST_STAMPS: usize = STAMPS as usize;
 
 /// The stages that run in passes, by their places among those of a tick.
-const PASS_STAGES: std::ops::Range<usize> = 2..4;
+const PASS_STAGES: std::ops::Range<usize> = 3..5;
 
 /// The fence that a rig waits for, and its timer.
 pub(super) struct Timing {

@@ -24,12 +24,14 @@
 pub mod conventions;
 mod lens;
 mod pose;
+mod root;
 mod track;
-mod turn;
+pub mod turn;
 
 pub use lens::{DepthKind, ImagePoint, Intrinsics, LensError, Projection};
 pub use pose::{Pose, PoseError, RIGID_TOLERANCE};
-pub use track::{PoseTimes, PoseTrack, TrackError};
+pub use root::{ROOT_SEED, ROOT_STEPS, square_root};
+pub use track::{Curve, PoseTimes, PoseTrack, Segment, TrackError};
 
 use glam::DVec2;
 use std::collections::BTreeMap;

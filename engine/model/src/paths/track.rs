@@ -22,6 +22,7 @@
 use super::pose::Pose;
 use super::turn::{nearest_turn, rotation_of, rotation_vector, rotation_vector_rate};
 use glam::DVec3;
+use std::ops::Range;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -234,10 +235,7 @@ impl PoseTrack {
     /// [`TrackError::Span`] outside the samples.
     pub fn at(&self, t_ns: i64) -> Result<Pose, TrackError> {
         self.check_span(t_ns, t_ns)?;
-        if self.stands() {
-            return Ok(self.poses[0]);
-        }
-        Ok(self.segment(self.segment_at(t_ns)).at(t_ns))
+        Ok(self.segment_for(t_ns, true).at(t_ns))
     }
 
     /// Puts the poses at `times_ns`, as [`PoseTrack::at`] gives them, in the place of what is in `poses`. Faster than
@@ -248,25 +246,42 @@ impl PoseTrack {
     pub fn at_all(&self, times_ns: &[i64], poses: &mut Vec<Pose>) -> Result<(), TrackError> {
         poses.clear();
         let mut last: Option<Segment> = None;
-        for &t_ns in times_ns {
+        for (place, &t_ns) in times_ns.iter().enumerate() {
             self.check_span(t_ns, t_ns)?;
-            if self.stands() {
-                poses.push(self.poses[0]);
-                continue;
-            }
             let segment = match last {
-                // Two segments give the same pose where they meet.
-                Some(ref segment) if (segment.times_ns[0]..=segment.times_ns[1]).contains(&t_ns) => segment,
-                _ => last.insert(self.segment(self.segment_at(t_ns))),
+                Some(ref segment) if segment.holds(t_ns) => segment,
+                _ => last.insert(self.segment_for(t_ns, place + 1 == times_ns.len())),
             };
             poses.push(segment.at(t_ns));
         }
         Ok(())
     }
 
-    /// Number of the segment with a time: that of the sample at or before it. The last segment holds its end too.
-    fn segment_at(&self, t_ns: i64) -> usize {
-        (self.times_ns().partition_point(|&sample_ns| sample_ns <= t_ns) - 1).min(self.poses.len() - 2)
+    /// The segments that hold `times_ns`, which the track must span, each with the places of its times: consecutive
+    /// times in one segment share it.
+    pub fn segments<'a>(&'a self, times_ns: &'a [i64]) -> impl Iterator<Item = (Segment, Range<usize>)> + 'a {
+        let mut next = 0;
+        std::iter::from_fn(move || {
+            let first = next;
+            let segment = self.segment_for(*times_ns.get(first)?, first + 1 == times_ns.len());
+            let others = times_ns[first + 1..].iter().take_while(|&&t_ns| segment.holds(t_ns)).count();
+            next = first + 1 + others;
+            Some((segment, first..next))
+        })
+    }
+
+    /// The segment that holds a time: from the sample at or before it to the next. At the last sample, and for the
+    /// `last` time that is wanted if it is a sample's, that sample alone.
+    fn segment_for(&self, t_ns: i64, last: bool) -> Segment {
+        if self.stands() {
+            return Segment::standing([i64::MIN, i64::MAX], self.poses[0]);
+        }
+        let i = self.times_ns().partition_point(|&sample_ns| sample_ns <= t_ns) - 1;
+        let sample_ns = self.times_ns()[i];
+        if i + 1 == self.poses.len() || (last && t_ns == sample_ns) {
+            return Segment::standing([sample_ns, sample_ns], self.poses[i]);
+        }
+        self.segment(i)
     }
 
     /// What lies between samples `i` and `i + 1`.
@@ -278,8 +293,8 @@ impl PoseTrack {
         let turn = rotation_vector(start.rotation().conjugate() * end.rotation());
         Segment {
             times_ns,
-            poses: [start, end],
-            length_s,
+            per_ns: 1.0 / nanoseconds(times_ns[0], times_ns[1]),
+            start,
             shift_m: Curve {
                 end: end.translation_m() - start.translation_m(),
                 slopes: [before.linear_m_s * length_s, after.linear_m_s * length_s],
@@ -295,39 +310,79 @@ impl PoseTrack {
     }
 }
 
-/// What lies between two samples.
-#[derive(Clone, Copy)]
-struct Segment {
+/// What lies between two samples: a pose and two curves from there. [`Segment::at`] takes sums and products of them alone,
+/// in a fixed order, so that a kernel that does the same gives the same bits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// From the first sample up to the next, which is not in it. If they are the same, the sample alone.
     times_ns: [i64; 2],
-    poses: [Pose; 2],
-    length_s: f64,
-    /// Way from the first sample, and the rotation vector relative to it.
+    /// Part of the segment that a nanosecond is; 0 where the body stands.
+    per_ns: f64,
+    start: Pose,
     shift_m: Curve,
     turned: Curve,
 }
 
 impl Segment {
-    /// The pose at a time of the segment. Samples are given back as they came, without rounding.
-    fn at(&self, t_ns: i64) -> Pose {
-        let [start, end] = self.poses;
-        if t_ns == self.times_ns[0] {
-            return start;
+    /// One pose at all times of a segment.
+    fn standing(times_ns: [i64; 2], pose: Pose) -> Self {
+        Segment { times_ns, per_ns: 0.0, start: pose, shift_m: Curve::default(), turned: Curve::default() }
+    }
+
+    fn holds(&self, t_ns: i64) -> bool {
+        t_ns == self.times_ns[0] || (self.times_ns[0]..self.times_ns[1]).contains(&t_ns)
+    }
+
+    /// Time of its first sample.
+    #[must_use]
+    pub fn start_ns(&self) -> i64 {
+        self.times_ns[0]
+    }
+
+    /// Part of the segment that a nanosecond is; 0 where the body stands.
+    #[must_use]
+    pub fn per_ns(&self) -> f64 {
+        self.per_ns
+    }
+
+    /// Its first sample.
+    #[must_use]
+    pub fn start(&self) -> Pose {
+        self.start
+    }
+
+    /// The way from its first sample, metres in world axes.
+    #[must_use]
+    pub fn shift_m(&self) -> &Curve {
+        &self.shift_m
+    }
+
+    /// The rotation vector relative to its first sample, radians in body axes.
+    #[must_use]
+    pub fn turned(&self) -> &Curve {
+        &self.turned
+    }
+
+    /// The pose at a time of the segment. Its first sample is given back as it came, without rounding.
+    #[must_use]
+    pub fn at(&self, t_ns: i64) -> Pose {
+        let fraction = nanoseconds(self.times_ns[0], t_ns) * self.per_ns;
+        if fraction == 0.0 {
+            return self.start;
         }
-        if t_ns == self.times_ns[1] {
-            return end;
-        }
-        let fraction = seconds(self.times_ns[0], t_ns) / self.length_s;
-        let translation_m = start.translation_m() + self.shift_m.at(fraction);
+        let translation_m = self.start.translation_m() + self.shift_m.at(fraction);
         let turn = rotation_of(self.turned.at(fraction));
-        Pose::from_parts(start.rotation() * turn, translation_m)
+        Pose::from_parts(self.start.rotation() * turn, translation_m)
     }
 }
 
 /// The cubic from 0 to `end` over fractions 0 to 1, with slopes at both.
-#[derive(Clone, Copy)]
-struct Curve {
-    end: DVec3,
-    slopes: [DVec3; 2],
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Curve {
+    /// Its value at 1.
+    pub end: DVec3,
+    /// Its slopes at 0 and 1.
+    pub slopes: [DVec3; 2],
 }
 
 impl Curve {
@@ -361,12 +416,13 @@ fn velocity(stencil: &Stencil, poses: &[Pose], i: usize) -> Velocity {
 }
 
 fn seconds(from_ns: i64, to_ns: i64) -> f64 {
-    // Times may lie at both ends of i64. Conversion from i128 is slow.
-    let between_ns = match to_ns.checked_sub(from_ns) {
-        Some(ns) => ns as f64,
-        None => (i128::from(to_ns) - i128::from(from_ns)) as f64,
-    };
-    between_ns * 1e-9
+    let between_ns = to_ns.abs_diff(from_ns) as f64;
+    if to_ns < from_ns { between_ns * -1e-9 } else { between_ns * 1e-9 }
+}
+
+/// Nanoseconds from a time to a later one. Times may lie at both ends of i64.
+fn nanoseconds(from_ns: i64, to_ns: i64) -> f64 {
+    to_ns.abs_diff(from_ns) as f64
 }
 
 #[cfg(test)]

@@ -8,8 +8,39 @@ use std::f64::consts::{PI, TAU};
 /// Angle below which the axis of a rotation means nothing, radians.
 const SMALL_ANGLE: f64 = 1e-4;
 
-/// Square of half an angle up to which series are used.
-const SERIES_SQUARE: f64 = 0.01;
+/// Square of half an angle up to which short series are used.
+pub const SERIES_SQUARE: f64 = 0.01;
+
+/// Square of half an angle up to which long series are used: somewhat more than half a turn.
+pub const LONG_SERIES_SQUARE: f64 = 2.5;
+
+/// How often an angle is halved at most, for long series to serve. Angles that this does not suffice for do not occur.
+pub const MOST_HALVINGS: u32 = 500;
+
+/// Half the sine of an angle over that angle, by the angle's square.
+pub const HALF_SINE: [f64; 5] = [0.5 / 362_880.0, -0.5 / 5040.0, 0.5 / 120.0, -0.5 / 6.0, 0.5];
+
+/// The cosine of an angle, by its square.
+pub const COSINE: [f64; 6] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -1.0 / 2.0, 1.0];
+
+/// As [`HALF_SINE`], long.
+pub const LONG_HALF_SINE: [f64; 13] = long_series(0.5, 1);
+
+/// As [`COSINE`], long.
+pub const LONG_COSINE: [f64; 13] = long_series(1.0, 0);
+
+/// `first`, and each coefficient the one before over the next two numbers from `from` on, with the other sign; from the
+/// highest to the lowest.
+const fn long_series(first: f64, from: u32) -> [f64; 13] {
+    let mut coefficients = [first; 13];
+    let mut i = 1;
+    while i < 13 {
+        let next = from + 2 * i as u32;
+        coefficients[12 - i] = -coefficients[13 - i] / ((next - 1) * next) as f64;
+        i += 1;
+    }
+    coefficients
+}
 
 /// A polynomial, from its highest coefficient to its lowest.
 fn polynomial<const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
@@ -39,16 +70,29 @@ pub(super) fn rotation_vector(rotation: DQuat) -> DVec3 {
     axis * (2.0 * sine.atan2(rotation.w) / sine)
 }
 
-/// The rotation of a rotation vector.
+/// The rotation of a rotation vector, by sums and products alone: a kernel that takes the same has the same bits. Angles
+/// for which no series serves are halved, and the rotation doubled as often.
 pub(super) fn rotation_of(turn: DVec3) -> DQuat {
-    let square = 0.25 * turn.length_squared();
-    if square > SERIES_SQUARE {
-        return DQuat::from_scaled_axis(turn);
+    let mut square = 0.25 * turn.length_squared();
+    if square <= SERIES_SQUARE {
+        let axis = turn * polynomial(square, HALF_SINE);
+        return DQuat::from_xyzw(axis.x, axis.y, axis.z, polynomial(square, COSINE));
     }
-    let half_sine = polynomial(square, [0.5 / 362_880.0, -0.5 / 5040.0, 0.5 / 120.0, -0.5 / 6.0, 0.5]);
-    let cosine =
-        polynomial(square, [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -1.0 / 2.0, 1.0]);
-    let axis = turn * half_sine;
+    let (mut part, mut halvings) = (1.0, 0);
+    while square > LONG_SERIES_SQUARE && halvings < MOST_HALVINGS {
+        square *= 0.25;
+        part *= 0.5;
+        halvings += 1;
+    }
+    let mut axis = turn * (part * polynomial(square, LONG_HALF_SINE));
+    let mut cosine = polynomial(square, LONG_COSINE);
+    for _ in 0..halvings {
+        let (sine_square, cosine_square) = (axis.length_squared(), cosine * cosine);
+        // Twice a rotation of unit length, as `Pose` keeps it: else rounding would grow with each doubling.
+        let unit = 1.5 - 0.5 * (sine_square + cosine_square);
+        axis *= 2.0 * cosine * unit;
+        cosine = (cosine_square - sine_square) * unit;
+    }
     DQuat::from_xyzw(axis.x, axis.y, axis.z, cosine)
 }
 
@@ -89,6 +133,18 @@ mod tests {
     fn turns() -> impl Iterator<Item = DVec3> {
         let axis = DVec3::new(0.6, -0.7, 0.39).normalize();
         (0..400).map(move |k| axis * (1e-9 * 1.0555_f64.powi(k)))
+    }
+
+    #[test]
+    fn turns_of_many_times_around_are_halved_and_doubled() {
+        let axis = DVec3::new(0.6, -0.7, 0.39).normalize();
+        for turns in 1..4000 {
+            let turn = axis * (0.37 * f64::from(turns));
+            let apart = rotation_of(turn) - DQuat::from_scaled_axis(turn);
+            assert!(apart.length() < 1e-15 * (1.0 + turn.length()), "{turn}: {apart}");
+        }
+        let endless = rotation_of(axis * 1e100);
+        assert!((endless.length() - 1.0).abs() < 1e-12, "{endless}");
     }
 
     #[test]

@@ -129,6 +129,9 @@ pub const REACH_PX: f64 = 1.5;
 /// sub-steps are interpolated from six of them each. Every fourth is a knot.
 pub const POSE_INSTANTS: usize = 33;
 
+/// How near to rest a motion between two instants counts as none: rounding of poses in f64, radians and metres.
+pub const POSE_REST: f64 = 1e-9;
+
 /// Motion, pixels, below which a surface counts as at rest: rounding.
 pub const REST_PX: f64 = 1e-3;
 

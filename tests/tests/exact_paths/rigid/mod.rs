@@ -5,4 +5,5 @@ mod input;
 mod levels;
 mod passes;
 mod plane;
+mod poses;
 mod stages;

@@ -102,10 +102,9 @@ mod with_compiler {
         while !said.last().expect("not empty").starts_with("reloaded") {
             said.push(next());
         }
-        assert!(
-            said[0].ends_with("glsl: ingest, backward_transfer, deferred, cross, sort, merge, gather, event_frame, voxel_grid"),
-            "{said:?}"
-        );
+        let all = "glsl: poses, ingest, backward_transfer, paths, deferred, synthesize, cross, sort, readout, merge, \
+                   gather, event_frame, voxel_grid";
+        assert!(said[0].ends_with(all), "{said:?}");
         assert_eq!(said[1], "warning: kernels not reloaded:");
         assert!(said[2].contains("event_sink.glsl:") && said[2].contains("'nonesuch'"), "{said:?}");
         assert_eq!(said.last().expect("not empty"), "reloaded kernels: cross");
