@@ -37,7 +37,12 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "block_pairs.glsl"
 #include "tile_activity.glsl"
 #ifdef READS_LEVELS
+#define LIST_BLOCKS 1u
 #include "levels.glsl"
+#include "paths.glsl"
+#include "candidates.glsl"
+#include "rigid.glsl"
+#include "unoccluded.glsl"
 #include "level_source.glsl"
 #else
 #define LIST_BLOCKS TILE_BLOCKS
@@ -45,6 +50,7 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "candidates.glsl"
 #include "candidate_lists.glsl"
 #include "rigid.glsl"
+#include "unoccluded.glsl"
 #include "layers.glsl"
 #include "layer_lists.glsl"
 #include "source.glsl"

@@ -163,7 +163,7 @@ void main() {
         read_pixel(cam, at, before, s);
     }
 #ifdef READS_LEVELS
-    s.first_level = first_level_word(levels_of_tile[(at.x - corner.x) / BLOCK_PX], at);
+    s.of_block = levels_of_tile[(at.x - corner.x) / BLOCK_PX];
 #endif
     cross_sub_tile(cam, rows, tile.first_block, n, inside, sub_tile == 0u, before, s);
 }

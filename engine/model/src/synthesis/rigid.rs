@@ -131,6 +131,12 @@ pub const SNAP_SAMPLES: f64 = 0.002;
 /// before the motion that follows it is known.
 pub const LEAST_MOTION_PX: f64 = 8.0;
 
+/// Longest leg of an interval, pixels: inside surfaces, a look in the middle of it tells what is shown all along it.
+pub const LEG_PX: f64 = 2.0;
+
+/// Most legs. In the middle of each is an instant at which the host gives poses.
+pub const MOST_LEGS: u32 = (POSE_INSTANTS as u32 - 1) / 2;
+
 /// Side of a block, pixels.
 pub const BLOCK_PX: usize = 8;
 
