@@ -117,6 +117,10 @@ void note_awake(uint awake);
 uint own_awake = 0u;
 bool still_tile = false;
 bool still_block = false;
+#ifdef READS_LEVELS
+// Rows of `levels` that this thread's block has.
+uint block_rows = 0u;
+#endif
 
 void begin_tile() {
     queue_count = 0u;
@@ -144,6 +148,11 @@ void count_block(Camera cam, uint n) {
         if (MAY_REST && still_block) {
             atomicAdd(counters[counter].still_blocks, 1u);
         }
+#ifdef READS_LEVELS
+        if (block_rows != 0u) {
+            atomicAdd(counters[counter].level_rows, block_rows);
+        }
+#endif
     }
 }
 

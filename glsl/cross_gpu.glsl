@@ -129,6 +129,7 @@ void main() {
     still_tile = is_still_tile(levels_of_tile);
     still_block = (levels_of_tile[tile.in_tile] & STILL_BLOCK) != 0u;
     const uint n = substeps_of_levels(levels_of_tile[tile.in_tile]);
+    block_rows = rows_of_levels(levels_of_tile[tile.in_tile]);
     if (PIXELS_REST) {
         // All pixels awake are noted.
         barrier();

@@ -49,6 +49,12 @@ uint row_of_levels(uint of_block) {
     return (of_block & ROW_MASK) >> ROW_SHIFT;
 }
 
+// Rows that a block has.
+uint rows_of_levels(uint of_block) {
+    const uint n = substeps_of_levels(of_block);
+    return n > 1u && has_rows(of_block) ? n + 1u : 0u;
+}
+
 // A pixel's place in a row.
 uint place_in_row(uvec2 at) {
     return (at.y % BLOCK_PX) * BLOCK_PX + at.x % BLOCK_PX;

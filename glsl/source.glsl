@@ -98,7 +98,7 @@ void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
     if (RIGID) {
         const Geometry geo = geometries[cam.slot];
         s.rigid = read_rigid_pixel(cam, geo, s.at, in_tile);
-        s.unoccluded = n > 1u && is_unoccluded(cam, geo, vec2(s.at), s.rigid, listed_motion[in_tile]);
+        s.unoccluded = n > 1u && is_unoccluded(cam, geo, vec2(s.at), s.rigid, in_tile);
         s.path = own_path(s.rigid);
     }
 }

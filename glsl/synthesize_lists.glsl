@@ -143,7 +143,7 @@ uint list_of_pixel(Camera cam, uvec2 at, uint in_tile) {
     }
     const Geometry geo = geometries[cam.slot];
     const RigidPixel p = read_rigid_pixel(cam, geo, at, in_tile);
-    return is_unoccluded(cam, geo, vec2(at), p, listed_motion[in_tile]) ? UNOCCLUDED : p.order;
+    return is_unoccluded(cam, geo, vec2(at), p, in_tile) ? UNOCCLUDED : p.order;
 }
 
 // Writes the lists of the tile's blocks for the second part.

@@ -29,31 +29,43 @@ uint shown_at(Camera cam, Geometry geo, uint key, vec2 position, Surface surface
     return belongs(geo, shown, vec2(nearest), Seen(surface.instance, surface.planes[key], parallax)) ? SHOWN : NOT_SHOWN;
 }
 
-// Whether a pixel with its candidates in order is unoccluded: in the middle of each leg its own surface lies inside what
-// both key frames show of it, and each nearer candidate inside something else.
-bool is_unoccluded(Camera cam, Geometry geo, vec2 at, RigidPixel p, float motion_px) {
-    const uint legs = p.own == ONE_SURFACE || p.own == SAME_SURFACE ? legs_of(motion_px) : 0u;
+// Whether candidate `c` of a pixel lies inside what both key frames show in the middle of a leg, of it (`own`) or of
+// something else.
+bool lies_inside(Camera cam, Geometry geo, RigidPixel p, vec3 ray, uint c, bool own, uint instant) {
+    const Surface here = candidate_at(p, c, float(instant) * (1.0 / float(POSE_INSTANTS - 1u)));
+    bool seen = true;
+    const vec4 at_keys = find_sources(geo, pose_at_instant(geo, here.instance, instant), here, ray, seen);
+    const float parallax = parallax_of(geo, here.instance);
+    const uint start = shown_at(cam, geo, 0u, at_keys.xy, here, parallax);
+    const uint end = shown_at(cam, geo, 1u, at_keys.zw, here, parallax);
+    const uint wanted = own ? SHOWN : NOT_SHOWN;
+    return seen ? start == wanted && end == wanted : !own;
+}
+
+// Whether a pixel of the `in_tile`th block of the lists, with its candidates in order, is unoccluded.
+bool is_unoccluded(Camera cam, Geometry geo, vec2 at, RigidPixel p, uint in_tile) {
+    const bool one = p.own == ONE_SURFACE || p.own == SAME_SURFACE;
+    if (listed_count[in_tile] == 0u) {
+        return one;
+    }
+    const uint legs = one ? legs_of(listed_motion[in_tile]) : 0u;
+    const uint step_instants = legs == 0u ? 0u : (POSE_INSTANTS - 1u) / legs;
     const vec3 ray = ray_of(geo, at);
     bool unoccluded = legs != 0u;
-    uint leg = 0u;
-    while (leg < legs && unoccluded) {
-        const uint instant = (2u * leg + 1u) * ((POSE_INSTANTS - 1u) / 2u / legs);
-        const float alpha = float(instant) * (1.0 / float(POSE_INSTANTS - 1u));
-        uint order = p.order;
-        uint c;
+    uint order = p.order;
+    while (order != 0u && unoccluded) {
+        const uint c = (order & ORDER_MASK) - 1u;
+        const bool own = c == 0u;
+        uint leg = 0u;
         do {
-            c = (order & ORDER_MASK) - 1u;
-            order >>= ORDER_BITS;
-            const Surface here = candidate_at(p, c, alpha);
-            bool seen = true;
-            const vec4 at_keys = find_sources(geo, pose_at_instant(geo, here.instance, instant), here, ray, seen);
-            const float parallax = parallax_of(geo, here.instance);
-            const uint start = shown_at(cam, geo, 0u, at_keys.xy, here, parallax);
-            const uint end = shown_at(cam, geo, 1u, at_keys.zw, here, parallax);
-            const uint wanted = c == 0u ? SHOWN : NOT_SHOWN;
-            unoccluded = (start == wanted && end == wanted && seen) || (c != 0u && !seen);
-        } while (c != 0u && unoccluded);
-        leg += 1u;
+            // Two legs at once: their loads overlap.
+            const uint instant = (2u * leg + 1u) * step_instants / 2u;
+            const bool first = lies_inside(cam, geo, p, ray, c, own, instant);
+            const bool second = lies_inside(cam, geo, p, ray, c, own, legs == 1u ? instant : instant + step_instants);
+            unoccluded = first && second;
+            leg += 2u;
+        } while (leg < legs && unoccluded);
+        order = own ? 0u : order >> ORDER_BITS;
     }
     return unoccluded;
 }

@@ -245,6 +245,7 @@ mod tests {
         still_blocks: 0,
         queue_overflows: 0,
         without_levels: 0,
+        level_rows: 0,
         largest_bin: 0,
         slow_tiles: 0,
         quick_tiles: 0,

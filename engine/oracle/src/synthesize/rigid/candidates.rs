@@ -90,6 +90,8 @@ pub struct Candidate {
     pub start: Surface,
     /// The surface towards the end.
     pub end: Surface,
+    /// Whether it is what the pixel shows in a key frame.
+    pub is_own: bool,
 }
 
 impl Candidate {
@@ -99,6 +101,15 @@ impl Candidate {
         let planes = [0, 1].map(|key| self.start.planes[key].lerp(self.end.planes[key], fraction));
         Surface { id: self.start.id, planes }
     }
+}
+
+/// What passes a block.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passing {
+    /// The longest way of it, pixels.
+    pub motion_px: f64,
+    /// Whether something of it is a candidate of the block.
+    pub is_listed: bool,
 }
 
 /// What the search for candidates needs to know of an interval.
@@ -134,10 +145,10 @@ impl Interval<'_> {
         a.id == b.id && apart_px(0) < MERGE_PX && apart_px(1) < MERGE_PX
     }
 
-    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and the motion of
-    /// each block, pixels.
+    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and what passes each
+    /// block.
     #[must_use]
-    pub fn candidates(&self) -> (Vec<Vec<Candidate>>, Vec<f64>) {
+    pub fn candidates(&self) -> (Vec<Vec<Candidate>>, Vec<Passing>) {
         let size = self.keys[0].size;
         let (blocks, motion_px) = self.block_candidates();
         let candidates = (0..size.0 * size.1)
@@ -146,7 +157,9 @@ impl Interval<'_> {
                 self.pixel_candidates(pixel, &blocks[block])
             })
             .collect();
-        (candidates, motion_px)
+        let passing = blocks.iter().zip(motion_px);
+        let passing = passing.map(|(list, motion_px)| Passing { motion_px, is_listed: !list.is_empty() });
+        (candidates, passing.collect())
     }
 
     fn pixel_candidates(&self, pixel: usize, block: &[Surface]) -> Vec<Candidate> {
@@ -158,14 +171,14 @@ impl Interval<'_> {
         }
         match own {
             [Some(start), Some(end)] if self.is_same(&start, &end, ray) => {
-                candidates.push(Candidate { start, end });
+                candidates.push(Candidate { start, end, is_own: true });
             }
-            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate { start: own, end: own })),
+            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate { start: own, end: own, is_own: true })),
         }
         for &surface in block {
             let known = candidates.iter().any(|known| self.is_same(&known.start, &surface, ray));
             if !known && candidates.len() < PIXEL_CANDIDATES {
-                candidates.push(Candidate { start: surface, end: surface });
+                candidates.push(Candidate { start: surface, end: surface, is_own: false });
             }
         }
         let middle = &self.knots[KNOTS / 2];

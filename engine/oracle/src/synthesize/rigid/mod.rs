@@ -8,11 +8,11 @@ pub mod transfer;
 
 use super::half_pel::HalfPelFrame;
 use super::sampling::Sampling;
-use candidates::{Candidate, Instant, Interval, Sources, Surface};
+use candidates::{Candidate, Instant, Interval, Passing, Sources, Surface};
 use esaac_model::Taps;
 use esaac_model::paths::{NoPath, SceneMotion};
 use esaac_model::synthesis::rigid::{
-    BACKGROUND_LOG, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE,
+    BACKGROUND_LOG, BLOCK_PX, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE, legs,
 };
 use glam::DVec2;
 use read::{KeyFrame, Known, Seen, pixel_sample};
@@ -117,6 +117,8 @@ pub struct Rigid<'a> {
     keys: [KeyFrame; 2],
     candidates: Vec<Vec<Candidate>>,
     motion_px: Vec<f64>,
+    /// The candidate of each pixel that is unoccluded.
+    unoccluded: Vec<Option<Candidate>>,
     /// One pair a plane.
     half_pels: Vec<[Vec<f64>; 2]>,
 }
@@ -141,7 +143,7 @@ impl<'a> Rigid<'a> {
         let surfaces = inputs.map(|input| Surfaces::new(scene, &input.geometry));
         let interval =
             Interval { lens: scene.lens(), keys: &surfaces, knots: &knots, parallax_px_m: &parallax };
-        let (candidates, motion_px) = interval.candidates();
+        let (candidates, passing) = interval.candidates();
         let keys = surfaces.clone().map(KeyFrame::new);
         let routes: Vec<Route> = [1, 0]
             .into_iter()
@@ -161,7 +163,70 @@ impl<'a> Rigid<'a> {
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
-        Rigid { scene, times_ns, log_offset, taps, parallax_px_m, keys, candidates, motion_px, half_pels }
+        let mut rigid = Rigid {
+            scene,
+            times_ns,
+            log_offset,
+            taps,
+            parallax_px_m,
+            keys,
+            candidates,
+            motion_px: passing.iter().map(|passing| passing.motion_px).collect(),
+            unoccluded: Vec::new(),
+            half_pels,
+        };
+        rigid.unoccluded = rigid.find_unoccluded(&passing);
+        rigid
+    }
+
+    fn find_unoccluded(&self, passing: &[Passing]) -> Vec<Option<Candidate>> {
+        let (width, columns) = (self.keys[0].surfaces.size.0, self.keys[0].surfaces.size.0.div_ceil(BLOCK_PX));
+        let mut middles: BTreeMap<u32, Vec<Instant>> = BTreeMap::new();
+        let mut find = |pixel: usize| {
+            let block = pixel / width / BLOCK_PX * columns + pixel % width / BLOCK_PX;
+            let Passing { motion_px, is_listed } = passing[block];
+            if !is_listed {
+                return self.unoccluded(pixel, &[]);
+            }
+            let legs = legs(motion_px)?;
+            let middles = middles.entry(legs).or_insert_with(|| {
+                let fraction = |leg: u32| (f64::from(leg) + 0.5) / f64::from(legs);
+                (0..legs).map(|leg| self.instant(fraction(leg))).collect()
+            });
+            self.unoccluded(pixel, middles)
+        };
+        (0..self.candidates.len()).map(&mut find).collect()
+    }
+
+    /// A pixel's own candidate, if it is the only one that the pixel shows in a key frame, and at all these instants each
+    /// nearer candidate lies inside something else, and it inside itself.
+    fn unoccluded(&self, pixel: usize, instants: &[Instant]) -> Option<Candidate> {
+        let (candidates, ray) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)?);
+        if candidates.iter().filter(|candidate| candidate.is_own).count() != 1 {
+            return None;
+        }
+        let own = candidates.iter().position(|candidate| candidate.is_own)?;
+        let lies_inside = |candidate: &Candidate, instant: &Instant| {
+            let surface = candidate.at(instant.fraction);
+            let Some(sources) = surface.sources(self.scene.lens(), instant, ray) else {
+                return !candidate.is_own;
+            };
+            (0..2).all(|key| {
+                let shows = self.keys[key].shows_inside(sources[key], &self.seen(&surface, key));
+                shows == Some(candidate.is_own)
+            })
+        };
+        let up_to_own = &candidates[..=own];
+        instants
+            .iter()
+            .all(|instant| up_to_own.iter().all(|candidate| lies_inside(candidate, instant)))
+            .then(|| candidates[own])
+    }
+
+    /// Pixels that are unoccluded, each with what it shows (`y * width + x`).
+    #[must_use]
+    pub fn unoccluded_pixels(&self) -> &[Option<Candidate>] {
+        &self.unoccluded
     }
 
     /// The poses at `fraction` of the interval.
@@ -201,6 +266,15 @@ impl<'a> Rigid<'a> {
         let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
             return Sample::NoPath;
         };
+        if let Some(own) = &self.unoccluded[pixel] {
+            let surface = own.at(instant.fraction);
+            if let Some(sources) = surface.sources(self.scene.lens(), instant, ray) {
+                let views = self.views(instant.fraction, plane, &sources, &surface);
+                let weights: f64 = views.iter().map(|view| view.weight).sum();
+                let level: f64 = views.iter().map(|view| view.weight * view.known.as_shown).sum();
+                return Sample::Seen(self.intensity((level / weights).exp()));
+            }
+        }
         // From near to far.
         let here: Vec<(Sources, Surface)> = candidates
             .iter()

@@ -168,6 +168,13 @@ impl KeyFrame {
         }
     }
 
+    /// Whether the pixel nearest to a position belongs to a surface. `None` if that pixel is not inner.
+    #[must_use]
+    pub fn shows_inside(&self, at: DVec2, surface: &Seen) -> Option<bool> {
+        let nearest = self.spot(at).nearest;
+        self.surfaces.all_continue(nearest, nearest, 2).then(|| self.belongs(nearest, surface))
+    }
+
     /// Confidence in the light at a position within a surface: a pixel is pure, as far as the nearest one tells, if the
     /// 3x3 pixels around it continue the nearest one's surface.
     fn trust_within(&self, spot: &Spot) -> f64 {
