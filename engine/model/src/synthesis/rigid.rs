@@ -151,7 +151,9 @@ pub const MOST_LEGS: u32 = (POSE_INSTANTS as u32 - 1) / 2;
 #[must_use]
 pub fn legs(motion_px: f64) -> Option<u32> {
     let is_enough = |legs: &u32| f64::from(*legs) * LEG_PX >= motion_px;
-    std::iter::successors(Some(1), |legs| Some(2 * legs)).take_while(|legs| *legs <= MOST_LEGS).find(is_enough)
+    std::iter::successors(Some(1), |legs| Some(2 * legs))
+        .take_while(|legs| *legs <= MOST_LEGS)
+        .find(is_enough)
 }
 
 /// Side of a block, pixels.

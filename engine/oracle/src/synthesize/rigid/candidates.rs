@@ -173,7 +173,11 @@ impl Interval<'_> {
             [Some(start), Some(end)] if self.is_same(&start, &end, ray) => {
                 candidates.push(Candidate { start, end, is_own: true });
             }
-            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate { start: own, end: own, is_own: true })),
+            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate {
+                start: own,
+                end: own,
+                is_own: true,
+            })),
         }
         for &surface in block {
             let known = candidates.iter().any(|known| self.is_same(&known.start, &surface, ray));

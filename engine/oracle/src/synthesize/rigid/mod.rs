@@ -180,7 +180,8 @@ impl<'a> Rigid<'a> {
     }
 
     fn find_unoccluded(&self, passing: &[Passing]) -> Vec<Option<Candidate>> {
-        let (width, columns) = (self.keys[0].surfaces.size.0, self.keys[0].surfaces.size.0.div_ceil(BLOCK_PX));
+        let (width, columns) =
+            (self.keys[0].surfaces.size.0, self.keys[0].surfaces.size.0.div_ceil(BLOCK_PX));
         let mut middles: BTreeMap<u32, Vec<Instant>> = BTreeMap::new();
         let mut find = |pixel: usize| {
             let block = pixel / width / BLOCK_PX * columns + pixel % width / BLOCK_PX;
@@ -262,19 +263,28 @@ impl<'a> Rigid<'a> {
     /// What pixel `(x, y)` shows at an instant, in plane `plane`.
     #[must_use]
     pub fn sample(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
+        self.along_own_path(instant, plane, x, y).unwrap_or_else(|| self.composite(instant, plane, x, y))
+    }
+
+    /// What an unoccluded pixel shows: its own candidate.
+    fn along_own_path(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Option<Sample> {
+        let pixel = y * self.keys[0].surfaces.size.0 + x;
+        let surface = self.unoccluded[pixel].as_ref()?.at(instant.fraction);
+        let ray = self.keys[0].surfaces.ray(pixel)?;
+        let sources = surface.sources(self.scene.lens(), instant, ray)?;
+        let views = self.views(instant.fraction, plane, &sources, &surface);
+        let weights: f64 = views.iter().map(|view| view.weight).sum();
+        let level: f64 = views.iter().map(|view| view.weight * view.known.as_shown).sum();
+        Some(Sample::Seen(self.intensity((level / weights).exp())))
+    }
+
+    /// What pixel `(x, y)` shows by all its candidates.
+    #[must_use]
+    pub fn composite(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
         let pixel = y * self.keys[0].surfaces.size.0 + x;
         let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
             return Sample::NoPath;
         };
-        if let Some(own) = &self.unoccluded[pixel] {
-            let surface = own.at(instant.fraction);
-            if let Some(sources) = surface.sources(self.scene.lens(), instant, ray) {
-                let views = self.views(instant.fraction, plane, &sources, &surface);
-                let weights: f64 = views.iter().map(|view| view.weight).sum();
-                let level: f64 = views.iter().map(|view| view.weight * view.known.as_shown).sum();
-                return Sample::Seen(self.intensity((level / weights).exp()));
-            }
-        }
         // From near to far.
         let here: Vec<(Sources, Surface)> = candidates
             .iter()
