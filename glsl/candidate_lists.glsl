@@ -179,6 +179,7 @@ void list_candidates(Camera cam) {
     if (lane < TILE_BLOCKS) {
         passer_count[lane] = has_block(cam, lane) ? passing[block_head(cam, geo, lane)] : 0u;
         listed_count[lane] = 0u;
+        listed_motion[lane] = uintBitsToFloat(passing_motion(cam, lane));
     }
     barrier();
     uint most = 0u;

@@ -14,6 +14,8 @@ shared uint listed_instance[LISTED];
 shared float listed_parallax[LISTED];
 shared vec3 listed_plane[2u * LISTED];
 shared uint listed_count[LIST_BLOCKS];
+// The longest way of what passes each of these blocks, pixels.
+shared float listed_motion[LIST_BLOCKS];
 
 // The surface that a pixel of key frame `key` shows. `seen` becomes false if there is none.
 Surface surface_of_pixel(Camera cam, Geometry geo, uint key, ivec2 at, inout bool seen) {

@@ -37,7 +37,12 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "block_pairs.glsl"
 #include "tile_activity.glsl"
 #ifdef READS_LEVELS
+#define LIST_BLOCKS 1u
 #include "levels.glsl"
+#include "paths.glsl"
+#include "candidates.glsl"
+#include "rigid.glsl"
+#include "unoccluded.glsl"
 #include "level_source.glsl"
 #else
 #define LIST_BLOCKS TILE_BLOCKS
@@ -45,6 +50,7 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "candidates.glsl"
 #include "candidate_lists.glsl"
 #include "rigid.glsl"
+#include "unoccluded.glsl"
 #include "layers.glsl"
 #include "layer_lists.glsl"
 #include "source.glsl"
@@ -114,6 +120,10 @@ void note_awake(uint awake);
 uint own_awake = 0u;
 bool still_tile = false;
 bool still_block = false;
+#ifdef READS_LEVELS
+// Rows of `levels` that this thread's block has.
+uint block_rows = 0u;
+#endif
 
 void begin_tile() {
     queue_count = 0u;
@@ -141,6 +151,11 @@ void count_block(Camera cam, uint n) {
         if (MAY_REST && still_block) {
             atomicAdd(counters[counter].still_blocks, 1u);
         }
+#ifdef READS_LEVELS
+        if (block_rows != 0u) {
+            atomicAdd(counters[counter].level_rows, block_rows);
+        }
+#endif
     }
 }
 

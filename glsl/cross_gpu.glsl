@@ -154,6 +154,7 @@ void main() {
     still_tile = is_still_tile(levels_of_tile);
     still_block = (levels_of_tile[tile.in_tile] & STILL_BLOCK) != 0u;
     const uint n = substeps_of_levels(levels_of_tile[tile.in_tile]);
+    block_rows = rows_of_levels(levels_of_tile[tile.in_tile]);
     if (PIXELS_REST) {
         // All pixels awake are noted.
         barrier();
@@ -188,7 +189,7 @@ void main() {
         read_pixel(cam, at, before, s);
     }
 #ifdef READS_LEVELS
-    s.first_level = first_level_word(levels_of_tile[(at.x - corner.x) / BLOCK_PX], at);
+    s.of_block = levels_of_tile[(at.x - corner.x) / BLOCK_PX];
 #endif
     cross_sub_tile(cam, rows, tile.first_block, n, inside, sub_tile == 0u, before, s);
 }

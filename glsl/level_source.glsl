@@ -1,10 +1,17 @@
-// A pixel whose levels `synthesize` has made. Needs levels.glsl and the buffer `levels`.
+// A pixel whose levels `synthesize` has made, or that is unoccluded. Needs levels.glsl, unoccluded.glsl and the buffer
+// `levels`.
 
 struct Source {
     uvec2 at;
     // Log intensity in both frames.
     float log_previous;
     float log_current;
+    // The block's word in `level_words`.
+    uint of_block;
+    // Whether the pixel is unoccluded, and its path.
+    bool unoccluded;
+    Frames frames;
+    OwnPath path;
     // The pixel's word in the first row of its block's levels.
     uint first_level;
 };
@@ -13,23 +20,43 @@ struct Source {
 Source read_source(Camera cam, uvec2 at) {
     Source s;
     s.at = at;
-    const Frames frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
+    s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u);
     const uint word = frame_word(cam, has_half_pel_frames(), ivec2(at));
-    s.log_previous = load_plane(frames.previous + word);
-    s.log_current = load_plane(frames.current + word);
+    s.log_previous = load_plane(s.frames.previous + word);
+    s.log_current = load_plane(s.frames.current + word);
+    s.of_block = 0u;
     s.first_level = 0u;
+    s.unoccluded = false;
     return s;
 }
 
-void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {}
+// Finds where the levels of a pixel with `n` sub-steps are; `of_block` is its block's word in `level_words`.
+void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
+    if (n <= 1u) {
+        return;
+    }
+    const bool rows = has_rows(s.of_block);
+    s.first_level = rows ? first_level_word(s.of_block, s.at) : 0u;
+    s.unoccluded = RIGID && (!rows || (levels[s.first_level] & LIST_MASK) == UNOCCLUDED);
+    if (s.unoccluded) {
+        const Geometry geo = geometries[cam.slot];
+        s.path = own_path(own_surfaces(cam, geo, s.at, ray_of(geo, vec2(s.at))));
+    }
+}
 
 Geometry geometry_of(Camera cam) {
     Geometry geo;
+    if (RIGID) {
+        geo = geometries[cam.slot];
+    }
     return geo;
 }
 
 // Log intensity at the end of sub-step `i` of `n`, before the interval's end.
 float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
+    if (RIGID && s.unoccluded) {
+        return max(level_on_path(cam, geo, s.frames, vec2(s.at), s.path, n, i, alpha), cam.log_dark);
+    }
     return uintBitsToFloat(levels[s.first_level + i * ROW_WORDS]);
 }
 
@@ -37,5 +64,5 @@ float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, flo
 void begin_count() {}
 
 uint count_unseen(Source s, uint n) {
-    return n > 1u ? levels[s.first_level] >> LIST_BITS : 0u;
+    return n > 1u && !s.unoccluded ? levels[s.first_level] >> LIST_BITS : 0u;
 }

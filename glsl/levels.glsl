@@ -13,6 +13,8 @@ const uint ROW_SHIFT = 7u;
 const uint SUBSTEPS_MASK = (1u << ROW_SHIFT) - 1u;
 const uint STILL_BLOCK = 0x80000000u;
 const uint ROW_MASK = STILL_BLOCK - (1u << ROW_SHIFT);
+// A row that no block has: all pixels of the block are unoccluded, and `cross` makes their levels.
+const uint NO_ROW = ROW_MASK >> ROW_SHIFT;
 // In all four: the tile has found no room yet; it had some in an earlier pass of this tick.
 const uint NO_LEVELS = 0xffffffffu;
 const uint HAD_LEVELS = 0xfffffffeu;
@@ -38,8 +40,19 @@ uint substeps_of_levels(uint of_block) {
     return of_block & SUBSTEPS_MASK;
 }
 
+// Whether levels of a block with more than one sub-step have rows.
+bool has_rows(uint of_block) {
+    return (of_block & ROW_MASK) != ROW_MASK;
+}
+
 uint row_of_levels(uint of_block) {
     return (of_block & ROW_MASK) >> ROW_SHIFT;
+}
+
+// Rows that a block has.
+uint rows_of_levels(uint of_block) {
+    const uint n = substeps_of_levels(of_block);
+    return n > 1u && has_rows(of_block) ? n + 1u : 0u;
 }
 
 // A pixel's place in a row.
@@ -51,6 +64,9 @@ uint place_in_row(uvec2 at) {
 uint first_level_word(uint of_block, uvec2 at) {
     return row_of_levels(of_block) * ROW_WORDS + place_in_row(at);
 }
+
+// First of the two words of a list with a bit for each pixel of the block whose levels `synthesize` makes.
+const uint LIST_PIXELS_WORD = ROW_WORDS - 2u;
 
 // Words of a layer in a list: its place, its slopes, its vector before.
 const uint LAYER_WORDS = 10u;

@@ -14,6 +14,9 @@ struct Source {
     bool leaves;
     // Its surfaces, for synthesis `rigid`.
     RigidPixel rigid;
+    // Whether it is unoccluded, and its path then.
+    bool unoccluded;
+    OwnPath path;
     // Its layers from near to far, and the first of its block's; none if it follows one surface.
     uint layers;
     uint layer_block;
@@ -48,8 +51,14 @@ float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, flo
     }
     bool lost = s.rigid.own == NO_SURFACE;
     float level;
-    if (!lost) {
+    if (s.unoccluded) {
+        level = level_on_path(cam, geo, s.frames, vec2(s.at), s.path, n, i, alpha);
+    }
+    // Loops, not branches: the software driver leaves them where none of its threads goes on.
+    bool looks = !s.unoccluded && !lost;
+    while (looks) {
         level = synthesize_rigid(cam, geo, s.frames, s.at, s.rigid, n, i, alpha, lost);
+        looks = false;
     }
     if (lost && s.warps) {
         // Made for each sub-step: few pixels have no path, and all others would hold its registers.
@@ -71,6 +80,7 @@ Source read_source(Camera cam, uvec2 at) {
     s.log_current = load_plane(s.frames.current + word);
     s.warps = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) && has_vector(cam, motion_base(cam, true), ivec2(at));
     s.leaves = false;
+    s.unoccluded = false;
     prepare_blend(s);
     return s;
 }
@@ -86,7 +96,10 @@ void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
         }
     }
     if (RIGID) {
-        s.rigid = read_rigid_pixel(cam, geometries[cam.slot], s.at, in_tile);
+        const Geometry geo = geometries[cam.slot];
+        s.rigid = read_rigid_pixel(cam, geo, s.at, in_tile);
+        s.unoccluded = n > 1u && is_unoccluded(cam, geo, vec2(s.at), s.rigid, in_tile);
+        s.path = own_path(s.rigid);
     }
 }
 

@@ -1,7 +1,7 @@
 // synthesize, second part: the levels of pixels at the ends of sub-steps. For GPUs; see levels.glsl.
 //
 // An entry of `level_entries` is some sub-steps of a block. A workgroup takes one after the other, with threads for each
-// of its pixels, whose sub-steps they share out. So many threads of one pixel wait for memory at once, and none carries the
+// of its pixels that are not unoccluded, whose sub-steps they share out. So many threads of one pixel wait for memory at once, and none carries the
 // state of a walk.
 //
 // Reads frames, and surfaces, poses and lists, or vectors and lists. Writes `levels`, which `cross` reads after a barrier.
@@ -25,6 +25,7 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "paths.glsl"
 #include "candidates.glsl"
 #include "rigid.glsl"
+#include "unoccluded.glsl"
 #include "layers.glsl"
 #include "source.glsl"
 
@@ -34,8 +35,24 @@ float blend_frames(Source s, float alpha) {
 
 void prepare_blend(Source s) {}
 
-// Sub-steps of a pixel that are synthesised at once.
-const uint LANES_A_PIXEL = gl_WorkGroupSize.x / ROW_WORDS;
+// The pixels of the block whose levels are made here, and their number.
+shared uint listed_place[ROW_WORDS];
+shared uint listed_places;
+
+// Notes the pixels whose levels are made here, of those that a block's list names.
+void load_places(uint row) {
+    const uint lane = gl_LocalInvocationID.x;
+    const uint low = levels[row * ROW_WORDS + LIST_PIXELS_WORD];
+    const uint high = levels[row * ROW_WORDS + LIST_PIXELS_WORD + 1u];
+    if (lane == 0u) {
+        listed_places = uint(bitCount(low) + bitCount(high));
+    }
+    if (lane < ROW_WORDS && (((lane < 32u ? low : high) >> (lane % 32u)) & 1u) != 0u) {
+        const uint before = (1u << (lane % 32u)) - 1u;
+        const uint place = lane < 32u ? uint(bitCount(low & before)) : uint(bitCount(low) + bitCount(high & before));
+        listed_place[place] = lane;
+    }
+}
 
 // Loads a block's list into shared memory.
 void load_list(Camera cam, uint row) {
@@ -74,11 +91,11 @@ void load_list(Camera cam, uint row) {
     }
 }
 
-// Synthesises this thread's sub-steps of an entry.
-void synthesize_entry(Camera cam, uvec2 at, uvec4 entry) {
+// Synthesises this thread's sub-steps of an entry: those of pixel `at` from its `turn`th on, each `turns`th.
+void synthesize_entry(Camera cam, uvec2 at, uint turn, uint turns, uvec4 entry) {
     const uint n = substeps_of_levels(entry.z);
     const uint last = min(entry.w + ENTRY_SUBSTEPS, n);
-    uint i = entry.w + gl_LocalInvocationID.x / ROW_WORDS;
+    uint i = entry.w + turn;
     if (i >= last) {
         return;
     }
@@ -99,7 +116,7 @@ void synthesize_entry(Camera cam, uvec2 at, uvec4 entry) {
     do {
         const float level = synthesize_substep(cam, geo, s, n, i, float(i) * inverse);
         levels[first_level + i * ROW_WORDS] = floatBitsToUint(level);
-        i += LANES_A_PIXEL;
+        i += turns;
     } while (i < last);
     const uint unseen = RIGID ? count_unseen(s, n) : 0u;
     if (unseen != 0u) {
@@ -116,14 +133,19 @@ void main() {
             continue;
         }
         const Camera cam = cameras[entry.x];
-        const uint place = gl_LocalInvocationID.x % ROW_WORDS;
-        const uvec2 at = uvec2(entry.y % cam.blocks_x, entry.y / cam.blocks_x) * BLOCK_PX
-            + uvec2(place % BLOCK_PX, place / BLOCK_PX);
+        const uint row = row_of_levels(entry.z) + substeps_of_levels(entry.z);
         barrier();
-        load_list(cam, row_of_levels(entry.z) + substeps_of_levels(entry.z));
+        load_list(cam, row);
+        load_places(row);
         barrier();
-        if (at.x < cam.width && at.y < cam.height) {
-            synthesize_entry(cam, at, entry);
+        const uint places = listed_places;
+        const uint turns = min(gl_WorkGroupSize.x / places, ENTRY_SUBSTEPS);
+        const uint turn = gl_LocalInvocationID.x / places;
+        if (turn < turns) {
+            const uint place = listed_place[gl_LocalInvocationID.x % places];
+            const uvec2 at = uvec2(entry.y % cam.blocks_x, entry.y / cam.blocks_x) * BLOCK_PX
+                + uvec2(place % BLOCK_PX, place / BLOCK_PX);
+            synthesize_entry(cam, at, turn, turns, entry);
         }
     }
 }

@@ -33,6 +33,7 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #include "candidates.glsl"
 #include "candidate_lists.glsl"
 #include "rigid.glsl"
+#include "unoccluded.glsl"
 #include "layers.glsl"
 #include "layer_lists.glsl"
 
@@ -49,15 +50,21 @@ void note_own() {}
 shared uint block_substeps[TILE_BLOCKS];
 shared uint block_stillness[TILE_BLOCKS];
 shared uint block_words[TILE_BLOCKS];
+// A bit for each pixel of a block whose levels are made by the second part.
+shared uint block_pixels[2u * TILE_BLOCKS];
 shared uint first_entry;
 shared bool has_room;
 
-uint rows_of_substeps(uint n) {
-    return n > 1u ? n + 1u : 0u;
+bool takes_rows(uint b) {
+    return (block_pixels[2u * b] | block_pixels[2u * b + 1u]) != 0u;
 }
 
-uint entries_of_substeps(uint n) {
-    return n > 1u ? (n - 1u + ENTRY_SUBSTEPS - 1u) / ENTRY_SUBSTEPS : 0u;
+uint rows_of_block(uint b) {
+    return takes_rows(b) ? block_substeps[b] + 1u : 0u;
+}
+
+uint entries_of_block(uint b) {
+    return takes_rows(b) ? (block_substeps[b] - 1u + ENTRY_SUBSTEPS - 1u) / ENTRY_SUBSTEPS : 0u;
 }
 
 // Takes room for the tile; called by one thread.
@@ -65,15 +72,16 @@ void take_room() {
     uint rows = 0u;
     uint entries = 0u;
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
-        rows += rows_of_substeps(block_substeps[b]);
-        entries += entries_of_substeps(block_substeps[b]);
+        rows += rows_of_block(b);
+        entries += entries_of_block(b);
     }
     uint row = rows == 0u ? 0u : atomicAdd(level_entries[push.level].y, rows);
     has_room = row + rows <= uint(levels.length()) / ROW_WORDS;
     first_entry = rows == 0u || !has_room ? 0u : atomicAdd(level_entries[push.level].x, entries);
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
-        block_words[b] = has_room ? block_stillness[b] | (row << ROW_SHIFT) | block_substeps[b] : NO_LEVELS;
-        row += rows_of_substeps(block_substeps[b]);
+        const uint own_row = takes_rows(b) ? row : NO_ROW;
+        block_words[b] = has_room ? block_stillness[b] | (own_row << ROW_SHIFT) | block_substeps[b] : NO_LEVELS;
+        row += rows_of_block(b);
     }
 }
 
@@ -84,9 +92,9 @@ void write_entries(uint index, Camera cam) {
         const uint b = item / most;
         uint entry = MOST_PASSES + first_entry + item % most;
         for (uint before = 0u; before < b; ++before) {
-            entry += entries_of_substeps(block_substeps[before]);
+            entry += entries_of_block(before);
         }
-        if (item % most < entries_of_substeps(block_substeps[b])) {
+        if (item % most < entries_of_block(b)) {
             const uvec2 block = tile_block(b);
             level_entries[entry] =
                 uvec4(index, block.y * cam.blocks_x + block.x, block_words[b], 1u + (item % most) * ENTRY_SUBSTEPS);
@@ -103,8 +111,12 @@ void make_lists(Camera cam) {
     }
 }
 
-// A word of the list of the tile's `b`th block: the number of its members, then what each is.
+// A word of the list of the tile's `b`th block: the number of its members, then what each is; at last the bits of the
+// pixels that need it.
 uint list_word(uint b, uint place) {
+    if (place >= LIST_PIXELS_WORD) {
+        return place < LIST_PIXELS_WORD + 2u ? block_pixels[2u * b + place - LIST_PIXELS_WORD] : 0u;
+    }
     if (RIGID) {
         const uint member = place - 1u;
         return place == 0u ? listed_count[b]
@@ -126,7 +138,12 @@ uint list_word(uint b, uint place) {
 
 // What a pixel may show, as its block's first row has it.
 uint list_of_pixel(Camera cam, uvec2 at, uint in_tile) {
-    return RIGID ? read_rigid_pixel(cam, geometries[cam.slot], at, in_tile).order : layers_of_pixel(cam, at, in_tile);
+    if (!RIGID) {
+        return layers_of_pixel(cam, at, in_tile);
+    }
+    const Geometry geo = geometries[cam.slot];
+    const RigidPixel p = read_rigid_pixel(cam, geo, at, in_tile);
+    return is_unoccluded(cam, geo, vec2(at), p, in_tile) ? UNOCCLUDED : p.order;
 }
 
 // Writes the lists of the tile's blocks for the second part.
@@ -134,7 +151,7 @@ void write_lists() {
     const uint lane = gl_LocalInvocationID.x;
     const uint b = lane / ROW_WORDS;
     const uint place = lane % ROW_WORDS;
-    if (block_substeps[b] > 1u) {
+    if (takes_rows(b)) {
         const uint row = row_of_levels(block_words[b]) + block_substeps[b];
         levels[row * ROW_WORDS + place] = list_word(b, place);
     }
@@ -178,25 +195,39 @@ void main() {
         block_substeps[tile.in_tile] = in_image ? substeps_of_block(cam, tile) : 1u;
         block_stillness[tile.in_tile] = !in_image || is_still_block(tile) ? STILL_BLOCK : 0u;
     }
-    barrier();
-    if (lane == 0u) {
-        take_room();
-        level_words[tile_number] = uvec4(block_words[0], block_words[1], block_words[2], block_words[3]);
+    if (lane < 2u * TILE_BLOCKS) {
+        block_pixels[lane] = 0u;
     }
     barrier();
     bool any_levels = false;
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
         any_levels = any_levels || block_substeps[b] > 1u;
     }
+    const uvec2 at = sub_tile_pixel();
+    const bool has_list = at.x < cam.width && at.y < cam.height && block_substeps[tile.in_tile] > 1u;
+    const uint place = place_in_row(at);
+    uint list = 0u;
+    if (any_levels) {
+        make_lists(cam);
+        if (has_list) {
+            list = list_of_pixel(cam, at, tile.in_tile);
+            if (!RIGID || list != UNOCCLUDED) {
+                atomicOr(block_pixels[2u * tile.in_tile + place / 32u], 1u << (place % 32u));
+            }
+        }
+        barrier();
+    }
+    if (lane == 0u) {
+        take_room();
+        level_words[tile_number] = uvec4(block_words[0], block_words[1], block_words[2], block_words[3]);
+    }
+    barrier();
     if (!has_room || !any_levels) {
         return;
     }
     write_entries(index, cam);
-    make_lists(cam);
     write_lists();
-    const uvec2 at = sub_tile_pixel();
-    const uint n = block_substeps[tile.in_tile];
-    if (at.x < cam.width && at.y < cam.height && n > 1u) {
-        levels[first_level_word(block_words[tile.in_tile], at)] = list_of_pixel(cam, at, tile.in_tile);
+    if (has_list && takes_rows(tile.in_tile)) {
+        levels[first_level_word(block_words[tile.in_tile], at)] = list;
     }
 }

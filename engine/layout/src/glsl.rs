@@ -191,6 +191,8 @@ fn declarations() -> String {
         ("SLIGHT_WEIGHT", format!("{:.6}", rigid::SLIGHT_WEIGHT)),
         ("SNAP_SAMPLES", format!("{:.6}", rigid::SNAP_SAMPLES)),
         ("LEAST_MOTION_PX", format!("{:.6}", rigid::LEAST_MOTION_PX)),
+        ("LEG_PX", format!("{:.6}", rigid::LEG_PX)),
+        ("MOST_LEGS", format!("{}u", rigid::MOST_LEGS)),
         ("BACKGROUND_LOG", format!("{:.6}", rigid::BACKGROUND_LOG)),
         ("MIXED_WEIGHT", format!("{:.6}", rigid::MIXED_WEIGHT)),
         ("UNSEEN_SHARE", format!("{:.6}", rigid::UNSEEN_SHARE)),

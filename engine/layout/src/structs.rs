@@ -400,6 +400,8 @@ gpu_struct! {
         crowded_sub_tiles: u32,
         /// Sub-tiles for whose levels there was no room; they run again.
         without_levels: u32,
+        /// Rows of `levels` that tiles took.
+        level_rows: u32,
         /// Events in the largest bin of the packet.
         largest_bin: u32,
         /// Tiles with more sub-steps than `many_substeps`; they fill `tile_order` from the front.

@@ -263,6 +263,7 @@ mod tests {
         queue_overflows: 0,
         crowded_sub_tiles: 0,
         without_levels: 0,
+        level_rows: 0,
         largest_bin: 0,
         slow_tiles: 0,
         quick_tiles: 0,

@@ -5,23 +5,15 @@
 //! camera a tenth of its tick, so a tick has as many as the ones before it needed. If they are too few, the rest runs
 //! again, with as many as any interval can need. Packets do not depend on it.
 
-use super::CameraState;
 use super::geometry::TILE_LEVEL_ROWS;
 use super::machine::TickEnd;
 
 /// Passes shrink once so many ticks in a row needed fewer.
 const QUIET_TICKS: u32 = 8;
 
-/// Rows of `levels` that cameras used in a tick, or a few more.
-pub(super) fn rows_used(cameras: &[CameraState], end: &TickEnd) -> u64 {
-    let of_camera = |(camera, counters): (&CameraState, &Option<esaac_layout::Counters>)| match counters {
-        // A block with n sub-steps takes n + 1 rows.
-        Some(counters) if camera.place.level_rows > 0 => {
-            u64::from(counters.substeps) + u64::from(camera.place.blocks)
-        }
-        _ => 0,
-    };
-    cameras.iter().zip(&end.counters).map(of_camera).sum()
+/// Rows of `levels` that cameras used in a tick.
+pub(super) fn rows_used(end: &TickEnd) -> u64 {
+    end.counters.iter().flatten().map(|counters| u64::from(counters.level_rows)).sum()
 }
 
 /// The number of passes of a rig.

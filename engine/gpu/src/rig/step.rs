@@ -142,7 +142,7 @@ impl Rig {
         self.second_run.follow(load, end.most_crowded, end.leaves_crowded, length_changes);
         let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
         let rows = self.arena.buffer(layout::LEVELS).bytes() / words;
-        self.passes.follow(rows_used(&self.cameras, &end), rows);
+        self.passes.follow(rows_used(&end), rows);
         let KernelPolicy { resting, rest_together, .. } = self.pipelines.policy;
         self.rest.follow(RestLoad::of(&self.cameras, &end, rest_together), resting);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;

@@ -45,6 +45,15 @@
 //!    the plane at `a` is the mean of both by `1 - a` and `a`, in the axes of each key frame. Then come the block's that
 //!    are neither, by the same comparison, up to [`PIXEL_CANDIDATES`].
 //!
+//! **Unoccluded.** Most pixels show one surface all the time, and nothing passes before it. A pixel is
+//! unoccluded if the surfaces that it shows in the key frames are one, or it shows one in one of them only, and if its
+//! block has no candidates: no silhouette passes. In a block that has some it is looked at. The interval is cut into legs in
+//! which the block moves [`LEG_PX`] at most ([`legs`]), and in the middle of each leg the pixels nearest to a candidate's
+//! positions in both key frames must be inner: for the pixel's own candidate they must belong, and for each nearer one they
+//! must not. An unoccluded pixel reads its own candidate alone, and `L = sum u E / sum u`, with weights `u` and levels `E`
+//! as below. All that it reads lies inside one surface, so this is what coverage and composite would give, but for the
+//! weight of pixels that are not pure.
+//!
 //! **What a key frame knows.** A position within [`SNAP_SAMPLES`] of a row or column of half-pel samples counts as on
 //! it. If the pixels that the position lies between continue the surface of the nearest of them, this one speaks for all:
 //! either it belongs, `s = 1`, or it is nearer or shows no surface, `h = 1`, or it is farther. Otherwise the four pixels
@@ -145,6 +154,22 @@ pub const SNAP_SAMPLES: f64 = 0.002;
 /// Motion, pixels, by which it is told whether neighbouring pixels show one surface. It is told when a key frame comes,
 /// before the motion that follows it is known.
 pub const LEAST_MOTION_PX: f64 = 8.0;
+
+/// Longest leg of an interval, pixels: inside surfaces, a look in the middle of it tells what is shown all along it.
+pub const LEG_PX: f64 = 2.0;
+
+/// Most legs. In the middle of each is an instant at which the host gives poses.
+pub const MOST_LEGS: u32 = (POSE_INSTANTS as u32 - 1) / 2;
+
+/// Legs into which an interval is cut in which the surfaces that pass a block move `motion_px`. `None` if it needs more than
+/// [`MOST_LEGS`].
+#[must_use]
+pub fn legs(motion_px: f64) -> Option<u32> {
+    let is_enough = |legs: &u32| f64::from(*legs) * LEG_PX >= motion_px;
+    std::iter::successors(Some(1), |legs| Some(2 * legs))
+        .take_while(|legs| *legs <= MOST_LEGS)
+        .find(is_enough)
+}
 
 /// Side of a block, pixels.
 pub const BLOCK_PX: usize = 8;

@@ -91,6 +91,8 @@ pub struct Candidate {
     pub start: Surface,
     /// The surface towards the end.
     pub end: Surface,
+    /// Whether it is what the pixel shows in a key frame.
+    pub is_own: bool,
 }
 
 impl Candidate {
@@ -109,6 +111,8 @@ pub struct Passing {
     pub way: BlockWay,
     /// Whether some of it is of blocks with a silhouette.
     pub with_silhouette: bool,
+    /// Whether something of it is a candidate of the block.
+    pub is_listed: bool,
 }
 
 impl Passing {
@@ -157,13 +161,16 @@ impl Interval<'_> {
     #[must_use]
     pub fn candidates(&self, silhouettes: &[Vec<bool>; 2]) -> (Vec<Vec<Candidate>>, Vec<Passing>) {
         let size = self.keys[0].size;
-        let (blocks, passing) = self.block_candidates(silhouettes);
+        let (blocks, mut passing) = self.block_candidates(silhouettes);
         let candidates = (0..size.0 * size.1)
             .map(|pixel| {
                 let block = pixel / size.0 / BLOCK_PX * size.0.div_ceil(BLOCK_PX) + pixel % size.0 / BLOCK_PX;
                 self.pixel_candidates(pixel, &blocks[block])
             })
             .collect();
+        for (passing, list) in passing.iter_mut().zip(&blocks) {
+            passing.is_listed = !list.is_empty();
+        }
         (candidates, passing)
     }
 
@@ -176,14 +183,18 @@ impl Interval<'_> {
         }
         match own {
             [Some(start), Some(end)] if self.is_same(&start, &end, ray) => {
-                candidates.push(Candidate { start, end });
+                candidates.push(Candidate { start, end, is_own: true });
             }
-            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate { start: own, end: own })),
+            _ => candidates.extend(own.into_iter().flatten().map(|own| Candidate {
+                start: own,
+                end: own,
+                is_own: true,
+            })),
         }
         for &surface in block {
             let known = candidates.iter().any(|known| self.is_same(&known.start, &surface, ray));
             if !known && candidates.len() < PIXEL_CANDIDATES {
-                candidates.push(Candidate { start: surface, end: surface });
+                candidates.push(Candidate { start: surface, end: surface, is_own: false });
             }
         }
         let middle = &self.knots[KNOTS / 2];

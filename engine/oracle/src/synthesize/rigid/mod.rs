@@ -13,7 +13,7 @@ use esaac_model::Taps;
 use esaac_model::paths::{NoPath, SceneMotion};
 use esaac_model::substeps::BlockWay;
 use esaac_model::synthesis::rigid::{
-    BACKGROUND_LOG, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE,
+    BACKGROUND_LOG, BLOCK_PX, EDGE_WEIGHT, KNOTS, SLIGHT_WEIGHT, UNSEEN_REACH_PX, UNSEEN_SHARE, legs,
 };
 use glam::DVec2;
 use read::{KeyFrame, Known, Seen, pixel_sample};
@@ -136,6 +136,8 @@ pub struct Rigid<'a> {
     passing: Vec<Passing>,
     /// Whether each block of both key frames has a silhouette.
     silhouettes: [Vec<bool>; 2],
+    /// The candidate of each pixel that is unoccluded.
+    unoccluded: Vec<Option<Candidate>>,
     /// One pair a plane.
     half_pels: Vec<[Vec<f64>; 2]>,
 }
@@ -181,7 +183,7 @@ impl<'a> Rigid<'a> {
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
-        Rigid {
+        let mut rigid = Rigid {
             scene,
             times_ns,
             log_offset,
@@ -191,8 +193,62 @@ impl<'a> Rigid<'a> {
             candidates,
             passing,
             silhouettes,
+            unoccluded: Vec::new(),
             half_pels,
+        };
+        rigid.unoccluded = rigid.find_unoccluded();
+        rigid
+    }
+
+    fn find_unoccluded(&self) -> Vec<Option<Candidate>> {
+        let (width, columns) =
+            (self.keys[0].surfaces.size.0, self.keys[0].surfaces.size.0.div_ceil(BLOCK_PX));
+        let mut middles: BTreeMap<u32, Vec<Instant>> = BTreeMap::new();
+        let mut find = |pixel: usize| {
+            let block = pixel / width / BLOCK_PX * columns + pixel % width / BLOCK_PX;
+            let passing = &self.passing[block];
+            if !passing.is_listed {
+                return self.unoccluded(pixel, &[]);
+            }
+            let legs = legs(passing.way.way_px)?;
+            let middles = middles.entry(legs).or_insert_with(|| {
+                let fraction = |leg: u32| (f64::from(leg) + 0.5) / f64::from(legs);
+                (0..legs).map(|leg| self.instant(fraction(leg))).collect()
+            });
+            self.unoccluded(pixel, middles)
+        };
+        (0..self.candidates.len()).map(&mut find).collect()
+    }
+
+    /// A pixel's own candidate, if it is the only one that the pixel shows in a key frame, and at all these instants each
+    /// nearer candidate lies inside something else, and it inside itself.
+    fn unoccluded(&self, pixel: usize, instants: &[Instant]) -> Option<Candidate> {
+        let (candidates, ray) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)?);
+        if candidates.iter().filter(|candidate| candidate.is_own).count() != 1 {
+            return None;
         }
+        let own = candidates.iter().position(|candidate| candidate.is_own)?;
+        let lies_inside = |candidate: &Candidate, instant: &Instant| {
+            let surface = candidate.at(instant.fraction);
+            let Some(sources) = surface.sources(self.scene.lens(), instant, ray) else {
+                return !candidate.is_own;
+            };
+            (0..2).all(|key| {
+                let shows = self.keys[key].shows_inside(sources[key], &self.seen(&surface, key));
+                shows == Some(candidate.is_own)
+            })
+        };
+        let up_to_own = &candidates[..=own];
+        instants
+            .iter()
+            .all(|instant| up_to_own.iter().all(|candidate| lies_inside(candidate, instant)))
+            .then(|| candidates[own])
+    }
+
+    /// Pixels that are unoccluded, each with what it shows (`y * width + x`).
+    #[must_use]
+    pub fn unoccluded_pixels(&self) -> &[Option<Candidate>] {
+        &self.unoccluded
     }
 
     /// The poses at `fraction` of the interval.
@@ -240,6 +296,24 @@ impl<'a> Rigid<'a> {
     /// What pixel `(x, y)` shows at an instant, in plane `plane`.
     #[must_use]
     pub fn sample(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
+        self.along_own_path(instant, plane, x, y).unwrap_or_else(|| self.composite(instant, plane, x, y))
+    }
+
+    /// What an unoccluded pixel shows: its own candidate.
+    fn along_own_path(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Option<Sample> {
+        let pixel = y * self.keys[0].surfaces.size.0 + x;
+        let surface = self.unoccluded[pixel].as_ref()?.at(instant.fraction);
+        let ray = self.keys[0].surfaces.ray(pixel)?;
+        let sources = surface.sources(self.scene.lens(), instant, ray)?;
+        let views = self.views(instant.fraction, plane, &sources, &surface);
+        let weights: f64 = views.iter().map(|view| view.weight).sum();
+        let level: f64 = views.iter().map(|view| view.weight * view.known.as_shown).sum();
+        Some(Sample::Seen(self.intensity((level / weights).exp())))
+    }
+
+    /// What pixel `(x, y)` shows by all its candidates.
+    #[must_use]
+    pub fn composite(&self, instant: &Instant, plane: usize, x: usize, y: usize) -> Sample {
         let pixel = y * self.keys[0].surfaces.size.0 + x;
         let (candidates, Some(ray)) = (&self.candidates[pixel], self.keys[0].surfaces.ray(pixel)) else {
             return Sample::NoPath;

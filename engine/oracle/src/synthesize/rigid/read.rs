@@ -204,6 +204,13 @@ impl KeyFrame {
             && self.beside(spot).all(|(pixel, _)| self.is_pure_for(spot, pixel))
     }
 
+    /// Whether the pixel nearest to a position belongs to a surface. `None` if that pixel is not inner.
+    #[must_use]
+    pub fn shows_inside(&self, at: DVec2, surface: &Seen) -> Option<bool> {
+        let nearest = self.spot(at).nearest;
+        self.surfaces.all_continue(nearest, nearest, 2).then(|| self.belongs(nearest, surface))
+    }
+
     /// Confidence in the light at a position within a surface.
     fn trust_within(&self, spot: &Spot) -> f64 {
         let trust = |pixel: usize| if self.is_pure_for(spot, pixel) { 1.0 } else { MIXED_WEIGHT };
