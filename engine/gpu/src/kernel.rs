@@ -24,38 +24,34 @@ pub struct BindingSet {
     pool: vk::DescriptorPool,
     sets: Vec<vk::DescriptorSet>,
     selected: AtomicUsize,
-    kinds: Vec<vk::DescriptorType>,
+    kinds: Vec<SlotKind>,
 }
+
+/// Kind of the descriptor of a slot; `None` for a slot that is left out, which no kernel of the set may have.
+pub(crate) type SlotKind = Option<vk::DescriptorType>;
 
 impl BindingSet {
     /// One set of `slots` storage buffers.
     pub fn new(device: &Arc<Device>, slots: u32) -> Result<Arc<Self>, EngineError> {
-        BindingSet::with_kinds(device, vec![vk::DescriptorType::STORAGE_BUFFER; slots as usize])
-    }
-
-    /// One set with a buffer of each kind, slot by slot.
-    pub fn with_kinds(
-        device: &Arc<Device>,
-        kinds: Vec<vk::DescriptorType>,
-    ) -> Result<Arc<Self>, EngineError> {
-        BindingSet::with_sets(device, kinds, 1)
+        BindingSet::with_sets(device, vec![Some(vk::DescriptorType::STORAGE_BUFFER); slots as usize], 1)
     }
 
     /// `count` sets with a buffer of each kind, slot by slot.
     pub(crate) fn with_sets(
         device: &Arc<Device>,
-        kinds: Vec<vk::DescriptorType>,
+        kinds: Vec<SlotKind>,
         count: u32,
     ) -> Result<Arc<Self>, EngineError> {
         device.fault(FaultPoint::Descriptors).call("vkAllocateDescriptorSets")?;
         let bindings: Vec<_> = (0..)
             .zip(&kinds)
-            .map(|(slot, &kind)| {
-                vk::DescriptorSetLayoutBinding::default()
+            .filter_map(|(slot, kind)| {
+                let binding = vk::DescriptorSetLayoutBinding::default()
                     .binding(slot)
-                    .descriptor_type(kind)
+                    .descriptor_type((*kind)?)
                     .descriptor_count(1)
-                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE);
+                Some(binding)
             })
             .collect();
         let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
@@ -70,8 +66,12 @@ impl BindingSet {
             selected: AtomicUsize::new(0),
             kinds,
         };
-        let sizes: Vec<_> =
-            this.kinds.iter().map(|&ty| vk::DescriptorPoolSize { ty, descriptor_count: count }).collect();
+        let sizes: Vec<_> = this
+            .kinds
+            .iter()
+            .flatten()
+            .map(|&ty| vk::DescriptorPoolSize { ty, descriptor_count: count })
+            .collect();
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(count).pool_sizes(&sizes);
         // SAFETY: as above.
         this.pool =
@@ -94,7 +94,8 @@ impl BindingSet {
         self.sets[self.selected.load(Ordering::Relaxed)]
     }
 
-    /// Binds `buffers` to the slots from 0 on; a slot of texels gets the buffer's texel view.
+    /// Binds `buffers` to the slots from 0 on; a slot of texels gets the buffer's texel view, and one that is left out
+    /// nothing.
     ///
     /// # Safety
     /// No submission that uses the set is pending, and no command buffer recorded with it is submitted before it is
@@ -111,15 +112,16 @@ impl BindingSet {
             .iter()
             .zip(&self.kinds)
             .enumerate()
-            .map(|(slot, ((buffer, texels), &kind))| {
+            .filter_map(|(slot, ((buffer, texels), kind))| {
+                let kind = (*kind)?;
                 let write = vk::WriteDescriptorSet::default()
                     .dst_set(self.set())
                     .dst_binding(slot as u32)
                     .descriptor_type(kind);
-                match kind {
+                Some(match kind {
                     vk::DescriptorType::UNIFORM_TEXEL_BUFFER => write.texel_buffer_view(texels),
                     _ => write.buffer_info(buffer),
-                }
+                })
             })
             .collect();
         // SAFETY: set and buffers are alive; nothing pending uses the set, as the caller guarantees.

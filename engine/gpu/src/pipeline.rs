@@ -4,6 +4,7 @@
 
 use crate::device::Device;
 use crate::error::{Call, EngineError};
+use crate::kernel::SlotKind;
 use ash::vk;
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -21,7 +22,7 @@ pub(crate) struct Source<'a> {
     pub stage: &'a str,
     pub spirv: &'a [u32],
     /// Kinds of the descriptors of set 0, slot by slot.
-    pub slots: &'a [vk::DescriptorType],
+    pub slots: &'a [SlotKind],
     /// A layout of those slots. Any of several equal layouts will do, so it is not part of the key.
     pub set_layout: vk::DescriptorSetLayout,
     pub push_bytes: u32,
@@ -34,7 +35,7 @@ pub(crate) struct Source<'a> {
 struct Key {
     stage: String,
     spirv_hash: u64,
-    slots: Vec<vk::DescriptorType>,
+    slots: Vec<SlotKind>,
     push_bytes: u32,
     specialisation: Vec<u32>,
 }

@@ -53,7 +53,7 @@ mod tests {
     fn what_is_the_same_is_compiled_once() {
         let device = Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device");
         let pipeline = |kernel, constants: &[u32]| {
-            let bindings = BindingSet::with_kinds(&device, slots()).expect("a set");
+            let bindings = BindingSet::with_sets(&device, slots(true), 1).expect("a set");
             let specialised = Specialised { kernel, constants: constants.to_vec() };
             Code::default().kernel(&bindings, &specialised).expect("a kernel that compiles").pipeline.raw
         };

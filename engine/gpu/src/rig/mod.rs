@@ -45,7 +45,7 @@ use crate::commands::Commands;
 use crate::device::Device;
 use crate::devices::FLOAT64;
 use crate::error::EngineError;
-use crate::kernel::{BindingSet, KernelStatistics};
+use crate::kernel::{BindingSet, KernelStatistics, SlotKind};
 use crate::memory::{Buffer, MemoryUse};
 use crate::policy::{KernelPolicy, Resting};
 use arena::{Arena, Move};
@@ -79,13 +79,16 @@ pub use represent::{Representation, Share};
 pub use results::{ApsFrame, Diagnostics};
 pub use tick::{PacketPlace, StageSpan, Tick};
 
-/// Kinds of the descriptors that the kernels of a rig are bound to, slot by slot.
-fn slots() -> Vec<vk::DescriptorType> {
-    let mut slots = vec![vk::DescriptorType::STORAGE_BUFFER; layout::BINDINGS.len()];
-    for slot in (0..slots.len()).filter(|&slot| layout::is_table(slot)) {
-        slots[slot] = vk::DescriptorType::UNIFORM_BUFFER;
-    }
-    slots.resize(slots.len() + layout::TEXELS.len(), vk::DescriptorType::UNIFORM_TEXEL_BUFFER);
+/// Kinds of the descriptors that the kernels of a rig are bound to, slot by slot. What only the kernel `poses` reads is left
+/// out where that never runs: the software driver has 32 storage buffers, some of which the validation layer takes.
+fn slots(works_out_poses: bool) -> Vec<SlotKind> {
+    let kind = |slot: usize| match slot {
+        layout::TRACKS | layout::SEGMENTS if !works_out_poses => None,
+        slot if layout::is_table(slot) => Some(vk::DescriptorType::UNIFORM_BUFFER),
+        _ => Some(vk::DescriptorType::STORAGE_BUFFER),
+    };
+    let mut slots: Vec<_> = (0..layout::BINDINGS.len()).map(kind).collect();
+    slots.resize(slots.len() + layout::TEXELS.len(), Some(vk::DescriptorType::UNIFORM_TEXEL_BUFFER));
     slots
 }
 
@@ -235,7 +238,9 @@ impl Rig {
                 ..CameraState::new(device, number, config, places[number])?
             });
         }
-        let bindings = BindingSet::with_sets(device, slots(), options.ring() as u32)?;
+        let has_poses = configs.iter().any(|config| config.geometry.is_some());
+        let slots = slots(has_poses && policy.device_tracks < u32::MAX);
+        let bindings = BindingSet::with_sets(device, slots, options.ring() as u32)?;
         let kernels = record::Kernels::new(policy, &cameras, &code::Code::default(), &bindings)?;
         let recording = |_| record::Recording::new(device);
         let mut rig = Rig {
