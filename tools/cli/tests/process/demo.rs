@@ -57,7 +57,7 @@ fn exact_paths_are_simulated_in_one_process_and_in_two() {
     let motion = f1("motion", &["--in-process"]);
     for in_process in [&["--in-process"][..], &[]] {
         let rigid = f1("rigid", in_process);
-        assert!(rigid > motion + 0.2, "{in_process:?}: rigid {rigid}, motion {motion}");
+        assert!(rigid > motion + 0.4, "{in_process:?}: rigid {rigid}, motion {motion}");
     }
 }
 
