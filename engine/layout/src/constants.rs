@@ -312,8 +312,8 @@ mod tests {
     #[test]
     fn ids_go_on_where_the_list_before_ends() {
         let ids = |list: ConstantList| list.constants.iter().map(|c| c.id).collect::<Vec<_>>();
-        assert_eq!(ids(CrossConstants::LIST), (0..18).collect::<Vec<_>>());
-        assert_eq!(ids(CrossCpuConstants::LIST), [18, 19, 20, 21]);
+        assert_eq!(ids(CrossConstants::LIST), (0..19).collect::<Vec<_>>());
+        assert_eq!(ids(CrossCpuConstants::LIST), [19, 20, 21, 22]);
     }
 
     #[test]
