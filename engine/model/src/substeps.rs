@@ -37,7 +37,7 @@ pub const MAX_SUBSTEPS: u32 = 64;
 /// vector in frame k, since what follows a vector is blended in the log, where a change does not bend. Along exact
 /// paths both are as [`motion_on_way_px`] says.
 /// A lamp's flicker needs [`least_substeps`] everywhere.
-/// The caller gives [`Synthesis::None`](crate::Synthesis::None) one sub-step in place of this.
+/// The caller gives [`Synthesis::None`] one sub-step in place of this.
 #[must_use]
 pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, interval_ns: f64) -> u32 {
     match sensor.substep_policy {
