@@ -12,6 +12,7 @@ import concurrent.futures
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import time
@@ -70,6 +71,12 @@ def run(suite, arguments):
     return name, done.returncode, done.stdout, time.monotonic() - started
 
 
+def wanted_tests(arguments):
+    """The names among a suite's arguments that choose tests: those that are neither options nor left out."""
+    skipped = {at + 1 for at, argument in enumerate(arguments) if argument == "--skip"}
+    return [a for at, a in enumerate(arguments) if at not in skipped and not a.startswith("-")]
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -83,7 +90,7 @@ def main():
     parser.add_argument("arguments", nargs="*", help="what each suite is given; after `--`")
     chosen = parser.parse_args()
     suites = build(chosen.suite)
-    failed = []
+    failed, outputs = [], []
     with concurrent.futures.ThreadPoolExecutor(chosen.jobs) as pool:
         running = [pool.submit(run, suite, chosen.arguments) for suite in suites]
         for done in concurrent.futures.as_completed(running):
@@ -94,8 +101,12 @@ def main():
             if status != 0:
                 failed.append(name)
                 print(output, flush=True)
+            outputs.append(output)
     if failed:
         sys.exit(f"{len(failed)} of {len(suites)} suites failed: {', '.join(sorted(failed))}")
+    for name in wanted_tests(chosen.arguments):
+        if not any(re.search(rf"^test \S*{re.escape(name)}", output, re.MULTILINE) for output in outputs):
+            sys.exit(f"no test's name has `{name}` in it, expected one at least")
 
 
 if __name__ == "__main__":

@@ -182,25 +182,23 @@ if [ "$quick" = yes ]; then
 fi
 
 step "dependencies" check_dependencies
-# Some tests combine what others run apart, and the layer makes their many kernels slow to compile; one kernel of
-# synthesis `rigid`, or of several layers, takes minutes. The next steps run them without the layer.
-rigid=(rigid poses:: synthesis:: render:: bench:: demo::exact_paths depth_and_poses its_depth the_default_is_reported)
-step "suites" env ESAAC_VALIDATION=1 tools/suites.py -- \
-    --skip the_gpus_kernels_agree_with_the_oracle --skip the_gpus_kernels_hold_every_case \
-    --skip every_two_parameters_together --skip without_noise_pixels_send --skip noise_has_the_oracles_rate \
-    --skip the_photoreceptor_is_the_solution --skip without_lag_and_noise --skip pixels_without_light_start_late \
-    --skip lens_and_lamp --skip levels_and_events_are_those_of_the_oracle --skip what_is_thin_or_turns \
-    --skip packets_are_the_same_bits_from_run_to_run_and_by_every_kernel --skip where_motions_do_not_meet \
-    --skip pixels_at_rest_would_have_sent_nothing --skip rest_outlives --skip a_rest_may_outlast \
-    "${rigid[@]/#/--skip=}"
+# Each suite once. The layer watches the calls and their synchronisation, and leaves the shaders as they are.
+step "suites" env ESAAC_VALIDATION=calls tools/suites.py
 step "documentation tests" cargo test --workspace --locked --doc
-# Kernels that the layer does not watch are others on the software driver.
-step "suites, without the layer" tools/suites.py --suite unit --suite gpu_against_oracle --suite gpu_policy \
-    --suite stages --suite packets --suite invariants --suite faults --suite physical --suite layers --suite resting
-# Shaders that the layer leaves as they are do not take long. It watches the calls alone.
-step "layers, calls watched" env ESAAC_VALIDATION=calls tools/suites.py --suite layers -- where_motions_do_not_meet
-step "suites, rigid" tools/suites.py --suite exact_paths --suite frontier --suite interop --suite process \
-    -- "${rigid[@]}"
+# The layer makes dispatches serial. The kernels of GPUs run side by side only without it.
+step "suites, without the layer" tools/suites.py --suite gpu_policy --suite packets --suite resting --suite stages
+# Each access of a shader within its buffer. What the layer writes into a kernel takes the software driver a minute and more
+# to compile, and several for kernels of `rigid` and of layers, which no test runs here.
+watched=(none linear motion_cubic all_effects_together
+    the_gpus_kernels_and_the_devices_own a_queue_that_overflows bins_that_are_summed
+    ingest_holds_and_counts invalid_vectors_are_counted
+    behind_a_lens it_follows_motion_vectors
+    crowded_bins_are_split
+    random_streams packets_behind_a_bus
+    gathered_one_after_the_other event_frames_and_voxel_grids)
+step "shaders, watched" env ESAAC_VALIDATION=1 tools/suites.py --suite gpu_against_oracle --suite gpu_policy \
+    --suite stages --suite physical --suite packets --suite readout --suite representations \
+    -- --test-threads=1 "${watched[@]}"
 step "feature tracy" test_tracy
 # Off by default: Zenoh alone takes longer to build than all that is tested here.
 if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then

@@ -187,9 +187,9 @@ impl Device {
         }))
     }
 
-    /// Whether the validation layer is on.
-    pub(crate) fn is_validated(&self) -> bool {
-        self.instance.is_validated()
+    /// Whether the validation layer is on, and what it looks at.
+    pub(crate) fn validation(&self) -> Validation {
+        self.instance.validation()
     }
 
     /// Functions that read a pipeline's registers and sizes, if the driver has them.

@@ -44,6 +44,7 @@ type Messages = Mutex<Vec<String>>;
 pub(crate) struct Instance {
     entry: ash::Entry,
     raw: ash::Instance,
+    validation: Validation,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: Box<Messages>,
 }
@@ -108,7 +109,7 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => EngineError::NoDriver,
             result => EngineError::Vulkan { call: "vkCreateInstance", result },
         })?;
-        let mut instance = Instance { entry, raw, debug: None, messages: Box::default() };
+        let mut instance = Instance { entry, raw, validation, debug: None, messages: Box::default() };
         if validation != Validation::Off {
             let debug = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
@@ -133,8 +134,8 @@ impl Instance {
         &self.raw
     }
 
-    pub(crate) fn is_validated(&self) -> bool {
-        self.debug.is_some()
+    pub(crate) fn validation(&self) -> Validation {
+        self.validation
     }
 
     /// The validation layer's messages so far.

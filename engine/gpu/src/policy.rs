@@ -2,6 +2,7 @@
 //! here; none of them changes an event.
 
 use crate::device::Device;
+use crate::instance::Validation;
 use esaac_layout::{CROSS_THREADS, INGEST_THREADS, QUEUE_PER_PX, READOUT_THREADS, SORT_THREADS, TILE_BLOCKS};
 use esaac_model::substeps::BLOCK_PX;
 
@@ -161,16 +162,16 @@ impl KernelPolicy {
     /// The policy that suits a device.
     pub(crate) fn of(device: &Device) -> Self {
         let policy = if device.is_software() { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
-        policy.validated(device.is_validated())
+        policy.validated(device.validation())
     }
 
     /// The policy under the validation layer. The layer tracks whole buffers, while each dispatch of a stage accesses
-    /// only the parts of its own cameras: dispatches have to be serial. The software driver takes long to compile a
-    /// kernel that the layer has instrumented: one permutation has to do.
-    pub(crate) fn validated(self, is_validated: bool) -> Self {
+    /// only the parts of its own cameras: dispatches have to be serial. Where it looks at shaders too, the software
+    /// driver takes long to compile them: one permutation has to do.
+    pub(crate) fn validated(self, validation: Validation) -> Self {
         KernelPolicy {
-            whole_tiles: self.whole_tiles && !is_validated,
-            serial: self.serial || is_validated,
+            whole_tiles: self.whole_tiles && validation != Validation::On,
+            serial: self.serial || validation != Validation::Off,
             ..self
         }
     }
@@ -230,9 +231,11 @@ mod tests {
     }
 
     #[test]
-    fn the_layer_gets_one_permutation_and_serial_dispatches() {
-        let validated = KernelPolicy::software_driver().validated(true);
-        assert!(!validated.whole_tiles && validated.serial);
-        assert!(KernelPolicy::gpu().validated(true).serial && !KernelPolicy::gpu().validated(false).serial);
+    fn the_layer_gets_serial_dispatches_and_for_shaders_one_permutation() {
+        let [off, calls, on] = [Validation::Off, Validation::Calls, Validation::On];
+        let whole_tiles = |v| KernelPolicy::software_driver().validated(v).whole_tiles;
+        assert!(whole_tiles(off) && whole_tiles(calls) && !whole_tiles(on));
+        let serial = |v| KernelPolicy::gpu().validated(v).serial;
+        assert!(!serial(off) && serial(calls) && serial(on));
     }
 }

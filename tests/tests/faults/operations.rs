@@ -1,6 +1,5 @@
 //! The operations during which faults strike, and what they need: two sensors and the frames of their cameras.
 
-use esaac_engine::Validation;
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::{Intensity, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_tests::frames::{Sequence, gray, intensity_of, times};
@@ -38,12 +37,9 @@ pub fn delayed() -> SensorModel {
     }
 }
 
-/// The first sensor as it follows surfaces along exact paths; under the validation layer it blends, since instrumented
-/// kernels of `rigid` take minutes to compile.
+/// The first sensor as it follows surfaces along exact paths.
 pub fn following() -> SensorModel {
-    let synthesis =
-        if matches!(Validation::from_env(), Validation::On) { Synthesis::Linear } else { Synthesis::Rigid };
-    SensorModel { synthesis, substeps: 6, aps_exposure_ns: 0, ..flashing() }
+    SensorModel { synthesis: Synthesis::Rigid, substeps: 6, aps_exposure_ns: 0, ..flashing() }
 }
 
 /// The lens of the first camera.

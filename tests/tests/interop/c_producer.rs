@@ -92,7 +92,7 @@ fn run(source: &Path, place: &Place) -> Child {
     let program = built(source, place.path().parent().unwrap());
     let mut command = Command::new(program);
     command.arg(place.path()).args([FRAMES.to_string(), "0".to_owned(), DEVICE.info().index.to_string()]);
-    if Validation::from_env() == Validation::On {
+    if Validation::from_env() != Validation::Off {
         command.env("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation");
     }
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()

@@ -222,7 +222,7 @@ impl Rig {
         let places = geometry::place(configs, options);
         let policy = options
             .policy
-            .map_or_else(|| KernelPolicy::of(device), |policy| policy.validated(device.is_validated()));
+            .map_or_else(|| KernelPolicy::of(device), |policy| policy.validated(device.validation()));
         // A pixel at rest has no sub-steps to keep.
         let resting = if options.keep_substeps { Resting::Never } else { policy.resting };
         let device_tracks = if device.info().has(FLOAT64) { policy.device_tracks } else { u32::MAX };

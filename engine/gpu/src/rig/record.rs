@@ -12,6 +12,7 @@ use super::{CameraState, Pipelines, Recordings, Rig};
 use crate::commands::Commands;
 use crate::device::Device;
 use crate::error::EngineError;
+use crate::instance::Validation;
 use crate::kernel::{
     BindingSet, Kernel, record_barrier, record_barrier_from_transfer, record_host_barrier, stages,
 };
@@ -215,7 +216,7 @@ struct RecordedFor {
     second_run: Second,
     /// Whether they work out poses.
     poses: bool,
-    /// Number of addresses that the device had told; 0 without the validation layer.
+    /// Number of addresses that the device had told; 0 where the validation layer does not look at shaders.
     addresses: u64,
 }
 
@@ -377,10 +378,11 @@ impl Rig {
         &mut self.recordings.ring[self.arena.current()]
     }
 
-    /// What commands must be recorded for now. The validation layer notes which addresses are valid when commands are
-    /// recorded, not when they are submitted. So under the layer, commands serve only until another buffer is made.
+    /// What commands must be recorded for now. For its checks in shaders the validation layer notes which addresses are
+    /// valid when commands are recorded, not when they are submitted. So such commands serve only until another buffer
+    /// is made.
     fn needed_recording(&self, whole: bool) -> RecordedFor {
-        let addresses = if self.device.is_validated() { self.device.addresses() } else { 0 };
+        let addresses = if self.device.validation() == Validation::On { self.device.addresses() } else { 0 };
         let permutations = self.permutations();
         let policy = self.pipelines.policy;
         let (groups, without_queue) = (self.second_run.groups(), self.second_run.without_queue());
