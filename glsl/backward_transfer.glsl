@@ -36,6 +36,16 @@ vec2 motion_near(Camera cam, ivec2 at) {
     return floatBitsToUint(m.x) == INVALID_BIT ? vec2(NOWHERE_PX) : m;
 }
 
+// How far the vectors are from agreeing on the way of a pixel of the previous frame, which `shift` displaces: at the pixel, where
+// the current frame shows it, and in leading back from there.
+float disagreement_on_way(Camera cam, ivec2 at, vec2 shift) {
+    const vec2 there = clamp(vec2(at) + shift, vec2(0.0), vec2(cam.width, cam.height) - 1.0);
+    const vec2 astray = abs(motion_bilinear(cam, motion_base(cam, true), there) + shift);
+    const float around = max(
+        disagreement_px(motions_around(cam, at)), disagreement_px(motions_around(cam, ivec2(floor(there + 0.5)))));
+    return max(around, LEADING_BACK * max(astray.x, astray.y));
+}
+
 #include "surfaces.glsl"
 #include "rigid_route.glsl"
 
@@ -158,7 +168,7 @@ void main() {
         const vec2 shift = -motion_from_previous(cam, at);
         const vec2 there = to_half_pel(cam, vec2(at) + shift);
         shifts[anchor] = shift;
-        confidences[anchor] = confidence_at(cam, at, motions_around(cam, at), shift);
+        confidences[anchor] = confidence_at(cam, disagreement_on_way(cam, at, shift), vec2(at) + shift);
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
             const float level = load_plane(previous + k * cam.frame_words + frame_word(cam, true, at));
             residuals[k * ANCHORS + anchor] = level - half_pel_cubic(cam, current + k * cam.frame_words, there);

@@ -57,8 +57,9 @@ vec2[9] motions_around(Camera cam, ivec2 at) {
     return motions;
 }
 
-// Confidence in the other frame, 0 to 1; 0 where neighbouring vectors disagree or the motion leaves the image.
-float confidence_at(Camera cam, ivec2 at, vec2 motions[9], vec2 shift) {
+// Largest difference of a pixel's vector to one of its neighbours, pixels, of the larger component; NOWHERE_PX or about that
+// if one of them has no usable vector.
+float disagreement_px(vec2 motions[9]) {
     const vec2 own = motions[4];
     vec2 least = own;
     vec2 most = own;
@@ -67,8 +68,13 @@ float confidence_at(Camera cam, ivec2 at, vec2 motions[9], vec2 shift) {
         most = max(most, motions[i]);
     }
     const vec2 disagreement = max(own - least, most - own);
-    const float agreement = clamp(2.0 - max(disagreement.x, disagreement.y) * (1.0 / CONFIDENCE_PX), 0.0, 1.0);
-    return own.x < NOWHERE_PX ? agreement * max(1.0 - outside_px(cam, vec2(at) + shift), 0.0) : 0.0;
+    return own.x < NOWHERE_PX ? max(disagreement.x, disagreement.y) : NOWHERE_PX;
+}
+
+// Confidence in the other frame, 0 to 1; 0 where vectors disagree too much or the pixel's place there is outside the image.
+float confidence_at(Camera cam, float disagreement, vec2 there) {
+    const float agreement = clamp(2.0 - disagreement * (1.0 / CONFIDENCE_PX), 0.0, 1.0);
+    return agreement * max(1.0 - outside_px(cam, there), 0.0);
 }
 
 // The correction of a half-pel sample, interpolated from the anchors around it.

@@ -364,7 +364,7 @@ SampleQuad history_quad(Camera cam, ivec2 at, vec2 motions[9]) {
 void reproject(Camera cam, uint channel, uvec2 anchor, bool with_half_pels, out vec4 reprojected[COMPONENTS]) {
     const ivec2 at = anchor_pixel(cam, tile_origin, anchor);
     const vec2 motions[9] = motions_around(cam, at);
-    confidences[anchor_index(anchor)] = confidence_at(cam, at, motions, motions[4]);
+    confidences[anchor_index(anchor)] = confidence_at(cam, disagreement_px(motions), vec2(at) + motions[4]);
     const SampleQuad quad = history_quad(cam, at, motions);
     [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
         reprojected[k] =

@@ -72,16 +72,16 @@ const RECORDED: [(SceneKind, u32, Region, Price); 20] = [
     (SceneKind::Sinusoid, 2, Region::Inner, price([0.001244, 0.227489, 0.000000, 0.227489])),
     (SceneKind::Flight, 1, Region::Whole, price([0.003577, 0.042016, 0.048823, 0.089466])),
     (SceneKind::Flight, 1, Region::Inner, price([0.006208, 0.054683, 0.054505, 0.108171])),
-    (SceneKind::Flight, 2, Region::Whole, price([0.003421, 0.047267, 0.063850, 0.110546])),
-    (SceneKind::Flight, 2, Region::Inner, price([0.005836, 0.063937, 0.088725, 0.151996])),
+    (SceneKind::Flight, 2, Region::Whole, price([0.003430, 0.047162, 0.063692, 0.110302])),
+    (SceneKind::Flight, 2, Region::Inner, price([0.005879, 0.063221, 0.087345, 0.149931])),
     (SceneKind::Hdr, 1, Region::Whole, price([0.003428, 0.059328, 0.097451, 0.156325])),
     (SceneKind::Hdr, 1, Region::Inner, price([0.001989, 0.074947, 0.000000, 0.074947])),
     (SceneKind::Hdr, 2, Region::Whole, price([0.003312, 0.057503, 0.100461, 0.157705])),
     (SceneKind::Hdr, 2, Region::Inner, price([0.001966, 0.073752, 0.000000, 0.073752])),
     (SceneKind::Dark, 1, Region::Whole, price([0.001385, 0.052361, 0.058144, 0.106298])),
     (SceneKind::Dark, 1, Region::Inner, price([0.002783, 0.061866, 0.086397, 0.141499])),
-    (SceneKind::Dark, 2, Region::Whole, price([0.001351, 0.056457, 0.077733, 0.131198])),
-    (SceneKind::Dark, 2, Region::Inner, price([0.002669, 0.066122, 0.124155, 0.185171])),
+    (SceneKind::Dark, 2, Region::Whole, price([0.001354, 0.056354, 0.077533, 0.130902])),
+    (SceneKind::Dark, 2, Region::Inner, price([0.002681, 0.065820, 0.123226, 0.183967])),
 ];
 
 fn sensor(transfers: u32) -> SensorModel {

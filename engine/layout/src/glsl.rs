@@ -238,6 +238,7 @@ fn declarations() -> String {
         ("CUBIC_HALF_PEL", format!("{:.6}", esaac_model::synthesis::CUBIC_HALF_PEL)),
         ("CELL_SLACK", format!("{:.6}", esaac_model::synthesis::CELL_SLACK)),
         ("CONFIDENCE_PX", format!("{:.6}", esaac_model::synthesis::CONFIDENCE_PX)),
+        ("LEADING_BACK", format!("{:.6}", esaac_model::synthesis::LEADING_BACK)),
         ("EDGE_PX", format!("{:.6}", esaac_model::synthesis::EDGE_PX)),
         ("EDGE_WEIGHT", format!("{:.9}", esaac_model::synthesis::EDGE_WEIGHT)),
         ("TRAJECTORY_STEPS", esaac_model::synthesis::TRAJECTORY_STEPS.to_string()),

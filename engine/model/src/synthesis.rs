@@ -39,9 +39,12 @@
 //! the first and gains less. `docs/design/synthesis.md` lists what each gains. Other syntheses and
 //! [`Taps::Bilinear`](crate::Taps::Bilinear) have no half-pel frames and ignore the parameter.
 //!
-//! **Confidence.** At a pixel, `v = clamp(2 - e / CONFIDENCE_PX, 0, 1) max(0, 1 - o)`. Here `e` is the largest
-//! difference of a motion component to that of one of the 3x3 pixels around, and `o` is how far `x + d` lies outside
-//! the image (pixels, the larger of the two axes). `v` is 0 if one of the 3x3 vectors is non-finite.
+//! **Confidence.** At a pixel, `v = clamp(2 - e / CONFIDENCE_PX, 0, 1) max(0, 1 - o)`. Here `o` is how far `x + d` lies
+//! outside the image (pixels, the larger of the two axes). `e` says how far vectors are from agreeing. In the forward
+//! transfer it is `e(x)`, the largest difference of a component of `m_k(x)` to that of one of the 3x3 pixels around.
+//! `m_k` belongs to frame k, so a pixel of frame k-1 may have another neighbour there than at its place in frame k. In the
+//! backward transfer `e` is therefore the largest of `e(x)`, of `e` at the pixel nearest to `x + d` (clamped to the image),
+//! and of `LEADING_BACK |m_k(x + d) + d|` (the larger component). `v` is 0 if a vector among these 3x3 is non-finite.
 //!
 //! **Sample.** `L = (w_0 E_{k-1}(p) + w_1 E_k(q)) / (w_0 + w_1)`, read cubically ([`CUBIC_HALF_PEL`]), with weights
 //! `w_0 = (1 - a) b(p)` and `w_1 = a b(q)`. `b = max(1 - o / EDGE_PX, EDGE_WEIGHT)`, where `o` is how far the position
@@ -76,6 +79,10 @@ pub const CELL_SLACK: f64 = 0.125;
 /// Difference of motion between neighbours, pixels, at which the confidence in transferred detail begins to fall. At
 /// twice this difference the confidence is 0.
 pub const CONFIDENCE_PX: f64 = 0.5;
+
+/// How much more than a difference between neighbours it counts that a vector does not lead back to the pixel that it was
+/// looked up for.
+pub const LEADING_BACK: f64 = 2.0;
 
 /// Distance outside the image over which a source fades out, pixels.
 pub const EDGE_PX: f64 = 1.0;

@@ -3,7 +3,7 @@
 use super::half_pel::HalfPelFrame;
 use super::taps::bilinear;
 use super::trajectory::{Warp, is_valid, outside_px};
-use esaac_model::synthesis::{CONFIDENCE_PX, CUBIC_HALF_PEL};
+use esaac_model::synthesis::{CONFIDENCE_PX, CUBIC_HALF_PEL, LEADING_BACK};
 
 /// Direction in which a frame looks for detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,26 +53,44 @@ impl Route {
 
 /// Confidence of each pixel in the detail at its position in the other frame, 0 to 1.
 fn confidence(size: (usize, usize), motion: &[[f64; 2]], warps: &[Warp], way: Way) -> Vec<f64> {
-    let vector = |x: usize, y: usize| motion[y * size.0 + x];
+    let last = [size.0 - 1, size.1 - 1].map(|last| last as f64);
+    let field: [Vec<f64>; 2] = [0, 1]
+        .map(|axis| motion.iter().map(|&vector| if is_valid(vector) { vector[axis] } else { 0.0 }).collect());
     (0..size.0 * size.1)
         .map(|pixel| {
             let (x, y) = (pixel % size.0, pixel / size.0);
-            let mut difference_px = 0.0_f64;
-            for ny in y.saturating_sub(1)..=(y + 1).min(size.1 - 1) {
-                for nx in x.saturating_sub(1)..=(x + 1).min(size.0 - 1) {
-                    let (own, other) = (vector(x, y), vector(nx, ny));
-                    if !is_valid(own) || !is_valid(other) {
-                        return 0.0;
-                    }
-                    let here = (other[0] - own[0]).abs().max((other[1] - own[1]).abs());
-                    difference_px = difference_px.max(here);
-                }
+            let shift = way.displacement(&warps[pixel]);
+            let there = [x as f64 + shift[0], y as f64 + shift[1]];
+            let mut apart_px = disagreement_px(size, motion, x, y);
+            if way == Way::ToEnd {
+                let [u, v] = [0, 1].map(|axis| (there[axis].clamp(0.0, last[axis]) + 0.5).floor() as usize);
+                let astray_px =
+                    [0, 1].map(|axis| (bilinear(&field[axis], size, there[0], there[1]) + shift[axis]).abs());
+                apart_px = apart_px
+                    .max(disagreement_px(size, motion, u, v))
+                    .max(LEADING_BACK * astray_px[0].max(astray_px[1]));
             }
-            let [dx, dy] = way.displacement(&warps[pixel]);
-            let inside = (1.0 - outside_px(size, [x as f64 + dx, y as f64 + dy])).max(0.0);
-            (2.0 - difference_px / CONFIDENCE_PX).clamp(0.0, 1.0) * inside
+            let inside = (1.0 - outside_px(size, there)).max(0.0);
+            (2.0 - apart_px / CONFIDENCE_PX).clamp(0.0, 1.0) * inside
         })
         .collect()
+}
+
+/// Largest difference of a component of a pixel's vector to that of one of the 3x3 pixels around; infinite if one of them
+/// has no usable vector.
+fn disagreement_px(size: (usize, usize), motion: &[[f64; 2]], x: usize, y: usize) -> f64 {
+    let own = motion[y * size.0 + x];
+    let mut apart_px = 0.0_f64;
+    for ny in y.saturating_sub(1)..=(y + 1).min(size.1 - 1) {
+        for nx in x.saturating_sub(1)..=(x + 1).min(size.0 - 1) {
+            let other = motion[ny * size.0 + nx];
+            if !is_valid(own) || !is_valid(other) {
+                return f64::INFINITY;
+            }
+            apart_px = apart_px.max((other[0] - own[0]).abs()).max((other[1] - own[1]).abs());
+        }
+    }
+    apart_px
 }
 
 /// The half-pel frame of `frame` with the detail of `other`, the other frame's half-pel frame. Where confidence falls
@@ -124,6 +142,26 @@ mod tests {
             (1.0, 0.5, 0.5, 0.5)
         );
         assert_eq!((confidence[3 * 6 + 4], confidence[4 * 6 + 5]), (0.0, 0.0));
+    }
+
+    #[test]
+    fn the_start_asks_the_vectors_where_it_leads_to() {
+        // Where the pixel leads to, one of the vectors around is another; then its own leads elsewhere.
+        let size = (8, 5);
+        let to_the_right = |motion: &[[f64; 2]]| {
+            let mut warp = Warp::default();
+            warp.start.motion = [-3.0, 0.0];
+            confidence(size, motion, &[warp; 40], Way::ToEnd)
+        };
+        let mut motion = vec![[-3.0, 0.0]; 40];
+        assert_eq!(to_the_right(&motion)[2 * 8 + 1], 1.0);
+        motion[8 + 5] = [-3.0, 0.75];
+        let asked = to_the_right(&motion);
+        assert_eq!((asked[2 * 8], asked[2 * 8 + 1], asked[2 * 8 + 3]), (1.0, 0.5, 0.5));
+        motion[8 + 5] = [f64::NAN, 0.0];
+        assert_eq!(to_the_right(&motion)[2 * 8 + 1], 0.0);
+        let astray = vec![[-3.375, 0.0]; 40];
+        assert_eq!(to_the_right(&astray)[2 * 8 + 1], 0.5);
     }
 
     #[test]
