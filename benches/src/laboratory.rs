@@ -12,6 +12,7 @@ use esaac_scene::{Renderer, SceneKind};
 use indicatif::ProgressBar;
 use serde::Serialize;
 use std::cell::{Ref, RefCell};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -80,6 +81,15 @@ pub struct Laboratory {
     progress: ProgressBar,
     /// One renderer for each format, kept because a software driver takes seconds to compile one.
     renderers: RefCell<Vec<(HdrFormat, Rc<RefCell<Renderer>>)>>,
+    asked: RefCell<Asked>,
+}
+
+/// Rows that parts have asked for.
+#[derive(Default)]
+struct Asked {
+    rows: BTreeSet<String>,
+    /// Whether [`Options::only`] selected one of them.
+    wanted: bool,
 }
 
 impl Laboratory {
@@ -90,8 +100,8 @@ impl Laboratory {
         clock.watch()?;
         let rates = Rates { bytes_per_s: clock.bytes_per_s()?, operations_per_s: clock.operations_per_s()? };
         let progress = ProgressBar::no_length();
-        let renderers = RefCell::default();
-        Ok(Laboratory { device, clock: RefCell::new(clock), rates, options, progress, renderers })
+        let (renderers, asked) = (RefCell::default(), RefCell::default());
+        Ok(Laboratory { device, clock: RefCell::new(clock), rates, options, progress, renderers, asked })
     }
 
     /// The device.
@@ -147,7 +157,24 @@ impl Laboratory {
     /// Whether the options select a row of this name.
     #[must_use]
     pub fn wants(&self, row: &str) -> bool {
-        row.contains(&self.options.only)
+        let wants = row.contains(&self.options.only);
+        let mut asked = self.asked.borrow_mut();
+        asked.wanted |= wants;
+        asked.rows.insert(row.to_owned());
+        wants
+    }
+
+    /// Fails if parts have asked for rows, and [`Options::only`] has selected none of them.
+    pub(crate) fn check_only(&self) -> Result<()> {
+        let asked = self.asked.borrow();
+        let rows = asked.rows.iter().map(|row| format!("`{row}`")).collect::<Vec<_>>();
+        anyhow::ensure!(
+            asked.wanted || rows.is_empty(),
+            "no row's name contains `{}`; there are: {}",
+            self.options.only,
+            rows.join(", ")
+        );
+        Ok(())
     }
 
     /// Number of intervals of a timing: many on a GPU, few on a software device, where an interval takes a tenth of a

@@ -63,6 +63,7 @@ pub fn run(laboratory: &Laboratory, mut after: impl FnMut(&Report) -> Result<()>
         after(&report)?;
     }
     laboratory.finish();
+    laboratory.check_only()?;
     let messages = laboratory.device().validation_messages();
     ensure!(messages.is_empty(), "the validation layer objects:\n{}", messages.join("\n"));
     Ok(report)

@@ -64,6 +64,16 @@ def test_later_frames_are_as_the_first():
     assert len(cam.step(*bars(40, 24, 1), t_ns=FRAME_NS)) > 100
 
 
+def test_poses_of_another_kind():
+    cam, poses = camera(intrinsics=(40.0, 40.0, 19.5, 11.5)), np.zeros((2, 7))
+    depth = np.ones((24, 40), np.float32)
+    with pytest.raises(esaac.ArgumentError, match=r"poses are a ndarray, expected esaac\.Poses or"):
+        cam.step(HDR, t_ns=0, depth=depth, poses=poses)
+    rig = esaac.Rig([cam.sensor], intrinsics=[(40.0, 40.0, 19.5, 11.5)])
+    with pytest.raises(esaac.ArgumentError, match=r"poses are a ndarray, expected esaac\.Poses or"):
+        rig.step([(HDR, None, depth)], t_ns=0, poses=[poses])
+
+
 def test_time_goes_forwards_and_not_too_far():
     cam = camera()
     cam.step(HDR, MOTION, t_ns=FRAME_NS)
@@ -74,8 +84,12 @@ def test_time_goes_forwards_and_not_too_far():
         cam.step(HDR, MOTION, t_ns=5_000_000_000)
     with pytest.raises((TypeError, OverflowError)):
         cam.step(HDR, MOTION, t_ns=1 << 70)
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match=r"t_ns is 0\.5, expected an integer, nanoseconds"):
         cam.step(HDR, MOTION, t_ns=0.5)
+    rig = esaac.Rig([cam.sensor])
+    for t_ns in (0.5, [0.5]):
+        with pytest.raises(TypeError, match=r"t_ns is 0\.5, expected an integer, nanoseconds"):
+            rig.step([(HDR, MOTION)], t_ns=t_ns)
     cam.reset()
     assert len(cam.step(HDR, MOTION, t_ns=0)) == 0
 

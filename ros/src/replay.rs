@@ -107,8 +107,8 @@ pub fn replay(
     }
     transport.drain(Duration::from_secs(2));
     (replayed.truncated, replayed.foreign) = (bag.is_truncated(), bag.foreign());
-    if replayed.topics.is_empty() && !replayed.foreign.is_empty() {
-        return Err(bag.without_messages().into());
+    if let Some(error) = bag.without_messages().filter(|_| replayed.topics.is_empty()) {
+        return Err(error.into());
     }
     Ok(replayed)
 }

@@ -161,15 +161,21 @@ impl SensorModel {
             |reason: String| SensorError::Value { parameter: key.clone(), value: value.to_owned(), reason };
         let parsed = match current {
             toml::Value::Integer(_) => toml::Value::Integer(
-                value.replace('_', "").parse().map_err(|e: std::num::ParseIntError| bad(e.to_string()))?,
+                value.replace('_', "").parse().map_err(|_| bad("expected a whole number".to_owned()))?,
             ),
             toml::Value::Float(_) => {
-                toml::Value::Float(value.parse().map_err(|e: std::num::ParseFloatError| bad(e.to_string()))?)
+                toml::Value::Float(value.parse().map_err(|_| bad("expected a number".to_owned()))?)
             }
             _ => toml::Value::String(value.to_owned()),
         };
+        let is_number = matches!(parsed, toml::Value::Integer(_));
         table.insert(key.clone(), parsed);
-        *self = table.try_into().map_err(|e: toml::de::Error| bad(e.message().to_owned()))?;
+        // A whole number that its type does not hold: below zero, most often.
+        let reason = |e: toml::de::Error| match is_number {
+            true => "expected a whole number, from 0 and in the range of the parameter".to_owned(),
+            false => e.message().to_owned(),
+        };
+        *self = table.try_into().map_err(|e| bad(reason(e)))?;
         Ok(())
     }
 

@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+import operator
 import warnings
 
 import numpy as np
 
 from esaac._native import Engine, SensorModel
 from esaac.errors import ArgumentError, PoseWarning
-from esaac.poses import Intrinsics, PoseRecorder
+from esaac.poses import Intrinsics, PoseRecorder, Poses
 
 _MAGIC = b"ESAACPY2"
 
@@ -54,12 +55,15 @@ class _Cameras:
         return self._engine.memory()
 
     def _step_together(self, frame, t_ns, poses, stream, submits=False):
+        if not isinstance(t_ns, list):
+            t_ns = _nanoseconds(t_ns)
+        _check_poses(poses)
         if not isinstance(poses, PoseRecorder):
             packet = self._engine.step_tiles(frame, t_ns, poses, stream, submits)
             self._stepped([(frame, poses)], submits)
             return packet
         last = self._engine.last_ns
-        times = [t_ns] * len(last) if isinstance(t_ns, (int, np.integer)) else list(t_ns)
+        times = list(t_ns) if isinstance(t_ns, list) else [t_ns] * len(last)
         stepped = [(t, before) for t, before in zip(times, last) if t is not None]
         given = poses.spanning(*_span(*zip(*stepped))) if stepped else None
         packet = self._engine.step_tiles(frame, times, given, stream, submits)
@@ -130,6 +134,20 @@ class _Cameras:
 def _listed(t_ns):
     """An array of times, of any library and on any device, as a list, in one call."""
     return t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
+
+
+def _nanoseconds(t_ns):
+    """A time as an int. A float is refused: it is seconds, most often."""
+    try:
+        return operator.index(t_ns)
+    except TypeError:
+        expected = "expected an integer, nanoseconds: round(seconds * 1e9)"
+        raise TypeError(f"t_ns is {t_ns!r}, {expected}") from None
+
+
+def _check_poses(poses):
+    if not (poses is None or isinstance(poses, (Poses, PoseRecorder))):
+        raise ArgumentError(f"poses are a {type(poses).__name__}, expected esaac.Poses or esaac.PoseRecorder")
 
 
 def _span(times_ns, last_ns):
@@ -249,13 +267,15 @@ class Rig(_Several):
                 given.append((*frame, None, None, None)[:4])
             else:
                 given.append((frame, None, None, None))
-        if isinstance(t_ns, (int, np.integer)):
-            times = [int(t_ns)] * len(given)
+        if np.ndim(t_ns) == 0:
+            times = [_nanoseconds(t_ns)] * len(given)
         else:
-            times = [None if t is None else int(t) for t in t_ns]
+            times = [None if t is None else _nanoseconds(t) for t in t_ns]
         times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
         given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
         poses = [None] * self._count if poses is None else list(poses)
+        for each in poses:
+            _check_poses(each)
         recorders = [
             (index, each)
             for index, (each, t) in enumerate(zip(poses, times))

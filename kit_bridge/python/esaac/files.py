@@ -150,6 +150,10 @@ def _probe(folder):
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            error.errno, "there is no folder to write events into", str(folder)
+        ) from error
     except OSError as error:
         who = f"user {os.geteuid()}" if hasattr(os, "geteuid") else "this user"
         raise type(error)(

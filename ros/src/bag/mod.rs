@@ -21,12 +21,18 @@ pub enum BagError {
         source: std::io::Error,
     },
     /// The file is damaged or not an MCAP file.
-    #[error("recording {path}: {source}")]
+    #[error("recording {path} is no MCAP file, or damaged: {source}")]
     Format {
         /// Path.
         path: String,
         /// Reason.
         source: Box<mcap::McapError>,
+    },
+    /// The file ends before its first message.
+    #[error("recording {path} is cut off within its first chunk: no message of it can be read")]
+    CutOff {
+        /// Path.
+        path: String,
     },
     /// The file has no ROS 2 messages.
     #[error("recording {path} holds no message of ROS 2 (encoding `cdr`); it has: {}", found.join(", "))]

@@ -83,9 +83,13 @@ impl BagReader {
         self.truncated
     }
 
-    /// The error for a recording without ROS 2 messages.
-    pub(crate) fn without_messages(&self) -> BagError {
-        BagError::Foreign { path: self.path.clone(), found: self.foreign() }
+    /// The error for a recording of which no ROS 2 message was read; `None` for one that holds none.
+    pub(crate) fn without_messages(&self) -> Option<BagError> {
+        let path = self.path.clone();
+        if !self.foreign.is_empty() {
+            return Some(BagError::Foreign { path, found: self.foreign() });
+        }
+        self.truncated.then_some(BagError::CutOff { path })
     }
 
     /// The next message; `None` at the end.

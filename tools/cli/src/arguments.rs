@@ -26,6 +26,10 @@ impl FromStr for DeviceArgument {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        // An empty environment variable counts as none.
+        if text.is_empty() {
+            return Ok(DeviceArgument(DeviceChoice::Best));
+        }
         let digits: String = text.chars().filter(|&c| c != '-').collect();
         if digits.len() == 32 && digits.chars().all(|c| c.is_ascii_hexdigit()) {
             let byte = |i: usize| u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).expect("hex digits");
@@ -48,6 +52,7 @@ mod tests {
         let text = "01112131-4151-6171-8191-a1b1c1d1e1f1";
         assert_eq!(text.parse(), Ok(DeviceArgument(DeviceChoice::Uuid(uuid))));
         assert_eq!("1".parse(), Ok(DeviceArgument(DeviceChoice::Index(1))));
+        assert_eq!("".parse(), Ok(DeviceArgument(DeviceChoice::Best)));
         assert!("best".parse::<DeviceArgument>().is_err());
         assert!("-1".parse::<DeviceArgument>().is_err());
     }

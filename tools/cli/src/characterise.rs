@@ -51,7 +51,7 @@ pub(crate) fn sensor(named: &str) -> Result<SensorModel> {
         bail!("unknown sensor `{named}`, expected one of {} or a sensor file (.toml)", names.join(", "));
     }
     let text = std::fs::read_to_string(named).with_context(|| format!("cannot read sensor file {named}"))?;
-    Ok(SensorModel::from_toml(&text)?)
+    SensorModel::from_toml(&text).with_context(|| named.to_owned())
 }
 
 fn write(measured: &Characterisation, out: &Path, json: bool) -> Result<Outcome> {

@@ -42,6 +42,8 @@ pub struct FrameFolder {
     pub paths: Vec<PathBuf>,
     /// Frames a second.
     pub rate_hz: f64,
+    /// Who says so.
+    pub rate_from: &'static str,
     /// Common layout.
     pub layout: FrameLayout,
     /// Channels of the first frame, for messages.
@@ -56,7 +58,11 @@ impl FrameFolder {
         let paths = list(folder, options.pattern.as_deref())?;
         let sequence = SequenceFile::read(folder)?;
         let of_sequence = sequence.as_ref().and_then(|sequence| sequence.key_rate_hz);
-        let rate_hz = options.rate_hz.or(of_sequence).unwrap_or(DEFAULT_RATE_HZ);
+        let (rate_hz, rate_from) = match (options.rate_hz, of_sequence) {
+            (Some(rate_hz), _) => (rate_hz, "--rate"),
+            (None, Some(rate_hz)) => (rate_hz, SequenceFile::NAME),
+            (None, None) => (DEFAULT_RATE_HZ, "the default; --rate tells another"),
+        };
         ensure!(
             rate_hz.is_finite() && (1.0..=1e6).contains(&rate_hz),
             "key frame rate is {rate_hz} Hz, expected 1 to 1000000"
@@ -91,7 +97,7 @@ impl FrameFolder {
                 scene.file.display()
             );
         }
-        Ok(FrameFolder { paths, rate_hz, layout, channels: first.channels, scene })
+        Ok(FrameFolder { paths, rate_hz, rate_from, layout, channels: first.channels, scene })
     }
 
     /// Time of frame `index`, nanoseconds: `round(index 1e9 / rate)`.

@@ -15,6 +15,18 @@ pub fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
+/// As [`check`], for events: a name with another format's ending would say what the file is not.
+pub fn check_events(path: &Path) -> Result<()> {
+    check(path)?;
+    anyhow::ensure!(
+        is_special(path) || path.extension().is_some_and(|ending| ending == "npz"),
+        "cannot write {}: events are written as .npz, expected a name that ends so; `esaac.EventWriter` in Python \
+         writes other formats",
+        path.display()
+    );
+    Ok(())
+}
+
 /// Runs `fill` on a temporary file beside `path`, flushes it to the disk and renames it to `path`. If
 /// anything fails, `path` stays as it was. A device such as `/dev/stdout` is written directly.
 pub fn write(path: &Path, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {

@@ -19,10 +19,10 @@ pub struct ReplayArguments {
     #[arg(value_name = "FILE.mcap")]
     pub file: PathBuf,
     /// Speed; 2 is twice as fast
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     pub rate: f64,
     /// Time that subscribers have to find the topics before the first message, seconds
-    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds, allow_negative_numbers = true)]
     pub delay: f64,
     /// Network.
     #[command(flatten)]

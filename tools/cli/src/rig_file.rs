@@ -172,7 +172,7 @@ impl CameraEntry {
                     let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
                     format!("`{}` is neither a preset ({}) nor a sensor file", self.sensor, names.join(", "))
                 })?;
-                SensorModel::from_toml(&text).with_context(|| format!("sensor file {}", path.display()))?
+                SensorModel::from_toml(&text).with_context(|| path.display().to_string())?
             }
         };
         if let Some(name) = &self.profile {

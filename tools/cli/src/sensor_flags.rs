@@ -144,7 +144,7 @@ fn named_sensor(given: &str, pixel: Option<Pixel>) -> Result<ResolvedSensor> {
         bail!("unknown sensor `{given}`, expected one of {} or a TOML file", names.join(", "));
     }
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read sensor file {given}"))?;
-    let sensor = SensorModel::from_toml(&text).with_context(|| format!("sensor file {given}"))?;
+    let sensor = SensorModel::from_toml(&text).with_context(|| given.to_owned())?;
     let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
     Ok(ResolvedSensor { sensor, size_from: sized.then(|| format!("sensor file {given}")) })

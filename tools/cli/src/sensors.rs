@@ -2,7 +2,7 @@
 
 use crate::outcome::Outcome;
 use crate::table;
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use esaac_model::physical::{PhysicalPreset, Sourced, physical_preset};
 use esaac_model::presets::{preset, preset_with_physical_pixel};
 use esaac_model::{PARAMETERS, PRESETS, Pixel, SensorModel};
@@ -65,6 +65,7 @@ struct Listing {
 /// Runs the command.
 pub fn run(arguments: &SensorsArguments, json: bool) -> Result<Outcome> {
     let listing = listing(arguments.name.as_deref(), arguments.pixel)?;
+    ensure!(!(arguments.toml && json), "--toml and --json are given, expected one of them");
     if arguments.toml {
         return Ok(Outcome::complete(annotated_toml(&listing)));
     }

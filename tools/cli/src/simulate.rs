@@ -8,7 +8,7 @@ use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
 use crate::outcome::Outcome;
 use crate::pace::Pace;
-use crate::report::{MemoryReport, Report};
+use crate::report::{KeyRate, MemoryReport, Report};
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_check::SceneCheck;
@@ -36,7 +36,7 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "FILE.npz", default_value = "events.npz")]
     pub out: PathBuf,
     /// Key frames per second [default: key_rate_hz of sequence.json, else 30]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     pub rate: Option<f64>,
     /// Names of the key frames; may contain * and ? [default: key_*.exr, else *.exr]
     #[arg(long, value_name = "PATTERN")]
@@ -94,7 +94,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut kernels = KernelSource::open(&arguments.kernels)?;
     let resolved =
         arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
-    output_file::check(&arguments.out)?;
+    output_file::check_events(&arguments.out)?;
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
@@ -118,6 +118,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let info = device_choice::report(device.info());
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
     report.simulated_ns = folder.time_ns(folder.paths.len() - 1);
+    report.key_rate = Some(KeyRate { hz: folder.rate_hz, from: folder.rate_from });
     report.set_memory(memory);
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };

@@ -2,6 +2,7 @@
 //! or +1) and `sensor` (the sensor as TOML text). `numpy.load` reads it without pickles.
 
 use crate::npy;
+use crate::until_failure::UntilFailure;
 use anyhow::{Context, Result, bail, ensure};
 use esaac_model::packet::Event;
 use esaac_model::{PacketView, Polarity, SensorModel};
@@ -52,7 +53,7 @@ impl EventColumns {
 
 /// Writes the archive. Members are stored without compression, so that reading is fast.
 pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &str) -> Result<()> {
-    let mut archive = ZipWriter::new(out);
+    let mut archive = ZipWriter::new(UntilFailure::new(out));
     let (count, stored) = (Some(events.len()), CompressionMethod::Stored);
     npy::write(&mut archive, stored, ("x", "<u2"), count, events.x.iter().map(|v| v.to_le_bytes()))?;
     npy::write(&mut archive, stored, ("y", "<u2"), count, events.y.iter().map(|v| v.to_le_bytes()))?;

@@ -9,3 +9,4 @@ mod npy;
 pub mod recording;
 pub mod scene_file;
 pub mod truth_file;
+mod until_failure;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// A pose this near to a key frame, in frames, is at its time.
 const AT_KEY_FRAME: f64 = 1e-6;
 
-/// `sequence.json`. Keys that are not listed are ignored.
+/// `sequence.json`. Keys that are not listed are ignored, but for slips of those that are.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct SequenceFile {
     /// Key frames a second.
@@ -126,8 +126,17 @@ pub fn pose_times_ns(keys: usize, key_rate_hz: f64, pose_rate_hz: f64) -> Vec<i6
 impl SequenceFile {
     /// Reads the folder's file, if there is one.
     pub fn read(folder: &Path) -> Result<Option<Self>> {
-        read_json(&folder.join(Self::NAME))
+        let path = folder.join(Self::NAME);
+        let Some(text) = read_text(&path)? else { return Ok(None) };
+        let file = parsed(&text).with_context(|| path.display().to_string())?;
+        let keys: BTreeMap<String, serde::de::IgnoredAny> = parsed(&text)?;
+        let keys: Vec<&str> = keys.keys().map(String::as_str).collect();
+        no_slip(&keys).with_context(|| path.display().to_string())?;
+        Ok(Some(file))
     }
+
+    /// Keys of the file that are read.
+    const KEYS: [&str; 5] = ["key_rate_hz", "intrinsics", "pose_rate_hz", "camera_to_world", "instances"];
 
     /// Name of the file.
     pub const NAME: &str = "sequence.json";
@@ -304,12 +313,44 @@ impl FolderScene {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
+    let Some(text) = read_text(path)? else { return Ok(None) };
+    parsed(&text).map(Some).with_context(|| path.display().to_string())
+}
+
+/// The file's text, if there is one.
+fn read_text(path: &Path) -> Result<Option<String>> {
     if !path.exists() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    serde_json::from_str(&text).map(Some).with_context(|| path.display().to_string())
+    std::fs::read_to_string(path).map(Some).with_context(|| format!("cannot read {}", path.display()))
 }
+
+fn parsed<T: DeserializeOwned>(text: &str) -> Result<T> {
+    let bytes = text.len();
+    serde_json::from_str(text).map_err(|error| {
+        let cut = error.is_eof();
+        let error = anyhow::Error::new(error);
+        if cut { error.context(format!("the file ends too early, after {bytes} bytes")) } else { error }
+    })
+}
+
+/// Fails if a key is nearly one of [`SequenceFile::KEYS`] that is missing: without it, frames would silently have another
+/// rate, or no poses.
+fn no_slip(keys: &[&str]) -> Result<()> {
+    let is_known = |key: &&&str| SequenceFile::KEYS.contains(*key);
+    for key in keys.iter().filter(|key| !is_known(key)) {
+        let meant = SequenceFile::KEYS.iter().filter(|known| !keys.contains(*known));
+        let meant = meant.min_by_key(|known| strsim::damerau_levenshtein(key, known));
+        let near = |known: &&&str| strsim::damerau_levenshtein(key, known) <= MOST_SLIPS;
+        if let Some(known) = meant.filter(near) {
+            bail!("`{key}` is no key that is read; `{known}` is missing, and is probably meant");
+        }
+    }
+    Ok(())
+}
+
+/// So many letters wrong, missing or too many make a key a slip of another. `key_rate` lacks three of `key_rate_hz`.
+const MOST_SLIPS: usize = 3;
 
 /// Poses from a list of 4x4 matrices.
 fn poses(name: &str, matrices: &serde_json::Value) -> Result<Vec<Pose>> {

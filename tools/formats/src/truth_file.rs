@@ -12,6 +12,7 @@
 //! The halves of `dt_ns` are separate arrays because the high half is regular, and alone Deflate packs it well.
 
 use crate::npy;
+use crate::until_failure::UntilFailure;
 use anyhow::{Context, Result, ensure};
 use esaac_model::packet::Event;
 use esaac_model::{Polarity, SensorModel};
@@ -64,7 +65,7 @@ pub fn write(out: impl Write + Seek, truth: &TruthFile) -> Result<()> {
             previous_ns = event.t_ns;
         }
     }
-    let mut archive = ZipWriter::new(out);
+    let mut archive = ZipWriter::new(UntilFailure::new(out));
     let (deflated, count) = (CompressionMethod::Deflated, Some(dt_ns.len()));
     let half = |shift: u32| dt_ns.iter().map(move |dt| ((dt >> shift) as u16).to_le_bytes());
     let of_pixels = ("events_of_pixel", "<u2");

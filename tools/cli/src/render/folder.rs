@@ -39,6 +39,11 @@ pub(super) fn run(arguments: &RenderArguments, folder: &Path, json: bool) -> Res
     let frames = arguments.frames as usize;
     make_empty(folder)?;
     let scene = arguments.scene.scene(width, height);
+    // First, so that the frames of a run that was stopped have their rate and poses.
+    let motion = scene.scene_motion(&pose_times_ns(frames, rate, pose_rate));
+    let sequence = SequenceFile::new(&motion, rate, pose_rate);
+    let text = serde_json::to_string(&sequence)? + "\n";
+    output_file::write(&folder.join(SequenceFile::NAME), |out| Ok(out.write_all(text.as_bytes())?))?;
     let layout = layout(&scene);
     let progress = progress::bar(frames);
     for index in 0..frames {
@@ -49,10 +54,6 @@ pub(super) fn run(arguments: &RenderArguments, folder: &Path, json: bool) -> Res
         progress.inc(1);
     }
     progress.finish_and_clear();
-    let motion = scene.scene_motion(&pose_times_ns(frames, rate, pose_rate));
-    let sequence = SequenceFile::new(&motion, rate, pose_rate);
-    let text = serde_json::to_string(&sequence)? + "\n";
-    output_file::write(&folder.join(SequenceFile::NAME), |out| Ok(out.write_all(text.as_bytes())?))?;
     let true_events = match arguments.truth {
         true => Some(write_truth(&scene, frame_time_ns(frames - 1, rate), folder)?),
         false => None,
@@ -124,13 +125,20 @@ fn write_truth(scene: &Scene, end_ns: i64, folder: &Path) -> Result<usize> {
 impl Written {
     fn to_text(&self) -> String {
         let Written { folder, frames, width_px, height_px, rate_hz, poses, instances, .. } = self;
+        let count = |n: usize, one: &str| format!("{n} {one}{}", if n == 1 { "" } else { "s" });
         let mut text = format!(
-            "{frames} frames of {width_px}x{height_px} px at {rate_hz} Hz, {poses} poses of the camera and of \
-             {instances} moving instances"
+            "{} of {width_px}x{height_px} px at {rate_hz} Hz, {} of the camera and of {}",
+            count(*frames, "frame"),
+            count(*poses, "pose"),
+            count(*instances, "moving instance")
         );
         if let Some(events) = self.true_events {
             text.push_str(&format!(", {events} true events"));
         }
-        text + &format!("\nwrote {folder}; `esaac simulate {folder}` makes events\n")
+        let next = match frames {
+            1 => "`esaac simulate` makes events from two frames on".to_owned(),
+            _ => format!("`esaac simulate {folder}` makes events"),
+        };
+        text + &format!("\nwrote {folder}; {next}\n")
     }
 }

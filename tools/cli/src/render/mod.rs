@@ -13,12 +13,9 @@ use std::path::PathBuf;
 /// Arguments of `render`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct RenderArguments {
-    /// Socket of the engine
-    #[arg(long, value_name = "PATH", required_unless_present = "out", conflicts_with = "out")]
-    pub socket: Option<PathBuf>,
-    /// Folder for the frames, with motion, depth, instance ids and poses, for `esaac simulate`
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    /// Where the frames go.
+    #[command(flatten)]
+    pub place: Place,
     /// Scene to render
     #[arg(long, value_name = "NAME", default_value = "flight", value_parser = scene_parser())]
     pub scene: SceneKind,
@@ -26,7 +23,7 @@ pub struct RenderArguments {
     #[arg(long, default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     pub frames: u32,
     /// Frames per second of simulated time
-    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = rate)]
+    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = rate, allow_negative_numbers = true)]
     pub rate: f64,
     /// Camera to render for; may be given several times [default: all cameras of the rig]
     #[arg(long, value_name = "N", conflicts_with = "out")]
@@ -41,11 +38,23 @@ pub struct RenderArguments {
     #[arg(long, value_name = "PX", default_value_t = 260, value_parser = clap::value_parser!(u32).range(1..=4096), conflicts_with = "socket")]
     pub height: u32,
     /// Poses per second of simulated time
-    #[arg(long, value_name = "HZ", default_value_t = 960.0, value_parser = rate)]
+    #[arg(long, value_name = "HZ", default_value_t = 960.0, value_parser = rate, allow_negative_numbers = true)]
     pub pose_rate: f64,
     /// Also write truth.npz, the scene's exact events for the default pixel, for `esaac bench --sequence`
     #[arg(long, conflicts_with = "socket")]
     pub truth: bool,
+}
+
+/// Where the frames go: one of both.
+#[derive(clap::Args, Clone, Debug)]
+#[group(required = true, multiple = false)]
+pub struct Place {
+    /// Socket of the engine
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// Folder for the frames, with motion, depth, instance ids and poses, for `esaac simulate`
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }
 
 fn rate(text: &str) -> Result<f64, String> {
@@ -57,7 +66,7 @@ fn rate(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(arguments: &RenderArguments, common: &CommonArguments) -> Result<Outcome> {
-    match (&arguments.socket, &arguments.out) {
+    match (&arguments.place.socket, &arguments.place.out) {
         (Some(socket), _) => service::run(arguments, socket, common),
         (None, Some(out)) => folder::run(arguments, out, common.json),
         (None, None) => anyhow::bail!("no --socket and no --out, expected one of them"),

@@ -37,6 +37,8 @@ pub struct Report {
     pub intervals: usize,
     /// Simulated time, nanoseconds.
     pub simulated_ns: i64,
+    /// Rate of the key frames, if they came from a folder.
+    pub key_rate: Option<KeyRate>,
     /// By camera.
     pub cameras: Vec<CameraReport>,
     /// GPU time of an interval for each stage, all cameras together.
@@ -51,6 +53,15 @@ pub struct Report {
     pub memory: Vec<MemoryReport>,
     /// Files written.
     pub files: Vec<String>,
+}
+
+/// Rate of a folder's key frames.
+#[derive(Clone, Debug, Serialize)]
+pub struct KeyRate {
+    /// Frames a second.
+    pub hz: f64,
+    /// Who says so.
+    pub from: &'static str,
 }
 
 /// The device that ran it.

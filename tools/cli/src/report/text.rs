@@ -9,8 +9,12 @@ impl Report {
     #[must_use]
     pub fn to_text(&self) -> String {
         let device = &self.device;
+        let rate = self
+            .key_rate
+            .as_ref()
+            .map_or_else(String::new, |rate| format!(" at {} Hz ({})", rate.hz, rate.from));
         let mut text = format!(
-            "input     {}\ndevice    {} ({}), {}, Vulkan {}\nlink      {}\nspan      {} intervals, {:.3} s simulated\n",
+            "input     {}\ndevice    {} ({}), {}, Vulkan {}\nlink      {}\nspan      {} intervals{rate}, {:.3} s simulated\n",
             self.input,
             device.name,
             device.kind,

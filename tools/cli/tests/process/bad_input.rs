@@ -122,6 +122,7 @@ fn rates_that_are_none() {
     let frames = Frames::new(2, true);
     simulate_error(&frames, &["--rate", "0"], &["rate is 0 Hz", "expected 1 to 1000000"]);
     simulate_error(&frames, &["--rate", "NaN"], &["rate is NaN Hz"]);
+    simulate_error(&frames, &["--rate", "-30"], &["rate is -30 Hz", "expected 1 to 1000000"]);
     std::fs::write(frames.file("sequence.json"), "{\"key_rate_hz\": \"fast\"}").unwrap();
     simulate_error(&frames, &[], &["sequence.json", "expected f64"]);
 }
@@ -134,6 +135,41 @@ fn an_output_that_cannot_be_written() {
         &["/nonesuch/e.npz", "no folder"],
     );
     assert_error(&["simulate", frames.argument(), "--out", "/"], &["folder, expected the name of a file"]);
+    for name in ["events.h5", "events.txt", "events"] {
+        let out = frames.file_argument(name);
+        assert_error(
+            &["simulate", frames.argument(), "--out", &out],
+            &[name, "expected a name that ends so"],
+        );
+        assert!(!frames.file(name).exists());
+    }
+}
+
+#[test]
+fn a_key_of_sequence_json_that_is_nearly_right() {
+    let frames = Frames::new(2, true);
+    let wrong = |text: &str, parts: &[&str]| {
+        std::fs::write(frames.file("sequence.json"), text).unwrap();
+        simulate_error(&frames, &[], &[&["sequence.json"], parts].concat());
+    };
+    wrong("{\"key_rate\": 60}", &["`key_rate`", "`key_rate_hz` is missing"]);
+    wrong("{\"key_rate_hz\": 60, \"camera_to_wrld\": []}", &["`camera_to_wrld`", "`camera_to_world`"]);
+    wrong("{\"key_rate_hz\": 60, \"instance\": {}}", &["`instance`", "`instances`"]);
+    wrong("{\"key_rate_hz\": 60", &["ends too early, after 18 bytes"]);
+}
+
+#[test]
+fn a_device_variable_that_is_empty_is_none() {
+    let mut command = crate::harness::esaac(&["sensors", "vga"]);
+    assert_eq!(finish(command.env("ESAAC_DEVICE", "").output().unwrap()).0, 0);
+}
+
+#[test]
+fn values_say_what_is_expected() {
+    let frames = Frames::new(2, true);
+    simulate_error(&frames, &["--contrast-on", "x"], &["`contrast_on` cannot be `x`: expected a number"]);
+    simulate_error(&frames, &["--substeps", "3.5"], &["`substeps` cannot be `3.5`: expected a whole number"]);
+    simulate_error(&frames, &["--seed", "-1"], &["`seed` cannot be `-1`: expected a whole number, from 0"]);
 }
 
 #[test]

@@ -74,4 +74,8 @@ fn wrong_input_is_named() {
     assert_error(&["calibrate", &frame], &["key_0000.exr", "not an AEDAT 4 file"]);
     assert_error(&["calibrate", &frame, "--log-offset", "2"], &["--log-offset is 2", "1e-6 to 1"]);
     assert_error(&["bench", "--out", "/dev/null/bench"], &["/dev/null/bench"]);
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let only = ["bench", "--quick", "--part", "time", "--only", "nonesuch", "--out", out];
+    assert_error(&only, &["no row's name contains `nonesuch`", "dvs128"]);
 }

@@ -23,6 +23,7 @@ fn sensors_as_json_holds_presets_and_parameters() {
 #[test]
 fn an_unknown_sensor_is_an_error() {
     assert_error(&["sensors", "davis"], &["unknown sensor `davis`", "davis240"]);
+    assert_error(&["sensors", "vga", "--toml", "--json"], &["--toml and --json", "expected one"]);
 }
 
 #[test]

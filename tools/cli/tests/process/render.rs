@@ -1,6 +1,6 @@
 //! `esaac render --out`: a scene's frames, poses and true events in a folder that other commands read.
 
-use crate::harness::{Frames, assert_error, run};
+use crate::harness::{Frames, assert_error, esaac, run};
 use esaac_formats::exr_frame::{ChannelNames, DEPTH_CHANNEL, FrameLayout, ID_CHANNEL, read_frame};
 use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile, pose_times_ns};
 use esaac_formats::truth_file;
@@ -9,6 +9,8 @@ use esaac_scene::{SceneKind, all_pixels, exact_events, render_cpu};
 use glam::DVec2;
 use serde_json::{Value, json};
 use std::path::PathBuf;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 const SIZE_PX: (u32, u32) = (48, 36);
 const TIMES_NS: [i64; 3] = [0, 33_333_333, 66_666_667];
@@ -105,9 +107,32 @@ fn simulate_reads_the_folder_whatever_the_rate_of_its_poses() {
 }
 
 #[test]
+fn the_frames_of_a_run_that_was_stopped_have_their_rate_and_poses() {
+    let frames = Frames::empty();
+    let size = ["--width", "64", "--height", "48", "--frames", "3000", "--rate", "50", "--pose-rate", "100"];
+    let scene = ["render", "--scene", "propeller", "--out", frames.argument()];
+    let mut child = esaac(&[&scene[..], &size].concat()).stdout(Stdio::null()).spawn().unwrap();
+    let until = Instant::now() + Duration::from_secs(120);
+    while !frames.file("key_0002.exr").exists() {
+        assert!(Instant::now() < until && child.try_wait().unwrap().is_none(), "nothing was rendered");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let out = frames.file_argument("events.npz");
+    let first = ["--frames", "key_000?.exr", "--out", &out, "--json"];
+    let (code, report, error) = run(&[&["simulate", frames.argument()][..], &first].concat());
+    assert_eq!(code, 0, "{error}");
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["synthesis"]["used"], &report["key_rate"]["hz"]), (&json!("rigid"), &json!(50.0)));
+}
+
+#[test]
 fn a_folder_that_holds_something_and_options_of_the_other_kind_are_refused() {
     let frames = Frames::new(1, true);
     assert_error(&["render", "--out", frames.argument()], &["key_0000.exr", "expected an empty folder"]);
+    let (_, _, error) = run(&["render"]);
+    assert!(error.contains("--socket <PATH>") && error.contains("--out <DIR>"), "{error}");
     for arguments in [
         &["render"][..],
         &["render", "--out", "/nonesuch/a", "--socket", "b"],

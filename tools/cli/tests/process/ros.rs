@@ -127,6 +127,9 @@ fn a_recording_whose_writer_was_killed_replays_up_to_its_last_chunk() {
     let replayed: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!(replayed["truncated"], true);
     assert!(replayed["sent"].as_u64() > Some(100), "{replayed}");
+    std::fs::File::options().write(true).open(&file).unwrap().set_len(3000).unwrap();
+    let (code, _, error) = finish(local(2, &replay).output().unwrap());
+    assert!(code == 1 && error.contains("is cut off within its first chunk"), "{error}");
 }
 
 #[test]

@@ -103,13 +103,16 @@ fn dropped_events_are_counted_and_exit_with_3() {
 #[test]
 fn the_rate_comes_from_the_flag_else_the_folder_else_is_thirty() {
     let frames = Frames::new(3, true);
-    let span = |arguments: &[&str]| {
-        simulate(&frames, &[&QUICK[..], arguments].concat()).1["simulated_ns"].as_i64().unwrap()
+    let check = |arguments: &[&str], span_ns: i64, hz: f64, from: &str| {
+        let report = simulate(&frames, &[&QUICK[..], arguments].concat()).1;
+        assert_eq!(report["simulated_ns"], span_ns);
+        assert_eq!(report["key_rate"]["hz"], hz);
+        assert!(report["key_rate"]["from"].as_str().unwrap().contains(from), "{}", report["key_rate"]);
     };
-    assert_eq!(span(&[]), 66_666_667);
+    check(&[], 66_666_667, 30.0, "default");
     std::fs::write(frames.file("sequence.json"), "{\"key_rate_hz\": 50}").unwrap();
-    assert_eq!(span(&[]), 40_000_000);
-    assert_eq!(span(&["--rate", "100"]), 20_000_000);
+    check(&[], 40_000_000, 50.0, "sequence.json");
+    check(&["--rate", "100"], 20_000_000, 100.0, "--rate");
 }
 
 #[test]
@@ -145,5 +148,6 @@ fn a_full_disk_is_named() {
         .unwrap();
     let (code, _, error) = finish(output);
     assert_eq!(code, 1);
-    assert!(error.contains("/dev/full") && error.contains("No space left on device"), "{error}");
+    assert!(error.starts_with("error: cannot write /dev/full") && error.lines().count() == 1, "{error}");
+    assert_eq!(error.matches("No space left on device").count(), 1, "{error}");
 }

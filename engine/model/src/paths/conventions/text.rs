@@ -65,8 +65,8 @@ impl Agreement {
     }
 }
 
-/// A length with two significant digits.
+/// A length with two significant digits. Less than a millionth is 0: it is the rounding of the files.
 fn significant(value: f64) -> String {
-    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
+    let digits = if value >= 1e-6 { (1.0 - value.log10().floor()).clamp(0.0, 7.0) as usize } else { 0 };
     format!("{value:.digits$}")
 }
