@@ -5,8 +5,8 @@
 
 use super::CameraState;
 use super::geometry::Place;
-use super::parameters::is_rigid;
 use super::scene::Instances;
+use super::sensor::is_rigid;
 use crate::policy::KernelPolicy;
 use esaac_layout::{self as layout, POSE_ROWS, PoseSegment, TRACK_SEGMENTS, Track, TrackKind};
 use esaac_model::paths::{Pose, PoseTrack, SceneMotion, Segment, square_root};

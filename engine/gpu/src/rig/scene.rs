@@ -1,7 +1,7 @@
 //! What synthesis `rigid` reads besides images: instances, their poses within an interval, and the lens.
 
 use super::geometry::Place;
-use super::parameters::is_rigid;
+use super::sensor::is_rigid;
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::Geometry;
