@@ -42,6 +42,35 @@ pub struct PoseTrack {
     velocities: Vec<Velocity>,
 }
 
+/// The memory of a track that is no longer needed. Who makes many tracks for every frame makes them in that of earlier
+/// ones: the system would take so much memory back each time, and give it again page by page.
+#[derive(Debug, Default)]
+pub struct TrackMemory {
+    poses: Vec<Pose>,
+    velocities: Vec<Velocity>,
+}
+
+impl From<PoseTrack> for TrackMemory {
+    fn from(PoseTrack { poses, velocities, .. }: PoseTrack) -> Self {
+        TrackMemory { poses, velocities }
+    }
+}
+
+impl TrackMemory {
+    /// Puts poses in the place of what is there.
+    ///
+    /// # Errors
+    /// That of the first pose that has one.
+    pub fn fill<E>(&mut self, poses: impl Iterator<Item = Result<Pose, E>>) -> Result<(), E> {
+        self.poses.clear();
+        self.poses.reserve(poses.size_hint().0);
+        for pose in poses {
+            self.poses.push(pose?);
+        }
+        Ok(())
+    }
+}
+
 /// Why a track is refused or has no pose.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum TrackError {
@@ -114,13 +143,23 @@ impl PoseTrack {
     /// # Errors
     /// If the number of poses differs from that of the times.
     pub fn at_times(times: &PoseTimes, poses: Vec<Pose>) -> Result<Self, TrackError> {
+        PoseTrack::in_memory(times, TrackMemory { poses, velocities: Vec::new() })
+    }
+
+    /// As [`PoseTrack::at_times`], of the poses that are in the memory of another track.
+    ///
+    /// # Errors
+    /// As [`PoseTrack::at_times`].
+    pub fn in_memory(times: &PoseTimes, memory: TrackMemory) -> Result<Self, TrackError> {
+        let TrackMemory { poses, mut velocities } = memory;
         let Times { times_ns, stencils } = &*times.0;
         if times_ns.len() != poses.len() {
             return Err(TrackError::Count { times: times_ns.len(), poses: poses.len() });
         }
         let stands = poses.iter().all(|pose| *pose == poses[0]);
         let moving = if stands { &[][..] } else { &stencils[..] };
-        let velocities = moving.iter().enumerate().map(|(i, stencil)| velocity(stencil, &poses, i)).collect();
+        velocities.clear();
+        velocities.extend(moving.iter().enumerate().map(|(i, stencil)| velocity(stencil, &poses, i)));
         Ok(PoseTrack { times: times.clone(), poses, velocities })
     }
 

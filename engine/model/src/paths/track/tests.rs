@@ -177,6 +177,22 @@ fn tracks_at_shared_times_are_those_of_times_of_their_own() {
 }
 
 #[test]
+fn a_track_in_the_memory_of_another_has_nothing_of_it() {
+    let times_ns: Vec<i64> = [0, 3, 9, 11, 20, 26, 33].map(|ms| ms * MS).to_vec();
+    let track = PoseTrack::through(&times_ns, shaking).unwrap();
+    let still = PoseTrack::new(times_ns[..3].to_vec(), vec![shaking(0.2); 3]).unwrap();
+    let again = |old: &PoseTrack, new: &PoseTrack| {
+        let mut memory = TrackMemory::from(old.clone());
+        memory.fill(new.poses().iter().map(|pose| Ok::<_, ()>(*pose))).unwrap();
+        PoseTrack::in_memory(&PoseTimes::new(new.times_ns().to_vec()).unwrap(), memory).unwrap()
+    };
+    assert_eq!(again(&still, &track), track);
+    assert_eq!(again(&track, &still), still);
+    let mut memory = TrackMemory::from(track);
+    assert_eq!(memory.fill([Ok(Pose::IDENTITY), Err("no pose")].into_iter()), Err("no pose"));
+}
+
+#[test]
 fn wrong_tracks_and_times_outside_are_named() {
     let pose = Pose::IDENTITY;
     assert_eq!(PoseTrack::new(vec![], vec![]), Err(TrackError::Empty));

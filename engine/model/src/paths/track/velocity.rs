@@ -2,25 +2,28 @@
 
 use super::seconds;
 use crate::paths::pose::Pose;
-use crate::paths::turn::{nearest_turn, rotation_vector};
+use crate::paths::turn::{nearest_turn, rotation_vectors};
 use glam::DVec3;
 
 /// Samples on either side of one that its velocity comes from. Two in place of one make a camera's path that shakes at
 /// 25 Hz several times as exact at 240 samples a second; the design notes have the figures.
-const VELOCITY_REACH: usize = 2;
+const REACH: usize = 2;
 
-/// Most samples that a velocity comes from.
-const STENCIL: usize = 2 * VELOCITY_REACH + 1;
+/// Most neighbours that a velocity comes from.
+const NEIGHBOURS: usize = 2 * REACH;
 
-/// The samples that a sample's velocity comes from.
+/// The samples that a sample's velocity comes from besides itself. On either side outwards, so that each rotation can go
+/// on from the one before. Where there are fewer, the sample itself stands for the others, without a weight.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stencil {
-    first: usize,
-    count: usize,
-    /// From the sample to each of them.
-    offsets_s: [f64; STENCIL],
-    /// The derivative at the sample of Lagrange's polynomial that is 1 at each of them and 0 at the others.
-    weights_hz: [f64; STENCIL],
+pub(super) struct Stencil([Neighbour; NEIGHBOURS]);
+
+#[derive(Clone, Copy, Debug)]
+struct Neighbour {
+    sample: usize,
+    /// The derivative at the sample of Lagrange's polynomial that is 1 at the neighbour and 0 at the others.
+    weight_hz: f64,
+    /// How many times as far as the neighbour before on the same side it is; `None` without one.
+    times_as_far: Option<f64>,
 }
 
 /// Rates at a sample.
@@ -33,42 +36,43 @@ pub(super) struct Velocity {
 }
 
 impl Stencil {
-    pub(super) fn new(times_ns: &[i64], i: usize) -> Self {
-        let count = STENCIL.min(times_ns.len());
-        let first = i.saturating_sub(VELOCITY_REACH).min(times_ns.len() - count);
-        let mut offsets_s = [0.0; STENCIL];
-        for (k, offset_s) in offsets_s[..count].iter_mut().enumerate() {
-            *offset_s = seconds(times_ns[i], times_ns[first + k]);
+    /// That of sample `own`.
+    pub(super) fn new(times_ns: &[i64], own: usize) -> Self {
+        let count = (NEIGHBOURS + 1).min(times_ns.len());
+        let first = own.saturating_sub(REACH).min(times_ns.len() - count);
+        let offset_s = |sample: usize| seconds(times_ns[own], times_ns[sample]);
+        let weight_hz = |sample: usize| {
+            let others = (first..first + count).filter(|&other| other != own && other != sample);
+            others.fold(1.0 / offset_s(sample), |weight, other| {
+                weight * offset_s(other) / (offset_s(other) - offset_s(sample))
+            })
+        };
+        let mut neighbours = [Neighbour { sample: own, weight_hz: 0.0, times_as_far: None }; NEIGHBOURS];
+        let outwards = (first..own).rev().chain(own + 1..first + count);
+        for (neighbour, sample) in neighbours.iter_mut().zip(outwards) {
+            let before = if sample < own { sample + 1 } else { sample - 1 };
+            let times_as_far = (before != own).then(|| offset_s(sample) / offset_s(before));
+            *neighbour = Neighbour { sample, weight_hz: weight_hz(sample), times_as_far };
         }
-        let own = i - first;
-        let mut weights_hz = [0.0; STENCIL];
-        for j in (0..count).filter(|&j| j != own) {
-            let others = (0..count).filter(|&k| k != own && k != j);
-            weights_hz[j] = others
-                .fold(1.0 / offsets_s[j], |weight, k| weight * offsets_s[k] / (offsets_s[k] - offsets_s[j]));
-        }
-        Stencil { first, count, offsets_s, weights_hz }
+        Stencil(neighbours)
     }
 }
 
-/// Velocity of sample `i`.
-pub(super) fn velocity(stencil: &Stencil, poses: &[Pose], i: usize) -> Velocity {
-    let &Stencil { first, count, offsets_s, weights_hz } = stencil;
-    let (own, from_world) = (i - first, poses[i].rotation().conjugate());
-    let mut result = Velocity::default();
-    let mut add = |j: usize, nearer: Option<(f64, DVec3)>| {
-        let pose = &poses[first + j];
-        let short = rotation_vector(from_world * pose.rotation());
-        let turn = match nearer {
+/// Velocity of sample `own`, whose stencil this is.
+pub(super) fn velocity(Stencil(neighbours): &Stencil, poses: &[Pose], own: usize) -> Velocity {
+    let from_world = poses[own].rotation().conjugate();
+    let turns = rotation_vectors(neighbours.map(|n| from_world * poses[n.sample].rotation()));
+    let mut velocity = Velocity::default();
+    let mut before = DVec3::ZERO;
+    for (neighbour, short) in neighbours.iter().zip(turns) {
+        let turn = match neighbour.times_as_far {
             None => short,
-            Some((nearer_s, nearer_turn)) => nearest_turn(short, nearer_turn * (offsets_s[j] / nearer_s)),
+            Some(times) => nearest_turn(short, before * times),
         };
-        result.linear_m_s += (pose.translation_m() - poses[i].translation_m()) * weights_hz[j];
-        result.angular_rad_s += turn * weights_hz[j];
-        Some((offsets_s[j], turn))
-    };
-    // Outwards from the sample on either side, so that each rotation can go on from the one before.
-    (0..own).rev().fold(None, |nearer, j| add(j, nearer));
-    (own + 1..count).fold(None, |nearer, j| add(j, nearer));
-    result
+        let shift_m = poses[neighbour.sample].translation_m() - poses[own].translation_m();
+        velocity.linear_m_s += shift_m * neighbour.weight_hz;
+        velocity.angular_rad_s += turn * neighbour.weight_hz;
+        before = turn;
+    }
+    velocity
 }
