@@ -72,6 +72,7 @@ use rest::{PassedIntervals, RestChoice};
 use results::Results;
 use scene::Instances;
 use sensor::has_bus;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 use timing::Timing;
@@ -363,12 +364,24 @@ impl Rig {
     /// Resets a camera: its next frame counts as its first. Deferred events are discarded, noise begins again, and
     /// packets keep counting.
     pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
+        self.reset_some(&[camera])
+    }
+
+    /// As [`Rig::reset`], for several cameras in one submission. On an error none is reset.
+    pub fn reset_some(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
         self.check_health()?;
-        let state = self.camera(camera)?;
-        let mut writes = fresh_bus(state);
-        writes.push(fresh_counters(&state.place));
+        // Two writes to one place would have no order.
+        let cameras: BTreeSet<usize> = cameras.iter().copied().collect();
+        let mut writes = Vec::new();
+        for &camera in &cameras {
+            let state = self.camera(camera)?;
+            writes.extend(fresh_bus(state));
+            writes.push(fresh_counters(&state.place));
+        }
         self.change(self.places(), writes, &[])?;
-        self.cameras[camera].forget();
+        for camera in cameras {
+            self.cameras[camera].forget();
+        }
         Ok(())
     }
 
