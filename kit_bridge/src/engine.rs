@@ -60,7 +60,7 @@ impl Inner {
         &self,
         frames: Frames,
         t_ns: Vec<Option<i64>>,
-        moving: &Moving,
+        moving: &Moving<'_>,
         submits: bool,
     ) -> Result<Option<Events>, Fault> {
         let side = lock(&self.side).clone();
@@ -160,7 +160,7 @@ impl Engine {
         let cameras = self.tiled.then_some(count);
         let images = self.images(py, &frame, cameras, self.size_px[0], stream)?;
         let frames = Frames { images: vec![Some(images)], tiled: true };
-        let poses = poses.map(|poses| poses.read(count)).transpose()?;
+        let poses = poses.as_ref().map(|poses| poses.read(count)).transpose()?;
         let moving = Moving { poses: vec![poses], together: true };
         let events = self.step_frames(py, frames, t_ns, &moving, submits)?;
         events.map(|events| self.together(py, events)).transpose()
@@ -205,8 +205,8 @@ impl Engine {
             })
             .collect::<PyResult<_>>()?;
         let frames = Frames { images, tiled: false };
-        let read = |poses: &Option<GivenPoses<'_>>| poses.as_ref().map(|poses| poses.read(1)).transpose();
-        let moving = Moving { poses: poses.iter().map(read).collect::<Result<_, _>>()?, together: false };
+        let poses = poses.iter().map(|poses| poses.as_ref().map(|poses| poses.read(1)).transpose());
+        let moving = Moving { poses: poses.collect::<Result<_, _>>()?, together: false };
         let events = self.step_frames(py, frames, t_ns, &moving, submits)?;
         events.map(|events| self.each(py, events)).transpose()
     }
@@ -373,7 +373,7 @@ impl Engine {
         py: Python<'_>,
         frames: Frames,
         t_ns: Vec<Option<i64>>,
-        moving: &Moving,
+        moving: &Moving<'_>,
         submits: bool,
     ) -> PyResult<Option<Events>> {
         let inner = self.inner.get()?;

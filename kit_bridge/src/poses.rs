@@ -3,12 +3,13 @@
 
 use crate::error::Fault;
 use esaac_model::paths::{
-    Intrinsics, Pose, PoseError, PoseTimes, PoseTrack, Projection, SceneMotion, TrackError,
+    Intrinsics, MotionError, Pose, PoseTimes, PoseTrack, Projection, STATIC_WORLD, SceneMotion, TrackError,
+    TrackMemory,
 };
 use numpy::{PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArrayMethods as _};
 use pyo3::prelude::*;
-use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 use std::num::NonZero;
 
 /// Cameras for which a thread is worth starting: starting one takes as long as some twenty of them.
@@ -32,12 +33,13 @@ pub struct GivenPoses<'py> {
     tables: Vec<Table<'py>>,
 }
 
-/// The same, usable without the interpreter's lock.
-pub struct Poses {
+/// The same, usable without the interpreter's lock. The numbers are where Python has them. If somebody writes to them
+/// during a step, some poses are torn, as images are.
+pub struct Poses<'a> {
     times_ns: Vec<i64>,
-    camera: Vec<f64>,
+    camera: &'a [f64],
     cameras: usize,
-    bodies: Vec<f64>,
+    bodies: &'a [f64],
     environments: usize,
     bodies_each: usize,
     tables: Vec<Vec<(u32, i64)>>,
@@ -52,19 +54,21 @@ pub struct Wanted {
     pub lens: Intrinsics,
     /// Time of its first frame since its reset, which may have moved what was before it.
     pub first_ns: i64,
+    /// Whether its poses are followed. If not, they are only checked.
+    pub follows: bool,
 }
 
 /// The poses of a step: one for all cameras, else one for each.
-pub struct Moving {
+pub struct Moving<'a> {
     /// The poses.
-    pub poses: Vec<Option<Poses>>,
+    pub poses: Vec<Option<Poses<'a>>>,
     /// Whether the one entry is for all cameras.
     pub together: bool,
 }
 
-impl Moving {
+impl<'a> Moving<'a> {
     /// Where a camera's poses are: the number of the entry, the poses, and the camera's index in them.
-    pub fn of(&self, camera: usize) -> Option<(usize, &Poses, usize)> {
+    pub fn of(&self, camera: usize) -> Option<(usize, &Poses<'a>, usize)> {
         let (at, index) = if self.together { (0, camera) } else { (camera, 0) };
         self.poses[at].as_ref().map(|poses| (at, poses, index))
     }
@@ -77,22 +81,34 @@ struct Known {
     times: HashMap<usize, PoseTimes>,
     /// Tracks of bodies from a step on.
     tracks: HashMap<(usize, usize), PoseTrack>,
+    /// Bodies whose poses are right.
+    checked: HashSet<usize>,
+    spare: Vec<TrackMemory>,
+}
+
+/// Whose poses are meant.
+#[derive(Clone, Copy)]
+enum Whose {
+    Camera(usize),
+    Body { environment: usize, body: usize },
 }
 
 impl GivenPoses<'_> {
-    /// Copies the numbers.
-    pub fn read(&self, cameras: usize) -> Result<Poses, Fault> {
-        let flat = |slice: Result<&[f64], numpy::AsSliceError>| {
-            slice.map(<[f64]>::to_vec).map_err(|_| Fault::Frame("poses have gaps".to_owned()))
-        };
+    /// Checks their numbers of cameras and environments.
+    pub fn read(&self, cameras: usize) -> Result<Poses<'_>, Fault> {
+        let gaps = |_| Fault::Frame("poses have gaps".to_owned());
         let table = |(ids, bodies): &Table<'_>| -> Vec<(u32, i64)> {
-            ids.as_array().iter().copied().zip(bodies.as_array().iter().copied()).collect()
+            let mut table: Vec<_> =
+                ids.as_array().iter().copied().zip(bodies.as_array().iter().copied()).collect();
+            // Scenes are made fastest in this order.
+            table.sort_by_key(|(id, _)| *id);
+            table
         };
         let poses = Poses {
             times_ns: self.times_ns.as_array().to_vec(),
-            camera: flat(self.camera.as_slice())?,
+            camera: self.camera.as_slice().map_err(gaps)?,
             cameras: self.camera.shape()[1],
-            bodies: flat(self.bodies.as_slice())?,
+            bodies: self.bodies.as_slice().map_err(gaps)?,
             environments: self.bodies.shape()[1],
             bodies_each: self.bodies.shape()[2],
             tables: self.tables.iter().map(table).collect(),
@@ -111,7 +127,7 @@ impl GivenPoses<'_> {
     }
 }
 
-impl Poses {
+impl Poses<'_> {
     /// Fails if times do not ascend or do not span an interval. One pose alone stands still at all times.
     pub fn check_span(&self, from_ns: i64, to_ns: i64) -> Result<(), Fault> {
         let (Some(&first_ns), Some(&last_ns)) = (self.times_ns.first(), self.times_ns.last()) else {
@@ -127,20 +143,30 @@ impl Poses {
         Err(wrong(&TrackError::Span { first_ns, last_ns, from_ns, to_ns }))
     }
 
-    /// The scenes of cameras, made by several threads if there are many.
-    pub fn scenes(&self, wanted: &[Wanted]) -> Result<Vec<SceneMotion>, Fault> {
+    /// The scenes of cameras, made by several threads if there are many; `None` where poses are not followed. Tracks are
+    /// made in the memory of `spare` ones.
+    pub fn scenes(
+        &self,
+        wanted: &[Wanted],
+        spare: &mut Vec<TrackMemory>,
+    ) -> Result<Vec<Option<SceneMotion>>, Fault> {
         let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
         let threads = (wanted.len() / CAMERAS_A_THREAD).clamp(1, cores);
-        let some = |wanted: &[Wanted]| {
-            let mut known = Known::default();
+        let some = |wanted: &[Wanted], spare: Vec<TrackMemory>| {
+            let mut known = Known { spare, ..Known::default() };
             wanted.iter().map(|wanted| self.scene(wanted, &mut known)).collect::<Result<Vec<_>, _>>()
         };
         if threads == 1 {
-            return some(wanted);
+            return some(wanted, std::mem::take(spare));
         }
+        let (each, spare_each) = (wanted.len().div_ceil(threads), spare.len().div_ceil(threads));
         std::thread::scope(|scope| {
-            let shares = wanted.chunks(wanted.len().div_ceil(threads));
-            let threads: Vec<_> = shares.map(|share| scope.spawn(|| some(share))).collect();
+            let shares = wanted.chunks(each).map(|share| {
+                let spare = spare.split_off(spare.len().saturating_sub(spare_each));
+                let some = &some;
+                scope.spawn(move || some(share, spare))
+            });
+            let threads: Vec<_> = shares.collect();
             let mut scenes = Vec::with_capacity(wanted.len());
             for thread in threads {
                 scenes.append(&mut thread.join().expect("a thread of poses does not panic")?);
@@ -149,10 +175,13 @@ impl Poses {
         })
     }
 
-    fn scene(&self, wanted: &Wanted, known: &mut Known) -> Result<SceneMotion, Fault> {
-        let index = wanted.index;
-        let after = self.times_ns.partition_point(|&t_ns| t_ns <= wanted.first_ns);
-        let first = after.saturating_sub(1);
+    /// A camera's scene; `None` if its poses are not followed.
+    fn scene(&self, wanted: &Wanted, known: &mut Known) -> Result<Option<SceneMotion>, Fault> {
+        let Wanted { index, lens, first_ns, follows } = *wanted;
+        if !follows {
+            return self.check(index, known).map(|()| None);
+        }
+        let first = self.times_ns.partition_point(|&t_ns| t_ns <= first_ns).saturating_sub(1);
         let times = match known.times.entry(first) {
             Entry::Occupied(times) => times.get().clone(),
             Entry::Vacant(missing) => {
@@ -160,39 +189,15 @@ impl Poses {
                 missing.insert(times).clone()
             }
         };
-        let camera = self.track(&times, &self.camera, self.cameras, index, || match self.cameras {
-            1 => "camera".to_owned(),
-            _ => format!("camera {index}"),
-        })?;
-        let mut scene = SceneMotion::new(wanted.lens, camera);
-        let environment = if self.environments == 1 { 0 } else { index };
-        for &(id, body) in &self.tables[if self.tables.len() == 1 { 0 } else { index }] {
-            let Ok(body) = usize::try_from(body) else {
-                // The static world needs no track under its own id, and one that stands still under others.
-                if id != esaac_model::paths::STATIC_WORLD {
-                    scene.insert(id, PoseTrack::still(Pose::IDENTITY)).map_err(|error| wrong(&error))?;
-                }
-                continue;
-            };
-            if body >= self.bodies_each {
-                let message = format!(
-                    "id {id} is body {body}, expected less than {}, or -1 for the static world",
-                    self.bodies_each
-                );
-                return Err(Fault::Frame(message));
-            }
-            // Environments may share their bodies.
-            let shared = self.environments == 1 && self.cameras > 1;
-            let track = match known.tracks.get(&(body, first)).filter(|_| shared) {
-                Some(track) => PoseTrack::clone(track),
-                None => {
-                    let (width, at) =
-                        (self.environments * self.bodies_each, environment * self.bodies_each + body);
-                    let track = self.track(&times, &self.bodies, width, at, || match self.environments {
-                        1 => format!("body {body}"),
-                        _ => format!("body {body} of environment {environment}"),
-                    })?;
-                    if shared {
+        let mut scene = SceneMotion::new(lens, self.track(Whose::Camera(index), &times, &mut known.spare)?);
+        for instance in self.instances(index) {
+            let (id, body) = instance?;
+            let track = match body.map(|body| (body, known.tracks.get(&(body, first)))) {
+                None => PoseTrack::still(Pose::IDENTITY),
+                Some((_, Some(track))) if self.shares_bodies() => track.clone(),
+                Some((body, _)) => {
+                    let track = self.track(self.body(index, body), &times, &mut known.spare)?;
+                    if self.shares_bodies() {
                         known.tracks.insert((body, first), track.clone());
                     }
                     track
@@ -200,31 +205,82 @@ impl Poses {
             };
             scene.insert(id, track).map_err(|error| wrong(&error))?;
         }
-        Ok(scene)
+        Ok(Some(scene))
     }
 
-    /// The track of entry `at` of `width` a step, over the last steps, at `times`. Those before must be poses too.
-    fn track(
-        &self,
-        times: &PoseTimes,
-        numbers: &[f64],
-        width: usize,
-        at: usize,
-        whose: impl Fn() -> String,
-    ) -> Result<PoseTrack, Fault> {
-        let first = self.times_ns.len() - times.times_ns().len();
-        let mut poses = Vec::with_capacity(times.times_ns().len());
-        for step in 0..self.times_ns.len() {
-            let start = (step * width + at) * size_of::<Numbers>() / size_of::<f64>();
-            let numbers = numbers[start..].first_chunk().expect("a pose of each step");
-            let pose = Pose::from_xyz_qxyzw(numbers).map_err(|error: PoseError| {
-                Fault::Frame(format!("poses: {}, step {step}: {error}", whose()))
-            })?;
-            if step >= first {
-                poses.push(pose);
+    /// Fails where [`Poses::scene`] would.
+    fn check(&self, index: usize, known: &mut Known) -> Result<(), Fault> {
+        let check = |whose| (0..self.times_ns.len()).try_for_each(|step| self.pose(whose, step).map(drop));
+        check(Whose::Camera(index))?;
+        for instance in self.instances(index) {
+            let Some(body) = instance?.1 else { continue };
+            if !self.shares_bodies() || known.checked.insert(body) {
+                check(self.body(index, body))?;
             }
         }
-        PoseTrack::at_times(times, poses).map_err(|error| wrong(&error))
+        Ok(())
+    }
+
+    /// Whether environments share their bodies.
+    fn shares_bodies(&self) -> bool {
+        self.environments == 1 && self.cameras > 1
+    }
+
+    fn body(&self, index: usize, body: usize) -> Whose {
+        Whose::Body { environment: if self.environments == 1 { 0 } else { index }, body }
+    }
+
+    /// The instances that a camera sees: ids, and the body that each is, `None` for the static world under another id.
+    fn instances(&self, index: usize) -> impl Iterator<Item = Result<(u32, Option<usize>), Fault>> + '_ {
+        let table = &self.tables[if self.tables.len() == 1 { 0 } else { index }];
+        table.iter().filter_map(|&(id, body)| match usize::try_from(body) {
+            // The static world needs no track under its own id.
+            Err(_) => (id != STATIC_WORLD).then_some(Ok((id, None))),
+            Ok(body) if body >= self.bodies_each => {
+                let message = format!(
+                    "id {id} is body {body}, expected less than {}, or -1 for the static world",
+                    self.bodies_each
+                );
+                Some(Err(Fault::Frame(message)))
+            }
+            Ok(_) if id == STATIC_WORLD => Some(Err(wrong(&MotionError::StaticWorld))),
+            Ok(body) => Some(Ok((id, Some(body)))),
+        })
+    }
+
+    /// The track at `times`, which are the last steps. The poses of those before must be right too.
+    fn track(
+        &self,
+        whose: Whose,
+        times: &PoseTimes,
+        spare: &mut Vec<TrackMemory>,
+    ) -> Result<PoseTrack, Fault> {
+        let first = self.times_ns.len() - times.times_ns().len();
+        (0..first).try_for_each(|step| self.pose(whose, step).map(drop))?;
+        let mut memory = spare.pop().unwrap_or_default();
+        memory.fill((first..self.times_ns.len()).map(|step| self.pose(whose, step)))?;
+        PoseTrack::in_memory(times, memory).map_err(|error| wrong(&error))
+    }
+
+    fn pose(&self, whose: Whose, step: usize) -> Result<Pose, Fault> {
+        let (numbers, place) = match whose {
+            Whose::Camera(index) => (self.camera, step * self.cameras + index),
+            Whose::Body { environment, body } => {
+                (self.bodies, (step * self.environments + environment) * self.bodies_each + body)
+            }
+        };
+        let numbers: &Numbers = numbers[place * size_of::<Numbers>() / size_of::<f64>()..]
+            .first_chunk()
+            .expect("a pose of each step");
+        Pose::from_xyz_qxyzw(numbers).map_err(|error| {
+            let name = match whose {
+                Whose::Camera(_) if self.cameras == 1 => "camera".to_owned(),
+                Whose::Camera(index) => format!("camera {index}"),
+                Whose::Body { body, .. } if self.environments == 1 => format!("body {body}"),
+                Whose::Body { environment, body } => format!("body {body} of environment {environment}"),
+            };
+            Fault::Frame(format!("poses: {name}, step {step}: {error}"))
+        })
     }
 }
 

@@ -10,7 +10,7 @@ use esaac_engine::{
     ApsFrame, Device, Diagnostics, HeldPackets, MemoryUse, PacketPlace, Representation, Rig, RigOptions,
     Share, Tick,
 };
-use esaac_model::paths::Intrinsics;
+use esaac_model::paths::{Intrinsics, SceneMotion, TrackMemory};
 use esaac_model::physical::LightReport;
 use esaac_model::{Packet, SensorModel, Synthesis, frame};
 use std::sync::Arc;
@@ -52,6 +52,8 @@ pub struct State {
     step_ns: u64,
     /// The part of it until the frames lay where the engine reads them.
     frames_ns: u64,
+    /// Memory of tracks of earlier steps.
+    spare: Vec<TrackMemory>,
     device: Arc<Device>,
 }
 
@@ -114,6 +116,7 @@ impl State {
             copies: Copies::default(),
             step_ns: 0,
             frames_ns: 0,
+            spare: Vec::new(),
             device: Arc::clone(device),
         }
     }
@@ -124,7 +127,7 @@ impl State {
         &mut self,
         frames: &Frames,
         t_ns: &[Option<i64>],
-        moving: &Moving,
+        moving: &Moving<'_>,
         side: Option<&Arc<CudaSide>>,
     ) -> Result<Begun, Fault> {
         let started = Instant::now();
@@ -136,11 +139,7 @@ impl State {
         let scenes = self.scenes(frames, t_ns, moving)?;
         self.check_formats(frames)?;
         self.check_devices(frames, side)?;
-        for (camera, scene) in scenes {
-            if let Some((bank, own)) = self.bank(camera)? {
-                bank.rig.set_scene(own, scene)?;
-            }
-        }
+        self.set_scenes(scenes)?;
         let on_device =
             (0..self.sensors.len()).any(|c| frames.of(c).is_some_and(|(images, _)| images.on_device()));
         if on_device {
@@ -286,8 +285,7 @@ impl State {
     /// The bank of a camera, and its number there.
     fn bank(&mut self, camera: usize) -> Result<Option<(&mut Bank, usize)>, Fault> {
         if camera >= self.sensors.len() {
-            let count = self.sensors.len();
-            return Err(Fault::Argument(format!("there are {count} cameras and no camera {camera}")));
+            return Err(no_camera(camera, self.sensors.len()));
         }
         let bank = self.banks.iter_mut().find(|bank| bank.cameras.contains(&camera));
         Ok(bank.map(|bank| {
@@ -298,11 +296,31 @@ impl State {
 
     /// Lets cameras begin anew.
     pub fn reset(&mut self, cameras: &[usize]) -> Result<(), Fault> {
-        for &camera in cameras {
-            if let Some((bank, own)) = self.bank(camera)? {
-                bank.rig.reset(own)?;
+        let count = self.sensors.len();
+        if let Some(camera) = cameras.iter().find(|&&camera| camera >= count) {
+            return Err(no_camera(*camera, count));
+        }
+        for bank in &mut self.banks {
+            let own = cameras.iter().filter(|camera| bank.cameras.contains(camera));
+            let own: Vec<usize> = own.map(|camera| camera - bank.cameras.start).collect();
+            if !own.is_empty() {
+                bank.rig.reset_some(&own)?;
             }
-            self.restart(camera);
+        }
+        cameras.iter().for_each(|&camera| self.restart(camera));
+        Ok(())
+    }
+
+    /// Sets the scenes of cameras, which are in ascending order.
+    fn set_scenes(&mut self, scenes: Vec<(usize, SceneMotion)>) -> Result<(), Fault> {
+        let mut scenes = scenes.into_iter().peekable();
+        for bank in &mut self.banks {
+            let mut own = Vec::with_capacity(scenes.len().min(bank.cameras.len()));
+            while let Some((camera, scene)) = scenes.next_if(|(camera, _)| *camera < bank.cameras.end) {
+                own.push((camera - bank.cameras.start, scene));
+            }
+            let past = bank.rig.set_scenes(own)?;
+            self.spare.extend(past.into_iter().flat_map(SceneMotion::into_tracks).map(TrackMemory::from));
         }
         Ok(())
     }
@@ -408,6 +426,10 @@ impl State {
         (self.last_ns, self.first_ns) = (saved.last_ns, saved.first_ns);
         Ok(())
     }
+}
+
+fn no_camera(camera: usize, count: usize) -> Fault {
+    Fault::Argument(format!("there are {count} cameras and no camera {camera}"))
 }
 
 /// Has all banks do something at the same time, each with its number.

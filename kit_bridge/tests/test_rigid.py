@@ -372,10 +372,12 @@ def changed(array, at, value):
     ],
 )
 def test_wrong_poses_are_named(expected, poses, message):
-    cam = camera()
     hdr, depth, ids = IMAGES[0]
-    with pytest.raises(esaac.FrameError, match=message):
-        cam.step(hdr, t_ns=0, depth=depth, ids=ids, poses=esaac.Poses(*poses))
+    cam, unmoved = camera(), camera(synthesis="linear")
+    # Poses that nothing follows must be right too.
+    for each in (cam, unmoved):
+        with pytest.raises(esaac.FrameError, match=message):
+            each.step(hdr, t_ns=0, depth=depth, ids=ids, poses=esaac.Poses(*poses))
     # Nothing was seen.
     assert_same(run(cam), expected)
 
@@ -422,12 +424,24 @@ def test_arrays_that_are_no_poses_are_named_when_they_are_given(arguments, optio
         ([{1: 0}, {1: 0}], "poses have 2 tables of ids, expected 1"),
     ],
 )
-def test_wrong_tables_are_named(ids, message):
+@pytest.mark.parametrize("synthesis", ["rigid", "linear"])
+def test_wrong_tables_are_named(ids, message, synthesis):
     hdr, depth, given = IMAGES[0]
     with pytest.raises(esaac.FrameError, match=message):
-        camera().step(
+        camera(synthesis=synthesis).step(
             hdr, t_ns=0, depth=depth, ids=given, poses=esaac.Poses(TIMES_NS, CAMERA, BODIES, ids=ids)
         )
+
+
+def test_poses_that_were_not_followed_are_once_the_camera_does():
+    cam, other, poses = camera(synthesis="linear"), camera(), esaac.Poses(TIMES_NS, CAMERA, BODIES)
+    hdr, depth, ids = IMAGES[0]
+    for each in (cam, other):
+        each.step(hdr, t_ns=0, depth=depth, ids=ids, poses=poses)
+    # The change makes the next frame the first.
+    cam.sensor = cam.sensor.replace(synthesis="rigid")
+    other.reset()
+    assert_same(run(cam), run(other))
 
 
 HDR, DEPTH, IDS = IMAGES[0]

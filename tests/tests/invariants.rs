@@ -487,3 +487,42 @@ fn a_reset_camera_starts_anew() {
     drop(rig);
     assert_silent();
 }
+
+#[test]
+fn cameras_that_are_reset_together_start_anew_and_the_others_go_on() {
+    let base = loud((17, 15));
+    let frames = wave_frames(&base, &times(0, 8), 1.0);
+    let configs: Vec<CameraConfig> = (0..3).map(|number| camera(&base, number, &frames)).collect();
+    let mut rig = Rig::new(&DEVICE, &configs).unwrap();
+    // The packets of the frames `of` each camera, if it takes any.
+    let run = |rig: &mut Rig, of: [Option<usize>; 3]| -> Vec<Packet> {
+        for (number, frame) in of.iter().enumerate() {
+            let Some(frame) = frame.map(|index| &frames.frames[index]) else { continue };
+            let bytes =
+                FrameBytes { hdr: &frame.hdr, motion: frame.motion.as_deref(), ..FrameBytes::default() };
+            rig.upload(number, &bytes).unwrap();
+        }
+        let t_ns = of.map(|frame| frame.map(|index| frames.frames[index].t_ns));
+        rig.step_some(&t_ns).unwrap().packets.to_vec()
+    };
+    let first: Vec<_> = (0..4).map(|index| run(&mut rig, [Some(index); 3])).collect();
+    assert!(rig.reset_some(&[0, 7]).is_err(), "there are three cameras");
+    rig.reset_some(&[2, 0, 2]).unwrap();
+    let same = |one: &Packet, other: &Packet| {
+        let columns = |packet: &Packet| {
+            let Packet { x, y, t_offset_ns, polarity, .. } = packet.clone();
+            (x, y, t_offset_ns, polarity)
+        };
+        columns(one) == columns(other)
+    };
+    let mut events = 0;
+    for (index, before) in first.iter().enumerate() {
+        let again = run(&mut rig, [Some(index), Some(4 + index), Some(index)]);
+        assert!(same(&again[0], &before[0]) && same(&again[2], &before[2]), "frame {index}");
+        assert!(index > 0 || !again[1].is_empty(), "camera 1 goes on");
+        events += again[0].len();
+    }
+    assert!(events > 100, "{events} events");
+    drop(rig);
+    assert_silent();
+}

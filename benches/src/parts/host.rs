@@ -160,16 +160,15 @@ fn measure(laboratory: &Laboratory, cameras: usize, bodies: u32) -> Result<Row> 
 
 /// A camera that turns and bodies that fly, with the poses of the interval that ends at `tick`.
 fn scene(lens: Intrinsics, camera: usize, bodies: u32, tick: i64) -> Result<SceneMotion> {
-    let track = |speed: f64| -> Result<PoseTrack> {
-        let times_ns: Vec<i64> = (0..=POSES).map(|i| (tick - 1) * FRAME_NS + i * FRAME_NS / POSES).collect();
-        let pose = |&t_ns: &i64| {
-            let t_s = t_ns as f64 * 1e-9;
+    let times_ns: Vec<i64> = (0..=POSES).map(|i| (tick - 1) * FRAME_NS + i * FRAME_NS / POSES).collect();
+    let track = |speed: f64| {
+        PoseTrack::through(&times_ns, |t_s| {
             Pose::new(
                 DQuat::from_scaled_axis(DVec3::new(0.0, speed * t_s, 0.1 * (9.0 * t_s).sin())),
                 DVec3::new(0.1 * t_s, 0.0, camera as f64),
             )
-        };
-        Ok(PoseTrack::new(times_ns.clone(), times_ns.iter().map(pose).collect::<Result<_, _>>()?)?)
+            .expect("finite numbers")
+        })
     };
     let mut scene = SceneMotion::new(lens, track(0.5)?);
     for id in 1..=bodies {

@@ -11,12 +11,13 @@ use esaac_model::paths::SceneMotion;
 use std::sync::Arc;
 
 impl State {
-    /// The scene of each camera that has poses. Synthesis `rigid` needs them at every step.
+    /// The scene of each camera that follows its poses. Synthesis `rigid` needs them at every step; with others they are
+    /// only checked.
     pub(super) fn scenes(
-        &self,
+        &mut self,
         frames: &Frames,
         t_ns: &[Option<i64>],
-        moving: &Moving,
+        moving: &Moving<'_>,
     ) -> Result<Vec<(usize, SceneMotion)>, Fault> {
         let mut wanted: Vec<Vec<(usize, Wanted)>> = moving.poses.iter().map(|_| Vec::new()).collect();
         for (camera, t_ns) in t_ns.iter().enumerate() {
@@ -40,14 +41,16 @@ impl State {
             if let (Some((entry, poses, index)), Some(lens)) = (moving.of(camera), lens) {
                 poses.check_span(self.last_ns[camera].unwrap_or(t_ns), t_ns)?;
                 let first_ns = self.first_ns[camera].unwrap_or(t_ns);
-                wanted[entry].push((camera, Wanted { index, lens, first_ns }));
+                let follows = self.synthesis(camera, images) == Synthesis::Rigid;
+                wanted[entry].push((camera, Wanted { index, lens, first_ns, follows }));
             }
         }
         let mut scenes = Vec::new();
         for (poses, wanted) in moving.poses.iter().zip(wanted) {
             let Some(poses) = poses else { continue };
             let (cameras, wanted): (Vec<_>, Vec<_>) = wanted.into_iter().unzip();
-            scenes.extend(cameras.into_iter().zip(poses.scenes(&wanted)?));
+            let made = cameras.into_iter().zip(poses.scenes(&wanted, &mut self.spare)?);
+            scenes.extend(made.filter_map(|(camera, scene)| Some((camera, scene?))));
         }
         Ok(scenes)
     }

@@ -3,7 +3,7 @@
 //! In the terms of [`esaac_model::paths`]: the world has z up; a camera's axes are x right, y up, z backwards.
 
 use crate::registry::Family;
-use crate::scene::{Scene, seconds};
+use crate::scene::Scene;
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -47,10 +47,8 @@ impl Scene {
     /// The lens, and the poses of the camera and all moving instances at `times_ns`, which ascend.
     #[must_use]
     pub fn scene_motion(&self, times_ns: &[i64]) -> SceneMotion {
-        let track = |pose_at: &dyn Fn(f64) -> Pose| {
-            let poses = times_ns.iter().map(|&t_ns| pose_at(seconds(t_ns))).collect();
-            PoseTrack::new(times_ns.to_vec(), poses).expect("times that ascend")
-        };
+        let track =
+            |pose_at: &dyn Fn(f64) -> Pose| PoseTrack::through(times_ns, pose_at).expect("times that ascend");
         let mut motion = SceneMotion::new(self.intrinsics(), track(&|t_s| self.camera_pose(t_s)));
         for id in self.instances() {
             let known = |t_s| self.instance_pose(id, t_s).expect("an id of this scene");

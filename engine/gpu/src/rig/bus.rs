@@ -3,8 +3,9 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::Rig;
-use super::parameters::has_bus;
-use super::record::{MOST_GROUPS, group_bins, striding_groups};
+use super::kernels::group_bins;
+use super::record::{MOST_GROUPS, striding_groups};
+use super::sensor::has_bus;
 use crate::kernel::record_barrier;
 use ash::vk;
 use bytemuck::bytes_of;

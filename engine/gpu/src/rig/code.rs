@@ -1,6 +1,6 @@
 //! The SPIR-V of a rig's kernels.
 
-use super::parameters::Specialised;
+use super::permutation::Specialised;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel};
 use esaac_layout::Push;

@@ -2,7 +2,7 @@
 
 use super::PacketPlace;
 use super::geometry::Place;
-use super::parameters::has_bus;
+use super::sensor::has_bus;
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::policy::KernelPolicy;

@@ -4,7 +4,7 @@
 //! doubted. With synthesis `auto` the instances of doubted poses then have none, and their pixels follow their motion
 //! vectors; the equations are in the model crate's `paths::conventions`.
 
-use super::parameters::is_rigid;
+use super::sensor::is_rigid;
 use super::transfer::{Part, read_back_after};
 use super::{CameraState, InputBuffers, Rig};
 use crate::commands::SubmitHooks;

@@ -1,6 +1,6 @@
 //! Where each camera's data lie in the rig's buffers.
 
-use super::parameters::{has_bus, is_rigid, makes_levels, plane_words};
+use super::sensor::{has_bus, is_rigid, makes_levels, plane_words};
 use super::{CameraConfig, RigOptions};
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{

@@ -4,7 +4,7 @@
 //! to nothing, and of the same frames in every run.
 
 use super::conventions::Given;
-use super::parameters::is_physical;
+use super::sensor::is_physical;
 use super::transfer::{Part, read_back_after};
 use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;

@@ -20,20 +20,25 @@ mod fresh;
 mod geometry;
 mod held;
 mod input;
+mod kernels;
 mod light;
 mod machine;
 mod merge;
 mod parameters;
 mod passes;
+mod permutation;
 mod poses;
+mod prepare;
 mod queue;
 mod record;
+mod recording;
 #[cfg(feature = "shaderc")]
 mod reload;
 mod represent;
 mod rest;
 mod results;
 mod scene;
+mod sensor;
 mod snapshot;
 mod step;
 mod synthesize;
@@ -60,13 +65,14 @@ use fresh::{fresh_bus, fresh_counters, pixel_draws};
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
-use parameters::has_bus;
 use passes::Passes;
 use poses::PosesBy;
 use queue::{QueueLength, SecondRun};
 use rest::{PassedIntervals, RestChoice};
 use results::Results;
 use scene::Instances;
+use sensor::has_bus;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 use timing::Timing;
@@ -142,15 +148,15 @@ struct Pipelines {
     /// A set of descriptors for each packet set.
     bindings: Arc<BindingSet>,
     code: code::Code,
-    kernels: record::Kernels,
-    specialised: record::SensorKernels,
+    kernels: kernels::Kernels,
+    specialised: kernels::SensorKernels,
     policy: KernelPolicy,
 }
 
 /// Recorded commands.
 struct Recordings {
     /// The commands of a tick, for each packet set.
-    ring: Vec<record::Recording>,
+    ring: Vec<recording::Recording>,
     merging: Commands,
     representing: Commands,
 }
@@ -241,14 +247,14 @@ impl Rig {
         let has_poses = configs.iter().any(|config| config.geometry.is_some());
         let slots = slots(has_poses && policy.device_tracks < u32::MAX);
         let bindings = BindingSet::with_sets(device, slots, options.ring() as u32)?;
-        let kernels = record::Kernels::new(policy, &cameras, &code::Code::default(), &bindings)?;
-        let recording = |_| record::Recording::new(device);
+        let kernels = kernels::Kernels::new(policy, &cameras, &code::Code::default(), &bindings)?;
+        let recording = |_| recording::Recording::new(device);
         let mut rig = Rig {
             pipelines: Pipelines {
                 bindings,
                 code: code::Code::default(),
                 kernels,
-                specialised: record::SensorKernels::default(),
+                specialised: kernels::SensorKernels::default(),
                 policy,
             },
             recordings: Recordings {
@@ -358,12 +364,24 @@ impl Rig {
     /// Resets a camera: its next frame counts as its first. Deferred events are discarded, noise begins again, and
     /// packets keep counting.
     pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
+        self.reset_some(&[camera])
+    }
+
+    /// As [`Rig::reset`], for several cameras in one submission. On an error none is reset.
+    pub fn reset_some(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
         self.check_health()?;
-        let state = self.camera(camera)?;
-        let mut writes = fresh_bus(state);
-        writes.push(fresh_counters(&state.place));
+        // Two writes to one place would have no order.
+        let cameras: BTreeSet<usize> = cameras.iter().copied().collect();
+        let mut writes = Vec::new();
+        for &camera in &cameras {
+            let state = self.camera(camera)?;
+            writes.extend(fresh_bus(state));
+            writes.push(fresh_counters(&state.place));
+        }
         self.change(self.places(), writes, &[])?;
-        self.cameras[camera].forget();
+        for camera in cameras {
+            self.cameras[camera].forget();
+        }
         Ok(())
     }
 

@@ -5,8 +5,8 @@
 
 use super::CameraState;
 use super::geometry::Place;
-use super::parameters::is_rigid;
 use super::scene::Instances;
+use super::sensor::is_rigid;
 use crate::policy::KernelPolicy;
 use esaac_layout::{self as layout, POSE_ROWS, PoseSegment, TRACK_SEGMENTS, Track, TrackKind};
 use esaac_model::paths::{Pose, PoseTrack, SceneMotion, Segment, square_root};
@@ -83,8 +83,9 @@ impl PosesBy {
             shares.push((tracks, segments, posed));
         }
         in_threads(shares, self.moving / THREAD_DEVICE_TRACKS, |shares| {
+            let mut instants = Instants::default();
             for (tracks, segments, posed) in shares {
-                posed.write_tracks(tracks, segments);
+                posed.write_tracks(instants.of(posed.interval_ns), tracks, segments);
             }
         });
     }
@@ -145,22 +146,44 @@ fn in_threads<T: Send>(mut shares: Vec<T>, worth: usize, work: impl Fn(&mut [T])
     });
 }
 
-/// Instants of an interval at which poses are worked out.
-fn instants_ns([from_ns, to_ns]: [i64; 2]) -> [i64; POSE_INSTANTS] {
-    std::array::from_fn(|i| {
-        let fraction = i as f64 / (POSE_INSTANTS - 1) as f64;
-        from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64
-    })
+/// Instants of an interval at which poses are worked out. They are kept: most cameras of a tick have the same.
+struct Instants {
+    interval_ns: [i64; 2],
+    at_ns: [i64; POSE_INSTANTS],
+}
+
+impl Default for Instants {
+    fn default() -> Self {
+        Instants { interval_ns: [0; 2], at_ns: [0; POSE_INSTANTS] }
+    }
+}
+
+impl Instants {
+    fn of(&mut self, interval_ns: [i64; 2]) -> &[i64; POSE_INSTANTS] {
+        if self.interval_ns != interval_ns {
+            let [from_ns, to_ns] = interval_ns;
+            let at_ns = std::array::from_fn(|i| {
+                let fraction = i as f64 / (POSE_INSTANTS - 1) as f64;
+                from_ns + (fraction * (to_ns - from_ns) as f64).round() as i64
+            });
+            *self = Instants { interval_ns, at_ns };
+        }
+        &self.at_ns
+    }
 }
 
 impl Posed<'_> {
     /// Writes the camera's tracks and the segments that its instants lie in.
-    fn write_tracks(&self, tracks: &mut [Track], segments: &mut [PoseSegment]) {
-        let times_ns = instants_ns(self.interval_ns);
+    fn write_tracks(
+        &self,
+        times_ns: &[i64; POSE_INSTANTS],
+        tracks: &mut [Track],
+        segments: &mut [PoseSegment],
+    ) {
         let mut segments = segments.chunks_exact_mut(TRACK_SEGMENTS as usize);
         let moving = |track: &PoseTrack, room: &mut [PoseSegment]| {
             let mut next = 0;
-            for (room, (segment, times)) in room.iter_mut().zip(track.segments(&times_ns)) {
+            for (room, (segment, times)) in room.iter_mut().zip(track.segments(times_ns)) {
                 *room = row_of(&segment, times_ns[0]);
                 if times.start > 0 {
                     next |= 1 << (times.start - 1);
@@ -243,6 +266,7 @@ const AT_REST: InstanceRows = {
 /// What poses are worked out in, kept from one camera to the next.
 #[derive(Default)]
 struct Scratch {
+    instants: Instants,
     camera: Vec<Pose>,
     body: Vec<Pose>,
 }
@@ -252,11 +276,11 @@ fn write_rows(
     instances: &Instances,
     scene: &SceneMotion,
     interval_ns: [i64; 2],
-    Scratch { camera, body }: &mut Scratch,
+    Scratch { instants, camera, body }: &mut Scratch,
     rows: &mut [[f32; 4]],
 ) {
-    let times_ns = instants_ns(interval_ns);
-    scene.camera().at_all(&times_ns, camera).expect("poses that span the interval");
+    let times_ns = instants.of(interval_ns);
+    scene.camera().at_all(times_ns, camera).expect("poses that span the interval");
     let focal_px = focal_px(scene);
     // All that stands moves before the camera as the world does.
     let mut standing = scene.camera().stands().then_some(AT_REST);
@@ -264,7 +288,7 @@ fn write_rows(
         match track {
             None => rows.fill([0.0; 4]),
             Some(Some(track)) => {
-                track.at_all(&times_ns, body).expect("poses that span the interval");
+                track.at_all(times_ns, body).expect("poses that span the interval");
                 rows.copy_from_slice(&moving_rows(camera, Some(body), focal_px));
             }
             Some(None) => {

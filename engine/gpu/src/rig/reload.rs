@@ -1,7 +1,7 @@
 //! Exchange of kernels while a rig runs.
 
 use super::code::Code;
-use super::record::{Kernels, SensorKernels};
+use super::kernels::{Kernels, SensorKernels};
 use super::{Pipelines, Rig};
 use crate::error::EngineError;
 use crate::kernel_folder::KernelFolder;

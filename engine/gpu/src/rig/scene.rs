@@ -1,7 +1,7 @@
 //! What synthesis `rigid` reads besides images: instances, their poses within an interval, and the lens.
 
 use super::geometry::Place;
-use super::parameters::is_rigid;
+use super::sensor::is_rigid;
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::Geometry;
@@ -124,7 +124,50 @@ impl Rig {
     /// path from that frame. Errors: the camera has no geometry or another lens; too many instances; no memory. On an
     /// error the camera keeps the poses that it had.
     pub fn set_scene(&mut self, camera: usize, scene: SceneMotion) -> Result<(), EngineError> {
+        let past = self.set_scenes(vec![(camera, scene)])?;
+        // Who sets scenes again and again between two steps does not pile them up.
+        if self.past_scenes.len() >= self.cameras.len() {
+            self.past_scenes.clear();
+        }
+        self.past_scenes.extend(past);
+        Ok(())
+    }
+
+    /// As [`Rig::set_scene`], for several cameras at once: buffers that are too small grow once for all of them. On an
+    /// error all keep the poses that they had. Returns the scenes that were replaced, whose memory may serve again
+    /// ([`TrackMemory`](esaac_model::paths::TrackMemory)).
+    pub fn set_scenes(&mut self, scenes: Vec<(usize, SceneMotion)>) -> Result<Vec<SceneMotion>, EngineError> {
         self.check_health()?;
+        let mut places = None;
+        let mut instances = Vec::new();
+        for (camera, scene) in &scenes {
+            let Some((new, rows)) = self.new_instances(*camera, scene)? else { continue };
+            if rows > self.cameras[*camera].place.instances {
+                let places = places.get_or_insert_with(|| self.places());
+                places[*camera] = places[*camera].with_instances(rows);
+            }
+            instances.push((*camera, new));
+        }
+        if let Some(places) = places {
+            self.change(places, Vec::new(), &[])?;
+        }
+        for (camera, new) in instances {
+            self.cameras[camera].instances = new;
+        }
+        let mut past = Vec::with_capacity(scenes.len());
+        for (camera, scene) in scenes {
+            past.extend(self.cameras[camera].scene.replace(scene));
+        }
+        Ok(past)
+    }
+
+    /// The instances of a camera with a scene that it may have, and how many rows they need; `None` if they are those that
+    /// it has.
+    fn new_instances(
+        &self,
+        camera: usize,
+        scene: &SceneMotion,
+    ) -> Result<Option<(Instances, u32)>, EngineError> {
         let state = self.camera(camera)?;
         let Some(GeometryConfig { lens, .. }) = state.config.geometry else {
             return Err(EngineError::NoGeometry { camera });
@@ -136,30 +179,16 @@ impl Rig {
                 actual: Box::new(*scene.lens()),
             });
         }
-        if *state.trust() == Trust::All && state.instances.are_those_of(&scene) {
-            self.replace_scene(camera, scene);
-            return Ok(());
+        if *state.trust() == Trust::All && state.instances.are_those_of(scene) {
+            return Ok(None);
         }
-        let instances = state.instances.with(&scene, state.trust(), state.frames);
+        let instances = state.instances.with(scene, state.trust(), state.frames);
         // There is room for those too whose poses are not followed: they may be again.
-        let rows = state.instances.with(&scene, &Trust::All, state.frames).len();
+        let rows = state.instances.with(scene, &Trust::All, state.frames).len();
         if rows > MOST_INSTANCES {
             return Err(EngineError::TooManyInstances { camera, expected: MOST_INSTANCES, actual: rows });
         }
-        let mut places = self.places();
-        places[camera] = places[camera].with_instances(rows as u32);
-        self.change(places, Vec::new(), &[])?;
-        self.cameras[camera].instances = instances;
-        self.replace_scene(camera, scene);
-        Ok(())
-    }
-
-    fn replace_scene(&mut self, camera: usize, scene: SceneMotion) {
-        // Who sets scenes again and again between two steps does not pile them up.
-        if self.past_scenes.len() >= self.cameras.len() {
-            self.past_scenes.clear();
-        }
-        self.past_scenes.extend(self.cameras[camera].scene.replace(scene));
+        Ok(Some((instances, rows as u32)))
     }
 }
 

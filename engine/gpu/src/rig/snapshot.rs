@@ -2,9 +2,9 @@
 //! without interruption.
 
 use super::geometry::Place;
-use super::parameters::has_bus;
 use super::rest::PassedIntervals;
 use super::scene::Instances;
+use super::sensor::has_bus;
 use super::transfer::{Part, Write, read_back};
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;

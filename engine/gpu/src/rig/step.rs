@@ -2,10 +2,10 @@
 
 use super::conventions::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
-use super::parameters::has_bus;
 use super::passes::rows_used;
 use super::queue::Load;
 use super::rest::RestLoad;
+use super::sensor::has_bus;
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
 use super::{Addresses, CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};

@@ -31,10 +31,9 @@ pub mod turn;
 pub use lens::{DepthKind, ImagePoint, Intrinsics, LensError, Projection};
 pub use pose::{Pose, PoseError, RIGID_TOLERANCE};
 pub use root::{ROOT_SEED, ROOT_STEPS, square_root};
-pub use track::{Curve, PoseTimes, PoseTrack, Segment, TrackError};
+pub use track::{Curve, PoseTimes, PoseTrack, Segment, TrackError, TrackMemory};
 
 use glam::DVec2;
-use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// Instance id of all that never moves.
@@ -45,7 +44,8 @@ pub const STATIC_WORLD: u32 = 0;
 pub struct SceneMotion {
     lens: Intrinsics,
     camera: PoseTrack,
-    instances: BTreeMap<u32, PoseTrack>,
+    /// Ascending by id. A vector, since most scenes have few and are made anew for every frame.
+    instances: Vec<(u32, PoseTrack)>,
 }
 
 /// Why the motion of a scene is refused.
@@ -103,10 +103,10 @@ impl SceneMotion {
     /// A camera in a world in which nothing moves yet.
     #[must_use]
     pub fn new(lens: Intrinsics, camera: PoseTrack) -> Self {
-        SceneMotion { lens, camera, instances: BTreeMap::new() }
+        SceneMotion { lens, camera, instances: Vec::new() }
     }
 
-    /// Adds the poses of a moving instance.
+    /// Adds the poses of a moving instance. Many are added fastest in the order of their ids.
     ///
     /// # Errors
     /// If `id` is [`STATIC_WORLD`] or has a track already.
@@ -114,16 +114,34 @@ impl SceneMotion {
         if id == STATIC_WORLD {
             return Err(MotionError::StaticWorld);
         }
-        if self.instances.contains_key(&id) {
-            return Err(MotionError::Twice { id });
+        match self.place(id) {
+            Ok(_) => Err(MotionError::Twice { id }),
+            Err(place) => {
+                self.instances.insert(place, (id, track));
+                Ok(())
+            }
         }
-        self.instances.insert(id, track);
-        Ok(())
     }
 
     /// Takes the poses of an instance away.
     pub fn remove(&mut self, id: u32) {
-        self.instances.remove(&id);
+        if let Ok(place) = self.place(id) {
+            self.instances.remove(place);
+        }
+    }
+
+    /// Where an instance is among the others; the error is where it would be.
+    fn place(&self, id: u32) -> Result<usize, usize> {
+        // Most often it is the last one, or comes after it.
+        match self.instances.last() {
+            Some((last, _)) if *last < id => Err(self.instances.len()),
+            _ => self.instances.binary_search_by_key(&id, |(id, _)| *id),
+        }
+    }
+
+    /// The tracks of the camera and of all instances.
+    pub fn into_tracks(self) -> impl Iterator<Item = PoseTrack> {
+        std::iter::once(self.camera).chain(self.instances.into_iter().map(|(_, track)| track))
     }
 
     /// The lens.
@@ -141,18 +159,18 @@ impl SceneMotion {
     /// The poses of a moving instance.
     #[must_use]
     pub fn instance(&self, id: u32) -> Option<&PoseTrack> {
-        self.instances.get(&id)
+        self.place(id).ok().map(|place| &self.instances[place].1)
     }
 
     /// Ids of the moving instances, ascending.
     pub fn ids(&self) -> impl Iterator<Item = u32> + '_ {
-        self.instances.keys().copied()
+        self.instances.iter().map(|(id, _)| *id)
     }
 
     /// Number of tracks that do not stand still, the camera's included.
     #[must_use]
     pub fn moving_tracks(&self) -> usize {
-        let tracks = std::iter::once(&self.camera).chain(self.instances.values());
+        let tracks = std::iter::once(&self.camera).chain(self.instances.iter().map(|(_, track)| track));
         tracks.filter(|track| !track.stands()).count()
     }
 
@@ -162,8 +180,8 @@ impl SceneMotion {
     /// Names the camera or the first instance whose poses do not.
     pub fn check_span(&self, from_ns: i64, to_ns: i64) -> Result<(), MotionError> {
         self.camera.check_span(from_ns, to_ns).map_err(MotionError::Camera)?;
-        self.instances.iter().try_for_each(|(&id, track)| {
-            track.check_span(from_ns, to_ns).map_err(|error| MotionError::Instance { id, error })
+        self.instances.iter().try_for_each(|(id, track)| {
+            track.check_span(from_ns, to_ns).map_err(|error| MotionError::Instance { id: *id, error })
         })
     }
 
@@ -178,7 +196,7 @@ impl SceneMotion {
         if id == STATIC_WORLD {
             return Ok(camera_to.inverse() * camera_from);
         }
-        let track = self.instances.get(&id).ok_or(NoPath::NoPoses { id })?;
+        let track = self.instance(id).ok_or(NoPath::NoPoses { id })?;
         let (body_from, body_to) = (at(track, from_ns)?, at(track, to_ns)?);
         Ok(camera_to.inverse() * body_to * body_from.inverse() * camera_from)
     }

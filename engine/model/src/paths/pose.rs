@@ -107,19 +107,23 @@ impl Pose {
     /// As [`Pose::new`].
     pub fn from_xyz_qxyzw(numbers: &[f64; 7]) -> Result<Self, PoseError> {
         const NAMES: [&str; 7] = ["x", "y", "z", "qx", "qy", "qz", "qw"];
-        if let Some(i) = numbers.iter().position(|n| !n.is_finite()) {
+        // All at once: the usual case has no branch for each number.
+        if !numbers.iter().fold(true, |all, n| all & n.is_finite()) {
+            let i = numbers.iter().position(|n| !n.is_finite()).expect("one of them");
             return Err(PoseError::NonFinite { place: NAMES[i].to_owned(), actual: numbers[i] });
         }
         let [x, y, z, qx, qy, qz, qw] = *numbers;
         let quaternion = DQuat::from_xyzw(qx, qy, qz, qw);
+        let translation_m = DVec3::new(x, y, z);
+        // One that is of unit length but for rounding stays as it is, so that a pose that is sent on is the same.
+        if (quaternion.length_squared() - 1.0).abs() <= UNIT_ROUNDING {
+            return Ok(Pose { rotation: quaternion, translation_m });
+        }
         let length = quaternion.length();
         if (length - 1.0).abs() > RIGID_TOLERANCE {
             return Err(PoseError::Quaternion { actual: length });
         }
-        // One that is of unit length but for rounding stays as it is, so that a pose that is sent on is the same.
-        let is_unit = (quaternion.length_squared() - 1.0).abs() <= UNIT_ROUNDING;
-        let rotation = if is_unit { quaternion } else { quaternion.normalize() };
-        Ok(Pose { rotation, translation_m: DVec3::new(x, y, z) })
+        Ok(Pose { rotation: quaternion.normalize(), translation_m })
     }
 
     /// A pose from a 4x4 matrix, row by row, that transforms columns: its last column is the translation, its last row

@@ -119,6 +119,29 @@ fn poses_that_are_refused_change_nothing() {
 }
 
 #[test]
+fn poses_of_several_cameras_are_set_together_or_not_at_all() {
+    let rendered = rendered();
+    let expected = packets(&rendered);
+    let configs = [0, 1].map(|camera| CameraConfig { camera, ..rendered.camera(&sensor()) });
+    let mut rig = Rig::new(&DEVICE, &configs).expect("a rig");
+    let other = Intrinsics::pinhole(50.0, 50.0, 20.0, 10.0).expect("a lens");
+    let wrong = SceneMotion::new(other, PoseTrack::still(Pose::IDENTITY));
+    let error = rig.set_scenes(vec![(0, rendered.scene.clone()), (1, wrong)]).expect_err("another lens");
+    assert!(matches!(error, EngineError::Lens { camera: 1, .. }), "{error}");
+    let error = rig.step(&[0, 0]).err().expect("no camera has poses");
+    assert!(matches!(error, EngineError::NoScene { camera: 0 }), "{error}");
+    rig.set_scenes(vec![(0, rendered.scene.clone()), (1, rendered.scene.clone())]).expect("their lens");
+    for (frame, expected) in rendered.frames.iter().zip(&expected) {
+        for camera in 0..2 {
+            rig.upload(camera, &frame.bytes()).expect("a frame");
+        }
+        let packets = rig.step(&[frame.t_ns; 2]).expect("a frame").packets;
+        assert!(packets[0] == *expected && packets[1].len() == expected.len());
+    }
+    assert_silent();
+}
+
+#[test]
 fn images_that_are_missing_or_of_the_wrong_size_are_named() {
     let rendered = rendered();
     let expected = packets(&rendered);

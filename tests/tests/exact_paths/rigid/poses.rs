@@ -29,9 +29,7 @@ fn pose(turn: DVec3, shift_m: DVec3) -> Pose {
 
 /// A track through what `path` gives at these times, nanoseconds and seconds.
 fn track(times_ns: impl IntoIterator<Item = i64>, path: impl Fn(f64) -> Pose) -> PoseTrack {
-    let times_ns: Vec<i64> = times_ns.into_iter().collect();
-    let poses = times_ns.iter().map(|&t_ns| path(t_ns as f64 * 1e-9)).collect();
-    PoseTrack::new(times_ns, poses).expect("ascending times")
+    PoseTrack::through(&times_ns.into_iter().collect::<Vec<_>>(), path).expect("ascending times")
 }
 
 /// So many samples from frame to frame, the last one on the last frame.

@@ -1,0 +1,212 @@
+//! The kernels that a rig has compiled. Each is compiled when a camera needs it first.
+
+use super::code::Code;
+use super::permutation::{Permutation, Specialised, readout, readout_apart, sort};
+use super::{CameraState, Pipelines, Rig};
+use crate::error::EngineError;
+use crate::kernel::{BindingSet, Kernel, stages};
+use crate::policy::KernelPolicy;
+use esaac_layout::{KERNELS, KernelInfo};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::sync::Arc;
+
+/// Bins that a workgroup of `sort` takes.
+pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
+    policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
+}
+
+/// Whether `bin_sums` runs before `sort` in a rig without a bus.
+pub(super) fn sums_bins(policy: KernelPolicy, cameras: &[CameraState]) -> bool {
+    let group_bins = u64::from(group_bins(policy, cameras));
+    let bins = cameras.iter().map(|c| u64::from(c.place.bin_count));
+    bins.map(|bins| bins * bins / group_bins).sum::<u64>() >= policy.summed_reads
+}
+
+/// Kernels that are the same for every sensor.
+pub(super) struct Kernels {
+    pub deferred: Kernel,
+    /// Compiled when a camera needs it first.
+    pub paths: Option<Kernel>,
+    /// If bins are summed before they are sorted.
+    pub bin_sums: Option<Kernel>,
+    /// Compiled when the device works out poses first.
+    pub poses: Option<Kernel>,
+    pub sort: Kernel,
+    pub merge: Kernel,
+    /// Compiled when a camera needs it first.
+    pub bus: Option<BusKernels>,
+    /// Kernels that make representations of packets, by stage; compiled at their first use.
+    pub forms: HashMap<&'static str, Kernel>,
+}
+
+/// Kernels of rigs in which a camera has a bus.
+pub(super) struct BusKernels {
+    pub readout: Kernel,
+    /// `None` if chunks are not served side by side.
+    pub apart: Option<Kernel>,
+    pub sort: Kernel,
+}
+
+impl Kernels {
+    pub(super) fn new(
+        policy: KernelPolicy,
+        cameras: &[CameraState],
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+    ) -> Result<Self, EngineError> {
+        let summed = sums_bins(policy, cameras);
+        Ok(Kernels {
+            deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
+            paths: None,
+            poses: None,
+            bin_sums: match summed {
+                true => Some(code.plain_kernel(bindings, stages::BIN_SUMS)?),
+                false => None,
+            },
+            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false, summed))?,
+            merge: code.plain_kernel(bindings, stages::MERGE)?,
+            bus: None,
+            forms: HashMap::new(),
+        })
+    }
+
+    /// Compiles the kernels that the permutations of `cameras`, and poses from the device if it works them out, need and
+    /// that are missing.
+    pub(super) fn need(
+        &mut self,
+        policy: KernelPolicy,
+        cameras: &[CameraState],
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        permutations: &[Permutation],
+        poses: bool,
+    ) -> Result<(), EngineError> {
+        if self.poses.is_none() && poses {
+            self.poses = Some(code.plain_kernel(bindings, stages::POSES)?);
+        }
+        if self.paths.is_none() && permutations.iter().any(|p| p.rigid) {
+            self.paths = Some(code.plain_kernel(bindings, stages::PATHS)?);
+        }
+        if self.bus.is_none() && permutations.iter().any(|p| p.has_bus) {
+            self.bus = Some(BusKernels {
+                readout: code.kernel(bindings, &readout(policy))?,
+                apart: match policy.readout_apart {
+                    true => Some(code.kernel(bindings, &readout_apart(policy))?),
+                    false => None,
+                },
+                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true, false))?,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Kernels that differ from sensor to sensor, by their specialisation constants. Sensors with equal constants share
+/// them.
+#[derive(Default)]
+pub(super) struct SensorKernels(pub HashMap<Specialised, Kernel>);
+
+impl SensorKernels {
+    /// Compiles the kernels of a permutation that are missing.
+    pub(super) fn need(
+        &mut self,
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        policy: KernelPolicy,
+        permutation: &Permutation,
+        queue_overflowed: bool,
+    ) -> Result<(), EngineError> {
+        let needed = [
+            Some(permutation.ingest(policy)),
+            permutation.ingest_surfaces(policy),
+            permutation.backward_transfer(),
+        ];
+        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy));
+        for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
+            self.need_one(code, bindings, specialised)?;
+        }
+        Ok(())
+    }
+
+    /// Compiles a kernel if it is missing.
+    fn need_one(
+        &mut self,
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+        specialised: Specialised,
+    ) -> Result<(), EngineError> {
+        if let Entry::Vacant(missing) = self.0.entry(specialised) {
+            let kernel = code.kernel(bindings, missing.key())?;
+            missing.insert(kernel);
+        }
+        Ok(())
+    }
+}
+
+impl Rig {
+    /// Compiles the kernels of these permutations that are missing, for a whole tick (with `poses` or without) or (`whole`
+    /// false) the part that runs again.
+    pub(super) fn need_kernels(
+        &mut self,
+        permutations: &[Permutation],
+        whole: bool,
+        poses: bool,
+    ) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, kernels, specialised, policy } = &mut self.pipelines;
+        for p in permutations {
+            specialised.need(code, bindings, *policy, p, !whole)?;
+        }
+        kernels.need(*policy, &self.cameras, code, bindings, permutations, poses)
+    }
+
+    /// Compiles the kernels of the second run of `cross` that are missing.
+    pub(super) fn need_second_run(
+        &mut self,
+        permutations: &[Permutation],
+        without_queue: bool,
+    ) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
+        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy, without_queue)) {
+            specialised.need_one(code, bindings, second_run)?;
+        }
+        Ok(())
+    }
+
+    /// Every kernel that the rig has compiled, by stage.
+    pub(super) fn kernels_by_stage(&self) -> impl Iterator<Item = (&'static str, &Kernel)> {
+        let stage_of = |name| KERNELS.iter().find(|k| k.name == name).map_or(name, |k: &KernelInfo| k.stage);
+        let of_sensors =
+            self.pipelines.specialised.0.iter().map(move |(s, kernel)| (stage_of(s.kernel.0), kernel));
+        let k = &self.pipelines.kernels;
+        let events = [("deferred", &k.deferred), ("sort", &k.sort), ("merge", &k.merge)];
+        let paths = k.paths.iter().map(|kernel| ("paths", kernel));
+        let sums = k.bin_sums.iter().map(|kernel| ("sort", kernel));
+        let paths = paths.chain(k.poses.iter().map(|kernel| ("poses", kernel)));
+        let bus = k.bus.iter().flat_map(|bus| {
+            [("sort", &bus.sort), ("readout", &bus.readout)]
+                .into_iter()
+                .chain(bus.apart.iter().map(|apart| ("readout", apart)))
+        });
+        let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
+        of_sensors.chain(events).chain(sums).chain(paths).chain(bus).chain(forms)
+    }
+
+    /// Names of the compiled kernels and their specialisation constants, for tests: which permutations ran.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn permutations_compiled(&self) -> Vec<(&'static str, Vec<u32>)> {
+        let mut all: Vec<_> =
+            self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
+        let bus = &self.pipelines.kernels.bus;
+        for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
+            let policy = self.pipelines.policy;
+            let summed = !has_bus && sums_bins(policy, &self.cameras);
+            let sort = sort(policy, group_bins(policy, &self.cameras), *has_bus, summed);
+            all.push((sort.kernel.0, sort.constants));
+        }
+        all.extend(self.pipelines.kernels.poses.iter().map(|_| (stages::POSES.0, Vec::new())));
+        all.sort();
+        all
+    }
+}

@@ -1,0 +1,69 @@
+//! What follows from a sensor's parameters alone.
+
+use esaac_model::substeps::by_error;
+use esaac_model::{Intensity, Pixel, ReadoutKind, SensorModel, Synthesis, Taps};
+
+/// Words of a frame, over all colour components.
+pub(super) fn plane_words(sensor: &SensorModel) -> u32 {
+    channels(sensor.intensity).saturating_mul(frame_words(sensor))
+}
+
+/// Colour components of a frame in `planes`.
+pub(super) fn channels(intensity: Intensity) -> u32 {
+    if intensity == Intensity::BayerRggb { 3 } else { 1 }
+}
+
+/// Words of a frame per colour component: those of the frame itself or, for cubic warps, of the half-pel frame with its
+/// border for taps beyond the image (a row before it and two after, two columns on either side). Saturates for a frame
+/// too large for any rig.
+pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
+    if needs_half_pel(sensor) {
+        half_pel_stride(sensor).saturating_mul(2 * sensor.height + 3)
+    } else {
+        sensor.width * sensor.height
+    }
+}
+
+/// Whether warps read a half-pel frame.
+pub(super) fn needs_half_pel(sensor: &SensorModel) -> bool {
+    sensor.synthesis.has_half_pels() && sensor.taps == Taps::Cubic
+}
+
+/// Words of a row of the half-pel frame: its samples, and two of border on either side.
+pub(super) fn half_pel_stride(sensor: &SensorModel) -> u32 {
+    2 * sensor.width + 4
+}
+
+/// Most surfaces that a pixel may show between two frames, told apart by motion vectors.
+pub(super) fn layers(sensor: &SensorModel) -> u32 {
+    if sensor.synthesis == Synthesis::Motion { sensor.layers } else { 1 }
+}
+
+/// Whether what pixels show between two frames is worked out apart from their walks, where kernels have threads for it.
+pub(super) fn makes_levels(sensor: &SensorModel) -> bool {
+    is_rigid(sensor) || layers(sensor) > 1
+}
+
+/// Whether surfaces are found in frames and followed along exact paths.
+pub(super) fn is_rigid(sensor: &SensorModel) -> bool {
+    sensor.synthesis == Synthesis::Rigid
+}
+
+/// Whether the pixel is the physical one.
+pub(super) fn is_physical(sensor: &SensorModel) -> bool {
+    sensor.pixel == Pixel::Physical
+}
+
+/// Whether events wait for a bus.
+pub(super) fn has_bus(sensor: &SensorModel) -> bool {
+    sensor.readout != ReadoutKind::None
+}
+
+/// Whether a kernel reads a camera's row of the table of optics: lens or lamp do anything to its light, or sub-steps follow
+/// their error.
+pub(super) fn has_optics(sensor: &SensorModel) -> bool {
+    sensor.psf_sigma_px > 0.0
+        || sensor.vignetting_fov_deg > 0.0
+        || sensor.flicker().is_some()
+        || by_error(sensor)
+}
