@@ -189,16 +189,16 @@ step "documentation tests" cargo test --workspace --locked --doc
 step "suites, without the layer" tools/suites.py --suite gpu_policy --suite packets --suite resting --suite stages
 # Each access of a shader within its buffer. What the layer writes into a kernel takes the software driver a minute and more
 # to compile, and several for kernels of `rigid` and of layers, which no test runs here.
-watched=(none linear motion_cubic all_effects_together
-    the_gpus_kernels_and_the_devices_own a_queue_that_overflows bins_that_are_summed
-    ingest_holds_and_counts invalid_vectors_are_counted
-    behind_a_lens it_follows_motion_vectors
-    crowded_bins_are_split
-    random_streams packets_behind_a_bus
-    gathered_one_after_the_other event_frames_and_voxel_grids)
+watched=(none motion_cubic
+    a_queue_that_overflows_loses_nothing_on_a_gpu bins_that_are_summed_in_chunks_sort_the_same_packets
+    ingest_holds_and_counts_invalid_pixels invalid_vectors_are_counted_and_blended
+    behind_a_lens_pixels_send_the_oracles_events it_follows_motion_vectors_as_the_log_pixel_does
+    crowded_bins_are_split_and_lose_nothing
+    packets_behind_a_bus_are_the_same_wherever_they_lie
+    packets_of_all_cameras_are_gathered_one_after_the_other_in_full event_frames_and_voxel_grids_are_the_oracles)
 step "shaders, watched" env ESAAC_VALIDATION=1 tools/suites.py --suite gpu_against_oracle --suite gpu_policy \
     --suite stages --suite physical --suite packets --suite readout --suite representations \
-    -- --test-threads=1 "${watched[@]}"
+    -- --test-threads=1 --exact "${watched[@]}"
 step "feature tracy" test_tracy
 # Off by default: Zenoh alone takes longer to build than all that is tested here.
 if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then
