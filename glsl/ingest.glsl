@@ -464,7 +464,7 @@ void main() {
             return;
         }
     }
-    if (EFFECT_PSF) {
+    if (SHARES_BLURRED_ROWS) {
         blur_rows(cam);
     }
     BlockStats stats = BlockStats(0u, 0u, 0u, 0u);

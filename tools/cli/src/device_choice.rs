@@ -16,8 +16,16 @@ pub fn uuid_text(uuid: &[u8; 16]) -> String {
 /// Opens the device that the command line names, or the best.
 pub fn open(common: &CommonArguments) -> Result<Arc<Device>> {
     let choice = common.device.map_or(DeviceChoice::Best, |argument| argument.0);
-    let validation = if common.validation { Validation::On } else { Validation::Off };
-    Ok(Device::open(choice, validation)?)
+    Ok(Device::open(choice, validation(common.validation, Validation::from_env()))?)
+}
+
+/// What the layer looks at where it is wanted: what the environment variable says, which turns it on as the option does.
+fn validation(wanted: bool, by_environment: Validation) -> Validation {
+    match (wanted, by_environment) {
+        (false, _) => Validation::Off,
+        (true, Validation::Calls) => Validation::Calls,
+        (true, _) => Validation::On,
+    }
 }
 
 /// Fails if the validation layer has reported anything.
@@ -50,5 +58,17 @@ mod tests {
         let text = uuid_text(&uuid);
         assert_eq!(text, "01112131-4151-6171-8191-a1b1c1d1e1f1");
         assert_eq!(text.parse(), Ok(DeviceArgument(DeviceChoice::Uuid(uuid))));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_environment_says_what_the_layer_looks_at() {
+        assert_eq!(validation(true, Validation::Calls), Validation::Calls);
+        assert_eq!(validation(true, Validation::Off), Validation::On);
+        assert_eq!(validation(false, Validation::Off), Validation::Off);
     }
 }

@@ -9,7 +9,6 @@ use esaac_model::{
     Synthesis, Taps, q24_to_log,
 };
 use esaac_oracle::metrics::compare;
-use esaac_oracle::synthesize::rigid::{Rigid, Sample};
 use esaac_oracle::{Frame, Interval, Oracle};
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -25,19 +24,13 @@ const SAME_SHARE: f64 = 0.9999;
 
 /// How far a log intensity may be from the oracle's, nepers, but for a share of the samples: at a silhouette, tests of
 /// depth fall the other way by rounding.
-const LEVEL_TOLERANCE_LOG: f64 = 1e-4;
+pub(super) const LEVEL_TOLERANCE_LOG: f64 = 1e-4;
 
 /// The same through a fisheye: a device's sines and arc tangents are less exact than its other arithmetic.
 const FISHEYE_TOLERANCE_LOG: f64 = 1e-3;
 
 /// That share.
 const DIFFERING_SAMPLES: f64 = 1e-4;
-
-/// Share of unoccluded pixels below which a scene says nothing about them: images this small are full of silhouettes.
-const LEAST_UNOCCLUDED: f64 = 0.1;
-
-/// Share of the samples of unoccluded pixels that all candidates would change.
-const DIFFERING_SHARE: f64 = 1e-3;
 
 const SCENES: [SceneKind; 5] =
     [SceneKind::Shake, SceneKind::Poles, SceneKind::Foliage, SceneKind::Propeller, SceneKind::Bounce];
@@ -350,38 +343,5 @@ fn a_run_is_the_same_bits_each_time() {
     for (first, second) in first.iter().zip(&second) {
         assert_eq!(first.events, second.events);
         assert_eq!((first.substeps, first.unseen), (second.substeps, second.unseen));
-    }
-}
-
-/// Unoccluded pixels skip the looks at their candidates, but that changes next to nothing: all that they read lies inside
-/// one surface.
-#[test]
-fn unoccluded_pixels_show_what_all_their_candidates_would() {
-    let sensor = sensor();
-    let size = (SIZE.0 as usize, SIZE.1 as usize);
-    for kind in [SceneKind::Flight, SceneKind::Shake, SceneKind::Propeller, SceneKind::Bounce] {
-        let rendered = Rendered::of(kind, SIZE, 3);
-        let frames = &rendered.frames[1..];
-        let planes: Vec<_> = frames.iter().map(|frame| frame.planes(&sensor)).collect();
-        let inputs = [frames[0].input(SIZE, &planes[0]), frames[1].input(SIZE, &planes[1])];
-        let rigid = Rigid::new(&rendered.scene, inputs, sensor.log_offset, (Taps::Cubic, 1), None);
-        let unoccluded: Vec<usize> =
-            (0..size.0 * size.1).filter(|&pixel| rigid.unoccluded_pixels()[pixel].is_some()).collect();
-        let share = unoccluded.len() as f64 / (size.0 * size.1) as f64;
-        assert!(share > LEAST_UNOCCLUDED && share < 1.0, "{kind:?}: {share}");
-        let (mut samples, mut far) = (0, 0);
-        for fraction in [0.1, 0.25, 0.4, 0.55, 0.7, 0.85] {
-            let instant = rigid.instant(fraction);
-            for pixel in &unoccluded {
-                let (x, y) = (pixel % size.0, pixel / size.0);
-                let log = |sample: Sample| (sample.intensity().expect("a path") + sensor.log_offset).ln();
-                let [own, all] =
-                    [rigid.sample(&instant, 0, x, y), rigid.composite(&instant, 0, x, y)].map(log);
-                samples += 1;
-                far += usize::from((own - all).abs() > LEVEL_TOLERANCE_LOG);
-            }
-        }
-        println!("{kind:?}: {share:.2} of the pixels, {far} of {samples} samples differ");
-        assert!(far as f64 <= DIFFERING_SHARE * samples as f64, "{kind:?}: {far} of {samples} samples");
     }
 }

@@ -7,3 +7,4 @@ mod passes;
 mod plane;
 mod poses;
 mod stages;
+mod unoccluded;
