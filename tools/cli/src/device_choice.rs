@@ -59,11 +59,6 @@ mod tests {
         assert_eq!(text, "01112131-4151-6171-8191-a1b1c1d1e1f1");
         assert_eq!(text.parse(), Ok(DeviceArgument(DeviceChoice::Uuid(uuid))));
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
 
     #[test]
     fn the_environment_says_what_the_layer_looks_at() {
