@@ -33,19 +33,19 @@ fn oracle(rendered: &Rendered) -> Rigid<'_> {
 /// are those of `glsl/levels.glsl` and `glsl/unoccluded.glsl`.
 fn found(rig: &Rig) -> Vec<Option<bool>> {
     let [levels, level_words] = ["levels", "level_words"].map(|name| rig.words(0, name).expect("a camera"));
-    let (tile_blocks, row_words) = (4, LEVEL_ROW_WORDS as usize);
+    let (tile_blocks, block_px, row_words) = (4, BLOCK_PX as usize, LEVEL_ROW_WORDS as usize);
     let (no_row, unoccluded) = ((1 << 24) - 1, 0x00ff_ffff);
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
-    let across = width.div_ceil(BLOCK_PX).div_ceil(tile_blocks);
+    let across = width.div_ceil(block_px).div_ceil(tile_blocks);
     (0..width * height)
         .map(|pixel| {
             let (x, y) = (pixel % width, pixel / width);
-            let (column, row) = (x / BLOCK_PX, y / BLOCK_PX);
+            let (column, row) = (x / block_px, y / block_px);
             let block = (row * across + column / tile_blocks) * tile_blocks + column % tile_blocks;
             let word = level_words[block];
             assert!(word < 0xffff_fffe, "the tile has found room");
             let first = (word & 0x7fff_ffff) >> 7;
-            let place = y % BLOCK_PX * BLOCK_PX + x % BLOCK_PX;
+            let place = y % block_px * block_px + x % block_px;
             (word & 0x7f > 1).then(|| {
                 first == no_row || levels[first as usize * row_words + place] & unoccluded == unoccluded
             })
