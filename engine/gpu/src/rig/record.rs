@@ -186,11 +186,15 @@ pub(super) fn record_tick(
             // SAFETY: as for the commands, below.
             unsafe { rig.record_synthesize(commands, groups, pass) };
             stage_done();
+            let mut crossed = false;
             for group in groups {
                 let push = Push { first_camera: group.first, level: pass, passes, ..Push::default() };
                 let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
                 for cross in group.permutation.cross(policy, !whole) {
                     if pass == 0 || cross.reads_levels() {
+                        if std::mem::replace(&mut crossed, true) && policy.serial {
+                            record_barrier(device, commands);
+                        }
                         // SAFETY: as for the commands, below.
                         unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
                     }

@@ -517,7 +517,9 @@ fn a_few_rows_are_enough() {
 fn findings_have_words() {
     let words = report(&right()).to_string();
     assert!(
-        words.starts_with("depth and poses predict the motion vectors within (median): the static world 0.")
+        words
+            .starts_with("depth and poses predict the motion vectors within (median): the static world 0 px"),
+        "{words}"
     );
     assert_eq!(report(&right()).disagreement(), None);
     let words = report(&planted(Mistake::CameraInverted)).disagreement().unwrap();
