@@ -525,6 +525,6 @@ fn findings_have_words() {
     let words = report(&planted(Mistake::CameraInverted)).disagreement().unwrap();
     assert!(words.contains("motion vectors of the static world: "), "{words}");
     assert!(
-        words.contains("; likely the camera's matrix is camera from world, not world from camera (then 0.0")
+        words.contains("; likely the camera's matrix is camera from world, not world from camera (then 0 px")
     );
 }
