@@ -126,6 +126,7 @@ impl Place {
             layout::PASSING => self.passing_base,
             layout::POSES => self.pose_base,
             layout::PATHS => self.path_base,
+            layout::LEVEL_WORDS => self.tile_base,
             layout::BUS => self.bus_base,
             _ => unreachable!("`{}` is not read back", BINDINGS[slot].name),
         })

@@ -153,18 +153,20 @@ impl Rig {
         Ok(())
     }
 
-    /// The words of a camera's part of a buffer, by its name in the list of bindings, for tests. Panics if there is no
-    /// such buffer; an error if there is no such camera.
+    /// The words of a camera's part of a buffer, or of all of it if cameras share it, by its name in the list of bindings,
+    /// for tests. Panics if there is no such buffer; an error if there is no such camera.
     #[doc(hidden)]
     pub fn words(&self, camera: usize, name: &str) -> Result<Vec<u32>, EngineError> {
         self.check_health()?;
         let place = self.camera(camera)?.place;
         let slot = BINDINGS.iter().position(|b| b.name == name).expect("a name in the list of bindings");
         let stride = u64::from(BINDINGS[slot].stride);
-        let part = Part {
-            buffer: self.arena.buffer(slot),
-            offset: place.first_element(slot) * stride,
-            bytes: place.elements()[slot].unwrap_or(0) * stride,
+        let buffer = self.arena.buffer(slot);
+        let part = match place.elements()[slot] {
+            Some(elements) => {
+                Part { buffer, offset: place.first_element(slot) * stride, bytes: elements * stride }
+            }
+            None => Part { buffer, offset: 0, bytes: buffer.bytes() },
         };
         Ok(bytemuck::pod_collect_to_vec(&read_back(&self.device, &[part])?))
     }
