@@ -4,6 +4,7 @@ import dataclasses
 import json
 import operator
 import warnings
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -132,8 +133,10 @@ class _Cameras:
 
 
 def _listed(t_ns):
-    """An array of times, of any library and on any device, as a list, in one call."""
-    return t_ns.tolist() if hasattr(t_ns, "tolist") else t_ns
+    """Times as a list, whatever holds them; an array of any library in one call. One time stays as it is."""
+    if hasattr(t_ns, "tolist"):
+        return t_ns.tolist()
+    return list(t_ns) if isinstance(t_ns, Iterable) and not isinstance(t_ns, str) else t_ns
 
 
 def _nanoseconds(t_ns):
@@ -267,10 +270,11 @@ class Rig(_Several):
                 given.append((*frame, None, None, None)[:4])
             else:
                 given.append((frame, None, None, None))
-        if np.ndim(t_ns) == 0:
-            times = [_nanoseconds(t_ns)] * len(given)
+        times = _listed(t_ns)
+        if isinstance(times, list):
+            times = [None if t is None else _nanoseconds(t) for t in times]
         else:
-            times = [None if t is None else _nanoseconds(t) for t in t_ns]
+            times = [_nanoseconds(times)] * len(given)
         times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
         given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
         poses = [None] * self._count if poses is None else list(poses)
