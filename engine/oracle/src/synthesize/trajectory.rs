@@ -55,19 +55,19 @@ pub fn outside_px((width, height): (usize, usize), [x, y]: [f64; 2]) -> f64 {
 }
 
 /// A motion field that can be read between its pixels. Invalid vectors count as zero.
-struct Field {
+pub(super) struct Field {
     size: (usize, usize),
     components: [Vec<f64>; 2],
 }
 
 impl Field {
-    fn new(size: (usize, usize), motion: &[[f64; 2]]) -> Self {
+    pub(super) fn new(size: (usize, usize), motion: &[[f64; 2]]) -> Self {
         let component =
             |axis: usize| motion.iter().map(|&v| if is_valid(v) { v[axis] } else { 0.0 }).collect();
         Field { size, components: [component(0), component(1)] }
     }
 
-    fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    pub(super) fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| bilinear(&self.components[axis], self.size, x, y))
     }
 }

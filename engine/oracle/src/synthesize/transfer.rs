@@ -2,7 +2,7 @@
 
 use super::half_pel::HalfPelFrame;
 use super::taps::bilinear;
-use super::trajectory::{Warp, is_valid, outside_px};
+use super::trajectory::{Field, Warp, is_valid, outside_px};
 use esaac_model::synthesis::{CONFIDENCE_PX, CUBIC_HALF_PEL, LEADING_BACK};
 
 /// Direction in which a frame looks for detail.
@@ -54,8 +54,7 @@ impl Route {
 /// Confidence of each pixel in the detail at its position in the other frame, 0 to 1.
 fn confidence(size: (usize, usize), motion: &[[f64; 2]], warps: &[Warp], way: Way) -> Vec<f64> {
     let last = [size.0 - 1, size.1 - 1].map(|last| last as f64);
-    let field: [Vec<f64>; 2] = [0, 1]
-        .map(|axis| motion.iter().map(|&vector| if is_valid(vector) { vector[axis] } else { 0.0 }).collect());
+    let field = Field::new(size, motion);
     (0..size.0 * size.1)
         .map(|pixel| {
             let (x, y) = (pixel % size.0, pixel / size.0);
@@ -64,8 +63,8 @@ fn confidence(size: (usize, usize), motion: &[[f64; 2]], warps: &[Warp], way: Wa
             let mut apart_px = disagreement_px(size, motion, x, y);
             if way == Way::ToEnd {
                 let [u, v] = [0, 1].map(|axis| (there[axis].clamp(0.0, last[axis]) + 0.5).floor() as usize);
-                let astray_px =
-                    [0, 1].map(|axis| (bilinear(&field[axis], size, there[0], there[1]) + shift[axis]).abs());
+                let back = field.at(there);
+                let astray_px = [0, 1].map(|axis| (back[axis] + shift[axis]).abs());
                 apart_px = apart_px
                     .max(disagreement_px(size, motion, u, v))
                     .max(LEADING_BACK * astray_px[0].max(astray_px[1]));
