@@ -22,6 +22,7 @@ pub mod scenes;
 pub mod sequence;
 pub mod statistics;
 pub mod streams;
+pub mod throw;
 #[cfg(feature = "tracy")]
 pub mod tracy_peer;
 pub mod truth;

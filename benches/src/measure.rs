@@ -71,7 +71,7 @@ impl<'l> Stand<'l> {
             sensor: sensor.clone(),
             camera,
             hdr: formats.0,
-            motion: Some(formats.1),
+            motion: feed.has_motion().then_some(formats.1),
             geometry,
         };
         let configs: Vec<CameraConfig> = (0..cameras as u32).map(config).collect();

@@ -1,6 +1,7 @@
 //! Sources of frames: scenes rendered on the device, stored frames, and patterns whose motion, brightness change and
 //! moving share can be set one by one.
 
+use crate::throw::Throw;
 use anyhow::Result;
 use esaac_engine::{FrameBytes, GeometryConfig, InputBuffers, Rig};
 use esaac_model::paths::SceneMotion;
@@ -20,6 +21,8 @@ pub enum Feed {
     Stored(Vec<StoredFrame>, Option<SceneMotion>),
     /// A pattern, computed and uploaded by the host, the same for every camera.
     Pattern(Pattern),
+    /// A board that slides before a wall, likewise, with depth, ids and poses; without motion vectors.
+    Throw(Throw),
 }
 
 /// A frame in memory.
@@ -43,7 +46,17 @@ impl Feed {
     pub fn frames(&self) -> Option<usize> {
         match self {
             Feed::Stored(frames, _) => Some(frames.len()),
-            Feed::Scene(..) | Feed::Pattern(_) => None,
+            Feed::Scene(..) | Feed::Pattern(_) | Feed::Throw(_) => None,
+        }
+    }
+
+    /// Whether frames have motion vectors.
+    #[must_use]
+    pub fn has_motion(&self) -> bool {
+        match self {
+            Feed::Stored(frames, _) => frames.iter().all(|frame| frame.motion.is_some()),
+            Feed::Scene(..) | Feed::Pattern(_) => true,
+            Feed::Throw(_) => false,
         }
     }
 
@@ -54,6 +67,7 @@ impl Feed {
         match self {
             Feed::Scene(_, scene, _) => Some(config(scene.intrinsics())),
             Feed::Stored(_, motion) => motion.as_ref().map(|motion| config(*motion.lens())),
+            Feed::Throw(throw) => Some(config(throw.lens())),
             Feed::Pattern(_) => None,
         }
     }
@@ -98,6 +112,18 @@ impl Feed {
                 }
                 Ok(index as i64 * FRAME_NS)
             }
+            Feed::Throw(throw) => {
+                let t_ns = index as i64 * FRAME_NS;
+                let (frame, motion) = (throw.frame(t_ns), throw.motion(t_ns));
+                for camera in 0..rig.len() {
+                    let takes_poses = rig.inputs(camera)?.depth.is_some();
+                    rig.upload(camera, &frame.bytes(takes_poses))?;
+                    if takes_poses {
+                        rig.set_scene(camera, motion.clone())?;
+                    }
+                }
+                Ok(t_ns)
+            }
         }
     }
 }
@@ -106,7 +132,7 @@ impl Feed {
 const POSES: i64 = 32;
 
 /// Times of the poses of the interval that ends at `t_ns`.
-fn pose_times_ns(t_ns: i64, step_ns: i64) -> Vec<i64> {
+pub(crate) fn pose_times_ns(t_ns: i64, step_ns: i64) -> Vec<i64> {
     (0..=POSES).map(|j| t_ns - step_ns + step_ns * j / POSES).collect()
 }
 
@@ -174,7 +200,7 @@ impl Pattern {
 }
 
 /// A gray texel of four f16.
-fn encode(value: f64) -> [u8; 8] {
+pub(crate) fn encode(value: f64) -> [u8; 8] {
     let half = half::f16::from_f64(value).to_le_bytes();
     let mut texel = [0; 8];
     texel.chunks_exact_mut(2).for_each(|bytes| bytes.copy_from_slice(&half));

@@ -10,9 +10,10 @@ use crate::measure::{Run, Stand, Timing};
 use crate::plot::{Axes, Series, draw};
 use crate::scenes::{Feed, Pattern};
 use crate::statistics::order;
+use crate::throw::Throw;
 use anyhow::Result;
 use esaac_engine::{PacketPlace, RigOptions};
-use esaac_model::{SensorModel, SubstepPolicy};
+use esaac_model::{SensorModel, SubstepPolicy, Synthesis};
 use esaac_scene::SceneKind;
 use serde::Serialize;
 
@@ -45,6 +46,7 @@ struct Case {
 enum Kind {
     Scene(SceneKind),
     Pattern(Pattern),
+    Throw(Throw),
 }
 
 pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
@@ -56,7 +58,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
          is a clean sensor with ever lower thresholds on `flight`; its packets go to the host, whose bus then bounds \
          `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
          at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile `noisy`, \
-         in each of which a sixteenth moves by 2 px; packets stay on the device. `moving share, physical` has the preset's \
+         in each of which a sixteenth moves by 2 px; packets stay on the device. With `rigid` and `linear` a board moves by \
+         1.2 px before a still wall. `moving share, physical` has the preset's \
          physical pixel with its noise. The exponent is that of time over the last half \
          of the points (1: proportional, 0: does not matter). Stages are stamped, which costs a microsecond each.",
     );
@@ -232,6 +235,14 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         let case = on_pattern(cameras as f64, sensor, pattern);
         Case { cameras, packets: PacketPlace::OnDevice, ..case }
     };
+    let posed = |synthesis: Synthesis| {
+        move |&cameras: &usize| {
+            let size = (64, 64);
+            let sensor = SensorModel { width: size.0, height: size.1, synthesis, ..noisy("vga") };
+            let feed = Kind::Throw(Throw { size, motion_px: 1.2 });
+            Case { value: cameras as f64, sensor, cameras, feed, packets: PacketPlace::OnDevice }
+        }
+    };
     let environments: &[usize] = if software { &[1, 4] } else { &[64, 256] };
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
@@ -249,6 +260,16 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
             noises_hz.iter().map(|&hz| still(hz, (64, 64), small_cameras)).collect(),
         ),
         ("environments", "environments", environments.iter().map(environment).collect()),
+        (
+            "environments, rigid",
+            "environments",
+            environments.iter().map(posed(Synthesis::Rigid)).collect(),
+        ),
+        (
+            "environments, linear",
+            "environments",
+            environments.iter().map(posed(Synthesis::Linear)).collect(),
+        ),
         ("moving share", "% of rows", shares.iter().copied().map(share).collect()),
         ("moving share, physical", "% of rows", shares.iter().copied().map(physical).collect()),
     ]
@@ -259,6 +280,7 @@ fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
     let feed = match &case.feed {
         Kind::Scene(kind) => laboratory.scene(*kind, size)?,
         Kind::Pattern(pattern) => Feed::Pattern(*pattern),
+        Kind::Throw(throw) => Feed::Throw(*throw),
     };
     let options = RigOptions { stage_times: true, packets: case.packets, ..RigOptions::default() };
     let mut stand = Stand::new(laboratory, &case.sensor, case.cameras, FORMATS, feed, options)?;
@@ -272,7 +294,7 @@ fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
 fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
     document.heading(sweep.name);
     let curve = |of: &dyn Fn(&Timing) -> f64| sweep.points.iter().map(|p| (p.value, of(&p.timing))).collect();
-    let logarithmic = matches!(sweep.name, "cameras" | "pixels" | "sub-steps" | "environments");
+    let logarithmic = matches!(sweep.name, "cameras" | "pixels" | "sub-steps" | "environments" | "environments, rigid" | "environments, linear");
     let title = format!("Time against {}", sweep.name);
     let axes =
         Axes { title: &title, x: sweep.unit, y: "GPU time, us", logarithmic: (logarithmic, logarithmic) };
