@@ -28,6 +28,11 @@ const uint LIST_MASK = (1u << LIST_BITS) - 1u;
 // take. Then come the entries of a pass, each for some sub-steps of a block: row of the camera in the table, number of
 // the block, its word as in `level_words`, first sub-step.
 
+// Sub-steps of an entry of a block with this many pixels whose levels are made: as many as a workgroup has threads for.
+uint entry_substeps(uint places) {
+    return max(LEAST_ENTRY_SUBSTEPS, SYNTHESIZE_THREADS / max(places, 1u));
+}
+
 bool has_levels(uvec4 of_tile) {
     return of_tile.x < HAD_LEVELS;
 }

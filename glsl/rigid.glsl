@@ -168,9 +168,12 @@ float read_level(Camera cam, uint frame, vec2 position) {
 
 // The pixel around `at` that a bit stands for.
 ivec2 pixel_around(ivec2 at, uint bit) {
-    const int around = findLSB(bit);
-    const int place = around < 4 ? around : around + 1;
-    return at + ivec2(place % 3 - 1, place / 3 - 1);
+    const uint left = AROUND_ABOVE_LEFT | AROUND_LEFT | AROUND_BELOW_LEFT;
+    const uint right = AROUND_ABOVE_RIGHT | AROUND_RIGHT | AROUND_BELOW_RIGHT;
+    const uint above = AROUND_ABOVE_LEFT | AROUND_ABOVE | AROUND_ABOVE_RIGHT;
+    const uint below = AROUND_BELOW_LEFT | AROUND_BELOW | AROUND_BELOW_RIGHT;
+    return at
+        + ivec2(int((bit & right) != 0u) - int((bit & left) != 0u), int((bit & below) != 0u) - int((bit & above) != 0u));
 }
 
 // What the four pixels around a position know of a surface; of its fringe only if one `asks`. All are farther than it if
@@ -219,18 +222,33 @@ Known look_around(
             fronts[i] = front_of(shown[i]);
         }
     }
-    if (fronts != uvec4(0u)) {
-        ivec2 beside[4];
-        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-            beside[i] = fronts[i] != 0u ? pixel_around(at[i], fronts[i]) : at[i];
-            shown[i] = load_surface(base, cam, beside[i]);
+    // Pixels mostly share a front. It is looked at once for all of them.
+    ivec2 beside[4];
+    [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+        beside[i] = pixel_around(at[i], fronts[i]);
+    }
+    bvec4 asking = notEqual(fronts, uvec4(0u));
+    bvec4 reaches = bvec4(false);
+    bool thick_front[4] = bool[4](false, false, false, false);
+    while (any(asking)) {
+        ivec2 front = at[0];
+        [[unroll]] for (int i = 3; i >= 0; --i) {
+            front = asking[i] ? beside[i] : front;
         }
+        const uvec2 there = load_surface(base, cam, front);
+        const bool reach = belongs(geo, there, vec2(front), surface);
+        const bool thick = is_thick(there);
         [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-            if (fronts[i] != 0u && belongs(geo, shown[i], vec2(beside[i]), surface)) {
-                known.reach += weights[i];
-                known.thick += is_thick(shown[i]) ? weights[i] : 0.0;
+            if (asking[i] && beside[i] == front) {
+                asking[i] = false;
+                reaches[i] = reach;
+                thick_front[i] = thick;
             }
         }
+    }
+    [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+        known.reach += reaches[i] ? weights[i] : 0.0;
+        known.thick += reaches[i] && thick_front[i] ? weights[i] : 0.0;
     }
     return known;
 }

@@ -1,8 +1,8 @@
 // synthesize, second part: the levels of pixels at the ends of sub-steps. For GPUs; see levels.glsl.
 //
 // An entry of `level_entries` is some sub-steps of a block. A workgroup takes one after the other, with threads for each
-// of its pixels that are not unoccluded, whose sub-steps they share out. So many threads of one pixel wait for memory at once, and none carries the
-// state of a walk.
+// of its pixels that are not unoccluded, whose sub-steps they share out. So many threads of one pixel wait for memory at
+// once, and none carries the state of a walk.
 //
 // Reads frames, and surfaces, poses and lists, or vectors and lists. Writes `levels`, which `cross` reads after a barrier.
 #include "common.glsl"
@@ -94,7 +94,7 @@ void load_list(Camera cam, uint row) {
 // Synthesises this thread's sub-steps of an entry: those of pixel `at` from its `turn`th on, each `turns`th.
 void synthesize_entry(Camera cam, uvec2 at, uint turn, uint turns, uvec4 entry) {
     const uint n = substeps_of_levels(entry.z);
-    const uint last = min(entry.w + ENTRY_SUBSTEPS, n);
+    const uint last = min(entry.w + entry_substeps(listed_places), n);
     uint i = entry.w + turn;
     if (i >= last) {
         return;
@@ -139,7 +139,7 @@ void main() {
         load_places(row);
         barrier();
         const uint places = listed_places;
-        const uint turns = min(gl_WorkGroupSize.x / places, ENTRY_SUBSTEPS);
+        const uint turns = min(gl_WorkGroupSize.x / places, entry_substeps(places));
         const uint turn = gl_LocalInvocationID.x / places;
         if (turn < turns) {
             const uint place = listed_place[gl_LocalInvocationID.x % places];

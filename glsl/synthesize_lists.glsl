@@ -45,8 +45,8 @@ void begin_tile() {}
 
 void note_own() {}
 
-// Sub-steps of each block of the tile, 0 beyond the image; STILL_BLOCK of those that are still, and of those beyond it; the word of each in `level_words`; the pass's first entry of
-// the tile; whether the tile has room.
+// Sub-steps of each block of the tile, 0 beyond the image; STILL_BLOCK of those that are still, and of those beyond it;
+// the word of each in `level_words`; the pass's first entry of the tile; whether the tile has room.
 shared uint block_substeps[TILE_BLOCKS];
 shared uint block_stillness[TILE_BLOCKS];
 shared uint block_words[TILE_BLOCKS];
@@ -63,8 +63,14 @@ uint rows_of_block(uint b) {
     return takes_rows(b) ? block_substeps[b] + 1u : 0u;
 }
 
+// Sub-steps of an entry of a block.
+uint substeps_of_entry(uint b) {
+    return entry_substeps(uint(bitCount(block_pixels[2u * b]) + bitCount(block_pixels[2u * b + 1u])));
+}
+
 uint entries_of_block(uint b) {
-    return takes_rows(b) ? (block_substeps[b] - 1u + ENTRY_SUBSTEPS - 1u) / ENTRY_SUBSTEPS : 0u;
+    const uint each = substeps_of_entry(b);
+    return takes_rows(b) ? (block_substeps[b] - 1u + each - 1u) / each : 0u;
 }
 
 // Takes room for the tile; called by one thread.
@@ -87,7 +93,7 @@ void take_room() {
 
 // Writes the entries of the tile's blocks.
 void write_entries(uint index, Camera cam) {
-    const uint most = (MAX_SUBSTEPS - 1u + ENTRY_SUBSTEPS - 1u) / ENTRY_SUBSTEPS;
+    const uint most = (MAX_SUBSTEPS - 1u + LEAST_ENTRY_SUBSTEPS - 1u) / LEAST_ENTRY_SUBSTEPS;
     for (uint item = gl_LocalInvocationID.x; item < TILE_BLOCKS * most; item += gl_WorkGroupSize.x) {
         const uint b = item / most;
         uint entry = MOST_PASSES + first_entry + item % most;
@@ -96,8 +102,8 @@ void write_entries(uint index, Camera cam) {
         }
         if (item % most < entries_of_block(b)) {
             const uvec2 block = tile_block(b);
-            level_entries[entry] =
-                uvec4(index, block.y * cam.blocks_x + block.x, block_words[b], 1u + (item % most) * ENTRY_SUBSTEPS);
+            const uint first = 1u + (item % most) * substeps_of_entry(b);
+            level_entries[entry] = uvec4(index, block.y * cam.blocks_x + block.x, block_words[b], first);
         }
     }
 }

@@ -90,7 +90,9 @@ impl Throw {
             }
         };
         let mut frame = ThrowFrame { hdr: Vec::new(), depth: Vec::new(), ids: Vec::new() };
-        for (y_px, x_px) in (0..self.size.1).flat_map(|y| (0..self.size.0).map(move |x| (f64::from(y), f64::from(x)))) {
+        for (y_px, x_px) in
+            (0..self.size.1).flat_map(|y| (0..self.size.0).map(move |x| (f64::from(y), f64::from(x))))
+        {
             let sum: f64 = (0..SAMPLES)
                 .map(|sample| light(x_px + (f64::from(sample) + 0.5) / f64::from(SAMPLES) - 0.5, y_px))
                 .sum();

@@ -57,11 +57,11 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
          motion alone grow; whole columns of it cross at the same instants, which is the hardest to sort. `dense` \
          is a clean sensor with ever lower thresholds on `flight`; its packets go to the host, whose bus then bounds \
          `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
-         at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile `noisy`, \
-         in each of which a sixteenth moves by 2 px; packets stay on the device. With `rigid` and `linear` a board moves by \
-         1.2 px before a still wall. `moving share, physical` has the preset's \
-         physical pixel with its noise. The exponent is that of time over the last half \
-         of the points (1: proportional, 0: does not matter). Stages are stamped, which costs a microsecond each.",
+         at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile \
+         `noisy`, in each of which a sixteenth moves by 2 px; packets stay on the device. With `rigid` and `linear` a \
+         board moves by 1.2 px before a still wall. `moving share, physical` has the preset's physical pixel with its \
+         noise. The exponent is that of time over the last half of the points (1: proportional, 0: does not matter). \
+         Stages are stamped, which costs a microsecond each.",
     );
     let mut sweeps = Vec::new();
     for (name, unit, cases) in cases(laboratory).into_iter().filter(|(name, ..)| laboratory.wants(name)) {
@@ -162,6 +162,9 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         (false, false) => &[1, 2, 4, 8, 16, 32, 64, 128, 256],
     };
     let camera = noisy(if software { "dvs128" } else { "davis346" });
+    let on_paths = SensorModel { synthesis: Synthesis::Rigid, ..camera.clone() };
+    let cameras_rigid = if quick || software { &cameras[..cameras.len() - 1] } else { &cameras[..7] };
+    let cameras_rigid = cameras_rigid.iter().map(|&n| flight(n as f64, on_paths.clone(), n)).collect();
     let cameras = cameras.iter().map(|&n| flight(n as f64, camera.clone(), n)).collect();
     let sizes: &[(u32, u32)] = match (software, quick) {
         (true, true) => &[(80, 60), (160, 120), (320, 240)],
@@ -247,6 +250,7 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
     let share = |moving: f64| on_pattern(100.0 * moving, base.clone(), Pattern { moving, ..pattern });
     vec![
         ("cameras", "cameras", cameras),
+        ("cameras, rigid", "cameras", cameras_rigid),
         ("pixels", "pixels", sizes.iter().map(sized).collect()),
         ("sub-steps", "N, fixed", substeps.iter().copied().map(fixed).collect()),
         ("events", "events wanted a pixel", wanted.iter().copied().map(eventful).collect()),
@@ -260,16 +264,8 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
             noises_hz.iter().map(|&hz| still(hz, (64, 64), small_cameras)).collect(),
         ),
         ("environments", "environments", environments.iter().map(environment).collect()),
-        (
-            "environments, rigid",
-            "environments",
-            environments.iter().map(posed(Synthesis::Rigid)).collect(),
-        ),
-        (
-            "environments, linear",
-            "environments",
-            environments.iter().map(posed(Synthesis::Linear)).collect(),
-        ),
+        ("environments, rigid", "environments", environments.iter().map(posed(Synthesis::Rigid)).collect()),
+        ("environments, linear", "environments", environments.iter().map(posed(Synthesis::Linear)).collect()),
         ("moving share", "% of rows", shares.iter().copied().map(share).collect()),
         ("moving share, physical", "% of rows", shares.iter().copied().map(physical).collect()),
     ]
@@ -294,7 +290,7 @@ fn measure(laboratory: &Laboratory, case: &Case) -> Result<Run> {
 fn show(document: &mut Document, sweep: &Sweep) -> Result<()> {
     document.heading(sweep.name);
     let curve = |of: &dyn Fn(&Timing) -> f64| sweep.points.iter().map(|p| (p.value, of(&p.timing))).collect();
-    let logarithmic = matches!(sweep.name, "cameras" | "pixels" | "sub-steps" | "environments" | "environments, rigid" | "environments, linear");
+    let logarithmic = matches!(sweep.unit, "cameras" | "pixels" | "N, fixed" | "environments");
     let title = format!("Time against {}", sweep.name);
     let axes =
         Axes { title: &title, x: sweep.unit, y: "GPU time, us", logarithmic: (logarithmic, logarithmic) };

@@ -42,8 +42,8 @@ pub const LEVEL_ROW_WORDS: u32 = esaac_model::substeps::BLOCK_PX * esaac_model::
 /// Rows of `levels` that a block takes beside those of its levels: what its pixels may show, and its list.
 pub const LIST_ROWS: u32 = 2;
 
-/// Most sub-steps of an entry of `level_entries`.
-pub const ENTRY_SUBSTEPS: u32 = 4;
+/// Least sub-steps of an entry of `level_entries`; one of a block with few pixels has more.
+pub const LEAST_ENTRY_SUBSTEPS: u32 = 4;
 
 /// Most passes of `synthesize` and `cross` in a submission.
 pub const MOST_PASSES: u32 = 16;
