@@ -47,6 +47,8 @@ float disagreement_on_way(Camera cam, ivec2 at, vec2 shift) {
 }
 
 #include "surfaces.glsl"
+// The current frame's mixtures are of another background.
+const bool FROM_PURE = true;
 #include "rigid_route.glsl"
 
 // Displacement of each anchor from the previous frame to the current one, pixels.

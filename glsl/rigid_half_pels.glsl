@@ -1,6 +1,7 @@
 // Half-pel frames with detail of the frame before along exact paths, for synthesis `rigid`. Part of ingest.glsl; needs
 // ingest_surfaces.glsl.
 
+const bool FROM_PURE = false;
 #include "rigid_route.glsl"
 
 // What the frame before says at an anchor's own sample: its residual, and the confidence in it.

@@ -1,5 +1,5 @@
 // The way of a half-pel sample to the other key frame, along its exact path, for the transfer of detail by synthesis
-// `rigid`. Needs surfaces.glsl.
+// `rigid`. Needs surfaces.glsl, and before it FROM_PURE: whether detail is taken from pure pixels alone.
 
 // The way of the samples of one surface: the motion of its instance to the other key frame, and the surface as that key
 // frame sees it. `exists` is false without a surface, or if the other key frame is behind it.
@@ -31,7 +31,7 @@ float follow(Camera cam, Geometry geo, Route route, uint base, vec2 position, ou
     const vec2 place = project(geo, moved(route.to_other, ray, dot3(route.plane, ray)), seen);
     const float inside = 1.0 - outside_px(cam, place);
     there = snapped(to_half_pel(cam, place));
-    const bool shows = seen && inside > 0.0 && half_pel_shows(cam, geo, base, there, route.surface);
+    const bool shows = seen && inside > 0.0 && half_pel_shows(cam, geo, base, there, route.surface, FROM_PURE);
     return shows ? inside : 0.0;
 }
 

@@ -371,8 +371,9 @@ float trust_within(Spot spot) {
     return lerp(lerp(own, beside.x, w.x), lerp(beside.y, beside.z, w.x), w.y);
 }
 
-// Whether the half-pel frame shows a surface at a snapped position, in half pixels inside the image.
-bool half_pel_shows(Camera cam, Geometry geo, uint base, vec2 at, Seen surface) {
+// Whether the half-pel frame shows a surface at a snapped position, in half pixels inside the image; if `pure`, between
+// pure pixels.
+bool half_pel_shows(Camera cam, Geometry geo, uint base, vec2 at, Seen surface, bool pure) {
     const Spot spot = spot_at(cam, base, 0.5 * at);
-    return is_within(spot) && belongs(geo, spot.shown, vec2(spot.nearest), surface);
+    return is_within(spot) && (!pure || is_pure_within(spot)) && belongs(geo, spot.shown, vec2(spot.nearest), surface);
 }

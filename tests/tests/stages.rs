@@ -235,6 +235,7 @@ fn transfers_may_change_between_ticks() {
     for intensity in [Intensity::Luminance, Intensity::BayerRggb] {
         // The same number of sub-steps everywhere: beyond a block's last sub-step the kept values are undefined.
         let base = SensorModel {
+            transfers: 1,
             substep_policy: SubstepPolicy::Fixed,
             ..sensor(size, Synthesis::Motion, Taps::Cubic, intensity)
         };

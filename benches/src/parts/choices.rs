@@ -16,10 +16,13 @@ pub(super) struct Choice {
 /// Every choice, for one sensor; with exact paths if there are `poses`.
 pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choice> {
     let mut choices = Vec::new();
+    let transfers_by_default = SensorModel::default().transfers;
     let counts: &[u32] = if quick { &[8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
     let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
-        let of_vectors = SensorModel { synthesis: base.synthesis.resolve(false, true), ..base.clone() };
+        // The file of a sequence names the choices of its time.
+        let synthesis = base.synthesis.resolve(false, true);
+        let of_vectors = SensorModel { synthesis, transfers: transfers_by_default, ..base.clone() };
         let is_default = !wide && sensor == of_vectors;
         choices.push(Choice { name, family, sensor, wide, is_default });
     };
@@ -56,17 +59,26 @@ pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choic
     let at_sample = |sensor: SensorModel| SensorModel { timestamps: Timestamps::AtSample, ..sensor };
     for (name, sensor) in [
         ("paper, fixed 32, at sample", with(Synthesis::Paper, Taps::Bilinear, 1, 32, fixed)),
-        ("motion cubic, fixed 32, at sample", with(Synthesis::Motion, Taps::Cubic, 1, 32, fixed)),
-        ("motion cubic, adaptive 32, at sample", with(Synthesis::Motion, Taps::Cubic, 1, 32, adaptive)),
+        (
+            "motion cubic, fixed 32, at sample",
+            with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, fixed),
+        ),
+        (
+            "motion cubic, adaptive 32, at sample",
+            with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, adaptive),
+        ),
     ] {
         add(name.into(), "times at samples", at_sample(sensor), false);
     }
     for (policy_name, policy) in [("fixed", fixed), ("adaptive", adaptive)] {
-        let layered = SensorModel { layers: 3, ..with(Synthesis::Motion, Taps::Cubic, 1, 32, policy) };
+        let layered = SensorModel {
+            layers: 3,
+            ..with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, policy)
+        };
         let name = format!("motion cubic, 3 layers, {policy_name} 32");
         add(name, "motion, 3 layers", layered, false);
         let name = format!("motion cubic, {policy_name} 32, f32 input");
-        add(name, "f32 input", with(Synthesis::Motion, Taps::Cubic, 1, 32, policy), true);
+        add(name, "f32 input", with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, policy), true);
     }
     choices
 }

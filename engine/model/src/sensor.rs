@@ -101,7 +101,7 @@ sensor_model! {
     flicker_phase_deg: f64 = 0.0, "deg", "Phase of the flicker at time 0.";
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
-    transfers: u32 = 1, "", "Transfers of detail (motion with cubic taps): 1 for speed, 2 for quality.";
+    transfers: u32 = 2, "", "Transfers of detail (motion and rigid with cubic taps): 2 for quality, 1 for speed.";
     layers: u32 = 1, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 where things cover each other.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";

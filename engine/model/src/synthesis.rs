@@ -35,8 +35,8 @@
 //! `floor(2 d)` is exact and every device finds the same cell. In the backward transfer `d` is computed, and each
 //! sample has the cell of its own position.
 //!
-//! **Number of transfers.** One transfer is the default, for real time. Two are for quality: the second costs more than
-//! the first and gains less. `docs/design/synthesis.md` lists what each gains. Other syntheses and
+//! **Number of transfers.** Two are the default. One is faster: the second costs more than the first and gains less.
+//! `docs/design/synthesis.md` lists what each gains. Other syntheses and
 //! [`Taps::Bilinear`](crate::Taps::Bilinear) have no half-pel frames and ignore the parameter.
 //!
 //! **Confidence.** At a pixel, `v = clamp(2 - e / CONFIDENCE_PX, 0, 1) max(0, 1 - o)`. Here `o` is how far `x + d` lies

@@ -106,7 +106,8 @@
 //! pixels is *joined* if the pixels that it lies between continue the surface of the first of them. The transfers
 //! follow the path of each joined sample to the other key frame; the others stay as they are. The confidence is 1 where
 //! `E` there is read from the half-pel frame, less how far the position lies outside the image; and for a sample between
-//! pixels the smallest of its own and theirs.
+//! pixels the smallest of its own and theirs. The backward transfer trusts only what lies between pure pixels of key
+//! frame 1: beside a silhouette those of both key frames are mixed with different backgrounds.
 //!
 //! **Level.** `E` is read from the half-pel frame as in [`synthesis`](super), with twelve taps, where the nearest
 //! pixel speaks for all. Outer taps may be of other surfaces: the clamp bounds what they do. Otherwise `E` is the mean of

@@ -204,6 +204,13 @@ impl KeyFrame {
             && self.beside(spot).all(|(pixel, _)| self.is_pure_for(spot, pixel))
     }
 
+    /// Whether the pixels that a position lies between are of one surface, and pure.
+    #[must_use]
+    pub fn is_pure_at(&self, at: DVec2) -> bool {
+        let spot = self.spot(at);
+        self.is_within(&spot) && self.is_pure_within(&spot)
+    }
+
     /// Whether the pixel nearest to a position belongs to a surface. `None` if that pixel is not inner.
     #[must_use]
     pub fn shows_inside(&self, at: DVec2, surface: &Seen) -> Option<bool> {

@@ -40,7 +40,9 @@ impl Route {
             let inside = 1.0 - other.outside_px(at);
             let plane = moved_plane(element.plane, &motion)?;
             let surface = Seen { id: element.id, plane, parallax_px_m: parallax_px_m(element.id) };
-            (inside > 0.0).then_some(Step { at, surface, inside })
+            // The later frame's mixtures are of another background.
+            let usable = inside > 0.0 && (key == 1 || other.is_pure_at(at));
+            usable.then_some(Step { at, surface, inside })
         };
         Route { samples: (0..4 * size.0 * size.1).map(step).collect() }
     }
