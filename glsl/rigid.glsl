@@ -204,7 +204,7 @@ Known look_around(
                 known.seen += weights[i];
                 known.trust = fma(is_pure(shown[i]) ? 1.0 : MIXED_WEIGHT, weights[i], known.trust);
                 known.level = fma(weights[i], levels[i], known.level);
-                known.thick += is_thick(shown[i]) ? weights[i] : 0.0;
+                known.thick = fma(thickness_of(shown[i]), weights[i], known.thick);
             } else if (lies == HIDES) {
                 known.hidden += weights[i];
             } else {
@@ -229,7 +229,7 @@ Known look_around(
     }
     bvec4 asking = notEqual(fronts, uvec4(0u));
     bvec4 reaches = bvec4(false);
-    bool thick_front[4] = bool[4](false, false, false, false);
+    vec4 thickness = vec4(0.0);
     while (any(asking)) {
         ivec2 front = at[0];
         [[unroll]] for (int i = 3; i >= 0; --i) {
@@ -237,18 +237,18 @@ Known look_around(
         }
         const uvec2 there = load_surface(base, cam, front);
         const bool reach = belongs(geo, there, vec2(front), surface);
-        const bool thick = is_thick(there);
+        const float thick = thickness_of(there);
         [[unroll]] for (uint i = 0u; i < 4u; ++i) {
             if (asking[i] && beside[i] == front) {
                 asking[i] = false;
                 reaches[i] = reach;
-                thick_front[i] = thick;
+                thickness[i] = reach ? thick : 0.0;
             }
         }
     }
     [[unroll]] for (uint i = 0u; i < 4u; ++i) {
         known.reach += reaches[i] ? weights[i] : 0.0;
-        known.thick += reaches[i] && thick_front[i] ? weights[i] : 0.0;
+        known.thick = fma(thickness[i], weights[i], known.thick);
     }
     return known;
 }
@@ -263,7 +263,7 @@ Known look(Camera cam, Geometry geo, uint frame, uint base, Spot spot, Seen surf
     const float seen = lies == BELONGS ? 1.0 : 0.0;
     return Known(
         seen, lies == HIDES ? 1.0 : 0.0, lies == BELONGS ? trust_within(spot) : 0.0, seen,
-        is_thick(spot.shown) ? seen : 0.0, 0.0, 0.0, lies == FARTHER ? 1.0 : 0.0);
+        thickness_of(spot.shown) * seen, 0.0, 0.0, lies == FARTHER ? 1.0 : 0.0);
 }
 
 // Adds up the levels of the pixels `steps` beside a position that belong to a surface, and counts them.
@@ -284,7 +284,7 @@ vec2 levels_beside(Camera cam, Geometry geo, uint frame, uint base, vec2 positio
 // The silhouette of the nearest candidate that shows, if that covers the pixel in part.
 struct Silhouette {
     float coverage;
-    // How much of the pixel it reaches into; 0 if there is none. How much of that is where it is thick.
+    // How much of the pixel it reaches into; 0 if there is none. How thick it is there, 0 to 1.
     float reach;
     float thickness;
     // Light of the candidate; what the key frames show along its path, mixtures and all; and what they show behind it,

@@ -46,10 +46,17 @@ bool is_pure(uvec2 surface) {
     return continuing_of(surface) == ALL_AROUND;
 }
 
-// Whether some 3x3 pixels that hold a pixel continue its surface.
-bool is_thick(uvec2 surface) {
+// How thick a pixel's surface is there: 1 if some 3x3 pixels that hold the pixel continue it, HALF_THICK if some 2x2 do.
+float thickness_of(uvec2 surface) {
     const uint continuing = continuing_of(surface);
-    return continuing == ALL_AROUND || (continuing & (surface.y >> SURFACE_PURE_SHIFT)) != 0u;
+    if (continuing == ALL_AROUND || (continuing & (surface.y >> SURFACE_PURE_SHIFT)) != 0u) {
+        return 1.0;
+    }
+    // The three others of each.
+    const uvec4 others = uvec4(
+        AROUND_LEFT | AROUND_ABOVE_LEFT | AROUND_ABOVE, AROUND_ABOVE | AROUND_ABOVE_RIGHT | AROUND_RIGHT,
+        AROUND_RIGHT | AROUND_BELOW_RIGHT | AROUND_BELOW, AROUND_BELOW | AROUND_BELOW_LEFT | AROUND_LEFT);
+    return any(equal(continuing & others, others)) ? HALF_THICK : 0.0;
 }
 
 // The bit of a pixel's front; 0 if it has none.

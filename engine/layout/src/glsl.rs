@@ -194,6 +194,7 @@ fn declarations() -> String {
         ("LEG_PX", format!("{:.6}", rigid::LEG_PX)),
         ("MOST_LEGS", format!("{}u", rigid::MOST_LEGS)),
         ("BACKGROUND_LOG", format!("{:.6}", rigid::BACKGROUND_LOG)),
+        ("HALF_THICK", format!("{:.6}", rigid::HALF_THICK)),
         ("MIXED_WEIGHT", format!("{:.6}", rigid::MIXED_WEIGHT)),
         ("UNSEEN_SHARE", format!("{:.6}", rigid::UNSEEN_SHARE)),
         ("UNSEEN_REACH_PX", rigid::UNSEEN_REACH_PX.to_string()),

@@ -66,8 +66,8 @@
 //! of all. A farther pixel whose front belongs to the candidate is in its **fringe**, and `f` is the weight of those. Where
 //! the nearest pixel speaks for all and is farther, and one that the position lies between is not pure, the four count as
 //! farther and are asked for their fronts. A surface is **thick** at a pixel if some 3x3 pixels that hold the pixel
-//! continue its surface; beyond the image its border goes on. `t` is the weight of the pixels that belong where it is
-//! thick, and of those in the fringe with such a front.
+//! continue its surface, and [`HALF_THICK`] if some 2x2 pixels do; beyond the image its border goes on. `t` is the weight of
+//! the pixels that belong, and of those in the fringe, each by how thick the surface is at the pixel or at its front.
 //!
 //! **Coverage.** With weights `u_0 = (1 - a) e_0` and `u_1 = a e_1`, where `e = max(1 - o, `[`EDGE_WEIGHT`]`)` and `o`
 //! is how far the position lies outside the image, a candidate covers the pixel by `c = sum u s / sum u (1 - h)`: what
@@ -186,6 +186,9 @@ pub const PIXEL_CANDIDATES: usize = 6;
 
 /// Difference of the background here from that in the key frames, nepers, at which a silhouette's mixture does not count.
 pub const BACKGROUND_LOG: f64 = 0.5;
+
+/// How thick a surface counts, of 1, where 2x2 pixels continue it and no 3x3 do.
+pub const HALF_THICK: f64 = 0.5;
 
 /// Weight of a pixel at a silhouette, which is a mixture of two surfaces, against one inside a surface.
 pub const MIXED_WEIGHT: f64 = 0.2;

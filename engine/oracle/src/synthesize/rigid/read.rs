@@ -32,7 +32,7 @@ pub struct Known {
     pub level: Option<f64>,
     /// Weight of those that belong, and of those in its fringe.
     pub reach: f64,
-    /// Weight of those of the reach where the surface is thick.
+    /// Weight of those of the reach, each by how thick the surface is there.
     pub thick: f64,
     /// Level of those that are farther, nepers. `None` if there are none.
     pub behind: Option<f64>,
@@ -47,8 +47,8 @@ pub struct KeyFrame {
     pub surfaces: Surfaces,
     /// Whether the 3x3 pixels around each continue its surface.
     pub pure: Vec<bool>,
-    /// Whether each shows a surface that is thick there.
-    pub thick: Vec<bool>,
+    /// How thick the surface is that each shows.
+    pub thickness: Vec<f64>,
     /// The front of each.
     pub front: Vec<Option<usize>>,
     /// Whether each half-pel sample lies between pixels that continue the surface of the first of them.
@@ -105,7 +105,7 @@ impl KeyFrame {
     pub fn new(surfaces: Surfaces) -> Self {
         let (width, height) = surfaces.size;
         let pure = (0..width * height).map(|pixel| surfaces.all_continue(pixel, pixel, 1)).collect();
-        let thick = (0..width * height).map(|pixel| surfaces.is_thick(pixel)).collect();
+        let thickness = (0..width * height).map(|pixel| surfaces.thickness(pixel)).collect();
         let front = (0..width * height).map(|pixel| surfaces.front(pixel)).collect();
         let joined = (0..4 * width * height)
             .map(|sample| {
@@ -113,7 +113,7 @@ impl KeyFrame {
                 parents((width, height), sample).all(|parent| surfaces.continues(first, parent))
             })
             .collect();
-        KeyFrame { surfaces, pure, thick, front, joined }
+        KeyFrame { surfaces, pure, thickness, front, joined }
     }
 
     /// Whether a pixel belongs to a surface.
@@ -179,17 +179,17 @@ impl KeyFrame {
             trust: share(Relation::Belongs) * self.trust_within(&spot),
             level: level(Relation::Belongs),
             reach: share(Relation::Belongs),
-            thick: if self.thick[spot.nearest] { share(Relation::Belongs) } else { 0.0 },
+            thick: self.thickness[spot.nearest] * share(Relation::Belongs),
             behind: level(Relation::Farther),
             as_shown,
         }
     }
 
-    /// Whether a pixel that shows something farther is in the fringe of a surface, and then whether that is thick there:
-    /// the pixel's front belongs to it.
-    fn fringe(&self, pixel: usize, surface: &Seen) -> Option<bool> {
+    /// Whether a pixel that shows something farther is in the fringe of a surface, and then how thick that is there: the
+    /// pixel's front belongs to it.
+    fn fringe(&self, pixel: usize, surface: &Seen) -> Option<f64> {
         let front = self.front[pixel].filter(|&front| self.belongs(front, surface))?;
-        Some(self.thick[front])
+        Some(self.thickness[front])
     }
 
     /// Whether a pixel is pure, as far as the nearest one of a position tells: the 3x3 pixels around it continue the
@@ -249,12 +249,12 @@ impl KeyFrame {
         let (mut level, mut behind, mut farther) = (0.0, 0.0, 0.0);
         for (pixel, weight) in Cell::new(size, spot.at).corners() {
             let own = half_pel[pixel_sample(size, pixel)];
-            let is_thick = match relation(pixel) {
+            let thickness = match relation(pixel) {
                 Relation::Belongs => {
                     known.seen += weight;
                     known.trust += if self.pure[pixel] { weight } else { MIXED_WEIGHT * weight };
                     level += weight * own;
-                    Some(self.thick[pixel])
+                    Some(self.thickness[pixel])
                 }
                 Relation::Hides => {
                     known.hidden += weight;
@@ -266,8 +266,8 @@ impl KeyFrame {
                     self.fringe(pixel, surface)
                 }
             };
-            known.reach += if is_thick.is_some() { weight } else { 0.0 };
-            known.thick += if is_thick == Some(true) { weight } else { 0.0 };
+            known.reach += if thickness.is_some() { weight } else { 0.0 };
+            known.thick += weight * thickness.unwrap_or(0.0);
         }
         known.level = (known.seen > 0.0).then(|| level / known.seen);
         known.behind = (farther > 0.0).then(|| behind / farther);

@@ -1,7 +1,7 @@
 //! What a key frame shows: the surface of each pixel, and which pixels belong to a surface.
 
 use esaac_model::paths::{Intrinsics, NoPath, Pose, Projection, SceneMotion};
-use esaac_model::synthesis::rigid::{BELONG_PX, LEAST_MOTION_PX};
+use esaac_model::synthesis::rigid::{BELONG_PX, HALF_THICK, LEAST_MOTION_PX};
 use glam::{DVec2, DVec3};
 
 /// A key frame's geometry.
@@ -138,16 +138,30 @@ impl Surfaces {
         nearest.1
     }
 
-    /// Whether some 3x3 pixels that hold a pixel continue its surface. Beyond the image the border goes on.
+    /// How thick a pixel's surface is there: 1 if some 3x3 pixels that hold the pixel continue it, [`HALF_THICK`] if some
+    /// 2x2 do, else 0. Beyond the image the border goes on.
     #[must_use]
-    pub fn is_thick(&self, pixel: usize) -> bool {
+    pub fn thickness(&self, pixel: usize) -> f64 {
         let (width, height) = self.size;
         let clamped = |at: usize, step: usize, size: usize| (at + step).saturating_sub(2).min(size - 1);
         let continues = |i: usize, j: usize| {
             let (x, y) = (clamped(pixel % width, i, width), clamped(pixel / width, j, height));
             self.continues(pixel, y * width + x)
         };
-        (0..3).any(|top| (0..3).any(|left| (top..top + 3).all(|j| (left..left + 3).all(|i| continues(i, j)))))
+        // Squares of `n` by `n` pixels, the first of which has its corner at `from` of the 5x5 around.
+        let any_square = |n: usize, from: usize| {
+            let firsts = from..from + n;
+            firsts.clone().any(|top| {
+                firsts.clone().any(|left| (top..top + n).all(|j| (left..left + n).all(|i| continues(i, j))))
+            })
+        };
+        if any_square(3, 0) {
+            1.0
+        } else if any_square(2, 1) {
+            HALF_THICK
+        } else {
+            0.0
+        }
     }
 
     /// How a pixel lies to the surface of instance `id` and plane `plane`, in this key frame's axes.

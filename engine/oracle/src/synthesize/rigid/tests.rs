@@ -4,6 +4,7 @@ use super::*;
 use crate::metrics::{Comparison, compare};
 use crate::truth;
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack};
+use esaac_model::synthesis::rigid::HALF_THICK;
 use esaac_model::{Intensity, SensorModel, Taps};
 use glam::{DQuat, DVec3};
 
@@ -326,7 +327,12 @@ fn pixels_beside_what_is_nearer_have_it_as_their_front() {
             };
             assert_eq!(front, expected, "{width} px: column {x}");
             let on_bar = columns.contains(&x);
-            assert_eq!(surfaces.is_thick(row + x), !on_bar || width > 2, "{width} px: column {x}");
+            let thickness = match width {
+                1 if on_bar => 0.0,
+                2 if on_bar => HALF_THICK,
+                _ => 1.0,
+            };
+            assert_eq!(surfaces.thickness(row + x), thickness, "{width} px: column {x}");
         }
     }
 }
