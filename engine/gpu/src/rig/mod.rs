@@ -13,6 +13,7 @@
 
 mod arena;
 mod bus;
+mod changes;
 mod code;
 mod config;
 mod conventions;
@@ -53,7 +54,7 @@ use crate::error::EngineError;
 use crate::kernel::{BindingSet, KernelStatistics, SlotKind};
 use crate::memory::{Buffer, MemoryUse};
 use crate::policy::{KernelPolicy, Resting};
-use arena::{Arena, Move};
+use arena::Arena;
 use ash::vk;
 use config::{check_groups, check_rows, check_sensor};
 use esaac_layout::{self as layout, Camera};
@@ -61,7 +62,6 @@ use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
 use esaac_model::physical::Illuminances;
 use esaac_model::{SensorModel, Synthesis};
-use fresh::{fresh_bus, fresh_counters, pixel_draws};
 use geometry::Place;
 use gpu_allocator::MemoryLocation;
 use input::Addresses;
@@ -71,12 +71,9 @@ use queue::{QueueLength, SecondRun};
 use rest::{PassedIntervals, RestChoice};
 use results::Results;
 use scene::Instances;
-use sensor::has_bus;
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 use timing::Timing;
-use transfer::{Write, Writes};
 
 pub use config::{CameraConfig, GeometryConfig, RigOptions};
 pub use held::HeldPackets;
@@ -304,140 +301,6 @@ impl Rig {
     /// tells whether its poses are followed.
     pub fn sensor(&self, camera: usize) -> Result<&SensorModel, EngineError> {
         Ok(&self.camera(camera)?.config.sensor)
-    }
-
-    /// Changes a camera's parameters, all but its size; the change takes effect with the next tick. On an error the
-    /// camera keeps its parameters, and nothing has changed.
-    pub fn set_sensor(&mut self, camera: usize, sensor: SensorModel) -> Result<(), EngineError> {
-        self.check_health()?;
-        let state = self.camera(camera)?;
-        let asked = sensor.synthesis;
-        let sensor = state.config.resolved(&sensor);
-        check_sensor(camera, &sensor, &state.config)?;
-        let old = &state.config.sensor;
-        let effects = old.change_to(&sensor);
-        if effects.resizes {
-            return Err(EngineError::SizeChange {
-                camera,
-                expected_width: old.width,
-                expected_height: old.height,
-                actual_width: sensor.width,
-                actual_height: sensor.height,
-            });
-        }
-        let others = self.cameras.iter().enumerate().filter(|&(number, _)| number != camera);
-        check_rows(others.map(|(_, c)| &c.config.sensor).chain([&sensor]))?;
-        // Pixels at rest have passed over intervals with the parameters of before.
-        self.catch_up()?;
-        let state = &self.cameras[camera];
-        let mut places = self.places();
-        let mut writes = Vec::new();
-        places[camera] = places[camera].with_planes_of(&sensor);
-        if effects.resets_frames {
-            writes.push(fresh_counters(&state.place));
-        }
-        if effects.redraws_pixels {
-            writes.push(pixel_draws(&state.place, &sensor, state.config.camera));
-        }
-        self.change(places, writes, &[])?;
-        if effects.resets_frames && has_bus(&sensor) {
-            let fresh = fresh_bus(&self.cameras[camera]);
-            self.change(self.places(), fresh, &[layout::BINS])?;
-        }
-        let state = &mut self.cameras[camera];
-        let held_ns = state.last_ns.map(|ns| ns + i64::from(state.config.sensor.refractory_ns));
-        let other_light = effects.resets_frames || state.config.sensor.lux_per_unit != sensor.lux_per_unit;
-        if other_light {
-            state.light = Illuminances::default();
-        }
-        state.config.sensor = sensor;
-        state.asked = asked;
-        state.changed = true;
-        state.holds_until_ns = held_ns.max(state.holds_until_ns);
-        if effects.resets_frames {
-            state.forget();
-        }
-        state.apply_trust();
-        Ok(())
-    }
-
-    /// Resets a camera: its next frame counts as its first. Deferred events are discarded, noise begins again, and
-    /// packets keep counting.
-    pub fn reset(&mut self, camera: usize) -> Result<(), EngineError> {
-        self.reset_some(&[camera])
-    }
-
-    /// As [`Rig::reset`], for several cameras in one submission. On an error none is reset.
-    pub fn reset_some(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
-        self.check_health()?;
-        // Two writes to one place would have no order.
-        let cameras: BTreeSet<usize> = cameras.iter().copied().collect();
-        let mut writes = Vec::new();
-        for &camera in &cameras {
-            let state = self.camera(camera)?;
-            writes.extend(fresh_bus(state));
-            writes.push(fresh_counters(&state.place));
-        }
-        self.change(self.places(), writes, &[])?;
-        for camera in cameras {
-            self.cameras[camera].forget();
-        }
-        Ok(())
-    }
-
-    /// Initialises the state on the device, as before any frame.
-    fn clear(&mut self) -> Result<(), EngineError> {
-        let mut writes = Vec::new();
-        self.arena.table(layout::READOUTS).write(0, &vec![layout::Readout::default(); self.cameras.len()]);
-        for c in &self.cameras {
-            writes.push(fresh_counters(&c.place));
-            writes.extend(fresh_bus(c));
-            writes.push(pixel_draws(&c.place, &c.config.sensor, c.config.camera));
-        }
-        let zeroed = [layout::BINS, layout::STATE, layout::BLOCKS, layout::PASSING, layout::MEETINGS];
-        self.device.run_once(|commands| self.arena.record_zero(&self.device, commands, &zeroed))?;
-        self.change(self.places(), writes, &[])
-    }
-
-    /// The places of all cameras, and after them those of their outlets.
-    fn places(&self) -> Vec<Place> {
-        let outlets = self.cameras.iter().map(|c| c.outlet);
-        self.cameras.iter().map(|c| c.place).chain(outlets).collect()
-    }
-
-    /// Moves cameras to new places, zeroes buffers and writes into others, in one submission. `writes` and `zeroed` may
-    /// name only buffers that do not move. On an error nothing has changed; but if the submission may still run, the
-    /// rig is lost.
-    fn change(
-        &mut self,
-        mut places: Vec<Place>,
-        writes: Vec<Write>,
-        zeroed: &[usize],
-    ) -> Result<(), EngineError> {
-        geometry::follow_cameras(&mut places);
-        let before = self.places();
-        let planned: Option<Move> =
-            if places == before { None } else { Some(self.arena.plan(&self.device, &before, places)?) };
-        if planned.is_none() && writes.is_empty() && zeroed.is_empty() {
-            return Ok(());
-        }
-        let writes = Writes::new(&self.device, writes)?;
-        let device = &self.device;
-        let ran = device.run_once(|commands| {
-            if let Some(planned) = &planned {
-                self.arena.record_move(device, commands, &before, planned);
-            }
-            self.arena.record_zero(device, commands, zeroed);
-            writes.record(device, commands, &self.arena);
-        });
-        if let Err(error) = ran {
-            return Err(if error.leaves_work() { self.lose(error) } else { error });
-        }
-        if let Some(planned) = planned {
-            self.arena.commit(&mut self.cameras, planned);
-            self.recordings.unbind();
-        }
-        Ok(())
     }
 
     /// Why the rig is lost; `None` if it is not. A lost rig can only be closed. States saved before remain valid.
