@@ -56,29 +56,22 @@ pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choic
             add(name, family, with(synthesis, taps, transfers, n, adaptive), false);
         }
     }
+    // What differs from the default in nothing else.
+    let motion = |policy| with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, policy);
     let at_sample = |sensor: SensorModel| SensorModel { timestamps: Timestamps::AtSample, ..sensor };
     for (name, sensor) in [
         ("paper, fixed 32, at sample", with(Synthesis::Paper, Taps::Bilinear, 1, 32, fixed)),
-        (
-            "motion cubic, fixed 32, at sample",
-            with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, fixed),
-        ),
-        (
-            "motion cubic, adaptive 32, at sample",
-            with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, adaptive),
-        ),
+        ("motion cubic, fixed 32, at sample", motion(fixed)),
+        ("motion cubic, adaptive 32, at sample", motion(adaptive)),
     ] {
         add(name.into(), "times at samples", at_sample(sensor), false);
     }
     for (policy_name, policy) in [("fixed", fixed), ("adaptive", adaptive)] {
-        let layered = SensorModel {
-            layers: 3,
-            ..with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, policy)
-        };
+        let layered = SensorModel { layers: 3, ..motion(policy) };
         let name = format!("motion cubic, 3 layers, {policy_name} 32");
         add(name, "motion, 3 layers", layered, false);
         let name = format!("motion cubic, {policy_name} 32, f32 input");
-        add(name, "f32 input", with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, policy), true);
+        add(name, "f32 input", motion(policy), true);
     }
     choices
 }

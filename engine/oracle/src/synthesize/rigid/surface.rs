@@ -148,7 +148,7 @@ impl Surfaces {
             let (x, y) = (clamped(pixel % width, i, width), clamped(pixel / width, j, height));
             self.continues(pixel, y * width + x)
         };
-        // Squares of `n` by `n` pixels, the first of which has its corner at `from` of the 5x5 around.
+        // Of the 5x5 around: the squares of `n` by `n` pixels whose corners are `from` the first column and row on.
         let any_square = |n: usize, from: usize| {
             let firsts = from..from + n;
             firsts.clone().any(|top| {
