@@ -85,8 +85,9 @@ void transfer_rigid(Camera cam, ivec2 corner, uint current, uint previous) {
         if (confidences[anchor] > 0.0) {
             [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
                 const float level = load_plane(previous + k * cam.frame_words + frame_word(cam, true, at));
+                const uint frame = current + k * cam.frame_words;
                 residuals[k * ANCHORS + anchor] =
-                    level - half_pel_cubic(cam, current + k * cam.frame_words, there);
+                    level - half_pel_cubic(cam, frame, there, cubic_parameter(cam, frame, at));
             }
         }
     }
@@ -112,7 +113,8 @@ void transfer_rigid(Camera cam, ivec2 corner, uint current, uint previous) {
                 const uint frame = previous + k * cam.frame_words;
                 const uint word =
                     frame + frame_word(cam, true, at) + uint(offset.x) + uint(offset.y) * cam.half_pel_stride;
-                const float told = half_pel_cubic(cam, current + k * cam.frame_words, there);
+                const uint told_by = current + k * cam.frame_words;
+                const float told = half_pel_cubic(cam, told_by, there, cubic_parameter(cam, told_by, at));
                 const float residual = mean_of_quad(residual_quad(k * ANCHORS + anchor), offset);
                 planes[word] = lerp(planes[word], told + residual, trust);
             }
@@ -173,7 +175,9 @@ void main() {
         confidences[anchor] = confidence_at(cam, disagreement_on_way(cam, at, shift), vec2(at) + shift);
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
             const float level = load_plane(previous + k * cam.frame_words + frame_word(cam, true, at));
-            residuals[k * ANCHORS + anchor] = level - half_pel_cubic(cam, current + k * cam.frame_words, there);
+            const uint frame = current + k * cam.frame_words;
+            residuals[k * ANCHORS + anchor] =
+                level - half_pel_cubic(cam, frame, there, cubic_parameter(cam, frame, at));
         }
     }
     barrier();
@@ -201,10 +205,12 @@ void main() {
         const uint word = base + frame_word(cam, true, at);
         const uint below = word + cam.half_pel_stride;
         vec4 entries = vec4(planes[word], planes[word + 1u], planes[below], planes[below + 1u]);
+        const uint frame = current + k * cam.frame_words;
+        const float parameter = cubic_parameter(cam, frame, at);
         [[unroll]] for (int phase = 1; phase < 4; ++phase) {
             const Correction of = corrections[phase - 1];
             if (of.confidence > 0.0) {
-                const float reprojected = half_pel_cubic(cam, current + k * cam.frame_words, there[phase - 1]);
+                const float reprojected = half_pel_cubic(cam, frame, there[phase - 1], parameter);
                 entries[phase] = lerp(entries[phase], reprojected + of.residual[k], of.confidence);
             }
         }

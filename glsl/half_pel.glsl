@@ -33,12 +33,17 @@ vec2 to_half_pel(Camera cam, vec2 position) {
     return clamp(2.0 * position, vec2(0.0), vec2(2u * uvec2(cam.width, cam.height) - 1u));
 }
 
+// Keys' parameter with which pixel `at` reads the half-pel frame at `base`.
+float cubic_parameter(Camera cam, uint base, ivec2 at) {
+    return load_plane(base + parameter_word(cam, uvec2(at) / BLOCK_PX));
+}
+
 // Interpolates a half-pel frame at `at`, in half pixels inside the image.
-float half_pel_cubic(Camera cam, uint base, vec2 at) {
+float half_pel_cubic(Camera cam, uint base, vec2 at, float parameter) {
     const vec2 low = floor(at);
     const vec2 f = at - low;
     const uint first = base + uint(low.y) * cam.half_pel_stride + uint(low.x) + 1u;
-    return cubic(load_taps(cam, first), f, CUBIC_HALF_PEL);
+    return cubic(load_taps(cam, first), f, parameter);
 }
 
 // Bilinear interpolation of a frame that is not a half-pel frame.

@@ -25,9 +25,9 @@
 // Rows of the tile that the workgroup loads at once.
 const uint ROWS_PX = gl_WorkGroupSize.x / TILE_WIDTH_PX;
 
-// The tile cache: the tile and, for a half-pel frame, an apron of a column and row before and two after it.
-const uint APRON_PX = 3u;
-const uint APRON_BEFORE_PX = HALF_PEL ? 1u : 0u;
+// The tile cache: the tile and, for a half-pel frame, an apron of two columns and rows before and three after it.
+const uint APRON_PX = 5u;
+const uint APRON_BEFORE_PX = HALF_PEL ? 2u : 0u;
 const uint CACHE_X = TILE_WIDTH_PX + (HALF_PEL ? APRON_PX : 0u);
 const uint CACHE_Y = BLOCK_PX + (HALF_PEL ? APRON_PX : 0u);
 const uint CACHE_PIXELS = CACHE_X * CACHE_Y;
@@ -46,19 +46,25 @@ uint cache_index(ivec2 at) {
 
 // Pixels of the apron in the order in which threads load them: whole rows first, then the rest of the columns.
 ivec2 apron_pixel(uint number) {
+    const int before = int(APRON_BEFORE_PX);
     const uint in_rows = APRON_PX * (TILE_WIDTH_PX + APRON_PX);
     if (number < in_rows) {
-        const int row = int(number / (TILE_WIDTH_PX + APRON_PX));
-        const int column = int(number % (TILE_WIDTH_PX + APRON_PX));
-        return ivec2(column - 1, row == 0 ? -1 : int(BLOCK_PX) + row - 1);
+        const int row = int(number / (TILE_WIDTH_PX + APRON_PX)) - before;
+        const int column = int(number % (TILE_WIDTH_PX + APRON_PX)) - before;
+        return ivec2(column, row < 0 ? row : int(BLOCK_PX) + row);
     }
     const int row = int((number - in_rows) / APRON_PX);
-    const int column = int((number - in_rows) % APRON_PX);
-    return ivec2(column == 0 ? -1 : int(TILE_WIDTH_PX) + column - 1, row);
+    const int column = int((number - in_rows) % APRON_PX) - before;
+    return ivec2(column < 0 ? column : int(TILE_WIDTH_PX) + column, row);
 }
 
 vec2 motion_near(Camera cam, ivec2 at) {
     return cached_motion[cache_index(at)];
+}
+
+// Whether a pixel of the tile or its apron is an anchor or beside one: no other's motion is asked for.
+bool is_beside_anchor(ivec2 in_tile) {
+    return all(greaterThanEqual(in_tile, ivec2(-1))) && all(lessThan(in_tile, ivec2(TILE_WIDTH_PX, BLOCK_PX) + 2));
 }
 
 #include "detail_transfer.glsl"
@@ -235,7 +241,8 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
 
     // Issues all loads at once: memory latency is long.
     const vec3 rendered = read_colour(cam, pixel);
-    const vec2 motion_read = cam.has_motion != 0u ? read_motion(cam, pixel) : vec2(0.0);
+    const bool has_motion = cam.has_motion != 0u && (!HALF_PEL || is_beside_anchor(in_tile));
+    const vec2 motion_read = has_motion ? read_motion(cam, pixel) : vec2(0.0);
     float before = cam.log_dark;
     int reference = 0;
     if (!is_first(cam)) {
@@ -265,7 +272,7 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
         add_pixel(cam, at, colour, level, before, reference, stats);
     }
 
-    if (cam.has_motion != 0u) {
+    if (has_motion) {
         bool usable;
         const vec2 m = to_usable(motion_read, usable);
         if (HALF_PEL) {
@@ -291,6 +298,7 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
 #include "block_pairs.glsl"
 #include "ingest_meetings.glsl"
 #include "ingest_bends.glsl"
+#include "ingest_texture.glsl"
 
 // What else `cross` must know of a block: where motions meet in it, or its texture.
 uint further_word(uint in_tile) {
@@ -328,27 +336,7 @@ void enqueue_tile(Camera cam) {
     tile_order[cam.tile_base + place] = gl_WorkGroupID.x;
 }
 
-// The taps around pixel `at`, of the `k`th component that the workgroup takes.
-CubicTaps cubic_taps_at(uint k, ivec2 at) {
-    const uint first = k * CACHE_PIXELS + cache_index(at - 1);
-    const uint top = first + CACHE_X;
-    const uint bottom = top + CACHE_X;
-    const uint below = bottom + CACHE_X;
-    return CubicTaps(
-        vec2(cached_level[first + 1u], cached_level[first + 2u]),
-        vec4(cached_level[top], cached_level[top + 1u], cached_level[top + 2u], cached_level[top + 3u]),
-        vec4(cached_level[bottom], cached_level[bottom + 1u], cached_level[bottom + 2u], cached_level[bottom + 3u]),
-        vec2(cached_level[below + 1u], cached_level[below + 2u]));
-}
-
-// The half-pel sample at `phase_offset` (0 or 1 a coordinate) from pixel `at`, from this frame alone.
-float interpolate_frame(Camera cam, CubicTaps taps, ivec2 at, ivec2 phase_offset) {
-    const ivec2 last = ivec2(cam.width, cam.height) - 1;
-    // The frame repeats its last pixels beyond the image.
-    const vec2 f =
-        vec2(at.x < last.x ? 0.5 * float(phase_offset.x) : 0.0, at.y < last.y ? 0.5 * float(phase_offset.y) : 0.0);
-    return cubic(taps, f, CUBIC_FRAME);
-}
+#include "ingest_half_pels.glsl"
 
 // Where the previous frame shows an anchor and its half-pel samples.
 SampleQuad history_quad(Camera cam, ivec2 at, vec2 motions[9]) {
@@ -367,8 +355,9 @@ void reproject(Camera cam, uint channel, uvec2 anchor, bool with_half_pels, out 
     confidences[anchor_index(anchor)] = confidence_at(cam, disagreement_px(motions), vec2(at) + motions[4]);
     const SampleQuad quad = history_quad(cam, at, motions);
     [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        const uint previous = frame_of(cam, 1u - cam.frame_slot, channel + k);
         reprojected[k] =
-            sample_shared_footprint(cam, frame_of(cam, 1u - cam.frame_slot, channel + k), quad, with_half_pels);
+            sample_shared_footprint(cam, previous, quad, cubic_parameter(cam, previous, at), with_half_pels);
         residuals[k * ANCHORS + anchor_index(anchor)] =
             cached_level[k * CACHE_PIXELS + cache_index(at)] - reprojected[k].x;
     }
@@ -379,10 +368,7 @@ void reproject(Camera cam, uint channel, uvec2 anchor, bool with_half_pels, out 
 vec4 entries_of(Camera cam, uint k, ivec2 at, vec4 reprojected, Correction corrections[3]) {
     vec4 entries = vec4(cached_level[k * CACHE_PIXELS + cache_index(at)], 0.0, 0.0, 0.0);
     if (min(min(corrections[0].confidence, corrections[1].confidence), corrections[2].confidence) < 1.0) {
-        const CubicTaps taps = cubic_taps_at(k, at);
-        [[unroll]] for (int phase = 1; phase < 4; ++phase) {
-            entries[phase] = interpolate_frame(cam, taps, at, phase_offset_of(phase));
-        }
+        entries.yzw = interpolate_frame(cam, k, at);
     }
     [[unroll]] for (int phase = 1; phase < 4; ++phase) {
         const Correction of = corrections[phase - 1];
@@ -442,6 +428,9 @@ void main() {
             begin_bends(lane);
         }
     }
+    if (HALF_PEL) {
+        begin_roughness(lane);
+    }
     if (lane == 0u) {
         any_change = is_first(cam) ? 1u : 0u;
         if (RIGID) {
@@ -491,9 +480,10 @@ void main() {
         barrier();
         mark_meetings(cam);
     }
-    if (SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u)) {
-        note_bends(cam);
+    if (HALF_PEL) {
+        note_texture(cam, SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u));
         barrier();
+        write_parameters(cam, channel);
     }
     if (channel == 0u && lane < TILE_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
         write_block(cam, lane);

@@ -34,21 +34,10 @@ vec2 bend_and_slope(ivec2 in_tile) {
     return abs(vec2(dot(second, m * m) + 2.0 * mixed * m.x * m.y, dot(first, m)));
 }
 
-// Notes the largest bend and slope of each block. Called by the whole workgroup, whose threads each stay in one block.
-void note_bends(Camera cam) {
-    const uint lane = gl_LocalInvocationID.x;
-    vec2 largest = vec2(0.0);
-    uint number = lane;
-    do {
-        const ivec2 in_tile = ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
-        if (all(lessThan(tile_origin + in_tile, ivec2(cam.width, cam.height)))) {
-            largest = max(largest, bend_and_slope(in_tile));
-        }
-        number += gl_WorkGroupSize.x;
-    } while (number < TILE_ANCHORS);
-    const uint block = (lane % TILE_WIDTH_PX) / BLOCK_PX;
-    atomicMax(block_bend[block], floatBitsToUint(largest.x));
-    atomicMax(block_slope[block], floatBitsToUint(largest.y));
+// Notes a bend and a slope of a block.
+void note_bend(uint in_tile, vec2 largest) {
+    atomicMax(block_bend[in_tile], floatBitsToUint(largest.x));
+    atomicMax(block_slope[in_tile], floatBitsToUint(largest.y));
 }
 
 // Bits of the motion of a block as its number of sub-steps needs it.

@@ -298,10 +298,10 @@ Window layer_window(Camera cam, uint block, uint order, uint place, bool current
 }
 
 LayerView view_layer(
-    Camera cam, uint frame, uint block, uint order, uint place, bool current, vec2 position, float ratio
+    Camera cam, uint frame, float parameter, uint block, uint order, uint place, bool current, vec2 position, float ratio
 ) {
     LayerView view = LayerView(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, false);
-    view.as_shown = TAPS == TAPS_CUBIC ? half_pel_cubic(cam, frame, to_half_pel(cam, position))
+    view.as_shown = TAPS == TAPS_CUBIC ? half_pel_cubic(cam, frame, to_half_pel(cam, position), parameter)
                                        : frame_bilinear(cam, frame, position);
     const Cell cell = cell_at(cam, position);
     const vec2 g = 1.0 - cell.f;
@@ -384,8 +384,9 @@ float synthesize_layers(Camera cam, Frames frames, vec2 at, uint block, uint lay
         const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
         const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
         const LayerView previous =
-            view_layer(cam, frames.previous, block, layers, place, false, in_previous, ratio);
-        const LayerView current = view_layer(cam, frames.current, block, layers, place, true, in_current, ratio);
+            view_layer(cam, frames.previous, frames.parameters.x, block, layers, place, false, in_previous, ratio);
+        const LayerView current =
+            view_layer(cam, frames.current, frames.parameters.y, block, layers, place, true, in_current, ratio);
         const vec2 say = vec2(
             (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
             alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));

@@ -160,9 +160,9 @@ struct Known {
 };
 
 // Level at a position from a frame whose pixels around it are of one surface.
-float read_level(Camera cam, uint frame, vec2 position) {
+float read_level(Camera cam, uint frame, vec2 position, float parameter) {
     return TAPS == TAPS_CUBIC
-        ? half_pel_cubic(cam, frame, to_half_pel(cam, position))
+        ? half_pel_cubic(cam, frame, to_half_pel(cam, position), parameter)
         : frame_bilinear(cam, frame, position);
 }
 
@@ -357,8 +357,8 @@ float synthesize_rigid(
             continue;
         }
         // Both reads before any branch: their loads overlap.
-        const float start_shown = read_level(cam, frames.previous, start_spot.position);
-        const float end_shown = read_level(cam, frames.current, end_spot.position);
+        const float start_shown = read_level(cam, frames.previous, start_spot.position, frames.parameters.x);
+        const float end_shown = read_level(cam, frames.current, end_spot.position, frames.parameters.y);
         if (is_within(start_spot)) {
             start.level = start_shown;
             start.level_behind = start_shown;

@@ -14,7 +14,8 @@ void tell_anchor(Camera cam, Geometry geo, uint channel, uint number) {
     confidences[anchor] = follow(cam, geo, route, surface_base(cam, geo, 0u), vec2(at), there);
     if (confidences[anchor] > 0.0) {
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-            const float told = half_pel_cubic(cam, frame_of(cam, 1u - cam.frame_slot, channel + k), there);
+            const uint previous = frame_of(cam, 1u - cam.frame_slot, channel + k);
+            const float told = half_pel_cubic(cam, previous, there, cubic_parameter(cam, previous, at));
             residuals[k * ANCHORS + anchor] = cached_level[k * CACHE_PIXELS + cache_index(at)] - told;
         }
     }
@@ -43,11 +44,7 @@ void write_rigid_half_pels(Camera cam, Geometry geo, uint channel, uint number, 
     const uint anchor = anchor_index(in_tile);
     vec4 entries[COMPONENTS];
     [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-        const CubicTaps taps = cubic_taps_at(k, at);
-        entries[k].x = cached_level[k * CACHE_PIXELS + cache_index(at)];
-        [[unroll]] for (int phase = 1; phase < 4; ++phase) {
-            entries[k][phase] = interpolate_frame(cam, taps, at, phase_offset_of(phase));
-        }
+        entries[k] = vec4(cached_level[k * CACHE_PIXELS + cache_index(at)], interpolate_frame(cam, k, at));
     }
     if (tells && confidences[anchor] > 0.0) {
         const Own own = own_surface(cam, geo, at);
@@ -63,7 +60,8 @@ void write_rigid_half_pels(Camera cam, Geometry geo, uint channel, uint number, 
             const float trust = min(anchors, follow(cam, geo, route, surface_base(cam, geo, 0u), position, there));
             if (trust > 0.0) {
                 [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-                    const float told = half_pel_cubic(cam, frame_of(cam, 1u - cam.frame_slot, channel + k), there);
+                    const uint previous = frame_of(cam, 1u - cam.frame_slot, channel + k);
+                    const float told = half_pel_cubic(cam, previous, there, cubic_parameter(cam, previous, at));
                     const float residual = mean_of_quad(residual_quad(k * ANCHORS + anchor), offset);
                     entries[k][phase] = lerp(entries[k][phase], told + residual, trust);
                 }

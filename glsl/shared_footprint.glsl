@@ -26,8 +26,9 @@ SampleQuad sample_quad(Camera cam, ivec2 at, vec2 shift, vec2 half_shifts[3]) {
     return quad;
 }
 
-// Samples the frame at `base` at a pixel's position and, if `with_half_pels`, at those of its half-pel samples.
-vec4 sample_shared_footprint(Camera cam, uint base, SampleQuad quad, bool with_half_pels) {
+// Samples the frame at `base` at a pixel's position and, if `with_half_pels`, at those of its half-pel samples;
+// `parameter` is Keys'.
+vec4 sample_shared_footprint(Camera cam, uint base, SampleQuad quad, float parameter, bool with_half_pels) {
     float rows[5][5];
     [[unroll]] for (uint j = 0u; j < 5u; ++j) {
         const uint row = base + quad.first + j * cam.half_pel_stride;
@@ -48,7 +49,7 @@ vec4 sample_shared_footprint(Camera cam, uint base, SampleQuad quad, bool with_h
                 vec4(rows[j + 1][i], rows[j + 1][i + 1], rows[j + 1][i + 2], rows[j + 1][i + 3]),
                 vec4(rows[j + 2][i], rows[j + 2][i + 1], rows[j + 2][i + 2], rows[j + 2][i + 3]),
                 vec2(rows[j + 3][i + 1], rows[j + 3][i + 2]));
-            reprojected[phase] = cubic(taps, quad.f[phase], CUBIC_HALF_PEL);
+            reprojected[phase] = cubic(taps, quad.f[phase], parameter);
         }
     }
     return reprojected;

@@ -4,10 +4,12 @@
 #include "trajectory.glsl"
 #include "half_pel.glsl"
 
-// First elements of the two frames of one colour component.
+// First elements of the two frames of one colour component, and the parameters with which a pixel reads them, if they are
+// half-pel frames.
 struct Frames {
     uint previous;
     uint current;
+    vec2 parameters;
 };
 
 // Whether frames are half-pel frames.
@@ -15,16 +17,22 @@ bool has_half_pel_frames() {
     return (RIGID || SYNTHESIS == SYNTHESIS_MOTION) && TAPS == TAPS_CUBIC;
 }
 
-Frames frames_of(Camera cam, uint channel) {
+// The frames of pixel `at` in component `channel`.
+Frames frames_of(Camera cam, uint channel, uvec2 at) {
     const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
-    return Frames(
-        cam.plane_base + ((1u - cam.frame_slot) * channels + channel) * cam.frame_words,
-        cam.plane_base + (cam.frame_slot * channels + channel) * cam.frame_words);
+    Frames frames;
+    frames.previous = cam.plane_base + ((1u - cam.frame_slot) * channels + channel) * cam.frame_words;
+    frames.current = cam.plane_base + (cam.frame_slot * channels + channel) * cam.frame_words;
+    if (has_half_pel_frames()) {
+        frames.parameters = vec2(
+            cubic_parameter(cam, frames.previous, ivec2(at)), cubic_parameter(cam, frames.current, ivec2(at)));
+    }
+    return frames;
 }
 
 // Samples a frame at `position`, in samples (see `SAMPLES_PER_PX`).
-float read_warped(Camera cam, uint base, vec2 position) {
-    return TAPS == TAPS_CUBIC ? half_pel_cubic(cam, base, position) : frame_bilinear(cam, base, position);
+float read_warped(Camera cam, uint base, vec2 position, float parameter) {
+    return TAPS == TAPS_CUBIC ? half_pel_cubic(cam, base, position, parameter) : frame_bilinear(cam, base, position);
 }
 
 // Warps are in samples: half pixels in half-pel frames.
@@ -88,7 +96,8 @@ float synthesize_motion(Camera cam, Frames frames, vec2 at, Warp warp, bool leav
         }
     }
     return lerp(
-        read_warped(cam, frames.previous, sources.zw), read_warped(cam, frames.current, sources.xy), say_current);
+        read_warped(cam, frames.previous, sources.zw, frames.parameters.x),
+        read_warped(cam, frames.current, sources.xy, frames.parameters.y), say_current);
 }
 
 // Blend of the frames in linear intensity; `light_*` are their exp(L).

@@ -92,6 +92,7 @@ float level_on_path(Camera cam, Geometry geo, Frames frames, vec2 at, OwnPath pa
     const float say_start = (1.0 - alpha) * max(1.0 - outside_px(cam, at_keys.xy), EDGE_WEIGHT);
     const float say_end = alpha * max(1.0 - outside_px(cam, at_keys.zw), EDGE_WEIGHT);
     return lerp(
-        read_level(cam, frames.previous, 0.5 * snapped(2.0 * at_keys.xy)),
-        read_level(cam, frames.current, 0.5 * snapped(2.0 * at_keys.zw)), say_end / (say_start + say_end));
+        read_level(cam, frames.previous, 0.5 * snapped(2.0 * at_keys.xy), frames.parameters.x),
+        read_level(cam, frames.current, 0.5 * snapped(2.0 * at_keys.zw), frames.parameters.y),
+        say_end / (say_start + say_end));
 }

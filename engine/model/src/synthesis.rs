@@ -18,8 +18,8 @@
 //! `q = x - D` and frame k-1 at `p = q + m`.
 //!
 //! **Half-pel frames.** Each frame gets a half-pel frame of twice its density. Sample `(X, Y)` lies at pixel
-//! `(X / 2, Y / 2)`, so that the even samples are the frame. The others are interpolated from the frame alone (cubic,
-//! [`CUBIC_FRAME`]), which gives `E_0`. Then detail is transferred from the half-pel frame `E'` of the other frame:
+//! `(X / 2, Y / 2)`, so that the even samples are the frame. The others are interpolated from the frame alone
+//! ([`HALF_PEL_WEIGHTS`]), which gives `E_0`. Then detail is transferred from the half-pel frame `E'` of the other frame:
 //! `E(x) = v (E'(x + d) + r(x)) + (1 - v) E_0(x)`. Here `d` is the displacement to the other frame: `m` at `a = 1`, or
 //! `-m` at `a = 0`. `r = L - E'(x + d)` is the residual at the pixels, and `v` the confidence. `d`, `r` and `v` are
 //! bilinear between pixels. The forward transfer takes detail of frame k-1 to frame k. A sensor with two
@@ -46,10 +46,22 @@
 //! backward transfer `e` is therefore the largest of `e(x)`, of `e` at the pixel nearest to `x + d` (clamped to the image),
 //! and of `LEADING_BACK |m_k(x + d) + d|` (the larger component). `v` is 0 if a vector among these 3x3 is non-finite.
 //!
-//! **Sample.** `L = (w_0 E_{k-1}(p) + w_1 E_k(q)) / (w_0 + w_1)`, read cubically ([`CUBIC_HALF_PEL`]), with weights
+//! **Sample.** `L = (w_0 E_{k-1}(p) + w_1 E_k(q)) / (w_0 + w_1)`, read cubically, with weights
 //! `w_0 = (1 - a) b(p)` and `w_1 = a b(q)`. `b = max(1 - o / EDGE_PX, EDGE_WEIGHT)`, where `o` is how far the position
 //! lies outside the image. Then `S = max(0, exp(L) - log_offset)`. A pixel whose own vector is non-finite is blended
 //! as by `linear`.
+//!
+//! **From one frame alone.** A half-pel sample right of or below a pixel is the sum of the six pixels in its row or column
+//! by [`HALF_PEL_WEIGHTS`], clamped to the range of the middle two. A diagonal one lies between two rows and two columns:
+//! it is the sum along the mean of the rows, plus that along the mean of the columns, minus the mean of the four pixels
+//! around, clamped to their range. The frame repeats its border pixels.
+//!
+//! **Roughness.** Keys' kernel with [`CUBIC_SMOOTH`] reads what is smooth as it is: straight lines stay straight. With any
+//! other parameter a slope has a wiggle in each cell, which moves crossings. [`CUBIC_SHARP`] gives texture as fine as the
+//! pixels back some of the contrast that is lost between them. So each 8x8 block of a frame has a parameter of its own
+//! ([`cubic_parameter`]). It follows from the squares of the differences of pixels to their four neighbours, and of second
+//! differences along both axes, summed over the block. A half-pel frame is read with the parameter that the reading pixel's
+//! own block has in that frame. A half-pel sample has that of the pixel that it is right of or below.
 //!
 //! **Taps.** The cubic kernel is Keys', over 4 rows. The inner two rows are read by Keys' kernel across 4 samples, the
 //! outer two linearly across 2: twelve taps, without the four corners. The result is clamped to the range of the
@@ -65,11 +77,49 @@
 pub mod layers;
 pub mod rigid;
 
-/// Keys' parameter for half-pel samples interpolated from one frame alone.
-pub const CUBIC_FRAME: f64 = -1.0;
+/// Weights of the pixels on either side of a half-pel sample, the nearest first: those of H.264's luma interpolation
+/// (ITU-T H.264, 8.4.2.2.1). They hardly change waves longer than three pixels.
+pub const HALF_PEL_WEIGHTS: [f64; 3] = [20.0 / 32.0, -5.0 / 32.0, 1.0 / 32.0];
 
-/// Keys' parameter for reading a half-pel frame.
-pub const CUBIC_HALF_PEL: f64 = -0.75;
+/// Keys' parameter for reading a half-pel frame where it is smooth. The kernel is then exact for polynomials of the second
+/// degree (Keys 1981).
+pub const CUBIC_SMOOTH: f64 = -0.5;
+
+/// Keys' parameter for reading a half-pel frame of texture that is as fine as the pixels.
+pub const CUBIC_SHARP: f64 = -0.75;
+
+/// Roughness up to which a block counts as smooth: that of waves of six pixels.
+pub const SMOOTH_ROUGHNESS: f64 = 1.0;
+
+/// Roughness from which on a block counts as fine texture: that of waves of four pixels. Noise has 3.
+pub const FINE_ROUGHNESS: f64 = 2.0;
+
+/// Largest square of differences that a pixel adds to a block's roughness, nepers squared: that the sums fit 32 bits.
+pub const MOST_ROUGH: f64 = 32.0;
+
+/// Steps for each neper squared in which squares of differences are summed.
+pub const ROUGHNESS_STEPS: f64 = (1_u32 << 20) as f64;
+
+/// A pixel's part of its block's roughness: its level and those left, right, above and below of it, nepers. Returns half
+/// the sum of the squared differences to the four, and the sum of the squared second differences, in
+/// [`ROUGHNESS_STEPS`].
+#[inline]
+#[must_use]
+pub fn roughness_of(level: f64, [left, right, above, below]: [f64; 4]) -> [u32; 2] {
+    let square = |difference: f64| difference * difference;
+    let first = [left, right, above, below].map(|other| 0.5 * square(other - level)).iter().sum::<f64>();
+    let second = square(left + right - 2.0 * level) + square(above + below - 2.0 * level);
+    [first, second].map(|sum| (sum.min(MOST_ROUGH) * ROUGHNESS_STEPS) as u32)
+}
+
+/// Keys' parameter for a block whose pixels have these sums of [`roughness_of`].
+#[inline]
+#[must_use]
+pub fn cubic_parameter([first, second]: [u32; 2]) -> f64 {
+    let roughness = f64::from(second) / f64::from(first.max(1));
+    let fine = ((roughness - SMOOTH_ROUGHNESS) / (FINE_ROUGHNESS - SMOOTH_ROUGHNESS)).clamp(0.0, 1.0);
+    CUBIC_SMOOTH + fine * (CUBIC_SHARP - CUBIC_SMOOTH)
+}
 
 /// How far outside its cell a half-pel sample may be read with the cell's taps, in half-pel samples. It bounds how much
 /// the motion of a half-pel sample may differ from that of its pixel. Beyond it the position is clamped, and the sample
@@ -113,7 +163,7 @@ mod tests {
 
     #[test]
     fn cubic_weights_interpolate_and_sum_to_one() {
-        for parameter in [CUBIC_FRAME, CUBIC_HALF_PEL, -0.5] {
+        for parameter in [-1.0, CUBIC_SHARP, CUBIC_SMOOTH] {
             assert_eq!(cubic_weights(0.0, parameter), [0.0, 1.0, 0.0, 0.0]);
             for fraction in [0.1, 0.5, 0.9, 1.0] {
                 let sum: f64 = cubic_weights(fraction, parameter).iter().sum();
@@ -122,5 +172,43 @@ mod tests {
         }
         // Catmull-Rom at the middle.
         assert_eq!(cubic_weights(0.5, -0.5), [-0.0625, 0.5625, 0.5625, -0.0625]);
+    }
+
+    /// Only that parameter leaves a straight line straight.
+    #[test]
+    fn smooth_slopes_are_read_as_they_are() {
+        let read = |parameter: f64, fraction: f64| -> f64 {
+            cubic_weights(fraction, parameter)
+                .iter()
+                .zip([-1.0, 0.0, 1.0, 2.0])
+                .map(|(w, level)| w * level)
+                .sum()
+        };
+        assert!((read(CUBIC_SMOOTH, 0.25) - 0.25).abs() < 1e-12);
+        assert!((read(CUBIC_SHARP, 0.25) - 0.25).abs() > 0.01);
+    }
+
+    #[test]
+    fn half_pel_weights_sum_to_one() {
+        assert_eq!(2.0 * HALF_PEL_WEIGHTS.iter().sum::<f64>(), 1.0);
+    }
+
+    #[test]
+    fn the_parameter_follows_the_length_of_waves() {
+        let of_waves = |length_px: f64| {
+            let level = |x: f64| (std::f64::consts::TAU * x / length_px).sin();
+            let mut sums = [0; 2];
+            for x in (0..64).map(f64::from) {
+                let own = roughness_of(level(x), [level(x - 1.0), level(x + 1.0), level(x), level(x)]);
+                sums = [sums[0] + own[0], sums[1] + own[1]];
+            }
+            cubic_parameter(sums)
+        };
+        assert_eq!((of_waves(8.0), of_waves(3.0)), (CUBIC_SMOOTH, CUBIC_SHARP));
+        assert!((CUBIC_SHARP..CUBIC_SMOOTH).contains(&of_waves(5.0)));
+        assert_eq!(cubic_parameter([0, 0]), CUBIC_SMOOTH);
+        // An edge of any height is within what the sums of a block hold.
+        let most = roughness_of(20.0, [-20.0; 4]).map(|part| u64::from(part) * 64);
+        assert!(most.iter().all(|&sum| sum <= u64::from(u32::MAX)), "{most:?}");
     }
 }

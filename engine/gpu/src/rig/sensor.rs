@@ -1,6 +1,6 @@
 //! What follows from a sensor's parameters alone.
 
-use esaac_model::substeps::by_error;
+use esaac_model::substeps::{BLOCK_PX, by_error};
 use esaac_model::{Intensity, Pixel, ReadoutKind, SensorModel, Synthesis, Taps};
 
 /// Words of a frame, over all colour components.
@@ -14,11 +14,14 @@ pub(super) fn channels(intensity: Intensity) -> u32 {
 }
 
 /// Words of a frame per colour component: those of the frame itself or, for cubic warps, of the half-pel frame with its
-/// border for taps beyond the image (a row before it and two after, two columns on either side). Saturates for a frame
-/// too large for any rig.
+/// border for taps beyond the image (a row before it and two after, two columns on either side) and with a parameter for
+/// each block. Even then, since kernels write pairs. Saturates for a frame too large for any rig.
 pub(super) fn frame_words(sensor: &SensorModel) -> u32 {
     if needs_half_pel(sensor) {
-        half_pel_stride(sensor).saturating_mul(2 * sensor.height + 3)
+        let blocks = sensor.width.div_ceil(BLOCK_PX) * sensor.height.div_ceil(BLOCK_PX);
+        half_pel_stride(sensor)
+            .saturating_mul(2 * sensor.height + 3)
+            .saturating_add(blocks.next_multiple_of(2))
     } else {
         sensor.width * sensor.height
     }

@@ -29,7 +29,7 @@ pub enum History {
     /// Of synthesis `motion`.
     Motion(Vec<HalfPelFrame>),
     /// Of synthesis `rigid`.
-    Rigid(Vec<Vec<f64>>),
+    Rigid(Vec<HalfPelFrame>),
 }
 
 /// The motion of an interval's scene, for synthesis `rigid`.
@@ -166,7 +166,7 @@ fn prepare_rigid<'a>(
     sensor: &SensorModel,
     images: [&Image; 2],
     planes: [&[Vec<f64>]; 2],
-    history: Option<Vec<Vec<f64>>>,
+    history: Option<Vec<HalfPelFrame>>,
     motions: Option<Motions<'a>>,
 ) -> Option<Rigid<'a>> {
     let Motions { scene, times_ns } = motions?;

@@ -9,7 +9,7 @@ use super::taps::bilinear;
 use super::trajectory::{Warp, is_valid, outside_px, warps};
 use super::transfer::{Route, Way, transfer};
 use crate::ingest::Image;
-use esaac_model::synthesis::{CUBIC_HALF_PEL, EDGE_PX, EDGE_WEIGHT};
+use esaac_model::synthesis::{EDGE_PX, EDGE_WEIGHT};
 use esaac_model::{SensorModel, Taps};
 use glam::DVec2;
 
@@ -78,19 +78,18 @@ impl Motion {
         start: &Image,
         end: &Image,
         ratio: Option<f64>,
-        half_pels: &[[Vec<f64>; 2]],
+        half_pels: &[[HalfPelFrame; 2]],
     ) -> Option<Self> {
         let motion = end.motion.as_ref()?;
         let size = (end.width, end.height);
-        let at_pixels = |log: &Vec<f64>| -> Vec<f64> {
-            (0..size.0 * size.1).map(|pixel| log[pixel_sample(size, pixel)]).collect()
+        let at_pixels = |frame: &HalfPelFrame| -> Vec<f64> {
+            (0..size.0 * size.1).map(|pixel| frame.samples()[pixel_sample(size, pixel)]).collect()
         };
-        let frame = |log: &Vec<f64>| HalfPelFrame::of_samples(size, Sampling::ENGINE, log.clone());
         let planes = match sensor.taps {
             Taps::Bilinear => {
                 Planes::Bilinear(half_pels.iter().map(|pair| pair.each_ref().map(at_pixels)).collect())
             }
-            Taps::Cubic => Planes::Cubic(half_pels.iter().map(|pair| pair.each_ref().map(frame)).collect()),
+            Taps::Cubic => Planes::Cubic(half_pels.to_vec()),
         };
         Some(Motion {
             size,
@@ -111,7 +110,7 @@ impl Motion {
             return None;
         }
         if let Some(layers) = self.layers.as_ref().filter(|layers| layers.has(pixel)) {
-            let levels = PlaneLevels { size: self.size, planes: &self.planes, plane };
+            let levels = PlaneLevels { size: self.size, planes: &self.planes, plane, reader: [x, y] };
             if let Some(log) = layers.level(&levels, pixel, fraction) {
                 return Some((log.exp() - self.log_offset).max(0.0));
             }
@@ -122,7 +121,7 @@ impl Motion {
         let [start_log, end_log] = match &self.planes {
             Planes::Cubic(half_pel_frames) => {
                 let [start, end] = &half_pel_frames[plane];
-                [start.at(in_start, CUBIC_HALF_PEL), end.at(in_end, CUBIC_HALF_PEL)]
+                [start.at(in_start, [x, y]), end.at(in_end, [x, y])]
             }
             Planes::Bilinear(logs) => {
                 let [start, end] = &logs[plane];
@@ -155,12 +154,14 @@ struct PlaneLevels<'a> {
     size: (usize, usize),
     planes: &'a Planes,
     plane: usize,
+    /// The pixel that reads them.
+    reader: [usize; 2],
 }
 
 impl Levels for PlaneLevels<'_> {
     fn at(&self, frame: usize, position: DVec2) -> f64 {
         match self.planes {
-            Planes::Cubic(half_pels) => half_pels[self.plane][frame].at(position.to_array(), CUBIC_HALF_PEL),
+            Planes::Cubic(half_pels) => half_pels[self.plane][frame].at(position.to_array(), self.reader),
             Planes::Bilinear(logs) => bilinear(&logs[self.plane][frame], self.size, position.x, position.y),
         }
     }

@@ -3,7 +3,7 @@
 use super::half_pel::HalfPelFrame;
 use super::taps::bilinear;
 use super::trajectory::{Field, Warp, is_valid, outside_px};
-use esaac_model::synthesis::{CONFIDENCE_PX, CUBIC_HALF_PEL, LEADING_BACK};
+use esaac_model::synthesis::{CONFIDENCE_PX, LEADING_BACK};
 
 /// Direction in which a frame looks for detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,9 +108,9 @@ pub fn transfer(
         match route.way {
             Way::ToStart => {
                 let own_shift = route.shift[entry(x & !1, y & !1)];
-                other.shared_footprint([x / 2, y / 2], own_shift, [x & 1, y & 1], shift, CUBIC_HALF_PEL)
+                other.shared_footprint([x / 2, y / 2], own_shift, [x & 1, y & 1], shift)
             }
-            Way::ToEnd => other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], CUBIC_HALF_PEL),
+            Way::ToEnd => other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], [x / 2, y / 2]),
         }
     };
     let residual: Vec<f64> = (0..size.0 * size.1)

@@ -303,22 +303,31 @@ fn a_block_with_a_silhouette_lists_what_it_shows_itself_and_none_lists_a_surface
     assert_silent();
 }
 
-/// Words of the half-pel frames of the last two frames: by frame (0 the earlier), then plane, then sample.
-fn half_pel_words(rig: &Rig, frames: usize, planes: usize) -> [Vec<Vec<f64>>; 2] {
+/// A half-pel frame as a rig has it.
+struct HalfPelWords {
+    samples: Vec<f64>,
+    /// Keys' parameter of each block.
+    parameters: Vec<f64>,
+}
+
+/// The half-pel frames of the last two frames: by frame (0 the earlier), then plane.
+fn half_pel_words(rig: &Rig, frames: usize, planes: usize) -> [Vec<HalfPelWords>; 2] {
     let words = rig.words(0, "planes").expect("a rig that is well");
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
     let stride = 2 * width + 4;
-    let frame_words = stride * (2 * height + 3);
+    let blocks = width.div_ceil(8) * height.div_ceil(8);
+    let frame_words = stride * (2 * height + 3) + blocks.next_multiple_of(2);
     // A rig's first frame is in slot 0.
     [frames % 2, 1 - frames % 2].map(|slot| {
         (0..planes)
             .map(|plane| {
                 let first = (slot * planes + plane) * frame_words;
-                let sample = |i: usize| {
-                    let (x, y) = (i % (2 * width), i / (2 * width));
-                    f64::from(f32::from_bits(words[first + (y + 1) * stride + x + 2]))
-                };
-                (0..4 * width * height).map(sample).collect()
+                let word = |i: usize| f64::from(f32::from_bits(words[first + i]));
+                let sample = |i: usize| word((i / (2 * width) + 1) * stride + i % (2 * width) + 2);
+                HalfPelWords {
+                    samples: (0..4 * width * height).map(sample).collect(),
+                    parameters: (frame_words - blocks..frame_words).map(word).collect(),
+                }
             })
             .collect()
     })
@@ -333,14 +342,25 @@ fn check_half_pels(kind: SceneKind, sensor: &SensorModel, policy: Option<KernelP
     for (plane, expected) in oracle.half_pels().iter().enumerate() {
         for key in 0..2 {
             let (mut differing, mut worst) = (0, 0.0_f64);
-            for (found, expected) in found[key][plane].iter().zip(&expected[key]) {
+            let (found, expected) = (&found[key][plane], &expected[key]);
+            for (found, expected) in found.samples.iter().zip(expected.samples()) {
                 let error = (found - expected).abs();
                 worst = worst.max(error);
                 differing += usize::from(error > 1e-4);
             }
             let what = format!("{kind:?}, plane {plane}, key frame {key}");
-            println!("{what}: {differing} of {} differ, by up to {worst:.1e}", expected[key].len());
-            assert!(differing as f64 <= DIFFERING_SHARE * expected[key].len() as f64, "{what}: {differing}");
+            println!("{what}: {differing} of {} differ, by up to {worst:.1e}", expected.samples().len());
+            assert!(
+                differing as f64 <= DIFFERING_SHARE * expected.samples().len() as f64,
+                "{what}: {differing}"
+            );
+            assert_eq!(found.parameters.len(), expected.parameters().len(), "{what}");
+            for (block, (found, expected)) in found.parameters.iter().zip(expected.parameters()).enumerate() {
+                assert!(
+                    (found - expected).abs() < 1e-4,
+                    "{what}, block {block}: {found}, expected {expected}"
+                );
+            }
         }
     }
 }

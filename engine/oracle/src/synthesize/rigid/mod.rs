@@ -139,7 +139,7 @@ pub struct Rigid<'a> {
     /// The candidate of each pixel that is unoccluded.
     unoccluded: Vec<Option<Candidate>>,
     /// One pair a plane.
-    half_pels: Vec<[Vec<f64>; 2]>,
+    half_pels: Vec<[HalfPelFrame; 2]>,
 }
 
 impl<'a> Rigid<'a> {
@@ -151,7 +151,7 @@ impl<'a> Rigid<'a> {
         inputs: [Input<'_>; 2],
         log_offset: f64,
         (taps, transfers): (Taps, u32),
-        history: Option<Vec<Vec<f64>>>,
+        history: Option<Vec<HalfPelFrame>>,
     ) -> Self {
         let transfers = if taps == Taps::Cubic { transfers } else { 0 };
         let times_ns = inputs.map(|input| input.t_ns);
@@ -176,10 +176,8 @@ impl<'a> Rigid<'a> {
                 let log = |key: usize| -> Vec<f64> {
                     inputs[key].planes[plane].iter().map(|s| (s + log_offset).ln()).collect()
                 };
-                let of_frame = [0, 1].map(|key| {
-                    HalfPelFrame::of_frame(keys[key].surfaces.size, Sampling::ENGINE, &log(key))
-                        .into_samples()
-                });
+                let of_frame = [0, 1]
+                    .map(|key| HalfPelFrame::of_frame(keys[key].surfaces.size, Sampling::ENGINE, &log(key)));
                 half_pel_frames(&keys, &routes, of_frame, history.next())
             })
             .collect();
@@ -305,7 +303,7 @@ impl<'a> Rigid<'a> {
         let surface = self.unoccluded[pixel].as_ref()?.at(instant.fraction);
         let ray = self.keys[0].surfaces.ray(pixel)?;
         let sources = surface.sources(self.scene.lens(), instant, ray)?;
-        let views = self.views(instant.fraction, plane, &sources, &surface);
+        let views = self.views(instant.fraction, plane, [x, y], &sources, &surface);
         let weights: f64 = views.iter().map(|view| view.weight).sum();
         let level: f64 = views.iter().map(|view| view.weight * view.known.as_shown).sum();
         Some(Sample::Seen(self.intensity((level / weights).exp())))
@@ -332,7 +330,7 @@ impl<'a> Rigid<'a> {
         let (mut light, mut shown) = (0.0, 0.0);
         let mut silhouette = None;
         for (sources, surface) in &here {
-            let views = self.views(instant.fraction, plane, sources, surface);
+            let views = self.views(instant.fraction, plane, [x, y], sources, surface);
             let Some(cover) = covers(&views) else { continue };
             if silhouette.is_none() && shown == 0.0 && cover.coverage < 1.0 - SLIGHT_WEIGHT {
                 silhouette = Some((cover, views));
@@ -372,11 +370,19 @@ impl<'a> Rigid<'a> {
     }
 
     /// What both key frames know of a candidate.
-    fn views(&self, fraction: f64, plane: usize, sources: &Sources, surface: &Surface) -> [View; 2] {
+    fn views(
+        &self,
+        fraction: f64,
+        plane: usize,
+        reader: [usize; 2],
+        sources: &Sources,
+        surface: &Surface,
+    ) -> [View; 2] {
         [(0, 1.0 - fraction), (1, fraction)].map(|(key, time)| {
             let (frame, at) = (&self.keys[key], sources[key]);
             let weight = time * (1.0 - frame.outside_px(at)).max(EDGE_WEIGHT);
-            let known = frame.look(&self.half_pels[plane][key], self.taps, at, &self.seen(surface, key));
+            let half_pel = &self.half_pels[plane][key];
+            let known = frame.look(half_pel, reader, self.taps, at, &self.seen(surface, key));
             View { weight, known }
         })
     }
@@ -400,7 +406,7 @@ impl<'a> Rigid<'a> {
                     let inside = at.cmpge(DVec2::ZERO).all() && at.x < size.0 as f64 && at.y < size.1 as f64;
                     let pixel = at.y as usize * size.0 + at.x as usize;
                     if inside && self.keys[key].belongs(pixel, &surface) {
-                        sum += weight * self.half_pels[plane][key][pixel_sample(size, pixel)];
+                        sum += weight * self.half_pels[plane][key].samples()[pixel_sample(size, pixel)];
                         weights += weight;
                     }
                 }
@@ -415,9 +421,9 @@ impl<'a> Rigid<'a> {
         Seen { id: surface.id, plane: surface.planes[key], parallax_px_m }
     }
 
-    /// Half-pel frames of both key frames, one pair a plane: sample `(X, Y)` at `Y * 2 * width + X`, nepers.
+    /// Half-pel frames of both key frames, one pair a plane.
     #[must_use]
-    pub fn half_pels(&self) -> &[[Vec<f64>; 2]] {
+    pub fn half_pels(&self) -> &[[HalfPelFrame; 2]] {
         &self.half_pels
     }
 
@@ -429,7 +435,7 @@ impl<'a> Rigid<'a> {
 
     /// The half-pel frames of the end, which the next interval improves.
     #[must_use]
-    pub fn into_history(self) -> Vec<Vec<f64>> {
+    pub fn into_history(self) -> Vec<HalfPelFrame> {
         self.half_pels.into_iter().map(|[_, end]| end).collect()
     }
 }
@@ -438,9 +444,9 @@ impl<'a> Rigid<'a> {
 fn half_pel_frames(
     keys: &[KeyFrame; 2],
     routes: &[Route],
-    [of_start, of_end]: [Vec<f64>; 2],
-    history: Option<Vec<f64>>,
-) -> [Vec<f64>; 2] {
+    [of_start, of_end]: [HalfPelFrame; 2],
+    history: Option<HalfPelFrame>,
+) -> [HalfPelFrame; 2] {
     let [start_key, end_key] = keys;
     let start_alone = history.unwrap_or(of_start);
     let (mut start, mut end) = (start_alone.clone(), of_end.clone());

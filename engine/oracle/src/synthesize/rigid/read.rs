@@ -1,10 +1,9 @@
 //! Reading a key frame for a surface: how much of it is seen at a position, and its level there.
 
 use super::surface::{Relation, Surfaces};
-use crate::synthesize::taps::cubic;
+use crate::synthesize::half_pel::HalfPelFrame;
 use crate::synthesize::trajectory::outside_px;
 use esaac_model::Taps;
-use esaac_model::synthesis::CUBIC_HALF_PEL;
 use esaac_model::synthesis::rigid::{MIXED_WEIGHT, SNAP_SAMPLES};
 use glam::{DVec2, DVec3};
 
@@ -156,12 +155,19 @@ impl KeyFrame {
         self.beside(spot).all(|(pixel, _)| self.surfaces.continues(spot.nearest, pixel))
     }
 
-    /// What is known of a surface at a position, pixels; `half_pel` is the half-pel frame. With bilinear taps levels are
-    /// from the frame's pixels alone.
+    /// What is known of a surface at a position, pixels; `half_pel` is the half-pel frame, as pixel `reader` reads it. With
+    /// bilinear taps levels are from the frame's pixels alone.
     #[must_use]
-    pub fn look(&self, half_pel: &[f64], taps: Taps, at: DVec2, surface: &Seen) -> Known {
+    pub fn look(
+        &self,
+        half_pel: &HalfPelFrame,
+        reader: [usize; 2],
+        taps: Taps,
+        at: DVec2,
+        surface: &Seen,
+    ) -> Known {
         let spot = self.spot(at);
-        let as_shown = self.level(half_pel, taps, spot.at);
+        let as_shown = self.level(half_pel, reader, taps, spot.at);
         if !self.is_within(&spot) {
             let relation = |pixel| self.relation(pixel, surface);
             return self.look_around(half_pel, &spot, as_shown, surface, relation);
@@ -229,7 +235,7 @@ impl KeyFrame {
     /// What the four pixels around a position know of a surface, by how each lies to it.
     fn look_around(
         &self,
-        half_pel: &[f64],
+        half_pel: &HalfPelFrame,
         spot: &Spot,
         as_shown: f64,
         surface: &Seen,
@@ -248,7 +254,7 @@ impl KeyFrame {
         };
         let (mut level, mut behind, mut farther) = (0.0, 0.0, 0.0);
         for (pixel, weight) in Cell::new(size, spot.at).corners() {
-            let own = half_pel[pixel_sample(size, pixel)];
+            let own = half_pel.samples()[pixel_sample(size, pixel)];
             let thickness = match relation(pixel) {
                 Relation::Belongs => {
                     known.seen += weight;
@@ -274,25 +280,31 @@ impl KeyFrame {
         known
     }
 
-    /// Level of a surface at a position from a half-pel frame, nepers. `None` if the pixels around do not all show it.
+    /// Level of a surface at a position from a half-pel frame, nepers, as pixel `reader` reads it. `None` if the pixels
+    /// around do not all show it.
     #[must_use]
-    pub fn half_pel_level(&self, half_pel: &[f64], at: DVec2, surface: &Seen) -> Option<f64> {
+    pub fn half_pel_level(
+        &self,
+        half_pel: &HalfPelFrame,
+        reader: [usize; 2],
+        at: DVec2,
+        surface: &Seen,
+    ) -> Option<f64> {
         let spot = self.spot(at);
         (self.is_within(&spot) && self.belongs(spot.nearest, surface))
-            .then(|| self.level(half_pel, Taps::Cubic, spot.at))
+            .then(|| self.level(half_pel, reader, Taps::Cubic, spot.at))
     }
 
     /// Level at a snapped position, nepers, of whatever is there.
-    fn level(&self, half_pel: &[f64], taps: Taps, at: DVec2) -> f64 {
+    fn level(&self, half_pel: &HalfPelFrame, reader: [usize; 2], taps: Taps, at: DVec2) -> f64 {
         let size = self.surfaces.size;
         match taps {
-            Taps::Cubic => {
-                cubic(half_pel, (2 * size.0, 2 * size.1), 2.0 * at.x, 2.0 * at.y, CUBIC_HALF_PEL, true)
-            }
-            Taps::Bilinear => {
-                let corners = Cell::new(size, at).corners();
-                corners.iter().map(|&(pixel, weight)| weight * half_pel[pixel_sample(size, pixel)]).sum()
-            }
+            Taps::Cubic => half_pel.at(at.to_array(), reader),
+            Taps::Bilinear => Cell::new(size, at)
+                .corners()
+                .iter()
+                .map(|&(pixel, weight)| weight * half_pel.samples()[pixel_sample(size, pixel)])
+                .sum(),
         }
     }
 

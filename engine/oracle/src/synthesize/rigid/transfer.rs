@@ -3,6 +3,7 @@
 use super::candidates::Interval;
 use super::read::{KeyFrame, Seen, parent, parents, pixel_sample, sample_position};
 use super::surface::moved_plane;
+use crate::synthesize::half_pel::HalfPelFrame;
 
 /// For each half-pel sample of a key frame: where it lies in the other one, if that shows its surface there.
 pub struct Route {
@@ -52,36 +53,42 @@ impl Route {
 #[must_use]
 pub fn transfer(
     own: &KeyFrame,
-    alone: &[f64],
+    alone: &HalfPelFrame,
     other: &KeyFrame,
-    other_half_pel: &[f64],
+    other_half_pel: &HalfPelFrame,
     route: &Route,
-) -> Vec<f64> {
+) -> HalfPelFrame {
     let size = own.surfaces.size;
+    let alone_samples = alone.samples();
     // What the other frame says at each sample, and the confidence in it.
     let told: Vec<Option<(f64, f64)>> = route
         .samples
         .iter()
-        .map(|step| {
+        .enumerate()
+        .map(|(sample, step)| {
             let step = step.as_ref()?;
-            Some((other.half_pel_level(other_half_pel, step.at, &step.surface)?, step.inside))
+            let pixel = parent(size, sample);
+            let reader = [pixel % size.0, pixel / size.0];
+            Some((other.half_pel_level(other_half_pel, reader, step.at, &step.surface)?, step.inside))
         })
         .collect();
-    (0..alone.len())
+    let samples = (0..alone_samples.len())
         .map(|sample| {
-            let Some((level, mut confidence)) = told[sample] else { return alone[sample] };
+            let own = alone_samples[sample];
+            let Some((level, mut confidence)) = told[sample] else { return own };
             if sample == pixel_sample(size, parent(size, sample)) {
-                return alone[sample];
+                return own;
             }
             let (mut residual, mut count) = (0.0, 0.0);
             for pixel in parents(size, sample) {
                 let anchor = pixel_sample(size, pixel);
-                let Some((there, trust)) = told[anchor] else { return alone[sample] };
+                let Some((there, trust)) = told[anchor] else { return own };
                 confidence = confidence.min(trust);
-                residual += alone[anchor] - there;
+                residual += alone_samples[anchor] - there;
                 count += 1.0;
             }
-            confidence * (level + residual / count) + (1.0 - confidence) * alone[sample]
+            confidence * (level + residual / count) + (1.0 - confidence) * own
         })
-        .collect()
+        .collect();
+    alone.clone().with_samples(samples)
 }
