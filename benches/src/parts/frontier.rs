@@ -243,7 +243,8 @@ fn with_fewer_poses(laboratory: &Laboratory, sequence: &Sequence, amount: Amount
     let rate_hz = sequence.pose_rate_hz().unwrap_or_default();
     let name = |step: usize| {
         format!(
-            "rigid cubic, 1 transfer, adaptive {}, {:.0} poses a second",
+            "rigid cubic, {} transfers, adaptive {}, {:.0} poses a second",
+            sensor.transfers,
             sensor.substeps,
             rate_hz / step as f64
         )
@@ -323,9 +324,12 @@ fn show(document: &mut Document, figures: &SceneFigures) -> Result<()> {
         logarithmic: (true, true),
     };
     document.plot(&format!("frontier_{scene}"), &title, draw(axes, &series)?);
-    document.say(&match (figures.default_on_frontier, figures.better_than_default.join("; ")) {
-        (true, _) => "The default lies on the frontier.".to_owned(),
-        (false, better) => format!("**The default does not lie on the frontier.** Better: {better}."),
+    let on_frontier = |name: &&String| points.iter().any(|p| p.on_frontier && p.choice == **name);
+    let best: Vec<&str> = figures.better_than_default.iter().filter(on_frontier).map(String::as_str).collect();
+    document.say(&if figures.default_on_frontier {
+        "The default lies on the frontier.".to_owned()
+    } else {
+        format!("**The default does not lie on the frontier.** On it, faster and no further off: {}.", best.join("; "))
     });
     let worst = points.iter().map(|p| p.gpu_spread).fold(0.0, f64::max);
     if worst > EVEN_SPREAD {
