@@ -134,7 +134,7 @@ impl Engine {
         let packets = place(packets, packet_ring)?;
         let device = Arc::clone(device::open(py, device)?.get()?);
         let size_px = sensors.iter().map(|s| (s.width, s.height)).collect();
-        let state = Arc::new(Mutex::new(Some(State::new(&device, sensors, lenses, packets, tiled))));
+        let state = Arc::new(Mutex::new(Some(State::new(&device, sensors, lenses, packets, tiled)?)));
         let inner = Inner { later: Mutex::default(), state, side: Mutex::default(), device };
         if packets == Packets::Cuda {
             // Fail now if there is no CUDA, and not after the first frame.

@@ -27,6 +27,7 @@ mod sensor;
 mod state;
 mod tensor;
 mod texture;
+mod threads;
 mod torch;
 mod warp;
 

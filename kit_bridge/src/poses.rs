@@ -2,6 +2,7 @@
 //! engine's axes and order; what is no pose is refused here.
 
 use crate::error::Fault;
+use crate::threads::Threads;
 use esaac_model::paths::{
     Intrinsics, MotionError, Pose, PoseTimes, PoseTrack, Projection, STATIC_WORLD, SceneMotion, TrackError,
     TrackMemory,
@@ -10,10 +11,6 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray3, PyReadonlyArray4, PyUntypedArray
 use pyo3::prelude::*;
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
-use std::num::NonZero;
-
-/// Cameras for which a thread is worth starting: starting one takes as long as some twenty of them.
-const CAMERAS_A_THREAD: usize = 128;
 
 /// Position, metres, and a unit quaternion with its scalar last.
 type Numbers = [f64; 7];
@@ -143,36 +140,25 @@ impl Poses<'_> {
         Err(wrong(&TrackError::Span { first_ns, last_ns, from_ns, to_ns }))
     }
 
-    /// The scenes of cameras, made by several threads if there are many; `None` where poses are not followed. Tracks are
+    /// The scenes of cameras, made by several `threads` if there are many; `None` where poses are not followed. Tracks are
     /// made in the memory of `spare` ones.
     pub fn scenes(
         &self,
         wanted: &[Wanted],
         spare: &mut Vec<TrackMemory>,
+        threads: &Threads,
     ) -> Result<Vec<Option<SceneMotion>>, Fault> {
-        let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
-        let threads = (wanted.len() / CAMERAS_A_THREAD).clamp(1, cores);
-        let some = |wanted: &[Wanted], spare: Vec<TrackMemory>| {
+        let shares = threads.shares(wanted.len());
+        let (each, spare_each) = (wanted.len().div_ceil(shares).max(1), spare.len().div_ceil(shares));
+        let shares = wanted.chunks(each).map(|share| {
+            let own = spare.len().saturating_sub(spare_each);
+            (share, spare.split_off(own))
+        });
+        let made = threads.each(shares.collect(), |_, (share, spare): (&[Wanted], Vec<TrackMemory>)| {
             let mut known = Known { spare, ..Known::default() };
-            wanted.iter().map(|wanted| self.scene(wanted, &mut known)).collect::<Result<Vec<_>, _>>()
-        };
-        if threads == 1 {
-            return some(wanted, std::mem::take(spare));
-        }
-        let (each, spare_each) = (wanted.len().div_ceil(threads), spare.len().div_ceil(threads));
-        std::thread::scope(|scope| {
-            let shares = wanted.chunks(each).map(|share| {
-                let spare = spare.split_off(spare.len().saturating_sub(spare_each));
-                let some = &some;
-                scope.spawn(move || some(share, spare))
-            });
-            let threads: Vec<_> = shares.collect();
-            let mut scenes = Vec::with_capacity(wanted.len());
-            for thread in threads {
-                scenes.append(&mut thread.join().expect("a thread of poses does not panic")?);
-            }
-            Ok(scenes)
-        })
+            share.iter().map(|wanted| self.scene(wanted, &mut known)).collect::<Result<Vec<_>, _>>()
+        })?;
+        Ok(made.into_iter().flatten().collect())
     }
 
     /// A camera's scene; `None` if its poses are not followed.

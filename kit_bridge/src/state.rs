@@ -6,6 +6,7 @@ use crate::bank::{Bank, Copies, Format, Frames};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
 use crate::poses::Moving;
+use crate::threads::Threads;
 use esaac_engine::{
     ApsFrame, Device, Diagnostics, HeldPackets, MemoryUse, PacketPlace, Representation, Rig, RigOptions,
     Share, Tick,
@@ -54,6 +55,7 @@ pub struct State {
     frames_ns: u64,
     /// Memory of tracks of earlier steps.
     spare: Vec<TrackMemory>,
+    threads: Threads,
     device: Arc<Device>,
 }
 
@@ -102,8 +104,9 @@ impl State {
         lenses: Vec<Option<Intrinsics>>,
         packets: Packets,
         tiled: bool,
-    ) -> Self {
-        State {
+    ) -> Result<Self, Fault> {
+        Ok(State {
+            threads: Threads::of(sensors.len())?,
             together: tiled && sensors.len() > 1,
             banks: Vec::new(),
             said: Vec::new(),
@@ -118,7 +121,7 @@ impl State {
             frames_ns: 0,
             spare: Vec::new(),
             device: Arc::clone(device),
-        }
+        })
     }
 
     /// Begins to step the cameras that have a time: checks what is given and has the frames copied. [`State::end`]
@@ -136,24 +139,27 @@ impl State {
                 frame::check_time(camera as u32, *last_ns, *t_ns)?;
             }
         }
-        let scenes = self.scenes(frames, t_ns, moving)?;
+        // The first frames set the formats, and must not if their poses are wrong.
+        let first_scenes = self.banks.is_empty().then(|| self.scenes(frames, t_ns, moving)).transpose()?;
         self.check_formats(frames)?;
         self.check_devices(frames, side)?;
-        self.set_scenes(scenes)?;
         let on_device =
             (0..self.sensors.len()).any(|c| frames.of(c).is_some_and(|(images, _)| images.on_device()));
-        if on_device {
-            let side = side.expect("frames on a device come with its side");
-            let link = side.link();
-            for bank in &mut self.banks {
-                bank.bring(frames, t_ns, Some(&link), &mut self.copies)?;
-            }
-        } else {
-            for bank in &mut self.banks {
-                bank.bring(frames, t_ns, None, &mut self.copies)?;
-            }
+        let side = side.filter(|_| on_device);
+        for bank in &mut self.banks {
+            bank.bring(frames, t_ns, side.map(|side| side.link()).as_deref(), &mut self.copies)?;
         }
-        Ok(Begun { started, on_device })
+        // Scenes are made while a device copies.
+        let scenes = match first_scenes {
+            Some(scenes) => Ok(scenes),
+            None => self.scenes(frames, t_ns, moving),
+        };
+        let set = scenes.and_then(|scenes| self.set_scenes(scenes));
+        if let (Err(_), Some(side)) = (&set, side) {
+            // The arrays are let go with the error.
+            side.link().finish()?;
+        }
+        set.map(|()| Begun { started, on_device })
     }
 
     /// Steps the cameras with what [`State::begin`] has been given.
@@ -169,7 +175,7 @@ impl State {
             side.link().finish()?;
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;
-        at_once(&mut self.banks, |_, bank| bank.step(frames, t_ns))?;
+        self.threads.each(self.banks.iter_mut().collect(), |_, bank| bank.step(frames, t_ns))?;
         for ((last_ns, first_ns), t_ns) in self.last_ns.iter_mut().zip(&mut self.first_ns).zip(t_ns) {
             *last_ns = t_ns.or(*last_ns);
             *first_ns = first_ns.or(*t_ns);
@@ -240,7 +246,9 @@ impl State {
                 share
             })
             .collect();
-        at_once(&mut self.banks, |number, bank| Ok(bank.rig.represent(what, target, shares[number])?))?;
+        self.threads.each(self.banks.iter_mut().collect(), |number, bank| {
+            Ok(bank.rig.represent(what, target, shares[number])?)
+        })?;
         Ok(Arc::new(block))
     }
 
@@ -430,23 +438,4 @@ impl State {
 
 fn no_camera(camera: usize, count: usize) -> Fault {
     Fault::Argument(format!("there are {count} cameras and no camera {camera}"))
-}
-
-/// Has all banks do something at the same time, each with its number.
-fn at_once(
-    banks: &mut [Bank],
-    work: impl Fn(usize, &mut Bank) -> Result<(), Fault> + Sync,
-) -> Result<(), Fault> {
-    if let [bank] = banks {
-        return work(0, bank);
-    }
-    let work = &work;
-    std::thread::scope(|scope| {
-        let threads: Vec<_> = banks
-            .iter_mut()
-            .enumerate()
-            .map(|(number, bank)| scope.spawn(move || work(number, bank)))
-            .collect();
-        threads.into_iter().try_for_each(|thread| thread.join().expect("a bank's thread does not panic"))
-    })
 }

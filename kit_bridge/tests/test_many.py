@@ -1,5 +1,8 @@
 """Rigs of different cameras, and tiled frames of many environments."""
 
+import pathlib
+import time
+
 import numpy as np
 import pytest
 from conftest import FRAME_NS, assert_same, bars, join, run
@@ -167,3 +170,30 @@ def test_more_environments_than_a_rig_holds_are_one_camera_all_the_same():
     hdr, motion = tiles(count, 3, 8, 8)
     a, b = (c.step(hdr, motion, t_ns=FRAME_NS * 3) for c in (many, again))
     np.testing.assert_array_equal(a.t_ns, b.t_ns)
+
+
+def test_threads_for_many_environments_are_kept():
+    def name_of(task):
+        try:
+            return (task / "comm").read_text()
+        except OSError:
+            # It has ended meanwhile.
+            return ""
+
+    def threads():
+        tasks = pathlib.Path("/proc/self/task").iterdir()
+        return {task.name for task in tasks if name_of(task).startswith("esaac cameras")}
+
+    others, count = threads(), 300
+    many = esaac.TiledEventCamera(SENSOR.replace(width=8, height=8), count)
+    many.step(*tiles(count, 0, 8, 8), t_ns=0)
+    kept = threads() - others
+    assert len(kept) >= 2
+    for index in range(1, 4):
+        many.step(*tiles(count, index, 8, 8), t_ns=FRAME_NS * index)
+        assert threads() - others == kept
+    many.close()
+    deadline = time.monotonic() + 10
+    while threads() & kept:
+        assert time.monotonic() < deadline, "the threads of a closed camera are still there"
+        time.sleep(0.01)

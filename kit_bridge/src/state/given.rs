@@ -49,7 +49,7 @@ impl State {
         for (poses, wanted) in moving.poses.iter().zip(wanted) {
             let Some(poses) = poses else { continue };
             let (cameras, wanted): (Vec<_>, Vec<_>) = wanted.into_iter().unzip();
-            let made = cameras.into_iter().zip(poses.scenes(&wanted, &mut self.spare)?);
+            let made = cameras.into_iter().zip(poses.scenes(&wanted, &mut self.spare, &self.threads)?);
             scenes.extend(made.filter_map(|(camera, scene)| Some((camera, scene?))));
         }
         Ok(scenes)
