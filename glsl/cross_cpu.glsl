@@ -110,7 +110,7 @@ shared uint walks;
 
 // Levels of both frames at a pixel, as they are in the planes.
 ivec2 frame_levels(Camera cam, uvec2 at) {
-    const Frames frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u, at);
+    const Frames frames = frames_of(cam, at);
     const uint word = frame_word(cam, has_half_pel_frames(), ivec2(at));
     return ivec2(to_q24(load_plane(frames.previous + word)), to_q24(load_plane(frames.current + word)));
 }

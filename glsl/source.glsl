@@ -74,7 +74,7 @@ float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, flo
 Source read_source(Camera cam, uvec2 at) {
     Source s;
     s.at = at;
-    s.frames = frames_of(cam, INTENSITY == INTENSITY_BAYER_RGGB ? (at.x & 1u) + (at.y & 1u) : 0u, at);
+    s.frames = frames_of(cam, at);
     const uint word = frame_word(cam, has_half_pel_frames(), ivec2(at));
     s.log_previous = load_plane(s.frames.previous + word);
     s.log_current = load_plane(s.frames.current + word);

@@ -17,9 +17,11 @@ bool has_half_pel_frames() {
     return (RIGID || SYNTHESIS == SYNTHESIS_MOTION) && TAPS == TAPS_CUBIC;
 }
 
-// The frames of pixel `at` in component `channel`.
-Frames frames_of(Camera cam, uint channel, uvec2 at) {
-    const uint channels = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
+// The frames of pixel `at`, in the colour component that it has.
+Frames frames_of(Camera cam, uvec2 at) {
+    const bool mosaic = INTENSITY == INTENSITY_BAYER_RGGB;
+    const uint channels = mosaic ? 3u : 1u;
+    const uint channel = mosaic ? (at.x & 1u) + (at.y & 1u) : 0u;
     Frames frames;
     frames.previous = cam.plane_base + ((1u - cam.frame_slot) * channels + channel) * cam.frame_words;
     frames.current = cam.plane_base + (cam.frame_slot * channels + channel) * cam.frame_words;

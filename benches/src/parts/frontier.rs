@@ -325,15 +325,16 @@ fn show(document: &mut Document, figures: &SceneFigures) -> Result<()> {
     };
     document.plot(&format!("frontier_{scene}"), &title, draw(axes, &series)?);
     let on_frontier = |name: &&String| points.iter().any(|p| p.on_frontier && p.choice == **name);
-    let best: Vec<&str> =
-        figures.better_than_default.iter().filter(on_frontier).map(String::as_str).collect();
+    let mut better: Vec<&String> = figures.better_than_default.iter().filter(on_frontier).collect();
+    if better.is_empty() {
+        // Within the bands, what beats a better choice need not beat the default.
+        better.extend(&figures.better_than_default);
+    }
+    let better: Vec<&str> = better.into_iter().map(String::as_str).collect();
     document.say(&if figures.default_on_frontier {
         "The default lies on the frontier.".to_owned()
     } else {
-        format!(
-            "**The default does not lie on the frontier.** On it, faster and no further off: {}.",
-            best.join("; ")
-        )
+        format!("**The default does not lie on the frontier.** Better: {}.", better.join("; "))
     });
     let worst = points.iter().map(|p| p.gpu_spread).fold(0.0, f64::max);
     if worst > EVEN_SPREAD {

@@ -42,9 +42,9 @@ impl HalfPelFrame {
 
     /// The same with other samples, row by row; those at pixels must be the same.
     #[must_use]
-    pub fn with_samples(self, log: Vec<f64>) -> Self {
+    pub fn with_samples(&self, log: Vec<f64>) -> Self {
         assert_eq!(log.len(), self.log.len(), "samples of another size");
-        HalfPelFrame { log, ..self }
+        HalfPelFrame { size: self.size, log, parameters: self.parameters.clone(), sampling: self.sampling }
     }
 
     /// How it is read.

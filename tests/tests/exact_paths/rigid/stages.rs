@@ -245,7 +245,7 @@ fn blocks_have_the_oracles_representatives() {
         let planes = planes(&rendered, &sensor);
         let oracle = oracle(&rendered, &planes, &sensor);
         let words = rig.words(0, "representatives").expect("a rig that is well");
-        let (columns, rows) = (SIZE.0.div_ceil(8) as usize, SIZE.1.div_ceil(8) as usize);
+        let (columns, rows) = ((SIZE.0 as usize).div_ceil(BLOCK_PX), (SIZE.1 as usize).div_ceil(BLOCK_PX));
         let (mut most, mut with_silhouette) = (0, 0);
         for block in 0..columns * rows {
             // The third frame is in slot 0.
@@ -277,7 +277,7 @@ fn blocks_have_the_oracles_representatives() {
 fn a_block_with_a_silhouette_lists_what_it_shows_itself_and_none_lists_a_surface_twice() {
     let rendered = Rendered::of(SceneKind::Bounce, SIZE, 3);
     let rig = run(&rendered, &sensor());
-    let (columns, rows) = (SIZE.0.div_ceil(8) as usize, SIZE.1.div_ceil(8) as usize);
+    let (columns, rows) = ((SIZE.0 as usize).div_ceil(BLOCK_PX), (SIZE.1 as usize).div_ceil(BLOCK_PX));
     let blocks = columns * rows;
     let words = rig.words(0, "passing").expect("a rig that is well");
     let representatives = rig.words(0, "representatives").expect("a rig that is well");
@@ -315,7 +315,7 @@ fn half_pel_words(rig: &Rig, frames: usize, planes: usize) -> [Vec<HalfPelWords>
     let words = rig.words(0, "planes").expect("a rig that is well");
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
     let stride = 2 * width + 4;
-    let blocks = width.div_ceil(8) * height.div_ceil(8);
+    let blocks = width.div_ceil(BLOCK_PX) * height.div_ceil(BLOCK_PX);
     let frame_words = stride * (2 * height + 3) + blocks.next_multiple_of(2);
     // A rig's first frame is in slot 0.
     [frames % 2, 1 - frames % 2].map(|slot| {

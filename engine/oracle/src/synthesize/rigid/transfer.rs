@@ -90,5 +90,5 @@ pub fn transfer(
             confidence * (level + residual / count) + (1.0 - confidence) * own
         })
         .collect();
-    alone.clone().with_samples(samples)
+    alone.with_samples(samples)
 }
