@@ -478,7 +478,9 @@ void main() {
             compare_vectors(cam, pixel);
         }
         barrier();
-        mark_meetings(cam);
+        if (motions_meet_in_tile()) {
+            mark_meetings(cam);
+        }
     }
     if (HALF_PEL) {
         note_texture(cam, SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u));

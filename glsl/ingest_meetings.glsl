@@ -41,12 +41,21 @@ void compare_vectors(Camera cam, uint number) {
     }
 }
 
+bool motions_meet_in_tile() {
+    uint most = 0u;
+    [[unroll]] for (uint block = 0u; block < TILE_BLOCKS; ++block) {
+        most |= largest_pair[block];
+    }
+    return most != 0u;
+}
+
 // The word of a block of the tile for its pair.
 uint pair_word(uint block) {
     return largest_pair[block] == 0u ? 0u : PAIR_MARK | (LAST_PAIR - (largest_pair[block] & LAST_PAIR));
 }
 
-// Tells every block that what meets in the tile's blocks passes it their largest motion.
+// Tells every block that what meets in the tile's blocks passes it their largest motion, and counts those that hear of it
+// first.
 void mark_meetings(Camera cam) {
     const uint side = 1u + 2u * LAYER_REACH_BLOCKS;
     const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
@@ -68,8 +77,9 @@ void mark_meetings(Camera cam) {
             vec2[2](vector_near(cam, first, known), vector_near(cam, first + way_of_pair(pair), known));
         if (passes_block(block, motions[0], to) || passes_block(block, motions[1], to)) {
             const float longest = max(length(motions[0]), length(motions[1]));
-            atomicMax(
-                meetings[meeting_of_block(cam, uvec2(to))], floatBitsToUint(longest));
+            if (atomicMax(meetings[meeting_of_block(cam, uvec2(to))], floatBitsToUint(longest)) == 0u) {
+                atomicAdd(counters[2u * cam.slot + cam.frame_slot].meeting_blocks, 1u);
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Synthesis `motion` where motions meet: the engine against the oracle and against exact events.
 
-use esaac_engine::{KernelPolicy, RigOptions};
+use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, Rig, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::{
     HdrFormat, Intensity, MotionFormat, Pixel, SensorModel, SubstepPolicy, Synthesis, Taps, q24_to_log,
@@ -8,8 +8,8 @@ use esaac_model::{
 use esaac_oracle::metrics::{Comparison, compare as against_truth};
 use esaac_scene::{SceneKind, exact_events};
 use esaac_tests::agreement::{LEVEL_TOLERANCE_LOG, compare};
-use esaac_tests::device::assert_silent;
-use esaac_tests::frames::{Sequence, scene, times};
+use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::frames::{FRAME_NS, Frame, Sequence, scene, times};
 use esaac_tests::run::{Step, engine_with as engine, oracle};
 
 /// Neither side is a multiple of a block.
@@ -66,6 +66,7 @@ fn levels_and_events_are_those_of_the_oracle() {
         (Taps::Cubic, Intensity::Luminance, 3, SubstepPolicy::Adaptive),
         (Taps::Bilinear, Intensity::Gray, 3, SubstepPolicy::Fixed),
         (Taps::Cubic, Intensity::BayerRggb, 2, SubstepPolicy::Adaptive),
+        (Taps::Cubic, Intensity::Gray, 0, SubstepPolicy::Adaptive),
     ];
     let (mut all, mut differing, mut pixels, mut unexplained) = (0, 0, 0, 0);
     for (taps, intensity, layers, substep_policy) in modes {
@@ -114,11 +115,95 @@ fn where_motions_do_not_meet_nothing_changes() {
         let sequence = scene(kind, SIZE, &times_ns, HdrFormat::F16x4, MotionFormat::F16x2);
         let run = |layers| packets(&engine(&sensor(layers), &sequence, RigOptions::default()));
         let one = run(1);
-        assert!(one.len() > 1000 && one == run(3), "{kind:?}");
+        assert!(one.len() > 1000 && one == run(3) && one == run(0), "{kind:?}");
     }
     let sequence = frames(SceneKind::Poles);
     let run = |layers| packets(&engine(&sensor(layers), &sequence, RigOptions::default()));
     assert!(run(1) != run(3), "where they do, it does");
+    assert_silent();
+}
+
+/// Frames of a bar of 16 columns that moves by so many pixels in each interval, before a wall that stands still.
+fn bar(steps_px: &[i32]) -> Sequence {
+    let hdr = HdrFormat::F32x4;
+    let motion = MotionFormat::F32x2;
+    let mut left = 24;
+    let frames = (0..).zip([0].iter().chain(steps_px)).map(|(index, &step_px)| {
+        left += step_px;
+        let columns = (0..SIZE.0 as i32).map(|x| (left..left + 16).contains(&x));
+        let row: Vec<bool> = columns.collect();
+        let pixel = |y: u32, x: usize| {
+            let texture =
+                if row[x] { 2.0 + (x as f32 - left as f32).sin() } else { 0.5 + 0.2 * (x as f32).cos() };
+            let level = texture * (1.0 + 0.3 * (y as f32 / 3.0).sin());
+            [level, level, level, 1.0]
+        };
+        let vector = |x: usize| if row[x] { [-step_px as f32, 0.0] } else { [0.0; 2] };
+        let pixels = || (0..SIZE.1).flat_map(|y| (0..SIZE.0 as usize).map(move |x| (y, x)));
+        Frame {
+            t_ns: index * FRAME_NS,
+            hdr: pixels().flat_map(|(y, x)| pixel(y, x)).flat_map(f32::to_le_bytes).collect(),
+            motion: Some(pixels().flat_map(|(_, x)| vector(x)).flat_map(f32::to_le_bytes).collect()),
+        }
+    });
+    Sequence { hdr, motion: Some(motion), frames: frames.collect() }
+}
+
+#[test]
+fn the_scene_says_how_many_layers_there_are() {
+    // Each interval, how far the bar moves and whether there are several layers: as told by the interval before, and in the
+    // first by itself.
+    for told in [
+        [(9, true), (9, true), (0, true), (0, false), (9, false), (9, true)],
+        [(0, false), (9, false), (9, true), (2, true), (2, false), (-9, false)],
+    ] {
+        let sequence = bar(&told.map(|(step_px, _)| step_px));
+        let steps = engine(&sensor(0), &sequence, RigOptions::default());
+        let layered: Vec<u64> = steps.iter().skip(1).map(|step| step.diagnostics.layered_intervals).collect();
+        assert_eq!(layered, told.map(|(_, layered)| u64::from(layered)));
+        let passes = |step: &Step| step.diagnostics.meeting_blocks > 0;
+        assert_eq!(
+            steps.iter().skip(1).map(passes).collect::<Vec<_>>(),
+            told.map(|(step_px, _)| i32::abs(step_px) > 3)
+        );
+        let agreement = compare(&sensor(0), 0, &sequence, &steps);
+        assert!(agreement.unexplained.is_empty(), "{:?}", agreement.unexplained);
+        let one = engine(&sensor(1), &sequence, RigOptions::default());
+        assert!(packets(&steps) != packets(&one), "layers that change nothing");
+    }
+    assert_silent();
+}
+
+#[test]
+fn a_restored_rig_has_the_layers_of_the_one_that_was_saved() {
+    let sequence = frames(SceneKind::Poles);
+    let config = |sequence: &Sequence| CameraConfig {
+        sensor: sensor(0),
+        camera: 0,
+        hdr: sequence.hdr,
+        motion: sequence.motion,
+        geometry: None,
+    };
+    let feed = |rig: &mut Rig, index: usize| -> (u64, Vec<Event>) {
+        let frame = &sequence.frames[index];
+        let motion = frame.motion.as_deref();
+        rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion, depth: None, ids: None }).unwrap();
+        let tick = rig.step(&[frame.t_ns]).unwrap();
+        (tick.diagnostics[0].layered_intervals, tick.packets[0].iter().collect())
+    };
+    let mut rig = Rig::new(&DEVICE, &[config(&sequence)]).unwrap();
+    for index in 0..3 {
+        feed(&mut rig, index);
+    }
+    let saved = rig.save().unwrap();
+    let whole = feed(&mut rig, 3);
+    let mut restored = Rig::new(&DEVICE, &[config(&sequence)]).unwrap();
+    restored.restore(&saved).unwrap();
+    assert_eq!(whole.0, 1);
+    assert!(feed(&mut restored, 3) == whole, "one surface, or other events");
+    // After a reset the first interval tells again.
+    restored.reset(0).unwrap();
+    assert_eq!([0, 1].map(|index| feed(&mut restored, index).0), [0, 1]);
     assert_silent();
 }
 

@@ -67,9 +67,11 @@ pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choic
         add(name.into(), "times at samples", at_sample(sensor), false);
     }
     for (policy_name, policy) in [("fixed", fixed), ("adaptive", adaptive)] {
-        let layered = SensorModel { layers: 3, ..motion(policy) };
-        let name = format!("motion cubic, 3 layers, {policy_name} 32");
-        add(name, "motion, 3 layers", layered, false);
+        for (layers, family, told) in [(1, "motion, 1 layer", "1 layer"), (3, "motion, 3 layers", "3 layers")]
+        {
+            let name = format!("motion cubic, {told}, {policy_name} 32");
+            add(name, family, SensorModel { layers, ..motion(policy) }, false);
+        }
         let name = format!("motion cubic, {policy_name} 32, f32 input");
         add(name, "f32 input", motion(policy), true);
     }

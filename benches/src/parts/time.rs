@@ -222,7 +222,8 @@ fn show(rows: &[Row]) -> Result<Document> {
         (
             LAYERS_SUFFIX,
             ["one surface", "three"],
-            "What several surfaces a pixel cost where motions meet, x32: synthesis `motion` with `layers` 3 beside 1.",
+            "What several surfaces a pixel cost where motions meet, x32: synthesis `motion` with `layers` 3 beside 0, which is \
+             one surface in this scene.",
         ),
         (
             PHYSICAL_SUFFIX,

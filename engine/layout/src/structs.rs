@@ -424,6 +424,8 @@ gpu_struct! {
         without_lens: u32,
         /// Sub-steps of pixels that show what neither key frame shows.
         unseen_samples: u32,
+        /// Blocks that pairs of motions that meet pass.
+        meeting_blocks: u32,
         /// Events lost because their pixel had one waiting for the bus. An outlet's, as the next three.
         lost: u32,
         /// Events dropped by the rate controller.

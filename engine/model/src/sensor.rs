@@ -102,7 +102,7 @@ sensor_model! {
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
     transfers: u32 = 2, "", "Transfers of detail (motion and rigid with cubic taps): 2 for quality, 1 for speed.";
-    layers: u32 = 1, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 where things cover each other.";
+    layers: u32 = 0, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 where things cover each other, 0 as the scene needs.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
     substep_error_ns: u32 = 150_000, "ns", "Adaptive: how far a crossing may be off between two sub-steps (motion, rigid; cubic taps); 0 for by speed alone.";

@@ -7,6 +7,8 @@ use crate::physical::{self, PhysicalState};
 use crate::plan::{Needs, Plan, needs, plan};
 use crate::sort::sort;
 use crate::stamp;
+use crate::synthesize::layers::candidates::pairs_of;
+use crate::synthesize::layers::layer::Vectors;
 use crate::synthesize::motion::Motion;
 use crate::synthesize::rigid::WithoutPath;
 use crate::synthesize::rigid::surface::{Geometry, Surfaces};
@@ -18,6 +20,7 @@ use esaac_model::paths::SceneMotion;
 use esaac_model::physical::{PhysicalDraws, PhysicalPixel};
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::{quantise_ns, substep_end_ns};
+use esaac_model::synthesis::layers::layers_for_scene;
 use esaac_model::{FrameError, Packet, Pixel, SensorError, SensorModel, Synthesis};
 
 /// Counts of what went wrong or was put off in an interval.
@@ -119,6 +122,8 @@ struct Run {
     last_interval_ns: Option<u32>,
     /// Half-pel frames of the last frame, one per plane, which the next interval improves.
     history: Option<History>,
+    /// Surfaces that a pixel may show, if that is left to the scene.
+    layers_for_scene: u32,
     /// `None` while a pixel is unarmed.
     pixels: Vec<Option<PixelState>>,
     /// Events on their way to the bus, at the time that they reach it.
@@ -137,6 +142,7 @@ impl Run {
             needs: None,
             last_interval_ns: None,
             history: None,
+            layers_for_scene: 1,
             pixels: vec![None; sensor.pixels()],
             requests: Vec::new(),
             queue: Queue::new(sensor.readout_model()),
@@ -362,6 +368,26 @@ impl Oracle {
         }
     }
 
+    /// Blocks that pairs of a frame's vectors pass, and all blocks; `None` if the scene has no say in the number of layers.
+    fn meeting_blocks(&self, end: &Image) -> Option<(u64, u64)> {
+        let left_to_scene = self.sensor.synthesis == Synthesis::Motion && self.sensor.layers == 0;
+        let motion = end.motion.as_ref().filter(|_| left_to_scene)?;
+        let pairs = pairs_of(&Vectors { size: (end.width, end.height), motion });
+        let (blocks_x, blocks_y) = pairs.blocks();
+        Some((pairs.meeting_blocks(), (blocks_x * blocks_y) as u64))
+    }
+
+    fn note_meetings(&mut self, meeting: Option<(u64, u64)>) {
+        let before = self.run.layers_for_scene;
+        self.run.layers_for_scene =
+            meeting.map_or(1, |(meeting, blocks)| layers_for_scene(before, meeting, blocks));
+    }
+
+    /// Most surfaces that a pixel may show in an interval.
+    fn layers(&self) -> u32 {
+        if self.sensor.layers == 0 { self.run.layers_for_scene } else { self.sensor.layers }
+    }
+
     fn cross_interval(
         &mut self,
         start_ns: i64,
@@ -372,7 +398,11 @@ impl Oracle {
     ) {
         let epoch_ns = self.run.times_ns.map_or(start_ns, |(epoch_ns, _)| epoch_ns);
         let start = std::mem::replace(&mut self.run.image, Image::black(&self.sensor));
-        let sensor = &self.sensor;
+        let meeting = self.meeting_blocks(end);
+        if self.run.last_interval_ns.is_none() {
+            self.note_meetings(meeting);
+        }
+        let sensor = &SensorModel { layers: self.layers(), ..self.sensor.clone() };
         let ratio = self.run.last_interval_ns.map(|last_ns| f64::from(last_ns) / f64::from(interval_ns));
         let times_ns = [start_ns, start_ns + i64::from(interval_ns)];
         let motions = self.scene.as_ref().map(|scene| Motions { scene, times_ns });
@@ -450,6 +480,7 @@ impl Oracle {
         interval.diagnostics.unseen_samples = gap.unseen();
         self.run.history = gap.into_history();
         self.run.last_interval_ns = Some(interval_ns);
+        self.note_meetings(meeting);
         interval.aps = exposure_ns.map(|_| aps_frame);
         interval.samples = kept;
         interval.substeps_per_block = plan.substeps;

@@ -186,9 +186,15 @@ impl Place {
             is_rigid: self.is_rigid || is_rigid(sensor),
             has_bus: self.has_bus || has_bus(sensor),
             path_instants: self.path_instants.max(instants),
-            level_rows: self.level_rows.max(level_rows(sensor, self.blocks)),
             ..self
         }
+        .with_levels_of(sensor, self.level_rows > 0 || makes_levels(sensor))
+    }
+
+    /// This place with room for the levels of `sensor`'s intervals, if they are made (`made`) apart from the walks.
+    pub(super) fn with_levels_of(self, sensor: &SensorModel, made: bool) -> Self {
+        let needed = if made { self.blocks * (sensor.substeps.max(1) - 1 + LIST_ROWS) } else { 0 };
+        Place { level_rows: self.level_rows.max(needed), ..self }
     }
 
     /// This place with room for at least `wanted` rows of instances.
@@ -196,11 +202,6 @@ impl Place {
         let instances = if wanted > self.instances { wanted.next_power_of_two() } else { self.instances };
         Place { instances, ..self }
     }
-}
-
-/// Rows of `levels` that an interval of so many blocks needs at most.
-fn level_rows(sensor: &SensorModel, blocks: u32) -> u32 {
-    if makes_levels(sensor) { blocks * (sensor.substeps.max(1) - 1 + LIST_ROWS) } else { 0 }
 }
 
 /// Rows of `levels` that cameras share. Where an interval needs more, a tick takes several passes.

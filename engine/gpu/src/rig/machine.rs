@@ -275,6 +275,7 @@ mod tests {
         without_poses: 0,
         without_lens: 0,
         unseen_samples: 0,
+        meeting_blocks: 0,
         lost: 0,
         capped: 0,
         waiting: 0,

@@ -22,6 +22,7 @@ mod geometry;
 mod held;
 mod input;
 mod kernels;
+mod layers;
 mod light;
 mod machine;
 mod merge;
@@ -134,6 +135,8 @@ struct CameraState {
     changed: bool,
     /// Intervals that pixels at rest have passed over; `None` if every pixel was walked in the last one.
     rested: Option<PassedIntervals>,
+    /// Surfaces that a pixel may show, if that is left to the scene.
+    layers_for_scene: u32,
     /// Whether there may be pixels that never had a valid colour.
     may_be_unarmed: bool,
     /// Latest end of a refractory period that began before the parameter changed; no pixel is held longer.
@@ -451,6 +454,7 @@ impl CameraState {
             sequence: 0,
             changed: true,
             rested: None,
+            layers_for_scene: 1,
             may_be_unarmed: true,
             holds_until_ns: None,
         })
@@ -465,6 +469,7 @@ impl CameraState {
     fn forget(&mut self) {
         self.last_ns = None;
         self.rested = None;
+        self.layers_for_scene = 1;
         self.may_be_unarmed = true;
         self.holds_until_ns = None;
         self.frames = 0;

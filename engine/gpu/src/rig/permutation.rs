@@ -1,6 +1,6 @@
 //! Which kernels run for a camera, and with which constants.
 
-use super::sensor::{channels, has_bus, is_physical, is_rigid, layers, needs_half_pel};
+use super::sensor::{channels, has_bus, is_physical, is_rigid, may_have_layers, needs_half_pel};
 use super::{CameraState, RigOptions};
 use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
@@ -72,7 +72,7 @@ pub(super) fn permutation(
             effect_vignetting: sensor.vignetting_fov_deg > 0.0,
             effect_flicker: sensor.flicker().is_some(),
             fisheye,
-            layered: layers(sensor) > 1,
+            layered: may_have_layers(sensor),
             substeps_by_error: by_error(sensor),
         },
         cross: CrossConstants {
@@ -93,7 +93,7 @@ pub(super) fn permutation(
             queue_per_px,
             second_run: false,
             fisheye,
-            layers: layers(sensor),
+            layers: camera.layers(),
             pixels_rest: camera.knows_rest(rests),
             passes_still: physical
                 && policy.passes_still

@@ -36,6 +36,10 @@ pub struct Diagnostics {
     pub without_lens: u64,
     /// Sub-steps of pixels at which neither frame shows what is there (synthesis `rigid`).
     pub unseen_samples: u64,
+    /// Blocks of 8x8 pixels that things pass whose motions meet (synthesis `motion`, unless `layers` is 1).
+    pub meeting_blocks: u64,
+    /// Intervals in which a pixel could show several surfaces: 1 or 0.
+    pub layered_intervals: u64,
     /// How often the event buffers had to grow.
     pub regrown: u64,
 }
@@ -145,6 +149,8 @@ impl Results {
             without_poses: counters.without_poses.into(),
             without_lens: counters.without_lens.into(),
             unseen_samples: counters.unseen_samples.into(),
+            meeting_blocks: counters.meeting_blocks.into(),
+            layered_intervals: (is_interval && camera.layers() > 1).into(),
             regrown,
         };
         // The interval's end cuts the exposure off; nothing may be left of it.

@@ -37,14 +37,15 @@ pub(super) fn half_pel_stride(sensor: &SensorModel) -> u32 {
     2 * sensor.width + 4
 }
 
-/// Most surfaces that a pixel may show between two frames, told apart by motion vectors.
-pub(super) fn layers(sensor: &SensorModel) -> u32 {
-    if sensor.synthesis == Synthesis::Motion { sensor.layers } else { 1 }
+/// Whether a pixel may ever show several surfaces between two frames, told apart by motion vectors.
+pub(super) fn may_have_layers(sensor: &SensorModel) -> bool {
+    sensor.synthesis == Synthesis::Motion && sensor.layers != 1
 }
 
-/// Whether what pixels show between two frames is worked out apart from their walks, where kernels have threads for it.
+/// Whether what pixels show between two frames is worked out apart from their walks, where kernels have threads for it;
+/// for a sensor that leaves its layers to the scene, not before the scene needs them.
 pub(super) fn makes_levels(sensor: &SensorModel) -> bool {
-    is_rigid(sensor) || layers(sensor) > 1
+    is_rigid(sensor) || (may_have_layers(sensor) && sensor.layers > 1)
 }
 
 /// Whether surfaces are found in frames and followed along exact paths.

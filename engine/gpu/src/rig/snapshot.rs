@@ -11,6 +11,7 @@ use crate::error::EngineError;
 use esaac_layout::{self as layout, BINDINGS, Counters};
 use esaac_model::paths::conventions::{PoseCheck, Trust};
 use esaac_model::paths::{Projection, STATIC_WORLD};
+use esaac_model::synthesis::layers::MAX_LAYERS;
 use serde::{Deserialize, Serialize};
 
 /// Buffers that outlive a tick. A saved state holds the part of each that the sensors need.
@@ -49,6 +50,7 @@ struct CameraHeader {
     sequence: u64,
     holds_until_ns: Option<i64>,
     rested: Option<PassedIntervals>,
+    layers_for_scene: u32,
     deferred_events: u32,
     /// Events that leave the bus after the last packet.
     leaving_events: u32,
@@ -66,7 +68,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 11;
+const VERSION: u32 = 12;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
@@ -102,6 +104,7 @@ impl Rig {
                 sequence: c.sequence,
                 holds_until_ns: c.holds_until_ns,
                 rested: c.rested,
+                layers_for_scene: c.layers_for_scene,
                 deferred_events: last(&c.place).deferred,
                 leaving_events,
                 instances: c.instances.ids(),
@@ -145,6 +148,7 @@ impl Rig {
             c.sequence = saved.sequence;
             c.holds_until_ns = saved.holds_until_ns;
             c.rested = saved.rested;
+            c.layers_for_scene = saved.layers_for_scene;
             c.changed = true;
             c.may_be_unarmed = true;
             c.check = PoseCheck::resumed(saved.trust);
@@ -203,6 +207,10 @@ impl Rig {
                 return Err(bad(format!(
                     "camera {number} has {actual} events on their way out, expected at most {most}"
                 )));
+            }
+            if saved.layers_for_scene == 0 || saved.layers_for_scene > MAX_LAYERS {
+                let actual = saved.layers_for_scene;
+                return Err(bad(format!("camera {number} has {actual} layers, expected 1 to {MAX_LAYERS}")));
             }
             if saved.frame_slot > 1 {
                 return Err(bad(format!(

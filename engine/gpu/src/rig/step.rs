@@ -65,6 +65,7 @@ impl Rig {
         let given: Vec<_> = given.collect();
         self.check_conventions(&given, hooks)?;
         self.look_at_light(&given, hooks)?;
+        self.look_for_meetings(&given, hooks)?;
         self.tick(&frames, hooks)
     }
 
@@ -95,6 +96,7 @@ impl Rig {
         let given: Vec<_> = given.collect();
         self.check_conventions(&given, hooks)?;
         self.look_at_light(&given, hooks)?;
+        self.look_for_meetings(&given, hooks)?;
         self.tick(&inputs, hooks)
     }
 
@@ -117,6 +119,7 @@ impl Rig {
         let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|(t_ns, _)| t_ns)).collect();
         self.results.clear();
         self.end_rest()?;
+        self.make_room_for_layers()?;
         self.next_packet_set()?;
         self.prepare(&t_ns)?;
         let started = Instant::now();
@@ -346,7 +349,10 @@ impl CameraState {
         self.longest_interval_ns = self.longest_interval_ns.max(self.last_interval_ns);
         match self.last_ns {
             None => self.epoch_ns = t_ns,
-            Some(_) => self.note_rest(rests, self.last_interval_ns),
+            Some(_) => {
+                self.note_rest(rests, self.last_interval_ns);
+                self.note_meetings(counters);
+            }
         }
         self.last_ns = Some(t_ns);
         self.frame_slot = 1 - self.frame_slot;

@@ -90,7 +90,7 @@ impl SensorModel {
             self.flicker_depth == 0.0 || self.synthesis != Synthesis::None,
         )?;
         check("transfers", self.transfers, "1 or 2", (1..=MAX_TRANSFERS).contains(&self.transfers))?;
-        check("layers", self.layers, "1 to 3", (1..=MAX_LAYERS).contains(&self.layers))?;
+        check("layers", self.layers, "0 to 3", self.layers <= MAX_LAYERS)?;
         check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
         check(
             "substep_error_ns",

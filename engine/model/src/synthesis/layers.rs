@@ -1,5 +1,6 @@
 //! The equations of synthesis `motion` where motions meet: which surfaces a pixel shows between two frames, told apart by
-//! their motion vectors. A camera with [`layers`](crate::SensorModel::layers) of 1 follows one surface in each pixel.
+//! their motion vectors. A camera with [`layers`](crate::SensorModel::layers) of 1 follows one surface in each pixel. One
+//! with 0 does so too unless much of its image needs more ([`layers_for_scene`]).
 //!
 //! Notation is that of [`synthesis`](super); `t = a - 1`. In the first interval, and where the frame before has no
 //! vectors, frame k-1 has none.
@@ -71,13 +72,30 @@
 //!
 //! **Sub-steps.** The vectors of pairs that pass a block count for its number of sub-steps.
 
+pub mod pairs;
+
 pub use super::rigid::{BLOCK_PX, MIXED_WEIGHT, SLIGHT_WEIGHT, SNAP_SAMPLES};
 
 /// Most surfaces that a pixel may show between two frames.
 pub const MAX_LAYERS: u32 = 3;
 
+/// Of how many blocks pairs must pass one for a camera to go over to several surfaces, if it leaves that to the scene.
+pub const BLOCKS_OF_MEETING: u64 = 4;
+
+/// Of how many blocks pairs must pass one for it to stay with them.
+pub const BLOCKS_TO_STAY: u64 = 8;
+
+/// Surfaces that a pixel may show in an interval, for a camera that leaves it to the scene: [`MAX_LAYERS`] or 1. `before` is
+/// that of the last interval, in which pairs passed `meeting` of the camera's `blocks`. In the first interval `before` is 1,
+/// and its own pairs count.
+#[must_use]
+pub fn layers_for_scene(before: u32, meeting: u64, blocks: u64) -> u32 {
+    let blocks_of_one = if before > 1 { BLOCKS_TO_STAY } else { BLOCKS_OF_MEETING };
+    if meeting > 0 && meeting * blocks_of_one >= blocks { MAX_LAYERS } else { 1 }
+}
+
 /// Difference of the vectors of neighbouring pixels, pixels, above which two motions meet.
-pub const MEET_PX: f64 = 2.0;
+pub const MEET_PX: f64 = 3.0;
 
 /// Difference of the vectors of neighbouring pixels, pixels, up to which they are of one surface.
 pub const SMOOTH_PX: f64 = 0.5;
@@ -129,3 +147,18 @@ pub const THICK_STEPS: i64 = 4;
 
 /// Share of the pixels around that are mixed or of other layers, from which a layer's level is the mean of its own.
 pub const WHOLE_SHARE: f64 = 0.05;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_needs_several_surfaces_from_a_quarter_of_its_blocks_to_an_eighth() {
+        let after = |before, meeting| layers_for_scene(before, meeting, 80);
+        assert_eq!([0, 9, 10, 19].map(|meeting| after(1, meeting)), [1; 4]);
+        assert_eq!([20, 80].map(|meeting| after(1, meeting)), [MAX_LAYERS; 2]);
+        assert_eq!([10, 20, 80].map(|meeting| after(MAX_LAYERS, meeting)), [MAX_LAYERS; 3]);
+        assert_eq!([0, 9].map(|meeting| after(MAX_LAYERS, meeting)), [1; 2]);
+        assert_eq!(layers_for_scene(1, 0, 0), 1, "a camera that has told nothing");
+    }
+}

@@ -1,15 +1,12 @@
 //! Which layers may show in a block during an interval, and which of them hides which.
 
 use super::super::trajectory::outside_px;
-use super::layer::{Layer, Vectors, largest};
+use super::layer::{Layer, Vectors};
+use esaac_model::synthesis::layers::pairs::{Pairs, Place};
 use esaac_model::synthesis::layers::{
-    BELONG_PX, BELONG_SHARE, BLOCK_LAYERS, BLOCK_PX, LEAST_VOTES, MEET_PX, MERGE_PX, OUTSIDE_PX,
-    REACH_BLOCKS, REACH_PX,
+    BELONG_PX, BELONG_SHARE, BLOCK_LAYERS, BLOCK_PX, LEAST_VOTES, MERGE_PX, OUTSIDE_PX,
 };
 use glam::DVec2;
-
-/// Column and row of a pixel or a block.
-type Place = (usize, usize);
 
 /// The layers of a block.
 #[derive(Clone, Debug, Default)]
@@ -34,68 +31,30 @@ pub fn owner(vector: DVec2, expected: impl Iterator<Item = DVec2>) -> Option<usi
     best.map(|(_, k)| k)
 }
 
-/// The pair of a block: the two neighbouring pixels whose vectors differ most, if motions meet there.
-fn pair(end: &Vectors<'_>, (bx, by): Place) -> Option<[Place; 2]> {
-    let mut best: Option<(f64, [Place; 2])> = None;
-    for y in by * BLOCK_PX..((by + 1) * BLOCK_PX).min(end.size.1) {
-        for x in bx * BLOCK_PX..((bx + 1) * BLOCK_PX).min(end.size.0) {
-            for other in [(x + 1, y), (x, y + 1)] {
-                let vector = |(x, y): Place| end.at(x as i64, y as i64);
-                let (Some(own), Some(beside)) = (vector((x, y)), vector(other)) else { continue };
-                let apart = (largest(own - beside) * 16.0).floor() / 16.0;
-                if apart > MEET_PX && best.is_none_or(|(most, _)| apart > most) {
-                    best = Some((apart, [(x, y), other]));
-                }
-            }
-        }
-    }
-    best.map(|(_, pair)| pair)
-}
-
-/// Whether what moves by `motion` from block `from` passes block `to`.
-fn passes(from: Place, motion: DVec2, to: Place) -> bool {
-    let axis = |from: usize, motion: f64, to: usize| {
-        let (first, goal) = ((from * BLOCK_PX) as f64, (to * BLOCK_PX) as f64);
-        let side = (BLOCK_PX - 1) as f64;
-        first + motion.min(0.0) - REACH_PX <= goal + side && first + side + motion.max(0.0) + REACH_PX >= goal
-    };
-    axis(from.0, motion.x, to.0) && axis(from.1, motion.y, to.1)
-}
-
 fn centre((bx, by): Place) -> DVec2 {
     DVec2::new((bx * BLOCK_PX) as f64, (by * BLOCK_PX) as f64) + 0.5 * (BLOCK_PX - 1) as f64
+}
+
+/// The pairs of a frame's blocks.
+#[must_use]
+pub fn pairs_of(end: &Vectors<'_>) -> Pairs {
+    Pairs::new(end.size, |x, y| end.at(x as i64, y as i64))
 }
 
 /// Layers of every block, row by row. `start` are the vectors of the frame at the interval's start and the length of the
 /// interval before over that of this one.
 #[must_use]
 pub fn blocks(end: &Vectors<'_>, start: Option<(&Vectors<'_>, f64)>) -> Vec<Block> {
-    let (blocks_x, blocks_y) = (end.size.0.div_ceil(BLOCK_PX), end.size.1.div_ceil(BLOCK_PX));
-    let place = |i: usize| (i % blocks_x, i / blocks_x);
-    let pairs: Vec<_> = (0..blocks_x * blocks_y).map(|i| pair(end, place(i))).collect();
-    let passing = |i: usize| {
-        let (bx, by) = place(i);
-        let away = move |j: usize| place(j).0.abs_diff(bx).max(place(j).1.abs_diff(by));
-        let vector = |(x, y): Place| end.at(x as i64, y as i64).unwrap_or_default();
-        let mut passing: Vec<(usize, usize, [Place; 2])> = (0..pairs.len())
-            .filter_map(|j| Some((away(j), j, pairs[j]?)))
-            .filter(|&(away, j, pair)| {
-                away <= REACH_BLOCKS && pair.iter().any(|&p| passes(place(j), vector(p), (bx, by)))
-            })
-            .collect();
-        passing.sort_unstable();
-        let lengths = passing.iter().flat_map(|(.., pair)| pair).map(|&p| vector(p).length());
-        let motion_px = lengths.fold(0.0, f64::max);
-        (passing.into_iter().flat_map(|(.., pair)| pair).collect::<Vec<Place>>(), motion_px)
-    };
-    (0..pairs.len())
+    let pairs = pairs_of(end);
+    let (blocks_x, blocks_y) = pairs.blocks();
+    (0..blocks_x * blocks_y)
         .map(|i| {
-            let (mut pixels, motion_px) = passing(i);
+            let (bx, by) = (i % blocks_x, i / blocks_x);
+            let (mut pixels, motion_px) = pairs.passing((bx, by));
             if pixels.is_empty() {
                 return Block::default();
             }
-            let (bx, by) = place(i);
-            if pairs[i].is_none() {
+            if !pairs.meet_in((bx, by)) {
                 let middle = |b: usize, size: usize| (b * BLOCK_PX + BLOCK_PX / 2).min(size - 1);
                 pixels.insert(0, (middle(bx, end.size.0), middle(by, end.size.1)));
             }
