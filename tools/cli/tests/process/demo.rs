@@ -54,7 +54,7 @@ fn exact_paths_are_simulated_in_one_process_and_in_two() {
         assert_eq!(report["cameras"][0]["sensor"]["synthesis"], synthesis);
         report["cameras"][0]["accuracy"]["f1"].as_f64().unwrap()
     };
-    let motion = f1("motion", &["--in-process"]);
+    let motion = f1("motion", &["--in-process", "--layers", "1"]);
     for in_process in [&["--in-process"][..], &[]] {
         let rigid = f1("rigid", in_process);
         assert!(rigid > motion + 0.4, "{in_process:?}: rigid {rigid}, motion {motion}");
