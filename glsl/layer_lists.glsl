@@ -214,6 +214,22 @@ void choose_layers() {
     } while (any_left && turn < BLOCK_LAYERS);
 }
 
+// The first pixel of the tile's `b`th block.
+vec2 first_of_list(uint b) {
+    return first_of_block(corner + uvec2(b * BLOCK_PX, 0u));
+}
+
+// Notes the vectors of the listed layers.
+void note_all_vectors(Camera cam) {
+    const float ratio = interval_ratio(cam);
+    for (uint listed = gl_LocalInvocationID.x; listed < TILE_BLOCKS * BLOCK_LAYERS; listed += gl_WorkGroupSize.x) {
+        const uint b = listed / BLOCK_LAYERS;
+        if (listed % BLOCK_LAYERS < layer_count[b]) {
+            note_vectors(listed, first_of_list(b), ratio);
+        }
+    }
+}
+
 // The pixels in and around a block vote: what disappears is behind.
 void vote_on_order(Camera cam, uint b) {
     const uint block = b * BLOCK_LAYERS;
@@ -223,10 +239,10 @@ void vote_on_order(Camera cam, uint b) {
     }
     const uint every = 0x87654321u & ((1u << (LAYER_BITS * count)) - 1u);
     const float ratio = interval_ratio(cam);
+    const vec2 first = first_of_list(b);
     const uint side = 3u * BLOCK_PX;
     for (uint item = gl_LocalInvocationID.x; item < side * side; item += gl_WorkGroupSize.x) {
-        const ivec2 at = ivec2((corner / BLOCK_PX + uvec2(b, 0u)) * BLOCK_PX) - int(BLOCK_PX)
-            + ivec2(item % side, item / side);
+        const ivec2 at = ivec2(first) - int(BLOCK_PX) + ivec2(item % side, item / side);
         bool known = true;
         const vec2 vector = vector_at(cam, motion_base(cam, true), at, known);
         const vec2 there = vec2(at) + vector;
@@ -235,15 +251,15 @@ void vote_on_order(Camera cam, uint b) {
         if (!known || is_outside(cam, there)) {
             continue;
         }
-        const uint hidden = owner_of(block, every, true, vec2(at), vector, ratio);
-        const uint front = owner_of(block, every, false, vec2(before), vector_before, ratio);
+        const uint hidden = owner_of(block, every, true, vec2(at) - first, vector, ratio);
+        const uint front = owner_of(block, every, false, vec2(before) - first, vector_before, ratio);
         if (hidden == NO_LAYER || front == NO_LAYER || hidden == front) {
             continue;
         }
         const vec2 source = layer_sources(found_layer(listed_layer[block + front]), vec2(before), 0.0, ratio).xy;
         const ivec2 now = nearest_pixel(source);
         const vec2 vector_now = vector_at(cam, motion_base(cam, true), now, known);
-        if (known && owner_of(block, every, true, vec2(now), vector_now, ratio) == front) {
+        if (known && owner_of(block, every, true, vec2(now) - first, vector_now, ratio) == front) {
             atomicAdd(layer_votes[(block + front) * BLOCK_LAYERS + hidden], 1u);
         }
     }
@@ -315,11 +331,15 @@ void list_layers(Camera cam) {
     }
     barrier();
     if (has_earlier_vectors(cam)) {
+        note_all_vectors(cam);
+        barrier();
         for (uint b = 0u; b < TILE_BLOCKS; ++b) {
             vote_on_order(cam, b);
         }
         barrier();
     }
     rank_layers(cam);
+    barrier();
+    note_all_vectors(cam);
     barrier();
 }

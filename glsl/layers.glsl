@@ -27,12 +27,22 @@ shared vec2 found_before[FOUND];
 // The layers of each block, from near to far, by their number among those, and how many.
 const uint LISTED_LAYERS = LAYERED ? LIST_BLOCKS * BLOCK_LAYERS : 1u;
 shared uint listed_layer[LISTED_LAYERS];
+// Of each, its vector at the block's first pixel (xy), and the one that its point has in the previous frame if it lies there,
+// over the interval before (zw).
+shared vec4 listed_vectors[LISTED_LAYERS];
+shared vec4 listed_slopes[LISTED_LAYERS];
 shared uint layer_count[LIST_BLOCKS];
 
 // Lists of a block's layers from near to far: four bits for each, its place in the block's list plus one.
 const uint LAYER_BITS = 4u;
 const uint LAYER_MASK = (1u << LAYER_BITS) - 1u;
 const uint NO_LAYER = 0xffffffffu;
+
+// More than any square of a distance that counts, pixels squared.
+const float FAR_APART = 1e30;
+
+// A vector that no pixel is near to.
+const float ABSENT_PX = 1e9;
 
 // Whether vectors of the previous frame tell what it shows.
 bool has_earlier_vectors(Camera cam) {
@@ -97,26 +107,45 @@ vec4 layer_sources(Layer layer, vec2 at, float alpha, float ratio) {
     return vec4(in_current, in_current + layer.motion + times(layer.slopes, from));
 }
 
-// Takes a layer, at this place in an order, for the owner of a pixel's vector if it fits and is nearer than the one so far.
-void compare_owner(
-    uint listed, uint place, bool current, vec2 at, vec2 vector, float ratio, inout uint owner, inout float least
-) {
-    const Layer layer = found_layer(listed_layer[listed]);
-    const vec2 expected = current ? motion_of(layer, at) : before_of(layer, at, ratio);
-    const float apart = distance(vector, expected);
-    if (apart <= fma(LAYER_BELONG_SHARE, length(expected), LAYER_BELONG_PX) && (owner == NO_LAYER || apart < least)) {
-        owner = place;
-        least = apart;
-    }
+// The first pixel of a pixel's block.
+vec2 first_of_block(uvec2 at) {
+    return vec2(at / BLOCK_PX * BLOCK_PX);
 }
 
-// Which of some layers of a block a vector is at a pixel: its place in `order`; NO_LAYER if it is none.
-uint owner_of(uint block, uint order, bool current, vec2 at, vec2 vector, float ratio) {
+// Notes the vectors of a listed layer of the block with this first pixel.
+void note_vectors(uint listed, vec2 first, float ratio) {
+    const Layer layer = found_layer(listed_layer[listed]);
+    listed_vectors[listed] = vec4(motion_of(layer, first), before_of(layer, first, ratio));
+    listed_slopes[listed] = layer.slopes;
+}
+
+// The vector of a listed layer, so far from its block's first pixel, in the current frame or in the previous one.
+vec2 vector_of_listed(uint listed, bool current, vec2 from_first, float ratio) {
+    const vec4 vectors = listed_vectors[listed];
+    const vec2 change = times(listed_slopes[listed], from_first);
+    return current ? vectors.xy + change : fma(vec2(ratio), change, vectors.zw);
+}
+
+// Takes a layer, at this place in an order, for the owner of a vector if it fits and is nearer than the one so far. `least`
+// is the square of that one's distance.
+void compare_owner(vec2 expected, uint place, vec2 vector, inout uint owner, inout float least) {
+    const vec2 apart = vector - expected;
+    const float squared = dot(apart, apart);
+    const float most = fma(LAYER_BELONG_SHARE, length(expected), LAYER_BELONG_PX);
+    const bool belongs = squared <= most * most && squared < least;
+    owner = belongs ? place : owner;
+    least = belongs ? squared : least;
+}
+
+// Which of some layers of a block a vector is, so far from the block's first pixel: its place in `order`; NO_LAYER if it is
+// none.
+uint owner_of(uint block, uint order, bool current, vec2 from_first, vec2 vector, float ratio) {
     uint owner = NO_LAYER;
-    float least = 0.0;
+    float least = FAR_APART;
     uint place = 0u;
     while (order != 0u) {
-        compare_owner(block + (order & LAYER_MASK) - 1u, place, current, at, vector, ratio, owner, least);
+        const uint listed = block + (order & LAYER_MASK) - 1u;
+        compare_owner(vector_of_listed(listed, current, from_first, ratio), place, vector, owner, least);
         order >>= LAYER_BITS;
         place += 1u;
     }
@@ -125,13 +154,14 @@ uint owner_of(uint block, uint order, bool current, vec2 at, vec2 vector, float 
 
 // As `owner_of`, of the layers of a pixel. Each sub-step asks it for many pixels, and the software driver ends loops after
 // so many iterations in all; so this has none.
-uint owner_in_pixel(uint block, uint order, bool current, vec2 at, vec2 vector, float ratio) {
+uint owner_in_pixel(uint block, uint order, bool current, vec2 from_first, vec2 vector, float ratio) {
     uint owner = NO_LAYER;
-    float least = 0.0;
+    float least = FAR_APART;
     [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
         const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
         if (listed != 0u) {
-            compare_owner(block + listed - 1u, place, current, at, vector, ratio, owner, least);
+            const vec2 expected = vector_of_listed(block + listed - 1u, current, from_first, ratio);
+            compare_owner(expected, place, vector, owner, least);
         }
     }
     return owner;
@@ -143,14 +173,14 @@ uint layers_in(uint order) {
 
 // Which of some layers of a block a pixel shows, by its place in `order`: the farthest if it is none of them, NO_LAYER
 // without a usable vector.
-uint shown_layer(Camera cam, uint block, uint order, bool current, ivec2 at, float ratio) {
+uint shown_layer(Camera cam, uint block, vec2 first, uint order, bool current, ivec2 at, float ratio) {
     bool known = true;
     if (current || has_earlier_vectors(cam)) {
         const vec2 vector = vector_at(cam, motion_base(cam, current), at, known);
         if (!known) {
             return NO_LAYER;
         }
-        const uint owner = owner_of(block, order, current, vec2(at), vector, ratio);
+        const uint owner = owner_of(block, order, current, vec2(at) - first, vector, ratio);
         return owner == NO_LAYER ? layers_in(order) - 1u : owner;
     }
     // The nearest one whose point is seen in the current frame; else the farthest.
@@ -161,7 +191,7 @@ uint shown_layer(Camera cam, uint block, uint order, bool current, ivec2 at, flo
         const ivec2 there = nearest_pixel(layer_sources(layer, vec2(at), 0.0, ratio).xy);
         known = true;
         const vec2 vector = vector_at(cam, motion_base(cam, true), there, known);
-        if (known && owner_of(block, order, true, vec2(there), vector, ratio) == place) {
+        if (known && owner_of(block, order, true, vec2(there) - first, vector, ratio) == place) {
             return place;
         }
         rest >>= LAYER_BITS;
@@ -179,6 +209,7 @@ uint layers_of_pixel(Camera cam, uvec2 at, uint in_tile) {
     const uint block = in_tile * BLOCK_LAYERS;
     const uint every = 0x87654321u & ((1u << (LAYER_BITS * count)) - 1u);
     const float ratio = interval_ratio(cam);
+    const vec2 first = first_of_block(at);
     float fastest = 0.0;
     for (uint a = 0u; a + 1u < count; ++a) {
         const vec2 own = motion_of(found_layer(listed_layer[block + a]), vec2(at));
@@ -197,8 +228,8 @@ uint layers_of_pixel(Camera cam, uvec2 at, uint in_tile) {
             const vec4 sources = layer_sources(layer, vec2(at), float(i) / float(steps), ratio);
             const ivec2 in_current = nearest_pixel(sources.xy);
             const ivec2 in_previous = nearest_pixel(sources.zw);
-            seen += shown_layer(cam, block, every, true, in_current, ratio) == k
-                    || shown_layer(cam, block, every, false, in_previous, ratio) == k ? 1u : 0u;
+            seen += shown_layer(cam, block, first, every, true, in_current, ratio) == k
+                    || shown_layer(cam, block, first, every, false, in_previous, ratio) == k ? 1u : 0u;
         }
         seen_low |= seen << (5u * k);
     }
@@ -241,25 +272,19 @@ struct LayerView {
     bool has_behind;
 };
 
-// As `shown_layer`, of the layers of a pixel, without loops.
-uint shown_in_pixel(Camera cam, uint block, uint order, bool current, ivec2 at, float ratio) {
-    bool known = true;
-    const uint farthest = layers_in(order) - 1u;
-    if (current || has_earlier_vectors(cam)) {
-        const vec2 vector = vector_at(cam, motion_base(cam, current), at, known);
-        const uint owner = owner_in_pixel(block, order, current, vec2(at), vector, ratio);
-        return !known ? NO_LAYER : owner == NO_LAYER ? farthest : owner;
-    }
-    uint shown = farthest;
+// As `shown_layer`, of the layers of a pixel, without loops; for the previous frame if that has no vectors.
+uint shown_by_paths(Camera cam, uint block, vec2 first, uint order, ivec2 at, float ratio) {
+    uint shown = layers_in(order) - 1u;
     [[unroll]] for (uint after = 0u; after < LAYERS; ++after) {
         const uint place = LAYERS - 1u - after;
         const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
         if (listed != 0u) {
             const Layer layer = found_layer(listed_layer[block + listed - 1u]);
             const ivec2 there = nearest_pixel(layer_sources(layer, vec2(at), 0.0, ratio).xy);
-            known = true;
+            bool known = true;
             const vec2 vector = vector_at(cam, motion_base(cam, true), there, known);
-            shown = known && owner_in_pixel(block, order, true, vec2(there), vector, ratio) == place ? place : shown;
+            const uint owner = owner_in_pixel(block, order, true, vec2(there) - first, vector, ratio);
+            shown = known && owner == place ? place : shown;
         }
     }
     return shown;
@@ -277,16 +302,61 @@ const uint WINDOW_SIDE = 4u;
 // The bits of the 3x3 pixels around the first one that has all of them, of the window's second row and column.
 const uint AROUND = 0x777u;
 
-Window layer_window(Camera cam, uint block, uint order, uint place, bool current, ivec2 first, float ratio) {
+// The vectors that the layers of a pixel have at the first pixel of a window, and how they change from a pixel to the next.
+struct ExpectedVectors {
+    vec2 first[MOST_LAYERS];
+    vec4 slopes[MOST_LAYERS];
+};
+
+// `from_first`: how far the window's first pixel is from the block's.
+ExpectedVectors expected_vectors(uint block, uint order, bool current, vec2 from_first, float ratio) {
+    ExpectedVectors expected;
+    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
+        const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
+        expected.first[place] = vec2(ABSENT_PX);
+        expected.slopes[place] = vec4(0.0);
+        if (listed != 0u) {
+            expected.first[place] = vector_of_listed(block + listed - 1u, current, from_first, ratio);
+            expected.slopes[place] = (current ? 1.0 : ratio) * listed_slopes[block + listed - 1u];
+        }
+    }
+    return expected;
+}
+
+// Which of them a pixel's vector is, so far from the window's first; the farthest if it is none.
+uint owner_in_window(ExpectedVectors expected, uint farthest, vec2 from_first, vec2 vector) {
+    uint owner = farthest;
+    float least = FAR_APART;
+    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
+        compare_owner(
+            expected.first[place] + times(expected.slopes[place], from_first), place, vector, owner, least);
+    }
+    return owner;
+}
+
+// `first`: the window's first pixel; `origin`: the first one of the pixel's block.
+Window layer_window(
+    Camera cam, uint block, vec2 origin, uint order, uint place, bool current, ivec2 first, float ratio
+) {
     Window window = Window(0u, 0u, 0u);
     const ivec2 size = ivec2(cam.width, cam.height);
+    const bool by_vectors = current || has_earlier_vectors(cam);
+    const ExpectedVectors expected = expected_vectors(block, order, current, vec2(first) - origin, ratio);
+    const uint farthest = layers_in(order) - 1u;
     int row = 0;
     do {
         [[unroll]] for (int column = 0; column < int(WINDOW_SIDE); ++column) {
             const ivec2 at = first + ivec2(column, row);
             const uint bit = 1u << (uint(row) * WINDOW_SIDE + uint(column));
             if (all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size))) {
-                const uint shown = shown_in_pixel(cam, block, order, current, at, ratio);
+                uint shown;
+                if (by_vectors) {
+                    bool known = true;
+                    const vec2 vector = vector_at(cam, motion_base(cam, current), at, known);
+                    shown = known ? owner_in_window(expected, farthest, vec2(column, row), vector) : NO_LAYER;
+                } else {
+                    shown = shown_by_paths(cam, block, origin, order, at, ratio);
+                }
                 window.nearer |= shown < place ? bit : 0u;
                 window.own |= shown == place ? bit : 0u;
                 window.farther |= shown > place && shown != NO_LAYER ? bit : 0u;
@@ -298,7 +368,8 @@ Window layer_window(Camera cam, uint block, uint order, uint place, bool current
 }
 
 LayerView view_layer(
-    Camera cam, uint frame, float parameter, uint block, uint order, uint place, bool current, vec2 position, float ratio
+    Camera cam, uint frame, float parameter, uint block, vec2 origin, uint order, uint place, bool current, vec2 position,
+    float ratio
 ) {
     LayerView view = LayerView(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, false);
     view.as_shown = TAPS == TAPS_CUBIC ? half_pel_cubic(cam, frame, to_half_pel(cam, position), parameter)
@@ -307,7 +378,7 @@ LayerView view_layer(
     const vec2 g = 1.0 - cell.f;
     const vec4 weights = vec4(g.x * g.y, cell.f.x * g.y, g.x * cell.f.y, cell.f.x * cell.f.y);
     const ivec2 first = ivec2(cell.low) - 1;
-    const Window window = layer_window(cam, block, order, place, current, first, ratio);
+    const Window window = layer_window(cam, block, origin, order, place, current, first, ratio);
     float farther = 0.0;
     float pure = 0.0;
     float all_weights = 0.0;
@@ -371,27 +442,48 @@ float light_over(LayerView previous, LayerView current, vec2 say, float thicknes
     return lerp(here, lerp(mixture, lerp(here, own, coverage), thickness * unlike), reach);
 }
 
+// What both frames know of a pixel's layer at an instant, and how much each frame counts; whether the layer shows at all.
+struct LayerViews {
+    LayerView previous;
+    LayerView current;
+    vec2 say;
+    float thickness;
+};
+
+bool shows(LayerViews views) {
+    return views.say.x * (views.previous.seen + views.previous.fringe)
+        + views.say.y * (views.current.seen + views.current.fringe) > 0.0;
+}
+
+LayerViews views_of_layer(Camera cam, Frames frames, uvec2 at, uint block, uint layers, uint place, float alpha, float ratio) {
+    LayerViews views;
+    const uint listed = (layers >> (place * LAYER_BITS)) & LAYER_MASK;
+    const Layer layer = found_layer(listed_layer[block + listed - 1u]);
+    const vec4 sources = layer_sources(layer, vec2(at), alpha, ratio);
+    const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
+    const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
+    const vec2 origin = first_of_block(at);
+    views.previous = view_layer(
+        cam, frames.previous, frames.parameters.x, block, origin, layers, place, false, in_previous, ratio);
+    views.current = view_layer(
+        cam, frames.current, frames.parameters.y, block, origin, layers, place, true, in_current, ratio);
+    views.say = vec2(
+        (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
+        alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));
+    views.thickness = layer.thickness;
+    return views;
+}
+
 // Log intensity at `alpha` of a pixel of several layers. `lost` becomes true if none of them is seen.
-float synthesize_layers(Camera cam, Frames frames, vec2 at, uint block, uint layers, float alpha, out bool lost) {
+float synthesize_layers(Camera cam, Frames frames, uvec2 at, uint block, uint layers, float alpha, out bool lost) {
     const float ratio = interval_ratio(cam);
     float light = 0.0;
     uint place = layers_in(layers);
     do {
         place -= 1u;
-        const uint listed = (layers >> (place * LAYER_BITS)) & LAYER_MASK;
-        const Layer layer = found_layer(listed_layer[block + listed - 1u]);
-        const vec4 sources = layer_sources(layer, at, alpha, ratio);
-        const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
-        const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
-        const LayerView previous =
-            view_layer(cam, frames.previous, frames.parameters.x, block, layers, place, false, in_previous, ratio);
-        const LayerView current =
-            view_layer(cam, frames.current, frames.parameters.y, block, layers, place, true, in_current, ratio);
-        const vec2 say = vec2(
-            (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
-            alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));
-        if (say.x * (previous.seen + previous.fringe) + say.y * (current.seen + current.fringe) > 0.0) {
-            light = light_over(previous, current, say, layer.thickness, light);
+        const LayerViews views = views_of_layer(cam, frames, at, block, layers, place, alpha, ratio);
+        if (shows(views)) {
+            light = light_over(views.previous, views.current, views.say, views.thickness, light);
         }
     } while (place != 0u);
     lost = light == 0.0;

@@ -1,5 +1,5 @@
-// A pixel whose levels `synthesize` has made, or that is unoccluded. Needs levels.glsl, unoccluded.glsl and the buffer
-// `levels`.
+// A pixel whose levels `synthesize` has made, or that shows one surface: it is unoccluded, or has no layers. Needs levels.glsl,
+// unoccluded.glsl, LAYERED, FOLLOWS_MOTION and the buffer `levels`.
 
 struct Source {
     uvec2 at;
@@ -8,10 +8,14 @@ struct Source {
     float log_current;
     // The block's word in `level_words`.
     uint of_block;
-    // Whether the pixel is unoccluded, and its path.
-    bool unoccluded;
+    // Whether the pixel shows one surface. Then its path or, where motions meet, whether it has a usable motion vector, its
+    // warp, and whether that may leave the image.
+    bool one_surface;
     Frames frames;
     OwnPath path;
+    bool warps;
+    Warp warp;
+    bool leaves;
     // The pixel's word in the first row of its block's levels.
     uint first_level;
 };
@@ -26,7 +30,9 @@ Source read_source(Camera cam, uvec2 at) {
     s.log_current = load_plane(s.frames.current + word);
     s.of_block = 0u;
     s.first_level = 0u;
-    s.unoccluded = false;
+    s.one_surface = false;
+    s.warps = false;
+    s.leaves = false;
     return s;
 }
 
@@ -37,12 +43,21 @@ void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
     }
     const bool rows = has_rows(s.of_block);
     s.first_level = rows ? first_level_word(s.of_block, s.at) : 0u;
-    s.unoccluded = RIGID && (!rows || (levels[s.first_level] & LIST_MASK) == UNOCCLUDED);
-    if (s.unoccluded) {
+    s.one_surface = !rows || (levels[s.first_level] & LIST_MASK) == (RIGID ? UNOCCLUDED : 0u);
+    if (LAYERED && s.one_surface) {
+        s.warps = has_vector(cam, motion_base(cam, true), ivec2(s.at));
+        if (s.warps) {
+            s.warp = warp_at(cam, s.at, s.leaves);
+        }
+    }
+    if (RIGID && s.one_surface) {
         const Geometry geo = geometries[cam.slot];
         s.path = own_path(own_surfaces(cam, geo, s.at, ray_of(geo, vec2(s.at))));
     }
 }
+
+// Log of the linear blend of both frames at `alpha`.
+float blend_frames(Source s, float alpha);
 
 Geometry geometry_of(Camera cam) {
     Geometry geo;
@@ -54,7 +69,12 @@ Geometry geometry_of(Camera cam) {
 
 // Log intensity at the end of sub-step `i` of `n`, before the interval's end.
 float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
-    if (RIGID && s.unoccluded) {
+    if (LAYERED && s.one_surface) {
+        const float level = s.warps ? synthesize_motion(cam, s.frames, vec2(s.at), s.warp, s.leaves, alpha)
+                                    : blend_frames(s, alpha);
+        return max(level, cam.log_dark);
+    }
+    if (RIGID && s.one_surface) {
         return max(level_on_path(cam, geo, s.frames, vec2(s.at), s.path, n, i, alpha), cam.log_dark);
     }
     return uintBitsToFloat(levels[s.first_level + i * ROW_WORDS]);
@@ -64,5 +84,5 @@ float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, flo
 void begin_count() {}
 
 uint count_unseen(Source s, uint n) {
-    return n > 1u && !s.unoccluded ? levels[s.first_level] >> LIST_BITS : 0u;
+    return n > 1u && !s.one_surface ? levels[s.first_level] >> LIST_BITS : 0u;
 }

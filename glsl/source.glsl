@@ -34,7 +34,7 @@ float synthesize(Camera cam, Source s, float alpha) {
     } else if (SYNTHESIS == SYNTHESIS_MOTION) {
         if (LAYERED && s.layers != 0u) {
             bool lost;
-            const float level = synthesize_layers(cam, s.frames, vec2(s.at), s.layer_block, s.layers, alpha, lost);
+            const float level = synthesize_layers(cam, s.frames, s.at, s.layer_block, s.layers, alpha, lost);
             if (!lost) {
                 return max(level, cam.log_dark);
             }

@@ -54,8 +54,8 @@ void load_places(uint row) {
     }
 }
 
-// Loads a block's list into shared memory.
-void load_list(Camera cam, uint row) {
+// Loads the list of the block with this first pixel into shared memory.
+void load_list(Camera cam, uint row, vec2 first) {
     const uint lane = gl_LocalInvocationID.x;
     const uint count = levels[row * ROW_WORDS];
     if (RIGID) {
@@ -87,6 +87,7 @@ void load_list(Camera cam, uint row) {
             found_slopes[lane] = vec4(words[4], words[5], words[6], words[7]);
             found_before[lane] = vec2(words[8], words[9]);
             listed_layer[lane] = lane;
+            note_vectors(lane, first, interval_ratio(cam));
         }
     }
 }
@@ -135,7 +136,8 @@ void main() {
         const Camera cam = cameras[entry.x];
         const uint row = row_of_levels(entry.z) + substeps_of_levels(entry.z);
         barrier();
-        load_list(cam, row);
+        const uvec2 first = uvec2(entry.y % cam.blocks_x, entry.y / cam.blocks_x) * BLOCK_PX;
+        load_list(cam, row, vec2(first));
         load_places(row);
         barrier();
         const uint places = listed_places;
@@ -143,8 +145,7 @@ void main() {
         const uint turn = gl_LocalInvocationID.x / places;
         if (turn < turns) {
             const uint place = listed_place[gl_LocalInvocationID.x % places];
-            const uvec2 at = uvec2(entry.y % cam.blocks_x, entry.y / cam.blocks_x) * BLOCK_PX
-                + uvec2(place % BLOCK_PX, place / BLOCK_PX);
+            const uvec2 at = first + uvec2(place % BLOCK_PX, place / BLOCK_PX);
             synthesize_entry(cam, at, turn, turns, entry);
         }
     }

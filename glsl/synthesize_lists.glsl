@@ -217,7 +217,7 @@ void main() {
         make_lists(cam);
         if (has_list) {
             list = list_of_pixel(cam, at, tile.in_tile);
-            if (!RIGID || list != UNOCCLUDED) {
+            if (list != (RIGID ? UNOCCLUDED : 0u)) {
                 atomicOr(block_pixels[2u * tile.in_tile + place / 32u], 1u << (place % 32u));
             }
         }

@@ -213,6 +213,7 @@ fn declarations() -> String {
         ("LAYER_BEND_PX", format!("{:.6}", layers::BEND_PX)),
         ("LAYER_BEND_SHARE", format!("{:.6}", layers::BEND_SHARE)),
         ("LAYER_OUTSIDE_PX", format!("{:.6}", layers::OUTSIDE_PX)),
+        ("MOST_LAYERS", format!("{}u", layers::MAX_LAYERS)),
         ("LAYER_STEPS", format!("{}u", layers::MOST_STEPS)),
         ("LAYER_VOTES", format!("{}u", layers::LEAST_VOTES)),
         ("LAYER_BACKGROUND_LOG", format!("{:.6}", layers::BACKGROUND_LOG)),
