@@ -473,18 +473,24 @@ void main() {
         } while (number < CACHE_PIXELS - TILE_ANCHORS);
     }
     barrier();
-    if (LAYERED && channel == 0u && cam.has_motion != 0u && !is_first(cam)) {
+    // Where nothing moves or changes, no motions meet. Without half-pel frames that is not known.
+    const bool may_change = !HALF_PEL || any_change != 0u;
+    const bool compares = LAYERED && channel == 0u && cam.has_motion != 0u && !is_first(cam) && may_change;
+    if (compares) {
         for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {
             compare_vectors(cam, pixel);
-        }
-        barrier();
-        if (motions_meet_in_tile()) {
-            mark_meetings(cam);
         }
     }
     if (HALF_PEL) {
         note_texture(cam, SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u));
+    }
+    if (HALF_PEL || LAYERED) {
         barrier();
+    }
+    if (compares && motions_meet_in_tile()) {
+        mark_meetings(cam);
+    }
+    if (HALF_PEL) {
         write_parameters(cam, channel);
     }
     if (channel == 0u && lane < TILE_BLOCKS && corner.x + lane * BLOCK_PX < cam.width) {
