@@ -134,8 +134,9 @@ pub const CONFIDENCE_PX: f64 = 0.5;
 /// looked up for.
 pub const LEADING_BACK: f64 = 2.0;
 
-/// Distance outside the image over which a source fades out, pixels.
-pub const EDGE_PX: f64 = 1.0;
+/// Distance outside the image over which a source fades out, pixels. Positions are clamped to the image, so what is read
+/// there is the border's level, not the source's; but a source that ended at once would send events.
+pub const EDGE_PX: f64 = 0.25;
 
 /// Smallest weight of a source outside the image, so that the sum of both weights is never 0.
 pub const EDGE_WEIGHT: f64 = 1e-3;
