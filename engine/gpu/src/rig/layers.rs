@@ -53,7 +53,10 @@ impl CameraState {
         let (own, rest) = bytes.split_at(self.place.pixels as usize * format.texel_bytes());
         *bytes = rest;
         let (width, height) = (sensor.width as usize, sensor.height as usize);
-        let vector = |x: usize, y: usize| Some(DVec2::from(format.decode(own, y * width + x)));
+        // Each is looked up three times, and takes longer to decode than to compare.
+        let vectors: Vec<[f32; 2]> =
+            (0..width * height).map(|pixel| format.decode(own, pixel).map(|v| v as f32)).collect();
+        let vector = |x: usize, y: usize| Some(DVec2::from(vectors[y * width + x].map(f64::from)));
         let pairs = Pairs::new((width, height), |x, y| vector(x, y).filter(|v| v.is_finite()));
         self.layers_for_scene = layers_for_scene(1, pairs.meeting_blocks(), self.place.blocks.into());
     }
