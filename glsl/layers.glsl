@@ -442,7 +442,7 @@ float light_over(LayerView previous, LayerView current, vec2 say, float thicknes
     return lerp(here, lerp(mixture, lerp(here, own, coverage), thickness * unlike), reach);
 }
 
-// What both frames know of a pixel's layer at an instant, and how much each frame counts; whether the layer shows at all.
+// What both frames know of a pixel's layer at an instant, and how much each frame counts.
 struct LayerViews {
     LayerView previous;
     LayerView current;
@@ -450,12 +450,15 @@ struct LayerViews {
     float thickness;
 };
 
+// Whether the layer shows at all.
 bool shows(LayerViews views) {
     return views.say.x * (views.previous.seen + views.previous.fringe)
         + views.say.y * (views.current.seen + views.current.fringe) > 0.0;
 }
 
-LayerViews views_of_layer(Camera cam, Frames frames, uvec2 at, uint block, uint layers, uint place, float alpha, float ratio) {
+LayerViews views_of_layer(
+    Camera cam, Frames frames, uvec2 at, uint block, uint layers, uint place, float alpha, float ratio
+) {
     LayerViews views;
     const uint listed = (layers >> (place * LAYER_BITS)) & LAYER_MASK;
     const Layer layer = found_layer(listed_layer[block + listed - 1u]);
