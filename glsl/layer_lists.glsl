@@ -219,17 +219,6 @@ vec2 first_of_list(uint b) {
     return first_of_block(corner + uvec2(b * BLOCK_PX, 0u));
 }
 
-// Notes the vectors of the listed layers.
-void note_all_vectors(Camera cam) {
-    const float ratio = interval_ratio(cam);
-    for (uint listed = gl_LocalInvocationID.x; listed < TILE_BLOCKS * BLOCK_LAYERS; listed += gl_WorkGroupSize.x) {
-        const uint b = listed / BLOCK_LAYERS;
-        if (listed % BLOCK_LAYERS < layer_count[b]) {
-            note_vectors(listed, first_of_list(b), ratio);
-        }
-    }
-}
-
 // The pixels in and around a block vote: what disappears is behind.
 void vote_on_order(Camera cam, uint b) {
     const uint block = b * BLOCK_LAYERS;
@@ -310,6 +299,7 @@ void rank_layers(Camera cam) {
     barrier();
     if (number != NO_FIRST) {
         listed_layer[place] = number;
+        note_vectors(place, first_of_list(place / BLOCK_LAYERS), interval_ratio(cam));
     }
 }
 
@@ -328,18 +318,17 @@ void list_layers(Camera cam) {
     choose_layers();
     for (uint listed = lane; listed < TILE_BLOCKS * BLOCK_LAYERS; listed += gl_WorkGroupSize.x) {
         listed_layer[listed] = ranked_layer[listed];
+        if (listed % BLOCK_LAYERS < layer_count[listed / BLOCK_LAYERS]) {
+            note_vectors(listed, first_of_list(listed / BLOCK_LAYERS), interval_ratio(cam));
+        }
     }
     barrier();
     if (has_earlier_vectors(cam)) {
-        note_all_vectors(cam);
-        barrier();
         for (uint b = 0u; b < TILE_BLOCKS; ++b) {
             vote_on_order(cam, b);
         }
         barrier();
     }
     rank_layers(cam);
-    barrier();
-    note_all_vectors(cam);
     barrier();
 }

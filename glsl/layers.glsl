@@ -152,21 +152,6 @@ uint owner_of(uint block, uint order, bool current, vec2 from_first, vec2 vector
     return owner;
 }
 
-// As `owner_of`, of the layers of a pixel. Each sub-step asks it for many pixels, and the software driver ends loops after
-// so many iterations in all; so this has none.
-uint owner_in_pixel(uint block, uint order, bool current, vec2 from_first, vec2 vector, float ratio) {
-    uint owner = NO_LAYER;
-    float least = FAR_APART;
-    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
-        const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
-        if (listed != 0u) {
-            const vec2 expected = vector_of_listed(block + listed - 1u, current, from_first, ratio);
-            compare_owner(expected, place, vector, owner, least);
-        }
-    }
-    return owner;
-}
-
 uint layers_in(uint order) {
     return uint(findMSB(order)) / LAYER_BITS + 1u;
 }
@@ -272,6 +257,39 @@ struct LayerView {
     bool has_behind;
 };
 
+// The vectors that the layers of a pixel have at a pixel, the first of a window, and how they change from there to the next.
+// Each sub-step asks for many pixels, and the software driver ends loops after so many iterations in all; so this has none.
+struct ExpectedVectors {
+    vec2 first[MOST_LAYERS];
+    vec4 slopes[MOST_LAYERS];
+};
+
+// `from_first`: how far that pixel is from the block's first.
+ExpectedVectors expected_vectors(uint block, uint order, bool current, vec2 from_first, float ratio) {
+    ExpectedVectors expected;
+    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
+        const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
+        expected.first[place] = vec2(ABSENT_PX);
+        expected.slopes[place] = vec4(0.0);
+        if (listed != 0u) {
+            expected.first[place] = vector_of_listed(block + listed - 1u, current, from_first, ratio);
+            expected.slopes[place] = (current ? 1.0 : ratio) * listed_slopes[block + listed - 1u];
+        }
+    }
+    return expected;
+}
+
+// Which of them a vector is, so far from the window's first pixel; `none` if it is none.
+uint owner_in_window(ExpectedVectors expected, uint none, vec2 from_first, vec2 vector) {
+    uint owner = none;
+    float least = FAR_APART;
+    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
+        compare_owner(
+            expected.first[place] + times(expected.slopes[place], from_first), place, vector, owner, least);
+    }
+    return owner;
+}
+
 // As `shown_layer`, of the layers of a pixel, without loops; for the previous frame if that has no vectors.
 uint shown_by_paths(Camera cam, uint block, vec2 first, uint order, ivec2 at, float ratio) {
     uint shown = layers_in(order) - 1u;
@@ -283,8 +301,8 @@ uint shown_by_paths(Camera cam, uint block, vec2 first, uint order, ivec2 at, fl
             const ivec2 there = nearest_pixel(layer_sources(layer, vec2(at), 0.0, ratio).xy);
             bool known = true;
             const vec2 vector = vector_at(cam, motion_base(cam, true), there, known);
-            const uint owner = owner_in_pixel(block, order, true, vec2(there) - first, vector, ratio);
-            shown = known && owner == place ? place : shown;
+            const ExpectedVectors expected = expected_vectors(block, order, true, vec2(there) - first, ratio);
+            shown = known && owner_in_window(expected, NO_LAYER, vec2(0.0), vector) == place ? place : shown;
         }
     }
     return shown;
@@ -301,38 +319,6 @@ const uint WINDOW_SIDE = 4u;
 
 // The bits of the 3x3 pixels around the first one that has all of them, of the window's second row and column.
 const uint AROUND = 0x777u;
-
-// The vectors that the layers of a pixel have at the first pixel of a window, and how they change from a pixel to the next.
-struct ExpectedVectors {
-    vec2 first[MOST_LAYERS];
-    vec4 slopes[MOST_LAYERS];
-};
-
-// `from_first`: how far the window's first pixel is from the block's.
-ExpectedVectors expected_vectors(uint block, uint order, bool current, vec2 from_first, float ratio) {
-    ExpectedVectors expected;
-    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
-        const uint listed = (order >> (place * LAYER_BITS)) & LAYER_MASK;
-        expected.first[place] = vec2(ABSENT_PX);
-        expected.slopes[place] = vec4(0.0);
-        if (listed != 0u) {
-            expected.first[place] = vector_of_listed(block + listed - 1u, current, from_first, ratio);
-            expected.slopes[place] = (current ? 1.0 : ratio) * listed_slopes[block + listed - 1u];
-        }
-    }
-    return expected;
-}
-
-// Which of them a pixel's vector is, so far from the window's first; the farthest if it is none.
-uint owner_in_window(ExpectedVectors expected, uint farthest, vec2 from_first, vec2 vector) {
-    uint owner = farthest;
-    float least = FAR_APART;
-    [[unroll]] for (uint place = 0u; place < LAYERS; ++place) {
-        compare_owner(
-            expected.first[place] + times(expected.slopes[place], from_first), place, vector, owner, least);
-    }
-    return owner;
-}
 
 // `first`: the window's first pixel; `origin`: the first one of the pixel's block.
 Window layer_window(
@@ -442,51 +428,28 @@ float light_over(LayerView previous, LayerView current, vec2 say, float thicknes
     return lerp(here, lerp(mixture, lerp(here, own, coverage), thickness * unlike), reach);
 }
 
-// What both frames know of a pixel's layer at an instant, and how much each frame counts.
-struct LayerViews {
-    LayerView previous;
-    LayerView current;
-    vec2 say;
-    float thickness;
-};
-
-// Whether the layer shows at all.
-bool shows(LayerViews views) {
-    return views.say.x * (views.previous.seen + views.previous.fringe)
-        + views.say.y * (views.current.seen + views.current.fringe) > 0.0;
-}
-
-LayerViews views_of_layer(
-    Camera cam, Frames frames, uvec2 at, uint block, uint layers, uint place, float alpha, float ratio
-) {
-    LayerViews views;
-    const uint listed = (layers >> (place * LAYER_BITS)) & LAYER_MASK;
-    const Layer layer = found_layer(listed_layer[block + listed - 1u]);
-    const vec4 sources = layer_sources(layer, vec2(at), alpha, ratio);
-    const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
-    const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
-    const vec2 origin = first_of_block(at);
-    views.previous = view_layer(
-        cam, frames.previous, frames.parameters.x, block, origin, layers, place, false, in_previous, ratio);
-    views.current = view_layer(
-        cam, frames.current, frames.parameters.y, block, origin, layers, place, true, in_current, ratio);
-    views.say = vec2(
-        (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
-        alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));
-    views.thickness = layer.thickness;
-    return views;
-}
-
 // Log intensity at `alpha` of a pixel of several layers. `lost` becomes true if none of them is seen.
 float synthesize_layers(Camera cam, Frames frames, uvec2 at, uint block, uint layers, float alpha, out bool lost) {
     const float ratio = interval_ratio(cam);
+    const vec2 origin = first_of_block(at);
     float light = 0.0;
     uint place = layers_in(layers);
     do {
         place -= 1u;
-        const LayerViews views = views_of_layer(cam, frames, at, block, layers, place, alpha, ratio);
-        if (shows(views)) {
-            light = light_over(views.previous, views.current, views.say, views.thickness, light);
+        const uint listed = (layers >> (place * LAYER_BITS)) & LAYER_MASK;
+        const Layer layer = found_layer(listed_layer[block + listed - 1u]);
+        const vec4 sources = layer_sources(layer, vec2(at), alpha, ratio);
+        const vec2 in_current = 0.5 * snapped(2.0 * sources.xy);
+        const vec2 in_previous = 0.5 * snapped(2.0 * sources.zw);
+        const LayerView previous = view_layer(
+            cam, frames.previous, frames.parameters.x, block, origin, layers, place, false, in_previous, ratio);
+        const LayerView current = view_layer(
+            cam, frames.current, frames.parameters.y, block, origin, layers, place, true, in_current, ratio);
+        const vec2 say = vec2(
+            (1.0 - alpha) * max(1.0 - outside_px(cam, in_previous) * (1.0 / EDGE_PX), EDGE_WEIGHT),
+            alpha * max(1.0 - outside_px(cam, in_current) * (1.0 / EDGE_PX), EDGE_WEIGHT));
+        if (say.x * (previous.seen + previous.fringe) + say.y * (current.seen + current.fringe) > 0.0) {
+            light = light_over(previous, current, say, layer.thickness, light);
         }
     } while (place != 0u);
     lost = light == 0.0;

@@ -1,6 +1,6 @@
 //! Synthesis `motion` where motions meet: the engine against the oracle and against exact events.
 
-use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, Rig, RigOptions};
+use esaac_engine::{KernelPolicy, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::synthesis::layers::pairs::Pairs;
 use esaac_model::{
@@ -9,9 +9,9 @@ use esaac_model::{
 use esaac_oracle::metrics::{Comparison, compare as against_truth};
 use esaac_scene::{SceneKind, exact_events};
 use esaac_tests::agreement::{LEVEL_TOLERANCE_LOG, compare};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{FRAME_NS, Frame, Sequence, scene, times};
-use esaac_tests::run::{Step, engine_with as engine, oracle};
+use esaac_tests::run::{Step, engine_with as engine, oracle, rig, step, steps};
 use glam::DVec2;
 
 /// Neither side is a multiple of a block.
@@ -184,33 +184,21 @@ fn the_scene_says_how_many_layers_there_are() {
 #[test]
 fn a_restored_rig_has_the_layers_of_the_one_that_was_saved() {
     let sequence = frames(SceneKind::Poles);
-    let config = |sequence: &Sequence| CameraConfig {
-        sensor: sensor(0),
-        camera: 0,
-        hdr: sequence.hdr,
-        motion: sequence.motion,
-        geometry: None,
-    };
-    let feed = |rig: &mut Rig, index: usize| -> (u64, Vec<Event>) {
-        let frame = &sequence.frames[index];
-        let motion = frame.motion.as_deref();
-        rig.upload(0, &FrameBytes { hdr: &frame.hdr, motion, depth: None, ids: None }).unwrap();
-        let tick = rig.step(&[frame.t_ns]).unwrap();
-        (tick.diagnostics[0].layered_intervals, tick.packets[0].iter().collect())
-    };
-    let mut rig = Rig::new(&DEVICE, &[config(&sequence)]).unwrap();
-    for index in 0..3 {
-        feed(&mut rig, index);
-    }
-    let saved = rig.save().unwrap();
-    let whole = feed(&mut rig, 3);
-    let mut restored = Rig::new(&DEVICE, &[config(&sequence)]).unwrap();
+    let new_rig = || rig(&sensor(0), &sequence, RigOptions::default());
+    let mut first = new_rig();
+    steps(&mut first, &sequence, 0..3);
+    let saved = first.save().unwrap();
+    let whole = step(&mut first, &sequence, 3);
+    let mut restored = new_rig();
     restored.restore(&saved).unwrap();
-    assert_eq!(whole.0, 1);
-    assert!(feed(&mut restored, 3) == whole, "one surface, or other events");
+    assert_eq!(whole.diagnostics.layered_intervals, 1);
+    let after = step(&mut restored, &sequence, 3);
+    assert_eq!(after.diagnostics.layered_intervals, 1);
+    assert!(packets(&[after]) == packets(&[whole]), "one surface, or other events");
     // After a reset the first interval tells again.
     restored.reset(0).unwrap();
-    assert_eq!([0, 1].map(|index| feed(&mut restored, index).0), [0, 1]);
+    let again = steps(&mut restored, &sequence, 0..2);
+    assert_eq!([0, 1].map(|index| again[index].diagnostics.layered_intervals), [0, 1]);
     assert_silent();
 }
 

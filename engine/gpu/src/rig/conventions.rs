@@ -4,9 +4,10 @@
 //! doubted. With synthesis `auto` the instances of doubted poses then have none, and their pixels follow their motion
 //! vectors; the equations are in the model crate's `paths::conventions`.
 
+use super::look::Given;
 use super::sensor::is_rigid;
-use super::transfer::{Part, read_back_after};
-use super::{CameraState, InputBuffers, Rig};
+use super::transfer::Part;
+use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::memory::Buffer;
@@ -15,16 +16,6 @@ use esaac_model::{IdFormat, MotionFormat, Synthesis};
 
 /// Most rows of an image that are compared, evenly spread.
 const ROWS: u32 = 48;
-
-/// A frame that a tick is to take.
-#[derive(Clone, Copy)]
-pub(super) struct Given<'a> {
-    pub t_ns: i64,
-    /// Buffers that hold it; `None` for the camera's own.
-    pub inputs: Option<InputBuffers<'a>>,
-    /// Images of the same size before it in each buffer.
-    pub images_before: usize,
-}
 
 impl Rig {
     /// What a camera's brightness between two frames is made by: `motion` if its synthesis is `auto` and its poses do
@@ -68,72 +59,45 @@ impl Rig {
         frames: &[Option<Given<'_>>],
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
-        let mut looks = Vec::new();
-        for (number, (camera, given)) in self.cameras.iter().zip(frames).enumerate() {
-            let look = given.as_ref().and_then(|given| Look::of(camera, given));
-            looks.extend(look.map(|look| (number, look)));
-        }
-        if looks.is_empty() {
-            return Ok(());
-        }
-        let parts: Vec<Part<'_>> =
-            looks.iter().flat_map(|(number, look)| look.parts(&self.cameras[*number])).collect();
-        // The hooks' timelines are signalled by the tick.
-        let hooks = SubmitHooks { signals: &[], ..*hooks };
-        let bytes = match read_back_after(&self.device, &parts, &hooks) {
-            Ok(bytes) => bytes,
-            Err(error) => return Err(if error.leaves_work() { self.lose(error) } else { error }),
+        let take = |camera: &mut CameraState, given: &Given<'_>, bytes: &mut &[u8]| {
+            camera.compare(given.t_ns, bytes)
         };
-        let mut rest = &bytes[..];
-        let times_and_rows: Vec<_> =
-            looks.into_iter().map(|(number, look)| (number, look.t_ns, look.rows)).collect();
-        for (number, t_ns, rows) in times_and_rows {
-            self.cameras[number].compare(t_ns, &rows, &mut rest);
-        }
-        Ok(())
+        self.look_at_frames(frames, hooks, CameraState::compared_parts, take)
     }
 }
 
-/// The rows of a frame that are compared.
-struct Look<'a> {
-    t_ns: i64,
-    inputs: Option<InputBuffers<'a>>,
-    images_before: usize,
-    rows: Vec<u32>,
-}
-
-impl<'a> Look<'a> {
-    /// `None` if the camera's check is over, or there is nothing to compare.
-    fn of(camera: &CameraState, given: &Given<'a>) -> Option<Self> {
-        let sensor = &camera.config.sensor;
-        let has_both = is_rigid(sensor) && camera.config.motion.is_some() && camera.scene.is_some();
-        if !has_both || camera.last_ns.is_none() || !camera.vectors_span || camera.check.is_over() {
-            return None;
-        }
-        let stride = sensor.height.div_ceil(ROWS);
-        let rows = (stride / 2..sensor.height).step_by(stride as usize).collect();
-        Some(Look { t_ns: given.t_ns, inputs: given.inputs, images_before: given.images_before, rows })
+impl CameraState {
+    /// Whether its next frame is compared: its check is not over, and there is something to compare.
+    fn compares(&self) -> bool {
+        let has_both = is_rigid(&self.config.sensor) && self.config.motion.is_some() && self.scene.is_some();
+        has_both && self.last_ns.is_some() && self.vectors_span && !self.check.is_over()
     }
 
-    /// The rows of each image: depth, motion, ids.
-    fn parts<'b>(&self, camera: &'b CameraState) -> Vec<Part<'b>>
-    where
-        'a: 'b,
-    {
-        let inputs = self.inputs.unwrap_or_else(|| camera.input_buffers());
-        let geometry = camera.config.geometry;
+    fn compared_rows(&self) -> Vec<u32> {
+        let height = self.config.sensor.height;
+        let stride = height.div_ceil(ROWS);
+        (stride / 2..height).step_by(stride as usize).collect()
+    }
+
+    /// The rows of each image that are compared: depth, motion, ids; none if nothing is.
+    fn compared_parts<'a>(&'a self, given: &Given<'a>) -> Vec<Part<'a>> {
+        if !self.compares() {
+            return Vec::new();
+        }
+        let inputs = given.inputs.unwrap_or_else(|| self.input_buffers());
+        let geometry = self.config.geometry;
         let planes = [
             (inputs.depth, geometry.map(|geometry| geometry.depth.texel_bytes())),
-            (inputs.motion, camera.config.motion.map(MotionFormat::texel_bytes)),
+            (inputs.motion, self.config.motion.map(MotionFormat::texel_bytes)),
             (inputs.ids, geometry.and_then(|geometry| geometry.ids).map(IdFormat::texel_bytes)),
         ];
-        let sensor = &camera.config.sensor;
+        let (sensor, rows) = (&self.config.sensor, self.compared_rows());
         let image =
-            |(buffer, texel_bytes): (Option<&'b Buffer>, Option<usize>)| Some((buffer?, texel_bytes?));
-        let rows_of = |(buffer, texel_bytes): (&'b Buffer, usize)| {
+            |(buffer, texel_bytes): (Option<&'a Buffer>, Option<usize>)| Some((buffer?, texel_bytes?));
+        let rows_of = |(buffer, texel_bytes): (&'a Buffer, usize)| {
             let row_bytes = sensor.width as usize * texel_bytes;
-            let first_row = self.images_before * sensor.height as usize;
-            self.rows.iter().map(move |row| Part {
+            let first_row = given.images_before * sensor.height as usize;
+            rows.iter().map(move |row| Part {
                 buffer,
                 offset: ((first_row + *row as usize) * row_bytes) as u64,
                 bytes: row_bytes as u64,
@@ -141,9 +105,7 @@ impl<'a> Look<'a> {
         };
         planes.into_iter().filter_map(image).flat_map(rows_of).collect()
     }
-}
 
-impl CameraState {
     /// The poses that are followed: all, unless `auto` has doubts.
     pub(super) fn trust(&self) -> &Trust {
         if self.asked == Synthesis::Auto { self.check.trust() } else { &Trust::All }
@@ -157,7 +119,8 @@ impl CameraState {
     }
 
     /// Takes its rows off `bytes` and compares them with its poses.
-    fn compare(&mut self, t_ns: i64, rows: &[u32], bytes: &mut &[u8]) {
+    fn compare(&mut self, t_ns: i64, bytes: &mut &[u8]) {
+        let rows = self.compared_rows();
         let (sensor, config) = (&self.config.sensor, &self.config);
         let pixels = sensor.width as usize * rows.len();
         let mut take = |texel_bytes: usize| {
@@ -181,7 +144,7 @@ impl CameraState {
         });
         let size_px = (sensor.width, sensor.height);
         let frame =
-            KeyFrame::of_rows(size_px, (last_ns, t_ns), Some(rows), &depth_m, ids.as_deref(), &motion_px)
+            KeyFrame::of_rows(size_px, (last_ns, t_ns), Some(&rows), &depth_m, ids.as_deref(), &motion_px)
                 .expect("rows of the images that were read");
         let before = self.check.trust().clone();
         self.check.add(&frame, scene);

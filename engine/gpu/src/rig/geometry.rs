@@ -181,19 +181,19 @@ impl Place {
     /// This place with planes at least as large as `sensor` needs, and room for what its synthesis and its readout keep.
     pub(super) fn with_planes_of(self, sensor: &SensorModel) -> Self {
         let instants = if is_rigid(sensor) { layout::path_instants(sensor.substeps) } else { 0 };
-        Place {
+        let place = Place {
             plane_words: self.plane_words.max(plane_words(sensor)),
             is_rigid: self.is_rigid || is_rigid(sensor),
             has_bus: self.has_bus || has_bus(sensor),
             path_instants: self.path_instants.max(instants),
             ..self
-        }
-        .with_levels_of(sensor, self.level_rows > 0 || makes_levels(sensor))
+        };
+        if self.level_rows > 0 || makes_levels(sensor) { place.with_levels_of(sensor) } else { place }
     }
 
-    /// This place with room for the levels of `sensor`'s intervals, if they are made (`made`) apart from the walks.
-    pub(super) fn with_levels_of(self, sensor: &SensorModel, made: bool) -> Self {
-        let needed = if made { self.blocks * (sensor.substeps.max(1) - 1 + LIST_ROWS) } else { 0 };
+    /// This place with room for the levels of `sensor`'s intervals, made apart from the walks.
+    pub(super) fn with_levels_of(self, sensor: &SensorModel) -> Self {
+        let needed = self.blocks * (sensor.substeps.max(1) - 1 + LIST_ROWS);
         Place { level_rows: self.level_rows.max(needed), ..self }
     }
 

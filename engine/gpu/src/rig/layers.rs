@@ -4,9 +4,9 @@
 //! `ingest` counts the blocks that motions that meet pass, and the next interval follows. Before a camera's first interval
 //! its vectors are read back.
 
-use super::conventions::Given;
+use super::look::Given;
 use super::sensor::may_have_layers;
-use super::transfer::{Part, read_back_after};
+use super::transfer::Part;
 use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
@@ -19,10 +19,10 @@ impl CameraState {
     /// Most surfaces that a pixel may show in the next interval.
     pub(super) fn layers(&self) -> u32 {
         let sensor = &self.config.sensor;
-        match (may_have_layers(sensor), sensor.layers) {
-            (false, _) => 1,
-            (true, 0) => self.layers_for_scene,
-            (true, layers) => layers,
+        match may_have_layers(sensor) {
+            _ if self.is_left_to_scene() => self.layers_for_scene,
+            true => sensor.layers,
+            false => 1,
         }
     }
 
@@ -38,13 +38,14 @@ impl CameraState {
         may_have_layers(&self.config.sensor) && self.config.sensor.layers == 0
     }
 
-    /// The motion image of the frame that ends its first interval; `None` if that is another, or nobody asks.
-    fn first_vectors<'a>(&'a self, given: &Given<'a>) -> Option<Part<'a>> {
-        let is_first = self.last_ns.is_some() && self.frames == 1;
-        let format = self.config.motion.filter(|_| is_first && self.is_left_to_scene())?;
-        let buffer = given.inputs.unwrap_or_else(|| self.input_buffers()).motion?;
+    /// The motion image of the frame that ends its first interval; none if that is another, or nobody asks.
+    fn first_vectors<'a>(&'a self, given: &Given<'a>) -> Vec<Part<'a>> {
+        let is_first = self.frames == 1;
+        let format = self.config.motion.filter(|_| is_first && self.is_left_to_scene());
+        let buffer = given.inputs.unwrap_or_else(|| self.input_buffers()).motion;
+        let (Some(format), Some(buffer)) = (format, buffer) else { return Vec::new() };
         let bytes = u64::from(self.place.pixels) * format.texel_bytes() as u64;
-        Some(Part { buffer, offset: given.images_before as u64 * bytes, bytes })
+        vec![Part { buffer, offset: given.images_before as u64 * bytes, bytes }]
     }
 
     /// Takes its motion image off `bytes`, and takes note of where motions meet.
@@ -69,28 +70,9 @@ impl Rig {
         frames: &[Option<Given<'_>>],
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
-        let mut parts = Vec::new();
-        let mut looked = Vec::new();
-        for (number, (camera, given)) in self.cameras.iter().zip(frames).enumerate() {
-            if let Some(part) = given.as_ref().and_then(|given| camera.first_vectors(given)) {
-                parts.push(part);
-                looked.push(number);
-            }
-        }
-        if looked.is_empty() {
-            return Ok(());
-        }
-        // The hooks' timelines are signalled by the tick.
-        let hooks = SubmitHooks { signals: &[], ..*hooks };
-        let bytes = match read_back_after(&self.device, &parts, &hooks) {
-            Ok(bytes) => bytes,
-            Err(error) => return Err(if error.leaves_work() { self.lose(error) } else { error }),
-        };
-        let mut rest = &bytes[..];
-        for number in looked {
-            self.cameras[number].note_first_vectors(&mut rest);
-        }
-        Ok(())
+        let take =
+            |camera: &mut CameraState, _: &Given<'_>, bytes: &mut &[u8]| camera.note_first_vectors(bytes);
+        self.look_at_frames(frames, hooks, CameraState::first_vectors, take)
     }
 
     /// Makes room for levels in cameras that have gone over to several surfaces. On an error nothing has changed.
@@ -101,7 +83,7 @@ impl Rig {
         }
         let mut places = self.places();
         for (place, camera) in places.iter_mut().zip(&self.cameras).filter(|(_, camera)| needs_room(camera)) {
-            *place = place.with_levels_of(&camera.config.sensor, true);
+            *place = place.with_levels_of(&camera.config.sensor);
         }
         self.change(places, Vec::new(), &[])
     }

@@ -3,9 +3,9 @@
 //! Some rows of a frame's colour image are read back before the tick that takes it: of few frames, so that it costs next
 //! to nothing, and of the same frames in every run.
 
-use super::conventions::Given;
+use super::look::Given;
 use super::sensor::is_physical;
-use super::transfer::{Part, read_back_after};
+use super::transfer::Part;
 use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
@@ -42,27 +42,8 @@ impl Rig {
         frames: &[Option<Given<'_>>],
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
-        let mut parts = Vec::new();
-        let mut looked = Vec::new();
-        for (number, (camera, given)) in self.cameras.iter().zip(frames).enumerate() {
-            let Some(given) = given.as_ref().filter(|_| camera.looks_at_light()) else { continue };
-            parts.extend(camera.light_parts(given));
-            looked.push(number);
-        }
-        if looked.is_empty() {
-            return Ok(());
-        }
-        // The hooks' timelines are signalled by the tick.
-        let hooks = SubmitHooks { signals: &[], ..*hooks };
-        let bytes = match read_back_after(&self.device, &parts, &hooks) {
-            Ok(bytes) => bytes,
-            Err(error) => return Err(if error.leaves_work() { self.lose(error) } else { error }),
-        };
-        let mut rest = &bytes[..];
-        for number in looked {
-            self.cameras[number].add_light(&mut rest);
-        }
-        Ok(())
+        let take = |camera: &mut CameraState, _: &Given<'_>, bytes: &mut &[u8]| camera.add_light(bytes);
+        self.look_at_frames(frames, hooks, CameraState::light_parts, take)
     }
 }
 
@@ -80,8 +61,11 @@ impl CameraState {
         (stride / 2..height).step_by(stride as usize)
     }
 
-    /// The rows that are looked at.
+    /// The rows that are looked at; none if it is not their turn.
     fn light_parts<'a>(&'a self, given: &Given<'a>) -> Vec<Part<'a>> {
+        if !self.looks_at_light() {
+            return Vec::new();
+        }
         let buffer = given.inputs.unwrap_or_else(|| self.input_buffers()).hdr;
         let sensor = &self.config.sensor;
         let row_bytes = sensor.width as usize * self.config.hdr.texel_bytes();

@@ -24,6 +24,7 @@ mod input;
 mod kernels;
 mod layers;
 mod light;
+mod look;
 mod machine;
 mod merge;
 mod parameters;

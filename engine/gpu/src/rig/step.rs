@@ -1,6 +1,6 @@
 //! Stepping a rig: from frames and their times to a tick.
 
-use super::conventions::Given;
+use super::look::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::passes::rows_used;
 use super::queue::Load;

@@ -38,8 +38,8 @@ impl Pairs {
 
     /// Whether motions meet in a block.
     #[must_use]
-    pub fn meet_in(&self, (bx, by): Place) -> bool {
-        self.of_blocks[by * self.blocks.0 + bx].is_some()
+    pub fn meet_in(&self, block: Place) -> bool {
+        self.of_blocks[self.number(block)].is_some()
     }
 
     /// Pixels of the pairs that pass a block, in the order in which they count, and the longest of their vectors, pixels.
@@ -48,10 +48,8 @@ impl Pairs {
         let mut passing: Vec<(usize, usize, Pair)> = self
             .around(block)
             .filter_map(|from| {
-                let number = from.1 * self.blocks.0 + from.0;
-                let pair = self.of_blocks[number]?;
                 let away = from.0.abs_diff(block.0).max(from.1.abs_diff(block.1));
-                pair.iter().any(|&(_, motion)| passes(from, motion, block)).then_some((away, number, pair))
+                Some((away, self.number(from), self.pair_passing(from, block)?))
             })
             .collect();
         passing.sort_unstable_by_key(|&(away, number, _)| (away, number));
@@ -64,13 +62,18 @@ impl Pairs {
     #[must_use]
     pub fn meeting_blocks(&self) -> u64 {
         let all = (0..self.of_blocks.len()).map(|i| (i % self.blocks.0, i / self.blocks.0));
-        all.filter(|&to| {
-            self.around(to).any(|from| {
-                let pair = self.of_blocks[from.1 * self.blocks.0 + from.0];
-                pair.is_some_and(|pair| pair.iter().any(|&(_, motion)| passes(from, motion, to)))
-            })
-        })
-        .count() as u64
+        all.filter(|&to| self.around(to).any(|from| self.pair_passing(from, to).is_some())).count() as u64
+    }
+
+    /// A block's number, row by row.
+    fn number(&self, (bx, by): Place) -> usize {
+        by * self.blocks.0 + bx
+    }
+
+    /// The pair of block `from`, if it passes block `to`.
+    fn pair_passing(&self, from: Place, to: Place) -> Option<Pair> {
+        let pair = self.of_blocks[self.number(from)]?;
+        pair.iter().any(|&(_, motion)| passes(from, motion, to)).then_some(pair)
     }
 
     /// Blocks at most [`REACH_BLOCKS`] away, row by row.
