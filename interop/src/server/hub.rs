@@ -2,7 +2,7 @@
 //! while the rig steps.
 
 use super::claims::Claim;
-use super::links::{Link, Shared, hush, ring, turn_away};
+use super::links::{Link, Shared, State, hush, ring, turn_away};
 use super::pause::Pause;
 use crate::error::InteropError;
 use crate::image::ImageKind;
@@ -228,8 +228,9 @@ impl Hub {
         let mut ring = Ring::new(&self.shared.device, terms.camera, &images, source, timelines)?;
         let mut fds = ring.export_memory(&self.shared.device)?;
         fds.extend(timeline_fds);
+        let mut state = self.shared.lock();
         self.offer(guest, &terms, agreement, ring.described(), &fds)?;
-        self.link(guest, claim, agreement, session, ring);
+        link(&mut state, guest, claim, agreement, session, ring);
         Ok(false)
     }
 
@@ -286,29 +287,37 @@ impl Hub {
         let source = Source::Peer { kind: agreement.memory, fds, told: [hdr, motion, depth, ids] };
         let images = terms.images_by(agreement);
         let ring = Ring::new(&self.shared.device, terms.camera, &images, source, timelines)?;
+        let mut state = self.shared.lock();
         guest.socket.send(&Message::Accepted(Header::default()), &[])?;
-        self.link(guest, claim, agreement, session, ring);
+        link(&mut state, guest, claim, agreement, session, ring);
         Ok(())
     }
+}
 
-    /// Makes a guest that has its ring a link.
-    fn link(&self, guest: &Guest, claim: Claim, agreement: Agreement, session: Session, ring: Ring) {
-        let mut state = self.shared.lock();
-        state.agreed[claim.camera()] = Some(agreement);
-        state.counts[claim.camera()].connections += 1;
-        state.links.push(Link {
-            id: guest.connection,
-            claim,
-            socket: Arc::clone(&guest.socket),
-            since: Instant::now(),
-            session,
-            ring: Arc::new(ring),
-            pending: VecDeque::new(),
-            ending: false,
-            seen: false,
-        });
-        state.changed = true;
-    }
+/// Makes a guest that has its ring a link. The guest is told under the same lock: a producer that knows that it may
+/// send frames is one whose frames a tick waits for.
+fn link(
+    state: &mut State,
+    guest: &Guest,
+    claim: Claim,
+    agreement: Agreement,
+    session: Session,
+    ring: Ring,
+) {
+    state.agreed[claim.camera()] = Some(agreement);
+    state.counts[claim.camera()].connections += 1;
+    state.links.push(Link {
+        id: guest.connection,
+        claim,
+        socket: Arc::clone(&guest.socket),
+        since: Instant::now(),
+        session,
+        ring: Arc::new(ring),
+        pending: VecDeque::new(),
+        ending: false,
+        seen: false,
+    });
+    state.changed = true;
 }
 
 /// Whether a new connection may say something: it must be this user's, and there must not be too many

@@ -69,6 +69,23 @@ fn a_producer_that_comes_between_another_s_greeting_and_its_memory_is_turned_awa
     assert_silent();
 }
 
+/// A tick waits for the frames of those that are connected. A producer that may send is one of them from then on, not
+/// some time later.
+#[test]
+fn a_producer_that_has_its_ring_is_connected() {
+    let place = Place::default();
+    let server = engine(&place);
+    for round in 0..500 {
+        let peer = Peer::connect(&place.path());
+        peer.send(Message::Hello(greeting()), &[]);
+        assert!(matches!(peer.receive(), Some((Message::Ring(_), _))));
+        assert_eq!(server.connected(), 1, "round {round}");
+        peer.send(Message::Bye(Header::default()), &[]);
+        until("the goodbye", || server.connected() == 0);
+    }
+    assert_silent();
+}
+
 /// Runs `act`, whose peer stops sending at some point, and expects a refusal within the time limit.
 fn ends_in_time(act: impl FnOnce(&Place) -> Peer, missing: &str) {
     let timed = |place: &Place| {
