@@ -219,7 +219,7 @@ impl Hub {
         if agreement.brings() {
             let images = agreement.memory == wire::MEMORY_IMAGES;
             let wanted = wanted(&terms.images_by(agreement), images);
-            self.offer(guest, &terms, agreement, wanted, &timeline_fds)?;
+            self.offer(guest, &terms, agreement, wanted, timeline_fds)?;
             guest.bringing = Some(Bringing { claim, agreement, session, timelines });
             return Ok(true);
         }
@@ -229,19 +229,19 @@ impl Hub {
         let mut fds = ring.export_memory(&self.shared.device)?;
         fds.extend(timeline_fds);
         let mut state = self.shared.lock();
-        self.offer(guest, &terms, agreement, ring.described(), &fds)?;
+        self.offer(guest, &terms, agreement, ring.described(), fds)?;
         link(&mut state, guest, claim, agreement, session, ring);
         Ok(false)
     }
 
-    /// Sends a guest the description of its ring.
+    /// Sends a guest the description of its ring, and closes this process's ends of `fds`.
     fn offer(
         &self,
         guest: &Guest,
         terms: &Terms,
         agreement: Agreement,
         [hdr, motion, depth, ids]: [ImageMemory; 4],
-        fds: &[OwnedFd],
+        fds: Vec<OwnedFd>,
     ) -> Result<(), InteropError> {
         let images = terms.images_by(agreement);
         let (depth_format, id_format, lens) = geometry_to_wire(images.geometry.as_ref());
@@ -269,8 +269,8 @@ impl Hub {
             lens,
             ..RingOffer::default()
         };
-        let fds: Vec<_> = fds.iter().map(AsFd::as_fd).collect();
-        guest.socket.send(&Message::Ring(offer), &fds)
+        let borrowed: Vec<_> = fds.iter().map(AsFd::as_fd).collect();
+        guest.socket.send(&Message::Ring(offer), &borrowed)
     }
 
     /// Makes a ring of the memory that a guest brings.
