@@ -4,7 +4,7 @@
 // Shared by ingest_gpu.comp and ingest_cpu.comp. One workgroup a tile of four 8x8 blocks side by side; x over tiles, y
 // over cameras, z over colour components or 1. For a half-pel frame it loads the tile plus an apron, so workgroups need
 // not synchronise. Reads the images by device address, and the previous frame in `planes`. Writes the current frame
-// there, `motion` of this frame's slot, `blocks` and `tile_order`, all read by `backward_transfer` and `cross` after a
+// there, `motion` of this frame's slot, `blocks` and `tile_order`, all read by `detail_transfer` and `cross` after a
 // barrier. Arms pixels in `state`, which no other kernel touches before `cross`.
 //
 // The including file provides, before this one: RIGID, whether this is the kernel of synthesis `rigid`; PHYSICAL, defined
@@ -67,7 +67,7 @@ bool is_beside_anchor(ivec2 in_tile) {
     return all(greaterThanEqual(in_tile, ivec2(-1))) && all(lessThan(in_tile, ivec2(TILE_WIDTH_PX, BLOCK_PX) + 2));
 }
 
-#include "detail_transfer.glsl"
+#include "detail_anchors.glsl"
 #include "shared_footprint.glsl"
 
 shared uint block_motion[TILE_BLOCKS];

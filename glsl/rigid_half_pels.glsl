@@ -1,7 +1,6 @@
 // Half-pel frames with detail of the frame before along exact paths, for synthesis `rigid`. Part of ingest.glsl; needs
 // ingest_surfaces.glsl.
 
-const bool FROM_PURE = false;
 #include "rigid_route.glsl"
 
 // What the frame before says at an anchor's own sample: its residual, and the confidence in it.
@@ -11,7 +10,7 @@ void tell_anchor(Camera cam, Geometry geo, uint channel, uint number) {
     const Own own = own_surface(cam, geo, at);
     const Route route = route_of(geo, own.instance, own.plane, true);
     vec2 there;
-    confidences[anchor] = follow(cam, geo, route, surface_base(cam, geo, 0u), vec2(at), there);
+    confidences[anchor] = follow(cam, geo, route, surface_base(cam, geo, 0u), vec2(at), false, there);
     if (confidences[anchor] > 0.0) {
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
             const uint previous = frame_of(cam, 1u - cam.frame_slot, channel + k);
@@ -57,7 +56,7 @@ void write_rigid_half_pels(Camera cam, Geometry geo, uint channel, uint number, 
             }
             vec2 there;
             const vec2 position = vec2(at) + 0.5 * vec2(offset);
-            const float trust = min(anchors, follow(cam, geo, route, surface_base(cam, geo, 0u), position, there));
+            const float trust = min(anchors, follow(cam, geo, route, surface_base(cam, geo, 0u), position, false, there));
             if (trust > 0.0) {
                 [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
                     const uint previous = frame_of(cam, 1u - cam.frame_slot, channel + k);

@@ -1,5 +1,5 @@
 // Samples the other frame at a pixel and its three half-pel neighbours from one 5x5 footprint without corners: 21
-// loads, not 48. Assumes nearly equal motion. Needs half_pel.glsl, detail_transfer.glsl.
+// loads, not 48. Assumes nearly equal motion. Needs half_pel.glsl, detail_anchors.glsl.
 
 // Where a pixel and its half-pel samples are read in another frame.
 struct SampleQuad {

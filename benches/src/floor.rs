@@ -59,7 +59,7 @@ pub fn moved_bytes(sensor: &SensorModel, hdr: HdrFormat, motion: MotionFormat, e
         let entries = f64::from(2 * sensor.width + 4) * f64::from(2 * sensor.height + 3);
         let half_pel_frame = 4.0 * channels(sensor) * entries;
         // Each transfer reads one half-pel frame and writes the other, `cross` reads both.
-        2.0 * half_pel_frame * f64::from(sensor.transfers) + 2.0 * half_pel_frame
+        2.0 * half_pel_frame * f64::from(sensor.detail_transfers()) + 2.0 * half_pel_frame
     } else {
         3.0 * frame
     };

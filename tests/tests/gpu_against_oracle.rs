@@ -117,7 +117,7 @@ fn every_scene_in_the_default_mode() {
 fn motion_cubic() {
     let modes = [(Intensity::BayerRggb, 32), (Intensity::Gray, 8)];
     check_share(modes.into_iter().flat_map(|(intensity, substeps)| {
-        [1, 2].map(|transfers| check(&SensorModel { intensity, substeps, transfers, ..clean() }, &SCENES))
+        [1, 2, 3].map(|transfers| check(&SensorModel { intensity, substeps, transfers, ..clean() }, &SCENES))
     }));
 }
 
@@ -206,7 +206,7 @@ const CHOICES: [Choice; 14] = [
     ("intensity", &["gray", "luminance", "bayer_rggb"]),
     ("substeps", &["32", "8", "1"]),
     ("taps", &["bilinear", "cubic"]),
-    ("transfers", &["1", "2"]),
+    ("transfers", &["1", "2", "3"]),
     ("timestamps", &["interpolated", "at_sample"]),
     ("contrast_mismatch", &["0", "0.04"]),
     ("refractory_ns", &["0", "1500000"]),

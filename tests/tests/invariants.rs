@@ -416,11 +416,11 @@ fn cameras_of_one_rig_are_as_if_alone() {
 }
 
 #[test]
-fn one_rig_may_have_cameras_of_one_and_of_two_transfers() {
+fn one_rig_may_have_cameras_of_different_numbers_of_transfers() {
     let size = (37, 29);
     let frames = scene(SceneKind::Flight, size, &times(0, 5), HdrFormat::F32x4, MotionFormat::F32x2);
     let cameras: Vec<_> =
-        [(Intensity::Gray, 2), (Intensity::BayerRggb, 1), (Intensity::Gray, 1), (Intensity::BayerRggb, 2)]
+        [(Intensity::Gray, 2), (Intensity::BayerRggb, 1), (Intensity::Gray, 3), (Intensity::BayerRggb, 2)]
             .map(|(intensity, transfers)| {
                 let sensor =
                     SensorModel { synthesis: Synthesis::Motion, intensity, transfers, ..sensor(size) };

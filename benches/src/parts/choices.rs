@@ -1,5 +1,6 @@
 //! The engine's choices for the synthesis between two frames.
 
+use esaac_model::synthesis::TRANSFERS_BY_VECTORS;
 use esaac_model::{SensorModel, SubstepPolicy, Synthesis, Taps, Timestamps};
 
 /// One choice.
@@ -16,13 +17,12 @@ pub(super) struct Choice {
 /// Every choice, for one sensor; with exact paths if there are `poses`.
 pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choice> {
     let mut choices = Vec::new();
-    let transfers_by_default = SensorModel::default().transfers;
     let counts: &[u32] = if quick { &[8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
     let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
         // The file of a sequence names the choices of its time.
         let synthesis = base.synthesis.resolve(false, true);
-        let of_vectors = SensorModel { synthesis, transfers: transfers_by_default, ..base.clone() };
+        let of_vectors = SensorModel { synthesis, transfers: TRANSFERS_BY_VECTORS, ..base.clone() };
         let is_default = !wide && sensor == of_vectors;
         choices.push(Choice { name, family, sensor, wide, is_default });
     };
@@ -42,8 +42,10 @@ pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choic
         ("motion bilinear", Synthesis::Motion, Taps::Bilinear, 1),
         ("motion cubic, 1 transfer", Synthesis::Motion, Taps::Cubic, 1),
         ("motion cubic, 2 transfers", Synthesis::Motion, Taps::Cubic, 2),
+        ("motion cubic, 3 transfers", Synthesis::Motion, Taps::Cubic, 3),
         ("rigid cubic, 1 transfer", Synthesis::Rigid, Taps::Cubic, 1),
         ("rigid cubic, 2 transfers", Synthesis::Rigid, Taps::Cubic, 2),
+        ("rigid cubic, 3 transfers", Synthesis::Rigid, Taps::Cubic, 3),
     ];
     let given = |synthesis| poses || synthesis != Synthesis::Rigid;
     for (family, synthesis, taps, transfers) in families.into_iter().filter(|of| given(of.1)) {
@@ -57,7 +59,7 @@ pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choic
         }
     }
     // What differs from the default in nothing else.
-    let motion = |policy| with(Synthesis::Motion, Taps::Cubic, transfers_by_default, 32, policy);
+    let motion = |policy| with(Synthesis::Motion, Taps::Cubic, TRANSFERS_BY_VECTORS, 32, policy);
     let at_sample = |sensor: SensorModel| SensorModel { timestamps: Timestamps::AtSample, ..sensor };
     for (name, sensor) in [
         ("paper, fixed 32, at sample", with(Synthesis::Paper, Taps::Bilinear, 1, 32, fixed)),

@@ -34,7 +34,7 @@ struct Row {
 
 type Change = fn(&mut SensorModel);
 
-const EFFECTS: [(&str, Change); 17] = [
+const EFFECTS: [(&str, Change); 18] = [
     ("mismatch", |s| s.contrast_mismatch = 0.05),
     ("refractory", |s| s.refractory_ns = 500_000),
     ("leak", |s| s.leak_rate_hz = 0.1),
@@ -50,6 +50,7 @@ const EFFECTS: [(&str, Change); 17] = [
     ("silicon", |s| s.intensity = Intensity::SiliconFront),
     ("Bayer", |s| s.intensity = Intensity::BayerRggb),
     ("one transfer", |s| s.transfers = 1),
+    ("three transfers", |s| s.transfers = 3),
     ("readout, one by one", |s| (s.readout, s.readout_event_ns) = (ReadoutKind::Fifo, 83.0)),
     ("readout by row", |s| (s.readout, s.readout_row_ns) = (ReadoutKind::Rows, 130.0)),
     ("physical pixel", |s| *s = s.clone().with_preset_pixel()),

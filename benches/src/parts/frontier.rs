@@ -15,6 +15,7 @@ use crate::truth::Truth;
 use anyhow::Result;
 use esaac_engine::RigOptions;
 use esaac_model::packet::Event;
+use esaac_model::synthesis::TRANSFERS_BY_PATHS;
 use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use esaac_oracle::metrics::{Comparison, compare};
 use esaac_scene::SceneKind;
@@ -238,13 +239,14 @@ const POSE_STEPS: [usize; 3] = [4, 8, 16];
 /// Exact paths from fewer poses than the sequence has.
 fn with_fewer_poses(laboratory: &Laboratory, sequence: &Sequence, amount: Amount) -> Result<Vec<Point>> {
     let truth = &sequence.truth;
-    let sensor = SensorModel { synthesis: Synthesis::Rigid, ..truth.sensor.clone() };
+    let (synthesis, transfers) = (Synthesis::Rigid, TRANSFERS_BY_PATHS);
+    let sensor = SensorModel { synthesis, transfers, ..truth.sensor.clone() };
     let size = (sensor.width, sensor.height);
     let rate_hz = sequence.pose_rate_hz().unwrap_or_default();
     let name = |step: usize| {
         format!(
             "rigid cubic, {} transfers, adaptive {}, {:.0} poses a second",
-            sensor.transfers,
+            sensor.detail_transfers(),
             sensor.substeps,
             rate_hz / step as f64
         )

@@ -191,7 +191,7 @@ fn show(rows: &[Row]) -> Result<Document> {
     document.say(&format!(
         "Microseconds of GPU time per interval, the whole tick with the packet's way to host memory, and, after the \
          stroke, of ticks whose packets stay on the device; profile `noisy` but for the rows called clean, scene `flight`, motion \
-         with cubic taps and two transfers but for those called bilinear, and along exact paths those called rigid. The paper's figure (RTX 4060) runs from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
+         with cubic taps and two transfers but for those called bilinear, and along exact paths and with three those called rigid. The paper's figure (RTX 4060) runs from {} to {} ms in gray and {} to {} ms in Bayer over the same cells.",
         gray[0], gray[1], bayer[0], bayer[1]
     ));
     let in_table = |r: &&Row| r.cameras == 1 && MODES.iter().any(|&(mode, _)| r.mode == mode);

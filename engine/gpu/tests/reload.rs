@@ -11,7 +11,7 @@ use tempfile::TempDir;
 const ALL: [&str; 13] = [
     "poses",
     "ingest",
-    "backward_transfer",
+    "detail_transfer",
     "paths",
     "deferred",
     "synthesize",

@@ -160,8 +160,8 @@ spec_constants! {
 }
 
 spec_constants! {
-    /// Constants of `backward_transfer`.
-    BackwardTransferConstants in "backward_transfer_constants" from 0;
+    /// Constants of `detail_transfer`.
+    DetailTransferConstants in "detail_transfer_constants" from 0;
     /// How colour becomes intensity.
     intensity: Intensity,
     /// Whether frames are read by address, not by texel.
@@ -278,7 +278,7 @@ spec_constants! {
 pub(crate) const LISTS: &[ConstantList] = &[
     IngestConstants::LIST,
     IngestCpuConstants::LIST,
-    BackwardTransferConstants::LIST,
+    DetailTransferConstants::LIST,
     SynthesizeConstants::LIST,
     CrossConstants::LIST,
     CrossCpuConstants::LIST,

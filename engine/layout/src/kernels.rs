@@ -1,7 +1,7 @@
 //! The list of all kernels.
 
 use crate::constants::{
-    BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
+    ConstantList, CrossConstants, CrossCpuConstants, DetailTransferConstants, IngestConstants,
     IngestCpuConstants, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
 use crate::sizes::{
@@ -57,13 +57,8 @@ pub const KERNELS: &[KernelInfo] = &[
         INGEST_THREADS,
         &[IngestConstants::LIST, IngestCpuConstants::LIST],
     ),
-    kernel("backward_transfer", "backward_transfer", INGEST_THREADS, &[BackwardTransferConstants::LIST]),
-    kernel(
-        "backward_transfer_rigid",
-        "backward_transfer",
-        INGEST_THREADS,
-        &[BackwardTransferConstants::LIST],
-    ),
+    kernel("detail_transfer", "detail_transfer", INGEST_THREADS, &[DetailTransferConstants::LIST]),
+    kernel("detail_transfer_rigid", "detail_transfer", INGEST_THREADS, &[DetailTransferConstants::LIST]),
     kernel("paths", "paths", PATHS_THREADS, &[]),
     kernel("deferred", "deferred", STRIDING_THREADS, &[]),
     kernel("synthesize_lists_rigid", "synthesize", INGEST_THREADS, &[SynthesizeConstants::LIST]),
@@ -100,13 +95,14 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("voxel_grid", "voxel_grid", STRIDING_THREADS, &[]),
 ];
 
-/// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside `ingest`. `merge` runs only for heavy
+/// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside `ingest`, the lists of `synthesize`
+/// alongside `detail_transfer`, and what `cross` walks without levels alongside those of `synthesize`; their time counts there. `merge` runs only for heavy
 /// packets, the other kernels only when a program asks for a representation.)
-pub const TICK_STAGES: &[&str] = &["poses", "ingest", "backward_transfer", "synthesize", "cross", "sort"];
+pub const TICK_STAGES: &[&str] = &["poses", "ingest", "detail_transfer", "synthesize", "cross", "sort"];
 
 /// The stages of a tick with a bus. The last one includes the sort of what has left the bus.
 pub const TICK_STAGES_WITH_BUS: &[&str] =
-    &["poses", "ingest", "backward_transfer", "synthesize", "cross", "sort", "readout"];
+    &["poses", "ingest", "detail_transfer", "synthesize", "cross", "sort", "readout"];
 
 /// The stages of the kernels with these names, in the order of [`KERNELS`] and each once.
 #[must_use]

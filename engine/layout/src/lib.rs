@@ -12,7 +12,7 @@ pub mod structs;
 
 pub use bindings::*;
 pub use constants::{
-    BackwardTransferConstants, ConstantList, CrossConstants, CrossCpuConstants, IngestConstants,
+    ConstantList, CrossConstants, CrossCpuConstants, DetailTransferConstants, IngestConstants,
     IngestCpuConstants, ReadoutConstants, SortConstants, SpecConstant, SpecType, SynthesizeConstants,
 };
 pub use glsl::generated_files;

@@ -26,7 +26,7 @@ pub const QUEUE_PER_PX: u32 = 8;
 /// sub-tiles, so it may take the shared memory that every device has for `sort`.
 pub const CROWDED_QUEUE_PER_PX: u32 = 4 * QUEUE_PER_PX;
 
-/// Threads of a workgroup of `ingest` and `backward_transfer` on a GPU: one for each pixel of a tile.
+/// Threads of a workgroup of `ingest` and `detail_transfer` on a GPU: one for each pixel of a tile.
 pub const INGEST_THREADS: u32 =
     TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
 

@@ -442,7 +442,7 @@ gpu_struct! {
     Push {
         /// First camera of the dispatch. Its cameras are neighbours in the table; `gl_WorkGroupID.y` counts them.
         first_camera: u32,
-        /// Number of the pass of `synthesize`, `cross`, `merge` or `voxel_grid`; unused by other kernels.
+        /// Number of the transfer of `detail_transfer`, or of the pass of `synthesize`, `cross`, `merge` or `voxel_grid`; unused by other kernels.
         level: u32,
         /// Device address of a [`Slice`] for each camera, for kernels that read packets.
         slices: u64,

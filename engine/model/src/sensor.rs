@@ -7,6 +7,7 @@ mod ranges;
 mod tests;
 
 use crate::physical::{PhysicalPixel, ReadoutKind};
+use crate::synthesis::{TRANSFERS_BY_PATHS, TRANSFERS_BY_VECTORS};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -101,7 +102,7 @@ sensor_model! {
     flicker_phase_deg: f64 = 0.0, "deg", "Phase of the flicker at time 0.";
     synthesis: Synthesis = Synthesis::Auto, "", "Frame-gap synthesis: auto, rigid, motion, linear, paper or none.";
     taps: Taps = Taps::Cubic, "", "Interpolation of a warped frame: cubic or bilinear.";
-    transfers: u32 = 2, "", "Transfers of detail (motion and rigid with cubic taps): 2 for quality, 1 for speed.";
+    transfers: u32 = 0, "", "Transfers of detail (motion and rigid with cubic taps): 1 for speed, 2, or 3 for quality; 0 is 3 along exact paths, else 2.";
     layers: u32 = 0, "", "Surfaces that a pixel may show between two frames (motion): 1 for speed, 3 where things cover each other, 0 as the scene needs.";
     substeps: u32 = 32, "", "Largest number N of sub-steps in an interval.";
     substep_policy: SubstepPolicy = SubstepPolicy::Adaptive, "", "Sub-steps of a block: adaptive or fixed.";
@@ -130,6 +131,16 @@ sensor_model! {
 }
 
 impl SensorModel {
+    /// Transfers of detail in an interval: [`SensorModel::transfers`], or as many as the synthesis takes by default.
+    #[must_use]
+    pub fn detail_transfers(&self) -> u32 {
+        match (self.transfers, self.synthesis) {
+            (0, Synthesis::Rigid) => TRANSFERS_BY_PATHS,
+            (0, _) => TRANSFERS_BY_VECTORS,
+            (transfers, _) => transfers,
+        }
+    }
+
     /// Reads a sensor from TOML.
     ///
     /// # Errors

@@ -22,25 +22,26 @@
 //! ([`HALF_PEL_WEIGHTS`]), which gives `E_0`. Then detail is transferred from the half-pel frame `E'` of the other frame:
 //! `E(x) = v (E'(x + d) + r(x)) + (1 - v) E_0(x)`. Here `d` is the displacement to the other frame: `m` at `a = 1`, or
 //! `-m` at `a = 0`. `r = L - E'(x + d)` is the residual at the pixels, and `v` the confidence. `d`, `r` and `v` are
-//! bilinear between pixels. The forward transfer takes detail of frame k-1 to frame k. A sensor with two
-//! [`transfers`](crate::SensorModel::transfers) has a backward transfer as well. From the second interval on, `E_0` of
-//! frame k-1 is the half-pel frame that the forward transfer of the interval before made, so that detail gathers over
-//! the frames. The backward transfer serves its own interval only.
+//! bilinear between pixels. The first transfer is forward: it takes detail of frame k-1 to frame k. With two
+//! [`transfers`](crate::SensorModel::transfers) a backward one follows, with three another forward one, for which `E_0` is
+//! what the first has made. From the second interval on, `E_0` of frame k-1 is the half-pel frame that the last forward
+//! transfer of the interval before made, so that detail gathers over the frames. The backward transfer serves its own
+//! interval only.
 //!
-//! The forward transfer reads a pixel and its three half-pel neighbours (right, below, diagonal) from one shared
+//! The first transfer reads a pixel and its three half-pel neighbours (right, below, diagonal) from one shared
 //! footprint, with less than half the loads of separate ones. A cell is the square of half-pel samples around a
 //! position. The pixel's position `x + d` lies in one cell. The neighbour `(i, j)` samples away is read with the taps
 //! of the cell that lies `(i, j)` samples from that one. Its fraction in this cell comes from its own `x + d`, clamped
 //! to `[-CELL_SLACK, 1 + CELL_SLACK]` ([`CELL_SLACK`]). A pixel's motion comes straight from the renderer, so that
-//! `floor(2 d)` is exact and every device finds the same cell. In the backward transfer `d` is computed, and each
-//! sample has the cell of its own position.
+//! `floor(2 d)` is exact and every device finds the same cell. In the other transfers each sample has the cell of its own
+//! position.
 //!
-//! **Number of transfers.** Two are the default. One is faster: the second costs more than the first and gains less.
-//! `docs/design/synthesis.md` lists what each gains. Other syntheses and
+//! **Number of transfers.** Two are the default along motion vectors, three along exact paths. Fewer are faster: each
+//! costs more than the first and gains less. `docs/design/synthesis.md` lists what each gains. Other syntheses and
 //! [`Taps::Bilinear`](crate::Taps::Bilinear) have no half-pel frames and ignore the parameter.
 //!
 //! **Confidence.** At a pixel, `v = clamp(2 - e / CONFIDENCE_PX, 0, 1) max(0, 1 - o)`. Here `o` is how far `x + d` lies
-//! outside the image (pixels, the larger of the two axes). `e` says how far vectors are from agreeing. In the forward
+//! outside the image (pixels, the larger of the two axes). `e` says how far vectors are from agreeing. In a forward
 //! transfer it is `e(x)`, the largest difference of a component of `m_k(x)` to that of one of the 3x3 pixels around.
 //! `m_k` belongs to frame k, so a pixel of frame k-1 may have another neighbour there than at its place in frame k. In the
 //! backward transfer `e` is therefore the largest of `e(x)`, of `e` at the pixel nearest to `x + d` (clamped to the image),
@@ -141,8 +142,14 @@ pub const EDGE_PX: f64 = 0.25;
 /// Smallest weight of a source outside the image, so that the sum of both weights is never 0.
 pub const EDGE_WEIGHT: f64 = 1e-3;
 
-/// Largest number of transfers in an interval. Further ones, forward and backward in turn, gain little.
-pub const MAX_TRANSFERS: u32 = 2;
+/// Largest number of transfers in an interval. Further ones, backward and forward in turn, gain little.
+pub const MAX_TRANSFERS: u32 = 3;
+
+/// Transfers by default where motion is that of vectors.
+pub const TRANSFERS_BY_VECTORS: u32 = 2;
+
+/// Transfers by default along exact paths, where the third costs a smaller part of an interval's time.
+pub const TRANSFERS_BY_PATHS: u32 = 3;
 
 /// Fixed-point steps from a pixel to the surface point that it shows at the interval's start.
 pub const TRAJECTORY_STEPS: u32 = 3;

@@ -296,14 +296,7 @@ impl Hub {
 
 /// Makes a guest that has its ring a link. The guest is told under the same lock: a producer that knows that it may
 /// send frames is one whose frames a tick waits for.
-fn link(
-    state: &mut State,
-    guest: &Guest,
-    claim: Claim,
-    agreement: Agreement,
-    session: Session,
-    ring: Ring,
-) {
+fn link(state: &mut State, guest: &Guest, claim: Claim, agreement: Agreement, session: Session, ring: Ring) {
     state.agreed[claim.camera()] = Some(agreement);
     state.counts[claim.camera()].connections += 1;
     state.links.push(Link {

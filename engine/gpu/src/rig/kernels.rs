@@ -120,9 +120,9 @@ impl SensorKernels {
         let needed = [
             Some(permutation.ingest(policy)),
             permutation.ingest_surfaces(policy),
-            permutation.backward_transfer(),
+            permutation.detail_transfer(),
         ];
-        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy));
+        let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy).into_iter().flatten());
         for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
             self.need_one(code, bindings, specialised)?;
         }

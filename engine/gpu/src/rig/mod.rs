@@ -17,6 +17,7 @@ mod changes;
 mod code;
 mod config;
 mod conventions;
+mod detail_transfer;
 mod fresh;
 mod geometry;
 mod held;

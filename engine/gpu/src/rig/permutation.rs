@@ -5,7 +5,7 @@ use super::{CameraState, RigOptions};
 use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
-    BackwardTransferConstants, CROWDED_QUEUE_PER_PX, CrossConstants, CrossCpuConstants, IngestConstants,
+    CROWDED_QUEUE_PER_PX, CrossConstants, CrossCpuConstants, DetailTransferConstants, IngestConstants,
     IngestCpuConstants, QUEUE_PER_PX, ReadoutConstants, SortConstants, SynthesizeConstants,
 };
 use esaac_model::paths::Projection;
@@ -25,7 +25,7 @@ pub(super) struct Permutation {
     pub ingest: IngestConstants,
     /// Constants of `cross`, for its first run in a tick.
     pub cross: CrossConstants,
-    /// Number of transfers of detail between half-pel frames: none, the forward one, or both.
+    /// Number of transfers of detail between half-pel frames, 0 to 3.
     pub transfers: u32,
     /// Whether frames are read by address.
     pub by_address: bool,
@@ -64,7 +64,7 @@ pub(super) fn permutation(
         has_bus: has_bus(sensor),
         ingest: IngestConstants {
             intensity: sensor.intensity,
-            half_pel: needs_half_pel(sensor) && sensor.transfers > 0,
+            half_pel: needs_half_pel(sensor),
             hdr_format: camera.config.hdr,
             motion_format: camera.config.motion.unwrap_or(MotionFormat::F16x2),
             id_format: camera.config.geometry.and_then(|g| g.ids).unwrap_or(IdFormat::U32),
@@ -102,7 +102,7 @@ pub(super) fn permutation(
                 && sensor.flicker().is_none(),
         },
         // Without half-pel frames there is nothing to transfer.
-        transfers: if needs_half_pel(sensor) { sensor.transfers } else { 0 },
+        transfers: if needs_half_pel(sensor) { sensor.detail_transfers() } else { 0 },
         // Elements beyond the texel views can be read only by address.
         by_address: policy.by_address || !texels,
         may_be_first: !leaves_out || camera.last_ns.is_none(),
@@ -158,22 +158,21 @@ impl Permutation {
         if finely { channels(self.ingest.intensity) } else { 1 }
     }
 
-    /// The kernel of `backward_transfer`, if there are two transfers; `ingest` does the forward one.
-    pub(super) fn backward_transfer(&self) -> Option<Specialised> {
-        let constants = BackwardTransferConstants {
+    /// The kernel of `detail_transfer`, if there are transfers after the first one, which `ingest` does.
+    pub(super) fn detail_transfer(&self) -> Option<Specialised> {
+        let constants = DetailTransferConstants {
             intensity: self.ingest.intensity,
             by_address: self.by_address,
             fisheye: self.ingest.fisheye,
         };
-        let kernel = if self.rigid { stages::BACKWARD_TRANSFER_RIGID } else { stages::BACKWARD_TRANSFER };
+        let kernel = if self.rigid { stages::DETAIL_TRANSFER_RIGID } else { stages::DETAIL_TRANSFER };
         (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
     }
 
-    /// The kernels of `synthesize`, one after the other: for the lists, then for the levels. None if `cross` synthesises by
-    /// itself.
-    pub(super) fn synthesize(&self, policy: KernelPolicy) -> Vec<Specialised> {
+    /// The kernels of `synthesize`: for the lists, and for the levels. `None` if `cross` synthesises by itself.
+    pub(super) fn synthesize(&self, policy: KernelPolicy) -> Option<[Specialised; 2]> {
         if policy.kernels != KernelSet::Gpu || !(self.rigid || self.cross.layers > 1) {
-            return Vec::new();
+            return None;
         }
         let cross = &self.cross;
         let moves_on = self.physical
@@ -195,7 +194,7 @@ impl Permutation {
             true => [stages::SYNTHESIZE_LISTS_RIGID, stages::SYNTHESIZE_LEVELS_RIGID],
             false => [stages::SYNTHESIZE_LISTS_LAYERS, stages::SYNTHESIZE_LEVELS_LAYERS],
         };
-        kernels.into_iter().map(|kernel| Specialised { kernel, constants: constants.words() }).collect()
+        Some(kernels.map(|kernel| Specialised { kernel, constants: constants.words() }))
     }
 
     /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their

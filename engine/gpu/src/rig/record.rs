@@ -5,6 +5,7 @@
 use super::kernels::SensorKernels;
 use super::permutation::Permutation;
 use super::recording::RecordedFor;
+use super::synthesize::Part;
 use super::{Pipelines, Rig};
 use crate::error::EngineError;
 use crate::kernel::{Kernel, record_barrier, record_barrier_from_transfer, record_host_barrier};
@@ -119,7 +120,7 @@ pub(super) fn record_tick(
         };
         rig.timing.timer.record_reset(commands, first_stamp..if whole { STAMPS } else { STAMPS + 2 });
         write_stamp();
-        let synthesizes = groups.iter().any(|group| !group.permutation.synthesize(policy).is_empty());
+        let synthesizes = groups.iter().any(|group| group.permutation.synthesize(policy).is_some());
         if synthesizes {
             rig.arena.record_zero_passes(device, commands);
         }
@@ -167,38 +168,57 @@ pub(super) fn record_tick(
             record_barrier(device, commands);
         }
         stage_done();
-        let mut backward_transfers = false;
-        for group in groups.iter().filter(|_| whole) {
-            if let Some(kernel) = group.permutation.backward_transfer() {
-                if backward_transfers && policy.serial {
-                    record_barrier(device, commands);
-                }
-                let extent = [group.tiles, group.count, 1];
-                dispatch(commands, &specialised[&kernel], group.first, extent);
-                backward_transfers = true;
+        // SAFETY: as for the commands, below; here and in what follows.
+        let synthesize = |pass, part| unsafe { rig.record_synthesize(commands, groups, pass, part) };
+        // Both are chains of reads that leave most of a device idle, so the lists are made beside the transfers.
+        if synthesizes {
+            synthesize(0, Part::Lists);
+            if policy.serial {
+                record_barrier(device, commands);
             }
         }
-        if backward_transfers {
+        // SAFETY: as above.
+        let transfers = whole && unsafe { rig.record_detail_transfers(commands, groups) };
+        if synthesizes || transfers {
             record_barrier(device, commands);
         }
         stage_done();
-        for pass in 0..passes {
-            // SAFETY: as for the commands, below.
-            unsafe { rig.record_synthesize(commands, groups, pass) };
-            stage_done();
-            let mut crossed = false;
-            for group in groups {
+        let cross = |pass, reads_levels| {
+            let kernels = groups.iter().flat_map(|group| {
+                group.permutation.cross(policy, !whole).into_iter().map(move |cross| (group, cross))
+            });
+            let kernels = kernels.filter(|(_, cross)| cross.reads_levels() == reads_levels);
+            for (index, (group, cross)) in kernels.enumerate() {
+                if index > 0 && policy.serial {
+                    record_barrier(device, commands);
+                }
                 let push = Push { first_camera: group.first, level: pass, passes, ..Push::default() };
                 let extent = [group.tiles * policy.cross_groups(!whole), group.count, 1];
-                for cross in group.permutation.cross(policy, !whole) {
-                    if pass == 0 || cross.reads_levels() {
-                        if std::mem::replace(&mut crossed, true) && policy.serial {
-                            record_barrier(device, commands);
-                        }
-                        // SAFETY: as for the commands, below.
-                        unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
-                    }
+                // SAFETY: as above.
+                unsafe { specialised[&cross].record(commands, bytes_of(&push), extent) };
+            }
+        };
+        for pass in 0..passes {
+            if synthesizes {
+                if pass > 0 {
+                    synthesize(pass, Part::Lists);
+                    record_barrier(device, commands);
                 }
+                synthesize(pass, Part::Levels);
+                if pass == 0 {
+                    // What needs no levels goes on beside them.
+                    if policy.serial {
+                        record_barrier(device, commands);
+                    }
+                    cross(pass, false);
+                }
+                record_barrier(device, commands);
+            }
+            stage_done();
+            if synthesizes {
+                cross(pass, true);
+            } else {
+                cross(pass, false);
             }
             record_barrier(device, commands);
             if second_run.groups > 0 && pass + 1 == passes {

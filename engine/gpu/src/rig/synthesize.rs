@@ -13,6 +13,15 @@ use esaac_layout::{self as layout, Push};
 /// Most workgroups that stride over the entries of `synthesize`.
 const ENTRY_GROUPS: u64 = 4096;
 
+/// The parts of `synthesize`. Each waits for the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Part {
+    /// What the pixels of each tile may show. It needs no half-pel frames.
+    Lists,
+    /// Levels of these pixels.
+    Levels,
+}
+
 impl Rig {
     /// Passes of `synthesize` and `cross`, in a whole tick or (`whole` false) in the part that runs again.
     pub(super) fn passes(&self, whole: bool) -> u32 {
@@ -20,31 +29,32 @@ impl Rig {
         if whole { self.passes.count(most) } else { most }
     }
 
-    /// Records a pass of `synthesize`, with a barrier at its end.
+    /// Records a part of a pass of `synthesize`.
     ///
     /// # Safety
     /// As of [`crate::kernel::Kernel::record`].
-    pub(super) unsafe fn record_synthesize(&self, commands: vk::CommandBuffer, groups: &[Group], pass: u32) {
+    pub(super) unsafe fn record_synthesize(
+        &self,
+        commands: vk::CommandBuffer,
+        groups: &[Group],
+        pass: u32,
+        part: Part,
+    ) {
         let policy = self.pipelines.policy;
-        let of_groups: Vec<_> = groups.iter().map(|g| (g, g.permutation.synthesize(policy))).collect();
-        let parts = of_groups.iter().map(|(_, kernels)| kernels.len()).max().unwrap_or(0);
-        for part in 0..parts {
-            let of_part = of_groups.iter().filter_map(|(group, kernels)| Some((group, kernels.get(part)?)));
-            for (index, (group, kernel)) in of_part.enumerate() {
-                if index > 0 && policy.serial {
-                    record_barrier(&self.device, commands);
-                }
-                let extent = match part {
-                    0 => [group.tiles, group.count, 1],
-                    _ => [self.entry_groups(), 1, 1],
-                };
-                let push =
-                    Push { first_camera: group.first, cameras: group.count, level: pass, ..Push::default() };
-                let kernel = &self.pipelines.specialised.0[kernel];
-                // SAFETY: the caller's contract is the same.
-                unsafe { kernel.record(commands, bytes_of(&push), extent) };
+        let of_part = groups.iter().filter_map(|group| Some((group, group.permutation.synthesize(policy)?)));
+        for (index, (group, [lists, levels])) in of_part.enumerate() {
+            if index > 0 && policy.serial {
+                record_barrier(&self.device, commands);
             }
-            record_barrier(&self.device, commands);
+            let (kernel, extent) = match part {
+                Part::Lists => (lists, [group.tiles, group.count, 1]),
+                Part::Levels => (levels, [self.entry_groups(), 1, 1]),
+            };
+            let push =
+                Push { first_camera: group.first, cameras: group.count, level: pass, ..Push::default() };
+            let kernel = &self.pipelines.specialised.0[&kernel];
+            // SAFETY: the caller's contract is the same.
+            unsafe { kernel.record(commands, bytes_of(&push), extent) };
         }
     }
 

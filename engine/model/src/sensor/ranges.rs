@@ -89,7 +89,7 @@ impl SensorModel {
             "one with sub-steps, as flicker_depth is above 0",
             self.flicker_depth == 0.0 || self.synthesis != Synthesis::None,
         )?;
-        check("transfers", self.transfers, "1 or 2", (1..=MAX_TRANSFERS).contains(&self.transfers))?;
+        check("transfers", self.transfers, "0 to 3", self.transfers <= MAX_TRANSFERS)?;
         check("layers", self.layers, "0 to 3", self.layers <= MAX_LAYERS)?;
         check("substeps", self.substeps, "1 to 64", (1..=MAX_SUBSTEPS).contains(&self.substeps))?;
         check(

@@ -84,8 +84,7 @@ fn out_of_range_names_the_parameter() {
     for (sensor, parameter) in [
         (SensorModel { contrast_on: 0.0, ..base.clone() }, "contrast_on"),
         (SensorModel { contrast_off: f64::NAN, ..base.clone() }, "contrast_off"),
-        (SensorModel { transfers: 0, ..base.clone() }, "transfers"),
-        (SensorModel { transfers: 3, ..base.clone() }, "transfers"),
+        (SensorModel { transfers: 4, ..base.clone() }, "transfers"),
         (SensorModel { substeps: 0, ..base.clone() }, "substeps"),
         (SensorModel { substeps: 65, ..base.clone() }, "substeps"),
         (SensorModel { width: 0, ..base.clone() }, "width"),

@@ -177,7 +177,7 @@ fn prepare_rigid<'a>(
     let geometries = [start?, end?];
     let inputs =
         [0, 1].map(|key| Input { t_ns: times_ns[key], planes: planes[key], geometry: geometries[key] });
-    Some(Rigid::new(scene, inputs, sensor.log_offset, (sensor.taps, sensor.transfers), history))
+    Some(Rigid::new(scene, inputs, sensor.log_offset, (sensor.taps, sensor.detail_transfers()), history))
 }
 
 /// Synthesis `linear`: blends the two frames. A pixel without a usable motion vector falls back to it.

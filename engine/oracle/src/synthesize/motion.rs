@@ -55,8 +55,11 @@ impl Motion {
             Taps::Bilinear => Planes::Bilinear(planes.collect()),
             Taps::Cubic => {
                 let mut history = history.into_iter().flatten();
-                let ways = [Way::ToStart, Way::ToEnd].into_iter().take(sensor.transfers as usize);
-                let routes: Vec<_> = ways.map(|way| Route::new(size, motion, &warps, way)).collect();
+                let ways = [Way::ToStart, Way::ToEnd].into_iter().cycle();
+                let routes: Vec<_> = (0..sensor.detail_transfers())
+                    .zip(ways)
+                    .map(|(number, way)| Route::new(size, motion, &warps, way, number == 0))
+                    .collect();
                 Planes::Cubic(
                     planes
                         .map(|logs| half_pel_frames(size, sampling, &routes, &logs, history.next()))
@@ -184,12 +187,11 @@ fn half_pel_frames(
     history: Option<HalfPelFrame>,
 ) -> [HalfPelFrame; 2] {
     let start_alone = history.unwrap_or_else(|| HalfPelFrame::of_frame(size, sampling, start_log));
-    let end_alone = HalfPelFrame::of_frame(size, sampling, end_log);
     let mut start = start_alone.clone();
-    let mut end = end_alone.clone();
+    let mut end = HalfPelFrame::of_frame(size, sampling, end_log);
     for (turn, route) in routes.iter().enumerate() {
         if turn % 2 == 0 {
-            end = transfer(size, end_log, &end_alone, &start, route);
+            end = transfer(size, end_log, &end, &start, route);
         } else {
             start = transfer(size, start_log, &start_alone, &end, route);
         }

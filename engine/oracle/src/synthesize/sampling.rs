@@ -7,7 +7,7 @@ pub struct Sampling {
     /// The outer two of the four rows of taps are interpolated linearly, without the corners: twelve loads, not
     /// sixteen.
     pub twelve_taps: bool,
-    /// In the forward transfer a pixel and its three half-pel neighbours share one footprint of 21 loads, placed by the
+    /// In the first transfer a pixel and its three half-pel neighbours share one footprint of 21 loads, placed by the
     /// pixel's motion. Otherwise each has the sixteen (or twelve) taps around its own position.
     pub shared_footprint: bool,
 }

@@ -8,7 +8,7 @@ use esaac_model::synthesis::{CONFIDENCE_PX, LEADING_BACK};
 /// Direction in which a frame looks for detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// The end looks in the start: the forward transfer.
+    /// The end looks in the start: a forward transfer.
     ToStart,
     /// The start looks in the end: the backward transfer.
     ToEnd,
@@ -26,7 +26,8 @@ impl Way {
 /// For each half-pel sample of a frame, its displacement to the other frame and the confidence in the detail there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    way: Way,
+    /// Whether a pixel and its half-pel samples are read from one footprint.
+    shares_footprint: bool,
     /// Displacements to the other frame, pixels.
     shift: Vec<[f64; 2]>,
     /// Confidence in the other frame, 0 to 1.
@@ -34,9 +35,16 @@ pub struct Route {
 }
 
 impl Route {
-    /// The route of a frame of `size` pixels, given the motion of the frame at the interval's end.
+    /// The route of a frame of `size` pixels, given the motion of the frame at the interval's end. `shares_footprint`: whether
+    /// a pixel and its half-pel samples are read from one footprint, as in the first transfer.
     #[must_use]
-    pub fn new(size: (usize, usize), motion: &[[f64; 2]], warps: &[Warp], way: Way) -> Self {
+    pub fn new(
+        size: (usize, usize),
+        motion: &[[f64; 2]],
+        warps: &[Warp],
+        way: Way,
+        shares_footprint: bool,
+    ) -> Self {
         let displacement: [Vec<f64>; 2] =
             [0, 1].map(|axis| warps.iter().map(|warp| way.displacement(warp)[axis]).collect());
         let pixel_confidence = confidence(size, motion, warps, way);
@@ -47,7 +55,7 @@ impl Route {
                 ([read(&displacement[0]), read(&displacement[1])], read(&pixel_confidence))
             })
             .unzip();
-        Route { way, shift, confidence }
+        Route { shares_footprint, shift, confidence }
     }
 }
 
@@ -105,12 +113,11 @@ pub fn transfer(
     let entry = |x: usize, y: usize| y * 2 * size.0 + x;
     let seen = |x: usize, y: usize| {
         let shift = route.shift[entry(x, y)];
-        match route.way {
-            Way::ToStart => {
-                let own_shift = route.shift[entry(x & !1, y & !1)];
-                other.shared_footprint([x / 2, y / 2], own_shift, [x & 1, y & 1], shift)
-            }
-            Way::ToEnd => other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], [x / 2, y / 2]),
+        if route.shares_footprint {
+            let own_shift = route.shift[entry(x & !1, y & !1)];
+            other.shared_footprint([x / 2, y / 2], own_shift, [x & 1, y & 1], shift)
+        } else {
+            other.at([0.5 * x as f64 + shift[0], 0.5 * y as f64 + shift[1]], [x / 2, y / 2])
         }
     };
     let residual: Vec<f64> = (0..size.0 * size.1)
@@ -177,7 +184,7 @@ mod tests {
         let frame: Vec<f64> = (0..30).map(|i| f64::from(i * i % 7)).collect();
         let alone = HalfPelFrame::of_frame(SIZE, Sampling::ENGINE, &frame);
         let other = HalfPelFrame::new(SIZE, Sampling::ENGINE, &[9.0; 30], |_, _| 4.0);
-        let route = |v: [f64; 2]| Route::new(SIZE, &[v; 30], &[Warp::default(); 30], Way::ToEnd);
+        let route = |v: [f64; 2]| Route::new(SIZE, &[v; 30], &[Warp::default(); 30], Way::ToEnd, false);
         assert_eq!(transfer(SIZE, &frame, &alone, &other, &route([f64::NAN; 2])), alone);
         let got = transfer(SIZE, &frame, &alone, &other, &route([0.0; 2]));
         assert_eq!(got.entry(4, 2), frame[6 + 2]);

@@ -217,9 +217,11 @@ fn behind_a_lens_and_in_the_light_of_a_lamp_they_are_the_oracles() {
 }
 
 #[test]
-fn two_transfers_and_fixed_substeps_are_the_oracles() {
-    let sensor = SensorModel { transfers: 2, substep_policy: SubstepPolicy::Fixed, substeps: 8, ..sensor() };
-    check(&sensor, &[SceneKind::Bounce, SceneKind::Poles], None);
+fn several_transfers_and_fixed_substeps_are_the_oracles() {
+    for transfers in [2, 3] {
+        let sensor = SensorModel { transfers, substep_policy: SubstepPolicy::Fixed, substeps: 8, ..sensor() };
+        check(&sensor, &[SceneKind::Bounce, SceneKind::Poles], None);
+    }
 }
 
 #[test]
@@ -315,15 +317,15 @@ fn through_a_fisheye(kind: SceneKind) -> Rendered {
 fn levels_through_a_fisheye_are_the_oracles() {
     let scenes = [SceneKind::Shake, SceneKind::Bounce].map(|kind| (kind, through_a_fisheye(kind)));
     check_frames(&sensor(), &scenes, None, false);
-    let two_transfers = SensorModel { transfers: 2, ..sensor() };
-    check_frames(&two_transfers, &scenes[1..], Some(KernelPolicy::gpu()), false);
+    let three_transfers = SensorModel { transfers: 3, ..sensor() };
+    check_frames(&three_transfers, &scenes[1..], Some(KernelPolicy::gpu()), false);
 }
 
 #[test]
 fn pixels_without_a_path_follow_their_vectors() {
     let scenes = [SceneKind::Flight, SceneKind::Bounce].map(|kind| (kind, without_depth_at_the_right(kind)));
     for (policy, taps, transfers) in
-        [(None, Taps::Cubic, 2), (Some(KernelPolicy::gpu()), Taps::Cubic, 1), (None, Taps::Bilinear, 1)]
+        [(None, Taps::Cubic, 3), (Some(KernelPolicy::gpu()), Taps::Cubic, 1), (None, Taps::Bilinear, 1)]
     {
         check_frames(&SensorModel { taps, transfers, ..sensor() }, &scenes, policy, true);
     }

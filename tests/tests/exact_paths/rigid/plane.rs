@@ -88,6 +88,8 @@ fn sensor(synthesis: Synthesis, contrast: f64) -> SensorModel {
         substeps: FINE as u32,
         // By speed: both ways are compared at the same instants.
         substep_error_ns: 0,
+        // As many for both.
+        transfers: 2,
         ..SensorModel::default()
     }
 }

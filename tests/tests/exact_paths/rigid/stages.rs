@@ -64,7 +64,7 @@ fn oracle<'a>(rendered: &'a Rendered, planes: &'a [Vec<Vec<f64>>], sensor: &Sens
             &rendered.scene,
             [input(frame - 1), input(frame)],
             sensor.log_offset,
-            (sensor.taps, sensor.transfers),
+            (sensor.taps, sensor.detail_transfers()),
             history.take(),
         ));
     }
@@ -374,10 +374,10 @@ fn half_pel_frames_take_detail_along_exact_paths() {
 }
 
 #[test]
-fn half_pel_frames_of_mosaics_and_of_two_transfers_are_the_oracles_too() {
+fn half_pel_frames_of_mosaics_and_of_any_number_of_transfers_are_the_oracles_too() {
     let mosaic = SensorModel { intensity: Intensity::BayerRggb, ..sensor() };
-    let both_ways = SensorModel { transfers: 2, ..sensor() };
-    for sensor in [mosaic, both_ways] {
+    let [one, two, three] = [1, 2, 3].map(|transfers| SensorModel { transfers, ..sensor() });
+    for sensor in [mosaic, one, two, three] {
         check_half_pels(SceneKind::Propeller, &sensor, None);
     }
     assert_silent();
@@ -414,7 +414,7 @@ fn kernels_for_gpus_find_the_same() {
     }
     assert!(own.1 == for_gpus.1, "representatives");
     check_half_pels(SceneKind::Poles, &sensor(), Some(KernelPolicy::gpu()));
-    let mosaic = SensorModel { intensity: Intensity::BayerRggb, transfers: 2, ..sensor() };
+    let mosaic = SensorModel { intensity: Intensity::BayerRggb, transfers: 3, ..sensor() };
     check_half_pels(SceneKind::Bounce, &mosaic, Some(KernelPolicy::gpu()));
     assert_silent();
 }

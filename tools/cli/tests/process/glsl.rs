@@ -102,7 +102,7 @@ mod with_compiler {
         while !said.last().expect("not empty").starts_with("reloaded") {
             said.push(next());
         }
-        let all = "glsl: poses, ingest, backward_transfer, paths, deferred, synthesize, cross, sort, readout, merge, \
+        let all = "glsl: poses, ingest, detail_transfer, paths, deferred, synthesize, cross, sort, readout, merge, \
                    gather, event_frame, voxel_grid";
         assert!(said[0].ends_with(all), "{said:?}");
         assert_eq!(said[1], "warning: kernels not reloaded:");

@@ -167,6 +167,7 @@ impl<'a> Rigid<'a> {
         let keys = surfaces.clone().map(KeyFrame::new);
         let routes: Vec<Route> = [1, 0]
             .into_iter()
+            .cycle()
             .take(transfers as usize)
             .map(|key| Route::new(&interval, &keys, key, &parallax))
             .collect();
@@ -449,10 +450,10 @@ fn half_pel_frames(
 ) -> [HalfPelFrame; 2] {
     let [start_key, end_key] = keys;
     let start_alone = history.unwrap_or(of_start);
-    let (mut start, mut end) = (start_alone.clone(), of_end.clone());
+    let (mut start, mut end) = (start_alone.clone(), of_end);
     for (turn, route) in routes.iter().enumerate() {
         if turn % 2 == 0 {
-            end = transfer(end_key, &of_end, start_key, &start, route);
+            end = transfer(end_key, &end, start_key, &start, route);
         } else {
             start = transfer(start_key, &start_alone, end_key, &end, route);
         }

@@ -1,7 +1,7 @@
-// backward_transfer along exact paths: see backward_transfer.glsl.
+// detail_transfer along exact paths: see detail_transfer.glsl.
 // Only for synthesis `rigid`, whose code makes a kernel several times as large.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
 #define RIGID true
-#include "backward_transfer.glsl"
+#include "detail_transfer.glsl"
