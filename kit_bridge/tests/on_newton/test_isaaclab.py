@@ -13,6 +13,7 @@ from isaaclab_newton.renderers import NewtonWarpRendererCfg
 import esaac
 from esaac.isaaclab import EventCamera, EventReading, event_frame, outputs, randomize_sensor
 from esaac.isaaclab.schedule import Schedule
+from esaac.newton.substeps import SubstepLog
 
 STILL = SceneEntityCfg("still")
 
@@ -126,6 +127,29 @@ def test_a_reset_that_is_not_read_begins_with_the_next_physics_step(env):
         assert torch.equal(early[1] + torch.tensor([0, 0, 100_000_000, 0]), late[1])
     # The old episode goes on for the others, and the new one has no burst.
     assert all(len(late[0]) > 5 and len(late[1]) < 3 * len(first[0][0]) for late in second)
+
+
+def test_poses_are_sent_for_before_a_frame_is_drawn_and_not_waited_for_after_it(env, monkeypatch):
+    env.reset()
+    expected = act(env, 3)
+    waited, since, ask = [], SubstepLog.since, EventCamera._ask
+
+    def astray(camera):
+        step, substeps = camera._read_at
+        camera._read_at = (step, substeps + 3)
+        return ask(camera)
+
+    monkeypatch.setattr(SubstepLog, "since", lambda *given: waited.append(given) or since(*given))
+    env.reset()
+    act(env, 3)
+    assert not waited
+    # Where the number of substeps is not what was expected, they are read after all.
+    monkeypatch.setattr(EventCamera, "_ask", astray)
+    env.reset()
+    late = act(env, 3)
+    assert waited
+    for got, wanted in zip(late, expected):
+        assert [len(events) for events in got][::2] == [len(events) for events in wanted][::2]
 
 
 def test_trap_lazy_sensors_frames_between_reads_are_not_lost(env):

@@ -14,6 +14,7 @@ from worlds import FRAME_HZ, HEIGHT, LENS, PHYSICS_HZ, TRUTH_HZ, WIDTH, Moving
 import esaac
 from esaac.newton import EventCameras
 from esaac.newton.frames import times_of
+from esaac.newton.substeps import SubstepLog
 
 SENSOR = {"width": WIDTH, "height": HEIGHT, "contrast_on": 0.15, "contrast_off": 0.15}
 COLUMNS = ("x", "y", "t_ns", "p")
@@ -326,6 +327,25 @@ def test_substeps_that_are_lost_are_told():
         made.record(moving.at(substep / PHYSICS_HZ))
     with pytest.raises(esaac.FrameError, match="11 substeps since the last frame, expected at most 10"):
         made.step(moving.at(11 / PHYSICS_HZ))
+
+
+def test_what_is_sent_for_is_what_is_read():
+    moving = Moving(3)
+    model, state = moving.model, moving.model.state()
+    log = SubstepLog(model, 1e-3, limit=7)
+    other = wp.array([3.0, 4.0], dtype=wp.float32, device=model.device)
+    for now in range(20):
+        for first in range(max(0, now - 7), now + 1):
+            asked = log.ask(first, now, state, [other])
+            steps, states = log.since(first, now, state)
+            got_steps, got_states = asked.since(int(steps[0]))
+            assert asked.now == now and (asked.others[0] == [3, 4]).all()
+            assert (got_steps == steps).all() and (got_states == states).all() and len(steps) == len(states)
+            assert asked.since(int(steps[0]) + 1) is None
+        # More substeps than were expected.
+        assert now == 0 or log.ask(now - 1, now - 1, state).since(max(0, now - 3)) is None
+        log.record(state)
+        state.body_q.assign(np.random.default_rng(now).random((model.body_count, 7), np.float32))
 
 
 def test_what_hits_nothing_has_the_background_and_turns_with_the_camera():

@@ -16,7 +16,7 @@ from esaac.isaaclab.outputs import Outputs
 from esaac.isaaclab.schedule import Schedule
 from esaac.newton.bodies import WorldBodies
 from esaac.newton.frames import Frames
-from esaac.newton.substeps import Mounts, SubstepLog
+from esaac.newton.substeps import Asked, Mounts, SubstepLog
 from esaac.newton.view import View
 
 if TYPE_CHECKING:
@@ -138,9 +138,11 @@ class EventCamera(Camera):
         model = NewtonManager.get_model()
         self._bodies = WorldBodies(model)
         # Newton's manager does not know its own substep yet.
-        substeps = SimulationContext.instance().cfg.physics.num_substeps
-        substep_s = self._sim_physics_dt / substeps
-        limit = max(64, 4 * substeps * self._schedule.period_steps)
+        self._substeps = SimulationContext.instance().cfg.physics.num_substeps
+        # The physics step of the last frame, and the substeps that there had been then.
+        self._read_at = (self._physics_step(), 0)
+        substep_s = self._sim_physics_dt / self._substeps
+        limit = max(64, 4 * self._substeps * self._schedule.period_steps)
         self._log = self._record.log = SubstepLog(model, substep_s, limit)
         # The renderer asks for it before the matrix is known.
         self._render_data.view = _Pending
@@ -166,28 +168,37 @@ class EventCamera(Camera):
     def _update_buffers_impl(self, env_mask: Any) -> None:
         if not self._schedule.due.any():
             return
+        # Bodies that were placed since the last substep are where their joints say.
+        NewtonManager.forward()
+        self._frames.reset(self._schedule.due & self._schedule.restarts)
+        asked = self._ask()
         super()._update_buffers_impl(env_mask)
-        self._step()
+        self._step(asked)
         self._schedule.done(self._physics_step())
 
-    def _step(self) -> None:
+    def _ask(self) -> Asked:
+        """Sends for all poses before the frame is drawn: so the host works on them meanwhile."""
+        before, substeps = self._read_at
+        now = substeps + (self._physics_step() - before) * self._substeps
+        due = self._schedule.due & ~self._frames.drawn_at(now)
+        places = [one.warp for one in self._view.get_local_poses()]
+        return self._frames.ask(due, now, NewtonManager.get_state_0(), [self._view._site_body, *places])
+
+    def _step(self, asked: Asked) -> None:
         """Events of the environments that are due, from the frame that was just drawn."""
-        now = self._log.substeps()
-        self._frames.reset(self._schedule.due & self._schedule.restarts)
+        now = asked.now
+        self._read_at = (self._physics_step(), now)
         # What has been drawn at this very substep already, and not been reset, has nothing to add.
         due = self._schedule.due & ~self._frames.drawn_at(now)
         if not due.any():
             return
-        poses = self._frames.poses(due, now, NewtonManager.get_state_0(), self._mounts())
+        bodies, positions, turns = asked.others
+        mounts = Mounts(bodies, np.concatenate([positions, turns], axis=1))
+        poses = self._frames.poses(due, now, NewtonManager.get_state_0(), mounts, asked)
         packet = self._frames.step(due, now, self._render_data.view, poses, self._render_data.averaged)
         self._outputs.update(packet, self.events, due)
         self.frame_counts[due] += 1
         self._publish()
-
-    def _mounts(self) -> Mounts:
-        positions, turns = self._view.get_local_poses()
-        places = np.concatenate([positions.warp.numpy(), turns.warp.numpy()], axis=1)
-        return Mounts(self._view._site_body.numpy(), places)
 
     def _physics_step(self) -> int:
         return round(NewtonManager.get_simulation_time() / self._sim_physics_dt)

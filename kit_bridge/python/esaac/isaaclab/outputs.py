@@ -26,7 +26,8 @@ class Outputs:
 
     def update(self, packet, camera, stepped):
         """Takes over a packet's events; `stepped` says whose they are (NumPy, bool)."""
-        everyone, rows = bool(stepped.all()), torch.from_numpy(stepped).to(self._device)
+        everyone = bool(stepped.all())
+        rows = None if everyone else torch.from_numpy(stepped).to(self._device)
         for name in self._types:
             if name == "events":
                 self._take_events(packet, rows, everyone)
@@ -46,8 +47,9 @@ class Outputs:
                 self.arrays[name].torch.masked_fill_(rows[:, None, None, None], 0)
 
     def _take_events(self, packet, rows, everyone):
-        columns = [_tensor(getattr(packet, name)).to(torch.int64) for name in COLUMNS]
-        new = torch.stack(columns, dim=1).to(self._device)
+        new = torch.empty((len(packet), len(COLUMNS)), dtype=torch.int64, device=self._device)
+        for column, name in enumerate(COLUMNS):
+            new[:, column] = _tensor(getattr(packet, name))
         offsets = torch.as_tensor([0, len(packet)] if packet.offsets is None else packet.offsets)
         counts = offsets.diff().to(self._device)
         if everyone:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
     from esaac import Packet, Poses, TiledEventCamera
     from esaac.newton.bodies import WorldBodies
-    from esaac.newton.substeps import Mounts, SubstepLog
+    from esaac.newton.substeps import Asked, Mounts, SubstepLog
     from esaac.newton.view import View
 
 _NEVER = -1
@@ -35,10 +36,25 @@ class Frames:
         """Worlds that have had their frame at this substep."""
         return self._last == now
 
-    def poses(self, stepped: NDArray[np.bool_], now: int, state: Any, mounts: Mounts) -> Poses:
+    def ask(
+        self, stepped: NDArray[np.bool_], now: int, state: Any, others: Sequence[Any] = ()
+    ) -> Asked:
+        """Sends for what `poses` of these worlds reads, and for other Warp arrays; see `SubstepLog.ask`."""
+        return self._log.ask(self._first(stepped, now), now, state, others)
+
+    def poses(
+        self,
+        stepped: NDArray[np.bool_],
+        now: int,
+        state: Any,
+        mounts: Mounts,
+        asked: Asked | None = None,
+    ) -> Poses:
         """Of all substeps since the last frames of these worlds. A first frame needs its own alone."""
-        first = np.where(self._last == _NEVER, now, self._last)[stepped].min(initial=now)
-        return self._log.poses(int(first), now, state, self._bodies, mounts)
+        return self._log.poses(self._first(stepped, now), now, state, self._bodies, mounts, asked)
+
+    def _first(self, stepped: NDArray[np.bool_], now: int) -> int:
+        return int(np.where(self._last == _NEVER, now, self._last)[stepped].min(initial=now))
 
     def step(
         self, stepped: NDArray[np.bool_], now: int, view: View, poses: Poses, colour: Any = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,18 @@ def _keep(
 
 
 @wp.kernel(enable_backward=False)
+def _latest(
+    log: wp.array2d(dtype=wp.transformf),
+    count: wp.array(dtype=wp.int64),
+    rows: wp.array2d(dtype=wp.transformf),
+):
+    row, body = wp.tid()
+    step = count[0] - wp.int64(rows.shape[0] - row)
+    if step >= wp.int64(0):
+        rows[row, body] = log[int(step % wp.int64(log.shape[0])), body]
+
+
+@wp.kernel(enable_backward=False)
 def _advance(count: wp.array(dtype=wp.int64)):
     count[0] = count[0] + wp.int64(1)
 
@@ -45,6 +58,9 @@ class SubstepLog:
         # A row of one body more keeps the arrays from being empty.
         self._log = wp.zeros((limit, model.body_count + 1), dtype=wp.transformf, device=model.device)
         self._count = wp.zeros(1, dtype=wp.int64, device=model.device)
+        # What `ask` copies from and to. The sizes are the same from frame to frame, most often.
+        self._asked_rows = self._log[:0]
+        self._on_host: list[Any] = []
 
     def record(self, state: Any) -> None:
         """Keeps a state that a substep begins with. It only launches kernels, so a CUDA graph may capture it."""
@@ -71,21 +87,92 @@ class SubstepLog:
                 f"{now - first} substeps since the last frame, expected at most {self._limit}: "
                 "let the camera see more frames, or make limit= larger"
             )
-        # A Python number: Warp takes no other in a slice.
-        start = int(max(first - self.MARGIN, now - self._limit, 0))
+        start = self._start(first, now)
         steps = np.arange(start, now + 1)
         parts = [self._rows(a, b) for a, b in _runs(start, now, self._limit)]
         present = state.body_q.numpy() if self._model.body_count else np.zeros((0, 7), np.float32)
         return steps, np.concatenate([*parts, present[None]])
 
-    def poses(self, first: int, now: int, state: Any, bodies: WorldBodies, mounts: Mounts) -> Poses:
-        """What `step` needs for frames at substep `now` whose last ones were at `first` or later."""
-        steps, states = self.since(first, now, state)
+    def ask(self, first: int, now: int, state: Any, others: Sequence[Any] = ()) -> Asked:
+        """Sends for what `since` gives and for other Warp arrays, behind all that the device has been told to do so far, and
+        does not wait for them.
+
+        `now` is the number of substeps that is expected. The next call may overwrite what this one brings."""
+        start = self._start(first, now)
+        count = self._model.body_count
+        rows = (max(now - start, 0), count + 1)
+        if self._asked_rows.shape != rows:
+            self._asked_rows = wp.empty(rows, dtype=wp.transformf, device=self._model.device)
+        arrays = [self._count, *others]
+        if count:
+            inputs = [self._log, self._count, self._asked_rows]
+            wp.launch(_latest, (rows[0], count), inputs, device=self._model.device)
+            arrays += [self._asked_rows, state.body_q]
+        if [(array.shape, array.dtype) for array in arrays] != [(a.shape, a.dtype) for a in self._on_host]:
+            pinned = self._model.device.is_cuda
+            self._on_host = [
+                wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=pinned) for array in arrays
+            ]
+        for array, on_host in zip(arrays, self._on_host):
+            wp.copy(on_host, array)
+        there = wp.get_stream(self._model.device).record_event() if self._model.device.is_cuda else None
+        return Asked(np.arange(start, now + 1), self._on_host, len(others), there)
+
+    def poses(
+        self,
+        first: int,
+        now: int,
+        state: Any,
+        bodies: WorldBodies,
+        mounts: Mounts,
+        asked: Asked | None = None,
+    ) -> Poses:
+        """What `step` needs for frames at substep `now` whose last ones were at `first` or later. `asked` spares the
+        wait for the device, if it was sent for with the same numbers."""
+        known = None if asked is None or now - first > self._limit else asked.since(self._start(first, now))
+        steps, states = self.since(first, now, state) if known is None else known
         times_ns = np.array([self.time_ns(step) for step in steps], np.int64)
         return Poses(times_ns, mounts.poses(states), bodies.arranged(states))
 
+    def _start(self, first: int, now: int) -> int:
+        # A Python number: Warp takes no other in a slice.
+        return int(max(first - self.MARGIN, now - self._limit, 0))
+
     def _rows(self, start: int, end: int) -> Any:
         return self._log[start:end].numpy()[:, : self._model.body_count]
+
+
+class Asked:
+    """What `SubstepLog.ask` has sent for. Whatever is read of it waits until all is there."""
+
+    def __init__(self, steps: NDArray[np.int64], arrays: list[Any], others: int, there: Any) -> None:
+        self._steps, self._arrays, self._others, self._there = steps, arrays, others, there
+
+    @property
+    def now(self) -> int:
+        """How many substeps there had been."""
+        return int(self._read()[0][0])
+
+    @property
+    def others(self) -> list[NDArray[Any]]:
+        """The other arrays."""
+        return self._read()[1 : 1 + self._others]
+
+    def since(self, start: int) -> tuple[NDArray[np.int64], NDArray[np.float32]] | None:
+        """Numbers of the substeps from `start` on and the bodies then; None if others were asked for."""
+        if self._steps[0] != start or self._steps[-1] != self.now:
+            return None
+        states = self._read()[1 + self._others :]
+        if not states:
+            return self._steps, np.zeros((len(self._steps), 0, 7), np.float32)
+        rows, present = states
+        return self._steps, np.concatenate([rows[:, : len(present)], present[None]])
+
+    def _read(self) -> list[NDArray[Any]]:
+        if self._there is not None:
+            wp.synchronize_event(self._there)
+            self._there = None
+        return [array.numpy() for array in self._arrays]
 
 
 def _runs(start: int, end: int, limit: int) -> list[tuple[int, int]]:
