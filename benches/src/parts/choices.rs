@@ -17,10 +17,11 @@ pub(super) struct Choice {
 /// Every choice, for one sensor; with exact paths if there are `poses`.
 pub(super) fn choices(base: &SensorModel, quick: bool, poses: bool) -> Vec<Choice> {
     let mut choices = Vec::new();
+    // The file of a sequence names the choices of its time.
+    let base = &SensorModel { layers: SensorModel::default().layers, ..base.clone() };
     let counts: &[u32] = if quick { &[8, 32] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let most: &[u32] = if quick { &[32] } else { &[8, 16, 32, 64] };
     let mut add = |name: String, family: &'static str, sensor: SensorModel, wide: bool| {
-        // The file of a sequence names the choices of its time.
         let synthesis = base.synthesis.resolve(false, true);
         let of_vectors = SensorModel { synthesis, transfers: TRANSFERS_BY_VECTORS, ..base.clone() };
         let is_default = !wide && sensor == of_vectors;

@@ -36,9 +36,7 @@ class Frames:
         """Worlds that have had their frame at this substep."""
         return self._last == now
 
-    def ask(
-        self, stepped: NDArray[np.bool_], now: int, state: Any, others: Sequence[Any] = ()
-    ) -> Asked:
+    def ask(self, stepped: NDArray[np.bool_], now: int, state: Any, others: Sequence[Any] = ()) -> Asked:
         """Sends for what `poses` of these worlds reads, and for other Warp arrays; see `SubstepLog.ask`."""
         return self._log.ask(self._first(stepped, now), now, state, others)
 

@@ -94,8 +94,8 @@ class SubstepLog:
         return steps, np.concatenate([*parts, present[None]])
 
     def ask(self, first: int, now: int, state: Any, others: Sequence[Any] = ()) -> Asked:
-        """Sends for what `since` gives and for other Warp arrays, behind all that the device has been told to do so far, and
-        does not wait for them.
+        """Sends for what `since` gives and for other Warp arrays, behind all that the device has been told to do so
+        far, and does not wait for them.
 
         `now` is the number of substeps that is expected. The next call may overwrite what this one brings."""
         start = self._start(first, now)
