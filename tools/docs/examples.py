@@ -50,7 +50,9 @@ case "$*" in
 esac
 """
 
-WAIT_FOR_JOBS = '\nfor job in $(jobs -p); do wait "$job"; done\n'
+# Bash forgets a job that has ended once the next command begins, unless it is asked by number. So all are noted.
+NOTE_JOBS = "true & noted_jobs=; trap 'noted_jobs+=\" $!\"' DEBUG; "
+WAIT_FOR_JOBS = '\n:\nfor job in $noted_jobs $(jobs -p); do wait "$job"; done\n'
 
 # Runs blocks that come as JSON strings on standard input; answers on descriptor 3.
 INTERPRETER = """
@@ -116,7 +118,7 @@ class Runner:
                 self._close_interpreter()
 
     def shell(self, block: Block) -> None:
-        words = ["bash", "-euo", "pipefail", "-c", block.text + WAIT_FOR_JOBS]
+        words = ["bash", "-euo", "pipefail", "-c", NOTE_JOBS + block.text + WAIT_FOR_JOBS]
         with tempfile.TemporaryFile("w+") as output:
             process = subprocess.Popen(
                 words,

@@ -115,6 +115,7 @@ class Examples(unittest.TestCase):
             ("```sh\nfalse | true\n```\n", "exit code 1"),
             ("```sh\nesaac sensors davis\n```\n", "unknown sensor"),
             ("```sh\nesaac sensors davis &\n```\n", "unknown sensor"),
+            ("```sh\nesaac sensors davis &\nsleep .5\necho done\n```\n", "unknown sensor"),
             ("```python\nassert 1 == 2\n```\n", "AssertionError"),
             ("```python\nimport os; os._exit(3)\n```\n", "code 3"),
             ("```python\na b\n```\n", "invalid syntax"),

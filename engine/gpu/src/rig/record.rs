@@ -217,7 +217,7 @@ pub(super) fn record_tick(
             stage_done();
             if synthesizes {
                 cross(pass, true);
-            } else {
+            } else if pass == 0 {
                 cross(pass, false);
             }
             record_barrier(device, commands);

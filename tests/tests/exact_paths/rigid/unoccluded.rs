@@ -1,5 +1,6 @@
 //! Unoccluded pixels of synthesis `rigid`: which they are, and what they show.
 
+use super::input::changed;
 use super::levels::{LEVEL_TOLERANCE_LOG, SIZE, sensor};
 use esaac_engine::{CameraConfig, KernelPolicy, Rig, RigOptions};
 use esaac_layout::LEVEL_ROW_WORDS;
@@ -53,23 +54,44 @@ fn found(rig: &Rig) -> Vec<Option<bool>> {
         .collect()
 }
 
-#[test]
-fn the_gpus_kernels_find_the_oracles_unoccluded_pixels() {
+/// What the kernels for GPUs find, in the interval between the last two of these frames.
+fn found_by_gpus(rendered: &Rendered) -> Vec<Option<bool>> {
     // So few events that no tile runs again: its levels would take the place of others.
     let sensor = SensorModel { contrast_on: 2.0, contrast_off: 2.0, ..sensor() };
+    let options = RigOptions { policy: Some(KernelPolicy::gpu()), ..RigOptions::default() };
+    let camera = CameraConfig { motion: None, ..rendered.camera(&sensor) };
+    let mut rig = Rig::with_options(&DEVICE, &[camera], options).expect("a rig");
+    rig.set_scene(0, rendered.scene.clone()).expect("poses of its lens");
+    for frame in &rendered.frames {
+        rig.upload(0, &frame.bytes()).expect("a frame that fits");
+        rig.step(&[frame.t_ns]).expect("a frame in time");
+    }
+    let found = found(&rig);
+    drop(rig);
+    assert_silent();
+    found
+}
+
+/// A wall that is nearer in the last frame, though no pose says that it has moved. It has no silhouettes, so no block
+/// has a list.
+#[test]
+fn pixels_that_change_their_surface_are_not_unoccluded_where_nothing_passes() {
+    let mut rendered = Rendered::of(SceneKind::Flight, SIZE, 3);
+    let pixels = SIZE.0 as usize * SIZE.1 as usize;
+    for (frame, depth_m) in rendered.frames.iter_mut().zip([4.0_f32, 4.0, 2.0]) {
+        *frame = changed(frame, |_, depth, id| (*depth, *id) = (depth_m, 0));
+    }
+    let found = found_by_gpus(&rendered);
+    assert!(found.iter().flatten().count() > pixels / 2, "its levels are made");
+    assert!(found.iter().flatten().all(|&unoccluded| !unoccluded));
+    assert!(oracle(&rendered).unoccluded_pixels().iter().all(Option::is_none));
+}
+
+#[test]
+fn the_gpus_kernels_find_the_oracles_unoccluded_pixels() {
     for kind in SCENES {
         let rendered = Rendered::of(kind, SIZE, 3);
-        let options = RigOptions { policy: Some(KernelPolicy::gpu()), ..RigOptions::default() };
-        let camera = CameraConfig { motion: None, ..rendered.camera(&sensor) };
-        let mut rig = Rig::with_options(&DEVICE, &[camera], options).expect("a rig");
-        rig.set_scene(0, rendered.scene.clone()).expect("poses of its lens");
-        for frame in &rendered.frames {
-            rig.upload(0, &frame.bytes()).expect("a frame that fits");
-            rig.step(&[frame.t_ns]).expect("a frame in time");
-        }
-        let found = found(&rig);
-        drop(rig);
-        assert_silent();
+        let found = found_by_gpus(&rendered);
         let oracle = oracle(&rendered);
         let (mut told, mut otherwise) = (0, 0);
         for (found, expected) in found.iter().zip(oracle.unoccluded_pixels()) {
