@@ -1,9 +1,10 @@
-// detail_transfer: a frame's half-pel samples take detail from the other frame. `ingest` does the first transfer, which is
-// forward: the current frame takes from the previous one. This does the ones after it in turn: backward, then forward again.
+// detail_transfer: a frame's half-pel samples take detail from the other frame. `ingest` does the first transfer, which
+// is forward: the current frame takes from the previous one. This does those after it in turn: backward, then forward
+// again.
 //
-// One workgroup per tile; x over tiles, y over cameras; push.level is the number of the transfer, from 1 on. A thread first takes anchors,
-// then one pixel with its three half-pel samples, in all colour components. Reads one half-pel frame in `planes` and writes
-// half-pel samples of the other. Each transfer waits for the one before; `cross` reads both frames.
+// One workgroup per tile; x over tiles, y over cameras; push.level is the number of the transfer, from 1 on. A thread
+// first takes anchors, then one pixel with its three half-pel samples, in all colour components. Reads one half-pel frame
+// in `planes` and writes half-pel samples of the other. Each transfer waits for the one before; `cross` reads both frames.
 #include "common.glsl"
 #include "detail_transfer_constants.glsl"
 
