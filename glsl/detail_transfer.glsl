@@ -68,6 +68,16 @@ shared vec2 shifts[ANCHORS];
 // Nonzero if anything moved or changed in the tile or the blocks around it.
 shared uint any_change;
 
+// Notes an anchor's residuals: its level minus that of the other frame at `there`, half pixels. `own` and `other` are the
+// first words of the frame that takes detail and of the one that it takes from.
+void note_residuals(Camera cam, uint own, uint other, uint anchor, ivec2 at, vec2 there) {
+    [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
+        const float level = load_plane(own + k * cam.frame_words + frame_word(cam, true, at));
+        const uint frame = other + k * cam.frame_words;
+        residuals[k * ANCHORS + anchor] = level - half_pel_cubic(cam, frame, there, cubic_parameter(cam, frame, at));
+    }
+}
+
 // One coordinate of the displacements of a quad of anchors.
 vec4 shift_quad(uint anchor, int axis) {
     return vec4(
@@ -99,12 +109,7 @@ void transfer_rigid(Camera cam, ivec2 corner, uint own, uint other) {
         const uint anchor = anchor_index(anchor_at(number));
         confidences[anchor] = follow(cam, geo, route_at(cam, geo, key, at), base, vec2(at), from_pure, there);
         if (confidences[anchor] > 0.0) {
-            [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-                const float level = load_plane(own + k * cam.frame_words + frame_word(cam, true, at));
-                const uint frame = other + k * cam.frame_words;
-                residuals[k * ANCHORS + anchor] =
-                    level - half_pel_cubic(cam, frame, there, cubic_parameter(cam, frame, at));
-            }
+            note_residuals(cam, own, other, anchor, at, there);
         }
     }
     barrier();
@@ -190,12 +195,7 @@ void main() {
         const vec2 there = to_half_pel(cam, vec2(at) + shift);
         shifts[anchor] = shift;
         confidences[anchor] = confidence_at(cam, disagreement_on_way(cam, at, shift), vec2(at) + shift);
-        [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-            const float level = load_plane(own + k * cam.frame_words + frame_word(cam, true, at));
-            const uint frame = other + k * cam.frame_words;
-            residuals[k * ANCHORS + anchor] =
-                level - half_pel_cubic(cam, frame, there, cubic_parameter(cam, frame, at));
-        }
+        note_residuals(cam, own, other, anchor, at, there);
     }
     barrier();
     const uvec2 in_tile = anchor_at(lane);

@@ -24,12 +24,12 @@ impl Rig {
             if number > 1 {
                 record_barrier(&self.device, commands);
             }
-            let taking = groups.iter().filter(|group| group.permutation.transfers > number);
-            for (index, group) in taking.enumerate() {
+            let taking =
+                groups.iter().filter_map(|group| Some((group, group.permutation.detail_transfer(number)?)));
+            for (index, (group, kernel)) in taking.enumerate() {
                 if index > 0 && self.pipelines.policy.serial {
                     record_barrier(&self.device, commands);
                 }
-                let Some(kernel) = group.permutation.detail_transfer() else { continue };
                 let push = Push { first_camera: group.first, level: number, ..Push::default() };
                 let kernel = &self.pipelines.specialised.0[&kernel];
                 // SAFETY: the caller's contract is the same.

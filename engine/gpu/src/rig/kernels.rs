@@ -120,7 +120,7 @@ impl SensorKernels {
         let needed = [
             Some(permutation.ingest(policy)),
             permutation.ingest_surfaces(policy),
-            permutation.detail_transfer(),
+            permutation.detail_transfer(1),
         ];
         let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy).into_iter().flatten());
         for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {

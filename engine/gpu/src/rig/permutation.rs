@@ -158,15 +158,16 @@ impl Permutation {
         if finely { channels(self.ingest.intensity) } else { 1 }
     }
 
-    /// The kernel of `detail_transfer`, if there are transfers after the first one, which `ingest` does.
-    pub(super) fn detail_transfer(&self) -> Option<Specialised> {
+    /// The kernel of `detail_transfer` that does transfer `number`, from 1 on (`ingest` does transfer 0); `None` if there are
+    /// not so many.
+    pub(super) fn detail_transfer(&self, number: u32) -> Option<Specialised> {
         let constants = DetailTransferConstants {
             intensity: self.ingest.intensity,
             by_address: self.by_address,
             fisheye: self.ingest.fisheye,
         };
         let kernel = if self.rigid { stages::DETAIL_TRANSFER_RIGID } else { stages::DETAIL_TRANSFER };
-        (self.transfers > 1).then(|| Specialised { kernel, constants: constants.words() })
+        (self.transfers > number).then(|| Specialised { kernel, constants: constants.words() })
     }
 
     /// The kernels of `synthesize`: for the lists, and for the levels. `None` if `cross` synthesises by itself.

@@ -26,15 +26,14 @@ class Outputs:
 
     def update(self, packet, camera, stepped):
         """Takes over a packet's events; `stepped` says whose they are (NumPy, bool)."""
-        everyone = bool(stepped.all())
-        rows = None if everyone else torch.from_numpy(stepped).to(self._device)
+        rows = None if stepped.all() else torch.from_numpy(stepped).to(self._device)
         for name in self._types:
             if name == "events":
-                self._take_events(packet, rows, everyone)
+                self._take_events(packet, rows)
                 continue
             new = camera.event_frames() if name == "event_frame" else camera.voxel_grids(self._bins)
             new, kept = _tensor(new).permute(0, 2, 3, 1), self.arrays[name].torch
-            kept.copy_(new) if everyone else kept.copy_(torch.where(rows[:, None, None, None], new, kept))
+            kept.copy_(new) if rows is None else kept.copy_(torch.where(rows[:, None, None, None], new, kept))
 
     def forget(self, envs):
         """Events of an episode that is over."""
@@ -46,13 +45,13 @@ class Outputs:
             else:
                 self.arrays[name].torch.masked_fill_(rows[:, None, None, None], 0)
 
-    def _take_events(self, packet, rows, everyone):
+    def _take_events(self, packet, rows):
         new = torch.empty((len(packet), len(COLUMNS)), dtype=torch.int64, device=self._device)
         for column, name in enumerate(COLUMNS):
             new[:, column] = _tensor(getattr(packet, name))
         offsets = torch.as_tensor([0, len(packet)] if packet.offsets is None else packet.offsets)
         counts = offsets.diff().to(self._device)
-        if everyone:
+        if rows is None:
             return self._pack(new, counts)
         old, env = self._all_but(rows)
         env = torch.cat(
