@@ -13,7 +13,7 @@
 //
 // The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), LAYERED (whether
 // it is that of tiles where motions meet), READS_LEVELS (defined for kernels that do), PHYSICAL (defined for the kernel of
-// the physical pixel), frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that
+// the physical pixel), LEVELS_FIRST (defined if a log pixel is walked once all its levels are synthesised), frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that
 // are declared here without a body.
 
 // Whether a tile without motion and change can be skipped; or only such pixels of it as rest, in a permutation that lets
@@ -65,6 +65,9 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 void emit(uint at_ns, bool on, uint ordinal);
 bool walks_on(uint ordinal);
 
+#if defined(PHYSICAL) || defined(LEVELS_FIRST)
+#include "substep_levels.glsl"
+#endif
 #ifdef PHYSICAL
 #include "pixel_physical.glsl"
 #else
@@ -92,6 +95,8 @@ uint rows_of(uint first_sub_tile, uint sub_tiles) {
 }
 
 #ifdef PHYSICAL
+#include "interval_physical.glsl"
+#elif defined(LEVELS_FIRST)
 #include "interval_by_levels.glsl"
 #else
 #include "interval_by_substeps.glsl"

@@ -173,7 +173,7 @@ void main() {
         if (all(greaterThanEqual(near, ivec2(0))) && all(lessThanEqual(near, last_block))) {
             const uint block = uint(near.y) * cam.blocks_x + uint(near.x);
             const uvec4 stats = blocks[cam.block_base + cam.frame_slot * cam.blocks + block];
-            atomicOr(any_change, stats.x | stats.y | stats.w);
+            atomicOr(any_change, stats.x | stats.y);
             if (RIGID) {
                 atomicOr(any_change, passing[passing_head(cam, geometries[cam.slot], block) + 1u]);
             }

@@ -443,13 +443,8 @@ void main() {
             load_geometry(cam, geometries[cam.slot], pixel, MAKES_LISTS);
         }
         barrier();
-        for (uint pixel = lane; pixel < TILE_ANCHORS; pixel += gl_WorkGroupSize.x) {
-            find_surface(cam, geometries[cam.slot], pixel, MAKES_LISTS);
-        }
-        if (MAKES_LISTS) {
-            write_lists(cam, geometries[cam.slot]);
-        }
         if (!MAKES_FRAME) {
+            write_surfaces(cam, geometries[cam.slot]);
             return;
         }
     }
@@ -473,6 +468,15 @@ void main() {
         } while (number < CACHE_PIXELS - TILE_ANCHORS);
     }
     barrier();
+    if (RIGID) {
+        if (MAKES_LISTS) {
+            write_surfaces(cam, geometries[cam.slot]);
+        } else if (any_change != 0u) {
+            find_surfaces(cam, geometries[cam.slot], false);
+        } else {
+            note_silhouettes_before(cam, geometries[cam.slot]);
+        }
+    }
     // Where nothing moves or changes, no motions meet. Without half-pel frames that is not known.
     const bool may_change = !HALF_PEL || any_change != 0u;
     const bool compares = LAYERED && channel == 0u && cam.has_motion != 0u && !is_first(cam) && may_change;
@@ -484,7 +488,7 @@ void main() {
     if (HALF_PEL) {
         note_texture(cam, SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u));
     }
-    if (HALF_PEL || LAYERED) {
+    if (RIGID || HALF_PEL || LAYERED) {
         barrier();
     }
     if (compares && motions_meet_in_tile()) {

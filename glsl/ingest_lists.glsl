@@ -1,9 +1,11 @@
 // The surfaces that represent each block, and the blocks that these pass during the interval, for synthesis `rigid`.
 // Part of ingest.glsl; needs ingest_surfaces.glsl.
 
-// For each block: the pixels that represent it, a bit each; those in order; the largest motion of them, pixels.
+// For each block: the pixels that represent it, a bit each; those in order, and the word before them in
+// `representatives`; the largest motion of them, pixels.
 shared uint representing[2u * TILE_BLOCKS];
 shared uint represented_by[TILE_BLOCKS * BLOCK_SURFACES];
+shared uint own_head[TILE_BLOCKS];
 shared uint own_motion[TILE_BLOCKS];
 
 // The least and the largest instance of each block, and the bits of the least and the largest depth of its pixels with a
@@ -146,8 +148,8 @@ void list_representative(Camera cam, Geometry geo, uint number) {
     }
 }
 
-// A block's first word in `representatives`.
-uint representative_head(uint block) {
+// The first word in `representatives` of a block whose representatives were found.
+uint found_head(uint block) {
     const uint count = uint(bitCount(representing[2u * block]) + bitCount(representing[2u * block + 1u]));
     return min(count, BLOCK_SURFACES) | (((silhouettes >> block) & 1u) != 0u ? HAS_SILHOUETTE : 0u);
 }
@@ -157,8 +159,9 @@ const float FARTHEST_PX = 1e15;
 
 const float NOWHERE = 2.0 * FARTHEST_PX;
 
-// Notes the representatives of both key frames. By one thread for each place of both lists of each block.
-void hand_on(Camera cam, Geometry geo, uint number) {
+// Notes the representatives of both key frames, or only those that are handed on. By one thread for each place of both
+// lists of each block.
+void hand_on(Camera cam, Geometry geo, uint number, bool only_handed_on) {
     const uint key = number / (TILE_BLOCKS * BLOCK_SURFACES);
     const uint in_tile = (number / BLOCK_SURFACES) % TILE_BLOCKS;
     const uint place = number % BLOCK_SURFACES;
@@ -166,19 +169,20 @@ void hand_on(Camera cam, Geometry geo, uint number) {
     if (block_at.x >= cam.blocks_x) {
         return;
     }
-    uint head = representative_head(in_tile);
+    uint head = own_head[in_tile];
     uint pixel = represented_by[in_tile * BLOCK_SURFACES + place];
     if (key == 0u) {
         const uint word = representative_word(cam, geo, 0u, block_at.y * cam.blocks_x + block_at.x);
         head = representatives[word];
         pixel = representatives[word + 1u + place];
     }
-    if (place < (head & ~HAS_SILHOUETTE)) {
+    const bool hands_on = (head & HAS_SILHOUETTE) != 0u;
+    if (place < (head & ~HAS_SILHOUETTE) && (hands_on || !only_handed_on)) {
         const uint entry = atomicAdd(handed_count, 1u);
         const uint block = block_at.y * cam.blocks_x + block_at.x;
         handed_pixel[entry] = pixel;
         handed_entry[entry] = passing_entry(key, block, place);
-        handed_block[entry] = in_tile | ((head & HAS_SILHOUETTE) != 0u ? HANDS_ON : 0u);
+        handed_block[entry] = in_tile | (hands_on ? HANDS_ON : 0u);
     }
 }
 
@@ -282,22 +286,28 @@ void tell_passed(Camera cam, Geometry geo, uint number) {
     }
 }
 
-// Writes the lists of the tile's blocks. Called by the whole workgroup.
-void write_lists(Camera cam, Geometry geo) {
+// A word of a block of the tile in `representatives` of key frame `key`.
+uint own_word(Camera cam, Geometry geo, uint key, uint in_tile) {
+    const uvec2 block = uvec2(tile_origin) / BLOCK_PX + uvec2(in_tile, 0u);
+    return representative_word(cam, geo, key, block.y * cam.blocks_x + block.x);
+}
+
+bool block_in_image(Camera cam, uint in_tile) {
+    return uint(tile_origin.x) / BLOCK_PX + in_tile < cam.blocks_x;
+}
+
+// Finds and writes the representatives of the tile's blocks. Called by the whole workgroup.
+void find_representatives(Camera cam, Geometry geo) {
     const uint lane = gl_LocalInvocationID.x;
     if (lane < TILE_BLOCKS) {
         representing[2u * lane] = 0u;
         representing[2u * lane + 1u] = 0u;
-        own_motion[lane] = 0u;
         least_instance[lane] = NO_INSTANCE;
         largest_instance[lane] = 0u;
         least_depth[lane] = NO_PIXEL;
         largest_depth[lane] = 0u;
         nearest_pixel_of[lane] = NO_PIXEL;
         farthest_pixel_of[lane] = NO_PIXEL;
-    }
-    if (lane == 0u) {
-        handed_count = 0u;
     }
     barrier();
     for (uint number = lane; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
@@ -317,12 +327,62 @@ void write_lists(Camera cam, Geometry geo) {
     for (uint number = lane; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
         list_representative(cam, geo, number);
     }
-    const uvec2 first_block = uvec2(tile_origin) / BLOCK_PX;
-    if (lane < TILE_BLOCKS && first_block.x + lane < cam.blocks_x) {
-        const uint block = first_block.y * cam.blocks_x + first_block.x + lane;
-        representatives[representative_word(cam, geo, 1u, block)] = representative_head(lane);
+    if (lane < TILE_BLOCKS) {
+        own_head[lane] = found_head(lane);
+        if (block_in_image(cam, lane)) {
+            representatives[own_word(cam, geo, 1u, lane)] = own_head[lane];
+        }
+    }
+}
+
+// Takes over the representatives of the frame before, with whether blocks have silhouettes.
+void keep_representatives(Camera cam, Geometry geo) {
+    for (uint number = gl_LocalInvocationID.x; number < TILE_BLOCKS * (1u + BLOCK_SURFACES);
+         number += gl_WorkGroupSize.x) {
+        const uint in_tile = number % TILE_BLOCKS;
+        const uint word = number / TILE_BLOCKS;
+        if (block_in_image(cam, in_tile)) {
+            const uint kept = representatives[own_word(cam, geo, 0u, in_tile) + word];
+            representatives[own_word(cam, geo, 1u, in_tile) + word] = kept;
+            if (word == 0u) {
+                own_head[in_tile] = kept;
+            } else {
+                represented_by[in_tile * BLOCK_SURFACES + word - 1u] = kept;
+            }
+        }
+    }
+}
+
+// Notes which of the tile's blocks had silhouettes in the frame before. Called by the whole workgroup.
+void note_silhouettes_before(Camera cam, Geometry geo) {
+    const uint in_tile = gl_LocalInvocationID.x;
+    if (in_tile < TILE_BLOCKS && block_in_image(cam, in_tile)
+        && (representatives[own_word(cam, geo, 0u, in_tile)] & HAS_SILHOUETTE) != 0u) {
+        atomicOr(silhouettes, 1u << in_tile);
+    }
+}
+
+// Writes the lists of the tile's blocks. If `still`, nothing has moved and their surfaces are those of the frame before.
+// Called by the whole workgroup.
+void write_lists(Camera cam, Geometry geo, bool still) {
+    const uint lane = gl_LocalInvocationID.x;
+    if (lane < TILE_BLOCKS) {
+        own_motion[lane] = 0u;
+    }
+    if (lane == 0u) {
+        handed_count = 0u;
+    }
+    if (still) {
+        keep_representatives(cam, geo);
+        note_silhouettes_before(cam, geo);
+    } else {
+        find_representatives(cam, geo);
+    }
+    if (lane < TILE_BLOCKS && block_in_image(cam, lane)) {
         // The heads of the next tick.
-        const uint head = geo.passing_base + ((1u - cam.frame_slot) * cam.blocks + block) * PASSING_HEAD_WORDS;
+        const uvec2 block = uvec2(tile_origin) / BLOCK_PX + uvec2(lane, 0u);
+        const uint head =
+            geo.passing_base + ((1u - cam.frame_slot) * cam.blocks + block.y * cam.blocks_x + block.x) * PASSING_HEAD_WORDS;
         passing[head] = 0u;
         passing[head + 1u] = 0u;
         passing[head + 2u] = 0u;
@@ -332,7 +392,7 @@ void write_lists(Camera cam, Geometry geo) {
         return;
     }
     for (uint number = lane; number < HANDED; number += gl_WorkGroupSize.x) {
-        hand_on(cam, geo, number);
+        hand_on(cam, geo, number, still);
     }
     barrier();
     const uint handed = handed_count;
@@ -348,4 +408,15 @@ void write_lists(Camera cam, Geometry geo) {
     for (uint number = lane; number < told; number += gl_WorkGroupSize.x) {
         tell_passed(cam, geo, number);
     }
+}
+
+// Writes the surfaces of the tile's pixels and the lists of its blocks. Called by the whole workgroup, after a barrier.
+void write_surfaces(Camera cam, Geometry geo) {
+    const bool still = any_change == 0u;
+    if (still) {
+        keep_surfaces(cam, geo);
+    } else {
+        find_surfaces(cam, geo, true);
+    }
+    write_lists(cam, geo, still);
 }

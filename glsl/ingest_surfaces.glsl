@@ -55,8 +55,14 @@ uint read_id(Geometry geo, uint pixel) {
     return ID_FORMAT == ID_U16 ? uint(Halves1(geo.id_address).v[pixel]) : Words1(geo.id_address).v[pixel];
 }
 
+// Whether the frame before shows this surface at a pixel.
+bool was_shown(Camera cam, Geometry geo, ivec2 at, uint instance, float inverse_depth) {
+    const uvec2 before = load_surface(surface_base(cam, geo, 0u), cam, at);
+    return instance_of(before) == instance && before.x == floatBitsToUint(inverse_depth);
+}
+
 // Loads depth and instance of a pixel into the cache, and counts those of the tile without a path. Notes what makes the
-// half-pel samples of the frame before out of date.
+// surfaces and the half-pel samples of the frame before out of date.
 void load_geometry(Camera cam, Geometry geo, uint number, bool counts) {
     const ivec2 at = tile_origin - int(SURFACE_APRON_PX) + ivec2(number % SURFACE_X, number / SURFACE_X);
     const ivec2 last = ivec2(cam.width, cam.height) - 1;
@@ -93,7 +99,8 @@ void load_geometry(Camera cam, Geometry geo, uint number, bool counts) {
     cached_depth[number] = far_depth;
     cached_inverse_depth[number] = shown_inverse;
     cached_instance[number] = instance;
-    if (instance != NO_INSTANCE && instance_moves(geo, instance)) {
+    const bool moves = instance != NO_INSTANCE && instance_moves(geo, instance);
+    if (moves || (!is_first(cam) && !was_shown(cam, geo, clamped_at, instance, shown_inverse))) {
         any_change = 1u;
     }
 }
@@ -210,7 +217,7 @@ uint front_around(Camera cam, ivec2 at, uint bits) {
     return front;
 }
 
-// Finds and writes the surface of a pixel of the tile. The workgroup of the first component writes.
+// Finds the surface of a pixel of the tile, and writes it if `writes`.
 void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
     const ivec2 at = tile_origin + ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
     if (at.x >= int(cam.width) || at.y >= int(cam.height)) {
@@ -243,3 +250,22 @@ void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
     slopes[element] = own.slopes;
 }
 
+void find_surfaces(Camera cam, Geometry geo, bool writes) {
+    for (uint number = gl_LocalInvocationID.x; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
+        find_surface(cam, geo, number, writes);
+    }
+}
+
+// Takes over the surfaces of the frame before, where each pixel of the cache shows what it did and nothing moves.
+void keep_surfaces(Camera cam, Geometry geo) {
+    for (uint number = gl_LocalInvocationID.x; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
+        const uvec2 at = uvec2(tile_origin) + uvec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
+        if (at.x < cam.width && at.y < cam.height) {
+            const uint pixel = at.y * cam.width + at.x;
+            const uint before = surface_base(cam, geo, 0u) + pixel;
+            const uint element = surface_base(cam, geo, 1u) + pixel;
+            surfaces[element] = surfaces[before];
+            slopes[element] = slopes[before];
+        }
+    }
+}

@@ -1,4 +1,41 @@
-// A pixel's interval, sub-step by sub-step: each is synthesised and walked at once. Included by cross.glsl.
+// A log pixel's interval, sub-step by sub-step: each is synthesised and walked at once. Included by cross.glsl.
+
+// From shot_draws_*.glsl.
+void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w);
+bool is_suspended();
+void suspend_at(uint now);
+uint resume_at(uint start);
+void resume();
+
+// Makes the draw that a suspended walk waits for.
+void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    make_requested_draw(cam, pixel, p, w);
+    suppress_shots(cam, pixel, p, w);
+}
+
+// Walks one sub-step, from the end of the last one to `end`, where the log intensity is `to_raw`; or its rest, after a
+// suspension.
+void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState p, inout Walk w) {
+    if (end == w.start) {
+        // A sub-step shorter than a nanosecond joins the next one.
+        return;
+    }
+    if (EFFECT_APS && !is_suspended()) {
+        expose(cam, end, to_raw, w);
+    }
+    const int to_level = level_with_leak(end, to_raw, p, w);
+    uint now = resume_at(w.start);
+    while (!needs_draw() && walks_on(w.ordinal) && comes_next(end, to_level, p, now, w)) {
+        take_next(cam, pixel, end, to_level, p, now, w);
+    }
+    if (needs_draw()) {
+        suspend_at(now);
+        return;
+    }
+    resume();
+    w.from_level = to_level;
+    w.start = end;
+}
 
 // Synthesises and walks a pixel's interval; returns its exposure.
 float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout PixelState p) {

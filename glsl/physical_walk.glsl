@@ -1,16 +1,6 @@
 // The walk of a physical pixel: one loop over parts and stretches of all sub-steps, so that pixels of a subgroup wait for
 // each other at the interval's end only.
 
-// The end of the sub-step of `n` after the one that ends at `end_ns`: the i-th ends at floor(i T / n). `over` is what is
-// left of a nanosecond there, in units of 1 / n.
-uint next_end(Camera cam, uint n, uint end_ns, inout uint over) {
-    const uint whole_ns = cam.interval_ns / n;
-    over += cam.interval_ns - whole_ns * n;
-    const bool carries = over >= n;
-    over -= carries ? n : 0u;
-    return end_ns + whole_ns + (carries ? 1u : 0u);
-}
-
 // A walk at the interval's start, before any draw. `level` is that at the start, as it is in the planes.
 Walk walk_at_start(Camera cam, int level, PixelState p) {
     Walk w;

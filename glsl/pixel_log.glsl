@@ -1,9 +1,9 @@
 // The log-intensity pixel's walk through one interval: crossings, refractory period, leak, shot noise. Twin of the
 // oracle's `cross`.
 //
-// The including kernel calls `begin_walk`, then `walk_substep` for each sub-step in turn, then `end_walk`. It provides
-// `emit(at_ns, on, ordinal)`, `walks_on(ordinal)` (whether a walk goes on after `ordinal` events), and
-// shot_draws_gpu.glsl or shot_draws_cpu.glsl: how a walk gets the random number after a shot event.
+// The including kernel calls `begin_walk`; then for each sub-step in turn `begin_substep`, and `take_next` as long as
+// `comes_next`; then `end_walk`. It provides `emit(at_ns, on, ordinal)`, `walks_on(ordinal)` (whether a walk goes on after
+// `ordinal` events), and shot_draws_gpu.glsl or shot_draws_cpu.glsl: how a walk gets the random number after a shot event.
 
 const uint NEVER = 0xffffffffu;
 
@@ -141,11 +141,6 @@ void draw_shot(Camera cam, uint pixel, uint stream, PixelState p, inout Walk w) 
 void begin_draws();
 void request_draw(Camera cam, uint pixel, uint stream, PixelState p, inout Walk w);
 bool needs_draw();
-void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w);
-bool is_suspended();
-void suspend_at(uint now);
-uint resume_at(uint start);
-void resume();
 
 // Replaces the earlier of the pixel's two shots, which was emitted or suppressed, by the one after it.
 void pass_shot(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
@@ -171,12 +166,6 @@ void suppress_shots(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     while (EFFECT_REFRACTORY && !needs_draw() && w.shot_at < w.held_until) {
         pass_shot(cam, pixel, p, w);
     }
-}
-
-// Makes the draw that a suspended walk waits for.
-void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    make_requested_draw(cam, pixel, p, w);
-    suppress_shots(cam, pixel, p, w);
 }
 
 // Begins a walk. `level` is that at the interval's start, `frame_levels` are those of both frames, `first_end` is the end
@@ -241,80 +230,96 @@ Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, uint firs
     return w;
 }
 
-// Walks one sub-step, from the end of the last one to `end`, where the log intensity is `to_raw`; or its rest, after a
-// suspension.
-void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState p, inout Walk w) {
+// Adds the exposure of a sub-step that ends at `end`, where the log intensity is `to_raw`.
+void expose(Camera cam, uint end, int to_raw, inout Walk w) {
     const uint start = w.start;
-    if (end == start) {
-        // A sub-step shorter than a nanosecond joins the next one.
-        return;
+    const uint first = max(start, cam.aps_start_ns);
+    const uint last = min(end, cam.aps_end_ns);
+    if (first < last) {
+        const float mid = (0.5 * (float(first - start) + float(last - start))) / float(end - start);
+        const float from_intensity = intensity_of(cam, w.from_level - w.fall);
+        w.exposed += lerp(from_intensity, intensity_of(cam, to_raw), mid) * float(last - first);
     }
-    if (EFFECT_APS && !is_suspended()) {
-        const uint first = max(start, cam.aps_start_ns);
-        const uint last = min(end, cam.aps_end_ns);
-        if (first < last) {
-            const float mid = (0.5 * (float(first - start) + float(last - start))) / float(end - start);
-            const float from_intensity = intensity_of(cam, w.from_level - w.fall);
-            w.exposed += lerp(from_intensity, intensity_of(cam, to_raw), mid) * float(last - first);
-        }
-    }
-    int to_level = to_raw;
-    if (EFFECT_LEAK) {
-        w.fall = leak_fall_q24(p.leak, w.leak_base, end) - int(w.leak_base.y);
-        to_level += w.fall;
-    }
+}
 
-    uint now = resume_at(start);
-    while (!needs_draw() && walks_on(w.ordinal)) {
-        if (EFFECT_REFRACTORY && w.held_until > now) {
-            if (w.held_until > end) {
-                break;
-            }
+// The level with leak at `end`, the end of a sub-step, where the log intensity is `to_raw`.
+int level_with_leak(uint end, int to_raw, PixelState p, inout Walk w) {
+    if (!EFFECT_LEAK) {
+        return to_raw;
+    }
+    w.fall = leak_fall_q24(p.leak, w.leak_base, end) - int(w.leak_base.y);
+    return to_raw + w.fall;
+}
+
+// Begins the sub-step from the end of the last one to `end`, where the log intensity is `to_raw`. Returns the level with
+// leak there.
+int begin_substep(Camera cam, uint end, int to_raw, PixelState p, inout Walk w) {
+    if (EFFECT_APS) {
+        expose(cam, end, to_raw, w);
+    }
+    return level_with_leak(end, to_raw, p, w);
+}
+
+// Whether a level has come to the threshold above, or below.
+bool is_above_on(PixelState p, int level) {
+    return level - p.reference >= p.on_q24;
+}
+
+bool is_below_off(PixelState p, int level) {
+    return p.reference - level >= p.off_q24;
+}
+
+// Whether anything comes in the rest of the sub-step, from `now` on. Ends a refractory period that is over in it.
+bool comes_next(uint end, int to_level, inout PixelState p, inout uint now, inout Walk w) {
+    bool is_held = false;
+    if (EFFECT_REFRACTORY && w.held_until > now) {
+        is_held = w.held_until > end;
+        if (!is_held) {
             now = w.held_until;
             w.held_until = 0u;
-            p.reference = level_at(w.from_level, to_level, start, end, now);
-        }
-        const bool rises = to_level - p.reference >= p.on_q24;
-        const bool falls = p.reference - to_level >= p.off_q24;
-        if (!(rises || falls || (EFFECT_SHOT && w.shot_at <= end))) {
-            break;
-        }
-        uint signal_at = NEVER;
-        const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
-        if (rises || falls) {
-            const int to_go = rises ? level - w.from_level : w.from_level - level;
-            const int slope = abs(to_level - w.from_level);
-            signal_at = AT_SAMPLE ? end
-                : to_go > 0 ? time_in_substep(start, end, float(to_go), float(slope)) : start + 1u;
-            signal_at = max(signal_at, now);
-        }
-        // A shot due beyond the sub-step is later than any crossing in it.
-        bool is_on = rises;
-        if (!EFFECT_SHOT || signal_at <= w.shot_at) {
-            now = signal_at;
-            p.reference = level;
-        } else {
-            now = w.shot_at;
-            is_on = p.shot_on < p.shot_off;
-            p.reference = level_at(w.from_level, to_level, start, end, now);
-            pass_shot(cam, pixel, p, w);
-        }
-        emit(now, is_on, w.ordinal);
-        w.ordinal += 1u;
-        if (EFFECT_REFRACTORY) {
-            w.held_until = now + cam.refractory_ns;
-            if (EFFECT_SHOT) {
-                suppress_shots(cam, pixel, p, w);
-            }
+            p.reference = level_at(w.from_level, to_level, w.start, end, now);
         }
     }
-    if (needs_draw()) {
-        suspend_at(now);
-        return;
+    const bool rises = is_above_on(p, to_level);
+    const bool falls = is_below_off(p, to_level);
+    return !is_held && (rises || falls || (EFFECT_SHOT && w.shot_at <= end));
+}
+
+// Sends the event that comes next.
+void take_next(
+    Camera cam, uint pixel, uint end, int to_level, inout PixelState p, inout uint now, inout Walk w
+) {
+    const uint start = w.start;
+    const bool rises = is_above_on(p, to_level);
+    const bool falls = is_below_off(p, to_level);
+    uint signal_at = NEVER;
+    const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
+    if (rises || falls) {
+        const int to_go = rises ? level - w.from_level : w.from_level - level;
+        const int slope = abs(to_level - w.from_level);
+        signal_at = AT_SAMPLE ? end
+            : to_go > 0 ? time_in_substep(start, end, float(to_go), float(slope)) : start + 1u;
+        signal_at = max(signal_at, now);
     }
-    resume();
-    w.from_level = to_level;
-    w.start = end;
+    // A shot due beyond the sub-step is later than any crossing in it.
+    bool is_on = rises;
+    if (!EFFECT_SHOT || signal_at <= w.shot_at) {
+        now = signal_at;
+        p.reference = level;
+    } else {
+        now = w.shot_at;
+        is_on = p.shot_on < p.shot_off;
+        p.reference = level_at(w.from_level, to_level, start, end, now);
+        pass_shot(cam, pixel, p, w);
+    }
+    emit(now, is_on, w.ordinal);
+    w.ordinal += 1u;
+    if (EFFECT_REFRACTORY) {
+        w.held_until = now + cam.refractory_ns;
+        if (EFFECT_SHOT) {
+            suppress_shots(cam, pixel, p, w);
+        }
+    }
 }
 
 void end_walk(Camera cam, Walk w, inout PixelState p) {

@@ -1,7 +1,7 @@
 //! The kernels of GPUs, forced on any device (in CI, the software driver) by [`RigOptions::policy`]. Compares them with
 //! the oracle and with the device's own kernels.
 
-use esaac_engine::{KernelPolicy, Rig, RigOptions};
+use esaac_engine::{KernelPolicy, LevelsFirst, Rig, RigOptions};
 use esaac_layout::{CrossConstants, IngestConstants, QUEUE_PER_PX};
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
 use esaac_scene::SceneKind;
@@ -13,7 +13,10 @@ use esaac_tests::{agreement, corpus};
 /// An odd size: the image cuts blocks and sub-tiles off at the right and at the bottom.
 const SIZE: (u32, u32) = (45, 21);
 
-const POLICY: KernelPolicy = KernelPolicy::gpu();
+const POLICY: KernelPolicy = KernelPolicy { levels_first: LevelsFirst::Never, ..KernelPolicy::gpu() };
+
+/// With the kernels for many events.
+const DENSE: KernelPolicy = KernelPolicy { levels_first: LevelsFirst::Always, ..POLICY };
 
 fn forced(policy: KernelPolicy) -> RigOptions {
     RigOptions { policy: Some(policy), ..RigOptions::default() }
@@ -58,12 +61,15 @@ fn word(field: &str) -> usize {
 fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Vec<Step> {
     let mut rig = rig(sensor, sequence, forced(policy));
     let got = steps(&mut rig, sequence, 0..sequence.frames.len());
-    for (stage, constants) in [("ingest", IngestConstants::LIST), ("cross", CrossConstants::LIST)] {
-        let own = compiled(&rig, &format!("{stage}_gpu"));
+    let cross = if policy.levels_first == LevelsFirst::Always { "cross_dense_gpu" } else { "cross_gpu" };
+    for (kernel, constants) in [("ingest_gpu", IngestConstants::LIST), (cross, CrossConstants::LIST)] {
+        let own = compiled(&rig, kernel);
         assert!(
             !own.is_empty() && own.iter().all(|words| words.len() == constants.constants.len()),
-            "{stage}: {own:?}"
+            "{kernel}: {own:?}"
         );
+    }
+    for stage in ["ingest", "cross"] {
         assert!(compiled(&rig, &format!("{stage}_cpu")).is_empty(), "{stage}: the software driver's ran");
     }
     // Constants: bins of a group, threads, native division.
@@ -103,16 +109,51 @@ fn the_gpus_kernels_agree_with_the_oracle() {
     ] {
         check_against_oracle(&sensor, &sequence, &gpu_steps(&sensor, &sequence, POLICY));
     }
+    for sensor in [noisy(), SensorModel { synthesis: Synthesis::Linear, flicker_depth: 0.5, ..sensor() }] {
+        check_against_oracle(&sensor, &sequence, &gpu_steps(&sensor, &sequence, DENSE));
+    }
 }
 
 /// Among the cases are pixels that start late and pixels without any valid light.
 #[test]
 fn the_gpus_kernels_hold_every_case_of_the_corpus() {
     let cases = corpus::cases();
-    let outcomes = corpus::by_engine(&DEVICE, &cases, forced(POLICY));
-    for (case, outcome) in cases.iter().zip(&outcomes) {
-        assert_eq!(case.judge(outcome), Ok(()), "{}", case.name);
+    for policy in [POLICY, DENSE] {
+        let outcomes = corpus::by_engine(&DEVICE, &cases, forced(policy));
+        for (case, outcome) in cases.iter().zip(&outcomes) {
+            assert_eq!(case.judge(outcome), Ok(()), "{}", case.name);
+        }
+        assert_silent();
     }
+}
+
+/// With many events in some of the frames, in an image that is large enough.
+#[test]
+fn a_rig_takes_the_kernels_for_many_events_while_it_has_many() {
+    let sensor = SensorModel {
+        width: 640,
+        height: 320,
+        substeps: 2,
+        substep_policy: SubstepPolicy::Fixed,
+        synthesis: Synthesis::Linear,
+        ..sensor()
+    };
+    let sequence = gray(&sensor, &times(0, 8), |frame, _| {
+        intensity_of(&sensor, if [1, 3, 5].contains(&frame) { -0.13 } else { -1.0 })
+    });
+    let own = engine_with(&sensor, &sequence, RigOptions::default());
+    let policy = KernelPolicy { levels_first: LevelsFirst::WherePaid, ..POLICY };
+    let mut rig = rig(&sensor, &sequence, forced(policy));
+    let mut taken = Vec::new();
+    for (frame, own) in own.iter().enumerate() {
+        let got = steps(&mut rig, &sequence, frame..frame + 1).remove(0);
+        taken.push(!compiled(&rig, "cross_dense_gpu").is_empty());
+        assert!(got.packet == own.packet && got.diagnostics == own.diagnostics, "frame {frame}");
+    }
+    // Two intervals are dense.
+    assert_eq!(taken, [false, false, false, true, true, true, true, true]);
+    assert!(own[1].packet.len() >= 3 * sensor.pixels() && own[7].packet.is_empty());
+    drop(rig);
     assert_silent();
 }
 

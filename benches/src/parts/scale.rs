@@ -55,7 +55,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         "One thing grows, the rest stays. `cameras` and `pixels`: profile `noisy`, scene `flight`. The others: \
          clean sensor, a log-sinusoid that moves to the right, thresholds and wavelength set so that events or \
          motion alone grow; whole columns of it cross at the same instants, which is the hardest to sort. `dense` \
-         is a clean sensor with ever lower thresholds on `flight`; its packets go to the host, whose bus then bounds \
+         is a clean sensor with ever lower thresholds on `flight` (1280x720; `smaller`: 640x480); packets go to the host, whose bus then bounds \
          `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
          at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile \
          `noisy`, in each of which a sixteenth moves by 2 px; packets stay on the device. With `rigid` and `linear` a \
@@ -203,17 +203,16 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..base.clone() };
         on_pattern(motion_px, sensor, Pattern { motion_px, wavelength_px, ..pattern })
     };
-    let (dense_width, dense_height) = if software { (160, 120) } else { (1280, 720) };
-    let dense = |wanted: f64, packets: PacketPlace| {
+    let dense_sizes = if software { [(160, 120), (80, 60)] } else { [(1280, 720), (640, 480)] };
+    let dense = |wanted: f64, (width, height): (u32, u32), packets: PacketPlace| {
         // In this scene a threshold of .2 gives some .4 events a pixel.
         let contrast = 0.2 * 0.4 / wanted;
-        let (width, height) = (dense_width, dense_height);
         let sensor =
             SensorModel { width, height, contrast_on: contrast, contrast_off: contrast, ..clean("hd") };
         Case { packets, ..flight(wanted, sensor, 1) }
     };
     let densities: &[f64] = if quick { &[0.5, 2.0, 20.0] } else { &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
-    let denser = |packets| densities.iter().map(|&wanted| dense(wanted, packets)).collect();
+    let denser = |size, packets| densities.iter().map(|&wanted| dense(wanted, size, packets)).collect();
     let substeps: &[u32] = if quick { &[1, 8, 64] } else { &[1, 2, 4, 8, 16, 32, 64] };
     let wanted: &[f64] = if quick { &[0.0, 2.0, 20.0] } else { &[0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0] };
     let motions_px: &[f64] = if quick { &[0.0, 4.0, 30.0] } else { &[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0] };
@@ -255,8 +254,9 @@ fn cases(laboratory: &Laboratory) -> Vec<(&'static str, &'static str, Vec<Case>)
         ("sub-steps", "N, fixed", substeps.iter().copied().map(fixed).collect()),
         ("events", "events wanted a pixel", wanted.iter().copied().map(eventful).collect()),
         ("motion", "px a frame", motions_px.iter().copied().map(moved).collect()),
-        ("dense", "events wanted a pixel", denser(PacketPlace::Owned)),
-        ("dense on device", "events wanted a pixel", denser(PacketPlace::OnDevice)),
+        ("dense", "events wanted a pixel", denser(dense_sizes[0], PacketPlace::Owned)),
+        ("dense on device", "events wanted a pixel", denser(dense_sizes[0], PacketPlace::OnDevice)),
+        ("dense on device, smaller", "events wanted a pixel", denser(dense_sizes[1], PacketPlace::OnDevice)),
         ("still noise", "Hz of shot noise", noises_hz.iter().map(|&hz| still(hz, size, 1)).collect()),
         (
             "still cameras",

@@ -43,7 +43,7 @@ pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
 #[cfg(feature = "shaderc")]
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
-pub use policy::{KernelPolicy, KernelSet, Resting};
+pub use policy::{KernelPolicy, KernelSet, LevelsFirst, Resting};
 pub use rig::{
     ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, GeometryConfig, HeldPackets, InputBuffers,
     PacketPlace, Representation, Rig, RigOptions, Share, StageSpan, Tick,

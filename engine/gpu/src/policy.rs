@@ -29,6 +29,17 @@ pub enum Resting {
     Always,
 }
 
+/// Whether `cross` synthesises all levels of a log pixel before it walks. Kernels for GPUs alone can.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LevelsFirst {
+    /// Each sub-step is walked once it is synthesised.
+    Never,
+    /// All are synthesised first while past ticks had many events.
+    WherePaid,
+    /// All are synthesised first.
+    Always,
+}
+
 /// How kernels are run; chosen once for a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KernelPolicy {
@@ -75,6 +86,8 @@ pub struct KernelPolicy {
     pub least_level_rows: u32,
     /// Whether pixels rest.
     pub resting: Resting,
+    /// Whether a log pixel's levels are all synthesised before its walk.
+    pub levels_first: LevelsFirst,
     /// Whether settled physical pixels in still light that send nothing are taken over an interval in closed form. Without,
     /// each is walked.
     pub passes_still: bool,
@@ -101,7 +114,7 @@ impl KernelPolicy {
             sort_threads: SORT_THREADS,
             native_division: true,
             group_bins: 8,
-            group_bins_of_many: 16,
+            group_bins_of_many: 32,
             group_bins_of_small: 64,
             many_bins: 1 << 13,
             summed_reads: 1 << 25,
@@ -116,6 +129,7 @@ impl KernelPolicy {
             // 8 MiB.
             least_level_rows: 1 << 15,
             resting: Resting::WherePaid,
+            levels_first: LevelsFirst::WherePaid,
             passes_still: true,
             rest_together: TILE_WIDTH_PX * BLOCK_PX,
             device_tracks: 24,
@@ -151,6 +165,7 @@ impl KernelPolicy {
             // `cross` synthesises by itself.
             least_level_rows: 0,
             resting: Resting::WherePaid,
+            levels_first: LevelsFirst::Never,
             passes_still: true,
             rest_together: TILE_WIDTH_PX,
             // The same processor does either.

@@ -17,6 +17,7 @@ mod changes;
 mod code;
 mod config;
 mod conventions;
+mod density;
 mod detail_transfer;
 mod fresh;
 mod geometry;
@@ -60,6 +61,7 @@ use crate::policy::{KernelPolicy, Resting};
 use arena::Arena;
 use ash::vk;
 use config::{check_groups, check_rows, check_sensor};
+use density::Density;
 use esaac_layout::{self as layout, Camera};
 use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
@@ -194,6 +196,7 @@ pub struct Rig {
     queue: QueueLength,
     /// The second run of `cross` in a tick.
     second_run: SecondRun,
+    density: Density,
     passes: Passes,
     /// Whether pixels rest.
     rest: RestChoice,
@@ -268,6 +271,7 @@ impl Rig {
             past_scenes: Vec::new(),
             queue: QueueLength::default(),
             second_run: SecondRun::default(),
+            density: Density::default(),
             passes: Passes::default(),
             rest: RestChoice::new(policy.resting),
             poses_by: PosesBy::default(),

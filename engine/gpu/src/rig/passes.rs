@@ -2,8 +2,8 @@
 //!
 //! `levels` has room for those of most intervals, not for the most that an interval could need. In each pass the tiles that
 //! find room are synthesised and walked, and the others are left to the next one. A pass without tiles costs a rig of one
-//! camera a tenth of its tick, so a tick has as many as the ones before it needed. If they are too few, the rest runs
-//! again, with as many as any interval can need. Packets do not depend on it.
+//! camera a tenth of its tick, so a tick has as many as the ones before it needed; the first interval has as many as any can
+//! need. If they are too few, the rest runs again, with as many as any interval can need. Packets do not depend on it.
 
 use super::geometry::TILE_LEVEL_ROWS;
 use super::machine::TickEnd;
@@ -11,9 +11,11 @@ use super::machine::TickEnd;
 /// Passes shrink once so many ticks in a row needed fewer.
 const QUIET_TICKS: u32 = 8;
 
-/// Rows of `levels` that cameras used in a tick.
-pub(super) fn rows_used(end: &TickEnd) -> u64 {
-    end.counters.iter().flatten().map(|counters| u64::from(counters.level_rows)).sum()
+/// Rows of `levels` that cameras used in a tick; `None` if it had no interval.
+pub(super) fn rows_used(end: &TickEnd) -> Option<u64> {
+    let counters = || end.counters.iter().flatten();
+    let any_interval = counters().any(|counters| counters.substeps > 0 || counters.skipped_blocks > 0);
+    any_interval.then(|| counters().map(|counters| u64::from(counters.level_rows)).sum())
 }
 
 /// The number of passes of a rig.
@@ -38,12 +40,12 @@ impl Passes {
         self.count.min(most)
     }
 
-    /// Adapts the number after a tick that used `used` of `rows` rows, each of its passes.
+    /// Adapts the number after a tick with an interval that used `used` of `rows` rows, each of its passes.
     pub(super) fn follow(&mut self, used: u64, rows: u64) {
         // A quarter more: intervals are not alike.
         let wanted = (used + used / 4).div_ceil(rows.saturating_sub(TILE_LEVEL_ROWS).max(1));
         let wanted = u32::try_from(wanted).unwrap_or(u32::MAX).max(1);
-        if wanted > self.count {
+        if wanted > self.count || *self == Passes::default() {
             *self = Passes { count: wanted, quiet_ticks: 0, needed: 0 };
             return;
         }
@@ -67,10 +69,12 @@ mod tests {
     fn passes_grow_at_once_and_shrink_after_a_quiet_time_to_what_it_needed() {
         let mut passes = Passes::default();
         assert_eq!((passes.count(1), passes.count(9)), (1, 9));
+        passes.follow(6800, ROWS);
         for used in [100, 100, 900, 100, 100, 100, 100] {
-            passes.follow(used, ROWS);
             assert_eq!(passes.count(9), 9);
+            passes.follow(used, ROWS);
         }
+        assert_eq!(passes.count(9), 9);
         passes.follow(100, ROWS);
         assert_eq!(passes.count(9), 2, "900 rows and a quarter more");
         passes.follow(4000, ROWS);
@@ -80,5 +84,14 @@ mod tests {
             passes.follow(0, ROWS);
         }
         assert_eq!(passes.count(9), 1, "there is one at least");
+    }
+
+    #[test]
+    fn the_first_interval_tells_how_many_are_needed() {
+        for (used, count) in [(0, 1), (100, 1), (900, 2)] {
+            let mut passes = Passes::default();
+            passes.follow(used, ROWS);
+            assert_eq!(passes.count(9), count);
+        }
     }
 }

@@ -10,7 +10,7 @@ use esaac_layout::{
 };
 use esaac_model::paths::Projection;
 use esaac_model::substeps::by_error;
-use esaac_model::{IdFormat, MotionFormat, Pixel, Timestamps};
+use esaac_model::{IdFormat, Intensity, MotionFormat, Pixel, Timestamps};
 
 /// Constants and options that determine which kernels run for a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +25,8 @@ pub(super) struct Permutation {
     pub ingest: IngestConstants,
     /// Constants of `cross`, for its first run in a tick.
     pub cross: CrossConstants,
+    /// Whether a log pixel's levels are all synthesised before its walk.
+    pub levels_first: bool,
     /// Number of transfers of detail between half-pel frames, 0 to 3.
     pub transfers: u32,
     /// Whether frames are read by address.
@@ -37,6 +39,7 @@ pub(super) struct Permutation {
 
 /// The permutation that a camera needs; code of effects that are off is left out. `texels`: whether the texel views
 /// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues. `rests`: whether pixels rest that can.
+/// `levels_first`: see [`Permutation`].
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
@@ -44,6 +47,7 @@ pub(super) fn permutation(
     texels: bool,
     queue_per_px: u32,
     rests: bool,
+    levels_first: bool,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
     // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
@@ -101,6 +105,8 @@ pub(super) fn permutation(
                 && sensor.aps_exposure_ns == 0
                 && sensor.flicker().is_none(),
         },
+        // A mosaic has more sub-steps, whose levels take more memory than is near.
+        levels_first: levels_first && !physical && sensor.intensity != Intensity::BayerRggb,
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.detail_transfers() } else { 0 },
         // Elements beyond the texel views can be read only by address.
@@ -220,11 +226,13 @@ impl Permutation {
         let queue_per_px = if queue_overflowed { QUEUE_PER_PX } else { self.cross.queue_per_px };
         let mut constants = CrossConstants { queue_overflowed, queue_per_px, ..self.cross }.words();
         let kernel = match policy.kernels {
-            KernelSet::Gpu => match (self.physical, self.rigid, meeting) {
+            KernelSet::Gpu => match (self.physical, self.levels_first, self.rigid || meeting) {
                 (false, false, false) => stages::CROSS_GPU,
-                (false, false, true) | (false, true, _) => stages::CROSS_LEVELS_GPU,
-                (true, false, false) => stages::CROSS_PHYSICAL_GPU,
-                (true, false, true) | (true, true, _) => stages::CROSS_PHYSICAL_LEVELS_GPU,
+                (false, false, true) => stages::CROSS_LEVELS_GPU,
+                (false, true, false) => stages::CROSS_DENSE_GPU,
+                (false, true, true) => stages::CROSS_DENSE_LEVELS_GPU,
+                (true, _, false) => stages::CROSS_PHYSICAL_GPU,
+                (true, _, true) => stages::CROSS_PHYSICAL_LEVELS_GPU,
             },
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
@@ -251,7 +259,9 @@ impl Permutation {
 impl Specialised {
     /// Whether the kernel reads what `synthesize` has made.
     pub(super) fn reads_levels(&self) -> bool {
-        [stages::CROSS_LEVELS_GPU, stages::CROSS_PHYSICAL_LEVELS_GPU].iter().any(|k| k.0 == self.kernel.0)
+        [stages::CROSS_LEVELS_GPU, stages::CROSS_DENSE_LEVELS_GPU, stages::CROSS_PHYSICAL_LEVELS_GPU]
+            .iter()
+            .any(|k| k.0 == self.kernel.0)
     }
 }
 

@@ -34,9 +34,9 @@ const QUIET_SHARE: u64 = 8;
 /// What a tick tells about the queues of its cameras.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Load {
-    pixels: u64,
+    pub pixels: u64,
     sub_tiles: u64,
-    events: u64,
+    pub events: u64,
     overflows: u64,
 }
 

@@ -117,10 +117,10 @@ impl Rig {
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
         let queue_per_px = self.queue.per_px();
-        let rests = self.rest.rests();
+        let (rests, levels_first) = (self.rest.rests(), self.density.levels_first(policy.levels_first));
         self.cameras
             .iter()
-            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests))
+            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests, levels_first))
             .collect()
     }
 

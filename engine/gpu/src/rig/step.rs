@@ -143,9 +143,12 @@ impl Rig {
         self.queue.follow(load, most_per_px);
         let length_changes = self.queue.per_px() != length;
         self.second_run.follow(load, end.most_crowded, end.leaves_crowded, length_changes);
+        self.density.follow(load.events, load.pixels);
         let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
         let rows = self.arena.buffer(layout::LEVELS).bytes() / words;
-        self.passes.follow(rows_used(&end), rows);
+        if let Some(used) = rows_used(&end) {
+            self.passes.follow(used, rows);
+        }
         let KernelPolicy { resting, rest_together, .. } = self.pipelines.policy;
         self.rest.follow(RestLoad::of(&self.cameras, &end, rest_together), resting);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;

@@ -1,7 +1,7 @@
 //! Compares synthesis `rigid` of the engine with the oracle: sub-steps, levels and events of whole runs.
 
 use super::input::changed;
-use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, Rig, RigOptions};
+use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, LevelsFirst, Rig, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::paths::{Intrinsics, Projection, SceneMotion};
 use esaac_model::{
@@ -149,7 +149,7 @@ fn check(sensor: &SensorModel, scenes: &[SceneKind], policy: Option<KernelPolicy
 }
 
 /// The same for rendered frames, with their motion vectors if `vectors`.
-fn check_frames(
+pub(super) fn check_frames(
     sensor: &SensorModel,
     scenes: &[(SceneKind, Rendered)],
     policy: Option<KernelPolicy>,
@@ -205,6 +205,8 @@ fn levels_and_events_are_the_oracles() {
 #[test]
 fn the_gpus_kernels_are_the_oracles_too() {
     check(&sensor(), &[SceneKind::Shake, SceneKind::Foliage], Some(KernelPolicy::gpu()));
+    let dense = KernelPolicy { levels_first: LevelsFirst::Always, ..KernelPolicy::gpu() };
+    check(&sensor(), &[SceneKind::Foliage], Some(dense));
 }
 
 #[test]

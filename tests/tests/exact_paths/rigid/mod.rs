@@ -7,4 +7,5 @@ mod passes;
 mod plane;
 mod poses;
 mod stages;
+mod still;
 mod unoccluded;
