@@ -9,12 +9,13 @@
 // Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks; or `planes` and
 // `levels`. Writes events to bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose
 // events do not fit changes nothing and runs again: after the buffers have grown or, if the queue was too short, in the
-// permutation SECOND_RUN with a longer one, or QUEUE_OVERFLOWED with none. The order within a bin is that of the atomics; `sort` makes the packet independent of it.
+// permutation SECOND_RUN with a longer one, or QUEUE_OVERFLOWED with none. The order within a bin is that of the atomics;
+// `sort` makes the packet independent of it.
 //
 // The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), LAYERED (whether
 // it is that of tiles where motions meet), READS_LEVELS (defined for kernels that do), PHYSICAL (defined for the kernel of
-// the physical pixel), LEVELS_FIRST (defined if a log pixel is walked once all its levels are synthesised), frame loads, `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that
-// are declared here without a body.
+// the physical pixel), LEVELS_FIRST (defined if a log pixel is walked once all its levels are synthesised), frame loads,
+// `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that are declared here without a body.
 
 // Whether a tile without motion and change can be skipped; or only such pixels of it as rest, in a permutation that lets
 // them rest. A physical pixel moves on after the light has come to rest.
