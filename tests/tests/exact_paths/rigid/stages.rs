@@ -1,6 +1,7 @@
 //! Compares what `ingest` and `paths` prepare for synthesis `rigid` with the oracle: poses, surfaces, lists of blocks,
 //! half-pel frames.
 
+use super::still::behind_a_post;
 use esaac_engine::{KernelPolicy, Rig, RigOptions};
 use esaac_layout::{PASSING_ENTRIES, PASSING_HEAD_WORDS, REPRESENTATIVE_WORDS};
 use esaac_model::paths::{Intrinsics, SceneMotion};
@@ -275,8 +276,16 @@ fn blocks_have_the_oracles_representatives() {
 
 #[test]
 fn a_block_with_a_silhouette_lists_what_it_shows_itself_and_none_lists_a_surface_twice() {
-    let rendered = Rendered::of(SceneKind::Bounce, SIZE, 3);
-    let rig = run(&rendered, &sensor());
+    for rendered in [Rendered::of(SceneKind::Bounce, SIZE, 3), behind_a_post()] {
+        for policy in [None, Some(KernelPolicy::gpu())] {
+            check_own_lists(&rendered, policy);
+        }
+    }
+}
+
+fn check_own_lists(rendered: &Rendered, policy: Option<KernelPolicy>) {
+    let rendered = Rendered { frames: rendered.frames[..3].to_vec(), ..rendered.clone() };
+    let rig = run_by(&rendered, &sensor(), policy);
     let (columns, rows) = ((SIZE.0 as usize).div_ceil(BLOCK_PX), (SIZE.1 as usize).div_ceil(BLOCK_PX));
     let blocks = columns * rows;
     let words = rig.words(0, "passing").expect("a rig that is well");
