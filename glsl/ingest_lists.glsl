@@ -46,6 +46,21 @@ bool in_image(Camera cam, ivec2 at) {
     return at.x < int(cam.width) && at.y < int(cam.height);
 }
 
+// Whether a block of the tile lies in the image, its number in the camera, and its first word in `representatives` of key
+// frame `key`.
+bool block_in_image(Camera cam, uint in_tile) {
+    return uint(tile_origin.x) / BLOCK_PX + in_tile < cam.blocks_x;
+}
+
+uint block_number(Camera cam, uint in_tile) {
+    const uvec2 first = uvec2(tile_origin) / BLOCK_PX;
+    return first.y * cam.blocks_x + first.x + in_tile;
+}
+
+uint own_word(Camera cam, Geometry geo, uint key, uint in_tile) {
+    return representative_word(cam, geo, key, block_number(cam, in_tile));
+}
+
 // Whether all pixels of a block show one instance.
 bool is_uniform(uint block) {
     return least_instance[block] == largest_instance[block];
@@ -141,8 +156,7 @@ void list_representative(Camera cam, Geometry geo, uint number) {
     }
     if (place < BLOCK_SURFACES) {
         const uint pixel = uint(at.y) * cam.width + uint(at.x);
-        const uvec2 block_at = uvec2(tile_origin) / BLOCK_PX + uvec2(block, 0u);
-        const uint word = representative_word(cam, geo, 1u, block_at.y * cam.blocks_x + block_at.x);
+        const uint word = own_word(cam, geo, 1u, block);
         representatives[word + 1u + place] = pixel;
         represented_by[block * BLOCK_SURFACES + place] = pixel;
     }
@@ -165,23 +179,21 @@ void hand_on(Camera cam, Geometry geo, uint number, bool only_handed_on) {
     const uint key = number / (TILE_BLOCKS * BLOCK_SURFACES);
     const uint in_tile = (number / BLOCK_SURFACES) % TILE_BLOCKS;
     const uint place = number % BLOCK_SURFACES;
-    const uvec2 block_at = uvec2(tile_origin) / BLOCK_PX + uvec2(in_tile, 0u);
-    if (block_at.x >= cam.blocks_x) {
+    if (!block_in_image(cam, in_tile)) {
         return;
     }
     uint head = own_head[in_tile];
     uint pixel = represented_by[in_tile * BLOCK_SURFACES + place];
     if (key == 0u) {
-        const uint word = representative_word(cam, geo, 0u, block_at.y * cam.blocks_x + block_at.x);
+        const uint word = own_word(cam, geo, 0u, in_tile);
         head = representatives[word];
         pixel = representatives[word + 1u + place];
     }
     const bool hands_on = (head & HAS_SILHOUETTE) != 0u;
     if (place < (head & ~HAS_SILHOUETTE) && (hands_on || !only_handed_on)) {
         const uint entry = atomicAdd(handed_count, 1u);
-        const uint block = block_at.y * cam.blocks_x + block_at.x;
         handed_pixel[entry] = pixel;
-        handed_entry[entry] = passing_entry(key, block, place);
+        handed_entry[entry] = passing_entry(key, block_number(cam, in_tile), place);
         handed_block[entry] = in_tile | (hands_on ? HANDS_ON : 0u);
     }
 }
@@ -286,16 +298,6 @@ void tell_passed(Camera cam, Geometry geo, uint number) {
     }
 }
 
-// A word of a block of the tile in `representatives` of key frame `key`.
-uint own_word(Camera cam, Geometry geo, uint key, uint in_tile) {
-    const uvec2 block = uvec2(tile_origin) / BLOCK_PX + uvec2(in_tile, 0u);
-    return representative_word(cam, geo, key, block.y * cam.blocks_x + block.x);
-}
-
-bool block_in_image(Camera cam, uint in_tile) {
-    return uint(tile_origin.x) / BLOCK_PX + in_tile < cam.blocks_x;
-}
-
 // Finds and writes the representatives of the tile's blocks. Called by the whole workgroup.
 void find_representatives(Camera cam, Geometry geo) {
     const uint lane = gl_LocalInvocationID.x;
@@ -380,9 +382,8 @@ void write_lists(Camera cam, Geometry geo, bool still) {
     }
     if (lane < TILE_BLOCKS && block_in_image(cam, lane)) {
         // The heads of the next tick.
-        const uvec2 block = uvec2(tile_origin) / BLOCK_PX + uvec2(lane, 0u);
-        const uint head =
-            geo.passing_base + ((1u - cam.frame_slot) * cam.blocks + block.y * cam.blocks_x + block.x) * PASSING_HEAD_WORDS;
+        const uint head = geo.passing_base
+            + ((1u - cam.frame_slot) * cam.blocks + block_number(cam, lane)) * PASSING_HEAD_WORDS;
         passing[head] = 0u;
         passing[head + 1u] = 0u;
         passing[head + 2u] = 0u;

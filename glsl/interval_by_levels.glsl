@@ -4,9 +4,7 @@
 // Walks the pixel over its `n` sub-steps. A sub-step in which nothing happens costs little, so the pixels of a subgroup
 // meet at their next events.
 void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w) {
-    // Sub-step i ends at floor(i T / n): whole nanoseconds, and a remainder.
-    const uint whole_ns = cam.interval_ns / n;
-    const uint rest_ns = cam.interval_ns - whole_ns * n;
+    const SubstepLength each = substep_length(cam, n);
     uint i = 0u;
     uint end = 0u;
     uint over = 0u;
@@ -18,12 +16,7 @@ void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w) {
         do {
             if (!goes_on) {
                 i += 1u;
-                end += whole_ns;
-                over += rest_ns;
-                if (over >= n) {
-                    over -= n;
-                    end += 1u;
-                }
+                end = next_end(each, end, over);
                 now = w.start;
                 // A sub-step shorter than a nanosecond joins the next one.
                 to_level = end == w.start ? w.from_level : begin_substep(cam, end, level_of_substep(i), p, w);

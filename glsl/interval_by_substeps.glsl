@@ -44,9 +44,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (!active_pixel) {
         silence(p, first_q24);
     }
-    // Sub-step i ends at floor(i T / n): whole nanoseconds, and a remainder. Both are summed, exact in 32 bits.
-    const uint whole_ns = cam.interval_ns / n;
-    const uint rest_ns = cam.interval_ns - whole_ns * n;
+    const SubstepLength each = substep_length(cam, n);
     const float inverse = 1.0 / float(n);
     uint end_ns = 0u;
     uint over = 0u;
@@ -54,7 +52,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     const Geometry geo = geometry_of(cam);
     // Shot noise follows the steady light.
     const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
-    Walk w = begin_walk(cam, pixel, first_q24, frames_q24, whole_ns, p);
+    Walk w = begin_walk(cam, pixel, first_q24, frames_q24, each.whole_ns, p);
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
@@ -62,12 +60,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     do {
         while (i <= n && !needs_draw()) {
             if (!is_suspended()) {
-                end_ns += whole_ns;
-                over += rest_ns;
-                if (over >= n) {
-                    over -= n;
-                    end_ns += 1u;
-                }
+                end_ns = next_end(each, end_ns, over);
                 done += 1.0;
             }
             float level = i == n ? s.log_current : synthesize_substep(cam, geo, s, n, i, done * inverse);

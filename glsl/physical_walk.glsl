@@ -76,7 +76,7 @@ void expose(Camera cam, uint start, uint end, int from_raw, int to_raw, inout Wa
 bool begin_substep(Camera cam, uint n, PixelState p, inout Walk w) {
     const uint start = w.end;
     w.substep += 1u;
-    w.end = next_end(cam, n, start, w.over);
+    w.end = next_end(substep_length(cam, n), start, w.over);
     if (w.end == start) {
         return false;
     }

@@ -11,21 +11,12 @@ int level_of_substep(uint i) {
     return substep_levels_q24[i - 1u];
 }
 
-// The end of the sub-step of `n` after the one that ends at `end_ns`: the i-th ends at floor(i T / n). `over` is what is
-// left of a nanosecond there, in units of 1 / n.
-uint next_end(Camera cam, uint n, uint end_ns, inout uint over) {
-    const uint whole_ns = cam.interval_ns / n;
-    over += cam.interval_ns - whole_ns * n;
-    const bool carries = over >= n;
-    over -= carries ? n : 0u;
-    return end_ns + whole_ns + (carries ? 1u : 0u);
-}
-
 // Synthesises the levels at the ends of all `n` sub-steps.
 void synthesize_all(Camera cam, Source s, uint n) {
     const uint pixel = s.at.y * cam.width + s.at.x;
     const float inverse = 1.0 / float(n);
     const Geometry geo = geometry_of(cam);
+    const SubstepLength each = substep_length(cam, n);
     uint end_ns = 0u;
     uint over = 0u;
     uint i = 0u;
@@ -33,7 +24,7 @@ void synthesize_all(Camera cam, Source s, uint n) {
         i += 1u;
         float level = i == n ? s.log_current : synthesize_substep(cam, geo, s, n, i, float(i) * inverse);
         if (EFFECT_FLICKER) {
-            end_ns = next_end(cam, n, end_ns, over);
+            end_ns = next_end(each, end_ns, over);
             level = i == n ? lit_at_end(cam, level) : lit(cam, level, lamp_at(cam, end_ns));
         }
         const int level_q24 = to_q24(level);

@@ -14,6 +14,27 @@ uint substep_count(Camera cam, float motion_px, float change_log) {
     return uint(clamp(max(for_motion, ceil(for_change(cam, change_log))), least, float(cam.substeps)));
 }
 
+// The length of each of `count` sub-steps: whole nanoseconds, and what is left, in units of 1 / count.
+struct SubstepLength {
+    uint count;
+    uint whole_ns;
+    uint rest;
+};
+
+SubstepLength substep_length(Camera cam, uint count) {
+    const uint whole_ns = cam.interval_ns / count;
+    return SubstepLength(count, whole_ns, cam.interval_ns - whole_ns * count);
+}
+
+// The end of the sub-step after the one that ends at `end_ns`: the i-th of n ends at floor(i T / n). `over` is what is left of
+// a nanosecond there, in units of 1 / n. Both are sums, exact in 32 bits.
+uint next_end(SubstepLength each, uint end_ns, inout uint over) {
+    over += each.rest;
+    const bool carries = over >= each.count;
+    over -= carries ? each.count : 0u;
+    return end_ns + each.whole_ns + (carries ? 1u : 0u);
+}
+
 // By error: how far a level may be off between two sub-steps that rises by `slope_log` in an interval.
 float allowed_error(Camera cam, float slope_log) {
     const float level_error_log =

@@ -55,8 +55,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         "One thing grows, the rest stays. `cameras` and `pixels`: profile `noisy`, scene `flight`. The others: \
          clean sensor, a log-sinusoid that moves to the right, thresholds and wavelength set so that events or \
          motion alone grow; whole columns of it cross at the same instants, which is the hardest to sort. `dense` \
-         is a clean sensor with ever lower thresholds on `flight` (1280x720; `smaller`: 640x480); packets go to the host, whose bus then bounds \
-         `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
+         is a clean sensor with ever lower thresholds on `flight` (1280x720; `smaller`: 640x480); packets go to the \
+         host, whose bus then bounds `sort`, or stay on the device. `still noise` and `still cameras` (of 64x64) see a still scene, without noise \
          at 0, else with profile `noisy` and this rate of shot noise. `environments` are images of 64x64, profile \
          `noisy`, in each of which a sixteenth moves by 2 px; packets stay on the device. With `rigid` and `linear` a \
          board moves by 1.2 px before a still wall. `moving share, physical` has the preset's physical pixel with its \

@@ -43,7 +43,7 @@ fn run(rendered: &Rendered, sensor: &SensorModel) -> Rig {
 }
 
 /// As [`run`], with kernels of another policy.
-fn run_by(rendered: &Rendered, sensor: &SensorModel, policy: Option<KernelPolicy>) -> Rig {
+pub(super) fn run_by(rendered: &Rendered, sensor: &SensorModel, policy: Option<KernelPolicy>) -> Rig {
     let mut rig = rendered.rig(sensor, RigOptions { policy, ..RigOptions::default() });
     for frame in &rendered.frames {
         rig.upload(0, &frame.bytes()).expect("a frame that fits");
@@ -392,6 +392,13 @@ fn half_pel_frames_of_mosaics_and_of_any_number_of_transfers_are_the_oracles_too
     assert_silent();
 }
 
+/// The lists of blocks in `representatives`, for each key frame. What lies behind their ends means nothing.
+pub(super) fn lists_of(rig: &Rig) -> Vec<Vec<u32>> {
+    let lists = rig.words(0, "representatives").expect("a rig that is well");
+    let to_its_end = |list: &[u32]| list[..=(list[0] & !HAS_SILHOUETTE) as usize].to_vec();
+    lists.chunks(REPRESENTATIVE_WORDS as usize).map(to_its_end).collect()
+}
+
 #[test]
 fn kernels_for_gpus_find_the_same() {
     let rendered = Rendered::of(SceneKind::Poles, SIZE, 3);
@@ -401,12 +408,7 @@ fn kernels_for_gpus_find_the_same() {
     let path_words = 12 * instances * esaac_layout::path_instants(sensor().substeps) as usize;
     let words = |policy| {
         let rig = run_by(&rendered, &sensor(), policy);
-        let lists = rig.words(0, "representatives").expect("a rig that is well");
-        // Both key frames have lists. What lies behind their ends means nothing.
-        let lists = lists.chunks(REPRESENTATIVE_WORDS as usize).map(|list| {
-            let count = (list[0] & !HAS_SILHOUETTE) as usize;
-            list[..=count].to_vec()
-        });
+        let lists = lists_of(&rig);
         let tables = names.map(|name| {
             let mut words = rig.words(0, name).expect("a rig that is well");
             if name == "paths" {
@@ -415,7 +417,7 @@ fn kernels_for_gpus_find_the_same() {
             }
             words
         });
-        (tables, lists.collect::<Vec<_>>())
+        (tables, lists)
     };
     let (own, for_gpus) = (words(None), words(Some(KernelPolicy::gpu())));
     for (name, (own, for_gpus)) in names.iter().zip(own.0.iter().zip(&for_gpus.0)) {

@@ -2,8 +2,8 @@
 
 use super::input::changed;
 use super::levels::{SIZE, check_frames, sensor};
-use esaac_engine::{KernelPolicy, RigOptions};
-use esaac_layout::REPRESENTATIVE_WORDS;
+use super::stages::{lists_of, run_by};
+use esaac_engine::KernelPolicy;
 use esaac_model::substeps::BLOCK_PX;
 use esaac_scene::SceneKind;
 use esaac_tests::device::assert_silent;
@@ -34,8 +34,8 @@ fn still_tiles(before: &KeyFrame, last: &KeyFrame) -> Vec<(usize, usize)> {
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
     let around =
         |first: usize, length: usize, all: usize| first.saturating_sub(2)..(first + length + 2).min(all);
-    let same = |at: usize, bytes: usize| {
-        let of = |image: &[u8]| image[at * bytes..][..bytes].to_vec();
+    let same = |pixel: usize| {
+        let of = |image: &[u8]| image[4 * pixel..][..4].to_vec();
         of(&before.depth) == of(&last.depth) && of(&before.ids) == of(&last.ids) && of(&last.ids) == [0; 4]
     };
     let tiles =
@@ -43,30 +43,21 @@ fn still_tiles(before: &KeyFrame, last: &KeyFrame) -> Vec<(usize, usize)> {
     tiles
         .filter(|&(x, y)| {
             around(y, BLOCK_PX as usize, height)
-                .all(|row| around(x, 32, width).all(|column| same(row * width + column, 4)))
+                .all(|row| around(x, 32, width).all(|column| same(row * width + column)))
         })
         .collect()
 }
 
-/// Surfaces, slopes and lists of the last frame of a run. What lies behind the ends of lists means nothing.
+/// Surfaces, slopes and lists of the last frame of a run.
 fn found(rendered: &Rendered, policy: Option<KernelPolicy>) -> (Vec<u32>, Vec<u32>, Vec<Vec<u32>>) {
-    let mut rig = rendered.rig(&sensor(), RigOptions { policy, ..RigOptions::default() });
-    for frame in &rendered.frames {
-        rig.upload(0, &frame.bytes()).expect("a frame that fits");
-        rig.step(&[frame.t_ns]).expect("a frame in time");
-    }
+    let rig = run_by(rendered, &sensor(), policy);
     // A rig's first frame is in slot 0, so the fourth is in slot 1.
     let last = |name: &str| {
         let words = rig.words(0, name).expect("a rig that is well");
         words[words.len() / 2..].to_vec()
     };
-    let silhouette = 1_u32 << 31;
-    let lists = last("representatives");
-    let lists = lists.chunks(REPRESENTATIVE_WORDS as usize).map(|list| {
-        let count = (list[0] & !silhouette) as usize;
-        list[..=count].to_vec()
-    });
-    let found = (last("surfaces"), last("slopes"), lists.collect());
+    let mut lists = lists_of(&rig);
+    let found = (last("surfaces"), last("slopes"), lists.split_off(lists.len() / 2));
     drop(rig);
     assert_silent();
     found
