@@ -7,7 +7,6 @@ use esaac_ros::{
     BagReader, CameraPlan, EventFormat, Payload, Policy, RigOptions, RigPublisher, Sinks, Split,
 };
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 const TICKS: i64 = 4;
 const INTERVAL_NS: i64 = 33_333_333;
@@ -39,16 +38,6 @@ fn run(mut rig: RigPublisher, cameras: &[CameraPlan]) -> (Vec<Packet>, u32) {
     (sent, summary.copies.wire)
 }
 
-/// Waits until the publisher has found both subscribers of each topic. One that has found the publisher may not have been
-/// found by it, and would miss what is sent.
-fn wait_until_found(rig: &RigPublisher) {
-    let until = Instant::now() + world::PATIENCE;
-    while rig.summary().topics.iter().any(|topic| topic.subscribers < 2) {
-        assert!(Instant::now() < until, "{:?}", rig.summary());
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
 /// Messages of a recording by topic.
 fn recorded(path: &Path) -> Vec<(String, Vec<Vec<u8>>)> {
     let mut bag = BagReader::open(path).expect("it is there");
@@ -75,7 +64,7 @@ fn everyone_reads_the_same(format: EventFormat) {
     let cyclone = world::cyclone_subscriber(domain, &path, &topics);
     fast.wait_until_matched(topics.len());
     cyclone.wait_until_matched(topics.len());
-    wait_until_found(&rig);
+    world::wait_for_subscribers(&rig, &topics, 2);
     let (sent, copies) = run(rig, &cameras);
     assert_eq!(copies, WIRE_COPIES);
 

@@ -50,6 +50,7 @@ fn a_subscriber_that_stalls_holds_back_neither_publisher_nor_others() {
     let stalled = Subscriber::on(domain).start(&topics);
     healthy.wait_until_matched(1);
     stalled.wait_until_matched(1);
+    world::wait_for_subscribers(&rig, &topics, 2);
     packets(&mut rig, &cameras, 0..5);
     signal("-STOP", stalled.id());
     packets(&mut rig, &cameras, 5..65);
@@ -69,7 +70,7 @@ fn a_subscriber_that_comes_late_gets_what_is_latched_and_all_from_then_on() {
     packets(&mut rig, &cameras, 0..10);
     let late = Subscriber::on(domain).start(&topics);
     late.wait_until_matched(3);
-    world::wait_for_subscribers(&rig, &topics);
+    world::wait_for_subscribers(&rig, &topics, 1);
     // The sensor and the frames.
     late.wait_until_taken(2);
     packets(&mut rig, &cameras, 10..20);
@@ -91,6 +92,7 @@ fn a_subscriber_that_dies_is_forgotten() {
     let mut dying = Subscriber::on(domain).start(&topics);
     healthy.wait_until_matched(1);
     dying.wait_until_matched(1);
+    world::wait_for_subscribers(&rig, &topics, 2);
     packets(&mut rig, &cameras, 0..10);
     dying.kill();
     packets(&mut rig, &cameras, 10..40);
@@ -110,6 +112,7 @@ fn a_subscriber_that_dies_holds_up_a_lossless_rig_for_a_while_only() {
         world::topics(&rig).into_iter().filter(|(name, _, _)| name.ends_with("/events")).collect();
     let mut dying = Subscriber::on(domain).start(&topics);
     dying.wait_until_matched(1);
+    world::wait_for_subscribers(&rig, &topics, 1);
     packets(&mut rig, &cameras, 0..5);
     dying.kill();
     let began = Instant::now();
@@ -157,6 +160,7 @@ fn a_receive_buffer_that_is_too_small_loses_packets_which_are_counted() {
     let topics: Topics = topics.into_iter().map(|(name, kind, _)| (name, kind, "best_effort")).collect();
     let small = Subscriber { receive_buffer: 64 << 10, ..Subscriber::on(domain) }.start(&topics);
     small.wait_until_matched(1);
+    world::wait_for_subscribers(&rig, &topics, 1);
     let before = host::datagrams_lost().expect("/proc/net/snmp");
     packets(&mut rig, &cameras, 0..5);
     signal("-STOP", small.id());

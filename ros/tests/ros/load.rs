@@ -88,6 +88,7 @@ fn run(cameras: &[CameraPlan], policy: Policy) -> BTreeMap<String, u64> {
         .collect();
     let subscriber = Subscriber { hashes: false, ..Subscriber::on(domain) }.start(&topics);
     subscriber.wait_until_matched(topics.len());
+    world::wait_for_subscribers(&rig, &topics, 1);
 
     let mut packets: Vec<Packet> =
         (0..).zip(cameras).map(|(seed, plan)| world::packet(plan, 0, INTERVAL_NS, EVENTS, seed)).collect();

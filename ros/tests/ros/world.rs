@@ -28,10 +28,11 @@ pub fn wait_until(mut is_so: impl FnMut() -> bool, state: impl FnOnce() -> Strin
     }
 }
 
-/// Waits until the rig has found a subscriber of each topic.
-pub fn wait_for_subscribers(rig: &RigPublisher, topics: &[(String, String, &str)]) {
+/// Waits until the rig has found so many subscribers of each topic. One that has found the rig may not have been found by it,
+/// and would miss what is sent.
+pub fn wait_for_subscribers(rig: &RigPublisher, topics: &[(String, String, &str)], count: u64) {
     let found = |topic: &esaac_ros::TopicSummary| {
-        topic.subscribers > 0 || topics.iter().all(|(name, _, _)| *name != topic.topic)
+        topic.subscribers >= count || topics.iter().all(|(name, _, _)| *name != topic.topic)
     };
     wait_until(|| rig.summary().topics.iter().all(found), || format!("{:?}", rig.summary()));
 }
