@@ -8,9 +8,9 @@
 //
 // Reads `planes`, `motion`, `blocks`, and for synthesis `rigid` surfaces, poses and what passes blocks; or `planes` and
 // `levels`. Writes events to bins; updates `state` in place, but only if all events of the sub-tile fit. A sub-tile whose
-// events do not fit changes nothing and runs again: after the buffers have grown or, if the queue was too short, in the
-// permutation SECOND_RUN with a longer one, or QUEUE_OVERFLOWED with none. The order within a bin is that of the atomics;
-// `sort` makes the packet independent of it.
+// events do not fit changes nothing and runs again: after the buffers have grown or, if the queue was too short, in a
+// permutation WALKS_AGAIN: of the sub-tiles that the first run has listed (SECOND_RUN), or of all that are not done. The
+// order within a bin is that of the atomics; `sort` makes the packet independent of it.
 //
 // The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), LAYERED (whether
 // it is that of tiles where motions meet), READS_LEVELS (defined for kernels that do), PHYSICAL (defined for the kernel of
@@ -64,7 +64,11 @@ const bool FOLLOWS_MOTION = SYNTHESIS_FOLLOWS_MOTION(SYNTHESIS);
 #endif
 
 void emit(uint at_ns, bool on, uint ordinal);
+void emit_refused();
 bool walks_on(uint ordinal);
+
+// How often the sub-tile was walked before the walk under way.
+uint earlier_walks;
 
 #if defined(PHYSICAL) || defined(LEVELS_FIRST)
 #include "substep_levels.glsl"
@@ -84,7 +88,14 @@ void begin_events();
 void end_events(uint count);
 uint queued_time_ns(uint position, uint tag);
 
-// Notes that the workgroup's sub-tile has more events than the queue holds.
+// Whether this thread's pixel has sent all its events, after a walk.
+bool has_sent_all();
+
+// After a walk of a sub-tile with `found` events, its queue scattered: how many it has sent. What comes before the next walk.
+uint events_sent(uint found);
+void begin_next_walk();
+
+// Leaves the workgroup's sub-tile, which has more events than the queue holds.
 void leave_crowded(Camera cam, uint counter);
 
 // Whether a pixel has had a valid colour, and is armed since an earlier interval.
@@ -132,7 +143,7 @@ uint block_rows = 0u;
 #endif
 
 void begin_tile() {
-    queue_count = 0u;
+    begin_queue();
     if (PIXELS_REST) {
         begin_awake();
     }
@@ -182,10 +193,39 @@ bool skip_sub_tiles(Camera cam, TileBlocks tile, uint first_sub_tile, uint own_r
     return skips;
 }
 
+// Makes room for the sub-tile's events. Returns whether there is.
+bool make_room(Camera cam, uint counter, uint found) {
+    if (gl_LocalInvocationID.x == 0u) {
+        queue_base = found == 0u ? 0u : reserve_events(counter, found);
+        if (WALKS_AGAIN && !SECOND_RUN && found > QUEUE_EVENTS) {
+            atomicAdd(counters[counter].crowded_sub_tiles, 1u);
+        }
+    }
+    barrier();
+    const bool fits = found == 0u || (queue_base <= cam.event_capacity && found <= cam.event_capacity - queue_base);
+    if (!fits && gl_LocalInvocationID.x == 0u) {
+        atomicMin(counters[counter].emitted_fit, queue_base);
+    }
+    return fits;
+}
+
+// Scatters the events in the queue.
+void scatter_queue(Camera cam) {
+    const uint waiting = min(queue_count, QUEUE_EVENTS);
+    uint e = gl_LocalInvocationID.x;
+    if (e < waiting) {
+        do {
+            const uint low = uint(queue_tags[e]);
+            const uint tag = LONG_TAGS ? low | (uint(queue_tags_high[e]) << 16) : low;
+            stamp_and_scatter(cam, queued_time_ns(e, tag), tag);
+            e += gl_WorkGroupSize.x;
+        } while (e < waiting);
+    }
+}
+
 // Walks the sub-tile at `corner`, which has these rows of the tile and whose pixels have `n` sub-steps, and scatters its
-// events. `before` and `s` are those
-// of this thread's pixel, which takes part if it is `inside`. If `counts`, this sub-tile adds its blocks' sub-steps to
-// the counters.
+// events. `before` and `s` are those of this thread's pixel, which takes part if it is `inside`. If `counts`, this
+// sub-tile adds its blocks' sub-steps to the counters.
 void cross_sub_tile(
     Camera cam, uint rows, uint first_block, uint n, bool inside, bool counts, PixelState before, Source s
 ) {
@@ -209,53 +249,51 @@ void cross_sub_tile(
 
     PixelState p = before;
     float exposed = 0.0;
-    scattering = false;
-    begin_count();
-    begin_events();
-    if (inside) {
-        exposed = cross_interval(cam, s, active_pixel, n, p);
-        end_events(p.events - before.events);
-    }
-    barrier();
-    const uint found = queue_count;
-    if (!QUEUE_OVERFLOWED && found > QUEUE_EVENTS) {
-        if (lane == 0u) {
-            leave_crowded(cam, counter);
+    uint found = 0u;
+    uint sent = 0u;
+    bool walks = inside;
+    bool is_last;
+    earlier_walks = 0u;
+    queued = 0u;
+    begin_interval();
+    do {
+        begin_events();
+        if (walks) {
+            if (!is_midway()) {
+                p = before;
+            }
+            exposed = cross_interval(cam, s, active_pixel, n, p);
+            const uint count = p.events - before.events;
+            end_events(count);
+            if (WALKS_AGAIN && earlier_walks == 0u) {
+                atomicAdd(queue_found, count);
+            }
+            walks = !has_sent_all();
         }
-        return;
-    }
-    barrier();
-    if (lane == 0u) {
-        queue_base = found == 0u ? 0u : reserve_events(counter, found);
-        queue_count = 0u;
-    }
-    barrier();
-    if (found != 0u && (queue_base > cam.event_capacity || found > cam.event_capacity - queue_base)) {
-        if (lane == 0u) {
-            atomicMin(counters[counter].emitted_fit, queue_base);
+        barrier();
+        if (earlier_walks == 0u) {
+            found = WALKS_AGAIN ? queue_found : queue_count;
+            if (!WALKS_AGAIN && found > QUEUE_EVENTS) {
+                if (lane == 0u) {
+                    leave_crowded(cam, counter);
+                }
+                return;
+            }
+            if (!make_room(cam, counter, found)) {
+                return;
+            }
         }
-        return;
-    }
-    if (QUEUE_OVERFLOWED) {
-        scattering = true;
-        if (inside) {
-            begin_count();
-            p = before;
-            cross_interval(cam, s, active_pixel, n, p);
+        scatter_queue(cam);
+        sent += events_sent(found);
+        is_last = !WALKS_AGAIN || sent == found;
+        if (!is_last) {
+            begin_next_walk();
         }
-    } else {
-        uint e = lane;
-        if (e < found) {
-            do {
-                const uint tag = uint(queue_tags[e]);
-                stamp_and_scatter(cam, queued_time_ns(e, tag), tag);
-                e += gl_WorkGroupSize.x;
-            } while (e < found);
-        }
-        if (EFFECT_DELAY) {
-            // Until here, `stamp_and_scatter` reads the event counts of other threads' pixels.
-            barrier();
-        }
+        earlier_walks += 1u;
+    } while (!is_last);
+    if (EFFECT_DELAY) {
+        // Until here, `stamp_and_scatter` reads the event counts of other threads' pixels.
+        barrier();
     }
     if (inside) {
         if (PIXELS_REST) {

@@ -2,7 +2,7 @@
 // sub-tiles of a tile, each a row, one after the other. Events lie in slots of their pixel.
 //
 // The driver silently ends all loops of a thread after 65535 rounds in all. Pixels may have thousands of events in a
-// tile whose queue overflowed; so its rerun (QUEUE_OVERFLOWED) has more threads, one workgroup per sub-tile.
+// tile whose queue overflowed; so its rerun (WALKS_AGAIN) has more threads, one workgroup per sub-tile.
 #include "common.glsl"
 #include "cross_constants.glsl"
 #include "cross_cpu_constants.glsl"
@@ -56,7 +56,7 @@ bool is_armed(PixelState before) {
 }
 
 // Sub-tiles that a workgroup takes.
-const uint OWN_SUB_TILES = WHOLE_TILES && !QUEUE_OVERFLOWED ? SUB_TILES : 1u;
+const uint OWN_SUB_TILES = WHOLE_TILES && !WALKS_AGAIN ? SUB_TILES : 1u;
 
 uint place_of(uint thread) {
     return thread;
@@ -207,7 +207,7 @@ void main() {
     uint done = 0u;
 #ifdef PHYSICAL
     uint left = 0xffffffffu;
-    if (PASSES_STILL && !QUEUE_OVERFLOWED) {
+    if (PASSES_STILL && !WALKS_AGAIN) {
         left = pass_sub_tiles(cam, tile, first_sub_tile, first, n);
         if (left == 0u) {
             return;
@@ -224,7 +224,7 @@ void main() {
             corner.y = first_y + done * SUB_TILE_ROWS;
             barrier();
             if (gl_LocalInvocationID.x == 0u) {
-                queue_count = 0u;
+                begin_queue();
             }
             barrier();
         }
@@ -242,7 +242,7 @@ void main() {
                 read_pixel(cam, at, before, s);
             }
             // A rerun's sub-tiles are larger than those of the first run, so some of their rows may be done.
-            const bool row_done = QUEUE_OVERFLOWED && ((tile.rows_done >> (at.y % BLOCK_PX)) & 1u) != 0u;
+            const bool row_done = WALKS_AGAIN && ((tile.rows_done >> (at.y % BLOCK_PX)) & 1u) != 0u;
             cross_sub_tile(cam, rows, tile.first_block, n, in_image && !row_done, counts, before, s);
         }
         done += 1u;

@@ -1,7 +1,8 @@
 // cross, for GPUs: see cross.glsl. The kernels of `synthesize` make the levels of synthesis `rigid` and of tiles where
 // motions meet; READS_LEVELS is defined for the kernels that read them. One workgroup per sub-tile of half a tile: a small
 // workgroup ends as soon as its own pixels are done, and makes place for the next. Events go into a queue as they are found.
-// Sub-tiles with more events than it holds are listed behind the bins, for the permutation SECOND_RUN.
+// Sub-tiles with more events than it holds are listed behind the bins, for the permutation SECOND_RUN; where a rig has
+// many events, they are walked again at once.
 #include "common.glsl"
 #include "cross_constants.glsl"
 #include "random.glsl"
@@ -92,13 +93,11 @@ uint own_place(uint index) {
 }
 
 void leave_crowded(Camera cam, uint counter) {
-    if (!SECOND_RUN) {
-        atomicAdd(counters[counter].queue_overflows, 1u);
+    atomicAdd(counters[counter].queue_overflows, 1u);
 #ifndef READS_LEVELS
-        const uint entry = atomicAdd(counters[counter].crowded_sub_tiles, 1u);
-        bins[crowded_of(cam) + entry] = gl_WorkGroupID.x;
+    const uint entry = atomicAdd(counters[counter].crowded_sub_tiles, 1u);
+    bins[crowded_of(cam) + entry] = gl_WorkGroupID.x;
 #endif
-    }
 }
 
 void main() {

@@ -1,19 +1,26 @@
 // The queue of a sub-tile's events, and the scatter from it into bins. Needs bins.glsl and scatter.glsl.
 //
 // Events wait in shared memory, so that all threads stamp and scatter them together. Shared memory limits occupancy, so
-// the queue is only as long as earlier intervals needed it. A sub-tile with more events runs again as
-// QUEUE_OVERFLOWED. That permutation walks twice: first to count the events, then to scatter them one by one.
+// the queue is only as long as earlier intervals needed it. A sub-tile with more events is left to a permutation
+// WALKS_AGAIN. That one walks it as often as it takes: each walk sends events that those before have not sent.
 
 const uint QUEUE_EVENTS = QUEUE_PER_PX * CROSS_THREADS;
+
+// Where a sub-tile may be walked again, a pixel may have more events than a tag of 16 bits can number. Numbers matter for
+// delays only.
+const bool LONG_TAGS = WALKS_AGAIN && EFFECT_DELAY;
 
 // Time offset from the interval's start, and packed tag (see `event_tag`).
 shared uint queue_times_ns[QUEUE_EVENTS];
 shared uint16_t queue_tags[QUEUE_EVENTS];
+shared uint16_t queue_tags_high[LONG_TAGS ? QUEUE_EVENTS : 1];
+// Events that asked for a place; all events of the sub-tile, where it may be walked again.
 shared uint queue_count;
+shared uint queue_found;
 shared uint queue_base;
 
-// Whether the second walk of a QUEUE_OVERFLOWED sub-tile is under way.
-bool scattering;
+// Events of this thread's pixel that were sent or wait in the queue: the first ones.
+uint queued;
 
 // Thread of the pixel, polarity << 7, ordinal in the interval << 8.
 uint event_tag(bool on, uint ordinal) {
@@ -45,10 +52,7 @@ void stamp_and_scatter(Camera cam, uint at_ns, uint tag) {
     scatter(cam, bin, event);
 }
 
-// Counts an event of a QUEUE_OVERFLOWED sub-tile; in the second walk, scatters it too.
-void count_or_scatter(uint at_ns, uint tag) {
-    atomicAdd(queue_count, 1u);
-    if (scattering) {
-        stamp_and_scatter(cameras[push.first_camera + gl_WorkGroupID.y], at_ns, tag);
-    }
+void begin_queue() {
+    queue_count = 0u;
+    queue_found = 0u;
 }

@@ -1,5 +1,7 @@
 // Events in slots of their pixel, for the software driver. There each instruction costs every pixel, whether it has an
 // event or not. So an event only puts its time in a slot, and the queue's tags are written when the walk is over.
+// Where a sub-tile may be walked again, the queue stays empty: the first walk counts the events, a second one scatters them
+// one by one.
 
 // Slots per pixel. A pixel with more events overflows the queue, and its walk need not go on.
 const uint PIXEL_SLOTS = QUEUE_EVENTS / gl_WorkGroupSize.x;
@@ -7,7 +9,7 @@ const uint PIXEL_SLOTS = QUEUE_EVENTS / gl_WorkGroupSize.x;
 uint on_events;
 
 bool walks_on(uint ordinal) {
-    return QUEUE_OVERFLOWED || ordinal <= PIXEL_SLOTS;
+    return WALKS_AGAIN || ordinal <= PIXEL_SLOTS;
 }
 
 // Slot of a pixel of the sub-tile.
@@ -16,8 +18,10 @@ uint slot_of(uint in_sub_tile, uint ordinal) {
 }
 
 void emit(uint at_ns, bool on, uint ordinal) {
-    if (QUEUE_OVERFLOWED) {
-        count_or_scatter(at_ns, event_tag(on, ordinal));
+    if (WALKS_AGAIN) {
+        if (earlier_walks != 0u) {
+            stamp_and_scatter(cameras[push.first_camera + gl_WorkGroupID.y], at_ns, event_tag(on, ordinal));
+        }
         return;
     }
     queue_times_ns[slot_of(gl_LocalInvocationID.x, ordinal)] = at_ns;
@@ -30,7 +34,7 @@ void begin_events() {
 
 // Appends the `count` events in the pixel's slots to the queue.
 void end_events(uint count) {
-    if (QUEUE_OVERFLOWED) {
+    if (WALKS_AGAIN) {
         return;
     }
     const uint position = atomicAdd(queue_count, count > PIXEL_SLOTS ? QUEUE_EVENTS + 1u : count);
@@ -44,6 +48,16 @@ void end_events(uint count) {
         ordinal += 1u;
     } while (ordinal < last);
 }
+
+bool has_sent_all() {
+    return earlier_walks != 0u;
+}
+
+uint events_sent(uint found) {
+    return WALKS_AGAIN && earlier_walks == 0u ? 0u : found;
+}
+
+void begin_next_walk() {}
 
 uint queued_time_ns(uint position, uint tag) {
     return queue_times_ns[slot_of(tag & 127u, tag >> 8)];

@@ -1,54 +1,93 @@
 // A log pixel's interval in two loops: the levels at the ends of all sub-steps first, then the walk over them. Included by
 // cross.glsl for rigs with many events; needs substep_levels.glsl.
 
+// Where a walk is, between two events: in which sub-step, where that ends, whether it goes on in it, from when on, and to
+// which level.
+struct Place {
+    uint substep;
+    uint end;
+    uint over;
+    bool goes_on;
+    uint now;
+    int to_level;
+};
+
+// A walk that the queue has stopped, to be gone on with.
+Walk stopped_walk;
+Place stopped_at;
+bool is_stopped;
+
+void begin_interval() {
+    is_stopped = false;
+}
+
+bool is_midway() {
+    return is_stopped;
+}
+
 // Walks the pixel over its `n` sub-steps. A sub-step in which nothing happens costs little, so the pixels of a subgroup
 // meet at their next events.
-void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w) {
+void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w, inout Place at) {
     const SubstepLength each = substep_length(cam, n);
-    uint i = 0u;
-    uint end = 0u;
-    uint over = 0u;
-    uint now = 0u;
-    int to_level = w.from_level;
-    bool goes_on = false;
     bool happens;
     do {
         do {
-            if (!goes_on) {
-                i += 1u;
-                end = next_end(each, end, over);
-                now = w.start;
+            if (!at.goes_on) {
+                at.substep += 1u;
+                at.end = next_end(each, at.end, at.over);
+                at.now = w.start;
                 // A sub-step shorter than a nanosecond joins the next one.
-                to_level = end == w.start ? w.from_level : begin_substep(cam, end, level_of_substep(i), p, w);
+                at.to_level =
+                    at.end == w.start ? w.from_level : begin_substep(cam, at.end, level_of_substep(at.substep), p, w);
             }
-            happens = end != w.start && comes_next(end, to_level, p, now, w);
-            goes_on = happens;
+            happens = at.end != w.start && comes_next(at.end, at.to_level, p, at.now, w);
+            at.goes_on = happens;
             if (!happens) {
-                w.from_level = to_level;
-                w.start = end;
+                w.from_level = at.to_level;
+                w.start = at.end;
             }
-        } while (!happens && i < n);
+        } while (!happens && at.substep < n);
         if (happens) {
-            take_next(cam, pixel, end, to_level, p, now, w);
+            take_next(cam, pixel, at.end, at.to_level, p, at.now, w);
         }
-    } while (happens);
+    } while (happens && walks_on(w.ordinal));
 }
 
-// Synthesises and walks a pixel's interval; returns its exposure.
+// Synthesises and walks a pixel's interval, or goes on with the walk; returns its exposure.
 float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout PixelState p) {
     const uint pixel = s.at.y * cam.width + s.at.x;
-    const int first_q24 = to_q24(lit_at_start(cam, s.log_previous));
-    if (!active_pixel) {
-        silence(p, first_q24);
+    Walk w;
+    Place at;
+    if (is_stopped) {
+        w = stopped_walk;
+        at = stopped_at;
+        emit_refused();
+    } else {
+        const int first_q24 = to_q24(lit_at_start(cam, s.log_previous));
+        if (!active_pixel) {
+            silence(p, first_q24);
+        }
+        if (DUMP_SAMPLES) {
+            samples_out[cam.samples_base + pixel] = first_q24;
+        }
+        if (earlier_walks == 0u) {
+            begin_count();
+            synthesize_all(cam, s, n);
+        }
+        // Shot noise follows the steady light.
+        const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
+        w = begin_walk(cam, pixel, first_q24, frames_q24, cam.interval_ns / n, p);
+        at = Place(0u, 0u, 0u, false, 0u, w.from_level);
     }
-    if (DUMP_SAMPLES) {
-        samples_out[cam.samples_base + pixel] = first_q24;
+    if (walks_on(w.ordinal)) {
+        walk(cam, pixel, n, p, w, at);
+        is_stopped = !walks_on(w.ordinal);
     }
-    synthesize_all(cam, s, n);
-    // Shot noise follows the steady light.
-    const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
-    Walk w = begin_walk(cam, pixel, first_q24, frames_q24, cam.interval_ns / n, p);
-    walk(cam, pixel, n, p, w);
-    end_walk(cam, w, p);
+    if (is_stopped) {
+        stopped_walk = w;
+        stopped_at = at;
+    } else {
+        end_walk(cam, w, p);
+    }
     return w.exposed;
 }

@@ -37,6 +37,13 @@ void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState
     w.start = end;
 }
 
+// Every walk begins at the interval's start.
+void begin_interval() {}
+
+bool is_midway() {
+    return false;
+}
+
 // Synthesises and walks a pixel's interval; returns its exposure.
 float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout PixelState p) {
     const uint pixel = s.at.y * cam.width + s.at.x;
@@ -44,6 +51,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (!active_pixel) {
         silence(p, first_q24);
     }
+    begin_count();
     const SubstepLength each = substep_length(cam, n);
     const float inverse = 1.0 / float(n);
     uint end_ns = 0u;

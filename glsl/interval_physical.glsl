@@ -1,10 +1,20 @@
 // A physical pixel's interval: the levels at the ends of all sub-steps first, then the walk over them. Included by
 // cross.glsl; needs substep_levels.glsl.
 
+// Every walk begins at the interval's start.
+void begin_interval() {}
+
+bool is_midway() {
+    return false;
+}
+
 // Synthesises and walks a pixel's interval; returns its exposure.
 float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout PixelState p) {
     const uint pixel = s.at.y * cam.width + s.at.x;
     const int first_q24 = to_q24(lit_at_start(cam, s.log_previous));
+    if (!WALKS_AGAIN || earlier_walks == 0u) {
+        begin_count();
+    }
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
@@ -12,7 +22,9 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
         && pass_interval(cam, pixel, first_q24, p)) {
         return 0.0;
     }
-    synthesize_all(cam, s, n);
+    if (!WALKS_AGAIN || earlier_walks == 0u) {
+        synthesize_all(cam, s, n);
+    }
     if (!active_pixel) {
         silence(p, first_q24);
     }

@@ -2,7 +2,7 @@
 //! the oracle and with the device's own kernels.
 
 use esaac_engine::{KernelPolicy, LevelsFirst, Rig, RigOptions};
-use esaac_layout::{CrossConstants, IngestConstants, QUEUE_PER_PX};
+use esaac_layout::{CROWDED_QUEUE_PER_PX, CrossConstants, IngestConstants, QUEUE_PER_PX};
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy, Synthesis, Taps};
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -147,7 +147,9 @@ fn a_rig_takes_the_kernels_for_many_events_while_it_has_many() {
     let mut taken = Vec::new();
     for (frame, own) in own.iter().enumerate() {
         let got = steps(&mut rig, &sequence, frame..frame + 1).remove(0);
-        taken.push(!compiled(&rig, "cross_dense_gpu").is_empty());
+        // What runs again has a longer queue.
+        let dense = compiled(&rig, "cross_dense_gpu");
+        taken.push(dense.iter().any(|words| words[word("queue_per_px")] == QUEUE_PER_PX));
         assert!(got.packet == own.packet && got.diagnostics == own.diagnostics, "frame {frame}");
     }
     // Two intervals are dense.
@@ -189,7 +191,8 @@ fn larger_groups_of_bins_sort_the_same_packets_on_a_gpu() {
 }
 
 /// Sub-tiles with more events than the queue holds run again, and no others; then the queue grows, if it may, or else ticks
-/// have a second run, after which nothing is left. Buffers grow meanwhile.
+/// have a second run, after which nothing is left. The kernel for many events walks them again at once. Buffers grow
+/// meanwhile.
 #[test]
 fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
     const STEPS: u32 = 6;
@@ -214,27 +217,38 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
             intensity_of(&sensor, log)
         });
         let short = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..POLICY };
-        for (initial_events, policy) in [(1 << 20, POLICY), (1 << 20, short), (64, short)] {
+        let dense = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..DENSE };
+        let [many, few] = [1 << 20, 64];
+        for (initial_events, policy) in
+            [(many, POLICY), (many, short), (few, short), (many, dense), (few, dense)]
+        {
             let options = RigOptions { initial_events, stage_times: true, ..forced(policy) };
             let mut rig = rig(&sensor, &sequence, options);
             let (got, retried) = steps_and_retries(&mut rig, &sequence);
-            // Two ticks are busy.
-            assert_eq!(retried, [false, true, true, false, false, false], "{sensor:?}");
-            // Constants: whether the queue overflowed, its length.
-            let kernels = compiled(&rig, "cross_gpu");
-            let second_runs = kernels.iter().filter(|words| words[word("second_run")] == 1).count();
-            assert_eq!(second_runs, usize::from(policy == short));
-            assert_eq!(
-                kernels.iter().filter(|words| words[word("queue_overflowed")] == 1).count(),
-                1,
-                "no queue overflowed"
-            );
-            let lengths: Vec<u32> = kernels
-                .iter()
-                .filter(|words| words[word("queue_overflowed")] == 0 && words[word("second_run")] == 0)
-                .map(|words| words[word("queue_per_px")])
-                .collect();
-            assert_eq!(lengths, if policy == short { vec![8] } else { vec![8, 16] });
+            let [first, second] = match policy == dense {
+                // Without room for its events.
+                true => [initial_events == few, false],
+                // Two ticks are busy.
+                false => [true; 2],
+            };
+            assert_eq!(retried, [false, first, second, false, false, false], "{sensor:?} {initial_events}");
+            // Constants: whether it walks again, the sub-tiles in the list, with a queue of which length.
+            let kernels_of = |name| {
+                let words = compiled(&rig, name);
+                let constants = ["walks_again", "second_run", "queue_per_px"];
+                let mut found: Vec<[u32; 3]> =
+                    words.iter().map(|words| constants.map(|field| words[word(field)])).collect();
+                found.sort_unstable();
+                found
+            };
+            let kernels = [kernels_of("cross_gpu"), kernels_of("cross_dense_gpu")];
+            let (length, crowded) = (QUEUE_PER_PX, CROWDED_QUEUE_PER_PX);
+            let expected = match (policy == dense, policy == short) {
+                (true, _) => [vec![], vec![[1, 0, crowded]]],
+                (_, true) => [vec![[0, 0, length]], vec![[1, 0, crowded], [1, 1, crowded]]],
+                (_, false) => [vec![[0, 0, length], [0, 0, 2 * length]], vec![[1, 0, crowded]]],
+            };
+            assert_eq!(kernels, expected);
             drop(rig);
             assert_silent();
             check_against_oracle(&sensor, &sequence, &got);
@@ -288,27 +302,25 @@ fn cameras_of_different_kernels_step_together_on_a_gpu() {
     }
 }
 
-/// A tag has bits for 256 events of a pixel. A pixel with more events overflows the queue, even if the queue has room; that
-/// of the second run, too, which then goes without one.
+/// A tag has bits for 256 events of a pixel. A pixel with more events overflows the queue, even if the queue has room. Where
+/// it is walked again, tags are long, if delays need the numbers.
 #[test]
 fn an_event_number_that_a_tag_has_no_bits_for_overflows_the_queue() {
-    let sensor =
+    let calm =
         SensorModel { synthesis: Synthesis::Linear, contrast_on: 0.02, contrast_off: 0.02, ..sensor() };
-    let sequence = gray(&sensor, &times(0, 6), |frame, pixel| {
-        intensity_of(&sensor, if frame % 2 == 1 && pixel == 100 { 3.01 } else { -3.0 })
+    let late = SensorModel { latency_ns: 200_000, latency_jitter_ns: 50_000, ..calm.clone() };
+    let sequence = gray(&calm, &times(0, 6), |frame, pixel| {
+        intensity_of(&calm, if frame % 2 == 1 && pixel == 100 { 3.01 } else { -3.0 })
     });
-    let policy = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..POLICY };
-    let mut rig = rig(&sensor, &sequence, RigOptions { stage_times: true, ..forced(policy) });
-    let (got, retried) = steps_and_retries(&mut rig, &sequence);
-    assert_eq!(retried, [false, true, true, true, false, false]);
-    let kernels = compiled(&rig, "cross_gpu");
-    for constants in [[0, 0], [1, 0], [0, 1], [1, 1]] {
-        let found =
-            |words: &&Vec<u32>| [words[word("queue_overflowed")], words[word("second_run")]] == constants;
-        assert_eq!(kernels.iter().filter(found).count(), 1, "{constants:?}");
+    let runs = [(POLICY, [false, true, true, false, false, false]), (DENSE, [false; 6])];
+    for (sensor, (policy, retried)) in [&calm, &late].into_iter().flat_map(|s| runs.map(|run| (s, run))) {
+        let policy = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..policy };
+        let mut rig = rig(sensor, &sequence, RigOptions { stage_times: true, ..forced(policy) });
+        let (got, again) = steps_and_retries(&mut rig, &sequence);
+        assert_eq!(again, retried);
+        drop(rig);
+        assert_silent();
+        assert!(got[1].packet.len() > 256 && got[1].packet.len() < 1024, "{} events", got[1].packet.len());
+        check_against_oracle(sensor, &sequence, &got);
     }
-    drop(rig);
-    assert_silent();
-    assert!(got[1].packet.len() > 256 && got[1].packet.len() < 1024, "{} events", got[1].packet.len());
-    check_against_oracle(&sensor, &sequence, &got);
 }

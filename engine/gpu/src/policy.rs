@@ -205,14 +205,14 @@ impl KernelPolicy {
         if self.whole_tiles { TILE_WIDTH_PX } else { INGEST_THREADS }
     }
 
-    /// Threads of a workgroup of `cross_cpu`.
-    pub(crate) fn cross_threads(&self, queue_overflowed: bool) -> u32 {
-        if self.whole_tiles && !queue_overflowed { TILE_WIDTH_PX } else { CROSS_THREADS }
+    /// Threads of a workgroup of `cross_cpu`; `again`: of one that runs again.
+    pub(crate) fn cross_threads(&self, again: bool) -> u32 {
+        if self.whole_tiles && !again { TILE_WIDTH_PX } else { CROSS_THREADS }
     }
 
-    /// Workgroups of `cross` per tile.
-    pub(crate) fn cross_groups(&self, queue_overflowed: bool) -> u32 {
-        let all_sub_tiles = self.whole_tiles && !queue_overflowed;
+    /// Workgroups of `cross` per tile; `again`: where it runs again.
+    pub(crate) fn cross_groups(&self, again: bool) -> u32 {
+        let all_sub_tiles = self.whole_tiles && !again;
         if all_sub_tiles { 1 } else { TILE_WIDTH_PX * BLOCK_PX / CROSS_THREADS }
     }
 }
@@ -227,10 +227,10 @@ mod tests {
     #[test]
     fn workgroups_of_cross_cover_a_tile() {
         for policy in [KernelPolicy::gpu(), KernelPolicy::software_driver()] {
-            for queue_overflowed in [false, true] {
-                let pixels = policy.cross_groups(queue_overflowed) * policy.cross_threads(queue_overflowed);
+            for again in [false, true] {
+                let pixels = policy.cross_groups(again) * policy.cross_threads(again);
                 // A workgroup that takes all sub-tiles walks them row by row.
-                let rows = if policy.whole_tiles && !queue_overflowed { BLOCK_PX } else { 1 };
+                let rows = if policy.whole_tiles && !again { BLOCK_PX } else { 1 };
                 assert_eq!(pixels * rows, TILE_WIDTH_PX * BLOCK_PX, "{policy:?}");
             }
         }

@@ -216,8 +216,9 @@ spec_constants! {
     taps: Taps,
     /// Whether sub-steps are also written to `samples`, for tests.
     dump_samples: bool,
-    /// Whether events are counted in one walk and scattered in a second, for sub-tiles with more than a queue holds.
-    queue_overflowed: bool,
+    /// Whether sub-tiles with more events than the queue holds are walked a second time, which scatters what it does not
+    /// hold; else they are left.
+    walks_again: bool,
     /// Events that the queue has room for, for each pixel of a sub-tile.
     queue_per_px: u32,
     /// Whether the sub-tiles are walked that the first run has listed.

@@ -22,9 +22,9 @@ pub const CROSS_THREADS: u32 = TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * 4
 /// Room in the shortest event queue of `cross`, in events for each pixel of a sub-tile.
 pub const QUEUE_PER_PX: u32 = 8;
 
-/// Room in the event queue of the second run of `cross`, in events for each pixel of a sub-tile. There are few such
-/// sub-tiles, so it may take the shared memory that every device has for `sort`.
-pub const CROWDED_QUEUE_PER_PX: u32 = 4 * QUEUE_PER_PX;
+/// Room in the event queue of `cross` where it walks crowded sub-tiles that an earlier run has left, in events for each pixel
+/// of a sub-tile. There are few of them, so it may take most of the shared memory that every device has.
+pub const CROWDED_QUEUE_PER_PX: u32 = 3 * QUEUE_PER_PX;
 
 /// Threads of a workgroup of `ingest` and `detail_transfer` on a GPU: one for each pixel of a tile.
 pub const INGEST_THREADS: u32 =

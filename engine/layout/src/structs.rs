@@ -393,10 +393,11 @@ gpu_struct! {
         substeps: u32,
         /// Blocks in and around which nothing moves or changes, of those whose pixels may rest.
         still_blocks: u32,
-        /// Sub-tiles with more events than the event queue holds, but for those that a second run in the same submission
-        /// has done; `cross` runs them again without a queue.
+        /// Sub-tiles that are left, with more events than the event queue holds; but for those that a second run in the same
+        /// submission has done.
         queue_overflows: u32,
-        /// Sub-tiles in the list that the first run of `cross` leaves to the second.
+        /// Sub-tiles with more events than the event queue holds that are in the list for the second run, or were walked
+        /// again at once.
         crowded_sub_tiles: u32,
         /// Sub-tiles for whose levels there was no room; they run again.
         without_levels: u32,

@@ -115,7 +115,7 @@ impl SensorKernels {
         bindings: &Arc<BindingSet>,
         policy: KernelPolicy,
         permutation: &Permutation,
-        queue_overflowed: bool,
+        again: bool,
     ) -> Result<(), EngineError> {
         let needed = [
             Some(permutation.ingest(policy)),
@@ -123,7 +123,7 @@ impl SensorKernels {
             permutation.detail_transfer(1),
         ];
         let needed = needed.into_iter().flatten().chain(permutation.synthesize(policy).into_iter().flatten());
-        for specialised in needed.chain(permutation.cross(policy, queue_overflowed)) {
+        for specialised in needed.chain(permutation.cross(policy, again)) {
             self.need_one(code, bindings, specialised)?;
         }
         Ok(())
@@ -161,13 +161,9 @@ impl Rig {
     }
 
     /// Compiles the kernels of the second run of `cross` that are missing.
-    pub(super) fn need_second_run(
-        &mut self,
-        permutations: &[Permutation],
-        without_queue: bool,
-    ) -> Result<(), EngineError> {
+    pub(super) fn need_second_run(&mut self, permutations: &[Permutation]) -> Result<(), EngineError> {
         let Pipelines { bindings, code, specialised, policy, .. } = &mut self.pipelines;
-        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy, without_queue)) {
+        for second_run in permutations.iter().filter_map(|p| p.second_run(*policy)) {
             specialised.need_one(code, bindings, second_run)?;
         }
         Ok(())

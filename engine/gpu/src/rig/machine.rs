@@ -111,12 +111,11 @@ pub(super) struct TickEnd {
     pub outlets: Vec<Option<Counters>>,
     /// How often each camera's event buffers grew.
     pub regrown: Vec<u64>,
-    /// Sub-tiles of all cameras with more events than their queue holds.
+    /// Sub-tiles of all cameras with more events than their queue holds, in the first submission. What runs again has
+    /// another queue.
     pub queue_overflows: u64,
     /// Those that a second run in the same submission may take, of the camera that has most.
     pub most_crowded: u32,
-    /// Whether such a run has left any that it looked at, though the buffers had room.
-    pub leaves_crowded: bool,
 }
 
 /// How a tick fails.
@@ -132,6 +131,8 @@ pub(super) enum TickError {
 struct Progress {
     /// Cameras whose events do not all fit yet.
     pending: Vec<bool>,
+    /// Submissions that run again.
+    retries: u32,
     end: TickEnd,
 }
 
@@ -140,12 +141,12 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
     let mut retry = Retry { resumed: Vec::new(), wanted_events: vec![0; progress.pending.len()] };
     for (camera, pending) in progress.pending.iter_mut().enumerate().filter(|(_, pending)| **pending) {
         let counted = counters(camera);
-        // A second run has taken some of those in the list.
-        let overflows = counted.queue_overflows.max(counted.crowded_sub_tiles);
-        progress.end.queue_overflows += u64::from(overflows);
-        progress.end.most_crowded = progress.end.most_crowded.max(counted.crowded_sub_tiles);
-        progress.end.leaves_crowded |=
-            counted.crowded_sub_tiles > 0 && counted.queue_overflows > 0 && counted.emitted_fit == u32::MAX;
+        if progress.retries == 0 {
+            // A second run has taken some of those in the list.
+            let overflows = counted.queue_overflows.max(counted.crowded_sub_tiles);
+            progress.end.queue_overflows += u64::from(overflows);
+            progress.end.most_crowded = progress.end.most_crowded.max(counted.crowded_sub_tiles);
+        }
         let fitted = counted.emitted_fit == u32::MAX;
         if fitted && counted.queue_overflows == 0 && counted.without_levels == 0 {
             progress.end.counters[camera] = Some(counted);
@@ -201,11 +202,10 @@ pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<Ti
         regrown: vec![0; cameras],
         queue_overflows: 0,
         most_crowded: 0,
-        leaves_crowded: false,
     };
-    let mut progress = Progress { pending: in_tick, end };
+    let mut progress = Progress { pending: in_tick, retries: 0, end };
     let mut state = State::Prepared;
-    let (mut retries, mut readouts) = (0, 0);
+    let mut readouts = 0;
     loop {
         state = match state {
             State::Prepared => {
@@ -217,11 +217,11 @@ pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<Ti
                 State::Submitted
             }
             State::Submitted => read_back(&mut progress, |camera| device.counters(camera)),
-            State::Retry(_) if retries == MOST_RETRIES => {
-                return Err(TickError::Lost(EngineError::Endless(retries)));
+            State::Retry(_) if progress.retries == MOST_RETRIES => {
+                return Err(TickError::Lost(EngineError::Endless(progress.retries)));
             }
             State::Retry(retry) => {
-                retries += 1;
+                progress.retries += 1;
                 device.retry(&retry).map_err(TickError::Lost)?;
                 State::Submitted
             }
@@ -358,7 +358,6 @@ mod tests {
                 regrown: vec![0, 0],
                 queue_overflows: 0,
                 most_crowded: 0,
-                leaves_crowded: false
             }
         );
         assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
@@ -375,10 +374,18 @@ mod tests {
     #[test]
     fn what_did_not_fit_goes_on_from_what_did_and_packets_are_merged_once_at_the_end() {
         let heavy = Counters { packet: 900, heavy: 1, ..FITTED };
-        let overflown = Counters { emitted: 500, emitted_fit: 60, substeps: 3, ..ZERO };
         // A second run has done seven of nine.
-        let overflowed =
-            Counters { emitted: 500, queue_overflows: 2, crowded_sub_tiles: 9, without_levels: 3, ..FITTED };
+        let overflown = Counters {
+            emitted: 500,
+            emitted_fit: 60,
+            queue_overflows: 2,
+            crowded_sub_tiles: 9,
+            without_levels: 3,
+            substeps: 3,
+            ..ZERO
+        };
+        // These were walked again at once: they are counted already.
+        let overflowed = Counters { emitted: 500, crowded_sub_tiles: 5, without_levels: 3, ..FITTED };
         let done = Counters { emitted: 620, packet: 620, ..FITTED };
         let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
         let end = run(&mut fake, vec![true, true]).unwrap();
@@ -390,11 +397,10 @@ mod tests {
                 regrown: vec![0, 1],
                 queue_overflows: 9,
                 most_crowded: 9,
-                leaves_crowded: true
             }
         );
-        let from_60 = Counters { emitted: 60, emitted_fit: u32::MAX, ..overflown };
-        let from_500 = Counters { queue_overflows: 0, crowded_sub_tiles: 0, without_levels: 0, ..overflowed };
+        let from_60 = Counters { emitted: 60, substeps: 3, ..FITTED };
+        let from_500 = Counters { emitted: 500, ..FITTED };
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());

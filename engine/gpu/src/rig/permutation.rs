@@ -39,7 +39,7 @@ pub(super) struct Permutation {
 
 /// The permutation that a camera needs; code of effects that are off is left out. `texels`: whether the texel views
 /// cover all of `planes` and `motion`. `queue_per_px`: room in the event queues. `rests`: whether pixels rest that can.
-/// `levels_first`: see [`Permutation`].
+/// `dense_queue_per_px`: that room where levels come first, if the rig has so many events that they do.
 pub(super) fn permutation(
     camera: &CameraState,
     options: RigOptions,
@@ -47,7 +47,7 @@ pub(super) fn permutation(
     texels: bool,
     queue_per_px: u32,
     rests: bool,
-    levels_first: bool,
+    dense_queue_per_px: Option<u32>,
 ) -> Permutation {
     let sensor = &camera.config.sensor;
     // On the software driver, code for first frames and unarmed pixels is compiled in only while a camera needs it: it
@@ -56,6 +56,9 @@ pub(super) fn permutation(
     let geometry = camera.config.geometry.filter(|_| is_rigid(sensor));
     let fisheye = geometry.is_some_and(|geometry| geometry.lens.projection() == Projection::Fisheye);
     let physical = is_physical(sensor);
+    // A mosaic has more sub-steps, whose levels take more memory than is near.
+    let dense_queue_per_px =
+        dense_queue_per_px.filter(|_| !physical && sensor.intensity != Intensity::BayerRggb);
     let (leaks, has_noise) = match sensor.pixel {
         Pixel::Log => (sensor.leak_rate_hz > 0.0, sensor.shot_noise_rate_hz > 0.0),
         Pixel::Physical => {
@@ -93,8 +96,8 @@ pub(super) fn permutation(
             synthesis: sensor.synthesis,
             taps: sensor.taps,
             dump_samples: options.keep_substeps,
-            queue_overflowed: false,
-            queue_per_px,
+            walks_again: false,
+            queue_per_px: dense_queue_per_px.unwrap_or(queue_per_px),
             second_run: false,
             fisheye,
             layers: camera.layers(),
@@ -105,8 +108,7 @@ pub(super) fn permutation(
                 && sensor.aps_exposure_ns == 0
                 && sensor.flicker().is_none(),
         },
-        // A mosaic has more sub-steps, whose levels take more memory than is near.
-        levels_first: levels_first && !physical && sensor.intensity != Intensity::BayerRggb,
+        levels_first: dense_queue_per_px.is_some(),
         // Without half-pel frames there is nothing to transfer.
         transfers: if needs_half_pel(sensor) { sensor.detail_transfers() } else { 0 },
         // Elements beyond the texel views can be read only by address.
@@ -205,28 +207,33 @@ impl Permutation {
     }
 
     /// The kernels of `cross`: that of most tiles, and that of the tiles where motions meet, if these have one of their
-    /// own. `queue_overflowed`: the one that runs again for sub-tiles with more events than the queue
-    /// holds.
-    pub(super) fn cross(&self, policy: KernelPolicy, queue_overflowed: bool) -> Vec<Specialised> {
+    /// own. `again`: the one that runs again, for sub-tiles that are left.
+    pub(super) fn cross(&self, policy: KernelPolicy, again: bool) -> Vec<Specialised> {
         let kinds = if self.cross.layers > 1 { &[false, true][..] } else { &[false] };
-        kinds.iter().map(|&meeting| self.cross_where(policy, queue_overflowed, meeting)).collect()
+        kinds.iter().map(|&meeting| self.cross_where(policy, again, meeting)).collect()
     }
 
     /// The kernel of `cross` for the sub-tiles that the first run lists; `None` if it lists none, or may have
     /// changed which pixels rest.
-    pub(super) fn second_run(&self, policy: KernelPolicy, without_queue: bool) -> Option<Specialised> {
-        let lists = policy.kernels == KernelSet::Gpu && !self.rigid && !self.cross.pixels_rest;
-        let cross = CrossConstants { queue_per_px: CROWDED_QUEUE_PER_PX, second_run: true, ..self.cross };
-        lists.then(|| Permutation { cross, ..*self }.cross_where(policy, without_queue, false))
+    pub(super) fn second_run(&self, policy: KernelPolicy) -> Option<Specialised> {
+        let lists =
+            policy.kernels == KernelSet::Gpu && !self.rigid && !self.levels_first && !self.cross.pixels_rest;
+        let cross = CrossConstants { second_run: true, ..self.cross };
+        lists.then(|| Permutation { cross, ..*self }.cross_where(policy, true, false))
     }
 
-    /// The kernel of `cross` of the tiles where motions meet (`meeting`), or of the others.
-    fn cross_where(&self, policy: KernelPolicy, queue_overflowed: bool, meeting: bool) -> Specialised {
-        // Without a queue, its length must not make another kernel.
-        let queue_per_px = if queue_overflowed { QUEUE_PER_PX } else { self.cross.queue_per_px };
-        let mut constants = CrossConstants { queue_overflowed, queue_per_px, ..self.cross }.words();
+    /// The kernel of `cross` of the tiles where motions meet (`meeting`), or of the others. One that runs again takes
+    /// sub-tiles with any number of events, and so does one of rigs with many events.
+    fn cross_where(&self, policy: KernelPolicy, again: bool, meeting: bool) -> Specialised {
+        let walks_again = again || self.levels_first;
+        let queue_per_px = match policy.kernels {
+            KernelSet::Gpu if again => CROWDED_QUEUE_PER_PX,
+            KernelSet::SoftwareDriver if again => QUEUE_PER_PX,
+            _ => self.cross.queue_per_px,
+        };
+        let mut constants = CrossConstants { walks_again, queue_per_px, ..self.cross }.words();
         let kernel = match policy.kernels {
-            KernelSet::Gpu => match (self.physical, self.levels_first, self.rigid || meeting) {
+            KernelSet::Gpu => match (self.physical, self.levels_first || again, self.rigid || meeting) {
                 (false, false, false) => stages::CROSS_GPU,
                 (false, false, true) => stages::CROSS_LEVELS_GPU,
                 (false, true, false) => stages::CROSS_DENSE_GPU,
@@ -237,7 +244,7 @@ impl Permutation {
             KernelSet::SoftwareDriver => {
                 let own = CrossCpuConstants {
                     by_address: self.by_address,
-                    threads: policy.cross_threads(queue_overflowed),
+                    threads: policy.cross_threads(again),
                     may_be_unarmed: self.may_be_unarmed,
                     whole_tiles: policy.whole_tiles,
                 };

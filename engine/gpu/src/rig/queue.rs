@@ -5,18 +5,18 @@
 //! them, and become short again after a time of few events.
 //!
 //! Where too few sub-tiles overflow to be worth longer queues for all, but some do in tick after tick, the tick has a
-//! second run for these, with a queue that is long enough for most; if it is not, with none. It spares another
-//! submission, in which each sub-tile looks for work and `sort` begins anew. Packets do not depend on any of this.
+//! second run for these, with a queue that is long enough for most. It spares another submission, in which each sub-tile
+//! looks for work and `sort` begins anew. Packets do not depend on any of this.
 
 use super::CameraState;
 use super::machine::TickEnd;
 use esaac_layout::{Counters, QUEUE_PER_PX, SUB_TILES};
 
 /// What a second run costs before its first sub-tile, in walks of a sub-tile.
-const RERUN_WALKS: u64 = 256;
+const RERUN_WALKS: u64 = 280;
 
 /// Walks that each sub-tile of a second run costs.
-const OVERFLOW_WALKS: u64 = 2;
+const OVERFLOW_WALKS: u64 = 1;
 
 /// What a queue of twice the first length costs: a walk for every so many sub-tiles.
 const SUB_TILES_PER_WALK: u64 = 8;
@@ -106,7 +106,6 @@ const LEAST_SECOND_RUN: u32 = 64;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SecondRun {
     groups: u32,
-    without_queue: bool,
     busy_ticks: u32,
     quiet_ticks: u32,
 }
@@ -117,15 +116,9 @@ impl SecondRun {
         self.groups
     }
 
-    /// Whether it counts events and scatters them one by one.
-    pub(super) fn without_queue(self) -> bool {
-        self.without_queue
-    }
-
-    /// Adapts it after a tick in which no camera had more than `most` sub-tiles for it, and it left some though it had room
-    /// for them (`leaves`). `length_changes`: whether queues have another length in the next tick.
-    pub(super) fn follow(&mut self, load: Load, most: u32, leaves: bool, length_changes: bool) {
-        self.without_queue |= leaves && most <= self.groups;
+    /// Adapts it after a tick in which no camera had more than `most` sub-tiles for it. `length_changes`: whether queues
+    /// have another length in the next tick.
+    pub(super) fn follow(&mut self, load: Load, most: u32, length_changes: bool) {
         // Another length may spare it.
         self.busy_ticks = if most > 0 && !length_changes { self.busy_ticks + 1 } else { 0 };
         self.quiet_ticks = if most == 0 { self.quiet_ticks + 1 } else { 0 };
@@ -149,7 +142,7 @@ mod tests {
     fn a_second_run_follows_crowds_that_last_and_ends_with_them() {
         let mut second = SecondRun::default();
         let mut after = |most: u32, changes| {
-            second.follow(load(2, most.into()), most, false, changes);
+            second.follow(load(2, most.into()), most, changes);
             second.groups()
         };
         assert_eq!([after(9, false), after(0, false), after(9, false)], [0; 3], "one tick is no reason");
@@ -164,22 +157,6 @@ mod tests {
             [64, 8192, 0],
             "most sub-tiles"
         );
-    }
-
-    #[test]
-    fn a_second_run_whose_queue_is_too_short_goes_without() {
-        let mut second = SecondRun::default();
-        let mut after = |most: u32, leaves| {
-            second.follow(load(2, most.into()), most, leaves, false);
-            (second.groups(), second.without_queue())
-        };
-        assert_eq!([after(9, true), after(9, true)], [(0, false), (64, false)], "there was none");
-        assert_eq!([after(70, true), after(70, false)], [(256, false); 2], "there was no room");
-        assert_eq!([after(70, true), after(70, false)], [(256, true); 2]);
-        for _ in 0..QUIET_TICKS {
-            after(0, false);
-        }
-        assert_eq!(second, SecondRun { quiet_ticks: 0, ..SecondRun::default() });
     }
 
     /// An image of 1280x720 pixels.

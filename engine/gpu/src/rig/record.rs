@@ -221,10 +221,10 @@ pub(super) fn record_tick(
                 cross(pass, false);
             }
             record_barrier(device, commands);
-            if second_run.groups > 0 && pass + 1 == passes {
+            if second_run > 0 && pass + 1 == passes {
                 for group in groups {
-                    if let Some(kernel) = group.permutation.second_run(policy, second_run.without_queue) {
-                        let extent = [second_run.groups, group.count, 1];
+                    if let Some(kernel) = group.permutation.second_run(policy) {
+                        let extent = [second_run, group.count, 1];
                         dispatch(commands, &specialised[&kernel], group.first, extent);
                     }
                 }

@@ -2,6 +2,7 @@
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
+use super::density::dense_queue_per_px;
 use super::permutation::{Permutation, permutation};
 use super::record::{order, record_tick};
 use super::{Recordings, Rig};
@@ -24,22 +25,14 @@ pub(super) struct Recording {
     retry_for: Option<RecordedFor>,
 }
 
-/// The second run of `cross` in a tick.
-#[derive(Clone, Copy, Default, PartialEq)]
-pub(super) struct Second {
-    /// Workgroups for each camera; 0 if there is no such run.
-    pub groups: u32,
-    pub without_queue: bool,
-}
-
 /// What recorded commands are good for.
 #[derive(PartialEq)]
 pub(super) struct RecordedFor {
     permutations: Vec<Permutation>,
     /// Passes of `synthesize` and `cross`.
     pub passes: u32,
-    /// The second run of `cross`.
-    pub second_run: Second,
+    /// Workgroups of the second run of `cross` for each camera; 0 if there is no such run.
+    pub second_run: u32,
     /// Whether they work out poses.
     pub poses: bool,
     /// Number of addresses that the device had told; 0 where the validation layer does not look at shaders.
@@ -105,10 +98,8 @@ impl Rig {
         let addresses = if self.device.validation() == Validation::On { self.device.addresses() } else { 0 };
         let permutations = self.permutations();
         let policy = self.pipelines.policy;
-        let (groups, without_queue) = (self.second_run.groups(), self.second_run.without_queue());
-        let runs_twice = whole && permutations.iter().any(|p| p.second_run(policy, without_queue).is_some());
-        let second_run =
-            if runs_twice && groups > 0 { Second { groups, without_queue } } else { Second::default() };
+        let runs_twice = whole && permutations.iter().any(|p| p.second_run(policy).is_some());
+        let second_run = if runs_twice { self.second_run.groups() } else { 0 };
         let poses = whole && self.poses_by.device;
         RecordedFor { permutations, passes: self.passes(whole), second_run, poses, addresses }
     }
@@ -116,11 +107,13 @@ impl Rig {
     /// The permutation of each camera.
     pub(super) fn permutations(&self) -> Vec<Permutation> {
         let (policy, texels) = (self.pipelines.policy, self.arena.shows_all_texels());
-        let queue_per_px = self.queue.per_px();
-        let (rests, levels_first) = (self.rest.rests(), self.density.levels_first(policy.levels_first));
+        let (queue_per_px, rests) = (self.queue.per_px(), self.rest.rests());
+        let pixels = self.cameras.iter().map(|c| u64::from(c.place.pixels)).sum();
+        let levels_first = self.density.levels_first(policy.levels_first);
+        let dense_queue_per_px = levels_first.then(|| dense_queue_per_px(pixels));
         self.cameras
             .iter()
-            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests, levels_first))
+            .map(|c| permutation(c, self.options, policy, texels, queue_per_px, rests, dense_queue_per_px))
             .collect()
     }
 
@@ -132,8 +125,8 @@ impl Rig {
         }
         let permutations = &needed.permutations;
         self.need_kernels(permutations, whole, needed.poses)?;
-        if needed.second_run.groups > 0 {
-            self.need_second_run(permutations, needed.second_run.without_queue)?;
+        if needed.second_run > 0 {
+            self.need_second_run(permutations)?;
         }
         // If recording fails, the commands must not be taken for recorded.
         *self.recorded_for(whole) = None;

@@ -142,7 +142,7 @@ impl Rig {
         let load = Load::of(&self.cameras, &end);
         self.queue.follow(load, most_per_px);
         let length_changes = self.queue.per_px() != length;
-        self.second_run.follow(load, end.most_crowded, end.leaves_crowded, length_changes);
+        self.second_run.follow(load, end.most_crowded, length_changes);
         self.density.follow(load.events, load.pixels);
         let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
         let rows = self.arena.buffer(layout::LEVELS).bytes() / words;

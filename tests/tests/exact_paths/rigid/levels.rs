@@ -209,6 +209,22 @@ fn the_gpus_kernels_are_the_oracles_too() {
     check(&sensor(), &[SceneKind::Foliage], Some(dense));
 }
 
+/// In every interval, the sub-tiles of a rig with many events have several times more than a queue holds.
+#[test]
+fn crowded_sub_tiles_send_on_a_gpu_what_the_devices_own_kernels_send() {
+    let sensor = SensorModel { contrast_on: 0.01, contrast_off: 0.01, ..sensor() };
+    let rendered = Rendered::of(SceneKind::Foliage, SIZE, 3);
+    let of = |policy| run(&sensor, &rendered, RigOptions { policy, ..RigOptions::default() }, false);
+    let own = of(None);
+    for levels_first in [LevelsFirst::Never, LevelsFirst::Always] {
+        let crowded = of(Some(KernelPolicy { levels_first, ..KernelPolicy::gpu() }));
+        for (frame, (step, own)) in crowded.iter().zip(&own).enumerate() {
+            assert!(step.events == own.events, "{levels_first:?}, frame {frame}");
+            assert!(frame == 0 || own.events.len() > 24 * sensor.pixels(), "{} events", own.events.len());
+        }
+    }
+}
+
 #[test]
 fn behind_a_lens_and_in_the_light_of_a_lamp_they_are_the_oracles() {
     let lens = SensorModel { psf_sigma_px: 0.6, vignetting_fov_deg: 60.0, ..sensor() };
