@@ -57,6 +57,18 @@ fn word(field: &str) -> usize {
     CrossConstants::LIST.constants.iter().position(|c| c.field == field).expect("a constant of `cross`")
 }
 
+/// The compiled permutations of the kernels for few events and for many: whether they walk again, the sub-tiles in the list,
+/// with a queue of which length.
+fn kernels_of_cross(rig: &Rig) -> [Vec<[u32; 3]>; 2] {
+    ["cross_gpu", "cross_dense_gpu"].map(|name| {
+        let constants = ["walks_again", "second_run", "queue_per_px"];
+        let mut found: Vec<_> =
+            compiled(rig, name).iter().map(|words| constants.map(|field| words[word(field)])).collect();
+        found.sort_unstable();
+        found
+    })
+}
+
 /// Steps a rig under the GPU policy and asserts that it ran the GPU kernels.
 fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) -> Vec<Step> {
     let mut rig = rig(sensor, sequence, forced(policy));
@@ -232,23 +244,13 @@ fn a_queue_that_overflows_loses_nothing_on_a_gpu() {
                 false => [true; 2],
             };
             assert_eq!(retried, [false, first, second, false, false, false], "{sensor:?} {initial_events}");
-            // Constants: whether it walks again, the sub-tiles in the list, with a queue of which length.
-            let kernels_of = |name| {
-                let words = compiled(&rig, name);
-                let constants = ["walks_again", "second_run", "queue_per_px"];
-                let mut found: Vec<[u32; 3]> =
-                    words.iter().map(|words| constants.map(|field| words[word(field)])).collect();
-                found.sort_unstable();
-                found
-            };
-            let kernels = [kernels_of("cross_gpu"), kernels_of("cross_dense_gpu")];
             let (length, crowded) = (QUEUE_PER_PX, CROWDED_QUEUE_PER_PX);
             let expected = match (policy == dense, policy == short) {
                 (true, _) => [vec![], vec![[1, 0, crowded]]],
                 (_, true) => [vec![[0, 0, length]], vec![[1, 0, crowded], [1, 1, crowded]]],
                 (_, false) => [vec![[0, 0, length], [0, 0, 2 * length]], vec![[1, 0, crowded]]],
             };
-            assert_eq!(kernels, expected);
+            assert_eq!(kernels_of_cross(&rig), expected);
             drop(rig);
             assert_silent();
             check_against_oracle(&sensor, &sequence, &got);
@@ -312,12 +314,17 @@ fn an_event_number_that_a_tag_has_no_bits_for_overflows_the_queue() {
     let sequence = gray(&calm, &times(0, 6), |frame, pixel| {
         intensity_of(&calm, if frame % 2 == 1 && pixel == 100 { 3.01 } else { -3.0 })
     });
-    let runs = [(POLICY, [false, true, true, false, false, false]), (DENSE, [false; 6])];
-    for (sensor, (policy, retried)) in [&calm, &late].into_iter().flat_map(|s| runs.map(|run| (s, run))) {
+    let (length, crowded) = (QUEUE_PER_PX, CROWDED_QUEUE_PER_PX);
+    let few = [vec![[0, 0, length]], vec![[1, 0, crowded], [1, 1, crowded]]];
+    let many = [vec![], vec![[1, 0, crowded]]];
+    let runs = [(POLICY, [false, true, true, false, false, false], &few), (DENSE, [false; 6], &many)];
+    for (sensor, (policy, retried, kernels)) in
+        [&calm, &late].into_iter().flat_map(|s| runs.map(|run| (s, run)))
+    {
         let policy = KernelPolicy { most_queue_per_px: QUEUE_PER_PX, ..policy };
         let mut rig = rig(sensor, &sequence, RigOptions { stage_times: true, ..forced(policy) });
         let (got, again) = steps_and_retries(&mut rig, &sequence);
-        assert_eq!(again, retried);
+        assert_eq!((again.as_slice(), &kernels_of_cross(&rig)), (&retried[..], kernels));
         drop(rig);
         assert_silent();
         assert!(got[1].packet.len() > 256 && got[1].packet.len() < 1024, "{} events", got[1].packet.len());
