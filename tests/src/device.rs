@@ -5,13 +5,25 @@ use std::sync::{Arc, LazyLock};
 
 /// The device that all tests of a process share: the best one, or the one with the index in `ESAAC_DEVICE`. The
 /// validation layer is on where `ESAAC_VALIDATION` is set, as by the test script.
-pub static DEVICE: LazyLock<Arc<Device>> = LazyLock::new(|| {
+pub static DEVICE: LazyLock<Arc<Device>> = LazyLock::new(|| Arc::clone(&OPENED[0]));
+
+/// The same device opened a second time, as another process would: for tests with two sides.
+pub static OTHER_SIDE: LazyLock<Arc<Device>> = LazyLock::new(|| Arc::clone(&OPENED[1]));
+
+/// Both are opened before either is used. The validation layer keeps its devices in a table that it does not lock: a
+/// call on one device may crash while another is opened or dropped (KhronosGroup/Vulkan-ValidationLayers, issue 4391).
+static OPENED: LazyLock<[Arc<Device>; 2]> = LazyLock::new(|| {
     let choice = match std::env::var("ESAAC_DEVICE") {
         Ok(index) => DeviceChoice::Index(index.parse().expect("ESAAC_DEVICE is a device's index")),
         Err(_) => DeviceChoice::Best,
     };
-    Device::open(choice, Validation::from_env())
-        .expect("a Vulkan device; `esaac doctor` says what is missing")
+    let open = |choice| {
+        Device::open(choice, Validation::from_env())
+            .expect("a Vulkan device; `esaac doctor` says what is missing")
+    };
+    let first = open(choice);
+    let again = open(DeviceChoice::Uuid(first.info().uuid));
+    [first, again]
 });
 
 /// Fails if the validation layer has reported anything since the process began.

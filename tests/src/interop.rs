@@ -3,14 +3,11 @@
 
 #![expect(unsafe_code, reason = "copies between buffers are recorded by hand")]
 
-use crate::device::DEVICE;
+use crate::device::{DEVICE, OTHER_SIDE};
 use crate::frames::{Frame, Sequence, scene, times};
 use crate::run::camera;
 use esaac_engine::ash::vk;
-use esaac_engine::{
-    Buffer, CameraConfig, Commands, Device, DeviceChoice, InputBuffers, Kernel, MemoryLocation, Rig,
-    Validation,
-};
+use esaac_engine::{Buffer, CameraConfig, Commands, Device, InputBuffers, Kernel, MemoryLocation, Rig};
 use esaac_interop::{
     CameraTerms, Copies, Images, InteropError, Planes, Producer, ProducerOptions, Server, ServerOptions,
     Service,
@@ -23,10 +20,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Opens the device under test a second time, as another process would.
+/// The device of the other side of a link.
 #[must_use]
 pub fn other_device() -> Arc<Device> {
-    Device::open(DeviceChoice::Uuid(DEVICE.info().uuid), Validation::from_env()).expect("the device again")
+    Arc::clone(&OTHER_SIDE)
 }
 
 /// Fails if the validation layer has reported anything about `device`.

@@ -10,7 +10,7 @@ use esaac_model::{
     DepthFormat, FrameError, HdrFormat, IdFormat, Intensity, MotionFormat, SensorError, SensorModel,
     Synthesis,
 };
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, OTHER_SIDE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, times};
 use esaac_tests::run::{camera, engine, rig, step};
 use std::sync::Arc;
@@ -89,12 +89,11 @@ fn depth_and_ids_that_are_too_small_or_on_another_device() {
         CameraConfig { sensor, camera: 0, hdr: HdrFormat::F32x4, motion: None, geometry: Some(geometry) };
     let mut rig = Rig::new(&DEVICE, &[config]).unwrap();
     rig.set_scene(0, SceneMotion::new(lens, PoseTrack::still(Pose::IDENTITY))).unwrap();
-    let other = Device::open(DeviceChoice::Best, Validation::from_env()).unwrap();
     let buffer = |device: &Arc<Device>, bytes| {
         device.allocate("given", bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly).unwrap()
     };
     let (whole, short) = (buffer(&DEVICE, 12 * 9 * 16), buffer(&DEVICE, 160));
-    let elsewhere = buffer(&other, 12 * 9 * 16);
+    let elsewhere = buffer(&OTHER_SIDE, 12 * 9 * 16);
     let mut step = |depth, ids| {
         let inputs = Some(InputBuffers { hdr: &whole, motion: None, depth, ids });
         rig.step_frames(&[Some(FrameInput { t_ns: 0, inputs })], &SubmitHooks::default()).map(|_| ())

@@ -13,7 +13,13 @@ use esaac_kernels::{Optimise, compile};
 use esaac_model::{HdrFormat, SensorModel, Synthesis};
 use esaac_tests::device::DEVICE;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Runs tests one at a time: the layer does not lock its table of devices (see `esaac_tests::device`).
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Opens the device under test again, always with the validation layer.
 fn watched() -> Arc<Device> {
@@ -57,6 +63,7 @@ const ONE: [u32; 3] = [1, 1, 1];
 
 #[test]
 fn a_misused_call_is_reported() {
+    let _alone = alone();
     for validation in [Validation::On, Validation::Calls] {
         misuse_a_call(&watched_by(validation));
     }
@@ -100,6 +107,7 @@ fn write_then_copy(device: &Arc<Device>, with_barrier: bool) {
 
 #[test]
 fn a_missing_barrier_is_reported() {
+    let _alone = alone();
     for validation in [Validation::On, Validation::Calls] {
         let device = watched_by(validation);
         write_then_copy(&device, true);
@@ -111,6 +119,7 @@ fn a_missing_barrier_is_reported() {
 
 #[test]
 fn a_write_out_of_bounds_is_reported() {
+    let _alone = alone();
     let device = watched();
     let small = buffer(&device, "small");
     let write = kernel(&device, "write", &[&small], 4);
@@ -131,6 +140,7 @@ fn a_write_out_of_bounds_is_reported() {
 /// one was freed, and the commands may have been recorded in between.
 #[test]
 fn an_image_at_the_address_of_a_freed_one_is_within_bounds() {
+    let _alone = alone();
     let device = watched();
     let sensor =
         SensorModel { width: 16, height: 16, synthesis: Synthesis::Linear, ..SensorModel::default() };

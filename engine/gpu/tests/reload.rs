@@ -5,7 +5,7 @@ use esaac_engine::{
 };
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, Synthesis};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use tempfile::TempDir;
 
 const ALL: [&str; 13] = [
@@ -24,9 +24,9 @@ const ALL: [&str; 13] = [
     "voxel_grid",
 ];
 
-fn device() -> Arc<Device> {
-    Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device")
-}
+/// The device of all tests here. The validation layer may crash while one device is used and another is opened.
+static DEVICE: LazyLock<Arc<Device>> =
+    LazyLock::new(|| Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device"));
 
 /// A rig of one camera and the frames that it is given.
 struct Run {
@@ -113,10 +113,10 @@ impl Copy {
 
 #[test]
 fn an_untouched_copy_gives_the_events_of_the_embedded_kernels() {
-    let device = device();
+    let device = &*DEVICE;
     let copy = Copy::new();
     let (mut embedded, mut copied) =
-        (Run::new(&device, Synthesis::Motion), Run::new(&device, Synthesis::Motion));
+        (Run::new(device, Synthesis::Motion), Run::new(device, Synthesis::Motion));
     let mut folder = copy.open();
     assert_eq!(copied.rig.reload_kernels(&mut folder).expect("they compile"), ALL);
     for frame in 0..4 {
@@ -130,10 +130,10 @@ fn an_untouched_copy_gives_the_events_of_the_embedded_kernels() {
 
 #[test]
 fn an_edit_counts_from_the_next_tick_on_and_leaves_the_state() {
-    let device = device();
+    let device = &*DEVICE;
     let copy = Copy::new();
     let original = copy.read("event_sink.glsl");
-    let mut run = Run::new(&device, Synthesis::Linear);
+    let mut run = Run::new(device, Synthesis::Linear);
     let mut folder = copy.open();
     run.tick();
     assert!(!run.tick().is_empty());
@@ -158,9 +158,9 @@ fn an_edit_counts_from_the_next_tick_on_and_leaves_the_state() {
 
 #[test]
 fn a_broken_edit_is_reported_with_its_line_and_the_old_kernels_run_on() {
-    let device = device();
+    let device = &*DEVICE;
     let copy = Copy::new();
-    let mut run = Run::new(&device, Synthesis::Linear);
+    let mut run = Run::new(device, Synthesis::Linear);
     let mut folder = copy.open();
     run.rig.reload_kernels(&mut folder).expect("they compile");
     run.tick();
@@ -198,7 +198,7 @@ fn a_broken_edit_is_reported_with_its_line_and_the_old_kernels_run_on() {
 #[test]
 fn a_kernel_of_another_layout_is_refused() {
     let copy = Copy::new();
-    let mut run = Run::new(&device(), Synthesis::Linear);
+    let mut run = Run::new(&DEVICE, Synthesis::Linear);
     let mut folder = copy.open();
     copy.write("sort.comp", &(copy.read("sort.comp") + "BUFFER(readonly, SLOT_SAMPLES, uvec2, wrong);\n"));
     let message = run.problem(&mut folder);
@@ -216,7 +216,7 @@ fn a_folder_must_be_one() {
     }
     let empty = tempfile::tempdir().expect("a temporary folder");
     let mut folder = KernelFolder::open(empty.path()).expect("a folder");
-    let message = Run::new(&device(), Synthesis::Linear).problem(&mut folder);
+    let message = Run::new(&DEVICE, Synthesis::Linear).problem(&mut folder);
     assert_eq!(message.lines().count(), esaac_layout::KERNELS.len(), "{message}");
     assert!(message.contains("ingest_gpu.comp: No such file"), "{message}");
 }

@@ -8,6 +8,7 @@ use esaac_engine::{
 use esaac_layout::Counters;
 use esaac_model::{HdrFormat, SensorModel};
 use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::drivers::in_a_process_of_its_own;
 use std::sync::Arc;
 
 #[test]
@@ -33,7 +34,10 @@ fn a_camera_with_more_workgroups_than_the_device_takes_is_refused_with_numbers()
 
 #[test]
 fn a_device_without_a_clock_gives_the_same_events_and_no_times() {
-    let _alone = alone();
+    let name = "limits::a_device_without_a_clock_gives_the_same_events_and_no_times";
+    if !in_a_process_of_its_own(name, None) {
+        return;
+    }
     let restrictions = Restrictions { no_timestamps: true, ..Restrictions::default() };
     let device = Device::open_restricted(DeviceChoice::Best, Validation::from_env(), restrictions);
     let device = device.expect("a device");

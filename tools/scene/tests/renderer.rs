@@ -6,7 +6,7 @@ use esaac_model::{HdrFormat, MotionFormat};
 use esaac_scene::layout::{MAX_LAYERS, MAX_OBJECTS, ViewData};
 use esaac_scene::renderer::{BINDINGS, RENDER_SPIRV, RenderError, Renderer, Targets, WORKGROUP_PX};
 use esaac_scene::{Frame, Scene, SceneKind, render_cpu};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// Largest relative difference of f32 radiance. A ray is exact to about 3e-5 px in f32, and log radiance changes by a
 /// few nepers per pixel at most, at the borders of the brightest objects.
@@ -28,9 +28,10 @@ const DEPTH_TOLERANCE: f64 = 1e-5;
 /// Largest share of pixels that two surfaces cover half each, up to rounding, so that either may count as the nearest.
 const TIES: f64 = 1e-3;
 
-fn device() -> Arc<Device> {
+/// The device of all tests here. The validation layer may crash while one device is used and another is opened.
+static DEVICE: LazyLock<Arc<Device>> = LazyLock::new(|| {
     Device::open(DeviceChoice::Best, Validation::from_env()).expect("a Vulkan device is needed for this test")
-}
+});
 
 fn buffer(device: &Arc<Device>, name: &str, bytes: usize) -> Buffer {
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
@@ -99,8 +100,8 @@ fn ids(frame: &Frame) -> impl Iterator<Item = u32> {
 
 #[test]
 fn every_scene_is_the_f64_face() {
-    let device = device();
-    let mut renderer = renderer(&device, &SceneKind::Edge.scene(1, 1), HdrFormat::F32x4, MotionFormat::F32x2);
+    let device = &*DEVICE;
+    let mut renderer = renderer(device, &SceneKind::Edge.scene(1, 1), HdrFormat::F32x4, MotionFormat::F32x2);
     for kind in SceneKind::ALL {
         for (width_px, height_px) in [(1, 1), (7, 9), (131, 97), (346, 260)] {
             for t_ns in [1_234_567_891, 7_033_333_333] {
@@ -109,7 +110,7 @@ fn every_scene_is_the_f64_face() {
                 let times_ns = (t_ns, Some(t_ns - 33_333_333));
                 let (hdr, motion) = (HdrFormat::F32x4, MotionFormat::F32x2);
                 renderer.set_scene(scene.clone()).expect("a scene that fits");
-                let gpu = render_gpu(&device, &mut renderer, times_ns, hdr, motion);
+                let gpu = render_gpu(device, &mut renderer, times_ns, hdr, motion);
                 let cpu = render_cpu(&scene, times_ns.0, times_ns.1, hdr, motion);
                 let label = format!("{kind:?} {width_px}x{height_px} at {t_ns}");
                 let colour = colours(&gpu, hdr, pixels).zip(colours(&cpu, hdr, pixels));
@@ -141,15 +142,15 @@ fn every_scene_is_the_f64_face() {
 
 #[test]
 fn every_format_holds_the_same_frame() {
-    let device = device();
+    let device = &*DEVICE;
     for kind in [SceneKind::Flight, SceneKind::Hdr] {
         let scene = kind.scene(65, 33);
         let pixels = 65 * 33;
         let times_ns = (500_000_000, Some(480_000_000));
         let cpu = render_cpu(&scene, times_ns.0, times_ns.1, HdrFormat::F16x4, MotionFormat::F32x2);
         for motion in [MotionFormat::F16x2, MotionFormat::F32x2, MotionFormat::F32x4] {
-            let mut renderer = renderer(&device, &scene, HdrFormat::F16x4, motion);
-            let gpu = render_gpu(&device, &mut renderer, times_ns, HdrFormat::F16x4, motion);
+            let mut renderer = renderer(device, &scene, HdrFormat::F16x4, motion);
+            let gpu = render_gpu(device, &mut renderer, times_ns, HdrFormat::F16x4, motion);
             let colour = colours(&gpu, HdrFormat::F16x4, pixels).zip(colours(&cpu, HdrFormat::F16x4, pixels));
             let colour = differences(colour, F16_TOLERANCE, true);
             assert!(colour.largest <= F16_TOLERANCE, "{kind:?}: {}", colour.largest);
@@ -164,27 +165,27 @@ fn every_format_holds_the_same_frame() {
 
 #[test]
 fn without_a_previous_frame_nothing_moves() {
-    let device = device();
+    let device = &*DEVICE;
     let (hdr, motion) = (HdrFormat::F16x4, MotionFormat::F32x2);
-    let mut renderer = renderer(&device, &SceneKind::Flight.scene(21, 13), hdr, motion);
-    let frame = render_gpu(&device, &mut renderer, (0, None), hdr, motion);
+    let mut renderer = renderer(device, &SceneKind::Flight.scene(21, 13), hdr, motion);
+    let frame = render_gpu(device, &mut renderer, (0, None), hdr, motion);
     assert!(motions(&frame, motion, 21 * 13).all(|m| m == 0.0));
     renderer.set_scene(SceneKind::Still.scene(21, 13)).expect("a scene that fits");
-    let frame = render_gpu(&device, &mut renderer, (9, Some(1)), hdr, motion);
+    let frame = render_gpu(device, &mut renderer, (9, Some(1)), hdr, motion);
     assert!(motions(&frame, motion, 21 * 13).all(|m| m == 0.0));
-    let later = render_gpu(&device, &mut renderer, (3_600_000_000_000, Some(5)), hdr, motion);
+    let later = render_gpu(device, &mut renderer, (3_600_000_000_000, Some(5)), hdr, motion);
     assert_eq!(frame, later);
 }
 
 #[test]
 fn a_short_buffer_and_a_wrong_format_are_refused() {
-    let device = device();
+    let device = &*DEVICE;
     let scene = SceneKind::Edge.scene(16, 16);
-    let error = Renderer::new(&device, scene.clone(), HdrFormat::Srgb8x4, MotionFormat::F32x2).err();
+    let error = Renderer::new(device, scene.clone(), HdrFormat::Srgb8x4, MotionFormat::F32x2).err();
     assert!(matches!(error, Some(RenderError::Format { .. })));
     let mut renderer =
-        Renderer::new(&device, scene, HdrFormat::F16x4, MotionFormat::F32x2).expect("a renderer");
-    let small = buffer(&device, "small", 16);
+        Renderer::new(device, scene, HdrFormat::F16x4, MotionFormat::F32x2).expect("a renderer");
+    let small = buffer(device, "small", 16);
     let targets = Targets { hdr: &small, motion: None, depth: None, ids: None };
     let error = renderer.render(0, None, targets).expect_err("too small").to_string();
     assert!(error.contains("2048") && error.contains("16") && error.contains("colour"), "{error}");

@@ -1,9 +1,7 @@
 //! Input of synthesis `rigid` that is wrong, missing or changes: each is a clear error that changes nothing, or is
 //! counted.
 
-use esaac_engine::{
-    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, Rig, RigOptions, Validation,
-};
+use esaac_engine::{CameraConfig, EngineError, FrameBytes, Rig, RigOptions};
 use esaac_model::paths::{Intrinsics, MotionError, Pose, PoseTrack, SceneMotion};
 use esaac_model::{FrameError, HdrFormat, MotionFormat, SensorModel, Synthesis, Taps};
 use esaac_oracle::synthesize::rigid::Rigid;
@@ -389,15 +387,14 @@ fn memory_is_reported_by_purpose_and_only_where_it_is_used() {
 fn a_colour_only_camera_beside_a_rigid_one_is_untouched() {
     let rendered = rendered();
     let expected = packets(&rendered);
-    let device = Device::open(DeviceChoice::Best, Validation::from_env()).expect("a device");
     let linear = CameraConfig {
         sensor: SensorModel { synthesis: Synthesis::Linear, ..sensor() },
         hdr: HdrFormat::F32x4,
         geometry: None,
         ..rendered.camera(&sensor())
     };
-    let mut alone = Rig::new(&device, std::slice::from_ref(&linear)).expect("a rig");
-    let mut both = Rig::new(&device, &[linear, rendered.camera(&sensor())]).expect("a rig");
+    let mut alone = Rig::new(&DEVICE, std::slice::from_ref(&linear)).expect("a rig");
+    let mut both = Rig::new(&DEVICE, &[linear, rendered.camera(&sensor())]).expect("a rig");
     both.set_scene(1, rendered.scene.clone()).expect("a scene of this lens");
     for (index, frame) in rendered.frames.iter().enumerate() {
         let colour = FrameBytes { hdr: &frame.hdr, ..FrameBytes::default() };
@@ -409,5 +406,5 @@ fn a_colour_only_camera_beside_a_rigid_one_is_untouched() {
         assert!(tick.packets[0] == own, "frame {index}");
         assert!(tick.packets[1] == expected[index], "frame {index}");
     }
-    assert_eq!(device.validation_messages(), [""; 0]);
+    assert_silent();
 }
