@@ -2,6 +2,8 @@
 
 #[path = "src/interface.rs"]
 mod interface;
+#[path = "src/sources.rs"]
+mod sources;
 
 use esaac_kernels::Optimise;
 use esaac_layout::{KERNELS, generated_files};
@@ -19,6 +21,7 @@ fn main() {
 
     let mut embedded = String::new();
     let mut all = String::new();
+    let mut digests = String::new();
     for kernel in KERNELS {
         let name = kernel.name;
         let source = glsl_dir.join(format!("{name}.comp"));
@@ -36,7 +39,12 @@ fn main() {
              (\"{name}\", include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{name}.spv\")));\n"
         ));
         all.push_str(&format!("{upper}, "));
+        let digest = sources::digest(name, &glsl_dir, &out, |_| {}).unwrap_or_else(|e| panic!("{e}"));
+        digests.push_str(&format!("(\"{name}\", {digest}), "));
     }
     embedded.push_str(&format!("/// Every kernel.\npub const ALL: &[(&str, &[u8])] = &[{all}];\n"));
+    embedded.push_str(&format!(
+        "/// Digest of the text of every kernel.\npub(crate) const DIGESTS: &[(&str, u64)] = &[{digests}];\n"
+    ));
     std::fs::write(out.join("kernels.rs"), embedded).expect("OUT_DIR is writable");
 }

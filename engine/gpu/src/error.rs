@@ -163,7 +163,6 @@ pub enum EngineError {
     Snapshot(String),
     /// Kernels under development that cannot replace the running ones: the compiler's message, or how they differ
     /// from the Rust layouts.
-    #[cfg(feature = "shaderc")]
     #[error("{0}")]
     Kernels(String),
     /// The device did not finish in time; the number is the limit in seconds.

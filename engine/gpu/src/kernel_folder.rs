@@ -2,17 +2,20 @@
 
 use crate::error::EngineError;
 use crate::interface::check;
-use esaac_kernels::{CompileError, Include, Optimise, compile_linked};
+use crate::kernel::stages;
+use crate::sources::digest;
+use esaac_kernels::{CompileError, Optimise};
 use esaac_layout::{KERNELS, KernelInfo, generated_files};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
+use tempfile::TempDir;
 
 /// When a file was written and how long it is; `None` for a file that does not exist.
 type Stamp = Option<(SystemTime, u64)>;
 
-/// The files that a kernel was compiled from, with their stamps at that time.
+/// The files that a kernel was read from, with their stamps at that time.
 type Files = BTreeMap<PathBuf, Stamp>;
 
 /// A copy of `glsl/` whose kernels a rig runs instead of the embedded ones, see
@@ -20,30 +23,34 @@ type Files = BTreeMap<PathBuf, Stamp>;
 /// includes.
 pub struct KernelFolder {
     folder: PathBuf,
-    /// Generated includes, which are in no folder: name and text.
-    generated: Vec<(String, String)>,
+    /// Generated includes, which are not in `glsl/`.
+    generated: TempDir,
     kernels: Vec<Edited>,
 }
 
 /// A kernel of the folder.
 struct Edited {
     kernel: &'static KernelInfo,
+    /// The files that it was read from.
     files: Files,
+    /// Digest of the text that the rig runs.
+    running: u64,
     standing: Standing,
 }
 
-/// The outcome of a kernel's last edit.
+/// What a kernel's text is to the rig.
 enum Standing {
     /// The rig runs it.
     Installed,
     /// It compiles, and waits until every kernel does.
-    Ready(Vec<u32>),
+    Ready { words: Vec<u32>, digest: u64 },
     /// It cannot be used, for this reason.
     Broken(String),
 }
 
 impl KernelFolder {
-    /// Opens a folder; nothing is compiled yet. An error if it is not a folder.
+    /// Opens a folder; nothing is compiled yet. An error if it is not a folder, or if there is no room for the
+    /// generated includes.
     pub fn open(folder: &Path) -> Result<Self, EngineError> {
         if !folder.is_dir() {
             let problem = if folder.exists() { "is no folder" } else { "does not exist" };
@@ -52,12 +59,17 @@ impl KernelFolder {
                 folder.display()
             )));
         }
+        let generated = write_generated()
+            .map_err(|e| EngineError::Kernels(format!("a temporary folder for generated includes: {e}")))?;
         Ok(KernelFolder {
             folder: folder.to_owned(),
-            generated: generated_files(),
+            generated,
             kernels: KERNELS
                 .iter()
-                .map(|kernel| Edited { kernel, files: Files::new(), standing: Standing::Installed })
+                .map(|kernel| {
+                    let (files, running) = (Files::new(), embedded_digest(kernel));
+                    Edited { kernel, files, running, standing: Standing::Installed }
+                })
                 .collect(),
         })
     }
@@ -68,32 +80,21 @@ impl KernelFolder {
         &self.folder
     }
 
-    /// Compiles the kernels that were edited since the last call. Returns those to exchange if there was an edit and
-    /// every kernel compiles; nothing if there was no edit; else the compiler's messages as an error.
+    /// Reads the kernels whose files were written since the last call, and compiles those whose text is not what the rig
+    /// runs. Returns those to exchange if every kernel compiles; nothing if no file was written; else the compiler's
+    /// messages as an error.
     pub(crate) fn edited(&mut self) -> Result<Vec<(&'static str, &[u32])>, EngineError> {
-        let mut any = false;
-        for kernel in &mut self.kernels {
-            let same = |(path, then): (&PathBuf, &Stamp)| stamp(path) == *then;
-            if !kernel.files.is_empty() && kernel.files.iter().all(same) {
-                continue;
-            }
-            any = true;
-            let (files, outcome) = compile(&self.folder, &self.generated, kernel.kernel);
-            kernel.files = files;
-            kernel.standing = match outcome {
-                Ok(words) => Standing::Ready(words),
-                Err(message) => Standing::Broken(message),
-            };
-        }
-        if !any {
+        let written: Vec<_> = self.kernels.iter_mut().filter(|kernel| kernel.is_written()).collect();
+        if written.is_empty() {
             return Ok(Vec::new());
         }
+        read_all(&self.folder, self.generated.path(), written);
         let mut ready = Vec::new();
         let mut problems: Vec<&str> = Vec::new();
         for kernel in &self.kernels {
             match &kernel.standing {
                 Standing::Installed => {}
-                Standing::Ready(words) => ready.push((kernel.kernel.name, &words[..])),
+                Standing::Ready { words, .. } => ready.push((kernel.kernel.name, &words[..])),
                 // A wrong include gives the same message in every kernel: report it once.
                 Standing::Broken(message) if problems.contains(&message.as_str()) => {}
                 Standing::Broken(message) => problems.push(message),
@@ -105,7 +106,10 @@ impl KernelFolder {
     /// Marks the kernels that the last [`KernelFolder::edited`] returned as running.
     pub(crate) fn installed(&mut self) {
         for kernel in &mut self.kernels {
-            kernel.standing = Standing::Installed;
+            if let Standing::Ready { digest, .. } = kernel.standing {
+                kernel.running = digest;
+                kernel.standing = Standing::Installed;
+            }
         }
     }
 }
@@ -115,34 +119,77 @@ fn stamp(path: &Path) -> Stamp {
     Some((metadata.modified().ok()?, metadata.len()))
 }
 
-/// The files that a kernel is compiled from, and its code or the reason why it has none.
-fn compile(
-    folder: &Path,
-    generated: &[(String, String)],
-    kernel: &KernelInfo,
-) -> (Files, Result<Vec<u32>, String>) {
-    let files = RefCell::new(Files::new());
-    let read = |path: PathBuf| {
-        // The stamp is taken before the text is read, so that an edit in between counts as another edit.
-        files.borrow_mut().entry(path.clone()).or_insert_with(|| stamp(&path));
-        let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        Ok((path.display().to_string(), text))
-    };
-    let include = |wanted: &str| {
-        if let Some((name, text)) = generated.iter().find(|(name, _)| name == wanted) {
-            return Ok(Include { name: name.clone(), text: text.clone() });
-        }
-        read(folder.join(wanted)).map(|(name, text)| Include { name, text })
-    };
-    let outcome = read(folder.join(format!("{}.comp", kernel.name))).and_then(|(name, text)| {
-        let compile = |optimise| {
-            compile_linked(&text, &name, include, optimise).map_err(|error| match error {
-                CompileError::Source { message, .. } => message,
-                other => other.to_string(),
-            })
+impl Edited {
+    /// Whether one of its files was written since it was read; also before it is read for the first time.
+    fn is_written(&self) -> bool {
+        self.files.is_empty() || self.files.iter().any(|(path, then)| stamp(path) != *then)
+    }
+
+    /// Reads it, and compiles it if its text is neither what the rig runs nor that of the embedded kernel.
+    fn read(&mut self, folder: &Path, generated: &Path) {
+        self.files.clear();
+        // The stamp is taken before the file is read, so that an edit in between counts as another edit.
+        let met = |path: &Path| {
+            self.files.insert(path.to_owned(), stamp(path));
         };
-        check(kernel, &compile(Optimise::No)?).map_err(|difference| format!("{name}: {difference}"))?;
-        compile(Optimise::Yes)
-    });
-    (files.into_inner(), outcome)
+        let standing = digest(self.kernel.name, folder, generated, met).and_then(|digest| {
+            if digest == self.running {
+                return Ok(Standing::Installed);
+            }
+            let is_embedded = digest == embedded_digest(self.kernel);
+            let words =
+                if is_embedded { embedded(self.kernel) } else { compile(folder, generated, self.kernel)? };
+            Ok(Standing::Ready { words, digest })
+        });
+        self.standing = standing.unwrap_or_else(Standing::Broken);
+    }
+}
+
+/// Reads kernels side by side: a compiler runs on one core, and an edited include concerns dozens.
+fn read_all(folder: &Path, generated: &Path, kernels: Vec<&mut Edited>) {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(kernels.len());
+    let queue = Mutex::new(kernels.into_iter());
+    let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work = || {
+        while let Some(kernel) = next() {
+            kernel.read(folder, generated);
+        }
+    };
+    std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
+}
+
+/// Writes the generated includes where the compiler finds them.
+fn write_generated() -> std::io::Result<TempDir> {
+    let folder = tempfile::tempdir()?;
+    for (name, text) in generated_files() {
+        std::fs::write(folder.path().join(name), text)?;
+    }
+    Ok(folder)
+}
+
+/// Digest of the text that an embedded kernel was compiled from.
+fn embedded_digest(kernel: &KernelInfo) -> u64 {
+    let found = stages::DIGESTS.iter().find(|(name, _)| *name == kernel.name);
+    found.expect("every kernel is embedded").1
+}
+
+/// Code of an embedded kernel.
+fn embedded(kernel: &KernelInfo) -> Vec<u32> {
+    let found = stages::ALL.iter().find(|(name, _)| *name == kernel.name);
+    esaac_kernels::words(found.expect("every kernel is embedded").1)
+}
+
+/// A kernel's code, or the reason why it has none.
+fn compile(folder: &Path, generated: &Path, kernel: &KernelInfo) -> Result<Vec<u32>, String> {
+    let source = folder.join(format!("{}.comp", kernel.name));
+    let includes = [folder.to_owned(), generated.to_owned()];
+    let compile = |optimise| {
+        esaac_kernels::compile(&source, &includes, &[], optimise).map_err(|error| match error {
+            CompileError::Source { message, .. } => message.trim_end().to_owned(),
+            other => other.to_string(),
+        })
+    };
+    let named = |difference| format!("{}: {difference}", source.display());
+    check(kernel, &compile(Optimise::No)?).map_err(named)?;
+    compile(Optimise::Yes)
 }

@@ -13,16 +13,15 @@ mod devices;
 mod error;
 mod faults;
 mod instance;
-#[cfg(feature = "shaderc")]
 mod interface;
 mod kernel;
-#[cfg(feature = "shaderc")]
 mod kernel_folder;
 mod memory;
 mod pipeline;
 mod policy;
 mod retire;
 mod rig;
+mod sources;
 mod timeline;
 mod timing;
 
@@ -40,7 +39,6 @@ pub use faults::{FaultHook, FaultPoint};
 pub use gpu_allocator::MemoryLocation;
 pub use instance::Validation;
 pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
-#[cfg(feature = "shaderc")]
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use policy::{KernelPolicy, KernelSet, LevelsFirst, Resting};

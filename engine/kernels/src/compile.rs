@@ -14,10 +14,6 @@ pub enum CompileError {
     /// `glslc` cannot be run.
     #[error("glslc cannot be run ({0}); install it with: apt-get install glslc")]
     NoCompiler(std::io::Error),
-    /// The linked compiler does not start.
-    #[cfg(feature = "shaderc")]
-    #[error("the linked shader compiler does not start: {0}")]
-    NoLinkedCompiler(String),
     /// The source has errors or warnings.
     #[error("{path}:\n{message}")]
     Source {

@@ -222,7 +222,7 @@ fn receive_buffer_check(name: &'static str, limit_bytes: Option<u64>, lost: u64)
 }
 
 fn glslc() -> Check {
-    const NAME: &str = "glslc (to build)";
+    const NAME: &str = "glslc (to build, and for --glsl)";
     let run = Command::new("glslc").arg("--version").stdin(Stdio::null()).output();
     match run {
         Ok(output) if output.status.success() => {

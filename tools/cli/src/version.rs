@@ -3,9 +3,8 @@
 use serde::Serialize;
 
 /// Features of the program that a build may have.
-const FEATURES: [(&str, bool); 4] = [
+const FEATURES: [(&str, bool); 3] = [
     ("rclrs", cfg!(feature = "rclrs")),
-    ("shaderc", cfg!(feature = "shaderc")),
     ("tracy", cfg!(feature = "tracy")),
     ("zenoh", cfg!(feature = "zenoh")),
 ];

@@ -12,7 +12,6 @@ const PUSH_BYTES: u32 = size_of::<Push>() as u32;
 #[derive(Clone, Default)]
 pub(super) struct Code {
     /// Replacements by name of the kernel.
-    #[cfg(feature = "shaderc")]
     pub replaced: std::collections::BTreeMap<&'static str, Vec<u32>>,
 }
 
@@ -33,7 +32,6 @@ impl Code {
         specialised: &Specialised,
     ) -> Result<Kernel, EngineError> {
         let ((name, spirv), constants) = (specialised.kernel, &specialised.constants[..]);
-        #[cfg(feature = "shaderc")]
         if let Some(words) = self.replaced.get(name) {
             return Kernel::with_bindings(bindings, name, words, PUSH_BYTES, constants);
         }

@@ -37,7 +37,6 @@ mod prepare;
 mod queue;
 mod record;
 mod recording;
-#[cfg(feature = "shaderc")]
 mod reload;
 mod represent;
 mod rest;

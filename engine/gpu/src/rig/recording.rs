@@ -69,7 +69,6 @@ impl Recordings {
     }
 
     /// Marks all commands as out of date, after pipelines have changed.
-    #[cfg(feature = "shaderc")]
     pub(super) fn forget(&mut self) {
         self.ring.iter_mut().for_each(Recording::forget);
     }

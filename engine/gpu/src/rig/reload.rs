@@ -8,9 +8,9 @@ use crate::kernel_folder::KernelFolder;
 use std::sync::Arc;
 
 impl Rig {
-    /// Runs the kernels that were edited since the last call (all of them at the first call) from the next tick on;
-    /// returns their stages. State, buffers and the events of earlier ticks do not change. On an error the rig keeps
-    /// its kernels, and the same edits are not tried again. A folder serves one rig.
+    /// From the next tick on, runs the kernels of the folder whose text differs from what the rig runs; returns their
+    /// stages. State, buffers and the events of earlier ticks do not change. On an error the rig keeps its kernels, and
+    /// the same edits are not tried again. A folder serves one rig.
     pub fn reload_kernels(&mut self, folder: &mut KernelFolder) -> Result<Vec<&'static str>, EngineError> {
         self.check_health()?;
         let ready = folder.edited()?;

@@ -36,7 +36,7 @@ fn devices_and_doctor_find_what_this_machine_has() {
     let (code, text, error) = run(&["doctor", "--device", uuid]);
     assert_eq!(code, 0, "{text}{error}");
     assert!(!text.contains("MISSING"), "{text}");
-    for row in ["ROS 2 network", "ROS 2 receive buffer", "glslc (to build)"] {
+    for row in ["ROS 2 network", "ROS 2 receive buffer", "glslc (to build, and for --glsl)"] {
         assert!(text.contains(row), "{row}: {text}");
     }
     let (code, text, _) = run(&["doctor", "--device", "99"]);
