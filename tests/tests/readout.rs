@@ -217,6 +217,41 @@ fn long_chains_of_losses_are_served_as_by_a_queue() {
     assert!(runs.iter().any(|run| run.iter().map(|s| s.lost).sum::<u64>() > 500));
 }
 
+/// The bus takes just as long for a pixel's first event as the second comes after it, or a picosecond less. Both events
+/// are of one interval, or of one each.
+#[test]
+fn an_event_at_the_very_nanosecond_at_which_its_pixel_becomes_free_is_lost() {
+    for levels in [[0.0, 2.4, 2.4], [0.0, 1.2, 2.4]] {
+        let sensor = |kind, service_ns: f64| SensorModel {
+            width: 3,
+            height: 2,
+            readout_row_ns: service_ns - 83.0,
+            ..sensor(kind, if kind == ReadoutKind::Rows { 83.0 } else { service_ns })
+        };
+        let frames = |sensor: &SensorModel| {
+            gray(sensor, &[0, 200_000, 400_000], |frame, pixel| {
+                let level = if pixel == 4 { levels[frame] * sensor.contrast_on } else { 0.0 };
+                intensity_of(sensor, level - 3.0)
+            })
+        };
+        let plain = without_bus(&sensor(ReadoutKind::Fifo, 100.0));
+        let arrivals = engine_of_many(&[(plain.clone(), frames(&plain))], RigOptions::default());
+        let times_ns: Vec<i64> = events(&arrivals[0]).iter().map(|event| event.t_ns).collect();
+        let &[first_ns, second_ns] = &times_ns[..] else { panic!("two events, not at {times_ns:?}") };
+        let cameras: Vec<_> = KINDS
+            .into_iter()
+            .flat_map(|kind| [0.0, 0.001].map(|less_ns| (kind, (second_ns - first_ns) as f64 - less_ns)))
+            .map(|(kind, service_ns)| sensor(kind, service_ns))
+            .map(|sensor| (sensor.clone(), frames(&sensor)))
+            .collect();
+        for options in orders() {
+            let runs = check(&cameras, options);
+            let lost: Vec<u64> = runs.iter().map(|run| run.iter().map(|s| s.lost).sum()).collect();
+            assert_eq!(lost, [1, 0, 1, 0], "events at {times_ns:?}");
+        }
+    }
+}
+
 /// All pixels cross at one instant: packets that `merge` sorts, before the bus and behind it.
 #[test]
 fn a_flash_of_all_pixels_is_served_as_by_a_queue_though_buffers_grow() {
