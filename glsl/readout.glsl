@@ -272,7 +272,9 @@ uint serve_chunk(uvec2 event, bool is_event, uint services_waiting, int64_t sinc
             bus[at_pixel(pixel)] = since_epoch_ns + left_ps / 1000l;
         }
     }
-    const int64_t last_ps = last_served != 0u ? ends[max(last_served, 1u) - 1u]
+    // lavapipe reads what all threads read even where none is active, and then `last_served` holds anything.
+    const uint last = clamp(last_served, 1u, gl_WorkGroupSize.x) - 1u;
+    const int64_t last_ps = last_served != 0u ? ends[last]
         : waited != 0u                        ? bus[at_row(ROW_END, waited - 1u)]
                                               : NEVER;
     const bool any_served = last_served != 0u || waited != 0u;

@@ -118,6 +118,7 @@ set_up_packages() {
     has_vulkan_driver || missing+=(mesa-vulkan-drivers)
     if [ "${1:-}" = tests ]; then
         [ -e /usr/include/vulkan/vulkan.h ] || missing+=(libvulkan-dev)
+        command -v git >/dev/null || missing+=(git)
         command -v spirv-val >/dev/null || missing+=(spirv-tools)
         has_validation_layer || missing+=(vulkan-validationlayers)
         numpy_python >/dev/null || missing+=(python3 python3-numpy)

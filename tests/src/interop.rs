@@ -26,13 +26,6 @@ pub fn other_device() -> Arc<Device> {
     Arc::clone(&OTHER_SIDE)
 }
 
-/// Fails if the validation layer has reported anything about `device`.
-#[track_caller]
-pub fn assert_device_silent(device: &Device) {
-    let messages = device.validation_messages();
-    assert!(messages.is_empty(), "the validation layer says:\n{}", messages.join("\n"));
-}
-
 /// Waits until `is_so` returns true.
 ///
 /// # Panics

@@ -3,9 +3,9 @@
 use crate::faults::{engine, sensor, sequence};
 use esaac_interop::wire::{ErrorCode, Message};
 use esaac_interop::{InteropError, Outcome, ProducerOptions, Server, ServerOptions};
-use esaac_tests::device::assert_silent;
+use esaac_tests::device::{assert_device_silent, assert_silent};
 use esaac_tests::drivers::in_a_process_of_its_own;
-use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, server, service, until};
+use esaac_tests::interop::{Place, Uploader, other_device, server, service, until};
 use esaac_tests::peer::{Peer, greeting};
 use esaac_tests::run::camera;
 use std::os::unix::fs::PermissionsExt;

@@ -11,12 +11,10 @@ use esaac_interop::wire::{
 use esaac_interop::{Producer, ProducerOptions, ServerOptions, Support};
 use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use esaac_scene::SceneKind;
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::drivers::{OtherDriver, in_a_process_of_its_own};
 use esaac_tests::frames::{Sequence, scene, times};
-use esaac_tests::interop::{
-    Place, Uploader, assert_device_silent, other_device, server, service, trusting, until,
-};
+use esaac_tests::interop::{Place, Uploader, other_device, server, service, trusting, until};
 use esaac_tests::peer::{Peer, bringing};
 use esaac_tests::run::{camera, engine_with};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};

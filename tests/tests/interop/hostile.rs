@@ -6,9 +6,9 @@ use esaac_interop::wire::{
     ErrorCode, Hello, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, Message,
 };
 use esaac_interop::{ProducerOptions, ServerOptions};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::drivers::in_a_process_of_its_own;
-use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, service, until};
+use esaac_tests::interop::{Place, Uploader, other_device, service, until};
 use esaac_tests::peer::{Peer, greeting};
 use rustix::fd::OwnedFd;
 use std::path::Path;

@@ -9,10 +9,10 @@ use esaac_model::presets::preset;
 use esaac_model::{HdrFormat, MotionFormat, Profile, SensorModel, Synthesis};
 use esaac_scene::renderer::{Renderer, Targets};
 use esaac_scene::{RenderError, SceneKind};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::figures::Figures;
 use esaac_tests::frames::{FRAME_NS, Frame, Sequence};
-use esaac_tests::interop::{Place, assert_device_silent, other_device, service, until};
+use esaac_tests::interop::{Place, other_device, service, until};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 

@@ -7,9 +7,9 @@ use esaac_interop::wire::{
 use esaac_interop::{CameraTerms, Gives, Planes, ProducerOptions, ServerOptions, Service};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::{IdFormat, Packet, Synthesis};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::exact::{FRAMES, Run, SIZE, config};
-use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, trusting, until};
+use esaac_tests::interop::{Place, Uploader, other_device, trusting, until};
 use std::time::Duration;
 
 const SECOND: Duration = Duration::from_secs(1);

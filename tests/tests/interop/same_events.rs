@@ -8,11 +8,10 @@ use esaac_interop::wire::{
 };
 use esaac_interop::{CameraTerms, Outcome, ProducerOptions, Server, ServerOptions, Support};
 use esaac_model::{SensorModel, Synthesis, Taps};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::frames::{FRAME_NS, Sequence};
 use esaac_tests::interop::{
-    Checksum, IMAGES, Place, Uploader, assert_device_silent, flight, other_device, server, service, trusting,
-    until,
+    Checksum, IMAGES, Place, Uploader, flight, other_device, server, service, trusting, until,
 };
 use esaac_tests::run::{camera, engine_of_many, step};
 use std::time::Duration;

@@ -3,9 +3,9 @@
 use crate::faults::{engine, sensor, sequence};
 use esaac_interop::wire::{ErrorCode, Hello, MAX_SLOTS, MEMORY_HOST, Message};
 use esaac_interop::{CameraTerms, Outcome, Producer, ProducerOptions, Server, ServerOptions};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::drivers::in_a_process_of_its_own;
-use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, until};
+use esaac_tests::interop::{Place, Uploader, other_device, until};
 use esaac_tests::peer::{Peer, greeting};
 use esaac_tests::run::camera;
 use rustix::fd::AsRawFd;

@@ -7,8 +7,8 @@ use esaac_interop::wire::{
 };
 use esaac_interop::{Copies, Gives, Planes, Producer, ProducerOptions, ServerOptions, wire};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
-use esaac_tests::device::assert_silent;
-use esaac_tests::interop::{Place, Uploader, assert_device_silent, other_device, service, until};
+use esaac_tests::device::{assert_device_silent, assert_silent};
+use esaac_tests::interop::{Place, Uploader, other_device, service, until};
 use esaac_tests::peer::{Peer, listen};
 use esaac_tests::run::engine_with as alone;
 use rustix::fd::{AsFd, OwnedFd};

@@ -3,8 +3,9 @@
 
 use crate::harness::{assert_error, esaac, finish};
 use esaac_ros::BagReader;
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A small and quick scene.
@@ -88,17 +89,30 @@ fn a_demo_without_a_network_goes_on_with_a_warning_and_one_that_was_asked_for_it
     assert!(error.contains("nonesuch0") && error.contains("--ros off"), "{error}");
 }
 
+/// Waits until a process has recorded 3 MiB.
+fn until_recorded(child: &mut Child, file: &Path) {
+    let until = Instant::now() + Duration::from_secs(120);
+    while std::fs::metadata(file).map_or(0, |file| file.len()) < 3 << 20 {
+        assert!(Instant::now() < until && child.try_wait().unwrap().is_none(), "nothing was recorded");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 #[test]
 fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.mcap");
-    // A limit on the file's size (2 MiB) stands for a full disk. The signal that would end the process is
-    // ignored.
+    // A limit on the size of files stands for a full disk. The signal that would end the process is ignored. The limit
+    // comes once the recording grows: the software driver's memory is in files too.
     let mut limited = Command::new("bash");
-    limited.args(["-c", "trap '' XFSZ; ulimit -f 2048; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_esaac")]);
-    limited.args(["demo", "--frames", "60", "--out"]).arg(folder.path()).arg("--record").arg(&file);
+    limited.args(["-c", "trap '' XFSZ; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_esaac")]);
+    limited.args(["demo", "--frames", "600", "--out"]).arg(folder.path()).arg("--record").arg(&file);
     limited.args(SMALL).args(["--ros", "off"]).env_remove("ESAAC_DEVICE");
-    let (code, _, error) = finish(limited.output().unwrap());
+    let mut child = limited.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    until_recorded(&mut child, &file);
+    let most = Rlimit { current: Some(4 << 20), maximum: Some(4 << 20) };
+    prlimit(Pid::from_raw(child.id() as i32), Resource::Fsize, most).unwrap();
+    let (code, _, error) = finish(child.wait_with_output().unwrap());
     assert_eq!(code, 1, "{error}");
     assert!(error.contains("recording stopped") && error.contains("File too large"), "{error}");
     let (topics, truncated) = recorded(&file);
@@ -113,11 +127,7 @@ fn a_recording_whose_writer_was_killed_replays_up_to_its_last_chunk() {
     let more = ["--frames", "100000", "--ros", "off", "--record", name];
     let mut child =
         demo(2, folder.path(), &more).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let until = Instant::now() + Duration::from_secs(120);
-    while std::fs::metadata(&file).map_or(0, |file| file.len()) < 3 << 20 {
-        assert!(Instant::now() < until && child.try_wait().unwrap().is_none(), "nothing was recorded");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    until_recorded(&mut child, &file);
     child.kill().unwrap();
     child.wait().unwrap();
     let replay = ["replay", name, "--json", "--delay", "0", "--rate", "1000"];
