@@ -50,6 +50,12 @@ pub fn step(rig: &mut Rig, sequence: &Sequence, index: usize) -> Step {
     Step { packet, aps, diagnostics, substeps_q24: rig.substeps_q24(0) }
 }
 
+/// Whether a part of the last tick ran again, or `merge` did. The rig has time stamps between stages.
+#[must_use]
+pub fn ran_again(rig: &Rig) -> bool {
+    rig.last_tick().stage_ns.iter().any(|&(stage, ns)| stage == "retry" && ns > 0)
+}
+
 /// Steps camera 0 of a rig of one camera through frames `range`.
 pub fn steps(rig: &mut Rig, sequence: &Sequence, range: std::ops::Range<usize>) -> Vec<Step> {
     range.map(|index| step(rig, sequence, index)).collect()

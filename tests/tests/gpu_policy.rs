@@ -7,7 +7,7 @@ use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel, SubstepPolicy
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
-use esaac_tests::run::{Step, camera, engine_of_many, engine_with, rig, steps};
+use esaac_tests::run::{Step, camera, engine_of_many, engine_with, ran_again, rig, steps};
 use esaac_tests::{agreement, corpus};
 
 /// An odd size: the image cuts blocks and sub-tiles off at the right and at the bottom.
@@ -95,8 +95,7 @@ fn gpu_steps(sensor: &SensorModel, sequence: &Sequence, policy: KernelPolicy) ->
 fn steps_and_retries(rig: &mut Rig, sequence: &Sequence) -> (Vec<Step>, Vec<bool>) {
     let step = |frame| {
         let step = steps(rig, sequence, frame..frame + 1).remove(0);
-        let tick = rig.last_tick();
-        (step, tick.stage_ns.iter().any(|&(stage, ns)| stage == "retry" && ns > 0))
+        (step, ran_again(rig))
     };
     (0..sequence.frames.len()).map(step).unzip()
 }

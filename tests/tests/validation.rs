@@ -11,15 +11,9 @@ use esaac_engine::{
 };
 use esaac_kernels::{Optimise, compile};
 use esaac_model::{HdrFormat, SensorModel, Synthesis};
-use esaac_tests::device::DEVICE;
+use esaac_tests::device::{DEVICE, alone};
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// Runs tests one at a time: the layer does not lock its table of devices (see `esaac_tests::device`).
-fn alone() -> MutexGuard<'static, ()> {
-    static ALONE: Mutex<()> = Mutex::new(());
-    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
+use std::sync::Arc;
 
 /// Opens the device under test again, always with the validation layer.
 fn watched() -> Arc<Device> {

@@ -1,11 +1,10 @@
 //! Runs a rig through the operations, and recovers after a fault as a user would.
 
-use crate::alone;
 use crate::operations::{Operation, delayed, depth_and_ids, flashing, lens, operations, scene, sequences};
 use crate::strike::Faults;
 use esaac_engine::{CameraConfig, EngineError, FrameBytes, HeldPackets, PacketPlace, Rig, RigOptions};
 use esaac_model::{HdrFormat, Packet, SensorModel};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, alone, assert_silent};
 use esaac_tests::frames::Sequence;
 use esaac_tests::geometry::geometry;
 

@@ -1,11 +1,10 @@
 //! Packets that are held for longer than the rig keeps them.
 
-use crate::alone;
 use crate::driver::{Driver, given, undisturbed};
 use crate::operations::{flashing, operations};
 use esaac_engine::{CameraConfig, Rig};
 use esaac_model::HdrFormat;
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, alone, assert_silent};
 
 #[test]
 fn held_packets_outlive_the_ring_and_the_rig() {

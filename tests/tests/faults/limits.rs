@@ -1,13 +1,12 @@
 //! Limits: dispatches too large for the device, a device without a clock, more events than 32 bits count.
 
-use crate::alone;
 use crate::operations::{flashing, sequences};
 use esaac_engine::{
     CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, Restrictions, Rig, RigOptions, Validation,
 };
 use esaac_layout::Counters;
 use esaac_model::{HdrFormat, SensorModel};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, alone, assert_silent};
 use esaac_tests::drivers::in_a_process_of_its_own;
 use std::sync::Arc;
 

@@ -2,13 +2,12 @@
 
 #![expect(unsafe_code, reason = "commands that are made to fail are recorded by hand")]
 
-use crate::alone;
 use crate::driver::Driver;
 use crate::operations::{Operation, flashing};
 use crate::strike::{Faults, Kind};
 use esaac_engine::ash::vk;
 use esaac_engine::{Commands, EngineError, FaultPoint, FrameBytes, Representation, SubmitHooks};
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, alone, assert_silent};
 use std::sync::Arc;
 
 #[test]

@@ -11,11 +11,3 @@ mod random;
 mod saved;
 mod strike;
 mod sweep;
-
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
-/// Runs tests one at a time: the faults of a device hit every test that uses it.
-fn alone() -> MutexGuard<'static, ()> {
-    static ALONE: Mutex<()> = Mutex::new(());
-    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}

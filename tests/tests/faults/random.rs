@@ -1,10 +1,9 @@
 //! Faults drawn at random, several in one run.
 
-use crate::alone;
 use crate::driver::{Driver, undisturbed};
 use crate::operations::operations;
 use crate::strike::{Faults, Kind};
-use esaac_tests::device::assert_silent;
+use esaac_tests::device::{alone, assert_silent};
 
 /// A small generator for the choice of faults: SplitMix64.
 struct Random(u64);

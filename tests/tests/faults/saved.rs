@@ -1,10 +1,9 @@
 //! States that are saved by a rig whose buffers have grown.
 
-use crate::alone;
 use crate::driver::{Driver, rig_of, undisturbed};
 use crate::operations::{Operation, flashing, operations};
 use esaac_model::{Intensity, SensorModel};
-use esaac_tests::device::assert_silent;
+use esaac_tests::device::{alone, assert_silent};
 
 #[test]
 fn a_state_saved_after_planes_have_grown_is_taken_up_by_any_rig_of_its_sensors() {

@@ -1,10 +1,9 @@
 //! A fault at each point in turn.
 
-use crate::alone;
 use crate::driver::{Driver, Given, Station, rig_of, undisturbed};
 use crate::operations::{Operation, delayed, flashing, operations};
 use crate::strike::{Faults, Kind};
-use esaac_tests::device::assert_silent;
+use esaac_tests::device::{alone, assert_silent};
 
 /// State of the driver before each operation.
 fn stations() -> Vec<Station> {

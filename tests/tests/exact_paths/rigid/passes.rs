@@ -11,6 +11,7 @@ use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::frames::FRAME_NS;
 use esaac_tests::geometry::{KeyFrame, Rendered};
+use esaac_tests::run::ran_again;
 
 const POLICY: KernelPolicy = KernelPolicy::gpu();
 
@@ -61,16 +62,15 @@ fn stands_then_shakes() -> Rendered {
 }
 
 /// Events of each interval for a sensor whose queues have room for them, and whether a part of it ran again.
-fn ran_again(rendered: &Rendered, policy: Option<KernelPolicy>) -> Vec<(Vec<Event>, bool)> {
+fn events_and_retries(rendered: &Rendered, policy: Option<KernelPolicy>) -> Vec<(Vec<Event>, bool)> {
     let options = RigOptions { policy, stage_times: true, initial_events: 1 << 20, ..RigOptions::default() };
     let sensor = SensorModel { contrast_on: 0.6, contrast_off: 0.6, ..sensor() };
     let mut rig = Rig::with_options(&DEVICE, &[rendered.camera(&sensor)], options).expect("a rig");
     rig.set_scene(0, rendered.scene.clone()).expect("poses of its lens");
     let step = |frame: &KeyFrame| {
         rig.upload(0, &frame.bytes()).expect("a frame that fits");
-        let tick = rig.step(&[frame.t_ns]).expect("a frame in time");
-        let again = tick.stage_ns.iter().any(|&(stage, ns)| stage == "retry" && ns > 0);
-        (tick.packets[0].iter().collect(), again)
+        let events = rig.step(&[frame.t_ns]).expect("a frame in time").packets[0].iter().collect();
+        (events, ran_again(&rig))
     };
     let steps = rendered.frames.iter().map(step).collect();
     assert_silent();
@@ -81,7 +81,8 @@ fn ran_again(rendered: &Rendered, policy: Option<KernelPolicy>) -> Vec<(Vec<Even
 #[test]
 fn an_interval_that_needs_more_passes_than_the_ones_before_it_loses_nothing() {
     let rendered = stands_then_shakes();
-    let [own, wide, narrow] = [None, Some(POLICY), Some(NARROW)].map(|policy| ran_again(&rendered, policy));
+    let [own, wide, narrow] =
+        [None, Some(POLICY), Some(NARROW)].map(|policy| events_and_retries(&rendered, policy));
     assert!(own[2].0.len() > 1000, "{} events", own[2].0.len());
     let again = |steps: &[(Vec<Event>, bool)]| steps.iter().map(|step| step.1).collect::<Vec<_>>();
     assert_eq!((again(&wide), again(&narrow)), (vec![false; 3], vec![false, false, true]));
