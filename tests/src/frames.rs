@@ -1,5 +1,6 @@
 //! Frames for the engine and the oracle, from the analytic scenes or from values of single pixels.
 
+use esaac_model::random::philox4x32_10;
 use esaac_model::{HdrFormat, MotionFormat, SensorModel};
 use esaac_oracle::Frame as OracleFrame;
 use esaac_scene::{SceneKind, render_cpu};
@@ -114,4 +115,15 @@ pub fn intensity_of(sensor: &SensorModel, log: f64) -> f32 {
 #[must_use]
 pub fn half_bytes(value: f64) -> [u8; 2] {
     half::f16::from_f64(value).to_le_bytes()
+}
+
+/// Every pixel crosses some six thresholds of .9 in each interval, at times of its own, most of them while it is dark (by
+/// synthesis `linear`): the largest of its bins has three times as many events as the others.
+#[must_use]
+pub fn crowded(sensor: &SensorModel, frames: usize) -> Sequence {
+    gray(sensor, &times(0, frames), |frame, pixel| {
+        let word = philox4x32_10([pixel as u32, frame as u32, 0, 0], [5, 0])[0];
+        let phase = f64::from(word) / f64::from(u32::MAX);
+        intensity_of(sensor, if frame % 2 == 0 { -4.0 + 0.5 * phase } else { 1.0 + 1.2 * phase })
+    })
 }

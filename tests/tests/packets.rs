@@ -6,8 +6,10 @@ use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, S
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::compare;
 use esaac_tests::device::{DEVICE, assert_silent};
-use esaac_tests::frames::{FRAME_NS, Sequence, gray, intensity_of, scene, times};
-use esaac_tests::run::{Step, engine_of_many, engine_with, events, oracle, oracle_events, rig, step};
+use esaac_tests::frames::{FRAME_NS, Sequence, crowded, gray, intensity_of, scene, times};
+use esaac_tests::run::{
+    Step, engine_of_many, engine_with, events, oracle, oracle_events, ran_again, rig, step, steps,
+};
 
 const SIZE: (u32, u32) = (61, 43);
 
@@ -456,6 +458,37 @@ fn a_flash_beside_a_calm_camera_while_both_grow() {
     assert_eq!(alone[0].len(), together[2].len());
     for (index, (a, b)) in alone[0].iter().zip(&together[2]).enumerate() {
         assert!(a.packet == b.packet, "packet {index}");
+    }
+    assert_silent();
+}
+
+/// A rig that has met packets with crowded bins has more of them, and sorts without `merge` what a fresh one merges.
+#[test]
+fn a_rig_takes_more_bins_for_crowded_packets_which_stay_as_they_are() {
+    let free = SensorModel { width: 96, height: 80, contrast_on: 0.9, contrast_off: 0.9, ..wide() };
+    let options = RigOptions { stage_times: true, ..RigOptions::default() };
+    for sensor in [free.clone(), SensorModel { latency_ns: 500_000, ..free }] {
+        let sequence = crowded(&sensor, 6);
+        let mut grown = rig(&sensor, &sequence, options);
+        let bins = |rig: &Rig| {
+            let of_bins = rig.memory().into_iter().filter(|part| part.purpose == "bins");
+            of_bins.map(|part| part.bytes).sum::<u64>()
+        };
+        let first = bins(&grown);
+        let mut steps = steps(&mut grown, &sequence, 0..3);
+        for index in 3..sequence.frames.len() {
+            let mut fresh = rig(&sensor, &sequence, options);
+            fresh.restore(&grown.save().expect("a state")).expect("that of an equal rig");
+            let got = step(&mut grown, &sequence, index);
+            let expected = step(&mut fresh, &sequence, index);
+            assert!(got.packet.len() > 4 * sensor.pixels(), "{} events", got.packet.len());
+            assert!(got.packet == expected.packet, "packet {index} of {sensor:?}");
+            assert!(ran_again(&fresh), "packet {index} of {sensor:?} is not heavy");
+            assert!(!ran_again(&grown), "packet {index} of {sensor:?} is merged all the same");
+            steps.push(got);
+        }
+        check_contract(&sensor, &sequence, &steps);
+        assert!(bins(&grown) >= 2 * first - first / 4, "{first} bytes, then {}", bins(&grown));
     }
     assert_silent();
 }

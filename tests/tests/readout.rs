@@ -12,7 +12,7 @@ use esaac_model::{Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Ti
 use esaac_oracle::physical::readout::Queue;
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
-use esaac_tests::frames::{Sequence, gray, intensity_of, scene, times};
+use esaac_tests::frames::{Sequence, crowded, gray, intensity_of, scene, times};
 use esaac_tests::run::{Step, engine_of_many, events, oracle, oracle_events, ran_again, rig, step, steps};
 
 const SIZE: (u32, u32) = (61, 43);
@@ -276,6 +276,27 @@ fn a_flash_of_all_pixels_is_served_as_by_a_queue_though_buffers_grow() {
     }
     for (options, initial_events) in orders().into_iter().zip([0, 64, 64]) {
         check(&cameras, RigOptions { initial_events, ..options });
+    }
+}
+
+/// So many events that a rig takes more bins than it has at first, and its outlets with it.
+#[test]
+fn packets_whose_bins_are_crowded_are_served_as_by_a_queue() {
+    let cameras = KINDS.map(|kind| {
+        let sensor = SensorModel {
+            width: 96,
+            height: 80,
+            synthesis: Synthesis::Linear,
+            contrast_on: 0.9,
+            contrast_off: 0.9,
+            ..sensor(kind, 40.0)
+        };
+        (sensor.clone(), crowded(&sensor, 5))
+    });
+    for options in orders() {
+        let runs = check(&cameras, options);
+        let events = runs.iter().flat_map(|run| &run[1..]).map(|served| served.events.len());
+        assert!(events.min() > Some(256 * 128), "too few for more bins");
     }
 }
 

@@ -228,7 +228,8 @@ impl Arena {
         elements_of(slot, places, self.policy)
     }
 
-    /// Records the copies of a move: each camera's part, as much of it as fits both places.
+    /// Records the copies of a move: each camera's part, as much of it as fits both places. Bins are empty after it, as
+    /// they are between ticks.
     pub(super) fn record_move(
         &self,
         device: &Device,
@@ -238,6 +239,11 @@ impl Arena {
     ) {
         for (slot, binding) in BINDINGS.iter().enumerate() {
             let Some(fresh) = planned.fresh(slot) else { continue };
+            if slot == layout::BINS {
+                // SAFETY: `commands` is being recorded; the buffer lives until they have run, and was made for transfers.
+                unsafe { device.raw().cmd_fill_buffer(commands, fresh.raw(), 0, vk::WHOLE_SIZE, 0) };
+                continue;
+            }
             let stride = u64::from(binding.stride);
             let (mut from, mut to) = (0, 0);
             let mut regions = Vec::new();

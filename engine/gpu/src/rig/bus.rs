@@ -3,7 +3,6 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::Rig;
-use super::kernels::group_bins;
 use super::record::{MOST_GROUPS, striding_groups};
 use super::sensor::has_bus;
 use crate::kernel::record_barrier;
@@ -20,7 +19,7 @@ impl Rig {
     /// Workgroups of `sort` for each camera.
     pub(super) fn bin_groups(&self) -> u32 {
         let bins = self.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0) + 1;
-        bins.div_ceil(group_bins(self.pipelines.policy, &self.cameras))
+        bins.div_ceil(self.pipelines.kernels.sorting.group_bins)
     }
 
     /// Workgroups of `readout_apart` for each camera: one for each stretch of a packet that fills the event buffers.

@@ -5,8 +5,8 @@ use super::{CameraConfig, RigOptions};
 use crate::policy::{KernelPolicy, KernelSet};
 use esaac_layout::{
     self as layout, BINDINGS, BUS_HEAD, BUS_KEPT_ROW, BUS_ROW, BUS_STRETCH, LIST_ROWS, MOST_CARRIED,
-    MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, STATE_WORDS,
-    SUB_TILES, SUMMED_BINS, TILE_BLOCKS,
+    MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, POSE_ROWS, REPRESENTATIVE_WORDS, SORTABLE_EVENTS,
+    STATE_WORDS, SUB_TILES, SUMMED_BINS, TILE_BLOCKS,
 };
 use esaac_model::SensorModel;
 use esaac_model::substeps::{BLOCK_PX, MAX_SUBSTEPS};
@@ -163,6 +163,18 @@ impl Place {
         Place { bin_capacity: self.bin_capacity.max(room), ..self }
     }
 
+    /// This place with twice the bins, with half the room in each, if a packet of `events` has a bin of `largest_bin` that is
+    /// nearly more than `sort` takes; but not where other bins have few events, since more bins do not part what comes at one
+    /// instant.
+    pub(super) fn with_more_bins(self, largest_bin: u32, events: u32) -> Self {
+        let is_crowded = largest_bin > CROWDED_BIN && events / CROWDED_MEAN > self.bin_count;
+        if !is_crowded {
+            return self;
+        }
+        let bin_capacity = self.bin_capacity.div_ceil(2).next_multiple_of(BIN_CAPACITY_STEP);
+        Place { bin_count: 2 * self.bin_count, bin_capacity, ..self }
+    }
+
     /// This place of an outlet with room for all that can leave the bus of the camera at `camera` in a tick: its events, and
     /// one of each pixel that waited. Without a bus there is no outlet.
     pub(super) fn behind(self, camera: &Place) -> Self {
@@ -277,6 +289,12 @@ const BIN_CAPACITY: u32 = BIN_PX + BIN_PX / 2;
 
 /// Bin capacities are multiples of this: whole lines of memory.
 const BIN_CAPACITY_STEP: u32 = 16;
+
+/// Events of a bin from which on a camera takes more bins: three quarters of what `sort` takes.
+const CROWDED_BIN: u32 = SORTABLE_EVENTS / 4 * 3;
+
+/// Events that its bins have on average then, at least: four for each of [`BIN_PX`] pixels.
+const CROWDED_MEAN: u32 = 4 * BIN_PX;
 
 /// Number of bins of a camera, and their initial capacity.
 fn first_bins(pixels: u32) -> (u32, u32) {
@@ -423,6 +441,22 @@ mod tests {
         let sizes = [128 * 128, 640 * 480, 1280 * 720, 1920 * 1080, 3840 * 2160, u32::MAX];
         let expected = [(256, 96), (8192, 96), (16_384, 96), (65_536, 48), (16_384, 96), (16_384, 96)];
         assert_eq!(sizes.map(first_bins), expected);
+    }
+
+    #[test]
+    fn bins_double_where_all_are_crowded_and_take_no_more_room() {
+        let place = Place { bin_count: 1024, bin_capacity: 1696, ..Place::default() };
+        let after = |largest, events| {
+            let with = place.with_more_bins(largest, events);
+            (with.bin_count, with.bin_capacity)
+        };
+        let mean = |events| events * place.bin_count;
+        assert_eq!(after(CROWDED_BIN + 1, mean(675)), (2048, 848));
+        assert_eq!(after(CROWDED_BIN, mean(675)), (1024, 1696), "not crowded");
+        assert_eq!(after(1 << 20, mean(CROWDED_MEAN)), (1024, 1696), "one instant");
+        assert_eq!(after(1 << 20, mean(CROWDED_MEAN + 1)), (2048, 848));
+        let small = Place { bin_capacity: 16, ..place };
+        assert_eq!(small.with_more_bins(2000, mean(675)).bin_capacity, 16, "whole lines");
     }
 
     #[test]

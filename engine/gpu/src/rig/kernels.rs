@@ -11,20 +11,41 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-/// Bins that a workgroup of `sort` takes.
-pub(super) fn group_bins(policy: KernelPolicy, cameras: &[CameraState]) -> u32 {
-    policy.group_bins_of(cameras.iter().map(|c| c.place.bin_count).sum(), cameras.len() as u32)
+/// How `sort` goes through the bins of a rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Sorting {
+    /// Bins that a workgroup takes.
+    pub group_bins: u32,
+    /// Whether `bin_sums` runs before it in a rig without a bus.
+    summed: bool,
 }
 
-/// Whether `bin_sums` runs before `sort` in a rig without a bus.
-pub(super) fn sums_bins(policy: KernelPolicy, cameras: &[CameraState]) -> bool {
-    let group_bins = u64::from(group_bins(policy, cameras));
-    let bins = cameras.iter().map(|c| u64::from(c.place.bin_count));
-    bins.map(|bins| bins * bins / group_bins).sum::<u64>() >= policy.summed_reads
+impl Sorting {
+    /// That of a rig whose cameras have so many bins each.
+    fn of(policy: KernelPolicy, bin_counts: &[u32]) -> Self {
+        let group_bins = policy.group_bins_of(bin_counts.iter().sum(), bin_counts.len() as u32);
+        let reads = |&bins: &u32| u64::from(bins) * u64::from(bins) / u64::from(group_bins);
+        let summed = bin_counts.iter().map(reads).sum::<u64>() >= policy.summed_reads;
+        Sorting { group_bins, summed }
+    }
+
+    fn kernel(self, policy: KernelPolicy, has_bus: bool) -> Specialised {
+        sort(policy, self.group_bins, has_bus, self.summed && !has_bus)
+    }
+
+    /// The kernel of `bin_sums`, if it runs.
+    fn bin_sums(self, code: &Code, bindings: &Arc<BindingSet>) -> Result<Option<Kernel>, EngineError> {
+        self.summed.then(|| code.plain_kernel(bindings, stages::BIN_SUMS)).transpose()
+    }
+}
+
+fn bin_counts(cameras: &[CameraState]) -> Vec<u32> {
+    cameras.iter().map(|c| c.place.bin_count).collect()
 }
 
 /// Kernels that are the same for every sensor.
 pub(super) struct Kernels {
+    pub sorting: Sorting,
     pub deferred: Kernel,
     /// Compiled when a camera needs it first.
     pub paths: Option<Kernel>,
@@ -55,16 +76,14 @@ impl Kernels {
         code: &Code,
         bindings: &Arc<BindingSet>,
     ) -> Result<Self, EngineError> {
-        let summed = sums_bins(policy, cameras);
+        let sorting = Sorting::of(policy, &bin_counts(cameras));
         Ok(Kernels {
+            sorting,
             deferred: code.plain_kernel(bindings, stages::DEFERRED)?,
             paths: None,
             poses: None,
-            bin_sums: match summed {
-                true => Some(code.plain_kernel(bindings, stages::BIN_SUMS)?),
-                false => None,
-            },
-            sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), false, summed))?,
+            bin_sums: sorting.bin_sums(code, bindings)?,
+            sort: code.kernel(bindings, &sorting.kernel(policy, false))?,
             merge: code.plain_kernel(bindings, stages::MERGE)?,
             bus: None,
             forms: HashMap::new(),
@@ -76,7 +95,6 @@ impl Kernels {
     pub(super) fn need(
         &mut self,
         policy: KernelPolicy,
-        cameras: &[CameraState],
         code: &Code,
         bindings: &Arc<BindingSet>,
         permutations: &[Permutation],
@@ -95,10 +113,32 @@ impl Kernels {
                     true => Some(code.kernel(bindings, &readout_apart(policy))?),
                     false => None,
                 },
-                sort: code.kernel(bindings, &sort(policy, group_bins(policy, cameras), true, false))?,
+                sort: code.kernel(bindings, &self.sorting.kernel(policy, true))?,
             });
         }
         Ok(())
+    }
+
+    /// Compiles the kernels that sort such numbers of bins, if those at hand do not; returns whether they were others. On an
+    /// error nothing has changed.
+    fn follow_bins(
+        &mut self,
+        policy: KernelPolicy,
+        bin_counts: &[u32],
+        code: &Code,
+        bindings: &Arc<BindingSet>,
+    ) -> Result<bool, EngineError> {
+        let sorting = Sorting::of(policy, bin_counts);
+        if sorting == self.sorting {
+            return Ok(false);
+        }
+        let bin_sums = sorting.bin_sums(code, bindings)?;
+        let sort = code.kernel(bindings, &sorting.kernel(policy, false))?;
+        if let Some(bus) = &mut self.bus {
+            bus.sort = code.kernel(bindings, &sorting.kernel(policy, true))?;
+        }
+        (self.sorting, self.bin_sums, self.sort) = (sorting, bin_sums, sort);
+        Ok(true)
     }
 }
 
@@ -157,7 +197,17 @@ impl Rig {
         for p in permutations {
             specialised.need(code, bindings, *policy, p, !whole)?;
         }
-        kernels.need(*policy, &self.cameras, code, bindings, permutations, poses)
+        kernels.need(*policy, code, bindings, permutations, poses)
+    }
+
+    /// Sorts with the kernels for such numbers of bins from the next tick on. On an error the rig keeps its kernels, which
+    /// sort any number.
+    pub(super) fn follow_bins(&mut self, bin_counts: &[u32]) -> Result<(), EngineError> {
+        let Pipelines { bindings, code, kernels, policy, .. } = &mut self.pipelines;
+        if kernels.follow_bins(*policy, bin_counts, code, bindings)? {
+            self.recordings.unbind();
+        }
+        Ok(())
     }
 
     /// Compiles the kernels of the second run of `cross` that are missing.
@@ -196,13 +246,29 @@ impl Rig {
             self.pipelines.specialised.0.keys().map(|s| (s.kernel.0, s.constants.clone())).collect();
         let bus = &self.pipelines.kernels.bus;
         for has_bus in [false, true].iter().take(1 + usize::from(bus.is_some())) {
-            let policy = self.pipelines.policy;
-            let summed = !has_bus && sums_bins(policy, &self.cameras);
-            let sort = sort(policy, group_bins(policy, &self.cameras), *has_bus, summed);
+            let sort = self.pipelines.kernels.sorting.kernel(self.pipelines.policy, *has_bus);
             all.push((sort.kernel.0, sort.constants));
         }
         all.extend(self.pipelines.kernels.poses.iter().map(|_| (stages::POSES.0, Vec::new())));
         all.sort();
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rig_whose_bins_become_many_sorts_larger_groups_and_sums_them_first() {
+        let policy = KernelPolicy::gpu();
+        let of = |bin_counts: &[u32]| {
+            let Sorting { group_bins, summed } = Sorting::of(policy, bin_counts);
+            (group_bins, summed)
+        };
+        assert_eq!(of(&[4096]), (policy.group_bins, false));
+        assert_eq!(of(&[16_384]), (policy.group_bins_of_many, false));
+        assert_eq!(of(&[32_768]), (policy.group_bins_of_many, true));
+        assert_eq!(of(&[128, 16_384, 32_768]), (policy.group_bins_of_many, true));
     }
 }

@@ -32,7 +32,7 @@ impl Rig {
         let policy = self.pipelines.policy;
         let mut kernels = Kernels::new(policy, &self.cameras, &code, &bindings)?;
         let poses = self.pipelines.kernels.poses.is_some();
-        kernels.need(policy, &self.cameras, &code, &bindings, &self.permutations(), poses)?;
+        kernels.need(policy, &code, &bindings, &self.permutations(), poses)?;
         let mut specialised = SensorKernels::default();
         for permutation in self.permutations() {
             specialised.need(&code, &bindings, policy, &permutation, false)?;

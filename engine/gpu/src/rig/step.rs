@@ -1,5 +1,6 @@
 //! Stepping a rig: from frames and their times to a tick.
 
+use super::geometry;
 use super::look::Given;
 use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
 use super::passes::rows_used;
@@ -187,22 +188,30 @@ impl Rig {
         }
     }
 
-    /// Grows the bins of cameras whose packets overflowed much. If there is no memory, the bins stay as they are. If
-    /// the device does not finish the copies, this tick's packets are valid, but the rig is lost.
+    /// Takes more bins for cameras whose bins were crowded, or makes those larger whose packets overflowed much. If there is
+    /// no memory, the bins stay as they are. If the device does not finish the copies, this tick's packets are valid, but
+    /// the rig is lost.
     fn grow_bins(&mut self, end: &TickEnd) {
-        let counters = || end.counters.iter().chain(&end.outlets);
-        if !counters().flatten().any(overflowed_much) {
-            return;
-        }
         let before = self.places();
         let mut places = before.clone();
-        for (place, counters) in places.iter_mut().zip(counters()) {
-            if let Some(counters) = counters.as_ref().filter(|counters| overflowed_much(counters)) {
-                *place = place.with_bins_of(counters.largest_bin);
+        for (number, counters) in end.counters.iter().chain(&end.outlets).enumerate() {
+            let Some(counters) = counters else { continue };
+            // An outlet has as many bins as its camera.
+            let camera = number % self.cameras.len();
+            let with_more = before[camera].with_more_bins(counters.largest_bin, counters.packet);
+            if with_more != before[camera] {
+                places[camera] = with_more.with_bins_of(counters.largest_bin / 2);
+            } else if overflowed_much(counters) {
+                places[number] = places[number].with_bins_of(counters.largest_bin);
             }
         }
         // The bins may be as large as they get.
         if places == before {
+            return;
+        }
+        geometry::follow_cameras(&mut places);
+        let bin_counts: Vec<u32> = places[..self.cameras.len()].iter().map(|place| place.bin_count).collect();
+        if self.follow_bins(&bin_counts).is_err() {
             return;
         }
         let Ok(planned) = self.arena.plan(&self.device, &before, places) else { return };
