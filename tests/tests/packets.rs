@@ -1,6 +1,6 @@
 //! The contract of packets: order, completeness, and the same stream however buffers, bins and batches are arranged.
 
-use esaac_engine::{FrameInput, InputBuffers, MemoryLocation, Rig, RigOptions, SubmitHooks};
+use esaac_engine::{FrameInput, InputBuffers, KernelPolicy, MemoryLocation, Rig, RigOptions, SubmitHooks};
 use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
@@ -462,12 +462,23 @@ fn a_flash_beside_a_calm_camera_while_both_grow() {
     assert_silent();
 }
 
-/// A rig that has met packets with crowded bins has more of them, and sorts without `merge` what a fresh one merges.
+/// A rig that has met packets with crowded bins has more of them, and sorts without `merge` what a fresh one merges. It may
+/// sort larger groups of them then, and sum them first.
 #[test]
 fn a_rig_takes_more_bins_for_crowded_packets_which_stay_as_they_are() {
     let free = SensorModel { width: 96, height: 80, contrast_on: 0.9, contrast_off: 0.9, ..wide() };
-    let options = RigOptions { stage_times: true, ..RigOptions::default() };
-    for sensor in [free.clone(), SensorModel { latency_ns: 500_000, ..free }] {
+    let delayed = SensorModel { latency_ns: 500_000, ..free.clone() };
+    let kernels =
+        if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
+    let other_groups = KernelPolicy {
+        group_bins: 8,
+        group_bins_of_many: 16,
+        many_bins: 256,
+        summed_reads: 256 * 256 / 16,
+        ..kernels
+    };
+    for (sensor, policy) in [(free.clone(), None), (delayed, None), (free, Some(other_groups))] {
+        let options = RigOptions { stage_times: true, policy, ..RigOptions::default() };
         let sequence = crowded(&sensor, 6);
         let mut grown = rig(&sensor, &sequence, options);
         let bins = |rig: &Rig| {
