@@ -2,7 +2,9 @@
 
 use esaac_engine::{FrameInput, InputBuffers, KernelPolicy, MemoryLocation, Rig, RigOptions, SubmitHooks};
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use esaac_model::{
+    HdrFormat, MotionFormat, Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps,
+};
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::compare;
 use esaac_tests::device::{DEVICE, assert_silent};
@@ -477,7 +479,9 @@ fn a_rig_takes_more_bins_for_crowded_packets_which_stay_as_they_are() {
         summed_reads: 256 * 256 / 16,
         ..kernels
     };
-    for (sensor, policy) in [(free.clone(), None), (delayed, None), (free, Some(other_groups))] {
+    let with_bus = SensorModel { readout: ReadoutKind::Fifo, readout_event_ns: 1.0, ..free.clone() };
+    let plain = [free.clone(), delayed, with_bus].map(|sensor| (sensor, None));
+    for (sensor, policy) in plain.into_iter().chain([(free, Some(other_groups))]) {
         let options = RigOptions { stage_times: true, policy, ..RigOptions::default() };
         let sequence = crowded(&sensor, 6);
         let mut grown = rig(&sensor, &sequence, options);
@@ -495,7 +499,9 @@ fn a_rig_takes_more_bins_for_crowded_packets_which_stay_as_they_are() {
             assert!(got.packet.len() > 4 * sensor.pixels(), "{} events", got.packet.len());
             assert!(got.packet == expected.packet, "packet {index} of {sensor:?}");
             assert!(ran_again(&fresh), "packet {index} of {sensor:?} is not heavy");
-            assert!(!ran_again(&grown), "packet {index} of {sensor:?} is merged all the same");
+            // Where a bus is crowded, `readout` may run by itself.
+            let merges = ran_again(&grown) && sensor.readout == ReadoutKind::None;
+            assert!(!merges, "packet {index} of {sensor:?} is merged all the same");
             steps.push(got);
         }
         check_contract(&sensor, &sequence, &steps);

@@ -119,18 +119,17 @@ impl Kernels {
         Ok(())
     }
 
-    /// Compiles the kernels that sort such numbers of bins, if those at hand do not; returns whether they were others. On an
-    /// error nothing has changed.
+    /// Compiles the kernels that sort such numbers of bins, if those at hand do not. On an error nothing has changed.
     fn follow_bins(
         &mut self,
         policy: KernelPolicy,
         bin_counts: &[u32],
         code: &Code,
         bindings: &Arc<BindingSet>,
-    ) -> Result<bool, EngineError> {
+    ) -> Result<(), EngineError> {
         let sorting = Sorting::of(policy, bin_counts);
         if sorting == self.sorting {
-            return Ok(false);
+            return Ok(());
         }
         let bin_sums = sorting.bin_sums(code, bindings)?;
         let sort = code.kernel(bindings, &sorting.kernel(policy, false))?;
@@ -138,7 +137,7 @@ impl Kernels {
             bus.sort = code.kernel(bindings, &sorting.kernel(policy, true))?;
         }
         (self.sorting, self.bin_sums, self.sort) = (sorting, bin_sums, sort);
-        Ok(true)
+        Ok(())
     }
 }
 
@@ -200,14 +199,11 @@ impl Rig {
         kernels.need(*policy, code, bindings, permutations, poses)
     }
 
-    /// Sorts with the kernels for such numbers of bins from the next tick on. On an error the rig keeps its kernels, which
-    /// sort any number.
+    /// Compiles the kernels that sort such numbers of bins, if those at hand do not; commands that name them must be recorded
+    /// anew. On an error the rig keeps its kernels, which sort any number.
     pub(super) fn follow_bins(&mut self, bin_counts: &[u32]) -> Result<(), EngineError> {
         let Pipelines { bindings, code, kernels, policy, .. } = &mut self.pipelines;
-        if kernels.follow_bins(*policy, bin_counts, code, bindings)? {
-            self.recordings.unbind();
-        }
-        Ok(())
+        kernels.follow_bins(*policy, bin_counts, code, bindings)
     }
 
     /// Compiles the kernels of the second run of `cross` that are missing.

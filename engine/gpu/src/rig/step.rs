@@ -211,17 +211,16 @@ impl Rig {
         }
         geometry::follow_cameras(&mut places);
         let bin_counts: Vec<u32> = places[..self.cameras.len()].iter().map(|place| place.bin_count).collect();
+        let Ok(planned) = self.arena.plan(&self.device, &before, places) else { return };
         if self.follow_bins(&bin_counts).is_err() {
             return;
         }
-        let Ok(planned) = self.arena.plan(&self.device, &before, places) else { return };
         let device = &self.device;
         let moved = device.run_once(|commands| self.arena.record_move(device, commands, &before, &planned));
+        // Whether buffers have moved or not, kernels may have changed.
+        self.recordings.unbind();
         match moved {
-            Ok(()) => {
-                self.arena.commit(&mut self.cameras, planned);
-                self.recordings.unbind();
-            }
+            Ok(()) => self.arena.commit(&mut self.cameras, planned),
             Err(error) if error.leaves_work() => {
                 self.lose(error);
             }
