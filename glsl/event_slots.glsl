@@ -1,12 +1,13 @@
 // Events in slots of their pixel, for the software driver. There each instruction costs every pixel, whether it has an
-// event or not. So an event only puts its time in a slot, and the queue's tags are written when the walk is over.
+// event or not. So an event only puts its time and polarity in a slot, and the queue's tags are written when the walk is over.
 // Where a sub-tile may be walked again, the queue stays empty: the first walk counts the events, a second one scatters them
 // one by one.
 
 // Slots per pixel. A pixel with more events overflows the queue, and its walk need not go on.
 const uint PIXEL_SLOTS = QUEUE_EVENTS / gl_WorkGroupSize.x;
-// One bit for each event of the pixel so far, set for ON.
-uint on_events;
+
+// In a slot, above the time: set for ON. An interval has less than 2^31 nanoseconds.
+const uint ON = 0x80000000u;
 
 bool walks_on(uint ordinal) {
     return WALKS_AGAIN || ordinal <= PIXEL_SLOTS;
@@ -24,13 +25,10 @@ void emit(uint at_ns, bool on, uint ordinal) {
         }
         return;
     }
-    queue_times_ns[slot_of(gl_LocalInvocationID.x, ordinal)] = at_ns;
-    on_events |= uint(on) << (ordinal & 31u);
+    queue_times_ns[slot_of(gl_LocalInvocationID.x, ordinal)] = on ? at_ns | ON : at_ns;
 }
 
-void begin_events() {
-    on_events = 0u;
-}
+void begin_events() {}
 
 // Appends the `count` events in the pixel's slots to the queue.
 void end_events(uint count) {
@@ -44,7 +42,8 @@ void end_events(uint count) {
     const uint last = min(count, QUEUE_EVENTS - position);
     uint ordinal = 0u;
     do {
-        queue_tags[position + ordinal] = uint16_t(event_tag(((on_events >> ordinal) & 1u) != 0u, ordinal));
+        const bool on = queue_times_ns[slot_of(gl_LocalInvocationID.x, ordinal)] >= ON;
+        queue_tags[position + ordinal] = uint16_t(event_tag(on, ordinal));
         ordinal += 1u;
     } while (ordinal < last);
 }
@@ -60,5 +59,5 @@ uint events_sent(uint found) {
 void begin_next_walk() {}
 
 uint queued_time_ns(uint position, uint tag) {
-    return queue_times_ns[slot_of(tag & 127u, tag >> 8)];
+    return queue_times_ns[slot_of(tag & 127u, tag >> 8)] & ~ON;
 }

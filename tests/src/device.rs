@@ -1,6 +1,6 @@
 //! The device under test. A missing device fails a test; nothing is skipped.
 
-use esaac_engine::{Device, DeviceChoice, Validation};
+use esaac_engine::{Device, DeviceChoice, KernelPolicy, Validation};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 /// The device that all tests of a process share: the best one, or the one with the index in `ESAAC_DEVICE`. The
@@ -25,6 +25,12 @@ static OPENED: LazyLock<[Arc<Device>; 2]> = LazyLock::new(|| {
     let again = open(DeviceChoice::Uuid(first.info().uuid));
     [first, again]
 });
+
+/// How kernels are run on [`DEVICE`] where the validation layer is off.
+#[must_use]
+pub fn policy() -> KernelPolicy {
+    if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() }
+}
 
 /// Runs tests of a process one at a time: those with faults of the device that they share, or with devices of their own.
 pub fn alone() -> MutexGuard<'static, ()> {

@@ -1,13 +1,16 @@
 //! The contract of packets: order, completeness, and the same stream however buffers, bins and batches are arranged.
 
-use esaac_engine::{FrameInput, InputBuffers, KernelPolicy, MemoryLocation, Rig, RigOptions, SubmitHooks};
+use esaac_engine::{
+    FrameInput, InputBuffers, KernelPolicy, LevelsFirst, MemoryLocation, Rig, RigOptions, SubmitHooks,
+};
+use esaac_layout::QUEUE_PER_PX;
 use esaac_model::packet::Event;
 use esaac_model::{
     HdrFormat, MotionFormat, Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps,
 };
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::compare;
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{DEVICE, assert_silent, policy};
 use esaac_tests::frames::{FRAME_NS, Sequence, crowded, gray, intensity_of, scene, times};
 use esaac_tests::run::{
     Step, engine_of_many, engine_with, events, oracle, oracle_events, ran_again, rig, step, steps,
@@ -470,14 +473,12 @@ fn a_flash_beside_a_calm_camera_while_both_grow() {
 fn a_rig_takes_more_bins_for_crowded_packets_which_stay_as_they_are() {
     let free = SensorModel { width: 96, height: 80, contrast_on: 0.9, contrast_off: 0.9, ..wide() };
     let delayed = SensorModel { latency_ns: 500_000, ..free.clone() };
-    let kernels =
-        if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
     let other_groups = KernelPolicy {
         group_bins: 8,
         group_bins_of_many: 16,
         many_bins: 256,
         summed_reads: 256 * 256 / 16,
-        ..kernels
+        ..policy()
     };
     let with_bus = SensorModel { readout: ReadoutKind::Fifo, readout_event_ns: 1.0, ..free.clone() };
     let plain = [free.clone(), delayed, with_bus].map(|sensor| (sensor, None));
@@ -507,6 +508,32 @@ fn a_rig_takes_more_bins_for_crowded_packets_which_stay_as_they_are() {
         check_contract(&sensor, &sequence, &steps);
         assert!(bins(&grown) >= 2 * first - first / 4, "{first} bytes, then {}", bins(&grown));
     }
+    assert_silent();
+}
+
+/// Each pixel has 50 to 100 events in an interval. Once the rig has met them, it has room for them while it walks.
+#[test]
+fn many_events_of_each_pixel_are_walked_once_and_stay_as_they_are() {
+    let sensor = SensorModel { width: 64, height: 64, contrast_on: 0.04, contrast_off: 0.04, ..wide() };
+    let sequence = gray(&sensor, &times(0, 8), |frame, pixel| {
+        let swing = 1.0 + f64::from(pixel as u32) / f64::from(sensor.width * sensor.height);
+        intensity_of(&sensor, if (pixel + frame) % 2 == 0 { swing } else { -swing } - 1.0)
+    });
+    let short =
+        KernelPolicy { most_queue_per_px: QUEUE_PER_PX, levels_first: LevelsFirst::Never, ..policy() };
+    let [once, again] = [None, Some(short)].map(|policy| {
+        let options = RigOptions { stage_times: true, policy, ..RigOptions::default() };
+        let mut rig = rig(&sensor, &sequence, options);
+        let steps = steps(&mut rig, &sequence, 0..sequence.frames.len());
+        (steps, ran_again(&rig))
+    });
+    assert!(!once.1, "sub-tiles run again");
+    assert!(again.1, "so few events that none would");
+    for (index, (got, expected)) in once.0.iter().zip(&again.0).enumerate() {
+        assert!(got.packet == expected.packet, "packet {index}");
+    }
+    assert!(once.0[7].packet.len() > 50 * sensor.pixels());
+    check_contract(&sensor, &sequence, &once.0);
     assert_silent();
 }
 

@@ -11,7 +11,7 @@ use esaac_model::substeps::quantise_ns;
 use esaac_model::{Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_oracle::physical::readout::Queue;
 use esaac_scene::SceneKind;
-use esaac_tests::device::{DEVICE, assert_silent};
+use esaac_tests::device::{assert_silent, policy};
 use esaac_tests::frames::{Sequence, crowded, gray, intensity_of, scene, times};
 use esaac_tests::run::{Step, engine_of_many, events, oracle, oracle_events, ran_again, rig, step, steps};
 
@@ -128,8 +128,7 @@ fn check(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Se
 /// Chunks of a packet one after the other, as on the software driver; side by side; and as on GPUs, where the whole packet is
 /// served at once if events hardly wait.
 fn orders() -> [RigOptions; 3] {
-    let kernels =
-        if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() };
+    let kernels = policy();
     let software = KernelPolicy::software_driver();
     let one_by_one = KernelPolicy {
         readout_threads: software.readout_threads,

@@ -160,8 +160,8 @@ impl KernelPolicy {
             readout_light: false,
             readout_apart: false,
             events_per_thread: 64,
-            // A row of a tile has room for 32 events a pixel: one bit each for their polarities.
-            most_queue_per_px: QUEUE_PER_PX,
+            // A row of a tile has room for 128 events a pixel then.
+            most_queue_per_px: 4 * QUEUE_PER_PX,
             // `cross` synthesises by itself.
             least_level_rows: 0,
             resting: Resting::WherePaid,
