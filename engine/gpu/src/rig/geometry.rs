@@ -163,14 +163,14 @@ impl Place {
         Place { bin_capacity: self.bin_capacity.max(room), ..self }
     }
 
-    /// This place with twice the bins, with half the room in each, if a packet of `events` has a bin of `largest_bin` that is
-    /// nearly more than `sort` takes; but not where other bins have few events, since more bins do not part what comes at one
-    /// instant.
-    pub(super) fn with_more_bins(self, largest_bin: u32, events: u32) -> Self {
-        let is_crowded = largest_bin > CROWDED_BIN && events / CROWDED_MEAN > self.bin_count;
-        if !is_crowded {
-            return self;
-        }
+    /// Whether a packet of `events`, whose largest bin has `largest_bin` of them, asks for more bins: that bin is nearly more
+    /// than `sort` takes, and the others have many too. More bins do not part what comes at one instant.
+    pub(super) fn is_crowded(&self, largest_bin: u32, events: u32) -> bool {
+        largest_bin > CROWDED_BIN && events / CROWDED_MEAN > self.bin_count
+    }
+
+    /// This place with twice the bins, with half the room in each.
+    pub(super) fn with_more_bins(self) -> Self {
         let bin_capacity = self.bin_capacity.div_ceil(2).next_multiple_of(BIN_CAPACITY_STEP);
         Place { bin_count: 2 * self.bin_count, bin_capacity, ..self }
     }
@@ -446,17 +446,14 @@ mod tests {
     #[test]
     fn bins_double_where_all_are_crowded_and_take_no_more_room() {
         let place = Place { bin_count: 1024, bin_capacity: 1696, ..Place::default() };
-        let after = |largest, events| {
-            let with = place.with_more_bins(largest, events);
-            (with.bin_count, with.bin_capacity)
-        };
-        let mean = |events| events * place.bin_count;
-        assert_eq!(after(CROWDED_BIN + 1, mean(675)), (2048, 848));
-        assert_eq!(after(CROWDED_BIN, mean(675)), (1024, 1696), "not crowded");
-        assert_eq!(after(1 << 20, mean(CROWDED_MEAN)), (1024, 1696), "one instant");
-        assert_eq!(after(1 << 20, mean(CROWDED_MEAN + 1)), (2048, 848));
+        let is_crowded = |largest, mean| place.is_crowded(largest, mean * place.bin_count);
+        assert!(is_crowded(CROWDED_BIN + 1, 675) && !is_crowded(CROWDED_BIN, 675));
+        assert!(is_crowded(1 << 20, CROWDED_MEAN + 1));
+        assert!(!is_crowded(1 << 20, CROWDED_MEAN), "one instant");
+        let more = place.with_more_bins();
+        assert_eq!((more.bin_count, more.bin_capacity), (2048, 848));
         let small = Place { bin_capacity: 16, ..place };
-        assert_eq!(small.with_more_bins(2000, mean(675)).bin_capacity, 16, "whole lines");
+        assert_eq!(small.with_more_bins().bin_capacity, 16, "whole lines");
     }
 
     #[test]

@@ -192,15 +192,22 @@ impl Rig {
     /// no memory, the bins stay as they are. If the device does not finish the copies, this tick's packets are valid, but
     /// the rig is lost.
     fn grow_bins(&mut self, end: &TickEnd) {
+        let all = end.counters.iter().chain(&end.outlets).enumerate();
+        let counted = || all.clone().filter_map(|(number, counters)| Some((number, counters.as_ref()?)));
+        // An outlet has as many bins as its camera.
+        let camera_of = |number: usize| number % self.cameras.len();
+        let is_crowded = |number, counters: &Counters| {
+            self.cameras[camera_of(number)].place.is_crowded(counters.largest_bin, counters.packet)
+        };
+        if !counted().any(|(number, counters)| is_crowded(number, counters) || overflowed_much(counters)) {
+            return;
+        }
         let before = self.places();
         let mut places = before.clone();
-        for (number, counters) in end.counters.iter().chain(&end.outlets).enumerate() {
-            let Some(counters) = counters else { continue };
-            // An outlet has as many bins as its camera.
-            let camera = number % self.cameras.len();
-            let with_more = before[camera].with_more_bins(counters.largest_bin, counters.packet);
-            if with_more != before[camera] {
-                places[camera] = with_more.with_bins_of(counters.largest_bin / 2);
+        for (number, counters) in counted() {
+            if is_crowded(number, counters) {
+                let camera = camera_of(number);
+                places[camera] = before[camera].with_more_bins().with_bins_of(counters.largest_bin / 2);
             } else if overflowed_much(counters) {
                 places[number] = places[number].with_bins_of(counters.largest_bin);
             }
