@@ -192,10 +192,7 @@ impl Arena {
     /// Records commands that zero buffers.
     pub(super) fn record_zero(&self, device: &Device, commands: vk::CommandBuffer, slots: &[usize]) {
         for &slot in slots {
-            // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
-            unsafe {
-                device.raw().cmd_fill_buffer(commands, self.buffer(slot).raw(), 0, vk::WHOLE_SIZE, 0);
-            }
+            zero(device, commands, self.buffer(slot));
         }
     }
 
@@ -240,8 +237,7 @@ impl Arena {
         for (slot, binding) in BINDINGS.iter().enumerate() {
             let Some(fresh) = planned.fresh(slot) else { continue };
             if slot == layout::BINS {
-                // SAFETY: `commands` is being recorded; the buffer lives until they have run, and was made for transfers.
-                unsafe { device.raw().cmd_fill_buffer(commands, fresh.raw(), 0, vk::WHOLE_SIZE, 0) };
+                zero(device, commands, fresh);
                 continue;
             }
             let stride = u64::from(binding.stride);
@@ -320,6 +316,12 @@ impl Arena {
         }
         uses
     }
+}
+
+/// Records a command that zeroes a buffer, which lives until it has run.
+fn zero(device: &Device, commands: vk::CommandBuffer, buffer: &Buffer) {
+    // SAFETY: `commands` is being recorded; the buffer is alive and was made for transfers.
+    unsafe { device.raw().cmd_fill_buffer(commands, buffer.raw(), 0, vk::WHOLE_SIZE, 0) };
 }
 
 /// Elements of a buffer that the cameras at `places` need. They share those of `levels`, which is as good as new in each
