@@ -24,13 +24,19 @@ uint stamp_offset(Camera cam, uint since_start_ns) {
     return fast_udiv(offset_ns, cam.timestamp_quantum_ns) * cam.timestamp_quantum_ns;
 }
 
+// For each of the camera's bins, where the next event of a heavy packet belongs: `sort` leaves room there for those of the
+// overflow, and `merge` fills it.
+uint room_of(Camera cam) {
+    return cam.bin_base + 2u * (cam.bin_count + 1u);
+}
+
 // Chunks of SUMMED_BINS of the camera's bins, and where `bin_sums` writes their sums and largest bins, one after the other.
 uint chunks_of(Camera cam) {
     return (cam.bin_count + SUMMED_BINS - 1u) / SUMMED_BINS;
 }
 
 uint sums_of(Camera cam) {
-    return cam.bin_base + 2u * (cam.bin_count + 1u);
+    return room_of(cam) + cam.bin_count;
 }
 
 // Where the list of crowded sub-tiles lies in `bins`: those that the second run of `cross` walks.

@@ -47,15 +47,15 @@ void leave_out(uint passer, uint chosen) {
 }
 
 // Chooses from what passes until the lists are full: the first that is left of each block, which leaves out what is one
-// with it, and again. `per_block` of PASSERS are of each block from `first_block` on. Called by the whole workgroup;
+// with it, and again. Of `passers`, `per_block` are of each block from `first_block` on. Called by the whole workgroup;
 // begins with what others have noted, ends with a barrier.
-void choose_passers(uint first_block, uint per_block) {
+void choose_passers(uint first_block, uint per_block, uint passers) {
     const uint lane = gl_LocalInvocationID.x;
     if (lane < 2u * TILE_BLOCKS) {
         first_left[lane] = NONE_LEFT;
     }
     barrier();
-    for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+    for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
         const uint b = first_block + passer / per_block;
         for (uint chosen = 0u; chosen < listed_count[b] && passer_instance[passer] != NO_INSTANCE; ++chosen) {
             leave_out(passer, b * BLOCK_CANDIDATES + chosen);
@@ -65,7 +65,7 @@ void choose_passers(uint first_block, uint per_block) {
     bool any_left = true;
     do {
         const uint turns = TILE_BLOCKS * (turn & 1u);
-        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+        for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
             if (passer_instance[passer] != NO_INSTANCE) {
                 atomicMin(first_left[turns + first_block + passer / per_block], passer_entry[passer]);
             }
@@ -79,7 +79,7 @@ void choose_passers(uint first_block, uint per_block) {
         if (lane < TILE_BLOCKS) {
             first_left[TILE_BLOCKS - turns + lane] = NONE_LEFT;
         }
-        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+        for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
             const uint b = first_block + passer / per_block;
             if (passer_instance[passer] != NO_INSTANCE && passer_entry[passer] == first_left[turns + b]
                 && listed_count[b] < BLOCK_CANDIDATES) {
@@ -92,7 +92,7 @@ void choose_passers(uint first_block, uint per_block) {
             }
         }
         barrier();
-        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
+        for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
             const uint b = first_block + passer / per_block;
             if (passer_instance[passer] != NO_INSTANCE) {
                 leave_out(passer, b * BLOCK_CANDIDATES + listed_count[b] - 1u);
@@ -145,13 +145,14 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
     const ivec2 first = max(block - reach, ivec2(0));
     const uvec2 extent = uvec2(min(block + reach, last_block) - first + 1);
     const uint of_key = extent.x * extent.y * BLOCK_SURFACES;
+    const uint at_once = min(gl_WorkGroupSize.x, PASSERS);
     uint start = 0u;
     do {
         const uint item = start + lane;
-        for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
-            passer_instance[passer] = NO_INSTANCE;
+        if (lane < at_once) {
+            passer_instance[lane] = NO_INSTANCE;
         }
-        if (lane < PASSERS && item < 2u * of_key) {
+        if (lane < at_once && item < 2u * of_key) {
             const uint key = item / of_key;
             const uint in_key = item % of_key;
             const uint place = in_key % BLOCK_SURFACES;
@@ -167,8 +168,8 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
             }
         }
         barrier();
-        choose_passers(b, PASSERS);
-        start += min(gl_WorkGroupSize.x, PASSERS);
+        choose_passers(b, at_once, at_once);
+        start += at_once;
     } while (start < 2u * of_key && listed_count[b] < BLOCK_CANDIDATES);
 }
 
@@ -189,16 +190,17 @@ void list_candidates(Camera cam) {
     if (most == 0u) {
         return;
     }
-    for (uint passer = lane; passer < PASSERS; passer += gl_WorkGroupSize.x) {
-        const uint b = passer / PASSING_ENTRIES;
+    const uint per_block = min(most, PASSING_ENTRIES);
+    for (uint passer = lane; passer < TILE_BLOCKS * per_block; passer += gl_WorkGroupSize.x) {
+        const uint b = passer / per_block;
         passer_instance[passer] = NO_INSTANCE;
-        if (passer % PASSING_ENTRIES < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
+        if (passer % per_block < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
             const uvec2 block = tile_block(b);
             const uint entries = passing_entries(cam, geo, block.y * cam.blocks_x + block.x);
-            note_passer(cam, geo, passer, passing[entries + passer % PASSING_ENTRIES], block);
+            note_passer(cam, geo, passer, passing[entries + passer % per_block], block);
         }
     }
-    choose_passers(0u, PASSING_ENTRIES);
+    choose_passers(0u, per_block, TILE_BLOCKS * per_block);
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
         if (passer_count[b] > PASSING_ENTRIES) {
             list_all_within_reach(cam, geo, b);

@@ -1,19 +1,20 @@
 // merge: sorts whole packets that are too heavy for `sort` (see `is_heavy` there), as when all pixels cross at once.
 //
-// 256 threads per workgroup, striding over tiles of RUN_EVENTS events; y over cameras. `gathered` holds the events in
-// any order. Level 0 sorts each of its tiles in shared memory, into `overflow`, with which `sort` is done. Each further
-// level is a dispatch that merges runs to twice the length, into the other buffer. A workgroup finds which part of
+// 256 threads per workgroup, striding over tiles of RUN_EVENTS events; y over cameras. `gathered` holds the events bin by
+// bin, and `overflow` those that their bins had no room for. push.level is the pass (merge_passes.glsl). To merge two runs, a workgroup finds which part of
 // either run its tile of the result consists of (where the merge path of the two runs crosses the tile's first and last
-// diagonal: Green, McColl and Bader, GPU Merge Path, 2012) and merges these in shared memory. A camera's last level
+// diagonal: Green, McColl and Bader, GPU Merge Path, 2012) and merges these in shared memory. A camera's last pass
 // writes the struct of arrays, but leaves events with a bus before them where `readout` looks for them. Deferred events behind the packet stay as they are.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
 #include "common.glsl"
 
 layout(local_size_x = 256) in;
 
 BUFFER(readonly, SLOT_COUNTERS, Counters, counters);
+BUFFER(, SLOT_BINS, uint, bins);
 BUFFER(, SLOT_OVERFLOW, uvec2, overflow);
 BUFFER(, SLOT_GATHERED, uvec2, gathered);
 BUFFER(writeonly, SLOT_EVENT_T, uint, event_t);
@@ -21,9 +22,13 @@ BUFFER(writeonly, SLOT_EVENT_X, uint16_t, event_x);
 BUFFER(writeonly, SLOT_EVENT_Y, uint16_t, event_y);
 BUFFER(writeonly, SLOT_EVENT_P, uint8_t, event_p);
 
+const bool MAY_BIN_BY_SAMPLE = true;
+
 #include "readouts.glsl"
 #include "udiv_native.glsl"
+#include "bins.glsl"
 #include "event_order.glsl"
+#include "merge_passes.glsl"
 
 const uint EVENTS_PER_THREAD = RUN_EVENTS / gl_WorkGroupSize.x;
 
@@ -34,6 +39,7 @@ const uint SEEKERS = gl_WorkGroupSize.x / 2u;
 shared uvec2 keys[RUN_EVENTS];
 
 #include "bitonic_sort.glsl"
+#include "split_sort.glsl"
 
 // The range that the cut lies in, for the tile's first diagonal and for its last.
 shared uint cut_low[2];
@@ -43,19 +49,32 @@ uvec2 read_run(bool from_gathered, uint position) {
     return from_gathered ? gathered[position] : overflow[position];
 }
 
-void write_tile(Camera cam, bool to_packet, bool to_gathered, uint first, uint length) {
+// Writes the tile's events from number `first` on. `split`: in the order that `split_sort` has found.
+void write_tile(Camera cam, bool to_packet, bool to_gathered, uint first, uint length, bool split) {
     for (uint e = gl_LocalInvocationID.x; e < length; e += gl_WorkGroupSize.x) {
+        const uvec2 key = keys[split ? uint(in_order[e]) : e];
         if (to_packet) {
-            write_out(cam, first + e, keys[e]);
+            write_out(cam, first + e, key);
         } else if (to_gathered) {
-            gathered[first + e] = keys[e];
+            gathered[first + e] = key;
         } else {
-            overflow[first + e] = keys[e];
+            overflow[first + e] = key;
         }
     }
 }
 
-// Two sorted runs, one after the other in a buffer.
+// Moves the events of the overflow to their bins' places.
+void bring_overflow(Camera cam, Counters counted) {
+    for (uint i = gl_GlobalInvocationID.x; i < counted.overflow; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        const uvec2 event = overflow[cam.event_base + i];
+        if ((event.y & DEFERRED) == 0u) {
+            const uint bin = bin_of(cam, event.x, event.y >> 1);
+            gathered[cam.event_base + atomicAdd(bins[room_of(cam) + bin], 1u)] = event;
+        }
+    }
+}
+
+// Two sorted runs, or parts of them, one after the other in a buffer.
 struct Pair {
     bool in_gathered;
     uint left;
@@ -140,6 +159,15 @@ void merge_tile(Pair runs, uint begin, uint end) {
     barrier();
 }
 
+// The runs that the tile from number `start` of the packet on is merged of. Pairs of runs meet at every second multiple of
+// `length`, or (`across`) pairs of halves at every multiple of twice that.
+Pair runs_of(Camera cam, bool in_gathered, uint start, uint length, bool across, uint packet) {
+    const uint pair = (across ? start + length : start) / (2u * length);
+    const uint middle = min(2u * length * pair + (across ? 0u : length), packet);
+    const uint left = middle - min(middle, length);
+    return Pair(in_gathered, cam.event_base + left, middle - left, cam.event_base + middle, min(length, packet - middle));
+}
+
 void main() {
     const uint index = push.first_camera + gl_WorkGroupID.y;
     if (cameras[index].frame_kind != FRAME_INTERVAL) {
@@ -147,32 +175,41 @@ void main() {
     }
     const Camera cam = cameras[index];
     const Counters counted = counters[2u * cam.slot + cam.frame_slot];
-    // Length of the sorted runs before this level. A run that holds the whole packet needs no merging.
-    const uint width = push.level == 0u ? 0u : RUN_EVENTS << (push.level - 1u);
+    const uint passes = merge_passes(counted);
     if (counted.emitted_fit != 0xffffffffu || (counted.queue_overflows | counted.without_levels) != 0u || counted.heavy == 0u
-        || width >= counted.packet) {
+        || push.level >= passes) {
         return;
     }
-    const bool in_gathered = push.level % 2u == 0u;
+    if (push.level == 0u) {
+        bring_overflow(cam, counted);
+        return;
+    }
+    const bool in_gathered = push.level % 2u == 1u;
     const bool before_bus = push.outlets == 0u && readouts[cam.slot].has_bus != 0u;
-    const bool to_packet = max(RUN_EVENTS, 2u * width) >= counted.packet && !before_bus;
+    const bool to_packet = push.level + 1u == passes && !before_bus;
+    // Runs that are merged in this pass, or their halves.
+    const uint before_pass = RUN_EVENTS << (push.level - min(push.level, FIRST_MERGE));
+    const bool across = before_pass == longest_run(counted);
+    const uint length = across ? before_pass / 2u : before_pass;
     const uint stride = gl_NumWorkGroups.x * RUN_EVENTS;
     for (uint start = gl_WorkGroupID.x * RUN_EVENTS; start < counted.packet; start += stride) {
         const uint end = min(start + RUN_EVENTS, counted.packet);
-        if (push.level == 0u) {
+        bool split = false;
+        if (push.level < FIRST_MERGE) {
             for (uint e = start + gl_LocalInvocationID.x; e < end; e += gl_WorkGroupSize.x) {
                 keys[e - start] = gathered[cam.event_base + e];
             }
             barrier();
-            bitonic_sort(end - start);
+            split = split_sort(end - start);
+            if (!split) {
+                bitonic_sort(end - start);
+            }
         } else {
-            const uint pair = start - start % (2u * width);
-            const uint of_left = min(width, counted.packet - pair);
-            const uint of_right = min(width, counted.packet - pair - of_left);
-            const uint left = cam.event_base + pair;
-            merge_tile(Pair(in_gathered, left, of_left, left + of_left, of_right), start - pair, end - pair);
+            const Pair runs = runs_of(cam, in_gathered, start, length, across, counted.packet);
+            const uint pair = runs.left - cam.event_base;
+            merge_tile(runs, start - pair, end - pair);
         }
-        write_tile(cam, to_packet, !in_gathered, cam.event_base + start, end - start);
+        write_tile(cam, to_packet, !in_gathered, cam.event_base + start, end - start, split);
         barrier();
     }
 }

@@ -30,6 +30,7 @@ uint loops;
 #include "bus_services.glsl"
 #include "bus_fates.glsl"
 #include "rate_controller.glsl"
+#include "merge_passes.glsl"
 
 // Whether a later event of the same pixel has been served too.
 shared bool superseded[gl_WorkGroupSize.x];
@@ -299,16 +300,10 @@ bool is_ready(Counters counted) {
         && (counted.heavy == 0u || push.merged != 0u);
 }
 
-// Whether a packet lies in `gathered`, and not in `overflow`. The last level of `merge` leaves it in the buffer that it
+// Whether a packet lies in `gathered`, and not in `overflow`. The last pass of `merge` leaves it in the buffer that it
 // does not read.
 bool lies_in_gathered(Counters counted) {
-    bool in_gathered = counted.heavy == 0u;
-    if (!in_gathered) {
-        for (uint width = RUN_EVENTS; width < counted.packet; width *= 2u) {
-            in_gathered = !in_gathered;
-        }
-    }
-    return in_gathered;
+    return counted.heavy == 0u || merge_passes(counted) % 2u == 1u;
 }
 
 uvec2 read_event(bool in_gathered, uint place) {

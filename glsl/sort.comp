@@ -8,7 +8,8 @@
 // writes are slow. Where a bin overflowed, the workgroup searches the overflow buffer for its events.
 //
 // If a bin has more than SORTABLE_EVENTS, or the overflow buffer more than SEARCHED_EVENTS, the packet is heavy: its
-// events go to `gathered` only, and `merge` sorts them. Deferred events go there too, behind the packet, where the next
+// events go to `gathered` only, bin by bin, and `merge` adds those of the overflow. If it was the overflow alone, `sort` runs
+// again (push.merged) and finds all events there; else `merge` sorts them too. Deferred events go there too, behind the packet, where the next
 // tick's `deferred` finds them. Events with a bus before them go to `gathered` too, sorted, for `readout`; what leaves
 // the bus comes back as the packet of the camera's outlet. The first workgroup writes the camera's `report` for the host and resets the next
 // tick's counters; all workgroups clear the next tick's bins. Where events hardly wait for the bus, they are served
@@ -52,6 +53,7 @@ uint fast_udiv(uint x, uint divisor) {
 #include "bins.glsl"
 #include "event_order.glsl"
 #include "bus_layout.glsl"
+#include "merge_passes.glsl"
 
 // Most events of a group that is ranked at once: the other half of `keys` receives them in order. Ranking takes as many
 // steps as a bin has events; beyond RANKED_BIN_EVENTS it takes fewer steps to split bins first.
@@ -69,9 +71,6 @@ shared uint counts[GROUP_BINS];
 shared uint offsets[GROUP_BINS];
 shared uint found[GROUP_BINS];
 
-// First element in `gathered` of the group's events, for a heavy packet.
-shared uint gathered_base;
-
 // Events before the group, events in all, the largest bin.
 shared uint sum_ahead;
 shared uint sum_packet;
@@ -82,6 +81,10 @@ struct Sums {
     uint packet;
     uint largest_bin;
 };
+
+// First element in `gathered` of the group's events, if all of the packet lie there.
+uint gathered_first;
+const uint NOT_GATHERED = 0xffffffffu;
 
 bool is_heavy(Sums all, uint overflow_count) {
     return all.largest_bin > SORTABLE_EVENTS || overflow_count > SEARCHED_EVENTS;
@@ -126,10 +129,11 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
     if (fitted) {
         counters[counter].packet = counted.packet;
         counters[counter].deferred = counted.deferred;
+        counters[counter].largest_bin = counted.largest_bin;
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.frame_slot] =
             Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
-                     0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+                     0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }
 
@@ -192,13 +196,17 @@ void load_bins(Camera cam, uint first_bin, uint first, uint last, uint largest, 
     const uint start = offsets[first];
     const uint length = offsets[last - 1u] + counts[last - 1u] - start;
     for (uint e = lane; e < length; e += gl_WorkGroupSize.x) {
+        if (gathered_first != NOT_GATHERED) {
+            keys[e] = gathered[gathered_first + start + e];
+            continue;
+        }
         const uint bin = bin_with(e, first, last);
         const uint in_bin = e - (offsets[bin] - start);
         if (in_bin < cam.bin_capacity) {
             keys[e] = bin_storage[cam.bin_storage_base + (first_bin + bin) * cam.bin_capacity + in_bin];
         }
     }
-    if (largest > cam.bin_capacity) {
+    if (gathered_first == NOT_GATHERED && largest > cam.bin_capacity) {
         for (uint i = lane; i < overflow_count; i += gl_WorkGroupSize.x) {
             const uvec2 event = overflow[cam.event_base + i];
             const uvec2 place = place_of_overflow(cam, event, first_bin, first, last);
@@ -243,45 +251,34 @@ void split_group(Camera cam, uint first_bin, uint overflow_count, uint position)
     }
 }
 
-// Moves the group's events to `gathered`, in any order: `merge` sorts them.
-void gather_bins(Camera cam, uint first_bin, uint events) {
+// Moves the group's events, the packet's from number `first` on, to `gathered`, bin by bin. `merge` adds those of the
+// overflow and sorts.
+void gather_bins(Camera cam, uint first_bin, uint first) {
     const uint lane = gl_LocalInvocationID.x;
-    if (lane == 0u) {
-        gathered_base = cam.event_base + atomicAdd(counters[2u * cam.slot + cam.frame_slot].gathered, events);
+    if (lane < GROUP_BINS && first_bin + lane < cam.bin_count) {
+        bins[room_of(cam) + first_bin + lane] = first + offsets[lane] + min(counts[lane], cam.bin_capacity);
     }
-    if (lane < GROUP_BINS) {
-        uint offset = 0u;
-        for (uint b = 0u; b < lane; ++b) {
-            offset += min(counts[b], cam.bin_capacity);
-        }
-        offsets[lane] = offset;
-    }
-    barrier();
     for (uint i = lane; i < GROUP_BINS * cam.bin_capacity; i += gl_WorkGroupSize.x) {
         const uint bin = i / cam.bin_capacity;
         const uint e = i - bin * cam.bin_capacity;
         if (e < counts[bin]) {
-            gathered[gathered_base + offsets[bin] + e] =
+            gathered[cam.event_base + first + offsets[bin] + e] =
                 bin_storage[cam.bin_storage_base + first_bin * cam.bin_capacity + i];
         }
     }
 }
 
-// Moves the workgroup's share of the overflow events to `gathered`: deferred ones behind the packet and, of a heavy
-// packet, the others.
-void gather_overflow(Camera cam, uint overflow_count, uint packet, bool heavy) {
+// Moves the workgroup's share of the deferred events to `gathered`, behind the packet.
+void gather_deferred(Camera cam, uint overflow_count, uint packet) {
     const uint counter = 2u * cam.slot + cam.frame_slot;
     const uint groups = cam.bin_count / GROUP_BINS + 1u;
     const uint stride = groups * gl_WorkGroupSize.x;
     for (uint i = gl_WorkGroupID.x * gl_WorkGroupSize.x + gl_LocalInvocationID.x; i < overflow_count; i += stride) {
         const uvec2 event = overflow[cam.event_base + i];
-        uint place;
         if ((event.y & DEFERRED) != 0u) {
+            uint place;
             INCREMENT(counters[counter].gathered_deferred, place)
             gathered[cam.event_base + packet + place] = event;
-        } else if (heavy) {
-            INCREMENT(counters[counter].gathered, place)
-            gathered[cam.event_base + place] = event;
         }
     }
 }
@@ -300,6 +297,10 @@ void main() {
     const Counters counted = counters[2u * cam.slot + cam.frame_slot];
     const bool fitted = counted.emitted_fit == 0xffffffffu && (counted.queue_overflows | counted.without_levels) == 0u
         && (!HAS_BUS || counted.progress != READOUT_UNDONE);
+    const bool again = push.merged != 0u;
+    if (again && (counted.heavy == 0u || merge_sorts(counted))) {
+        return;
+    }
     before_bus = HAS_BUS && push.outlets == 0u && readouts[cam.slot].has_bus != 0u;
     if (lane < GROUP_BINS) {
         const uint bin = first_bin + lane;
@@ -328,7 +329,7 @@ void main() {
     if (gl_WorkGroupID.x == 0u && lane == 0u) {
         write_report(cam, counted, all, deferred, fitted);
     }
-    const bool is_served = HAS_BUS && READOUT_LIGHT && before_bus;
+    const bool is_served = HAS_BUS && READOUT_LIGHT && before_bus && !again;
     if (HAS_BUS && READOUT_LIGHT) {
         readout = readouts[cam.slot];
     }
@@ -341,9 +342,9 @@ void main() {
         // interval.
         return;
     }
-    const bool heavy = is_heavy(all, counted.overflow);
-    if (deferred != 0u || heavy) {
-        gather_overflow(cam, counted.overflow, all.packet, heavy);
+    const bool heavy = is_heavy(all, counted.overflow) && !again;
+    if (deferred != 0u && !again) {
+        gather_deferred(cam, counted.overflow, all.packet);
     }
     const uint events = offsets[GROUP_BINS - 1u] + counts[GROUP_BINS - 1u];
     if (is_served && heavy && gl_WorkGroupID.x == 0u && lane == 0u) {
@@ -361,15 +362,11 @@ void main() {
         return;
     }
     if (heavy) {
-        uint with_room = 0u;
-        for (uint b = 0u; b < GROUP_BINS; ++b) {
-            with_room += min(counts[b], cam.bin_capacity);
-        }
-        barrier();
-        gather_bins(cam, first_bin, with_room);
+        gather_bins(cam, first_bin, all.ahead);
         return;
     }
     const uint position = cam.event_base + all.ahead;
+    gathered_first = again ? position : NOT_GATHERED;
     const uint largest = largest_of(0u, GROUP_BINS);
     if (events <= RANKED_EVENTS && largest <= RANKED_BIN_EVENTS) {
         rank_group(cam, first_bin, events, largest, counted.overflow, position);

@@ -338,7 +338,6 @@ void prepare_outlet(Camera outlet, uint first_bin) {
         const uint counter = 2u * outlet.slot + outlet.frame_slot;
         counters[counter].overflow = 0u;
         counters[counter].heavy = 0u;
-        counters[counter].gathered = 0u;
         counters[counter].gathered_deferred = 0u;
         counters[counter].lost = 0u;
         counters[counter].capped = 0u;

@@ -6,7 +6,7 @@ pub const RUN_EVENTS: u32 = 2048;
 /// Events that fit the shared memory of a workgroup of `sort`; `merge` sorts packets that have a larger bin.
 pub const SORTABLE_EVENTS: u32 = 2048;
 
-/// Most overflow events that a workgroup of `sort` searches; `merge` sorts packets that have more.
+/// Most overflow events that a workgroup of `sort` searches; `merge` brings the events of packets that have more to their bins.
 pub const SEARCHED_EVENTS: u32 = 1 << 15;
 
 /// Bins whose events `bin_sums` sums for `sort`; a multiple of the bins that a workgroup of `sort` takes.
@@ -68,7 +68,7 @@ pub const REPRESENTATIVE_WORDS: u32 =
     (esaac_model::synthesis::rigid::BLOCK_SURFACES as u32 + 1).next_power_of_two();
 
 /// Entries of a block in `passing`. A block that more surfaces pass looks for them itself.
-pub const PASSING_ENTRIES: u32 = 64;
+pub const PASSING_ENTRIES: u32 = 128;
 
 /// Words of a block's head in `passing`: the number of surfaces that pass it, the largest motion of them, and the
 /// largest bend of their ways.

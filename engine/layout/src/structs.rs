@@ -411,10 +411,8 @@ gpu_struct! {
         quick_tiles: u32,
         /// Events in the overflow buffer: those that do not fit their bin, and deferred ones.
         overflow: u32,
-        /// Whether `sort` leaves the packet to `merge`.
+        /// Whether the packet takes `merge` after the first `sort`.
         heavy: u32,
-        /// Events of a heavy packet that `sort` has gathered so far.
-        gathered: u32,
         /// Deferred events that `sort` has gathered so far.
         gathered_deferred: u32,
         /// Pixels of the frame without a path because their depth is NaN or negative.
@@ -455,7 +453,7 @@ gpu_struct! {
         bins: u32,
         /// Whether the rows are of outlets, which send packets; else of cameras, whose events may have a bus before them.
         outlets: u32,
-        /// Whether `merge` has sorted the heavy packets.
+        /// For `readout`, whether heavy packets are sorted; for `sort`, whether `merge` has brought their events together.
         merged: u32,
         /// Cameras of the dispatch, for kernels whose workgroups belong to no one camera.
         cameras: u32,

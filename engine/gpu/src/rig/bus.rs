@@ -1,4 +1,4 @@
-//! Recording of what cameras with a bus need: their own `sort`, `readout`, and what comes back from earlier ticks.
+//! Recording of `sort`, and of what cameras with a bus need: `readout`, and what comes back from earlier ticks.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
@@ -28,19 +28,16 @@ impl Rig {
         events.div_ceil(self.pipelines.policy.readout_threads / 2).clamp(1, MOST_GROUPS)
     }
 
-    /// Records `sort` in a rig with buses, for `count` rows of the table from `first_camera` on.
+    /// Records `sort` for `count` rows of the table from `push.first_camera` on.
     ///
     /// # Safety
     /// As of [`crate::kernel::Kernel::record`].
-    pub(super) unsafe fn record_sort(
-        &self,
-        commands: vk::CommandBuffer,
-        first_camera: u32,
-        count: u32,
-        outlets: bool,
-    ) {
-        let push = Push { first_camera, outlets: u32::from(outlets), ..Push::default() };
-        let kernel = &self.pipelines.kernels.bus.as_ref().expect("compiled when a camera needs it").sort;
+    pub(super) unsafe fn record_sort(&self, commands: vk::CommandBuffer, push: Push, count: u32) {
+        let kernels = &self.pipelines.kernels;
+        let kernel = match &kernels.bus {
+            Some(bus) if self.outlets() > 0 => &bus.sort,
+            _ => &kernels.sort,
+        };
         // SAFETY: the caller's contract is the same.
         unsafe { kernel.record(commands, bytes_of(&push), [self.bin_groups(), count, 1]) };
     }
@@ -78,6 +75,6 @@ impl Rig {
             record_barrier(&self.device, commands);
         }
         // SAFETY: the caller's contract is the same.
-        unsafe { self.record_sort(commands, cameras, outlets, true) };
+        unsafe { self.record_sort(commands, Push { first_camera: cameras, outlets: 1, ..Push::default() }, outlets) };
     }
 }

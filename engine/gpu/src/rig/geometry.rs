@@ -65,13 +65,13 @@ impl Place {
         elements[layout::STATE] = Some(u64::from(STATE_WORDS) * pixels);
         elements[layout::BLOCKS] = Some(2 * u64::from(self.blocks));
         elements[layout::BINS] =
-            // Two sets of bins, two words for each chunk that is summed, and the list of crowded sub-tiles: a slot of its own
-            // would be one more than the software driver has with instrumented shaders.
+            // Two sets of bins, a place for each bin, two words for each chunk that is summed, and the list of crowded
+            // sub-tiles: a slot of its own would be one more than the software driver has with instrumented shaders.
             Some(match u64::from(self.bin_count) {
                 0 => 0,
                 bins => {
                     let chunks = bins.div_ceil(u64::from(SUMMED_BINS));
-                    2 * (bins + 1) + 2 * chunks + u64::from(SUB_TILES * self.tiles)
+                    2 * (bins + 1) + bins + 2 * chunks + u64::from(SUB_TILES * self.tiles)
                 }
             });
         elements[layout::BIN_STORAGE] = Some(u64::from(self.bin_count) * u64::from(self.bin_capacity));

@@ -21,6 +21,7 @@
 //! or a fake in the tests below. A failure before the device has begun changes nothing ([`TickError::Refused`]). After
 //! that the state on the device is half updated, and the rig is lost ([`TickError::Lost`]).
 
+use super::merge::passes;
 use crate::error::EngineError;
 use esaac_layout::{Counters, ReadoutProgress};
 
@@ -72,6 +73,10 @@ pub(super) struct Merge {
     pub cameras: Vec<usize>,
     /// Events of the largest of these packets.
     pub most_events: u32,
+    /// Passes of `merge` that these need at most.
+    pub passes: u32,
+    /// Whether `sort` then sorts the bins of some.
+    pub sorts_bins: bool,
     /// Whether they are the packets of the cameras' outlets.
     pub outlets: bool,
 }
@@ -84,6 +89,9 @@ impl Merge {
             if let Some(counted) = counted.filter(|counted| counted.heavy != 0) {
                 merge.cameras.push(camera);
                 merge.most_events = merge.most_events.max(counted.packet);
+                let passes = passes(counted.packet, counted.largest_bin);
+                merge.sorts_bins |= passes == 1;
+                merge.passes = merge.passes.max(passes);
             }
         }
         merge
@@ -269,7 +277,6 @@ mod tests {
         quick_tiles: 0,
         overflow: 0,
         heavy: 0,
-        gathered: 0,
         gathered_deferred: 0,
         without_depth: 0,
         without_poses: 0,
@@ -404,7 +411,7 @@ mod tests {
         let grow = Retry { resumed: vec![(1, from_60)], wanted_events: vec![0, 500] };
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());
-        let merge = Merge { cameras: vec![0], most_events: 900, outlets: false };
+        let merge = Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets: false };
         let expected = [Call::Submit, Call::Wait, Call::Retry(grow), Call::Retry(walk), Call::Merge(merge)];
         assert_eq!(fake.calls, expected);
     }
@@ -421,7 +428,7 @@ mod tests {
             (end.counters, end.outlets),
             (vec![Some(heavy), Some(FITTED), None], vec![Some(done), None, None])
         );
-        let merge = |outlets| Call::Merge(Merge { cameras: vec![0], most_events: 900, outlets });
+        let merge = |outlets| Call::Merge(Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets });
         let readout = || Call::Readout(vec![0]);
         assert_eq!(fake.calls, [Call::Submit, Call::Wait, merge(false), readout(), readout(), merge(true)]);
     }

@@ -1,44 +1,53 @@
-//! Sorting of heavy packets, which `sort` leaves unsorted, and the readout of those that have a bus before them. The host
+//! Sorting of heavy packets, which the first `sort` leaves unsorted, and the readout of those that have a bus before them. The host
 //! learns of them after the tick, and submits `merge` for their cameras. The commands are recorded each time, since the
 //! number of passes depends on the packets.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::Rig;
+use super::machine::Merge;
 use super::record::{MOST_GROUPS, STAMPS};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::kernel::{record_barrier, record_host_barrier};
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{Push, RUN_EVENTS};
+use esaac_layout::{Push, RUN_EVENTS, SORTABLE_EVENTS};
 
-/// Passes over a packet: one that sorts runs, and those that merge them two by two until one is left.
-fn levels(packet_events: u32) -> u32 {
-    1 + packet_events.div_ceil(RUN_EVENTS).max(1).next_power_of_two().ilog2()
+/// Passes of `merge` over a heavy packet of `events`, whose largest bin has `largest_bin` of them
+/// (`glsl/merge_passes.glsl`). After a single one, `sort` can sort all bins.
+pub(super) fn passes(events: u32, largest_bin: u32) -> u32 {
+    if largest_bin <= SORTABLE_EVENTS {
+        return 1;
+    }
+    let enough = events.min(largest_bin.saturating_mul(2));
+    let doublings = enough.div_ceil(RUN_EVENTS).max(1).next_power_of_two().ilog2();
+    let goes_across = u64::from(RUN_EVENTS) << doublings < u64::from(events);
+    2 + doublings + u32::from(goes_across)
 }
 
 impl Rig {
-    /// Sorts the packets of the cameras that have a time in `t_ns`, or (`outlets`) of their outlets. The largest packet
-    /// has `most_events` events.
-    pub(super) fn merge(
-        &mut self,
-        t_ns: &[Option<i64>],
-        most_events: u32,
-        outlets: bool,
-    ) -> Result<(), EngineError> {
+    /// Sorts the packets of the cameras that have a time in `t_ns`, or of their outlets.
+    pub(super) fn merge(&mut self, t_ns: &[Option<i64>], merge: &Merge) -> Result<(), EngineError> {
         self.prepare_rows(t_ns);
         let cameras = self.cameras.len() as u32;
-        let (first_camera, count) = if outlets { (cameras, self.outlets()) } else { (0, cameras) };
-        let groups = most_events.div_ceil(RUN_EVENTS).min(MOST_GROUPS);
+        let (first_camera, count) = if merge.outlets { (cameras, self.outlets()) } else { (0, cameras) };
+        let groups = merge.most_events.div_ceil(RUN_EVENTS).min(MOST_GROUPS);
+        let outlets = u32::from(merge.outlets);
         self.submit_apart(|rig, commands| {
-            for level in 0..levels(most_events) {
+            for level in 0..merge.passes {
                 record_barrier(&rig.device, commands);
-                let push = Push { first_camera, level, outlets: u32::from(outlets), ..Push::default() };
+                let push = Push { first_camera, level, outlets, ..Push::default() };
                 // SAFETY: as for the commands in `submit_apart`; the kernel stays within what its camera's row gives it.
                 unsafe {
                     rig.pipelines.kernels.merge.record(commands, bytes_of(&push), [groups, count, 1]);
                 }
+            }
+            if merge.sorts_bins {
+                record_barrier(&rig.device, commands);
+                let push = Push { first_camera, outlets, merged: 1, ..Push::default() };
+                // SAFETY: as above.
+                unsafe { rig.record_sort(commands, push, count) };
             }
         })
     }
@@ -85,11 +94,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn levels_leave_one_run() {
-        for events in [0, 1, 255, 256, 257, 512, 513, 4097, 65_536, 65_537, 1 << 29] {
-            let last = levels(events) - 1;
-            assert!(u64::from(RUN_EVENTS) << last >= u64::from(events), "{events}");
-            assert!(last == 0 || u64::from(RUN_EVENTS) << (last - 1) < u64::from(events), "{events}");
+    fn passes_leave_one_run_or_none_that_a_bin_could_cross_twice() {
+        for events in [0, 1, 2047, 2048, 2049, 4097, 65_536, 65_537, 1 << 29] {
+            for largest in [0, 1, 2047, 2049, 40_000, 1 << 28, events].map(|largest| events.min(largest)) {
+                let after = |merges: u32| u64::from(RUN_EVENTS) << merges;
+                let all = passes(events, largest);
+                let whole = (0..).find(|&merges| after(merges) >= u64::from(events)).expect("a number of passes");
+                let across = (1..)
+                    .find(|&merges| after(merges) >= 2 * u64::from(largest))
+                    .expect("a number of passes");
+                let expected = if largest > SORTABLE_EVENTS { 2 + whole.min(across + 1) } else { 1 };
+                assert_eq!(all, expected, "{events} events, {largest} in a bin");
+            }
         }
     }
 }

@@ -234,7 +234,7 @@ pub(super) fn record_tick(
         }
         if outlets > 0 {
             // SAFETY: as for the commands, below.
-            unsafe { rig.record_sort(commands, 0, cameras, false) };
+            unsafe { rig.record_sort(commands, Push::default(), cameras) };
             if !policy.readout_light {
                 record_barrier(device, commands);
                 stage_done();
@@ -249,8 +249,8 @@ pub(super) fn record_tick(
                 dispatch(commands, sums, 0, [most.div_ceil(layout::SUMMED_BINS), cameras, 1]);
                 record_barrier(device, commands);
             }
-            let extent = [rig.bin_groups(), cameras, 1];
-            dispatch(commands, &rig.pipelines.kernels.sort, 0, extent);
+            // SAFETY: as for the commands, below.
+            unsafe { rig.record_sort(commands, Push::default(), cameras) };
         }
         record_host_barrier(device, commands);
         write_stamp();

@@ -338,7 +338,7 @@ impl TickDevice for RigTick<'_, '_> {
 
     fn merge(&mut self, merge: &Merge) -> Result<(), EngineError> {
         let times_ns = self.times_of(merge.cameras.iter().copied());
-        self.rig.merge(&times_ns, merge.most_events, merge.outlets)
+        self.rig.merge(&times_ns, merge)
     }
 
     fn outlet(&self, camera: usize) -> Option<Counters> {
