@@ -75,6 +75,8 @@ impl Rig {
             record_barrier(&self.device, commands);
         }
         // SAFETY: the caller's contract is the same.
-        unsafe { self.record_sort(commands, Push { first_camera: cameras, outlets: 1, ..Push::default() }, outlets) };
+        unsafe {
+            self.record_sort(commands, Push { first_camera: cameras, outlets: 1, ..Push::default() }, outlets)
+        };
     }
 }

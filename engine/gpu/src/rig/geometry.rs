@@ -181,9 +181,13 @@ impl Place {
         if !camera.has_bus {
             return self;
         }
+        let mut bins = self;
+        while bins.bin_count > 0 && bins.bin_count < camera.bin_count {
+            bins = bins.with_more_bins();
+        }
         Place {
             bin_count: camera.bin_count,
-            bin_capacity: self.bin_capacity.max(BIN_CAPACITY),
+            bin_capacity: bins.bin_capacity.max(BIN_CAPACITY),
             event_capacity: round_events(camera.event_capacity.saturating_add(camera.pixels))
                 .max(3 * MOST_CARRIED),
             ..self
@@ -454,6 +458,8 @@ mod tests {
         assert_eq!((more.bin_count, more.bin_capacity), (2048, 848));
         let small = Place { bin_capacity: 16, ..place };
         assert_eq!(small.with_more_bins().bin_capacity, 16, "whole lines");
+        let outlet = place.behind(&Place { has_bus: true, ..place.with_more_bins().with_more_bins() });
+        assert_eq!((outlet.bin_count, outlet.bin_capacity), (4096, 432), "an outlet takes no more room either");
     }
 
     #[test]

@@ -428,7 +428,9 @@ mod tests {
             (end.counters, end.outlets),
             (vec![Some(heavy), Some(FITTED), None], vec![Some(done), None, None])
         );
-        let merge = |outlets| Call::Merge(Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets });
+        let merge = |outlets| {
+            Call::Merge(Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets })
+        };
         let readout = || Call::Readout(vec![0]);
         assert_eq!(fake.calls, [Call::Submit, Call::Wait, merge(false), readout(), readout(), merge(true)]);
     }

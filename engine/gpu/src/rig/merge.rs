@@ -99,7 +99,8 @@ mod tests {
             for largest in [0, 1, 2047, 2049, 40_000, 1 << 28, events].map(|largest| events.min(largest)) {
                 let after = |merges: u32| u64::from(RUN_EVENTS) << merges;
                 let all = passes(events, largest);
-                let whole = (0..).find(|&merges| after(merges) >= u64::from(events)).expect("a number of passes");
+                let whole =
+                    (0..).find(|&merges| after(merges) >= u64::from(events)).expect("a number of passes");
                 let across = (1..)
                     .find(|&merges| after(merges) >= 2 * u64::from(largest))
                     .expect("a number of passes");
