@@ -2,9 +2,8 @@
 // the oracle's `candidates`. Needs candidates.glsl, tile_activity.glsl, and the buffers `representatives` and `passing`.
 
 // What passes: an entry of `passing`, its pixel, its instance (NO_INSTANCE if it is left out) with its parallax, and its
-// inverse depth along the ray of the block's centre in both key frames. Some for each block of the tile, or as many as
-// the workgroup has threads for a block with more.
-const uint PASSERS = RIGID ? TILE_BLOCKS * PASSING_ENTRIES : 1u;
+// inverse depth along the ray of the block's centre in both key frames. Of all blocks of the tile, or of one.
+const uint PASSERS = RIGID ? 2u * PASSING_ENTRIES : 1u;
 shared uint passer_entry[PASSERS];
 shared uint passer_pixel[PASSERS];
 shared uint passer_instance[PASSERS];
@@ -191,16 +190,19 @@ void list_candidates(Camera cam) {
         return;
     }
     const uint per_block = min(most, PASSING_ENTRIES);
-    for (uint passer = lane; passer < TILE_BLOCKS * per_block; passer += gl_WorkGroupSize.x) {
-        const uint b = passer / per_block;
-        passer_instance[passer] = NO_INSTANCE;
-        if (passer % per_block < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
-            const uvec2 block = tile_block(b);
-            const uint entries = passing_entries(cam, geo, block.y * cam.blocks_x + block.x);
-            note_passer(cam, geo, passer, passing[entries + passer % per_block], block);
+    const uint at_once = TILE_BLOCKS * per_block <= PASSERS ? TILE_BLOCKS : 1u;
+    for (uint first = 0u; first < TILE_BLOCKS; first += at_once) {
+        for (uint passer = lane; passer < at_once * per_block; passer += gl_WorkGroupSize.x) {
+            const uint b = first + passer / per_block;
+            passer_instance[passer] = NO_INSTANCE;
+            if (passer % per_block < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
+                const uvec2 block = tile_block(b);
+                const uint entries = passing_entries(cam, geo, block.y * cam.blocks_x + block.x);
+                note_passer(cam, geo, passer, passing[entries + passer % per_block], block);
+            }
         }
+        choose_passers(first, per_block, at_once * per_block);
     }
-    choose_passers(0u, per_block, TILE_BLOCKS * per_block);
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
         if (passer_count[b] > PASSING_ENTRIES) {
             list_all_within_reach(cam, geo, b);
