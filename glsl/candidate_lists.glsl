@@ -1,13 +1,11 @@
 // The making of the lists of candidates of a tile's blocks, for synthesis `rigid`: from what passes each block. Twin of
 // the oracle's `candidates`. Needs candidates.glsl, tile_activity.glsl, and the buffers `representatives` and `passing`.
 
-// What passes: an entry of `passing`, its pixel, its instance (NO_INSTANCE if it is left out) with its parallax, and its
-// inverse depth along the ray of the block's centre in both key frames. Of all blocks of the tile, or of one.
-const uint PASSERS = RIGID ? 2u * PASSING_ENTRIES : 1u;
+// What passes: an entry of `passing`, its instance (NO_INSTANCE if it is left out), and its inverse depth along the ray of
+// the block's centre in both key frames. Of all blocks of the tile or, where they are too many, of one.
+const uint PASSERS = RIGID ? 3u * PASSING_ENTRIES : 1u;
 shared uint passer_entry[PASSERS];
-shared uint passer_pixel[PASSERS];
 shared uint passer_instance[PASSERS];
-shared float passer_parallax[PASSERS];
 shared vec2 passer_depths[PASSERS];
 shared uint passer_count[TILE_BLOCKS];
 
@@ -22,25 +20,29 @@ vec2 block_centre(uvec2 block) {
     return vec2(block * BLOCK_PX) + 0.5 * float(BLOCK_PX - 1u);
 }
 
+// The pixel that an entry of `passing` names.
+uint pixel_of_entry(Camera cam, Geometry geo, uint entry) {
+    return representatives[representative_word(cam, geo, entry >> 31, 0u) + (entry & ~PASSING_KEY)];
+}
+
 // Notes an entry of `passing` for a block.
 void note_passer(Camera cam, Geometry geo, uint passer, uint entry, uvec2 block) {
     const uint key = entry >> 31;
-    const uint pixel = representatives[representative_word(cam, geo, key, 0u) + (entry & ~PASSING_KEY)];
+    const uint pixel = pixel_of_entry(cam, geo, entry);
     const ivec2 at = ivec2(pixel % cam.width, pixel / cam.width);
     const vec2 centre = block_centre(block);
     bool seen = lens_shows(geo, centre);
     const Surface surface = surface_of_pixel(cam, geo, key, at, seen);
     passer_entry[passer] = entry;
-    passer_pixel[passer] = pixel | (entry & PASSING_KEY);
     passer_instance[passer] = seen ? surface.instance : NO_INSTANCE;
-    passer_parallax[passer] = seen ? parallax_of(geo, surface.instance) : 0.0;
     passer_depths[passer] = seen ? depths_along(surface.planes, ray_of(geo, centre)) : vec2(0.0);
 }
 
 // Leaves out what is one with a chosen one of its block.
-void leave_out(uint passer, uint chosen) {
-    if (passer_instance[passer] == chosen_instance[chosen]
-        && are_one(chosen_depths[chosen], passer_depths[passer], passer_parallax[passer])) {
+void leave_out(Geometry geo, uint passer, uint chosen) {
+    const uint instance = passer_instance[passer];
+    if (instance == chosen_instance[chosen]
+        && are_one(chosen_depths[chosen], passer_depths[passer], parallax_of(geo, instance))) {
         passer_instance[passer] = NO_INSTANCE;
     }
 }
@@ -48,7 +50,7 @@ void leave_out(uint passer, uint chosen) {
 // Chooses from what passes until the lists are full: the first that is left of each block, which leaves out what is one
 // with it, and again. Of `passers`, `per_block` are of each block from `first_block` on. Called by the whole workgroup;
 // begins with what others have noted, ends with a barrier.
-void choose_passers(uint first_block, uint per_block, uint passers) {
+void choose_passers(Camera cam, Geometry geo, uint first_block, uint per_block, uint passers) {
     const uint lane = gl_LocalInvocationID.x;
     if (lane < 2u * TILE_BLOCKS) {
         first_left[lane] = NONE_LEFT;
@@ -57,7 +59,7 @@ void choose_passers(uint first_block, uint per_block, uint passers) {
     for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
         const uint b = first_block + passer / per_block;
         for (uint chosen = 0u; chosen < listed_count[b] && passer_instance[passer] != NO_INSTANCE; ++chosen) {
-            leave_out(passer, b * BLOCK_CANDIDATES + chosen);
+            leave_out(geo, passer, b * BLOCK_CANDIDATES + chosen);
         }
     }
     uint turn = 0u;
@@ -83,7 +85,8 @@ void choose_passers(uint first_block, uint per_block, uint passers) {
             if (passer_instance[passer] != NO_INSTANCE && passer_entry[passer] == first_left[turns + b]
                 && listed_count[b] < BLOCK_CANDIDATES) {
                 const uint chosen = b * BLOCK_CANDIDATES + listed_count[b];
-                chosen_pixel[chosen] = passer_pixel[passer];
+                const uint entry = passer_entry[passer];
+                chosen_pixel[chosen] = pixel_of_entry(cam, geo, entry) | (entry & PASSING_KEY);
                 chosen_instance[chosen] = passer_instance[passer];
                 chosen_depths[chosen] = passer_depths[passer];
                 listed_count[b] += 1u;
@@ -94,7 +97,7 @@ void choose_passers(uint first_block, uint per_block, uint passers) {
         for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
             const uint b = first_block + passer / per_block;
             if (passer_instance[passer] != NO_INSTANCE) {
-                leave_out(passer, b * BLOCK_CANDIDATES + listed_count[b] - 1u);
+                leave_out(geo, passer, b * BLOCK_CANDIDATES + listed_count[b] - 1u);
             }
         }
         turn += 1u;
@@ -167,7 +170,7 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
             }
         }
         barrier();
-        choose_passers(b, at_once, at_once);
+        choose_passers(cam, geo, b, at_once, at_once);
         start += at_once;
     } while (start < 2u * of_key && listed_count[b] < BLOCK_CANDIDATES);
 }
@@ -201,7 +204,7 @@ void list_candidates(Camera cam) {
                 note_passer(cam, geo, passer, passing[entries + passer % per_block], block);
             }
         }
-        choose_passers(first, per_block, at_once * per_block);
+        choose_passers(cam, geo, first, per_block, at_once * per_block);
     }
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
         if (passer_count[b] > PASSING_ENTRIES) {
