@@ -459,7 +459,11 @@ mod tests {
         let small = Place { bin_capacity: 16, ..place };
         assert_eq!(small.with_more_bins().bin_capacity, 16, "whole lines");
         let outlet = place.behind(&Place { has_bus: true, ..place.with_more_bins().with_more_bins() });
-        assert_eq!((outlet.bin_count, outlet.bin_capacity), (4096, 432), "an outlet takes no more room either");
+        assert_eq!(
+            (outlet.bin_count, outlet.bin_capacity),
+            (4096, 432),
+            "an outlet takes no more room either"
+        );
     }
 
     #[test]
