@@ -1,10 +1,11 @@
 // merge: sorts whole packets that are too heavy for `sort` (see `is_heavy` there), as when all pixels cross at once.
 //
-// 256 threads per workgroup, striding over tiles of RUN_EVENTS events; y over cameras. `gathered` holds the events bin by
-// bin, and `overflow` those that their bins had no room for. push.level is the pass (merge_passes.glsl). To merge two runs, a workgroup finds which part of
-// either run its tile of the result consists of (where the merge path of the two runs crosses the tile's first and last
-// diagonal: Green, McColl and Bader, GPU Merge Path, 2012) and merges these in shared memory. A camera's last pass
-// writes the struct of arrays, but leaves events with a bus before them where `readout` looks for them. Deferred events behind the packet stay as they are.
+// 256 threads per workgroup, striding over tiles of RUN_EVENTS events; y over cameras. push.level is the pass
+// (merge_passes.glsl). `gathered` holds the events bin by bin, and `overflow` those that their bins had no room for. To
+// merge two runs, a workgroup finds which part of either run its tile of the result consists of (where the merge path of
+// the two runs crosses the tile's first and last diagonal: Green, McColl and Bader, GPU Merge Path, 2012) and merges these
+// in shared memory. A camera's last pass writes the struct of arrays, but leaves events with a bus before them where
+// `readout` looks for them. Deferred events behind the packet stay as they are.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require

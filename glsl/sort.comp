@@ -8,12 +8,14 @@
 // writes are slow. Where a bin overflowed, the workgroup searches the overflow buffer for its events.
 //
 // If a bin has more than SORTABLE_EVENTS, or the overflow buffer more than SEARCHED_EVENTS, the packet is heavy: its
-// events go to `gathered` only, bin by bin, and `merge` adds those of the overflow. If it was the overflow alone, `sort` runs
-// again (push.merged) and finds all events there; else `merge` sorts them too. Deferred events go there too, behind the packet, where the next
-// tick's `deferred` finds them. Events with a bus before them go to `gathered` too, sorted, for `readout`; what leaves
-// the bus comes back as the packet of the camera's outlet. The first workgroup writes the camera's `report` for the host and resets the next
-// tick's counters; all workgroups clear the next tick's bins. Where events hardly wait for the bus, they are served
-// here (sort_served.glsl), and the packet of the outlet is written at once.
+// events go to `gathered` only, bin by bin, and `merge` adds those of the overflow. If only the overflow was too long,
+// `sort` then runs again (push.merged) and finds all events there; else `merge` sorts them too.
+//
+// Deferred events go to `gathered` as well, behind the packet, where the next tick's `deferred` finds them. So do events
+// with a bus before them, sorted, for `readout`; what leaves the bus comes back as the packet of the camera's outlet.
+// Where events hardly wait for the bus, they are served here (sort_served.glsl), and the packet of the outlet is written
+// at once. The first workgroup writes the camera's `report` for the host and resets the next tick's counters; all
+// workgroups clear the next tick's bins.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_arithmetic : require

@@ -6,7 +6,7 @@ pub const RUN_EVENTS: u32 = 2048;
 /// Events that fit the shared memory of a workgroup of `sort`; `merge` sorts packets that have a larger bin.
 pub const SORTABLE_EVENTS: u32 = 2048;
 
-/// Most overflow events that a workgroup of `sort` searches; `merge` brings the events of packets that have more to their bins.
+/// Most overflow events that a workgroup of `sort` searches; where a packet has more, `merge` brings them to their bins.
 pub const SEARCHED_EVENTS: u32 = 1 << 15;
 
 /// Bins whose events `bin_sums` sums for `sort`; a multiple of the bins that a workgroup of `sort` takes.

@@ -1,6 +1,6 @@
-//! Sorting of heavy packets, which the first `sort` leaves unsorted, and the readout of those that have a bus before them. The host
-//! learns of them after the tick, and submits `merge` for their cameras. The commands are recorded each time, since the
-//! number of passes depends on the packets.
+//! Sorting of heavy packets, which the first `sort` leaves unsorted, and the readout of those that have a bus before them.
+//! The host learns of them after the tick, and submits `merge` for their cameras. The commands are recorded each time,
+//! since the number of passes depends on the packets.
 
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
