@@ -1,7 +1,7 @@
 // The making of the lists of candidates of a tile's blocks, for synthesis `rigid`: from what passes each block. Twin of
 // the oracle's `candidates`. Needs candidates.glsl, tile_activity.glsl, and the buffers `representatives` and `passing`.
 
-// What passes: an entry of `passing`, its instance (LEFT_OUT if it is left out), and its inverse depth along the ray of
+// What passes: an entry of `passing`, its instance (NO_INSTANCE if it is left out), and its inverse depth along the ray of
 // the block's centre in both key frames. Of all blocks of the tile or, where they are too many, of one.
 const uint PASSERS = RIGID ? 3u * PASSING_ENTRIES : 1u;
 shared uint passer_entry[PASSERS];
@@ -9,16 +9,12 @@ shared uint passer_instance[PASSERS];
 shared vec2 passer_depths[PASSERS];
 shared uint passer_count[TILE_BLOCKS];
 
-// In a passer's instance: it is decided that it is chosen, or left out.
-const uint DECIDED = 0x80000000u;
-const uint LEFT_OUT = 0xffffffffu;
-
-// The chosen ones of each block, likewise; how many a block gains; and whether a passer is left to decide on, in turns.
+// The chosen ones of each block, likewise; and the first entry of each block that is left, in turns.
 shared uint chosen_pixel[LISTED];
 shared uint chosen_instance[LISTED];
 shared vec2 chosen_depths[LISTED];
-shared uint gained[TILE_BLOCKS];
-shared uint undecided[2];
+shared uint first_left[2u * TILE_BLOCKS];
+const uint NONE_LEFT = 0xffffffffu;
 
 vec2 block_centre(uvec2 block) {
     return vec2(block * BLOCK_PX) + 0.5 * float(BLOCK_PX - 1u);
@@ -38,117 +34,74 @@ void note_passer(Camera cam, Geometry geo, uint passer, uint entry, uvec2 block)
     bool seen = lens_shows(geo, centre);
     const Surface surface = surface_of_pixel(cam, geo, key, at, seen);
     passer_entry[passer] = entry;
-    passer_instance[passer] = seen ? surface.instance : LEFT_OUT;
+    passer_instance[passer] = seen ? surface.instance : NO_INSTANCE;
     passer_depths[passer] = seen ? depths_along(surface.planes, ray_of(geo, centre)) : vec2(0.0);
 }
 
-// Whether a passer is one with a chosen one of its block.
-bool is_listed(Geometry geo, uint passer, uint chosen) {
+// Leaves out what is one with a chosen one of its block.
+void leave_out(Geometry geo, uint passer, uint chosen) {
     const uint instance = passer_instance[passer];
-    return instance == chosen_instance[chosen]
-        && are_one(chosen_depths[chosen], passer_depths[passer], parallax_of(geo, instance));
-}
-
-// What is decided on a passer: DECIDED if it is chosen, LEFT_OUT if it is left out, 0 if it has to wait for others.
-// [first, last) are those of its block.
-uint decision(Geometry geo, uint passer, uint first, uint last) {
-    const uint instance = passer_instance[passer];
-    const uint entry = passer_entry[passer];
-    const vec2 depths = passer_depths[passer];
-    const float parallax = parallax_of(geo, instance);
-    bool waits = false;
-    bool is_left_out = false;
-    for (uint other = first; other < last; ++other) {
-        const uint theirs = passer_instance[other];
-        if (theirs != LEFT_OUT && (theirs & ~DECIDED) == instance && passer_entry[other] < entry
-            && are_one(passer_depths[other], depths, parallax)) {
-            const bool is_chosen = (theirs & DECIDED) != 0u;
-            is_left_out = is_left_out || is_chosen;
-            waits = waits || !is_chosen;
-        }
+    if (instance == chosen_instance[chosen]
+        && are_one(chosen_depths[chosen], passer_depths[passer], parallax_of(geo, instance))) {
+        passer_instance[passer] = NO_INSTANCE;
     }
-    return is_left_out ? LEFT_OUT : waits ? 0u : DECIDED;
 }
 
-// Chooses from what passes, in the order of entries, and leaves out what is one with something chosen; until the lists are
-// full. A round decides on all that wait for nothing before them, so most take few. Of `passers`, `per_block` are of each
-// block from `first_block` on. Called by the whole workgroup; begins with what others have noted, ends with a barrier.
+// Chooses from what passes until the lists are full: the first that is left of each block, which leaves out what is one
+// with it, and again. Of `passers`, `per_block` are of each block from `first_block` on. Called by the whole workgroup;
+// begins with what others have noted, ends with a barrier.
 void choose_passers(Camera cam, Geometry geo, uint first_block, uint per_block, uint passers) {
     const uint lane = gl_LocalInvocationID.x;
-    if (lane < TILE_BLOCKS) {
-        gained[lane] = 0u;
-    }
-    if (lane < 2u) {
-        undecided[lane] = 0u;
+    if (lane < 2u * TILE_BLOCKS) {
+        first_left[lane] = NONE_LEFT;
     }
     barrier();
     for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
         const uint b = first_block + passer / per_block;
-        bool listed = false;
-        for (uint chosen = 0u; chosen < listed_count[b] && passer_instance[passer] != LEFT_OUT; ++chosen) {
-            listed = listed || is_listed(geo, passer, b * BLOCK_CANDIDATES + chosen);
-        }
-        if (listed) {
-            passer_instance[passer] = LEFT_OUT;
+        for (uint chosen = 0u; chosen < listed_count[b] && passer_instance[passer] != NO_INSTANCE; ++chosen) {
+            leave_out(geo, passer, b * BLOCK_CANDIDATES + chosen);
         }
     }
-    barrier();
     uint turn = 0u;
+    bool any_left = true;
     do {
-        // A bit for each passer of this thread.
-        uint choose = 0u;
-        uint leave_out = 0u;
-        uint own = 0u;
+        const uint turns = TILE_BLOCKS * (turn & 1u);
         for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
-            if ((passer_instance[passer] & DECIDED) == 0u) {
-                const uint first = passer / per_block * per_block;
-                const uint decided = decision(geo, passer, first, first + per_block);
-                choose |= uint(decided == DECIDED) << own;
-                leave_out |= uint(decided == LEFT_OUT) << own;
+            if (passer_instance[passer] != NO_INSTANCE) {
+                atomicMin(first_left[turns + first_block + passer / per_block], passer_entry[passer]);
             }
-            own += 1u;
         }
         barrier();
-        own = 0u;
-        for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
-            if (((choose >> own) & 1u) != 0u) {
-                passer_instance[passer] |= DECIDED;
-            } else if (((leave_out >> own) & 1u) != 0u) {
-                passer_instance[passer] = LEFT_OUT;
-            } else if ((passer_instance[passer] & DECIDED) == 0u) {
-                undecided[turn & 1u] = 1u;
-            }
-            own += 1u;
-        }
-        if (lane == 0u) {
-            undecided[1u - (turn & 1u)] = 0u;
+        any_left = false;
+        for (uint b = 0u; b < TILE_BLOCKS; ++b) {
+            any_left = any_left || (first_left[turns + b] != NONE_LEFT && listed_count[b] < BLOCK_CANDIDATES);
         }
         barrier();
+        if (lane < TILE_BLOCKS) {
+            first_left[TILE_BLOCKS - turns + lane] = NONE_LEFT;
+        }
+        for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
+            const uint b = first_block + passer / per_block;
+            if (passer_instance[passer] != NO_INSTANCE && passer_entry[passer] == first_left[turns + b]
+                && listed_count[b] < BLOCK_CANDIDATES) {
+                const uint chosen = b * BLOCK_CANDIDATES + listed_count[b];
+                const uint entry = passer_entry[passer];
+                chosen_pixel[chosen] = pixel_of_entry(cam, geo, entry) | (entry & PASSING_KEY);
+                chosen_instance[chosen] = passer_instance[passer];
+                chosen_depths[chosen] = passer_depths[passer];
+                listed_count[b] += 1u;
+                passer_instance[passer] = NO_INSTANCE;
+            }
+        }
+        barrier();
+        for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
+            const uint b = first_block + passer / per_block;
+            if (passer_instance[passer] != NO_INSTANCE) {
+                leave_out(geo, passer, b * BLOCK_CANDIDATES + listed_count[b] - 1u);
+            }
+        }
         turn += 1u;
-    } while (undecided[1u - (turn & 1u)] != 0u);
-    for (uint passer = lane; passer < passers; passer += gl_WorkGroupSize.x) {
-        if (passer_instance[passer] == LEFT_OUT) {
-            continue;
-        }
-        const uint b = first_block + passer / per_block;
-        const uint first = passer / per_block * per_block;
-        const uint entry = passer_entry[passer];
-        uint place = listed_count[b];
-        for (uint other = first; other < first + per_block; ++other) {
-            place += uint(passer_instance[other] != LEFT_OUT && passer_entry[other] < entry);
-        }
-        if (place < BLOCK_CANDIDATES) {
-            const uint chosen = b * BLOCK_CANDIDATES + place;
-            chosen_pixel[chosen] = pixel_of_entry(cam, geo, entry) | (entry & PASSING_KEY);
-            chosen_instance[chosen] = passer_instance[passer] & ~DECIDED;
-            chosen_depths[chosen] = passer_depths[passer];
-            atomicAdd(gained[b], 1u);
-        }
-    }
-    barrier();
-    if (lane < TILE_BLOCKS) {
-        listed_count[lane] += gained[lane];
-    }
+    } while (any_left);
     barrier();
 }
 
@@ -199,7 +152,7 @@ void list_all_within_reach(Camera cam, Geometry geo, uint b) {
     do {
         const uint item = start + lane;
         if (lane < at_once) {
-            passer_instance[lane] = LEFT_OUT;
+            passer_instance[lane] = NO_INSTANCE;
         }
         if (lane < at_once && item < 2u * of_key) {
             const uint key = item / of_key;
@@ -244,7 +197,7 @@ void list_candidates(Camera cam) {
     for (uint first = 0u; first < TILE_BLOCKS; first += at_once) {
         for (uint passer = lane; passer < at_once * per_block; passer += gl_WorkGroupSize.x) {
             const uint b = first + passer / per_block;
-            passer_instance[passer] = LEFT_OUT;
+            passer_instance[passer] = NO_INSTANCE;
             if (passer % per_block < passer_count[b] && passer_count[b] <= PASSING_ENTRIES) {
                 const uvec2 block = tile_block(b);
                 const uint entries = passing_entries(cam, geo, block.y * cam.blocks_x + block.x);
