@@ -232,25 +232,22 @@ pub(super) fn record_tick(
             }
             stage_done();
         }
+        if let Some(sums) = rig.pipelines.kernels.bin_sums.as_ref().filter(|_| outlets == 0) {
+            let most = rig.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0);
+            dispatch(commands, sums, 0, [most.div_ceil(layout::SUMMED_BINS), cameras, 1]);
+            record_barrier(device, commands);
+        }
+        // SAFETY: as for the commands, below.
+        unsafe { rig.record_sort(commands, Push::default(), cameras) };
         if outlets > 0 {
-            // SAFETY: as for the commands, below.
-            unsafe { rig.record_sort(commands, Push::default(), cameras) };
-            if !policy.readout_light {
+            if policy.readout_light {
+                stage_done();
+            } else {
                 record_barrier(device, commands);
                 stage_done();
                 // SAFETY: as for the commands, below.
                 unsafe { rig.record_readout(commands, outlets, false) };
-            } else {
-                stage_done();
             }
-        } else {
-            if let Some(sums) = &rig.pipelines.kernels.bin_sums {
-                let most = rig.cameras.iter().map(|c| c.place.bin_count).max().unwrap_or(0);
-                dispatch(commands, sums, 0, [most.div_ceil(layout::SUMMED_BINS), cameras, 1]);
-                record_barrier(device, commands);
-            }
-            // SAFETY: as for the commands, below.
-            unsafe { rig.record_sort(commands, Push::default(), cameras) };
         }
         record_host_barrier(device, commands);
         write_stamp();
