@@ -75,7 +75,7 @@ impl HostMemory {
 
 impl Drop for HostMemory {
     fn drop(&mut self) {
-        // SAFETY: the mapping is this value's, and the device memory made of it is gone (see `SharedBuffer`).
+        // SAFETY: the mapping is this value's, and the device memory made of it is gone (see `LentMemory`).
         if let Err(error) = unsafe { munmap(self.address, self.bytes) } {
             eprintln!("esaac: munmap: {error}");
         }

@@ -18,9 +18,22 @@ use std::sync::Arc;
 pub(crate) struct SharedBuffer {
     /// Declared before `host`, so that it is dropped before the memory that it uses.
     buffer: Buffer,
-    host: Option<HostMemory>,
+    host: Option<LentMemory>,
     /// What the peer must know of its memory.
     described: ImageMemory,
+}
+
+/// Memory of the host that a buffer uses. It is unmapped when no submission can use it any more, after the buffer is destroyed.
+struct LentMemory {
+    device: Arc<Device>,
+    memory: Option<HostMemory>,
+}
+
+impl Drop for LentMemory {
+    fn drop(&mut self) {
+        let memory = self.memory.take();
+        self.device.retire(move |_| drop(memory));
+    }
 }
 
 /// A raw buffer without memory. It is destroyed unless `bind` succeeds.
@@ -110,7 +123,7 @@ impl SharedBuffer {
     /// gives its descriptor away, so it is exported once.
     pub(crate) fn export(&mut self, device: &Device) -> Result<OwnedFd, InteropError> {
         let exported = match &mut self.host {
-            Some(host) => host.take_fd(),
+            Some(LentMemory { memory, .. }) => memory.as_mut().and_then(HostMemory::take_fd),
             None => self.buffer.adopted_memory().map(|memory| export_memory(device, memory)).transpose()?,
         };
         exported.ok_or_else(|| InteropError::Unsupported {
@@ -231,6 +244,7 @@ impl SharedBuffer {
             memory_type: types.trailing_zeros(),
             image_usage: 0,
         };
+        let host = LentMemory { device: Arc::clone(device), memory: Some(host) };
         Ok(SharedBuffer { buffer, host: Some(host), described })
     }
 

@@ -4,7 +4,7 @@ use crate::error::InteropError;
 use crate::server::{CameraTerms, LinkCounts, Outcome, Ready, Server, ServerOptions};
 use crate::session::Agreement;
 use crate::stand_in::StandIn;
-use esaac_engine::{FrameInput, Rig, SubmitHooks, Tick, zone};
+use esaac_engine::{EngineError, FrameInput, Rig, SubmitHooks, Tick, zone};
 use esaac_model::{MAX_INTERVAL_NS, Synthesis};
 use std::time::Duration;
 
@@ -23,6 +23,8 @@ pub struct Service {
     rig: Rig,
     server: Server,
     last_ns: Vec<Option<i64>>,
+    /// Whether frames of a camera were lost to a step that failed: the next one does not follow its last.
+    broken: Vec<bool>,
     /// Of each camera whose producer gives no depth though it takes some.
     stand_ins: Vec<Option<StandIn>>,
     resets: u64,
@@ -36,7 +38,8 @@ impl Service {
     pub fn new(rig: Rig, server: Server) -> Self {
         let stand_ins = (0..rig.len()).map(|_| None).collect();
         let (last_ns, warnings) = (vec![None; rig.len()], vec![None; rig.len()]);
-        Service { last_ns, stand_ins, rig, server, resets: 0, warnings }
+        let broken = vec![false; rig.len()];
+        Service { last_ns, broken, stand_ins, rig, server, resets: 0, warnings }
     }
 
     /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
@@ -107,6 +110,9 @@ impl Service {
     }
 
     /// Steps the cameras whose frames are written. Returns `None` if no frame came within `limit`.
+    ///
+    /// A producer whose poses the rig refuses is turned away; the others go on. If the step fails, its frames count as dropped,
+    /// their producers have their slots back, and their cameras start anew.
     pub fn tick(&mut self, limit: Duration) -> Result<Option<ServiceTick<'_>>, InteropError> {
         self.tick_checked(limit, |_| {})
     }
@@ -125,9 +131,33 @@ impl Service {
             return Ok(None);
         }
         ready.iter().for_each(look);
-        let first = self.ingest(&ready)?;
-        let mut frames = vec![None; self.rig.len()];
+        let stepped = self.step_ready(&ready);
+        let _zone = zone!("release");
         for frame in &ready {
+            match &stepped {
+                Ok((t_ns, _)) if t_ns[frame.camera].is_none() => {}
+                Ok(_) => {
+                    self.server.release(frame, Outcome::Stepped)?;
+                    self.last_ns[frame.camera] = Some(frame.t_ns);
+                    self.warn_of_poses(frame.camera)?;
+                }
+                Err(_) => {
+                    self.server.release(frame, Outcome::Dropped)?;
+                    self.broken[frame.camera] = true;
+                }
+            }
+        }
+        let (t_ns, first) = stepped?;
+        Ok(Some(ServiceTick { tick: self.rig.last_tick(), t_ns, first }))
+    }
+
+    /// Steps the rig with frames, and returns each camera's time, `None` if its producer was turned away, and for which
+    /// cameras the frame is the first.
+    fn step_ready(&mut self, ready: &[Ready]) -> Result<(Vec<Option<i64>>, Vec<bool>), InteropError> {
+        let first = self.ingest(ready)?;
+        let taken: Vec<&Ready> = ready.iter().filter(|frame| first[frame.camera].is_some()).collect();
+        let mut frames = vec![None; self.rig.len()];
+        for frame in &taken {
             let inputs = frame.slot().inputs();
             let inputs = match &self.stand_ins[frame.camera] {
                 Some(stand_in) if inputs.depth.is_none() => stand_in.complete(inputs),
@@ -135,14 +165,9 @@ impl Service {
             };
             frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) });
         }
-        let t_ns = frames.iter().map(|frame| frame.map(|f| f.t_ns)).collect();
-        step(&mut self.rig, &ready, &frames)?;
-        let _zone = zone!("release");
-        for frame in &ready {
-            self.server.release(frame, Outcome::Stepped)?;
-            self.warn_of_poses(frame.camera)?;
-        }
-        Ok(Some(ServiceTick { tick: self.rig.last_tick(), t_ns, first }))
+        step(&mut self.rig, &taken, &frames)?;
+        let t_ns = frames.iter().map(|frame| frame.map(|frame| frame.t_ns)).collect();
+        Ok((t_ns, first.into_iter().map(Option::unwrap_or_default).collect()))
     }
 
     /// Says what is new about a camera's poses.
@@ -156,31 +181,42 @@ impl Service {
         Ok(())
     }
 
-    /// Resets the cameras that start anew, hands over poses, and returns for which cameras the frame is the first.
-    fn ingest(&mut self, ready: &[Ready]) -> Result<Vec<bool>, InteropError> {
+    /// Resets the cameras that start anew and hands over poses. Returns for each camera whether its frame is the first; `None`
+    /// if it has none, or its producer was turned away.
+    fn ingest(&mut self, ready: &[Ready]) -> Result<Vec<Option<bool>>, InteropError> {
         let _zone = zone!("ingest");
-        let mut first = vec![false; self.rig.len()];
+        let mut first = vec![None; self.rig.len()];
         for frame in ready {
-            let last_ns = &mut self.last_ns[frame.camera];
+            let camera = frame.camera;
             let gap = |last: i64| frame.t_ns.saturating_sub(last) > MAX_INTERVAL_NS;
-            if last_ns.is_some_and(|last| frame.first || gap(last)) {
-                self.rig.reset(frame.camera)?;
+            let anew = frame.first || std::mem::take(&mut self.broken[camera]);
+            if self.last_ns[camera].is_some_and(|last| anew || gap(last)) {
+                self.rig.reset(camera)?;
                 self.resets += 1;
-                *last_ns = None;
+                self.last_ns[camera] = None;
             }
-            first[frame.camera] = last_ns.is_none();
-            *last_ns = Some(frame.t_ns);
-            if let Some(scene) = &frame.scene {
-                self.rig.set_scene(frame.camera, scene.motion.clone())?;
-                if scene.from_ns != scene.vectors_to_ns {
-                    self.rig.skip_convention_check(frame.camera)?;
+            match self.hand_over_poses(frame) {
+                Ok(()) => first[camera] = Some(self.last_ns[camera].is_none()),
+                Err(InteropError::Engine(error)) if !matches!(error, EngineError::Lost { .. }) => {
+                    self.server.turn_away(frame, &InteropError::Engine(error));
                 }
-            } else if let Some(stand_in) = self.stand_in(frame.camera)? {
-                let scene = stand_in.scene();
-                self.rig.set_scene(frame.camera, scene)?;
+                Err(error) => return Err(error),
             }
         }
         Ok(first)
+    }
+
+    fn hand_over_poses(&mut self, frame: &Ready) -> Result<(), InteropError> {
+        if let Some(scene) = &frame.scene {
+            self.rig.set_scene(frame.camera, scene.motion.clone())?;
+            if scene.from_ns != scene.vectors_to_ns {
+                self.rig.skip_convention_check(frame.camera)?;
+            }
+        } else if let Some(stand_in) = self.stand_in(frame.camera)? {
+            let scene = stand_in.scene();
+            self.rig.set_scene(frame.camera, scene)?;
+        }
+        Ok(())
     }
 
     /// What stands in for the depth of a camera that takes some.
@@ -196,7 +232,7 @@ impl Service {
 /// Steps a rig with frames that are there: takes their buffers over and hands them back. The submission
 /// neither waits for nor signals a timeline that a producer can set: the server has seen that the frames are
 /// written, and signals that they are read once the device is done.
-fn step(rig: &mut Rig, ready: &[Ready], frames: &[Option<FrameInput<'_>>]) -> Result<(), InteropError> {
+fn step(rig: &mut Rig, ready: &[&Ready], frames: &[Option<FrameInput<'_>>]) -> Result<(), InteropError> {
     let before: Vec<_> = ready.iter().map(|frame| frame.slot().acquire()).collect();
     let after: Vec<_> = ready.iter().map(|frame| frame.slot().release()).collect();
     let hooks = SubmitHooks { before: &before, after: &after, ..SubmitHooks::default() };

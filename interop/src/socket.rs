@@ -1,16 +1,18 @@
 //! Unix sockets of type `SOCK_SEQPACKET`: each packet is one message, with descriptors beside it. Every wait
 //! has a limit.
 
+#![expect(unsafe_code, reason = "a socket option's edge")]
+
 use crate::error::InteropError;
 use crate::wire::{ErrorCode, MAX_BYTES, MAX_FDS, Message, Version};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
+use rustix::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use rustix::fs::{FileType, Mode};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, ReturnFlags, SendAncillaryBuffer,
     SendAncillaryMessage, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept_with, bind, connect,
-    listen, recvmsg, sendmsg, socket_with, sockopt,
+    listen, recvmsg, sendmsg, socket_with,
 };
 use std::io::{IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
@@ -31,7 +33,29 @@ pub(crate) struct Socket {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Credentials {
     pub user: u32,
+    /// 0 if the process is in a container that this one does not see into.
     pub process: i32,
+}
+
+/// Who is at the other end of a connection.
+fn credentials(fd: &OwnedFd) -> std::io::Result<Credentials> {
+    let mut peer = libc::ucred { pid: 0, uid: 0, gid: 0 };
+    let mut bytes = size_of::<libc::ucred>() as libc::socklen_t;
+    // SAFETY: the descriptor is open, and the kernel writes at most `bytes` bytes of a `ucred` to `peer`.
+    let result = unsafe {
+        libc::getsockopt(
+            fd.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_PEERCRED,
+            (&raw mut peer).cast(),
+            &raw mut bytes,
+        )
+    };
+    if result == 0 {
+        Ok(Credentials { user: peer.uid, process: peer.pid })
+    } else {
+        Err(std::io::Error::last_os_error())
+    }
 }
 
 /// What a look for a new connection gave.
@@ -301,13 +325,12 @@ impl Listener {
     pub(crate) fn accept(&self) -> Result<Accepted, InteropError> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         loop {
-            let accepted = accept_with(&self.fd, flags)
-                .and_then(|fd| sockopt::socket_peercred(&fd).map(|peer| (Socket::new(fd), peer)));
-            match accepted {
-                Ok((socket, peer)) => {
-                    let peer =
-                        Credentials { user: peer.uid.as_raw(), process: peer.pid.as_raw_nonzero().get() };
-                    return Ok(Accepted::One(socket, peer));
+            match accept_with(&self.fd, flags) {
+                Ok(fd) => {
+                    // One whose kernel does not say who it is from is closed.
+                    if let Ok(peer) = credentials(&fd) {
+                        return Ok(Accepted::One(Socket::new(fd), peer));
+                    }
                 }
                 Err(source) => match AcceptError::of(source) {
                     AcceptError::Nobody => return Ok(Accepted::Nobody),
@@ -358,5 +381,43 @@ mod tests {
             assert_eq!(AcceptError::of(errno), AcceptError::Broken, "{errno}");
         }
         assert_eq!(AcceptError::of(Errno::AGAIN), AcceptError::Nobody);
+    }
+
+    /// The kernel gives a process number 0 to one that the asker's container does not see.
+    #[test]
+    fn a_peer_outside_of_the_container_is_accepted() {
+        const SOCKET: &str = "ESAAC_TEST_CONTAINED_SOCKET";
+        let own = rustix::process::geteuid();
+        if let Some(path) = std::env::var_os(SOCKET) {
+            let listener = Listener::bind(Path::new(&path)).unwrap();
+            assert_eq!(wait_readable(&[listener.as_fd()], Duration::from_secs(20)).unwrap(), [true]);
+            let Accepted::One(_, peer) = listener.accept().unwrap() else { panic!("nobody came") };
+            assert_eq!(peer, Credentials { user: own.as_raw(), process: 0 });
+            return;
+        }
+        // Only root may make such a container without a namespace of users.
+        let users: &[&str] = if own.is_root() { &[] } else { &["--user", "--map-root-user"] };
+        let contained = |program: &Path| {
+            let mut command = std::process::Command::new("unshare");
+            command.args(users).args(["--pid", "--fork", "--"]).arg(program);
+            command
+        };
+        if !contained(Path::new("true")).status().is_ok_and(|status| status.success()) {
+            eprintln!("not tested: this system lets nobody make a container with `unshare`");
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("contained.sock");
+        let mut server = contained(&std::env::current_exe().unwrap())
+            .args(["--exact", "socket::tests::a_peer_outside_of_the_container_is_accepted"])
+            .env(SOCKET, &path)
+            .spawn()
+            .unwrap();
+        let started = Instant::now();
+        while Socket::connect(&path, Version::NEWEST).is_err() && started.elapsed() < Duration::from_secs(20)
+        {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        assert!(server.wait().unwrap().success());
     }
 }

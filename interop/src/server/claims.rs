@@ -47,9 +47,12 @@ impl Claims {
             return refused(ErrorCode::Camera, format!("camera {camera}, the rig has {cameras}"));
         };
         if let Some(Holder { connection, process }) = *holder {
-            let text = format!(
-                "camera {camera} has a producer already: process {process} by connection {connection}"
-            );
+            let process = match process {
+                0 => "a process of another container".to_owned(),
+                process => format!("process {process}"),
+            };
+            let text =
+                format!("camera {camera} has a producer already: {process} by connection {connection}");
             return refused(ErrorCode::Taken, text);
         }
         *holder = Some(Holder { connection, process: peer.process });
@@ -88,6 +91,9 @@ mod tests {
         assert_eq!(error.code(), ErrorCode::Taken);
         let text = error.to_string();
         assert!(text.contains("camera 1 has a producer already: process 4242 by connection 7"), "{text}");
+        let _outside = claims.take(0, 9, peer(0)).unwrap();
+        let text = claims.take(0, 10, peer(99)).err().expect("taken").to_string();
+        assert!(text.contains("a process of another container by connection 9"), "{text}");
         drop(first);
         assert_eq!(claims.take(1, 8, peer(99)).unwrap().camera(), 1);
         let Err(error) = claims.take(2, 9, peer(1)) else { panic!("there is no camera 2") };

@@ -271,7 +271,9 @@ impl Shared {
         let counts = &mut state.counts[link.camera()];
         counts.lost += 1;
         counts.abandoned += link.pending.len() as u64;
-        state.say(format!("camera {}: {error}", link.camera()));
+        // The engine's own words name the camera already.
+        let (name, text) = (format!("camera {}: ", link.camera()), error.to_string());
+        state.say(if text.starts_with(&name) { text } else { name + &text });
         state.changed = true;
     }
 }

@@ -133,7 +133,7 @@ pub struct LinkCounts {
     pub frames: u64,
     /// Frames that were stepped.
     pub stepped: u64,
-    /// Frames dropped for newer ones.
+    /// Frames dropped for newer ones, or with a step that failed.
     pub dropped: u64,
     /// Frames that were not stepped because their producer was lost.
     pub abandoned: u64,
@@ -275,6 +275,15 @@ impl Server {
         let told = state.links[index].give_back(ready.notice.slot, outcome);
         self.shared.settle(&mut state, index, told);
         Ok(())
+    }
+
+    /// Ends the connection of a frame's producer because of an error; the frame counts as abandoned.
+    pub(crate) fn turn_away(&self, ready: &Ready, error: &InteropError) {
+        let mut state = self.shared.lock();
+        state.counts[ready.camera].abandoned += 1;
+        if let Some(index) = state.links.iter().position(|link| link.id == ready.link) {
+            self.shared.lose(&mut state, index, error);
+        }
     }
 
     /// Counts of each camera.

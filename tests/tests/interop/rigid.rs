@@ -101,6 +101,44 @@ fn poses_of_dropped_frames_are_not_lost() {
     assert_silent();
 }
 
+/// A rig whose camera has another lens than the server told the producer refuses its poses. That ends this link alone.
+#[test]
+fn poses_that_the_rig_refuses_end_their_own_link() {
+    let run = Run::default();
+    let expected = run.alone(&[0, 1, 2, 3]);
+    let config = run.config(IdFormat::U32);
+    let mut other = config.clone();
+    other.camera = 1;
+    let lens = Intrinsics::pinhole(50.0, 50.0, 20.0, 20.0).unwrap();
+    other.geometry.as_mut().unwrap().lens = lens;
+    let place = Place::default();
+    let terms: [CameraTerms; 2] = [(&config).into(), (&config).into()];
+    let rig = Rig::new(&DEVICE, &[config, other]).unwrap();
+    let mut service = Service::open(rig, &place.path(), &terms, ServerOptions::default()).unwrap();
+    let device = other_device();
+    let connect = |camera| Uploader::connect(&device, &place.path(), &options(camera, MEMORY_HOST)).unwrap();
+    let (mut served, mut refused) = (connect(0), connect(1));
+    send(&run, &mut refused, 0, IdFormat::U32);
+    for (index, expected) in expected.iter().enumerate() {
+        send(&run, &mut served, index, IdFormat::U32);
+        until("the frames", || {
+            service.counts()[0].frames == index as u64 + 1 && service.counts()[1].frames == 1
+        });
+        let tick = service.tick(60 * SECOND).unwrap().expect("a frame");
+        assert_eq!(tick.t_ns, [Some(run.frames[index].0), None]);
+        assert!(tick.tick.packets[0] == *expected, "frame {index}: other events");
+    }
+    let counts = service.counts();
+    assert_eq!((counts[1].lost, counts[1].abandoned, counts[1].stepped), (1, 1, 0));
+    let notices = service.server().notices().join("\n");
+    assert!(notices.contains("camera 1: the poses are those of a camera with"), "{notices}");
+    assert!(!notices.contains("camera 1: camera 1"), "{notices}");
+    assert_eq!(served.producer.finish().unwrap(), (FRAMES as u64, 0));
+    drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
 /// A producer whose poses do not predict its vectors is told of, and its vectors are followed where that is allowed.
 #[test]
 fn poses_that_disagree_with_the_vectors_are_told_of_and_left_out() {

@@ -1,15 +1,21 @@
 //! A system that is short of descriptors: connected producers go on, waiting ones are served later.
 
 use crate::faults::{engine, sensor, sequence};
+use esaac_engine::FaultPoint;
+use esaac_engine::ash::vk;
 use esaac_interop::wire::{ErrorCode, Hello, MAX_SLOTS, MEMORY_HOST, Message};
-use esaac_interop::{CameraTerms, Outcome, Producer, ProducerOptions, Server, ServerOptions};
+use esaac_interop::{
+    CameraTerms, DEFAULT_SLOTS, InteropError, Outcome, Producer, ProducerOptions, Server, ServerOptions,
+    Service,
+};
 use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::drivers::in_a_process_of_its_own;
-use esaac_tests::interop::{Place, Uploader, other_device, until};
+use esaac_tests::interop::{Place, Uploader, other_device, service, until};
 use esaac_tests::peer::{Peer, greeting};
 use esaac_tests::run::camera;
 use rustix::fd::AsRawFd;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use std::sync::Arc;
 use std::time::Duration;
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -123,5 +129,48 @@ fn a_rig_of_32_cameras_with_16_slots_needs_few_descriptors() {
     drop(producer);
     assert_device_silent(&device);
     drop(server);
+    assert_silent();
+}
+
+/// A tick whose submission the queue does not take.
+fn fails(service: &mut Service) {
+    let hook = |point| (point == FaultPoint::Submit).then_some(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
+    DEVICE.set_faults(Some(Arc::new(hook)));
+    assert!(matches!(service.tick(10 * SECOND), Err(InteropError::Engine(_))));
+    DEVICE.set_faults(None);
+}
+
+/// A step that the device refuses gives the producer its slots back, and its camera starts anew with the next frame.
+#[test]
+fn a_step_that_fails_keeps_no_slot() {
+    let name = "shortage::a_step_that_fails_keeps_no_slot";
+    if !in_a_process_of_its_own(name, None) {
+        return;
+    }
+    let (place, sensor, sequence) = (Place::default(), sensor(), sequence());
+    let mut service = service(&place.path(), &[(sensor, &sequence)], false, ServerOptions::default());
+    let device = other_device();
+    let mut producer = Uploader::connect(&device, &place.path(), &ProducerOptions::default()).unwrap();
+    let slots = i64::from(DEFAULT_SLOTS);
+    for round in 0..2 * slots {
+        // Each of these fails. If one kept its slot, the last could not be sent.
+        producer.send(&sequence.frames[1], 10 * round).unwrap();
+        fails(&mut service);
+    }
+    let mut firsts = Vec::new();
+    for index in 0..3 {
+        producer.send(&sequence.frames[index], 1000 + 10 * index as i64).unwrap();
+        firsts.extend(service.tick(10 * SECOND).unwrap().expect("a frame").first);
+        if index == 1 {
+            producer.send(&sequence.frames[index], 1015).unwrap();
+            fails(&mut service);
+        }
+    }
+    assert_eq!(firsts, [true, false, true], "the frame after one that was lost is a first");
+    let counts = service.counts()[0];
+    assert_eq!((counts.stepped, counts.dropped), (3, 2 * slots as u64 + 1));
+    producer.producer.finish().unwrap();
+    drop(service);
+    assert_device_silent(&device);
     assert_silent();
 }
