@@ -304,8 +304,6 @@ void cross_sub_tile(
             store_pixel(cam, pixel, p);
         } else if (before.reference == ARMING) {
             arm_pixel(cam, pixel, to_q24(lit_at_end(cam, s.log_current)));
-        } else {
-            atomicAdd(counters[counter].unarmed_pixels, 1u);
         }
         const uint unseen = RIGID ? count_unseen(s, n) : 0u;
         if (unseen != 0u) {

@@ -168,8 +168,9 @@ void main() {
         return;
     }
     const Camera cam = cameras[index];
-    corner =
-        tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, first_sub_tile * SUB_TILE_ROWS);
+    // A restored rig may catch up before any `ingest` has ordered its tiles.
+    const uint tile_number = catches_up ? in_order : tile_order[cam.tile_base + in_order];
+    corner = tile_corner(cam.blocks_x, tile_number) + uvec2(0u, first_sub_tile * SUB_TILE_ROWS);
     const uvec2 first = sub_tile_pixel();
     if (catches_up) {
         if (!LAYERED) {

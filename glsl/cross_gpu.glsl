@@ -111,7 +111,9 @@ void main() {
         return;
     }
     const Camera cam = cameras[index];
-    corner = tile_corner(cam.blocks_x, tile_order[cam.tile_base + in_order]) + uvec2(0u, sub_tile * SUB_TILE_ROWS);
+    // A restored rig may catch up before any `ingest` has ordered its tiles.
+    const uint tile_number = catches_up ? in_order : tile_order[cam.tile_base + in_order];
+    corner = tile_corner(cam.blocks_x, tile_number) + uvec2(0u, sub_tile * SUB_TILE_ROWS);
     packs = false;
     uvec2 at = sub_tile_pixel();
     bool inside = at.x < cam.width && at.y < cam.height;
@@ -126,7 +128,7 @@ void main() {
         return;
     }
 #ifdef READS_LEVELS
-    const uvec4 levels_of_tile = level_words[cam.tile_base + tile_order[cam.tile_base + in_order]];
+    const uvec4 levels_of_tile = level_words[cam.tile_base + tile_number];
     if (!has_levels(levels_of_tile)) {
         if (levels_of_tile.x == NO_LEVELS && push.level + 1u == push.passes && gl_LocalInvocationID.x == 0u) {
             atomicAdd(counters[2u * cam.slot + cam.frame_slot].without_levels, 1u);

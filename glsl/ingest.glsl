@@ -176,11 +176,13 @@ void add_pixel(Camera cam, ivec2 at, vec3 colour, float level, float before, int
     }
 }
 
-// Counts a pixel without a valid colour; a camera's first frame marks it as unarmed.
-void add_invalid_pixel(Camera cam, ivec2 at, inout BlockStats stats) {
+// Counts a pixel without a valid colour, and whether it never had one; a camera's first frame marks it as unarmed.
+void add_invalid_pixel(Camera cam, ivec2 at, int reference, inout BlockStats stats) {
     stats.invalid += 1u;
     if (is_first(cam)) {
         store_state(cam, uint(at.y) * cam.width + uint(at.x), STATE_REFERENCE, uint(UNARMED));
+    }
+    if (is_first(cam) || reference == UNARMED) {
         atomicAdd(counters[2u * cam.slot + cam.frame_slot].unarmed_pixels, 1u);
     }
 }
@@ -226,9 +228,6 @@ void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, v
 // Whether a pixel of the tile has an exact path.
 bool shows_surface(ivec2 at);
 
-// A bit for each block of the tile: whether it has a silhouette, pixels that are not inner. For synthesis `rigid`.
-shared uint silhouettes;
-
 // Loads a pixel of the tile or its apron; `channel` is the first component that the workgroup takes.
 void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inout BlockStats stats) {
     const ivec2 at = tile_origin + in_tile;
@@ -267,7 +266,7 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
         load_component(cam, further, cached, at, own, colour, invalid);
     }
     if (notes && invalid) {
-        add_invalid_pixel(cam, at, stats);
+        add_invalid_pixel(cam, at, reference, stats);
     } else if (notes) {
         add_pixel(cam, at, colour, level, before, reference, stats);
     }
@@ -433,7 +432,7 @@ void main() {
     }
     if (lane == 0u) {
         any_change = is_first(cam) ? 1u : 0u;
-        if (RIGID) {
+        if (MAKES_LISTS) {
             silhouettes = 0u;
         }
     }
@@ -468,14 +467,8 @@ void main() {
         } while (number < CACHE_PIXELS - TILE_ANCHORS);
     }
     barrier();
-    if (RIGID) {
-        if (MAKES_LISTS) {
-            write_surfaces(cam, geometries[cam.slot]);
-        } else if (any_change != 0u) {
-            find_surfaces(cam, geometries[cam.slot], false);
-        } else {
-            note_silhouettes_before(cam, geometries[cam.slot]);
-        }
+    if (MAKES_LISTS) {
+        write_surfaces(cam, geometries[cam.slot]);
     }
     // Where nothing moves or changes, no motions meet. Without half-pel frames that is not known.
     const bool may_change = !HALF_PEL || any_change != 0u;

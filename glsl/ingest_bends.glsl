@@ -54,9 +54,7 @@ uint needed_motion(Camera cam, uint in_tile) {
 
 // The texture of a block, for synthesis `rigid`.
 uint block_texture(uint in_tile) {
-    return ((silhouettes >> in_tile) & 1u) == 0u
-        ? texture_word(uintBitsToFloat(block_bend[in_tile]), uintBitsToFloat(block_slope[in_tile]))
-        : 0u;
+    return texture_word(uintBitsToFloat(block_bend[in_tile]), uintBitsToFloat(block_slope[in_tile]));
 }
 
 // Bits of the change of a block as its number of sub-steps needs it. Where each pixel follows a vector, a change does not

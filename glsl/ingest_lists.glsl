@@ -355,15 +355,6 @@ void keep_representatives(Camera cam, Geometry geo) {
     }
 }
 
-// Notes which of the tile's blocks had silhouettes in the frame before. Called by the whole workgroup.
-void note_silhouettes_before(Camera cam, Geometry geo) {
-    const uint in_tile = gl_LocalInvocationID.x;
-    if (in_tile < TILE_BLOCKS && block_in_image(cam, in_tile)
-        && (representatives[own_word(cam, geo, 0u, in_tile)] & HAS_SILHOUETTE) != 0u) {
-        atomicOr(silhouettes, 1u << in_tile);
-    }
-}
-
 // Writes the lists of the tile's blocks. If `still`, nothing has moved and their surfaces are those of the frame before.
 // Called by the whole workgroup.
 void write_lists(Camera cam, Geometry geo, bool still) {
@@ -376,7 +367,6 @@ void write_lists(Camera cam, Geometry geo, bool still) {
     }
     if (still) {
         keep_representatives(cam, geo);
-        note_silhouettes_before(cam, geo);
     } else {
         find_representatives(cam, geo);
     }
@@ -417,7 +407,7 @@ void write_surfaces(Camera cam, Geometry geo) {
     if (still) {
         keep_surfaces(cam, geo);
     } else {
-        find_surfaces(cam, geo, true);
+        find_surfaces(cam, geo);
     }
     write_lists(cam, geo, still);
 }

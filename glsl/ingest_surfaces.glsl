@@ -14,13 +14,15 @@ shared float cached_depth[SURFACE_PIXELS];
 shared float cached_inverse_depth[SURFACE_PIXELS];
 shared uint cached_instance[SURFACE_PIXELS];
 
-// For each pixel of the tile: which of the 5x5 pixels around continue its surface, row by row.
-shared uint continuing[RIGID ? TILE_ANCHORS : 1u];
+// A bit for each block of the tile: whether it has a silhouette, pixels that are not inner.
+shared uint silhouettes;
+
+// Which of the 5x5 pixels around continue a pixel's surface, row by row.
 const uint ALL_CONTINUE = (1u << 25) - 1u;
 // Three rows of three of them, from the first on.
 const uint PURE_BITS = 7u | 7u << 5 | 7u << 10;
 
-// Bit of the pixel `offset` away, in `continuing`.
+// Bit of the pixel `offset` away.
 uint continuing_bit(ivec2 offset) {
     return 1u << uint(5 * (offset.y + 2) + offset.x + 2);
 }
@@ -153,32 +155,33 @@ Own own_surface(Camera cam, Geometry geo, ivec2 at) {
     return own;
 }
 
-// Which of the 5x5 pixels around continue a pixel's surface: their inverse depth is that of the surface there, to what
+// Whether the pixel `offset` away continues a pixel's surface: its inverse depth is that of the surface there, to what
 // LEAST_MOTION_PX of motion would tell apart.
-uint continuing_around(Camera cam, Geometry geo, ivec2 at, Own own) {
-    if (own.instance == NO_INSTANCE) {
-        return 0u;
-    }
-    const ivec2 last = ivec2(cam.width, cam.height) - 1;
+bool continues_at(Camera cam, Geometry geo, ivec2 at, Own own, ivec2 offset) {
+    const ivec2 near = clamp(at + offset, ivec2(0), ivec2(cam.width, cam.height) - 1);
+    const uint cached = surface_index(near);
     const vec2 slopes_px = unpackHalf2x16(own.slopes) * own.inverse_depth;
+    const vec2 away = vec2(near - at);
+    // Through a pinhole, a plane's inverse depth is linear in the image.
+    const float expected = !FISHEYE
+        ? fma(slopes_px.x, away.x, fma(slopes_px.y, away.y, own.inverse_depth))
+        : dot3(own.plane, ray_of(geo, vec2(near)));
+    const float inverse_depth = cached_inverse_depth[cached];
+    const bool continues = abs(inverse_depth - expected) * LEAST_MOTION_PX <= BELONG_PX * inverse_depth;
+    return cached_instance[cached] == own.instance && continues;
+}
+
+// Which of the 5x5 pixels around do.
+uint continuing_around(Camera cam, Geometry geo, ivec2 at, Own own) {
     uint bits = 0u;
     for (int y = -2; y <= 2; ++y) {
         for (int x = -2; x <= 2; ++x) {
-            const ivec2 near = clamp(at + ivec2(x, y), ivec2(0), last);
-            const uint cached = surface_index(near);
-            const vec2 away = vec2(near - at);
-            // Through a pinhole, a plane's inverse depth is linear in the image.
-            const float expected = !FISHEYE
-                ? fma(slopes_px.x, away.x, fma(slopes_px.y, away.y, own.inverse_depth))
-                : dot3(own.plane, ray_of(geo, vec2(near)));
-            const float inverse_depth = cached_inverse_depth[cached];
-            const bool continues = abs(inverse_depth - expected) * LEAST_MOTION_PX <= BELONG_PX * inverse_depth;
-            if (cached_instance[cached] == own.instance && continues) {
+            if (continues_at(cam, geo, at, own, ivec2(x, y))) {
                 bits |= continuing_bit(ivec2(x, y));
             }
         }
     }
-    return bits;
+    return own.instance == NO_INSTANCE ? 0u : bits;
 }
 
 // Whether all of some pixels do.
@@ -186,11 +189,13 @@ bool all_continue(uint bits, uint wanted) {
     return (bits & wanted) == wanted;
 }
 
-// The pixels that the half-pel sample of a phase lies between.
-uint parents_of(int phase) {
-    const ivec2 offset = phase_offset_of(phase);
-    return continuing_bit(ivec2(0)) | continuing_bit(ivec2(offset.x, 0)) | continuing_bit(ivec2(0, offset.y))
-        | continuing_bit(offset);
+// A bit for each phase of a pixel's half-pel samples, 1 right, 2 below, 3 both: whether that lies between pixels that
+// continue the pixel's surface.
+uint joined_phases(Camera cam, Geometry geo, ivec2 at, Own own) {
+    const bool right = continues_at(cam, geo, at, own, ivec2(1, 0));
+    const bool below = continues_at(cam, geo, at, own, ivec2(0, 1));
+    const bool both = right && below && continues_at(cam, geo, at, own, ivec2(1, 1));
+    return (right ? 1u << 1 : 0u) | (below ? 1u << 2 : 0u) | (both ? 1u << 3 : 0u);
 }
 
 // The front of a pixel, a bit among those of the pixels around: of those that do not continue its surface, the nearest to
@@ -217,20 +222,16 @@ uint front_around(Camera cam, ivec2 at, uint bits) {
     return front;
 }
 
-// Finds the surface of a pixel of the tile, and writes it if `writes`.
-void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
+// Finds and writes the surface of a pixel of the tile.
+void find_surface(Camera cam, Geometry geo, uint number) {
     const ivec2 at = tile_origin + ivec2(number % TILE_WIDTH_PX, number / TILE_WIDTH_PX);
     if (at.x >= int(cam.width) || at.y >= int(cam.height)) {
         return;
     }
     const Own own = own_surface(cam, geo, at);
     const uint bits = continuing_around(cam, geo, at, own);
-    continuing[number] = bits;
     if (bits != ALL_CONTINUE) {
         atomicOr(silhouettes, 1u << ((number % TILE_WIDTH_PX) / BLOCK_PX));
-    }
-    if (!writes) {
-        return;
     }
     uint word = own.instance;
     uint around = 0u;
@@ -250,9 +251,9 @@ void find_surface(Camera cam, Geometry geo, uint number, bool writes) {
     slopes[element] = own.slopes;
 }
 
-void find_surfaces(Camera cam, Geometry geo, bool writes) {
+void find_surfaces(Camera cam, Geometry geo) {
     for (uint number = gl_LocalInvocationID.x; number < TILE_ANCHORS; number += gl_WorkGroupSize.x) {
-        find_surface(cam, geo, number, writes);
+        find_surface(cam, geo, number);
     }
 }
 

@@ -39,7 +39,6 @@ void write_rigid_half_pels(Camera cam, Geometry geo, uint channel, uint number, 
         }
         return;
     }
-    const uint bits = continuing[number];
     const uint anchor = anchor_index(in_tile);
     vec4 entries[COMPONENTS];
     [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
@@ -47,11 +46,12 @@ void write_rigid_half_pels(Camera cam, Geometry geo, uint channel, uint number, 
     }
     if (tells && confidences[anchor] > 0.0) {
         const Own own = own_surface(cam, geo, at);
+        const uint joined = joined_phases(cam, geo, at, own);
         const Route route = route_of(geo, own.instance, own.plane, true);
         for (int phase = 1; phase < 4; ++phase) {
             const ivec2 offset = phase_offset_of(phase);
             const float anchors = least_confidence(anchor, offset);
-            if (anchors == 0.0 || !all_continue(bits, parents_of(phase))) {
+            if (anchors == 0.0 || ((joined >> phase) & 1u) == 0u) {
                 continue;
             }
             vec2 there;

@@ -55,7 +55,7 @@ float most_needed(Camera cam, float motion_px, float change_log) {
 // ---- Along exact paths ----
 
 // The texture of a block in `blocks`: of the largest slope and the largest bend the upper half of the bits, and
-// HAS_TEXTURE in place of the sign. 0 where the block has a silhouette, or where sub-steps are by speed.
+// HAS_TEXTURE in place of the sign. 0 where sub-steps are by speed.
 const uint HAS_TEXTURE = 0x80000000u;
 
 uint texture_word(float bend_log_px2, float slope_log_px) {

@@ -3,7 +3,7 @@
 //
 // The including file provides, before this one: RIGID and LAYERED (whether surfaces are followed along exact paths, or
 // told apart by motion vectors), SKIPS_STILL_TILES, LOOKS_FIRST (whether it is found out if a tile is still),
-// FOLLOWS_MOTION, surfaces.glsl, block_pairs.glsl and the buffers `blocks`, `passing` and `meetings`; after it: the functions
+// FOLLOWS_MOTION, surfaces.glsl, block_pairs.glsl and the buffers `blocks`, `representatives`, `passing` and `meetings`; after it: the functions
 // that are declared here without a body.
 
 // Rows of a sub-tile, and sub-tiles of a tile.
@@ -58,10 +58,16 @@ uint passing_motion(Camera cam, uint b) {
     return passing_word(cam, b, 1u);
 }
 
+// Whether the sub-steps of a block of key frame `key` follow its texture: where it has no silhouette.
+bool is_smooth_block(Camera cam, uint key, uvec2 block, uint of_texture) {
+    const uint word = representative_word(cam, geometries[cam.slot], key, block.y * cam.blocks_x + block.x);
+    return (of_texture & HAS_TEXTURE) != 0u && (representatives[word] & HAS_SILHOUETTE) == 0u;
+}
+
 // Notes what a block of a frame, around or at the tile's `b`th block (`is_own`), says about sub-steps along exact
 // paths.
-void note_texture(Camera cam, uint b, uint of_texture, bool is_own) {
-    if ((of_texture & HAS_TEXTURE) != 0u) {
+void note_texture(Camera cam, uint b, uint of_texture, bool is_smooth, bool is_own) {
+    if (is_smooth) {
         const float way_px = uintBitsToFloat(passing_motion(cam, b));
         const float way_bend_px = uintBitsToFloat(passing_word(cam, b, 2u));
         atomicMax(needed_way[b], floatBitsToUint(needed_on_way(cam, of_texture, way_px, way_bend_px)));
@@ -153,7 +159,8 @@ void load_activity(Camera cam, TileBlocks tile) {
                 atomicOr(any_activity, near_block.x);
             }
             if (RIGID) {
-                note_texture(cam, which_block, near_block.w, neighbour % 9u == 4u);
+                const bool is_smooth = is_smooth_block(cam, neighbour < 9u ? 1u : 0u, uvec2(near), near_block.w);
+                note_texture(cam, which_block, near_block.w, is_smooth, neighbour % 9u == 4u);
             }
         }
     }

@@ -8,6 +8,7 @@ use esaac_model::packet::Event;
 use esaac_model::{
     HdrFormat, MotionFormat, Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps,
 };
+use esaac_oracle::Oracle;
 use esaac_scene::SceneKind;
 use esaac_tests::agreement::compare;
 use esaac_tests::device::{DEVICE, assert_silent, policy};
@@ -78,6 +79,8 @@ fn stampings() -> Vec<SensorModel> {
         .map(|timestamp_quantum_ns| SensorModel { timestamp_quantum_ns, ..sensor() })
         .into();
     all.extend([at_sample(8, SubstepPolicy::Fixed), at_sample(5, SubstepPolicy::Fixed)]);
+    // Shots have times of their own.
+    all.push(SensorModel { shot_noise_rate_hz: 50.0, ..at_sample(8, SubstepPolicy::Fixed) });
     all.push(at_sample(8, SubstepPolicy::Adaptive));
     all.push(SensorModel { timestamp_quantum_ns: 10_000, ..at_sample(8, SubstepPolicy::Fixed) });
     all
@@ -166,6 +169,40 @@ fn delays_carry_over_and_lose_nothing() {
                 undelayed.iter().map(|e| Event { t_ns: e.t_ns + i64::from(sensor.latency_ns), ..*e });
             assert!(events(steps).into_iter().eq(delayed), "{sensor:?}");
         }
+    }
+    assert_silent();
+}
+
+/// What waits when a latency is switched off is sent when its time comes, among events that are all at the ends of sub-steps.
+#[test]
+fn what_waits_is_sent_after_a_latency_is_switched_off() {
+    const FRAMES: usize = 8;
+    for readout in [ReadoutKind::None, ReadoutKind::Fifo] {
+        let prompt = SensorModel {
+            timestamps: Timestamps::AtSample,
+            synthesis: Synthesis::Linear,
+            substep_policy: SubstepPolicy::Fixed,
+            readout,
+            ..sensor()
+        };
+        let delayed = SensorModel { latency_ns: 80_000_001, latency_jitter_ns: 3_000_000, ..prompt.clone() };
+        let sequence = busy(FRAMES);
+        let mut rig = rig(&delayed, &sequence, RigOptions::default());
+        let mut oracle = Oracle::new(delayed.clone(), 0).expect("a valid sensor");
+        let (mut got, mut expected) = (Vec::new(), Vec::new());
+        for index in 0..FRAMES {
+            if index == 4 {
+                rig.set_sensor(0, prompt.clone()).expect("of the same size");
+                oracle.set_sensor(prompt.clone()).expect("of the same size");
+            }
+            got.push(step(&mut rig, &sequence, index));
+            expected.push(oracle.step(&sequence.oracle_frame(index)).expect("a frame in time"));
+            let waiting = |index: usize| got[index].diagnostics.deferred_events;
+            assert_eq!(waiting(index), expected[index].diagnostics.deferred_events, "{readout:?}, {index}");
+            assert!(index != 3 || waiting(3) > 1000, "{} events wait", waiting(3));
+        }
+        assert!(got.iter().all(|step| step.packet.is_sorted()), "{readout:?}");
+        assert_eq!(events(&got).len(), oracle_events(&expected).len(), "{readout:?}");
     }
     assert_silent();
 }

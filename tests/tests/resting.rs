@@ -266,6 +266,40 @@ fn rest_outlives_what_happens_to_a_camera() {
     }
 }
 
+/// A new rig has ordered no tiles yet when it catches up with what has rested in the one that was saved.
+#[test]
+fn rest_goes_on_in_a_new_rig() {
+    const SAVED: usize = 30;
+    let frames: Vec<Frame> = (0..SAVED + 20)
+        .map(|number| {
+            let changes = number.max(SAVED + 3);
+            frame(number as i64 * 33_333_333, |_| changes, |_| number >= SAVED + 3)
+        })
+        .collect();
+    let sensor = SensorModel { shot_noise_rate_hz: 0.05, ..noisy() };
+    for policy in policies() {
+        for (resting, changes) in
+            [(Resting::WherePaid, false), (Resting::WherePaid, true), (Resting::Always, true)]
+        {
+            let mut pair = Pair::new(&sensor, sequence(frames.clone()), policy, resting);
+            for index in 0..SAVED {
+                pair.step(index);
+            }
+            assert!(pair.words_behind() > PIXELS, "no pixel rests");
+            let saved = pair.rested.save().expect("a state");
+            pair.rested = Pair::rig(&sensor, &pair.sequence, KernelPolicy { resting, ..policy });
+            pair.rested.restore(&saved).expect("a state of such a rig");
+            if changes {
+                pair.change(|sensor| sensor.leak_rate_hz = 0.4);
+            }
+            let sent: usize = (SAVED..frames.len()).map(|index| pair.step(index).packet.len()).sum();
+            assert!(sent > PIXELS, "{sent} events");
+            drop(pair);
+            assert_silent();
+        }
+    }
+}
+
 #[test]
 fn a_rest_may_outlast_every_counter() {
     // Rests end after at most 250 intervals and 7 s.

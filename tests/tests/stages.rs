@@ -325,6 +325,7 @@ fn ingest_holds_and_counts_invalid_pixels() {
         for (frame, (interval, step)) in intervals.iter().zip(steps).enumerate() {
             let (expected, actual) = (interval.diagnostics, step.diagnostics);
             assert_eq!(actual.invalid_pixels, expected.invalid_pixels, "frame {frame}");
+            assert_eq!(actual.unarmed_pixels, expected.unarmed_pixels, "frame {frame}");
             let silent =
                 |pixel: usize| step.packet.iter().all(|e| usize::from(e.y) * 19 + usize::from(e.x) != pixel);
             assert!((0..sensor.pixels()).filter(|pixel| pixel % 11 == 3).all(silent));

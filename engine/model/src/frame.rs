@@ -83,6 +83,16 @@ pub enum FrameError {
         /// Time of this frame, nanoseconds.
         actual_ns: i64,
     },
+    /// The frame's time is beyond `FARTHEST_T_NS`.
+    #[error("camera {camera}: frame time {actual_ns} ns, expected within +-{expected_ns} ns")]
+    Far {
+        /// Camera number.
+        camera: u32,
+        /// Farthest time from 0, nanoseconds.
+        expected_ns: i64,
+        /// Time of this frame, nanoseconds.
+        actual_ns: i64,
+    },
     /// The time since the previous frame exceeds `MAX_INTERVAL_NS`.
     #[error(
         "camera {camera}: gap of {actual_ns} ns since the previous frame, expected at most {expected_ns} ns; reset the camera to start anew"
@@ -207,11 +217,18 @@ impl IdFormat {
     }
 }
 
-/// Checks a frame's time against the previous one's. The first frame (`None` before it) may have any time.
+/// Farthest time of a frame from 0, nanoseconds: 146 years, so that sums and differences of times fit 64 bits.
+pub const FARTHEST_T_NS: i64 = 1 << 62;
+
+/// Checks a frame's time, and against the previous one's if there is one.
 ///
 /// # Errors
-/// `FrameError::Time` if time does not advance, `FrameError::Gap` if the gap exceeds `MAX_INTERVAL_NS`.
+/// `FrameError::Far` if it is beyond `FARTHEST_T_NS`, `FrameError::Time` if time does not advance, `FrameError::Gap` if the gap
+/// exceeds `MAX_INTERVAL_NS`.
 pub fn check_time(camera: u32, previous_ns: Option<i64>, actual_ns: i64) -> Result<(), FrameError> {
+    if !(-FARTHEST_T_NS..=FARTHEST_T_NS).contains(&actual_ns) {
+        return Err(FrameError::Far { camera, expected_ns: FARTHEST_T_NS, actual_ns });
+    }
     let Some(previous_ns) = previous_ns else { return Ok(()) };
     let gap_ns = actual_ns.saturating_sub(previous_ns);
     if gap_ns <= 0 {
@@ -266,7 +283,11 @@ mod tests {
             Err(FrameError::Time { camera: 2, previous_ns: 10, actual_ns: 10 })
         );
         assert!(matches!(check_time(0, Some(0), 2_000_000_000), Err(FrameError::Gap { .. })));
-        assert!(matches!(check_time(0, Some(i64::MIN), i64::MAX), Err(FrameError::Gap { .. })));
+        let far = |t_ns| matches!(check_time(0, None, t_ns), Err(FrameError::Far { actual_ns, .. }) if actual_ns == t_ns);
+        assert!(far(i64::MIN) && far(-FARTHEST_T_NS - 1) && far(FARTHEST_T_NS + 1) && far(i64::MAX));
+        assert!(check_time(0, None, -FARTHEST_T_NS).is_ok() && check_time(0, None, FARTHEST_T_NS).is_ok());
+        let whole = check_time(0, Some(-FARTHEST_T_NS), FARTHEST_T_NS);
+        assert!(matches!(whole, Err(FrameError::Gap { .. })));
     }
 
     #[test]

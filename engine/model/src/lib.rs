@@ -39,7 +39,7 @@
 //!
 //! ## 6. Leak and shot noise
 //! *Leak* lowers `R` by `lambda = leak_rate_hz * C_on * exp(N(0, leak_spread_log))` per second, with the nominal `C_on`
-//! and one normal draw per pixel. The epoch is the time of the camera's first frame. The fall since then is
+//! and one normal draw per pixel, but by no more than [`random::MOST_LEAK_LOG_PER_S`]. The epoch is the time of the camera's first frame. The fall since then is
 //! `A(t) = floor(lambda (t - epoch))` in fixed point. It is computed in closed form, so that it depends on `t` alone.
 //!
 //! *Shot noise*: each polarity `p` is a Poisson process with hazard `h_p = (R_shot / 2)(1 - 0.75 clamp(S / white_level,

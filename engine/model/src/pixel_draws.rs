@@ -2,7 +2,7 @@
 //! factors.
 
 use crate::physical::PhysicalDraws;
-use crate::random::{PixelKey, Stream, leak_factor, threshold_log};
+use crate::random::{PixelKey, Stream, leak_log_per_s, threshold_log};
 use crate::{LOG_FRACTION_BITS, SensorModel, log_to_q24, q24_to_log};
 
 /// Draws of all pixels, row-major, in the fixed point that the kernels use.
@@ -39,7 +39,7 @@ impl SensorModel {
     #[must_use]
     pub fn pixel_draws(&self, camera: u32) -> PixelDraws {
         // The leak lowers the reference towards an ON event. Its rate counts nominal ON thresholds per second.
-        let nominal_on_log = q24_to_log(log_to_q24(self.contrast_on));
+        let nominal_log_per_s = self.leak_rate_hz * q24_to_log(log_to_q24(self.contrast_on));
         let mut draws = PixelDraws::default();
         for pixel in 0..self.pixels() as u32 {
             let key = PixelKey { seed: self.seed, camera, pixel };
@@ -47,8 +47,7 @@ impl SensorModel {
                 |stream, contrast| log_to_q24(threshold_log(key, stream, contrast, self.contrast_mismatch));
             draws.contrast_on_q24.push(threshold_q24(Stream::ContrastOn, self.contrast_on));
             draws.contrast_off_q24.push(threshold_q24(Stream::ContrastOff, self.contrast_off));
-            let factor = leak_factor(key, self.leak_spread_log);
-            draws.leak_per_ns.push(leak_per_ns(self.leak_rate_hz * nominal_on_log * factor));
+            draws.leak_per_ns.push(leak_per_ns(leak_log_per_s(key, nominal_log_per_s, self.leak_spread_log)));
         }
         draws
     }
@@ -62,6 +61,15 @@ fn leak_per_ns(leak_log_per_s: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::MOST_LEAK_LOG_PER_S;
+
+    #[test]
+    fn a_leak_that_32_bits_do_not_hold_is_the_most_that_there_is() {
+        let fast = SensorModel { leak_rate_hz: 100.0, contrast_on: 0.6, ..SensorModel::default() };
+        let draws = SensorModel { width: 4, height: 2, ..fast }.pixel_draws(0);
+        assert!(draws.leak_per_ns.iter().all(|&leak| leak == leak_per_ns(MOST_LEAK_LOG_PER_S)));
+        assert!(leak_per_ns(MOST_LEAK_LOG_PER_S) < u32::MAX);
+    }
 
     #[test]
     fn factors_are_logarithms_in_half_words() {

@@ -160,6 +160,15 @@ pub fn leak_factor(key: PixelKey, spread_log: f64) -> f64 {
     log_normal(key, Stream::Leak, spread_log)
 }
 
+/// Most that a log pixel leaks, nepers a second. The engine holds a leak in 32 bits.
+pub const MOST_LEAK_LOG_PER_S: f64 = 59.0;
+
+/// How fast a log pixel's reference falls by its leak, nepers a second; at most [`MOST_LEAK_LOG_PER_S`].
+#[must_use]
+pub fn leak_log_per_s(key: PixelKey, nominal_log_per_s: f64, spread_log: f64) -> f64 {
+    (nominal_log_per_s * leak_factor(key, spread_log)).min(MOST_LEAK_LOG_PER_S)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

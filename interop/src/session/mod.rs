@@ -14,9 +14,6 @@ use esaac_engine::EngineError;
 use esaac_model::frame;
 use poses::Poses;
 
-/// Largest frame time to either side of zero. The sum or difference of two still fits into 64 bits.
-const MAX_T_NS: i64 = 1 << 62;
-
 /// What a message asks of the engine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
@@ -195,12 +192,6 @@ impl Session {
         }
         if notice.value != value + 1 {
             return Err(InteropError::Value { slot: notice.slot, expected: value + 1, actual: notice.value });
-        }
-        if !(-MAX_T_NS..=MAX_T_NS).contains(&notice.t_ns) {
-            return Err(refused(
-                ErrorCode::Time,
-                format!("frame time {} ns, expected within +-{MAX_T_NS}", notice.t_ns),
-            ));
         }
         frame::check_time(self.camera, self.last_ns, notice.t_ns)
             .map_err(|error| refused(ErrorCode::Time, EngineError::Frame(error).to_string()))

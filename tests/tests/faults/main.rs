@@ -5,6 +5,7 @@
 mod driver;
 mod held;
 mod limits;
+mod looks;
 mod lost;
 mod operations;
 mod random;

@@ -1,7 +1,7 @@
 //! The operations during which faults strike, and what they need: two sensors and the frames of their cameras.
 
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
-use esaac_model::{Intensity, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use esaac_model::{Intensity, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_tests::frames::{Sequence, gray, intensity_of, times};
 
 /// A sensor that stamps events with the ends of sub-steps. When the light jumps, all events lie in one bin: the event
@@ -83,6 +83,7 @@ pub const FRAMES: usize = 11;
 pub fn operations() -> Vec<Operation> {
     let bayer = SensorModel { intensity: Intensity::BayerRggb, ..flashing() };
     let quicker = SensorModel { latency_ns: 3_000_000, contrast_on: 0.15, ..delayed() };
+    let with_a_bus = SensorModel { readout: ReadoutKind::Fifo, seed: 7, ..quicker.clone() };
     vec![
         Operation::Step,
         Operation::Step,
@@ -95,6 +96,8 @@ pub fn operations() -> Vec<Operation> {
         Operation::Scene(9),
         Operation::Step,
         Operation::Change(1, Box::new(quicker)),
+        Operation::Step,
+        Operation::Change(1, Box::new(with_a_bus)),
         Operation::Step,
         Operation::Change(0, Box::new(flashing())),
         Operation::Step,

@@ -38,26 +38,30 @@ impl Rig {
         check_rows(others.map(|(_, c)| &c.config.sensor).chain([&sensor]))?;
         // Pixels at rest have passed over intervals with the parameters of before.
         self.catch_up()?;
-        let state = &self.cameras[camera];
+        // First to its new place, alone: a write may name no buffer that moves.
         let mut places = self.places();
-        let mut writes = Vec::new();
         places[camera] = places[camera].with_planes_of(&sensor);
+        self.change(places, Vec::new(), &[])?;
+        let state = &self.cameras[camera];
+        let mut writes = Vec::new();
+        let mut zeroed: &[usize] = &[];
         if effects.resets_frames {
             writes.push(fresh_counters(&state.place));
+            if has_bus(&sensor) {
+                writes.extend(fresh_bus(state));
+                zeroed = &[layout::BINS];
+            }
         }
         if effects.redraws_pixels {
             writes.push(pixel_draws(&state.place, &sensor, state.config.camera));
         }
-        self.change(places, writes, &[])?;
-        if effects.resets_frames && has_bus(&sensor) {
-            let fresh = fresh_bus(&self.cameras[camera]);
-            self.change(self.places(), fresh, &[layout::BINS])?;
-        }
+        self.change(self.places(), writes, zeroed)?;
         let state = &mut self.cameras[camera];
         let held_ns = state.last_ns.map(|ns| ns + i64::from(state.config.sensor.refractory_ns));
         let other_light = effects.resets_frames || state.config.sensor.lux_per_unit != sensor.lux_per_unit;
         if other_light {
             state.light = Illuminances::default();
+            state.lit = None;
         }
         state.config.sensor = sensor;
         state.asked = asked;

@@ -52,7 +52,7 @@ impl CameraState {
         let frame = self.sequence;
         let is_due =
             if frame < EVERY { frame == 0 || frame.is_power_of_two() } else { frame.is_multiple_of(EVERY) };
-        is_physical(&self.config.sensor) && (is_due || self.light.is_empty())
+        is_physical(&self.config.sensor) && self.lit != Some(frame) && (is_due || self.light.is_empty())
     }
 
     fn light_rows(&self) -> impl Iterator<Item = u32> + use<> {
@@ -92,5 +92,6 @@ impl CameraState {
                 .filter_map(move |x| lux_of(sensor, (x, y), hdr.decode(own, first + x as usize)))
         });
         self.light.add_frame(lux);
+        self.lit = Some(self.sequence);
     }
 }

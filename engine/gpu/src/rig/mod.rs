@@ -144,6 +144,12 @@ struct CameraState {
     may_be_unarmed: bool,
     /// Latest end of a refractory period that began before the parameter changed; no pixel is held longer.
     holds_until_ns: Option<i64>,
+    /// Events before the bus that wait for a later packet.
+    deferred_events: u32,
+    /// The frames, by their `sequence`, whose poses were last compared and whose light was last looked at: a step that is
+    /// refused and tried again looks at its frame once.
+    compared: Option<u64>,
+    lit: Option<u64>,
 }
 
 /// Kernels and their bindings.
@@ -462,6 +468,9 @@ impl CameraState {
             layers_for_scene: 1,
             may_be_unarmed: true,
             holds_until_ns: None,
+            deferred_events: 0,
+            compared: None,
+            lit: None,
         })
     }
 
@@ -477,6 +486,8 @@ impl CameraState {
         self.layers_for_scene = 1;
         self.may_be_unarmed = true;
         self.holds_until_ns = None;
+        self.deferred_events = 0;
+        self.compared = None;
         self.frames = 0;
         self.check = PoseCheck::default();
         // No surface names a row any more. A scene has no more instances than there were rows.

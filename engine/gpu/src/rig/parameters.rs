@@ -9,7 +9,7 @@ use esaac_model::optics::{focal_px, psf_weights};
 use esaac_model::physical::Bus;
 use esaac_model::random::HAZARD_FRACTION_BITS;
 use esaac_model::substeps::{MAX_SUBSTEPS, error_share, least_substeps, quantise_ns};
-use esaac_model::{LOG_FRACTION_BITS, SensorModel, SubstepPolicy, Synthesis, Timestamps, log_to_q24};
+use esaac_model::{LOG_FRACTION_BITS, Pixel, SensorModel, SubstepPolicy, Synthesis, Timestamps, log_to_q24};
 
 /// First element of a camera's log intensities in `samples`, which has `kept` elements; 0 if log intensities are not
 /// kept. If they are kept, it fits 32 bits, or the allocation would have failed.
@@ -26,20 +26,28 @@ struct Bins {
     samples: u32,
 }
 
-fn bins(sensor: &SensorModel, quantum: u32, span_ns: u32, place: &Place) -> Bins {
+/// Whether all events of a packet have the end of a sub-step as their time. A log pixel's shots have their own times, and so
+/// have events that wait since a time with a latency.
+fn only_at_samples(sensor: &SensorModel, quantum: u32, any_wait: bool) -> bool {
+    let has_shots = sensor.pixel == Pixel::Log && sensor.shot_noise_rate_hz > 0.0;
+    sensor.timestamps == Timestamps::AtSample
+        && sensor.substep_policy == SubstepPolicy::Fixed
+        && sensor.latency_ns == 0
+        && sensor.latency_jitter_ns == 0
+        && quantum == 1
+        && sensor.synthesis != Synthesis::None
+        && !has_shots
+        && !any_wait
+}
+
+fn bins(sensor: &SensorModel, quantum: u32, span_ns: u32, place: &Place, any_wait: bool) -> Bins {
     let (bin_count, pixels) = (place.bin_count, place.pixels);
     let by_rows = |steps: u32, width: u32, samples: u32| {
         let rows = (bin_count / steps).max(1);
         Bins { width, rows, row_px: pixels.div_ceil(rows).max(1), samples }
     };
     let quanta = span_ns / quantum + 1;
-    let only_at_samples = sensor.timestamps == Timestamps::AtSample
-        && sensor.substep_policy == SubstepPolicy::Fixed
-        && sensor.latency_ns == 0
-        && sensor.latency_jitter_ns == 0
-        && quantum == 1
-        && sensor.synthesis != Synthesis::None;
-    if only_at_samples && sensor.substeps < bin_count {
+    if only_at_samples(sensor, quantum, any_wait) && sensor.substeps < bin_count {
         by_rows(sensor.substeps + 1, 1, sensor.substeps)
     } else if quanta <= bin_count {
         by_rows(quanta, quantum, 0)
@@ -66,7 +74,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
     let quantum_ns = if has_bus(sensor) { 1 } else { sensor.timestamp_quantum_ns };
     let base_ns = quantise_ns(start_ns, i64::from(quantum_ns));
     let base_to_start_ns = (start_ns - base_ns) as u32;
-    let bins = bins(sensor, quantum_ns, base_to_start_ns + interval_ns, place);
+    let bins = bins(sensor, quantum_ns, base_to_start_ns + interval_ns, place, camera.deferred_events > 0);
     let q27 = f64::from(1_u32 << HAZARD_FRACTION_BITS);
     let aps_end_ns = sensor.aps_start_ns.saturating_add(sensor.aps_exposure_ns).min(interval_ns);
     let aps_max = ((1_u32 << sensor.aps_bits) - 1) as f32;
@@ -142,7 +150,7 @@ pub(super) fn outlet_row(camera: &CameraState, camera_row: &Camera) -> Camera {
     place.pixels = camera.place.pixels;
     // An event leaves at any time, and not at the end of a sub-step.
     let sensor = SensorModel { timestamps: Timestamps::Interpolated, ..sensor.clone() };
-    let bins = bins(&sensor, quantum_ns, base_to_start_ns + camera_row.interval_ns, &place);
+    let bins = bins(&sensor, quantum_ns, base_to_start_ns + camera_row.interval_ns, &place, false);
     Camera {
         slot: outlet.slot,
         base_to_start_ns,

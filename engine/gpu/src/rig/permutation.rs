@@ -21,6 +21,8 @@ pub(super) struct Permutation {
     pub physical: bool,
     /// Whether there is a bus before the packet.
     pub has_bus: bool,
+    /// Whether events of earlier intervals may wait for the packet.
+    pub any_wait: bool,
     /// Constants of `ingest`.
     pub ingest: IngestConstants,
     /// Constants of `cross`, for its first run in a tick.
@@ -65,10 +67,12 @@ pub(super) fn permutation(
             (sensor.leak_rate_hz != 0.0 || sensor.leak_per_lux_hz != 0.0, sensor.noise_gain > 0.0)
         }
     };
+    let delays = sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0;
     Permutation {
         rigid: is_rigid(sensor),
         physical,
         has_bus: has_bus(sensor),
+        any_wait: delays || camera.deferred_events > 0,
         ingest: IngestConstants {
             intensity: sensor.intensity,
             half_pel: needs_half_pel(sensor),
@@ -89,7 +93,7 @@ pub(super) fn permutation(
             effect_refractory: sensor.refractory_ns > 0 || camera.last_ns < camera.holds_until_ns,
             effect_leak: leaks,
             effect_shot: has_noise,
-            effect_delay: sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0,
+            effect_delay: delays,
             at_sample: sensor.timestamps == Timestamps::AtSample,
             effect_aps: sensor.aps_exposure_ns > 0,
             effect_flicker: sensor.flicker().is_some(),

@@ -145,7 +145,7 @@ pub(super) fn record_tick(
                 let ingest = &specialised[&group.permutation.ingest(policy)];
                 let extent = [group.tiles, group.count, group.permutation.ingest_groups(policy)];
                 dispatch(commands, ingest, group.first, extent);
-                if group.permutation.cross.effect_delay {
+                if group.permutation.any_wait {
                     let extent = [striding_groups(rig), group.count, 1];
                     dispatch(commands, &rig.pipelines.kernels.deferred, group.first, extent);
                 }

@@ -148,6 +148,8 @@ impl Rig {
             c.sequence = saved.sequence;
             c.holds_until_ns = saved.holds_until_ns;
             c.rested = saved.rested;
+            c.deferred_events = saved.deferred_events;
+            (c.compared, c.lit) = (None, None);
             c.layers_for_scene = saved.layers_for_scene;
             c.changed = true;
             c.may_be_unarmed = true;

@@ -357,10 +357,7 @@ impl TickDevice for RigTick<'_, '_> {
 impl CameraState {
     /// Advances to the next interval, after a tick to time `t_ns` in which pixels rested that can (`rests`) or not.
     fn advance(&mut self, t_ns: i64, counters: &Counters, rests: bool) {
-        // Unarmed pixels of skipped blocks are not counted.
-        if counters.unarmed_pixels == 0 && counters.skipped_blocks == 0 {
-            self.may_be_unarmed = false;
-        }
+        self.may_be_unarmed = counters.unarmed_pixels > 0;
         let busy_blocks = self.place.blocks - counters.skipped_blocks.min(self.place.blocks);
         self.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
         self.last_interval_ns = self.last_ns.map_or(0, |last| (t_ns - last) as u32);
@@ -373,6 +370,7 @@ impl CameraState {
             }
         }
         self.last_ns = Some(t_ns);
+        self.deferred_events = counters.deferred;
         self.frame_slot = 1 - self.frame_slot;
         self.frames += 1;
         self.sequence += 1;

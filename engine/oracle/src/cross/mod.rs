@@ -5,7 +5,7 @@ pub mod aps;
 pub mod shot;
 
 use crate::split::Split;
-use esaac_model::random::{PixelKey, Stream, leak_factor, threshold_log};
+use esaac_model::random::{PixelKey, Stream, leak_log_per_s, threshold_log};
 use esaac_model::substeps::substep_end_ns;
 use esaac_model::{Polarity, SensorModel, Timestamps};
 use shot::ShotClock;
@@ -28,14 +28,13 @@ impl PixelConstants {
     #[must_use]
     pub fn draw(sensor: &SensorModel, key: PixelKey) -> Self {
         let sigma = sensor.contrast_mismatch;
-        let leak_log_per_s =
-            sensor.leak_rate_hz * sensor.contrast_on * leak_factor(key, sensor.leak_spread_log);
+        let nominal_log_per_s = sensor.leak_rate_hz * sensor.contrast_on;
         PixelConstants {
             threshold_log: [
                 threshold_log(key, Stream::ContrastOff, sensor.contrast_off, sigma),
                 threshold_log(key, Stream::ContrastOn, sensor.contrast_on, sigma),
             ],
-            leak_log_per_ns: leak_log_per_s * 1e-9,
+            leak_log_per_ns: leak_log_per_s(key, nominal_log_per_s, sensor.leak_spread_log) * 1e-9,
         }
     }
 
