@@ -32,7 +32,10 @@ mod torch;
 mod warp;
 
 use esaac_formats::event_file::{EventColumns, write_npz};
+use esaac_model::Polarity;
+use esaac_model::packet::Event;
 use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
+use esaac_ros::evt3;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 
@@ -63,6 +66,25 @@ fn save_npz(
         .map_err(|error| pyo3::exceptions::PyOSError::new_err(format!("{error:#}")))
 }
 
+/// Writes events as EVT3. `esaac/files.py` has checked that the format can hold them.
+#[pyfunction]
+fn save_evt3(
+    path: std::path::PathBuf,
+    size_px: [u32; 2],
+    x: PyReadonlyArray1<'_, u16>,
+    y: PyReadonlyArray1<'_, u16>,
+    t_ns: PyReadonlyArray1<'_, i64>,
+    p: PyReadonlyArray1<'_, u8>,
+) -> PyResult<()> {
+    let places = x.as_slice()?.iter().zip(y.as_slice()?);
+    let events = places.zip(t_ns.as_slice()?).zip(p.as_slice()?).map(|(((&x, &y), &t_ns), &p)| {
+        let polarity = if p == 1 { Polarity::On } else { Polarity::Off };
+        Event { t_ns, x, y, polarity }
+    });
+    esaac_cli::output_file::write(&path, |mut out| Ok(evt3::write_file(&mut out, size_px, events)?))
+        .map_err(|error| pyo3::exceptions::PyOSError::new_err(format!("{error:#}")))
+}
+
 /// Focal-plane lux of an intensity of 1 behind a lens: see `esaac/__init__.pyi`.
 #[pyfunction]
 #[pyo3(signature = (scene_unit, f_number, *, transmission = LENS_TRANSMISSION, efficacy_lm_per_w = None))]
@@ -90,5 +112,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(ros::check_ros_names, module)?)?;
     module.add_function(wrap_pyfunction!(lux_per_unit, module)?)?;
     module.add_function(wrap_pyfunction!(run_command, module)?)?;
+    module.add_function(wrap_pyfunction!(save_evt3, module)?)?;
     module.add_function(wrap_pyfunction!(save_npz, module)?)
 }

@@ -70,48 +70,147 @@ def test_aedat4_is_read_by_another_library(tmp_path, recording):
     np.testing.assert_array_equal(events["on"], p)
 
 
+def read_evt3(path):
+    """The file by faery: t in microseconds, x, y, p."""
+    events = faery.events_stream_from_file(path).to_array()
+    return [events[name].astype(np.int64) for name in ("t", "x", "y", "on")]
+
+
 def decode_evt3(path):
-    """Prophesee's published format, word by word, of single and vector events."""
+    """Prophesee's published format, word by word: t in microseconds, x, y, p. As OpenEB does it, a wrap of the time
+    is counted only where its upper half jumps from near its top to near 0."""
     data = path.read_bytes()
     while data.startswith(b"%"):
         line, data = data.split(b"\n", 1)
         if line == b"% end":
             break
-    words = np.frombuffer(data, "<u2")
-    y = base = low = high = wraps = polarity = 0
+    y = low = high = wraps = 0
     events = []
-    for word in words.tolist():
+    for word in np.frombuffer(data, "<u2").tolist():
         kind, value = word >> 12, word & 0xFFF
         if kind == 0x0:
             y = value & 0x7FF
         elif kind == 0x2:
             events.append(((wraps << 24) | (high << 12) | low, value & 0x7FF, y, value >> 11))
-        elif kind == 0x3:
-            base, polarity = value & 0x7FF, value >> 11
-        elif kind in (0x4, 0x5):
-            bits = 12 if kind == 0x4 else 8
-            for bit in range(bits):
-                if value >> bit & 1:
-                    events.append(((wraps << 24) | (high << 12) | low, base + bit, y, polarity))
-            base += bits
         elif kind == 0x6:
             low = value
-        elif kind == 0x8:
-            wraps += value < high
+        else:
+            assert kind == 0x8
+            wraps += high - value >= 4095 - 10
             high = value
-    return np.array(events, np.int64).T
+    return list(np.array(events, np.int64).T)
 
 
-def test_evt3_is_the_published_format(tmp_path, recording):
+@pytest.mark.parametrize("read", [read_evt3, decode_evt3])
+def test_evt3_is_the_published_format(tmp_path, recording, read):
     x, y, t_ns, p = write(tmp_path / "events.raw", recording)
-    t, ex, ey, ep = decode_evt3(tmp_path / "events.raw")
-    # The format orders events of one microsecond as it likes.
-    order, expected = np.lexsort((ep, ex, ey, t)), np.lexsort((p, x, y, t_ns // 1000))
-    np.testing.assert_array_equal((t - t[0])[order], (t_ns // 1000 - t_ns[0] // 1000)[expected])
-    np.testing.assert_array_equal(ex[order], x[expected])
-    np.testing.assert_array_equal(ey[order], y[expected])
-    np.testing.assert_array_equal(ep[order], p[expected])
+    for column, expected in zip(read(tmp_path / "events.raw"), (t_ns // 1000, x, y, p), strict=True):
+        np.testing.assert_array_equal(column, expected)
     assert faery.events_stream_from_file(tmp_path / "events.raw").dimensions() == (40, 24)
+
+
+SECOND_NS = 1_000_000_000
+
+
+@pytest.mark.parametrize("read", [read_evt3, decode_evt3])
+@pytest.mark.parametrize(
+    "times_ns",
+    [
+        [60 * SECOND_NS, 60 * SECOND_NS + 5000],
+        np.array([0, 0.05, 1.05, 2.05, 22.05, 42.05, 142.05]) * SECOND_NS,
+        np.arange(0, 60 * SECOND_NS, 1_000_000),
+        [(1 << 24) * 1000 - 1, (1 << 24) * 1000, (2 << 24) * 1000, (3 << 24) * 1000 + 7000],
+        [((1 << 40) - 1) * 1000],
+    ],
+    ids=["late", "gaps", "dense", "wraps", "last"],
+)
+def test_evt3_has_absolute_times_whatever_the_gaps(tmp_path, recording, read, times_ns):
+    t_ns = np.array(times_ns, np.int64)
+    x, y = np.arange(len(t_ns)) % 40, np.arange(len(t_ns)) % 24
+    p = np.arange(len(t_ns)) % 3 == 0
+    esaac.files.save(tmp_path / "events.raw", x, y, t_ns, p, sensor=recording[0])
+    for column, expected in zip(read(tmp_path / "events.raw"), (t_ns // 1000, x, y, p), strict=True):
+        np.testing.assert_array_equal(column, expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "times_ns", "message"),
+    [
+        ("events.raw", [-1500, 0], r"first event is at -1500 ns, expected 0 or later"),
+        ("events.aedat4", [-1500, 0], r"first event is at -1500 ns, expected 0 or later"),
+        ("events.raw", [0, (1 << 40) * 1000], r"1099511627776 us, expected less than 2\^40 us"),
+        ("events.h5", [-1000, ((1 << 32) - 1) * 1000], r"4294967296 us from .* expected less than 2\^32 us"),
+    ],
+)
+def test_times_that_a_format_cannot_hold_are_refused(tmp_path, recording, name, times_ns, message):
+    with pytest.raises(esaac.ArgumentError, match=message):
+        esaac.files.save(tmp_path / name, [0, 0], [0, 0], times_ns, [0, 1], sensor=recording[0])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_sensor_that_is_too_wide_for_evt3_is_refused_before_anything_is_simulated(tmp_path):
+    widest = esaac.SensorModel("davis240", width=2048, height=2048)
+    esaac.files.save(tmp_path / "events.raw", [2047], [2047], [0], [1], sensor=widest)
+    assert [int(column[0]) for column in read_evt3(tmp_path / "events.raw")] == [0, 2047, 2047, 1]
+    for size in ({"width": 2049, "height": 10}, {"width": 10, "height": 2049}):
+        sensor = esaac.SensorModel("davis240", **size)
+        with pytest.raises(esaac.ArgumentError, match="2049.*expected at most 2048 a side"):
+            esaac.EventWriter(tmp_path / "wide.raw", sensor)
+        with pytest.raises(esaac.ArgumentError, match="2049.*expected at most 2048 a side"):
+            esaac.files.save(tmp_path / "wide.raw", [], [], [], [], sensor=sensor)
+
+
+def test_a_camera_that_was_reset_needs_another_file(tmp_path):
+    camera = esaac.EventCamera("dvs128", width=40, height=24, contrast_on=0.15, contrast_off=0.15)
+    with esaac.EventWriter(tmp_path / "events.h5", camera.sensor) as events:
+        for i in range(3):
+            events.write(camera.step(*bars(40, 24, i), t_ns=FRAME_NS * i))
+        written = len(events)
+        camera.reset()
+        camera.step(*bars(40, 24, 0), t_ns=0)
+        again = camera.step(*bars(40, 24, 1), t_ns=FRAME_NS)
+        begin_ns, end_ns = int(again.t_ns[0]), int(events._last_ns)
+        with pytest.raises(esaac.ArgumentError, match=f"at {begin_ns} ns, expected {end_ns} ns or later"):
+            events.write(again)
+        assert len(events) == written > 0
+    assert len(esaac.files.load_dsec(tmp_path / "events.h5")[2]) == written
+
+
+WRONG_COLUMNS = {
+    "lengths": ({"x": [1, 2, 3]}, r"x has shape \(3,\), expected \(2,\)"),
+    "axes": ({"p": [[0, 1]]}, r"p has shape \(1, 2\), expected \(2,\)"),
+    "right": ({"x": [0, 40]}, "x has 40, expected 0 to 39"),
+    "left": ({"x": [-1, 0]}, "x has -1, expected 0 to 39"),
+    "below": ({"y": np.array([24, 0], np.uint16)}, "y has 24, expected 0 to 23"),
+    "back": ({"t_ns": [2000, 1999]}, "t_ns goes back from 2000 to 1999"),
+    "float": ({"t_ns": [1.0, 2.0]}, "t_ns is float64, expected integers"),
+    "polarity": ({"p": [1, 2]}, "p has 2, expected -1 to 1"),
+    "both": ({"p": [-1, 0]}, "expected 0 and 1, or -1 and 1"),
+}
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".aedat4", ".raw"])
+@pytest.mark.parametrize(("wrong", "message"), WRONG_COLUMNS.values(), ids=WRONG_COLUMNS.keys())
+def test_columns_that_are_no_events_are_refused(tmp_path, recording, suffix, wrong, message):
+    columns = {"x": [1, 2], "y": [3, 4], "t_ns": [1000, 2000], "p": [0, 1]}
+    path = tmp_path / f"events{suffix}"
+    with pytest.raises(esaac.ArgumentError, match=message):
+        esaac.files.save(path, **(columns | wrong), sensor=recording[0])
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("polarity", [[0, 1], [-1, 1], [False, True], np.array([-1, 1], np.int8)])
+def test_polarity_is_written_as_each_format_has_it(tmp_path, recording, polarity):
+    for suffix in (".npz", ".h5", ".aedat4", ".raw"):
+        path = tmp_path / f"events{suffix}"
+        esaac.files.save(path, [1, 2], [3, 4], [1000, 2000], polarity, sensor=recording[0])
+    assert np.load(tmp_path / "events.npz")["p"].tolist() == [-1, 1]
+    assert esaac.files.load_dsec(tmp_path / "events.h5")[3].tolist() == [0, 1]
+    (packet,) = [
+        packet["events"] for packet in aedat.Decoder(tmp_path / "events.aedat4") if "events" in packet
+    ]
+    assert packet["on"].tolist() == [False, True]
+    assert read_evt3(tmp_path / "events.raw")[3].tolist() == [0, 1]
 
 
 def test_wrong_files_are_refused_before_anything_is_simulated(tmp_path, recording):
@@ -131,8 +230,9 @@ def test_wrong_files_are_refused_before_anything_is_simulated(tmp_path, recordin
 
 
 def test_an_empty_recording_is_a_file_too(tmp_path, recording):
-    for name in ("empty.npz", "empty.h5"):
+    for name in ("empty.npz", "empty.h5", "empty.raw"):
         esaac.EventWriter(tmp_path / name, recording[0]).close()
+    assert len(read_evt3(tmp_path / "empty.raw")[0]) == 0
     assert len(np.load(tmp_path / "empty.npz")["t"]) == 0
     assert len(esaac.files.load_dsec(tmp_path / "empty.h5")[2]) == 0
 
@@ -181,8 +281,7 @@ def read_times(path):
     if path.suffix == ".aedat4":
         packets = [packet["events"]["t"] for packet in aedat.Decoder(path) if "events" in packet]
         return np.concatenate(packets)
-    t = decode_evt3(path)[0]
-    return t - t[0]
+    return read_evt3(path)[0]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".aedat4", ".raw"])
@@ -200,8 +299,7 @@ def test_a_full_disk_costs_no_events_and_spoils_no_earlier_file(tmp_path, record
     events.close()
     assert events.closed
     expected = np.concatenate([packet.t_ns for packet in packets]) // 1000
-    times = read_times(path)
-    np.testing.assert_array_equal(times - times[0], expected - expected[0])
+    np.testing.assert_array_equal(read_times(path), expected)
     with pytest.raises(esaac.ArgumentError, match="closed"):
         events.write(packets[1])
 

@@ -2,6 +2,7 @@
 
 use crate::cdr::CdrWriter;
 use crate::encode::Header;
+use crate::evt3::{self, Words};
 use crate::message::MessageType;
 use esaac_model::PacketView;
 use std::ops::Range;
@@ -15,14 +16,11 @@ pub enum EventFormat {
     Packed,
     /// `esaac_msgs/EventPacket`: one by one, nanoseconds, 16 bytes an event.
     Plain,
-    /// `event_camera_msgs/EventPacket`, encoding `evt3`: microseconds, 2 to 6 bytes an event.
+    /// `event_camera_msgs/EventPacket`, encoding `evt3`: microseconds, 2 to 8 bytes an event.
     Evt3,
     /// `event_camera_msgs/EventPacket`, encoding `mono`: nanoseconds, 8 bytes an event.
     Mono,
 }
-
-/// `evt3` has 11 bits for a coordinate.
-const EVT3_SIDE_PX: u32 = 2048;
 
 impl EventFormat {
     /// Names for flags.
@@ -46,7 +44,7 @@ impl EventFormat {
     /// Largest number of rows or columns of a sensor.
     #[must_use]
     pub fn side_limit_px(self) -> u32 {
-        if self == EventFormat::Evt3 { EVT3_SIDE_PX } else { u32::from(u16::MAX) / 2 + 1 }
+        if self == EventFormat::Evt3 { evt3::SIDE_PX } else { u32::from(u16::MAX) / 2 + 1 }
     }
 
     /// Most bytes of an event.
@@ -203,40 +201,16 @@ fn mono(out: &mut Vec<u8>, packet: &PacketView<'_>) {
     }
 }
 
-/// Words of 16 bits. The upper four are the kind: 0 row, 2 column and polarity, 6 and 8 the lower and upper
-/// 12 bits of the time in microseconds. An unchanged time or row is not repeated within a packet. Every
-/// packet begins with its time.
+/// The 24 bits of time, row and column of each event. Every packet begins with its time.
 fn evt3(out: &mut Vec<u8>, packet: &PacketView<'_>) {
-    const ROW: u16 = 0x0;
-    const COLUMN: u16 = 0x2;
-    const LOW: u16 = 0x6;
-    const HIGH: u16 = 0x8;
-    let mut word = |kind: u16, value: u16| out.extend_from_slice(&(kind << 12 | value).to_le_bytes());
-    let (mut high, mut low, mut row) = (None, None, None);
-    let halves = |t_ns: i64| {
-        let t_us = t_ns.div_euclid(1000);
-        [t_us >> 12, t_us].map(|bits| (bits & 0xfff) as u16)
-    };
+    let mut words = Words::new(out);
     if packet.is_empty() {
         // The 24 bits of time overflow every 17 s. Readers count the overflows, also while nothing happens.
-        let [now_high, now_low] = halves(packet.watermark_ns);
-        word(HIGH, now_high);
-        word(LOW, now_low);
+        words.time(packet.watermark_ns);
     }
     for i in 0..packet.len() {
-        let [now_high, now_low] = halves(packet.base_ns + i64::from(packet.t_offset_ns[i]));
-        if high.replace(now_high) != Some(now_high) {
-            word(HIGH, now_high);
-            low = None;
-        }
-        if low.replace(now_low) != Some(now_low) {
-            word(LOW, now_low);
-        }
-        let y = packet.y[i];
-        if row.replace(y) != Some(y) {
-            word(ROW, y & 0x7ff);
-        }
-        word(COLUMN, packet.x[i] & 0x7ff | u16::from(packet.polarity[i]) << 11);
+        words.time(packet.base_ns + i64::from(packet.t_offset_ns[i]));
+        words.event(packet.x[i], packet.y[i], packet.polarity[i]);
     }
 }
 

@@ -1,7 +1,7 @@
 """Writes events to files. The suffix chooses the format: `.npz` (as `esaac simulate` writes it), `.h5` (layout of the
 DSEC data set), `.aedat4` or `.raw` (EVT3).
 
-HDF5 needs `h5py`, AEDAT4 and EVT3 need `faery`. Both are optional: `pip install esaac[hdf5,aedat4]`.
+HDF5 needs `h5py`, AEDAT4 needs `faery`. Both are optional: `pip install esaac[hdf5,aedat4]`.
 """
 
 import contextlib
@@ -12,10 +12,19 @@ import tempfile
 
 import numpy as np
 
-from esaac._native import SensorModel, save_npz
+from esaac._native import SensorModel, save_evt3, save_npz
 from esaac.errors import ArgumentError
 
 SUFFIXES = (".npz", ".h5", ".hdf5", ".aedat4", ".raw")
+
+EVT3_SIDE_PX = 2048
+"""A coordinate of EVT3 has 11 bits."""
+
+EVT3_END_US = 1 << 40
+"""An EVT3 file counts its time from 0 on, in 10 bytes for each 16.78 s: 655 kB up to here, 12.7 days."""
+
+HDF5_SPAN_US = 1 << 32
+"""Times in a file of DSEC's layout have 32 bits."""
 
 
 class EventWriter:
@@ -23,6 +32,9 @@ class EventWriter:
 
     >>> with EventWriter("events.h5", camera.sensor) as events:
     ...     events.write(camera.step(hdr, motion, t_ns=t_ns))
+
+    Its packets are of one run of the camera: one that begins before the end of the last raises `ArgumentError`. So
+    does what the format cannot hold.
 
     A folder that is missing or cannot be written raises `OSError` at once. If writing fails in the end, on a full
     disk for example, the events stay: free some space and call `close` again, or `close("elsewhere.h5")`.
@@ -33,9 +45,11 @@ class EventWriter:
             raise ArgumentError(f"sensor is a {type(sensor).__name__}, expected a SensorModel")
         self.path = _checked(path)
         # Better to fail before the simulation than after it.
+        _check_size(self.path, sensor)
         _probe(self.path.parent)
         self.sensor = sensor
         self._parts, self._events = [], 0
+        self._first_ns = self._last_ns = None
         self._closed = False
 
     def write(self, packet):
@@ -44,10 +58,20 @@ class EventWriter:
             raise ArgumentError(f"{self.path} is written and closed")
         if packet.offsets is not None:
             raise ArgumentError("this packet is of several cameras; write packet[i], a file a camera")
-        if len(packet):
-            part = [_host(array) for array in (packet.x, packet.y, packet.t_ns, packet.p)]
-            self._parts.append(part)
-            self._events += len(packet)
+        if not len(packet):
+            return
+        part = _columns(*map(_host, (packet.x, packet.y, packet.t_ns, packet.p)), self.sensor)
+        first_ns, last_ns = int(part[2][0]), int(part[2][-1])
+        if self._last_ns is not None and first_ns < self._last_ns:
+            raise ArgumentError(
+                f"a packet begins at {first_ns} ns, expected {self._last_ns} ns or later, where the last one ended; "
+                "after a reset of the camera, write to another file"
+            )
+        begin_ns = first_ns if self._first_ns is None else self._first_ns
+        _check_times(self.path, begin_ns, last_ns)
+        self._first_ns, self._last_ns = begin_ns, last_ns
+        self._parts.append(part)
+        self._events += len(packet)
 
     def __len__(self):
         return self._events
@@ -61,11 +85,7 @@ class EventWriter:
         if self._closed:
             return
         path = self.path if path is None else _checked(path)
-        types = (np.uint16, np.uint16, np.int64, np.uint8)
-        columns = [
-            np.ascontiguousarray(np.concatenate([part[i] for part in self._parts] or [np.empty(0)]), dtype)
-            for i, dtype in enumerate(types)
-        ]
+        columns = [np.concatenate([part[i] for part in self._parts] or [np.empty(0)]) for i in range(4)]
         save(path, *columns, sensor=self.sensor)
         self.path, self._parts, self._closed = path, [], True
 
@@ -79,14 +99,24 @@ class EventWriter:
 
 
 def save(path, x, y, t_ns, p, *, sensor):
-    """Writes events, in order of time, as `path`'s suffix says. The file appears whole or not at all."""
+    """Writes events, in order of time, as `path`'s suffix says. The file appears whole or not at all.
+
+    `p` is 0 or False (OFF) and 1 or True (ON), or -1 and 1. The file has what its format has.
+    """
     path = _checked(path)
+    _check_size(path, sensor)
+    columns = _columns(x, y, t_ns, p, sensor)
+    if len(columns[2]):
+        _check_times(path, int(columns[2][0]), int(columns[2][-1]))
     if path.suffix == ".npz":
-        save_npz(path, x, y, t_ns, p, sensor.to_toml())
+        save_npz(path, *columns, sensor.to_toml())
         return
-    fill = _save_dsec if path.suffix in (".h5", ".hdf5") else _save_by_faery
+    if path.suffix == ".raw":
+        save_evt3(path, (sensor.width, sensor.height), *columns)
+        return
+    fill = _save_aedat4 if path.suffix == ".aedat4" else _save_dsec
     with _appearing(path) as partial:
-        fill(partial, x, y, t_ns, p, sensor)
+        fill(partial, *columns, sensor)
 
 
 def load_dsec(path):
@@ -102,8 +132,6 @@ def _save_dsec(path, x, y, t_ns, p, sensor):
     t_us = t_ns // 1000
     offset_us = int(t_us[0]) if len(t_us) else 0
     relative = t_us - offset_us
-    if len(relative) and relative[-1] >= 1 << 32:
-        raise ArgumentError(f"{relative[-1]} us from first to last event, expected less than 2^32 (71 min)")
     # Event ms_to_idx[ms] is the first at or after that millisecond.
     last_ms = int(relative[-1]) // 1000 + 1 if len(relative) else 0
     index = np.searchsorted(relative, np.arange(last_ms + 1) * 1000).astype(np.uint64)
@@ -122,15 +150,14 @@ def _save_dsec(path, x, y, t_ns, p, sensor):
     path.write_bytes(image.getbuffer())
 
 
-def _save_by_faery(path, x, y, t_ns, p, sensor):
+def _save_aedat4(path, x, y, t_ns, p, sensor):
     faery = _faery()
     events = np.empty(len(x), dtype=faery.EVENTS_DTYPE)
     events["t"], events["x"], events["y"] = t_ns // 1000, x, y
     events["on"] = p != 0
     stream = faery.events_stream_from_array(events, dimensions=(sensor.width, sensor.height))
-    options = {"version": "evt3", "zero_t0": False} if path.suffix == ".raw" else {}
     try:
-        stream.to_file(path, **options)
+        stream.to_file(path)
     except RuntimeError as error:
         # Faery passes on the system's errors as RuntimeError.
         raise OSError(f"cannot write {path.name}: {error}") from error
@@ -141,8 +168,66 @@ def _checked(path):
     path = pathlib.Path(path)
     if path.suffix not in SUFFIXES:
         raise ArgumentError(f"{path.name} ends in `{path.suffix}`, expected one of {', '.join(SUFFIXES)}")
-    {".h5": _h5py, ".hdf5": _h5py, ".aedat4": _faery, ".raw": _faery}.get(path.suffix, bool)()
+    {".h5": _h5py, ".hdf5": _h5py, ".aedat4": _faery}.get(path.suffix, bool)()
     return path
+
+
+def _check_size(path, sensor):
+    """Raises if a format has too few bits for a sensor's coordinates."""
+    if path.suffix == ".raw" and max(sensor.width, sensor.height) > EVT3_SIDE_PX:
+        raise ArgumentError(
+            f"{path.name}: a sensor of {sensor.width} x {sensor.height} pixels, expected at most {EVT3_SIDE_PX} a "
+            "side in EVT3"
+        )
+
+
+def _check_times(path, first_ns, last_ns):
+    """Raises if a format cannot hold the times from first to last event."""
+    first_us, last_us = first_ns // 1000, last_ns // 1000
+    if path.suffix in (".aedat4", ".raw") and first_ns < 0:
+        raise ArgumentError(f"{path.name}: the first event is at {first_ns} ns, expected 0 or later")
+    if path.suffix == ".raw" and last_us >= EVT3_END_US:
+        raise ArgumentError(
+            f"{path.name}: an event is at {last_us} us, expected less than 2^40 us (12.7 days) in EVT3"
+        )
+    if path.suffix in (".h5", ".hdf5") and last_us - first_us >= HDF5_SPAN_US:
+        raise ArgumentError(
+            f"{path.name}: {last_us - first_us} us from first to last event, expected less than 2^32 us (71 min)"
+        )
+
+
+def _columns(x, y, t_ns, p, sensor):
+    """Events of a sensor as all formats are made of them: uint16, uint16, int64, and 0 or 1 as uint8."""
+    columns = {name: np.asarray(column) for name, column in (("x", x), ("y", y), ("t_ns", t_ns), ("p", p))}
+    times = np.iinfo(np.int64)
+    limits = {
+        "x": (0, sensor.width - 1),
+        "y": (0, sensor.height - 1),
+        "t_ns": (times.min, times.max),
+        "p": (-1, 1),
+    }
+    count = columns["t_ns"].size
+    for name, column in columns.items():
+        if column.shape != (count,):
+            raise ArgumentError(
+                f"{name} has shape {column.shape}, expected ({count},), a value for each time"
+            )
+        if not count:
+            continue
+        if column.dtype.kind not in "iub":
+            raise ArgumentError(f"{name} is {column.dtype}, expected integers")
+        low, high = limits[name]
+        for value in (int(column.min()), int(column.max())):
+            if not low <= value <= high:
+                raise ArgumentError(f"{name} has {value}, expected {low} to {high}")
+    x, y, t_ns, p = columns.values()
+    if len(back := np.flatnonzero(t_ns[1:] < t_ns[:-1])):
+        before, after = t_ns[back[0]], t_ns[back[0] + 1]
+        raise ArgumentError(f"t_ns goes back from {before} to {after}, expected events in order of time")
+    if (p == -1).any() and (p == 0).any():
+        raise ArgumentError("p has -1, 0 and perhaps 1, expected 0 and 1, or -1 and 1")
+    types = ((x, np.uint16), (y, np.uint16), (t_ns, np.int64), (p == 1, np.uint8))
+    return [np.ascontiguousarray(column, dtype) for column, dtype in types]
 
 
 def _probe(folder):
@@ -188,5 +273,5 @@ def _faery():
     try:
         import faery
     except ImportError as error:
-        raise ImportError("AEDAT4 and EVT3 files need faery: pip install esaac[aedat4]") from error
+        raise ImportError("AEDAT4 files need faery: pip install esaac[aedat4]") from error
     return faery

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from esaac import Packet, SensorModel
 
 SUFFIXES: tuple[str, ...]
+EVT3_SIDE_PX: int
+EVT3_END_US: int
+HDF5_SPAN_US: int
 
 class EventWriter:
     path: pathlib.Path
@@ -26,10 +29,10 @@ class EventWriter:
 
 def save(
     path: str | os.PathLike[str],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t_ns: NDArray[np.int64],
-    p: NDArray[np.uint8],
+    x: NDArray[np.integer[Any]],
+    y: NDArray[np.integer[Any]],
+    t_ns: NDArray[np.integer[Any]],
+    p: NDArray[np.integer[Any] | np.bool_],
     *,
     sensor: SensorModel,
 ) -> None: ...
