@@ -10,6 +10,9 @@ use thiserror::Error;
 /// Time between two polls for notices.
 const NOTICES: Duration = Duration::from_secs(1);
 
+/// Lowest speed. A recording of all times that its format has then still ends at a time that a clock has.
+const LEAST_RATE: f64 = 1e-6;
+
 /// Why a recording cannot be published.
 #[derive(Debug, Error)]
 pub enum ReplayError {
@@ -19,15 +22,15 @@ pub enum ReplayError {
     /// The network.
     #[error(transparent)]
     Transport(#[from] TransportError),
-    /// The rate is not a number above 0.
-    #[error("rate {0}, expected a number above 0")]
+    /// The rate is too low or no number.
+    #[error("rate {0}, expected a number of {LEAST_RATE} or more")]
     Rate(f64),
 }
 
 /// How a recording is published.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReplayOptions {
-    /// Speed; 2 is twice as fast.
+    /// Speed; 2 is twice as fast. At least 0.000001.
     pub rate: f64,
     /// Time that subscribers have to find the topics before the first message.
     pub delay: Duration,
@@ -56,6 +59,11 @@ pub struct Replayed {
     pub foreign: Vec<String>,
 }
 
+/// How long after the first message one is sent that was recorded `since_ns` after it.
+fn wait(since_ns: u64, rate: f64) -> Duration {
+    Duration::from_nanos(since_ns).div_f64(rate)
+}
+
 /// Publishes `bag` until its end or until `stop` returns true. `watch` gets every notice.
 pub fn replay(
     mut bag: BagReader,
@@ -64,7 +72,7 @@ pub fn replay(
     mut stop: impl FnMut() -> bool,
     mut watch: impl FnMut(String),
 ) -> Result<Replayed, ReplayError> {
-    if !(options.rate.is_finite() && options.rate > 0.0) {
+    if !(options.rate.is_finite() && options.rate >= LEAST_RATE) {
         return Err(ReplayError::Rate(options.rate));
     }
     let mut replayed = Replayed::default();
@@ -81,7 +89,7 @@ pub fn replay(
         });
         let since_ns = message.log_ns.saturating_sub(first_ns);
         replayed.recorded_ns = replayed.recorded_ns.max(since_ns);
-        let due = began + Duration::from_nanos(since_ns).div_f64(options.rate);
+        let due = began + wait(since_ns, options.rate);
         while let wait @ 1.. = due.saturating_duration_since(Instant::now()).as_nanos() {
             if stop() {
                 break;
@@ -111,4 +119,16 @@ pub fn replay(
         return Err(error.into());
     }
     Ok(replayed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lowest_rate_is_one_that_clocks_can_wait_for() {
+        let longest = wait(u64::MAX, LEAST_RATE);
+        assert!(Instant::now().checked_add(longest).is_some(), "{longest:?}");
+        assert_eq!(wait(3_000, 2.0), Duration::from_nanos(1_500));
+    }
 }

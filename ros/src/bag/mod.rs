@@ -28,6 +28,19 @@ pub enum BagError {
         /// Reason.
         source: Box<mcap::McapError>,
     },
+    /// The bytes of a chunk are not those that were written. Its messages are not read.
+    #[error(
+        "recording {path} is damaged: a chunk has the checksum {actual:08x}, expected {expected:08x}; the messages \
+         before it are whole"
+    )]
+    Checksum {
+        /// Path.
+        path: String,
+        /// As the file says.
+        expected: u32,
+        /// Of the bytes in the file.
+        actual: u32,
+    },
     /// The file ends before its first message.
     #[error("recording {path} is cut off within its first chunk: no message of it can be read")]
     CutOff {
@@ -48,6 +61,9 @@ impl BagError {
     fn of(path: &str, error: mcap::McapError) -> Self {
         match error {
             mcap::McapError::Io(source) => BagError::File { path: path.to_owned(), source },
+            mcap::McapError::BadChunkCrc { saved: expected, calculated: actual } => {
+                BagError::Checksum { path: path.to_owned(), expected, actual }
+            }
             source => BagError::Format { path: path.to_owned(), source: Box::new(source) },
         }
     }

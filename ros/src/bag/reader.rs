@@ -43,6 +43,8 @@ pub struct BagReader {
     channels: BTreeMap<u16, usize>,
     topics: Vec<Topic>,
     foreign: BTreeSet<String>,
+    /// Whether the file has begun as the format does.
+    has_record: bool,
     truncated: bool,
 }
 
@@ -55,12 +57,15 @@ impl BagReader {
             path: name,
             file,
             reader: LinearReader::new_with_options(
-                LinearReaderOptions::default().with_record_length_limit(MOST_BYTES),
+                LinearReaderOptions::default()
+                    .with_record_length_limit(MOST_BYTES)
+                    .with_prevalidate_chunk_crcs(true),
             ),
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             topics: Vec::new(),
             foreign: BTreeSet::new(),
+            has_record: false,
             truncated: false,
         })
     }
@@ -109,6 +114,7 @@ impl BagReader {
                     .map_err(|error| BagError::of(&self.path, error))?
                     .into_owned(),
             };
+            self.has_record = true;
             match record {
                 Record::Schema { header, data } => self.add_schema(header, &data),
                 Record::Channel(channel) => self.add_channel(channel),
@@ -126,7 +132,7 @@ impl BagReader {
 
     /// The file ends before the format does.
     fn cut_short(&mut self) -> Result<Option<RecordedMessage>, BagError> {
-        if self.topics.is_empty() && self.schemas.is_empty() {
+        if !self.has_record {
             return Err(BagError::of(&self.path, mcap::McapError::UnexpectedEof));
         }
         self.truncated = true;

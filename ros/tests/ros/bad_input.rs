@@ -92,11 +92,12 @@ fn a_recording_without_messages_of_ros_is_refused() {
     let error =
         replay(bag, &mut transport, ReplayOptions::default(), || false, |_| ()).unwrap_err().to_string();
     assert!(error.contains("no message of ROS 2") && error.contains("`json` on /numbers"), "{error}");
-    let options = ReplayOptions { rate: 0.0, ..ReplayOptions::default() };
-    let bag = BagReader::open(&path).unwrap();
-    assert!(
-        replay(bag, &mut transport, options, || false, |_| ()).unwrap_err().to_string().contains("rate 0")
-    );
+    for rate in [0.0, -1.0, 1e-30, f64::NAN, f64::INFINITY] {
+        let options = ReplayOptions { rate, ..ReplayOptions::default() };
+        let bag = BagReader::open(&path).unwrap();
+        let error = replay(bag, &mut transport, options, || false, |_| ()).unwrap_err().to_string();
+        assert_eq!(error, format!("rate {rate}, expected a number of 0.000001 or more"));
+    }
 }
 
 #[test]

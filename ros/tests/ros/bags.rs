@@ -60,6 +60,36 @@ fn what_a_killed_writer_leaves_reads_up_to_the_last_chunk() {
     assert_eq!(part[..], whole[..part.len()]);
 }
 
+#[test]
+fn a_chunk_that_was_damaged_is_an_error_before_any_of_its_messages() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let cameras = vec![world::camera("left", 346, 260)];
+    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    ticks(&mut rig, &cameras, 0..12);
+    rig.finish().2.unwrap();
+    let (whole, _) = read(&path);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    // Pixels of an image lie there.
+    bytes[middle] ^= 0x10;
+    std::fs::write(&path, &bytes).unwrap();
+    let mut bag = BagReader::open(&path).unwrap();
+    let mut before = 0;
+    let error = loop {
+        match bag.next_message() {
+            Ok(Some(message)) => {
+                assert_eq!(message.bytes, whole[before].2);
+                before += 1;
+            }
+            Ok(None) => panic!("nothing was noticed"),
+            Err(error) => break error.to_string(),
+        }
+    };
+    assert!(before > 0 && before < whole.len(), "{before} messages");
+    assert!(error.contains("run.mcap is damaged: a chunk has the checksum"), "{error}");
+}
+
 /// Sends nothing before every topic has a subscriber.
 struct Meeting {
     transport: CycloneTransport,
