@@ -93,6 +93,7 @@ impl RosPublisher {
     fn publish(&self, py: Python<'_>, t_ns: i64, parts: Vec<Part<'_>>) -> PyResult<()> {
         let parts = parts.iter().map(|part| part.borrow(&self.cameras)).collect::<Result<Vec<_>, Fault>>()?;
         self.with(py, move |publisher| {
+            parts.iter().try_for_each(|part| part.check(publisher))?;
             let mut tick = publisher.tick(t_ns);
             parts.iter().for_each(|part| part.add(&mut tick));
             tick.send();

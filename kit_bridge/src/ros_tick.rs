@@ -3,7 +3,7 @@
 
 use crate::error::Fault;
 use esaac_model::{Intensity, PacketView, SensorModel};
-use esaac_ros::{ApsImage, CameraPlan, Imu, TickMessages};
+use esaac_ros::{ApsImage, CameraPlan, Imu, RigPublisher, TickMessages};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
@@ -144,6 +144,12 @@ impl Aps<'_> {
 }
 
 impl Borrowed<'_> {
+    /// Fails if the publisher's event message cannot hold the events.
+    pub fn check(&self, publisher: &RigPublisher) -> Result<(), Fault> {
+        let base_ns = self.events.as_ref().map_or(0, |events| events.base_ns);
+        Ok(publisher.check_base(self.camera, base_ns)?)
+    }
+
     /// Adds this part to a tick's messages.
     pub fn add(&self, tick: &mut TickMessages<'_>) {
         if let Some(events) = &self.events {

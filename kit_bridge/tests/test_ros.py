@@ -145,6 +145,39 @@ def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):
         publisher.publish(2, {})
 
 
+def test_a_camera_that_was_reset_is_told_unless_the_publisher_is_restarted(tmp_path):
+    camera = esaac.EventCamera("dvs128", **SENSOR)
+
+    def run(publisher):
+        camera.reset()
+        for index in range(3):
+            packet = camera.step(*bars(40, 24, index), t_ns=FRAME_NS * index)
+            publisher.publish(FRAME_NS * index, {"a": ros.Frame(packet)})
+
+    options = {"network": False, "record": tmp_path / "run.mcap"}
+    with ros.Publisher([ros.Camera("a", camera.sensor)], **options) as publisher:
+        run(publisher)
+        publisher.restart()
+        run(publisher)
+        assert publisher.notices() == [] and publisher.summary()["time_resets"] == 1
+        run(publisher)
+        (notice,) = publisher.notices()
+        assert f"camera `a` went back from {2 * FRAME_NS} to 0 ns, and `restart` was not called" in notice
+        assert publisher.summary()["unannounced_resets"] == 1
+
+
+def test_mono_refuses_times_before_zero(tmp_path):
+    camera = esaac.EventCamera("dvs128", **SENSOR)
+    options = {"network": False, "record": tmp_path / "run.mcap", "events": "mono"}
+    with ros.Publisher([ros.Camera("a", camera.sensor)], **options) as publisher:
+        camera.step(*bars(40, 24, 0), t_ns=-2 * FRAME_NS)
+        packet = camera.step(*bars(40, 24, 1), t_ns=-FRAME_NS)
+        with pytest.raises(
+            esaac.ArgumentError, match=f"`a` count from {packet.base_ns} ns, expected 0 or later"
+        ):
+            publisher.publish(-FRAME_NS, {"a": ros.Frame(packet)})
+
+
 def test_a_forked_child_is_told():
     with ros.Publisher([ros.Camera("a", "dvs128")], network=False) as publisher:
         child = os.fork()

@@ -163,7 +163,7 @@ pub fn encode(out: &mut Vec<u8>, format: EventFormat, head: &PacketHead<'_>, pac
             plain(&mut cdr, packet);
         }
         EventFormat::Mono => {
-            // Times count from the base, which is never negative in a simulation.
+            // Times count from the base. `RigPublisher::check_base` has refused one before 0.
             cdr.u64(packet.base_ns as u64).string("mono").bool(false);
             cdr.bytes_with(|out| mono(out, packet));
         }

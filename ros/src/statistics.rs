@@ -31,6 +31,7 @@ pub(crate) struct Statistics {
     topics: Vec<Counts>,
     dropped_ticks: AtomicU64,
     resets: AtomicU64,
+    unannounced_resets: AtomicU64,
     encode_ns: Mutex<Histogram>,
     publish_ns: Mutex<Histogram>,
     tick_ns: Mutex<Histogram>,
@@ -80,6 +81,8 @@ pub struct Summary {
     pub dropped_ticks: u64,
     /// How often the simulation's time went back.
     pub time_resets: u64,
+    /// How often a camera's time went back although no reset was announced.
+    pub unannounced_resets: u64,
     /// Copies of a packet's bytes.
     pub copies: Copies,
     /// Median time to encode an event message, nanoseconds.
@@ -159,6 +162,7 @@ impl Statistics {
             topics: plan.topics.iter().map(|_| Counts::default()).collect(),
             dropped_ticks: AtomicU64::default(),
             resets: AtomicU64::default(),
+            unannounced_resets: AtomicU64::default(),
             encode_ns: Mutex::default(),
             publish_ns: Mutex::default(),
             tick_ns: Mutex::default(),
@@ -207,6 +211,10 @@ impl Statistics {
         self.topics[topic].subscribers.store(subscribers as u64, Relaxed);
     }
 
+    pub fn count_unannounced_reset(&self) {
+        self.unannounced_resets.fetch_add(1, Relaxed);
+    }
+
     pub fn set_resets(&self, resets: u64) {
         self.resets.store(resets, Relaxed);
     }
@@ -228,6 +236,7 @@ impl Statistics {
             topics: topics.collect(),
             dropped_ticks: self.dropped_ticks.load(Relaxed),
             time_resets: self.resets.load(Relaxed),
+            unannounced_resets: self.unannounced_resets.load(Relaxed),
             copies: Copies {
                 packet: self.host_copies.load(Relaxed),
                 encode: 1,
@@ -256,11 +265,12 @@ impl Statistics {
             ]
         };
         let mut statuses = vec![Status {
-            warn: lost > 0,
+            warn: lost > 0 || summary.unannounced_resets > 0,
             name: format!("{node}: publisher"),
-            message: match lost {
-                0 => "nothing lost".to_owned(),
-                lost => format!("{lost} messages lost in {} ticks", summary.dropped_ticks),
+            message: match (lost, summary.unannounced_resets) {
+                (0, 0) => "nothing lost".to_owned(),
+                (0, back) => format!("a camera's time went back {back} times without a restart"),
+                (lost, _) => format!("{lost} messages lost in {} ticks", summary.dropped_ticks),
             },
             values: vec![
                 ("sent", summary.sent().to_string()),
@@ -268,6 +278,7 @@ impl Statistics {
                 ("lost", lost.to_string()),
                 ("dropped_ticks", summary.dropped_ticks.to_string()),
                 ("time_resets", summary.time_resets.to_string()),
+                ("unannounced_resets", summary.unannounced_resets.to_string()),
                 ("publish_p50_ns", summary.publish_p50_ns.to_string()),
                 ("publish_p99_ns", summary.publish_p99_ns.to_string()),
             ],

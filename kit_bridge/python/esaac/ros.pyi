@@ -100,9 +100,11 @@ class Publisher:
     def set_sensor(self, name: str, sensor: SensorModel) -> None:
         """Publishes a camera's parameters again after they have changed."""
     def restart(self) -> None:
-        """Allows the next `publish` to be earlier than the last."""
+        """To be called after a reset of the simulation: allows the next `publish` to be earlier than the last, and
+        takes `/clock` back with it. A camera whose time goes back without it gives a notice."""
     def notices(self) -> list[str]:
-        """Messages for the user since the last call, for example of subscribers that cannot be served."""
+        """Messages for the user since the last call, for example of subscribers that cannot be served, or of a camera
+        whose time went back without `restart`."""
     def summary(self) -> dict[str, Any]:
         """Counts of messages, bytes, drops and subscribers by topic, and times."""
     def close(self) -> dict[str, Any] | None:

@@ -22,6 +22,10 @@ impl StampClock {
             self.wall_offset_ns = Some(wall_ns() - t_ns);
         }
         let mut stamp_ns = self.stamp(t_ns);
+        if self.is_new() {
+            // A recording has no times before 0: it counts from such a first stamp on.
+            self.log_offset_ns = stamp_ns.min(0).saturating_neg();
+        }
         let last_ns = self.last_stamp_ns.unwrap_or(i64::MIN);
         let restarted = std::mem::take(&mut self.restarted);
         if stamp_ns < last_ns && restarted {
@@ -56,9 +60,10 @@ impl StampClock {
         t_ns + self.wall_offset_ns.unwrap_or(0)
     }
 
-    /// The recording's time of a stamp.
+    /// The recording's time of a stamp: the stamp itself, unless the simulation began before 0 or went back. What is
+    /// older than the first tick, such as its first IMU samples, is recorded at 0 at the earliest.
     pub fn log(&self, stamp_ns: i64) -> u64 {
-        u64::try_from(stamp_ns + self.log_offset_ns).unwrap_or(0)
+        u64::try_from(stamp_ns.saturating_add(self.log_offset_ns)).unwrap_or(0)
     }
 }
 
@@ -79,6 +84,17 @@ mod tests {
         assert_eq!((clock.tick(3, true), clock.resets), ((3, true), 1));
         assert_eq!((clock.log(3), clock.log(5)), (20, 22));
         assert_eq!((clock.tick(2, true), clock.resets), ((2, false), 1));
+    }
+
+    #[test]
+    fn a_recording_of_a_time_before_zero_counts_from_its_first_stamp() {
+        let mut clock = StampClock::default();
+        assert_eq!(clock.tick(-200, true), (-200, true));
+        clock.tick(50, true);
+        assert_eq!([-250, -200, -150, 0, 50].map(|stamp| clock.log(stamp)), [0, 0, 50, 200, 250]);
+        clock.restart();
+        clock.tick(-200, true);
+        assert_eq!(clock.log(-200), 250, "times go on after a reset");
     }
 
     #[test]

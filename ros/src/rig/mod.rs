@@ -7,6 +7,7 @@ mod tick;
 pub use tick::{ApsImage, TickMessages};
 
 use crate::bag::{BagError, BagWriter};
+use crate::events::EventFormat;
 use crate::payload::Pool;
 use crate::plan::{CameraPlan, Plan, PlanError, Policy, RigOptions};
 use crate::queue::{Batch, Outgoing, TickSender, queue};
@@ -14,8 +15,8 @@ use crate::statistics::{Statistics, Summary};
 use crate::transport::{Transport, TransportError};
 use crate::worker::{self, UnsentStates, Worker};
 use clock::StampClock;
-use crossbeam_channel::{Receiver, unbounded};
-use esaac_model::SensorModel;
+use crossbeam_channel::{Receiver, Sender, unbounded};
+use esaac_model::{PacketView, SensorModel};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use thiserror::Error;
@@ -40,6 +41,17 @@ pub enum PublishError {
         /// Number given.
         actual: usize,
     },
+    /// A packet that its event message cannot hold.
+    #[error(
+        "events of camera `{camera}` count from {actual} ns, expected 0 or later for the event message `mono`; the \
+         others have times before 0"
+    )]
+    BaseBeforeZero {
+        /// Camera.
+        camera: String,
+        /// Base of the packet.
+        actual: i64,
+    },
     /// The system gives no thread.
     #[error("no thread for the publisher: {0}")]
     Thread(std::io::Error),
@@ -61,6 +73,10 @@ struct CameraState {
     plan: CameraPlan,
     sequence: u64,
     sensor_is_stale: bool,
+    /// End of its last packet in simulation time.
+    last_ns: Option<i64>,
+    /// Whether the user knows that its packets cannot be sent.
+    is_refused: bool,
 }
 
 /// Publishes a rig.
@@ -74,6 +90,7 @@ pub struct RigPublisher {
     states: Vec<Outgoing>,
     /// `None` once the rig is finished.
     queue: Option<TickSender>,
+    notify: Sender<String>,
     notices: Receiver<String>,
     statistics: Arc<Statistics>,
     worker: Option<JoinHandle<Result<(), BagError>>>,
@@ -102,7 +119,7 @@ impl RigPublisher {
             transport,
             bag,
             statistics: Arc::clone(&statistics),
-            notices: notify,
+            notices: notify.clone(),
             queue: receiver,
             ticks_ahead: (options.policy == Policy::Lossless).then_some(options.queue_ticks),
             states: UnsentStates::default(),
@@ -113,7 +130,13 @@ impl RigPublisher {
         let pools = plan.topics.iter().map(|_| Pool::new(buffers)).collect();
         let cameras = cameras
             .into_iter()
-            .map(|plan| CameraState { plan, sequence: 0, sensor_is_stale: true })
+            .map(|plan| CameraState {
+                plan,
+                sequence: 0,
+                sensor_is_stale: true,
+                last_ns: None,
+                is_refused: false,
+            })
             .collect();
         Ok(RigPublisher {
             options,
@@ -122,6 +145,7 @@ impl RigPublisher {
             pools,
             states: Vec::new(),
             queue: Some(sender),
+            notify,
             notices,
             statistics,
             worker: Some(worker),
@@ -139,6 +163,17 @@ impl RigPublisher {
     pub fn check_camera(&self, camera: usize) -> Result<(), PublishError> {
         let expected = self.cameras.len();
         if camera < expected { Ok(()) } else { Err(PublishError::NoCamera { expected, actual: camera }) }
+    }
+
+    /// Fails if the event message cannot hold a packet that counts from `base_ns` in simulation time. Such a packet
+    /// is not sent, with a notice.
+    pub fn check_base(&self, camera: usize, base_ns: i64) -> Result<(), PublishError> {
+        self.check_camera(camera)?;
+        if self.options.events == EventFormat::Mono && self.options.sim_time && base_ns < 0 {
+            let camera = self.cameras[camera].plan.name.clone();
+            return Err(PublishError::BaseBeforeZero { camera, actual: base_ns });
+        }
+        Ok(())
     }
 
     /// Publishes a camera's changed parameters with the next tick.
@@ -167,9 +202,34 @@ impl RigPublisher {
     }
 
     /// The simulation was reset: its time may go back with the next tick. Stamps and `/clock` go back with
-    /// it; wall-clock stamps and a recording's own times go on.
+    /// it; wall-clock stamps and a recording's own times go on. A camera whose time goes back without this gives
+    /// a notice: its stamps go back, and `/clock` does not.
     pub fn restart(&mut self) {
         self.clock.restart();
+        self.cameras.iter_mut().for_each(|camera| camera.last_ns = None);
+    }
+
+    /// Whether a camera's packet can be sent. Gives notices of what is wrong with its time.
+    fn admits(&mut self, camera: usize, packet: &PacketView<'_>) -> bool {
+        if let Err(error) = self.check_base(camera, packet.base_ns) {
+            if let Some(state) = self.cameras.get_mut(camera)
+                && !std::mem::replace(&mut state.is_refused, true)
+            {
+                let _ = self.notify.send(format!("{error}; its events are not sent"));
+            }
+            return false;
+        }
+        let state = &mut self.cameras[camera];
+        let end_ns = packet.watermark_ns;
+        if let Some(last_ns) = state.last_ns.replace(end_ns).filter(|&last_ns| end_ns < last_ns) {
+            let name = &state.plan.name;
+            let _ = self.notify.send(format!(
+                "the time of camera `{name}` went back from {last_ns} to {end_ns} ns, and `restart` was not called: \
+                 stamps go back, /clock stays, and a recording is out of order"
+            ));
+            self.statistics.count_unannounced_reset();
+        }
+        true
     }
 
     /// Messages for the user since the last call.

@@ -103,6 +103,10 @@ impl<'a> TickMessages<'a> {
     pub fn events(&mut self, camera: usize, packet: &PacketView<'_>) -> &mut Self {
         let plan = Arc::clone(&self.publisher.plan);
         let Some(topics) = plan.cameras.get(camera) else { return self };
+        if !self.publisher.admits(camera, packet) {
+            self.publisher.statistics.count_failed(topics.events);
+            return self;
+        }
         let (format, split) = (self.publisher.options.events, self.publisher.cameras[camera].plan.split);
         let clock = &self.publisher.clock;
         let shifted = PacketView {

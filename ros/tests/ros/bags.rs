@@ -4,8 +4,8 @@ use crate::world::{self, Subscriber};
 use esaac_model::Packet;
 use esaac_ros::replay::{ReplayOptions, replay};
 use esaac_ros::{
-    BagReader, CameraPlan, CycloneTransport, Payload, Policy, RigOptions, RigPublisher, Sinks, Topic,
-    Transport, TransportError,
+    BagReader, CameraPlan, CycloneTransport, EventFormat, Payload, Policy, RigOptions, RigPublisher, Sinks,
+    Topic, Transport, TransportError,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -205,6 +205,68 @@ fn a_simulation_that_is_reset_goes_back_in_its_stamps_and_on_in_the_recording() 
     let clock = clock.unwrap();
     let times: Vec<u64> = messages.iter().filter(|(t, _, _)| *t == clock).map(|(_, at, _)| *at).collect();
     assert!(times.is_sorted(), "{times:?}");
+}
+
+#[test]
+fn a_camera_that_goes_back_without_a_restart_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let cameras = vec![world::camera("left", 32, 24)];
+    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    ticks(&mut rig, &cameras, 0..3);
+    assert_eq!(rig.notices(), [""; 0]);
+    ticks(&mut rig, &cameras, 0..2);
+    let notices = rig.notices();
+    assert_eq!(notices.len(), 1, "once, though the camera stays behind: {notices:?}");
+    let times = format!("`left` went back from {} to {INTERVAL_NS} ns", 3 * INTERVAL_NS);
+    assert!(notices[0].contains(&times) && notices[0].contains("`restart`"), "{notices:?}");
+    assert_eq!(rig.finish().0.unannounced_resets, 1);
+    let status = &world::check_bag(&path)["/diagnostics"]["last"]["status"][0];
+    assert_eq!(
+        (&status["level"], status["message"].as_str().unwrap().contains("went back")),
+        (&1.into(), true)
+    );
+}
+
+#[test]
+fn a_simulation_that_begins_before_zero_is_recorded_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let cameras = vec![world::camera("left", 32, 24)];
+    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    ticks(&mut rig, &cameras, -6..2);
+    rig.finish().2.unwrap();
+    let answer = world::check_bag(&path);
+    assert_eq!(answer["/clock"]["last"]["clock"]["nanosec"], 2 * INTERVAL_NS);
+    let (messages, _) = read(&path);
+    let mut times: Vec<u64> = messages.iter().map(|(_, log_ns, _)| *log_ns).collect();
+    times.sort_unstable();
+    times.dedup();
+    // Two IMU samples an interval; those of the first interval end at 0.
+    let half_ns = INTERVAL_NS / 2;
+    assert_eq!(times[..3], [0, half_ns as u64, INTERVAL_NS as u64]);
+    assert_eq!((times.len(), times[times.len() - 1]), (15, 7 * INTERVAL_NS as u64));
+}
+
+#[test]
+fn mono_refuses_times_before_zero() {
+    let cameras = vec![world::camera("left", 32, 24)];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let options = RigOptions { events: EventFormat::Mono, ..lossless() };
+    let mut rig = world::rig(&cameras, &options, Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let error = rig.check_base(0, -1).unwrap_err().to_string();
+    assert!(error.contains("camera `left` count from -1 ns, expected 0 or later"), "{error}");
+    ticks(&mut rig, &cameras, -2..1);
+    let notices = rig.notices();
+    assert_eq!(notices.len(), 1, "{notices:?}");
+    assert!(notices[0].contains("`mono`") && notices[0].contains("not sent"), "{notices:?}");
+    let (summary, _, recorded) = rig.finish();
+    recorded.unwrap();
+    let events = summary.topics.iter().find(|topic| topic.topic.ends_with("/events")).unwrap();
+    assert_eq!((events.failed, events.recorded), (2, 1));
+    let packed = RigPublisher::start(cameras, lossless(), Sinks::default()).unwrap();
+    packed.check_base(0, -1).unwrap();
 }
 
 #[test]
