@@ -3,6 +3,8 @@
 import pathlib
 import re
 
+import pytest
+
 DOCKER = pathlib.Path(__file__).parents[2] / "docker"
 
 
@@ -26,3 +28,12 @@ def test_recordings_go_to_a_volume():
     dockerfile, compose = (DOCKER / "Dockerfile").read_text(), (DOCKER / "compose.yaml").read_text()
     (folder,) = re.findall(r'"--record", "([^"]+)"', dockerfile)
     assert f"recordings:{folder}\n" in compose
+
+
+@pytest.mark.parametrize("name", ["compose.yaml", "pixi.toml"])
+def test_recorders_know_the_messages_of_events(name):
+    """Without the package of its type, a recorder leaves a topic out."""
+    text = (DOCKER / name).read_text()
+    assert (DOCKER.parent / "ros/esaac_msgs/package.xml").exists() and "../ros/esaac_msgs" in text
+    (prefix,) = re.findall(r"--install-base ([^\s\"]+)", text)
+    assert re.search(rf"\. {re.escape(prefix)}/setup\.(ba)?sh\s+&& (exec )?ros2 bag record --all", text)
