@@ -1,5 +1,5 @@
 // The rate controller: once `cap_events` have been served in a period, it drops the services of its rest. Needs
-// bus_fates.glsl, `served_before`.
+// bus_fates.glsl.
 
 // Events of the chunk's services up to each event's, and of those that waited before.
 shared uint served[gl_WorkGroupSize.x];

@@ -346,8 +346,8 @@ void prepare_outlet(Camera outlet, uint first_bin) {
     }
 }
 
-// Serves the tile whose events are in order. `base`: the packet's number of its first event; `own`, `own_end`: which of
-// them are the group's.
+// Serves the tile whose events are in order. `base`: the packet's number of its first event; `own`: first and end of
+// those that are the group's.
 void serve_tile(Camera cam, Camera outlet, uint first_bin, uint base, uvec2 own, uint length, uint packet) {
     const uint lane = gl_LocalInvocationID.x;
     const bool by_row = readout.row_ps != 0ul;
