@@ -116,7 +116,9 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     report.simulated_ns = first_ns.map_or(0, |first| (last_ns - first).max(0));
     report.set_memory(memory);
     report.link = link;
-    report.ros = ros.finish()?;
+    let published = ros.finish();
+    published.recorded?;
+    report.ros = published.summary;
     report.files = files.iter().map(|file| file.display().to_string()).collect();
     report.outcome(common.json)
 }

@@ -122,7 +122,9 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.set_memory(memory);
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
-    report.ros = ros.finish()?;
+    let published = ros.finish();
+    published.recorded?;
+    report.ros = published.summary;
     let of_poses = check.as_ref().and_then(|check| choice.warning(check));
     report.synthesis = Some(choice);
     report.poses = check.map(|check| check.report);

@@ -115,7 +115,7 @@ impl Collected {
     }
 
     pub fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Result<Simulated> {
-        let ros = self.ros.finish()?;
+        let ros = self.ros.finish();
         Ok(Simulated {
             record: self.record,
             sensors_changed: self.sensors_changed,

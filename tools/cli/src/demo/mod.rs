@@ -12,7 +12,7 @@ use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
 use crate::overview::{self, Instant};
 use crate::report::{MemoryReport, Report};
-use crate::ros::{RosArguments, RosMode, RosOutput};
+use crate::ros::{Published, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_argument::scene_parser;
 use crate::sensor_flags::SensorFlags;
@@ -22,7 +22,6 @@ use caption::caption;
 use esaac_formats::event_file::write_npz;
 use esaac_model::presets::preset;
 use esaac_model::{HdrFormat, Intensity, MotionFormat, SensorModel};
-use esaac_ros::Summary;
 use esaac_scene::{SceneKind, render_cpu};
 use picture::colours;
 use run::Run;
@@ -93,7 +92,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.simulated_ns = span_ns.1 - span_ns.0;
     report.set_memory(simulated.memory);
     report.link = simulated.link;
-    report.ros = simulated.ros;
+    report.ros = simulated.ros.summary;
     if simulated.sensors_changed {
         eprintln!("the sensors changed during the run: no comparison with exact events");
     }
@@ -114,6 +113,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
     let text = report.to_json()?;
     output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
+    simulated.ros.recorded?;
     report.outcome(common.json)
 }
 
@@ -154,7 +154,7 @@ struct Simulated {
     record: RunRecord,
     sensors_changed: bool,
     link: LinkReport,
-    ros: Option<Summary>,
+    ros: Published,
     memory: Vec<MemoryReport>,
     instants: Vec<Instant>,
 }

@@ -9,4 +9,4 @@ mod rviz;
 pub use arguments::{RosArguments, RosMode};
 pub use camera::{add_camera, camera, centred, imu_samples};
 pub use network::{Joined, NetworkArguments};
-pub use output::RosOutput;
+pub use output::{Published, RosOutput};

@@ -15,6 +15,15 @@ pub struct RosOutput {
     parameters: Option<SensorParameters>,
 }
 
+/// What became of a run's messages.
+#[must_use = "a recording may be incomplete"]
+pub struct Published {
+    /// Counts, if there was a network or a recording.
+    pub summary: Option<Summary>,
+    /// Whether the recording is complete. To be looked at once the other results are safe.
+    pub recorded: Result<()>,
+}
+
 impl RosOutput {
     /// Opens what the flags ask for. Bad names and files are errors. A missing network is an error if the
     /// flags ask for one, and a warning in mode `auto`.
@@ -111,13 +120,12 @@ impl RosOutput {
         }
     }
 
-    /// Sends what waits, closes the recording and returns the counts.
-    pub fn finish(self) -> Result<Option<Summary>> {
-        let Some(publisher) = self.publisher else { return Ok(None) };
+    /// Sends what waits, and closes the recording.
+    pub fn finish(self) -> Published {
+        let Some(publisher) = self.publisher else { return Published { summary: None, recorded: Ok(()) } };
         let (summary, notices, recorded) = publisher.finish();
         notices.iter().for_each(|notice| eprintln!("{notice}"));
-        recorded.context("the recording is incomplete")?;
-        Ok(Some(summary))
+        Published { summary: Some(summary), recorded: recorded.context("the recording is incomplete") }
     }
 }
 
@@ -191,7 +199,9 @@ mod tests {
         let new = SensorModel { substeps: 16, ..old };
         assert_eq!((&sensors[0], &rig), (&new, &new), "the next change has nothing of the refused one");
         output.tick(2, |_| ());
-        assert_eq!(output.finish().unwrap().unwrap().lost(), 0);
+        let Published { summary, recorded } = output.finish();
+        recorded.unwrap();
+        assert_eq!(summary.unwrap().lost(), 0);
         assert_eq!(recorded_sensors(&path), 2, "as it was first, and as it became");
     }
 }

@@ -106,7 +106,12 @@ fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     // comes once the recording grows: the software driver's memory is in files too.
     let mut limited = Command::new("bash");
     limited.args(["-c", "trap '' XFSZ; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_esaac")]);
-    limited.args(["demo", "--frames", "600", "--out"]).arg(folder.path()).arg("--record").arg(&file);
+    // Few events, so that their file is small enough.
+    limited
+        .args(["demo", "--frames", "300", "--contrast-on", "1", "--contrast-off", "1", "--out"])
+        .arg(folder.path())
+        .arg("--record")
+        .arg(&file);
     limited.args(SMALL).args(["--ros", "off"]).env_remove("ESAAC_DEVICE");
     let mut child = limited.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     until_recorded(&mut child, &file);
@@ -117,6 +122,14 @@ fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     assert!(error.contains("recording stopped") && error.contains("File too large"), "{error}");
     let (topics, truncated) = recorded(&file);
     assert!(truncated && topics.iter().map(|(_, count)| count).sum::<usize>() > 100, "{topics:?}");
+    // All other results are there, and the report does not count what the recording lacks.
+    for name in ["overview.png", "events.npz"] {
+        assert!(folder.path().join(name).metadata().unwrap().len() > 1000, "{name}");
+    }
+    let text = std::fs::read_to_string(folder.path().join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let recorded = report["ros"]["topics"].as_array().unwrap().iter().map(|topic| topic["recorded"].as_u64());
+    assert!(recorded.flatten().sum::<u64>() >= 100, "{}", report["ros"]);
 }
 
 #[test]
