@@ -317,6 +317,23 @@ def test_recordings_are_files_when_the_run_ends(stage, tmp_path):
     assert len(np.load(tmp_path / "camera.npz")["t"]) == events > 100
 
 
+def test_a_timeline_that_is_rewound_begins_another_file(stage, tmp_path):
+    carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path))
+    running = bridge()
+    running.attach(stage)
+    (feed,) = running.feeds
+    move(stage, 12)
+    first = feed.events
+    rep._FRAME = 0
+    move(stage, 12)
+    assert feed.gaps == 1 and feed.faults == 0, feed.message
+    second = feed.events - first
+    running.detach()
+    for name, events in (("camera.npz", first), ("camera_2.npz", second)):
+        times = np.load(tmp_path / name)["t"]
+        assert len(times) == events > 100 and (np.diff(times) >= 0).all()
+
+
 class Broken:
     """A sink that cannot be closed."""
 
