@@ -1,5 +1,6 @@
 //! The kernels of a run: the embedded ones, or those of a folder that is being edited (`--glsl`).
 
+use crate::stderr;
 use anyhow::Result;
 use esaac_engine::{KernelFolder, Rig};
 use indicatif::ProgressBar;
@@ -30,7 +31,7 @@ impl KernelSource {
         if let Some(folder) = &mut self.folder {
             let names = rig.reload_kernels(folder)?;
             let other = if names.is_empty() { "those embedded".to_owned() } else { names.join(", ") };
-            eprintln!("kernels of {}: {other}", folder.path().display());
+            stderr::line(format_args!("kernels of {}: {other}", folder.path().display()));
         }
         Ok(())
     }
@@ -41,8 +42,12 @@ impl KernelSource {
         let Some(folder) = &mut self.folder else { return };
         match rig.reload_kernels(folder) {
             Ok(names) if names.is_empty() => {}
-            Ok(names) => progress.suspend(|| eprintln!("reloaded kernels: {}", names.join(", "))),
-            Err(error) => progress.suspend(|| eprintln!("warning: kernels not reloaded:\n{error}")),
+            Ok(names) => {
+                progress.suspend(|| stderr::line(format_args!("reloaded kernels: {}", names.join(", "))))
+            }
+            Err(error) => {
+                progress.suspend(|| stderr::line(format_args!("warning: kernels not reloaded:\n{error}")))
+            }
         }
     }
 }

@@ -4,6 +4,9 @@
 //! into text on standard output and an exit code. Progress, warnings and errors go to standard error.
 //! Standard output holds the report alone, so that another program can read it with `--json`.
 
+// `eprintln` panics where standard error cannot be written; `stderr::line` does not.
+#![warn(clippy::print_stderr)]
+
 pub mod accuracy;
 pub mod arguments;
 pub mod bench;
@@ -45,6 +48,7 @@ pub mod sensor_flags;
 pub mod sensors;
 pub mod serve;
 pub mod simulate;
+pub mod stderr;
 pub mod synthesis_choice;
 pub mod table;
 pub mod version;

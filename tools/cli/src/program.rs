@@ -5,7 +5,7 @@ use crate::outcome::Outcome;
 use crate::version::Build;
 use crate::{
     bench, calibrate, characterise, demo, devices, doctor, own_program, render, replay, sensors, serve,
-    simulate,
+    simulate, stderr,
 };
 use anyhow::{Error, Result};
 use clap::Parser;
@@ -33,7 +33,7 @@ pub fn run(arguments: &[String], again: &[String]) -> u8 {
     match ran.and_then(|outcome| Ok(print(&outcome)?)) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {}", sentence(&error));
+            stderr::line(format_args!("error: {}", sentence(&error)));
             1
         }
     }

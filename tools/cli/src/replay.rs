@@ -2,7 +2,7 @@
 
 use crate::outcome::Outcome;
 use crate::ros::NetworkArguments;
-use crate::table;
+use crate::{stderr, table};
 use anyhow::{Context, Result};
 use esaac_ros::BagReader;
 use esaac_ros::replay::{ReplayOptions, replay};
@@ -46,15 +46,15 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     let mut transport = arguments.network.open(&[])?.transport;
     let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
     let stopped = || stop.load(Ordering::Relaxed);
-    let replayed = replay(bag, &mut *transport, options, stopped, |notice| eprintln!("{notice}"))?;
+    let replayed = replay(bag, &mut *transport, options, stopped, |notice| stderr::line(notice))?;
     if replayed.truncated {
-        eprintln!(
+        stderr::line(format_args!(
             "warning: {} has no end; everything up to its last complete chunk was sent",
             arguments.file.display()
-        );
+        ));
     }
     for foreign in &replayed.foreign {
-        eprintln!("warning: skipped, not a ROS 2 message: {foreign}");
+        stderr::line(format_args!("warning: skipped, not a ROS 2 message: {foreign}"));
     }
     if json {
         return Ok(Outcome::complete(serde_json::to_string_pretty(&replayed)? + "\n"));

@@ -7,7 +7,7 @@ use crate::report::{MemoryReport, Report};
 use crate::rig_file::RigPlan;
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
-use crate::{device_choice, output_file, report};
+use crate::{device_choice, output_file, report, stderr};
 use anyhow::{Context, Result};
 use esaac_engine::Rig;
 use esaac_formats::event_file::write_npz;
@@ -65,7 +65,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let options =
         ServerOptions { spin: Duration::from_micros(arguments.spin_us), ..ServerOptions::default() };
     let mut service = Service::open(rig, &arguments.socket, &plan.terms, options)?;
-    eprintln!("{} cameras at {}", plan.cameras.len(), arguments.socket.display());
+    stderr::line(format_args!("{} cameras at {}", plan.cameras.len(), arguments.socket.display()));
 
     let mut record = RunRecord::new(plan.cameras.len());
     let (mut first_ns, mut last_ns, mut intervals) = (None, 0, 0);
@@ -93,10 +93,10 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     print_notices(&service);
     let connections = service.server().connections();
     if connections.refused + connections.not_accepted > 0 {
-        eprintln!(
+        stderr::line(format_args!(
             "{} of {} connections were refused; {} times one had to wait for descriptors or memory",
             connections.refused, connections.accepted, connections.not_accepted
-        );
+        ));
     }
     let link = LinkReport::of(&service);
     for (sensor, synthesis) in sensors.iter_mut().zip(service.synthesis()) {
@@ -124,9 +124,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
 }
 
 fn print_notices(service: &Service) {
-    for notice in service.server().notices() {
-        eprintln!("{notice}");
-    }
+    service.server().notices().iter().for_each(stderr::line);
 }
 
 /// Packets and APS frames of the cameras that had a frame, those of one time together.

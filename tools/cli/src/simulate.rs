@@ -14,7 +14,7 @@ use crate::run_record::RunRecord;
 use crate::scene_check::SceneCheck;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::synthesis_choice::SynthesisChoice;
-use crate::{colour, device_choice, output_file, progress, report};
+use crate::{colour, device_choice, output_file, progress, report, stderr};
 use anyhow::{Result, ensure};
 use bytemuck::cast_slice;
 use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
@@ -132,7 +132,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
     let of_light = camera.light_warnings.iter().cloned();
     for warning in of_poses.into_iter().chain(of_input).chain(of_light) {
-        eprintln!("warning: {warning}");
+        stderr::line(format_args!("warning: {warning}"));
     }
     let recording = arguments.ros.record.as_ref();
     report.files =

@@ -16,7 +16,7 @@ use crate::ros::{Published, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_argument::scene_parser;
 use crate::sensor_flags::SensorFlags;
-use crate::{accuracy, colour, device_choice, output_file};
+use crate::{accuracy, colour, device_choice, output_file, stderr};
 use anyhow::{Context, Result};
 use caption::caption;
 use esaac_formats::event_file::write_npz;
@@ -94,7 +94,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.link = simulated.link;
     report.ros = simulated.ros.summary;
     if simulated.sensors_changed {
-        eprintln!("the sensors changed during the run: no comparison with exact events");
+        stderr::line("the sensors changed during the run: no comparison with exact events");
     }
     for (camera, sensor) in sensors.iter().enumerate().filter(|_| !simulated.sensors_changed) {
         let events = &record.cameras[camera].events;

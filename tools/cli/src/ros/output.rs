@@ -1,6 +1,7 @@
 //! Publishes and records what a command simulates.
 
 use super::arguments::{RosArguments, RosMode};
+use crate::stderr;
 use anyhow::{Context, Result};
 use esaac_engine::Rig;
 use esaac_model::SensorModel;
@@ -49,7 +50,9 @@ impl RosOutput {
             RosMode::Auto => network
                 .open(&cameras)
                 .inspect_err(|error| {
-                    eprintln!("warning: not publishing to ROS 2: {error} (--ros off turns this warning off)")
+                    stderr::line(format_args!(
+                        "warning: not publishing to ROS 2: {error} (--ros off turns this warning off)"
+                    ));
                 })
                 .ok(),
         };
@@ -61,7 +64,7 @@ impl RosOutput {
         let sinks = Sinks { transport, bag };
         let publisher = RigPublisher::start(cameras, options, sinks)?;
         if published {
-            eprintln!("{}", arguments.invitation(publisher.plan()));
+            stderr::line(arguments.invitation(publisher.plan()));
         }
         Ok(RosOutput { publisher: Some(publisher), parameters })
     }
@@ -100,7 +103,7 @@ impl RosOutput {
             changed = true;
             Ok(())
         });
-        notices.iter().for_each(|notice| eprintln!("{notice}"));
+        notices.iter().for_each(stderr::line);
         changed
     }
 
@@ -110,7 +113,7 @@ impl RosOutput {
         let mut tick = publisher.tick(t_ns);
         fill(&mut tick);
         tick.send();
-        publisher.notices().iter().for_each(|notice| eprintln!("{notice}"));
+        publisher.notices().iter().for_each(stderr::line);
     }
 
     /// Allows the simulation's time to go back with the next tick.
@@ -124,7 +127,7 @@ impl RosOutput {
     pub fn finish(self) -> Published {
         let Some(publisher) = self.publisher else { return Published { summary: None, recorded: Ok(()) } };
         let (summary, notices, recorded) = publisher.finish();
-        notices.iter().for_each(|notice| eprintln!("{notice}"));
+        notices.iter().for_each(stderr::line);
         Published { summary: Some(summary), recorded: recorded.context("the recording is incomplete") }
     }
 }

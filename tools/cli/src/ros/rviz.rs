@@ -1,5 +1,6 @@
 //! RViz2's configuration for the topics that a command publishes.
 
+use crate::stderr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ const RVIZ: &str = include_str!("../../../../ros/esaac.rviz");
 pub fn configuration(folder: &Path, namespace: &str) -> PathBuf {
     write(folder, namespace).unwrap_or_else(|error| {
         // The file of the sources differs in the namespace alone.
-        eprintln!("warning: no RViz configuration in {}: {error}", folder.display());
+        stderr::line(format_args!("warning: no RViz configuration in {}: {error}", folder.display()));
         PathBuf::from("ros/esaac.rviz")
     })
 }

@@ -156,6 +156,26 @@ fn a_service_ends_by_itself_once_all_is_done() {
     }
 }
 
+#[test]
+fn a_service_whose_log_cannot_be_written_keeps_its_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let (rig, socket) = (folder.path().join("rig.toml"), folder.path().join("e.sock"));
+    std::fs::write(&rig, RIG).unwrap();
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let service = ["serve", "--once", "--socket", text(&socket), "--rig", text(&rig)];
+    let mut service = esaac(&[&service[..], &["--out", text(folder.path())]].concat())
+        .stdout(Stdio::piped())
+        .stderr(full)
+        .spawn()
+        .unwrap();
+    wait_for("the socket", || socket.exists());
+    let render = ["render", "--socket", text(&socket), "--scene", "edge", "--frames", "3"];
+    let (code, _, error) = run(&render);
+    assert_eq!(code, 0, "{error}");
+    assert!(service.wait().unwrap().success());
+    assert!(folder.path().join("camera_0.npz").metadata().unwrap().len() > 1000);
+}
+
 /// A camera that takes depth, through another lens than the scene's.
 const EXACT_RIG: &str = r#"
 [[camera]]
