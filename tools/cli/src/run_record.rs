@@ -18,8 +18,13 @@ pub struct CameraRecord {
     pub off: u64,
     /// Events left out because of a cap.
     pub dropped: u64,
-    /// Sums of the engine's diagnostics, by name.
+    /// Sums of the engine's diagnostics, by name. What still waits is no part of them: see
+    /// [`CameraRecord::waiting_at_end`].
     pub diagnostics: BTreeMap<String, u64>,
+    /// Events that waited for a later packet after the last interval.
+    waiting: u64,
+    /// The same of streams of frames that ended earlier.
+    waiting_before: u64,
     /// Light on its focal plane, for a physical pixel.
     pub light: Option<LightReport>,
     /// What to tell about its light.
@@ -27,6 +32,12 @@ pub struct CameraRecord {
 }
 
 impl CameraRecord {
+    /// Events that were stamped after the last frame of their stream, so that no packet has them.
+    #[must_use]
+    pub fn waiting_at_end(&self) -> u64 {
+        self.waiting_before + self.waiting
+    }
+
     fn count(&mut self, packet: &PacketView<'_>) {
         let (on, off) = packet.on_off();
         self.on += on;
@@ -62,8 +73,13 @@ impl RunRecord {
     /// Adds one camera's results of a tick; `keep_events`: with its events, not only their number.
     pub fn add_camera(&mut self, camera: usize, tick: &Tick<'_>, keep_events: bool) -> Result<()> {
         self.add_packet(camera, &tick.view(camera), keep_events);
-        self.add_diagnostics(camera, &counters(&tick.diagnostics[camera])?);
-        Ok(())
+        self.add_diagnostics(camera, &tick.diagnostics[camera])
+    }
+
+    /// Notes that a camera begins with a new stream of frames: what still waits will not come.
+    pub fn begin_anew(&mut self, camera: usize) {
+        let record = &mut self.cameras[camera];
+        record.waiting_before += std::mem::take(&mut record.waiting);
     }
 
     /// Adds one camera's packet; `keep_events`: with its events, not only their number.
@@ -96,11 +112,13 @@ impl RunRecord {
     }
 
     /// Adds a camera's diagnostics of an interval.
-    pub fn add_diagnostics(&mut self, camera: usize, counters: &BTreeMap<String, u64>) {
-        let sums = &mut self.cameras[camera].diagnostics;
-        for (name, count) in counters {
-            *sums.entry(name.clone()).or_default() += count;
+    pub fn add_diagnostics(&mut self, camera: usize, diagnostics: &Diagnostics) -> Result<()> {
+        let record = &mut self.cameras[camera];
+        for (name, count) in counters(diagnostics)? {
+            *record.diagnostics.entry(name).or_default() += count;
         }
+        record.waiting = diagnostics.deferred_events;
+        Ok(())
     }
 
     /// Takes what a rig has seen of the cameras' light, at the end of a run.
@@ -119,9 +137,12 @@ impl RunRecord {
     }
 }
 
-/// The engine's counters, by name.
+/// The engine's counters that add up over intervals, by name.
 fn counters(diagnostics: &Diagnostics) -> Result<BTreeMap<String, u64>> {
-    Ok(serde_json::from_value(serde_json::to_value(diagnostics)?)?)
+    let mut counters: BTreeMap<String, u64> = serde_json::from_value(serde_json::to_value(diagnostics)?)?;
+    // An event that waits for several intervals is in the figure of each.
+    counters.remove("deferred_events");
+    Ok(counters)
 }
 
 /// The `quantile` (0 to 1) of `values` by nearest rank; 0 for none.
@@ -175,11 +196,27 @@ mod tests {
             record.add_packet(0, &packet.view(), true);
             record.add_timing(&[("warp", 5)], 9);
             let counted = Diagnostics { invalid_pixels: 4, ..Diagnostics::default() };
-            record.add_diagnostics(0, &counters(&counted).unwrap());
+            record.add_diagnostics(0, &counted).unwrap();
         }
         let camera = &record.cameras[0];
         assert_eq!((camera.on, camera.off, record.dropped(), camera.events.len()), (4, 2, 4, 6));
         assert_eq!(record.stages, [("warp".to_owned(), vec![5, 5])]);
         assert_eq!((camera.diagnostics["invalid_pixels"], camera.diagnostics["regrown"]), (8, 0));
+    }
+
+    #[test]
+    fn what_waits_after_the_last_interval_of_each_stream_is_told() {
+        let mut record = RunRecord::new(1);
+        let mut intervals = |waiting: &[u64]| {
+            for &deferred_events in waiting {
+                let counted = Diagnostics { deferred_events, ..Diagnostics::default() };
+                record.add_diagnostics(0, &counted).unwrap();
+            }
+            let told = record.cameras[0].waiting_at_end();
+            record.begin_anew(0);
+            told
+        };
+        assert_eq!((intervals(&[5, 7, 3]), intervals(&[9, 4])), (3, 3 + 4));
+        assert!(!record.cameras[0].diagnostics.contains_key("deferred_events"));
     }
 }

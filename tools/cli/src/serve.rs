@@ -78,6 +78,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
                     record.add_camera(camera, &tick.tick, arguments.out.is_some())?;
                     last_ns = last_ns.max(*t_ns);
                 } else if let Some(t_ns) = t_ns {
+                    record.begin_anew(camera);
                     starts.push(format!("camera {camera}: first frame, of {t_ns} ns"));
                     first_ns = Some(first_ns.map_or(*t_ns, |first: i64| first.min(*t_ns)));
                 }
@@ -120,6 +121,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     published.recorded?;
     report.ros = published.summary;
     report.files = files.iter().map(|file| file.display().to_string()).collect();
+    report.warn_of_waiting();
     report.outcome(common.json)
 }
 

@@ -137,6 +137,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let recording = arguments.ros.record.as_ref();
     report.files =
         [&arguments.out].into_iter().chain(recording).map(|path| path.display().to_string()).collect();
+    report.warn_of_waiting();
     report.outcome(common.json)
 }
 

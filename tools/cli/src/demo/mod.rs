@@ -113,6 +113,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
     let text = report.to_json()?;
     output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
+    report.warn_of_waiting();
     simulated.ros.recorded?;
     report.outcome(common.json)
 }

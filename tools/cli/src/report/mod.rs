@@ -7,6 +7,7 @@ use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
 use crate::pose_report::PoseReport;
 use crate::run_record::{RunRecord, quantile};
+use crate::stderr;
 use crate::synthesis_choice::SynthesisChoice;
 use anyhow::Result;
 use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
@@ -92,6 +93,8 @@ pub struct CameraReport {
     pub off: u64,
     /// Events dropped because of `max_events_per_interval`.
     pub dropped: u64,
+    /// Events that the run does not have, because they were stamped after its last frame.
+    pub waiting_at_end: u64,
     /// The engine's counters, by name.
     pub diagnostics: BTreeMap<String, u64>,
     /// Light on the focal plane, for a physical pixel.
@@ -162,6 +165,7 @@ impl Report {
                 on: camera.on,
                 off: camera.off,
                 dropped: camera.dropped,
+                waiting_at_end: camera.waiting_at_end(),
                 diagnostics: camera.diagnostics.clone(),
                 light: camera.light,
                 light_warnings: camera.light_warnings.clone(),
@@ -196,6 +200,15 @@ impl Report {
         Ok(Outcome { text: if json { self.to_json()? } else { self.to_text() }, ending })
     }
 
+    /// Warns on standard error of events that the run does not have.
+    pub fn warn_of_waiting(&self) {
+        for (camera, report) in self.cameras.iter().enumerate() {
+            if let Some(warning) = report.waiting_warning() {
+                stderr::line(format_args!("warning: camera {camera}: {warning}"));
+            }
+        }
+    }
+
     /// JSON, indented.
     pub fn to_json(&self) -> Result<String> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
@@ -206,6 +219,19 @@ impl Report {
 #[must_use]
 pub fn rig_options() -> RigOptions {
     RigOptions { stage_times: true, packets: PacketPlace::InPlace, ..RigOptions::default() }
+}
+
+impl CameraReport {
+    /// Why events are missing at the end, and what to do.
+    fn waiting_warning(&self) -> Option<String> {
+        (self.waiting_at_end > 0).then(|| {
+            format!(
+                "{} events are missing: the sensor delays them (latency, jitter, readout) beyond the last frame; more \
+                 frames at the end bring them",
+                self.waiting_at_end
+            )
+        })
+    }
 }
 
 impl StageReport {
@@ -250,6 +276,7 @@ mod tests {
             MemoryReport { camera: Some(0), purpose: "state".to_owned(), bytes: 2048, on_host: false },
             MemoryReport { camera: None, purpose: "staging".to_owned(), bytes: 1024, on_host: true },
         ]);
+        report.cameras[0].waiting_at_end = 5808;
         report.cameras[0].accuracy = Some(AccuracyReport { pixels: 3, f1: 0.5, ..AccuracyReport::default() });
         report
     }
@@ -264,11 +291,22 @@ mod tests {
     #[test]
     fn text_and_json_hold_the_same_figures() {
         let text = example().to_text();
-        for part in ["12 (7 ON, 5 OFF)", "warp", "submit to packet", "staging", "F1 0.500", "luminance"] {
+        for part in [
+            "12 (7 ON, 5 OFF)",
+            "warp",
+            "submit to packet",
+            "staging",
+            "F1 0.500",
+            "luminance",
+            "5808 events are missing",
+        ] {
             assert!(text.contains(part), "{part} in\n{text}");
         }
         let json: serde_json::Value = serde_json::from_str(&example().to_json().unwrap()).unwrap();
-        assert_eq!(json["cameras"][0]["events"], 12);
+        assert_eq!(
+            (&json["cameras"][0]["events"], &json["cameras"][0]["waiting_at_end"]),
+            (&12.into(), &5808.into())
+        );
         assert_eq!(json["cameras"][0]["sensor"]["substeps"], 32);
     }
 }

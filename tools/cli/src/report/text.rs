@@ -98,6 +98,9 @@ impl CameraReport {
         let mut line = |label: &str, value: String| text.push_str(&format!("  {label:<15}{value}\n"));
         line("events", format!("{} ({} ON, {} OFF)", self.events, self.on, self.off));
         line("dropped", self.dropped.to_string());
+        if let Some(warning) = self.waiting_warning() {
+            line("warning", warning);
+        }
         let counted: Vec<String> =
             self.diagnostics.iter().filter(|(_, n)| **n > 0).map(|(name, n)| format!("{name} {n}")).collect();
         if !counted.is_empty() {

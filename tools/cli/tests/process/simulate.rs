@@ -91,6 +91,29 @@ fn the_light_of_a_physical_pixel_is_told() {
 }
 
 #[test]
+fn events_that_wait_after_the_last_frame_are_told() {
+    let frames = Frames::new(4, true);
+    let counts = |arguments: &[&str]| {
+        let (code, report, error) = simulate(&frames, &[&QUICK[..], arguments].concat());
+        assert_eq!(code, 0, "{error}");
+        let camera = &report["cameras"][0];
+        let [events, waiting] = ["events", "waiting_at_end"].map(|name| camera[name].as_u64().unwrap());
+        assert_eq!(error.contains(&format!("warning: camera 0: {waiting} events are missing")), waiting > 0);
+        (events, waiting)
+    };
+    let (all, none) = counts(&[]);
+    assert!(all > 100 && none == 0);
+    // The frames span 100 ms.
+    for latency_ns in ["40000000", "100000000"] {
+        let (events, waiting) = counts(&["--latency-ns", latency_ns]);
+        assert!(waiting > 0 && events + waiting == all, "{events} and {waiting} of {all}");
+    }
+    let out = frames.file_argument("events.npz");
+    let late = [&["simulate", frames.argument(), "--out", &out, "--latency-ns", "100000000"], &QUICK[..]];
+    assert!(run(&late.concat()).1.contains(&format!("{all} events are missing")));
+}
+
+#[test]
 fn dropped_events_are_counted_and_exit_with_3() {
     let frames = Frames::new(3, true);
     let (code, report, error) =
