@@ -48,6 +48,9 @@ pub struct Exposure {
     pub events: Vec<Event>,
 }
 
+/// Longest recording, seconds: longer ones are slips of the unit.
+const MOST_S: f64 = 1e6;
+
 /// A list of exposures, as TOML.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -113,6 +116,12 @@ impl Entry {
             }
             _ => bail!("{name}: expected flicker_hz and depth together, or neither (steps have both)"),
         };
+        if let Some(seconds) = self.seconds {
+            ensure!(
+                seconds > 0.0 && seconds <= MOST_S,
+                "{name}: seconds is {seconds}, expected above 0 and at most {MOST_S}"
+            );
+        }
         let path = folder.join(&self.file);
         let (width_px, height_px, mut events) = match path.extension().and_then(|e| e.to_str()) {
             Some("npz") => read_npz(&path)?,
@@ -128,15 +137,28 @@ impl Entry {
             _ => (0, 0),
         };
         // With a stated length a recording begins at time 0 (`esaac` writes such); else with its first event.
-        let start_ns = if self.seconds.is_some() { 0 } else { first_ns };
-        let whole_s = self.seconds.unwrap_or((last_ns - start_ns) as f64 * 1e-9);
+        let (start_ns, end_ns) = match self.seconds {
+            Some(seconds) => (0, (seconds * 1e9).round() as i64),
+            None => (first_ns, last_ns),
+        };
+        ensure!(
+            events.is_empty() || first_ns <= end_ns,
+            "{name}: its first event is at {:.3} s, expected within the stated length from time 0 on; without \
+             `seconds` it begins with its first event",
+            first_ns as f64 * 1e-9
+        );
+        let span_ns = end_ns.checked_sub(start_ns).filter(|&span_ns| span_ns as f64 <= MOST_S * 1e9);
+        let span_ns = span_ns.with_context(|| {
+            format!("{name}: its times go from {start_ns} to {end_ns} ns, expected at most {MOST_S} s of recording")
+        })?;
+        let whole_s = self.seconds.unwrap_or(span_ns as f64 * 1e-9);
         // Steps are left out in whole periods.
         let burn_in_s = match flicker {
             Some(Flicker { hz, shape: Shape::Step, .. }) => (burn_in_s * hz - 1e-6).ceil().max(0.0) / hz,
             _ => burn_in_s,
         };
-        let begin_ns = start_ns + (burn_in_s * 1e9).round() as i64;
-        let kept = events.iter().filter(|event| event.t_ns >= begin_ns);
+        let begin_ns = start_ns.saturating_add((burn_in_s * 1e9).round() as i64);
+        let kept = events.iter().filter(|event| (begin_ns..=end_ns).contains(&event.t_ns));
         let events: Vec<Event> = kept.map(|event| Event { t_ns: event.t_ns - begin_ns, ..*event }).collect();
         let seconds = whole_s - burn_in_s;
         ensure!(
@@ -145,5 +167,58 @@ impl Entry {
         );
         let pixels = width_px as usize * height_px as usize;
         Ok(Exposure { name, lux: self.lux, flicker, pixels, width_px, seconds, events })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_formats::event_file::{EventColumns, write_npz};
+    use esaac_model::SensorModel;
+
+    /// Reads a list of one recording of a pixel that sends at `t_ns`.
+    fn read(t_ns: &[i64], entry: &str) -> Result<Exposure> {
+        let folder = tempfile::tempdir().unwrap();
+        let zeros = vec![0; t_ns.len()];
+        let sign = vec![1; t_ns.len()];
+        let events = EventColumns { x: zeros.clone(), y: zeros, t_ns: t_ns.to_vec(), sign };
+        let sensor = SensorModel { width: 1, height: 1, ..SensorModel::default() };
+        let file = std::fs::File::create(folder.path().join("a.npz")).unwrap();
+        write_npz(file, &events, &sensor.to_toml()).unwrap();
+        let list = folder.path().join("list.toml");
+        let text = format!("burn_in_s = 0.1\n[[exposure]]\nfile = \"a.npz\"\nlux = 1.0\n{entry}\n");
+        std::fs::write(&list, text).unwrap();
+        read_exposures(&list).map(|exposures| exposures.all[0].clone())
+    }
+
+    const MS: i64 = 1_000_000;
+
+    fn times_ms(exposure: &Exposure) -> Vec<i64> {
+        exposure.events.iter().map(|event| event.t_ns / MS).collect()
+    }
+
+    #[test]
+    fn events_before_the_burn_in_s_end_and_after_the_stated_length_do_not_count() {
+        let times_ns = [50, 100, 300, 500, 501, 900].map(|ms| ms * MS);
+        let stated = read(&times_ns, "seconds = 0.5").unwrap();
+        assert_eq!((times_ms(&stated), stated.seconds), (vec![0, 200, 400], 0.4));
+        let whole = read(&times_ns, "").unwrap();
+        assert_eq!(times_ms(&whole), [150, 350, 351, 750]);
+        assert!((whole.seconds - 0.75).abs() < 1e-9);
+    }
+
+    #[test]
+    fn lengths_that_are_none_and_times_that_do_not_fit_them_are_named() {
+        let error = |t_ns: &[i64], entry: &str| format!("{:#}", read(t_ns, entry).unwrap_err());
+        for seconds in ["0.0", "-1.0", "nan", "inf", "1e9"] {
+            let said = error(&[MS], &format!("seconds = {seconds}"));
+            assert!(said.contains("a.npz: seconds is") && said.contains("at most 1000000"), "{said}");
+        }
+        let said = error(&[i64::MIN, i64::MAX], "");
+        assert!(said.contains("a.npz: its times go from -9223372036854775808"), "{said}");
+        let said = error(&[1_700_000_000_000 * MS], "seconds = 60.0");
+        assert!(said.contains("a.npz: its first event is at 1700000000.000 s"), "{said}");
+        let said = error(&[i64::MAX - 1, i64::MAX], "");
+        assert!(said.contains("more than the burn-in"), "{said}");
     }
 }
