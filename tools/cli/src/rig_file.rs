@@ -1,5 +1,6 @@
 //! The rig file of `esaac serve`: cameras, image formats and rings.
 
+use crate::sensor_base::SensorBase;
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, GeometryConfig};
 use esaac_interop::{CameraTerms, DEFAULT_INSTANCES, DEFAULT_SLOTS, wire};
@@ -164,30 +165,31 @@ impl CameraEntry {
     fn sensor(&self, folder: &Path) -> Result<SensorModel> {
         let most = wire::MAX_SLOTS;
         ensure!((1..=most).contains(&self.slots), "{} slots, expected 1 to {most}", self.slots);
-        let mut sensor = match preset(&self.sensor) {
-            Some(sensor) => sensor,
+        let base = match preset(&self.sensor) {
+            Some(sensor) => SensorBase::Preset(sensor),
             None => {
                 let path = folder.join(&self.sensor);
                 let text = std::fs::read_to_string(&path).with_context(|| {
                     let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
                     format!("`{}` is neither a preset ({}) nor a sensor file", self.sensor, names.join(", "))
                 })?;
-                SensorModel::from_toml(&text).with_context(|| path.display().to_string())?
+                SensorBase::File(SensorModel::from_toml(&text).with_context(|| path.display().to_string())?)
             }
         };
-        if let Some(name) = &self.profile {
-            let profile: Profile = toml::Value::String(name.clone())
+        let profile = |name: &String| -> Result<Profile> {
+            toml::Value::String(name.clone())
                 .try_into()
-                .with_context(|| format!("unknown profile `{name}`, expected clean, noisy or paper"))?;
-            profile.apply(&mut sensor);
-        }
-        for (name, value) in &self.parameters {
-            let value = match value {
-                toml::Value::String(text) => text.clone(),
-                other => other.to_string(),
-            };
-            sensor.set(name, &value)?;
-        }
+                .with_context(|| format!("unknown profile `{name}`, expected clean, noisy or paper"))
+        };
+        let text = |value: &toml::Value| match value {
+            toml::Value::String(text) => text.clone(),
+            other => other.to_string(),
+        };
+        let parameters: Vec<(&str, String)> =
+            self.parameters.iter().map(|(name, value)| (name.as_str(), text(value))).collect();
+        let parameters: Vec<(&str, &str)> =
+            parameters.iter().map(|(name, value)| (*name, value.as_str())).collect();
+        let sensor = base.with(self.profile.as_ref().map(profile).transpose()?, &parameters)?;
         sensor.validate()?;
         Ok(sensor)
     }
@@ -227,6 +229,18 @@ mod tests {
         assert_eq!((plan.terms[0].slots, plan.terms[0].latest), (3, false));
         assert_eq!((plan.terms[1].slots, plan.terms[1].latest), (5, true));
         assert_eq!((plan.cameras[1].sensor.height, plan.cameras[1].camera), (10, 1));
+    }
+
+    #[test]
+    fn the_physical_pixel_is_that_of_the_preset() {
+        let text = "[[camera]]\nsensor = \"hd\"\nprofile = \"clean\"\n[camera.parameters]\ndark_lux = 0.5\n\
+                    pixel = \"physical\"";
+        let plan = RigPlan::parse(text, Path::new("/nonesuch")).unwrap();
+        let mut expected = esaac_model::presets::preset_with_physical_pixel("hd").unwrap();
+        Profile::Clean.apply(&mut expected);
+        expected.dark_lux = 0.5;
+        expected.synthesis = plan.cameras[0].sensor.synthesis;
+        assert_eq!(plan.cameras[0].sensor, expected);
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! Command-line flags for sensor parameters, generated from the model's list.
 
+use crate::sensor_base::SensorBase;
 use anyhow::{Context, Result, bail, ensure};
 use clap::builder::PossibleValue;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
 use esaac_model::presets::preset;
-use esaac_model::{PARAMETERS, PRESETS, Pixel, Profile, SensorModel};
+use esaac_model::{PARAMETERS, PRESETS, Profile, SensorModel};
 use std::path::Path;
 
 /// The flags `--sensor`, `--profile` and one for each parameter, as given.
@@ -90,53 +91,34 @@ impl SensorFlags {
     /// with `default`, whose size counts as no choice. `--pixel physical` with a preset takes the numbers of that
     /// sensor's physical pixel.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
-        let pixel = self.pixel()?;
-        let mut resolved = match &self.sensor {
-            None => ResolvedSensor { sensor: with_pixel(default, pixel), size_from: None },
-            Some(given) => named_sensor(given, pixel)?,
+        let (base, mut size_from) = match &self.sensor {
+            None => (SensorBase::Preset(default), None),
+            Some(given) => named_sensor(given)?,
         };
-        if let Some(ProfileName(profile)) = self.profile {
-            profile.apply(&mut resolved.sensor);
-        }
-        for (parameter, value) in &self.explicit {
-            resolved.sensor.set(parameter, value)?;
-            if matches!(*parameter, "width" | "height") {
-                resolved.size_from = Some("--width and --height".to_owned());
-            }
+        let parameters: Vec<(&str, &str)> =
+            self.explicit.iter().map(|(parameter, value)| (*parameter, value.as_str())).collect();
+        let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &parameters)?;
+        let given = |name: &str| parameters.iter().any(|(parameter, _)| *parameter == name);
+        if given("width") || given("height") {
+            size_from = Some("--width and --height".to_owned());
         }
         if let Some(lux) = self.light.lux()? {
-            let given = self.explicit.iter().any(|(parameter, _)| *parameter == "lux_per_unit");
             ensure!(
-                !given,
+                !given("lux_per_unit"),
                 "--scene-unit and --lux-per-unit are given, expected one: the former sets the latter"
             );
             // An intensity is the frames' value times the gain.
-            resolved.sensor.lux_per_unit = lux / resolved.sensor.exposure_gain;
+            sensor.lux_per_unit = lux / sensor.exposure_gain;
         }
-        Ok(resolved)
-    }
-
-    /// The pixel that a flag names.
-    fn pixel(&self) -> Result<Option<Pixel>> {
-        let Some((parameter, value)) = self.explicit.iter().find(|(parameter, _)| *parameter == "pixel")
-        else {
-            return Ok(None);
-        };
-        let mut named = SensorModel::default();
-        named.set(parameter, value)?;
-        Ok(Some(named.pixel))
+        Ok(ResolvedSensor { sensor, size_from })
     }
 }
 
-/// A preset with the pixel that a flag names.
-fn with_pixel(preset: SensorModel, pixel: Option<Pixel>) -> SensorModel {
-    if pixel == Some(Pixel::Physical) { preset.with_preset_pixel() } else { preset }
-}
-
-fn named_sensor(given: &str, pixel: Option<Pixel>) -> Result<ResolvedSensor> {
+/// A preset or the sensor of a file, and what fixes its size.
+fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>)> {
     if let Some(sensor) = preset(given) {
         let size_from = Some(format!("--sensor {given}"));
-        return Ok(ResolvedSensor { sensor: with_pixel(sensor, pixel), size_from });
+        return Ok((SensorBase::Preset(sensor), size_from));
     }
     let path = Path::new(given);
     if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
@@ -147,7 +129,7 @@ fn named_sensor(given: &str, pixel: Option<Pixel>) -> Result<ResolvedSensor> {
     let sensor = SensorModel::from_toml(&text).with_context(|| given.to_owned())?;
     let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
-    Ok(ResolvedSensor { sensor, size_from: sized.then(|| format!("sensor file {given}")) })
+    Ok((SensorBase::File(sensor), sized.then(|| format!("sensor file {given}"))))
 }
 
 fn flag(parameter: &str) -> String {
@@ -222,6 +204,7 @@ impl ValueEnum for ProfileName {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esaac_model::Pixel;
 
     fn parse(arguments: &[&str]) -> SensorFlags {
         let command = SensorFlags::augment_args(Command::new("test").no_binary_name(true));
