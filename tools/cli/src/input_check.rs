@@ -131,8 +131,9 @@ fn off_parabola_px((width, height): (usize, usize), vectors: [&[[f64; 2]]; 3]) -
     let at = |field: usize, [x, y]: [f64; 2]| {
         let (column, row) = (x.round(), y.round());
         let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
-        let vector = vectors[field].get(row as usize * width + column as usize)?;
-        (inside && vector[0].is_finite() && vector[1].is_finite()).then_some(*vector)
+        // A vector may lead farther than an index can count.
+        let vector = inside.then(|| vectors[field][row as usize * width + column as usize])?;
+        (vector[0].is_finite() && vector[1].is_finite()).then_some(vector)
     };
     let third_difference = |x: usize, y: usize| {
         let mut place = [x as f64, y as f64];
@@ -240,6 +241,14 @@ mod tests {
         let mut check = InputCheck::new(&layout, &sensor);
         check.add(&FrameImages { hdr: vec![0; 32], ..FrameImages::default() });
         assert_eq!(check.report(), None);
+    }
+
+    #[test]
+    fn vectors_that_lead_far_out_of_the_image_are_passed_over() {
+        for far in [[1e30, 0.0], [0.0, 3e38], [-1e30, -3e38], [f64::INFINITY, 0.0], [f64::NAN, 0.0]] {
+            let field = vec![far; 8 * 6];
+            assert_eq!(off_parabola_px((8, 6), [&field, &field, &field]), None, "{far:?}");
+        }
     }
 
     #[test]
