@@ -38,11 +38,12 @@ use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
 use esaac_ros::evt3;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
+use std::ffi::OsString;
 
 /// Runs the command `esaac` and returns its exit code. The first of `arguments` is the program's name. `program` is a
 /// command line that starts the command again: some of its parts run as processes of their own.
 #[pyfunction]
-fn run_command(py: Python<'_>, arguments: Vec<String>, program: Vec<String>) -> u8 {
+fn run_command(py: Python<'_>, arguments: Vec<OsString>, program: Vec<String>) -> u8 {
     py.detach(|| esaac_cli::program::run(&arguments, &program))
 }
 

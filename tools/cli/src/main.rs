@@ -1,9 +1,9 @@
 //! The program `esaac`.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let arguments: Vec<String> =
-        std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
+    let arguments: Vec<OsString> = std::env::args_os().collect();
     ExitCode::from(esaac_cli::program::run(&arguments, &[]))
 }

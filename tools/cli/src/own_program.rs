@@ -1,5 +1,6 @@
 //! How to start this program a second time.
 
+use std::ffi::OsString;
 use std::sync::OnceLock;
 
 /// The words that start it; unset if its own file does.
@@ -14,9 +15,9 @@ pub fn set_start(words: &[String]) {
 }
 
 /// The file that starts the program, and its first arguments.
-pub fn start() -> std::io::Result<(String, Vec<String>)> {
+pub fn start() -> std::io::Result<(OsString, Vec<String>)> {
     match WORDS.get().and_then(|words| words.split_first()) {
-        Some((program, arguments)) => Ok((program.clone(), arguments.to_vec())),
-        None => Ok((std::env::current_exe()?.to_string_lossy().into_owned(), Vec::new())),
+        Some((program, arguments)) => Ok((program.into(), arguments.to_vec())),
+        None => Ok((std::env::current_exe()?.into_os_string(), Vec::new())),
     }
 }

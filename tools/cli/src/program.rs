@@ -10,17 +10,20 @@ use crate::{
 use anyhow::{Error, Result};
 use clap::Parser;
 use clap::error::ErrorKind as UsageKind;
+use std::ffi::OsStr;
 use std::io::{ErrorKind, Write};
 
 /// Runs the command line `arguments`, of which the first is the program's name, and returns the exit code.
 /// `again` are the words that start the program a second time, if the file of this process is another program's.
+/// Arguments need not be UTF-8: names of files are taken as they are.
 #[must_use]
-pub fn run(arguments: &[String], again: &[String]) -> u8 {
+pub fn run<A: AsRef<OsStr>>(arguments: &[A], again: &[String]) -> u8 {
     own_program::set_start(again);
-    let ran = match Arguments::try_parse_from(arguments) {
+    let ran = match Arguments::try_parse_from(arguments.iter().map(A::as_ref)) {
         Ok(arguments) => command(&arguments),
         Err(error)
-            if error.kind() == UsageKind::DisplayVersion && arguments.iter().any(|a| a == "--json") =>
+            if error.kind() == UsageKind::DisplayVersion
+                && arguments.iter().any(|a| a.as_ref() == "--json") =>
         {
             version_as_json()
         }

@@ -164,6 +164,17 @@ fn a_frame_cut_short_leaves_no_event_file() {
 }
 
 #[test]
+fn a_file_s_name_need_not_be_utf_8() {
+    use std::os::unix::ffi::OsStrExt;
+    let frames = Frames::new(2, true);
+    let out = frames.path().join(std::ffi::OsStr::from_bytes(b"ou\xff.npz"));
+    let mut command = esaac(&["simulate", frames.argument(), "--synthesis", "none", "--out"]);
+    let (code, _, error) = finish(command.arg(&out).output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    assert!(out.exists());
+}
+
+#[test]
 fn a_full_disk_is_named() {
     let frames = Frames::new(3, true);
     let output = esaac(&["simulate", frames.argument(), "--out", "/dev/full", "--synthesis", "none"])
