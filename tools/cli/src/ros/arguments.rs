@@ -3,6 +3,7 @@
 use super::network::NetworkArguments;
 use super::rviz;
 use clap::ValueEnum;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use esaac_ros::qos::QosError;
 use esaac_ros::{EventFormat, Plan, Policy, QosChange, RigOptions};
 use std::path::PathBuf;
@@ -44,7 +45,7 @@ pub struct RosArguments {
     #[arg(long, value_name = "WHEN")]
     pub ros: Option<RosMode>,
     /// Record all topics as a rosbag2 MCAP file, published or not
-    #[arg(long, value_name = "FILE.mcap")]
+    #[arg(long, value_name = "FILE.mcap", value_parser = PathBufValueParser::new().try_map(recording))]
     pub record: Option<PathBuf>,
     /// Namespace of all cameras
     #[arg(long, value_name = "NAME", default_value = "/esaac")]
@@ -52,8 +53,8 @@ pub struct RosArguments {
     /// Event messages: packed, plain (esaac_msgs), evt3, mono (event_camera_msgs)
     #[arg(long, value_name = "FORMAT", default_value = "packed")]
     ros_events: EventFormat,
-    /// Length of time that one event message covers; 0: one message per interval
-    #[arg(long, value_name = "ns", default_value_t = 0)]
+    /// Length of time that one event message covers, from 1000; 0: one message per interval
+    #[arg(long, value_name = "ns", default_value_t = 0, value_parser = slice_ns, allow_negative_numbers = true)]
     pub ros_slice_ns: u32,
     /// Largest size of a message's events; 0: no limit
     #[arg(long, value_name = "BYTES", default_value_t = 0)]
@@ -71,6 +72,24 @@ pub struct RosArguments {
     /// Network.
     #[command(flatten)]
     pub network: NetworkArguments,
+}
+
+/// Another ending could be that of a file of events.
+fn recording(path: PathBuf) -> Result<PathBuf, String> {
+    match path.extension().is_some_and(|ending| ending == "mcap") {
+        true => Ok(path),
+        false => Err("expected a name that ends in .mcap".to_owned()),
+    }
+}
+
+/// Messages of shorter times would be mostly headers: gigabytes a second of simulated time.
+const LEAST_SLICE_NS: u32 = 1000;
+
+fn slice_ns(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(ns) if ns == 0 || ns >= LEAST_SLICE_NS => Ok(ns),
+        _ => Err(format!("expected 0, or {LEAST_SLICE_NS} to {}", u32::MAX)),
+    }
 }
 
 fn qos(text: &str) -> Result<(String, QosChange), String> {

@@ -1,7 +1,7 @@
 //! ROS 2 from the command line: publishing, recording, replaying, and recordings that are cut short. All
 //! traffic stays on loopback.
 
-use crate::harness::{assert_error, esaac, finish};
+use crate::harness::{assert_error, esaac, finish, run};
 use esaac_ros::BagReader;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::path::Path;
@@ -184,5 +184,13 @@ fn bad_ros_arguments_name_what_was_expected() {
     fails(&["--ros-qos", "event=reliable"], &["`event`", "events"]);
     fails(&["--ros", "on", "--ros-domain", "233"], &["233", "0 to 232"]);
     fails(&["--ros", "off", "--record", "none/such/run.mcap"], &["none/such/run.mcap"]);
+    let unusable = |more: &[&str], part: &str| {
+        let (code, _, error) = run(&[&["demo", "--out", out][..], SMALL, more].concat());
+        assert!(code == 2 && error.contains(part), "{more:?}: {error}");
+    };
+    for ns in ["1", "999", "-1", "4294967296"] {
+        unusable(&["--ros-slice-ns", ns], "expected 0, or 1000 to 4294967295");
+    }
+    unusable(&["--record", "run.npz"], "expected a name that ends in .mcap");
     assert_error(&["replay", "missing.mcap"], &["missing.mcap"]);
 }
