@@ -11,7 +11,7 @@ use esaac_formats::recording::aedat4;
 use esaac_model::presets::LOG_OFFSET_HDR;
 use esaac_model::{Pixel, SensorModel};
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `calibrate`.
 #[derive(clap::Args, Clone, Debug)]
@@ -45,7 +45,8 @@ pub fn run(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<O
         arguments.log_offset
     );
     let what = what(arguments)?;
-    output_file::check(&arguments.out)?;
+    output_file::check_sensor(&arguments.out)?;
+    output_file::check_apart(&[&arguments.out], &[&arguments.recording, Path::new(&arguments.guess)])?;
     match what {
         What::Scene => log(arguments, common),
         What::PhysicalScene { white_lux } => scene(arguments, common, white_lux),

@@ -23,7 +23,7 @@ use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
 use esaac_model::paths::SceneMotion;
 use esaac_model::{DepthFormat, IdFormat, SensorModel, Synthesis};
 use esaac_ros::CameraPlan;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -95,6 +95,9 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let resolved =
         arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
     output_file::check_events(&arguments.out)?;
+    let recording = arguments.ros.record.as_deref();
+    let outputs: Vec<&Path> = [arguments.out.as_path()].into_iter().chain(recording).collect();
+    output_file::check_apart(&outputs, &[])?;
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
@@ -134,9 +137,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     for warning in of_poses.into_iter().chain(of_input).chain(of_light) {
         stderr::line(format_args!("warning: {warning}"));
     }
-    let recording = arguments.ros.record.as_ref();
-    report.files =
-        [&arguments.out].into_iter().chain(recording).map(|path| path.display().to_string()).collect();
+    report.files = outputs.iter().map(|path| path.display().to_string()).collect();
     report.warn_of_waiting();
     report.outcome(common.json)
 }

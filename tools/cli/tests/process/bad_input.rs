@@ -146,6 +146,17 @@ fn an_output_that_cannot_be_written() {
 }
 
 #[test]
+fn an_output_that_is_another_output() {
+    let frames = Frames::new(2, true);
+    let [link, recording] = ["e.npz", "run.mcap"].map(|name| frames.file_argument(name));
+    std::os::unix::fs::symlink(&recording, &link).unwrap();
+    assert_error(
+        &["simulate", frames.argument(), "--out", &link, "--record", &recording],
+        &["run.mcap: it is the output", "e.npz"],
+    );
+}
+
+#[test]
 fn a_key_of_sequence_json_that_is_nearly_right() {
     let frames = Frames::new(2, true);
     let wrong = |text: &str, parts: &[&str]| {

@@ -74,6 +74,12 @@ fn wrong_input_is_named() {
     let frame = frames.file_argument("key_0000.exr");
     assert_error(&["calibrate", &frame], &["key_0000.exr", "not an AEDAT 4 file"]);
     assert_error(&["calibrate", &frame, "--log-offset", "2"], &["--log-offset is 2", "1e-6 to 1"]);
+    let list = frames.file_argument("list.toml");
+    std::fs::write(&list, "[[exposure]]\nfile = \"a1.npz\"\nlux = 1.0\n").unwrap();
+    let overwritten = frames.file_argument("a1.npz");
+    assert_error(&["calibrate", &list, "--out", &overwritten], &["a1.npz", "expected a name that ends so"]);
+    let roundabout = frames.file_argument("./list.toml");
+    assert_error(&["calibrate", &list, "--out", &roundabout], &["list.toml: it is the input", "another"]);
     assert_error(&["bench", "--out", "/dev/null/bench"], &["/dev/null/bench"]);
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
