@@ -1,5 +1,6 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
+use crate::frame_numbers::{gap_warning, natural};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
 use esaac_formats::exr_frame::{
@@ -7,6 +8,7 @@ use esaac_formats::exr_frame::{
 };
 use esaac_formats::frame_time::frame_time_ns;
 use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
+use glob::Pattern;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
 
@@ -19,7 +21,7 @@ const FRAMES_AHEAD: usize = 2;
 /// What of a folder is read and how.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FolderOptions {
-    /// Name pattern with `*` and `?`; without one `key_*.exr`, else `*.exr`.
+    /// Name pattern with `*`, `?` and `[...]`; without one `key_*.exr`, else `*.exr`.
     pub pattern: Option<String>,
     /// Rate; without one `sequence.json`'s `key_rate_hz`, else [`DEFAULT_RATE_HZ`].
     pub rate_hz: Option<f64>,
@@ -50,12 +52,14 @@ pub struct FrameFolder {
     pub channels: Vec<String>,
     /// The motion of the scene, if the folder has poses.
     pub scene: Option<FolderScene>,
+    /// What to tell about the numbers of the frames.
+    pub warning: Option<String>,
 }
 
 impl FrameFolder {
     /// Lists the folder and checks every frame's header.
     pub fn open(folder: &Path, options: &FolderOptions) -> Result<Self> {
-        let paths = list(folder, options.pattern.as_deref())?;
+        let (paths, names) = list(folder, options.pattern.as_deref())?;
         let sequence = SequenceFile::read(folder)?;
         let of_sequence = sequence.as_ref().and_then(|sequence| sequence.key_rate_hz);
         let (rate_hz, rate_from) = match (options.rate_hz, of_sequence) {
@@ -97,7 +101,8 @@ impl FrameFolder {
                 scene.file.display()
             );
         }
-        Ok(FrameFolder { paths, rate_hz, rate_from, layout, channels: first.channels, scene })
+        let warning = gap_warning(&names);
+        Ok(FrameFolder { paths, rate_hz, rate_from, layout, channels: first.channels, scene, warning })
     }
 
     /// Time of frame `index`, nanoseconds: `round(index 1e9 / rate)`.
@@ -128,23 +133,25 @@ impl FrameFolder {
     }
 }
 
-fn list(folder: &Path, pattern: Option<&str>) -> Result<Vec<PathBuf>> {
+/// The frames of a folder in order, and their names.
+fn list(folder: &Path, pattern: Option<&str>) -> Result<(Vec<PathBuf>, Vec<String>)> {
     ensure!(folder.exists(), "there is no folder {}", folder.display());
     ensure!(folder.is_dir(), "{} is a file, expected a folder of OpenEXR frames", folder.display());
-    let mut names = Vec::new();
+    let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
-        names.push(entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name());
+        let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
+        files.push((name.to_string_lossy().into_owned(), folder.join(name)));
     }
-    names.sort_by_key(|name| natural(&name.to_string_lossy()));
-    let matching = |pattern: &str| -> Vec<PathBuf> {
-        names.iter().filter(|n| glob(pattern, &n.to_string_lossy())).map(|n| folder.join(n)).collect()
+    files.sort_by_cached_key(|(name, path)| (natural(name), path.clone()));
+    let matching = |pattern: &str| -> Result<Vec<(String, PathBuf)>> {
+        let pattern = Pattern::new(pattern).with_context(|| format!("--frames is `{pattern}`"))?;
+        Ok(files.iter().filter(|(name, _)| pattern.matches(name)).cloned().collect())
     };
     let (found, sought) = match pattern {
-        Some(pattern) => (matching(pattern), pattern.to_owned()),
+        Some(pattern) => (matching(pattern)?, pattern),
         None => {
-            let keys = matching("key_*.exr");
-            let found = if keys.is_empty() { matching("*.exr") } else { keys };
-            (found, "key_*.exr or *.exr".to_owned())
+            let keys = matching("key_*.exr")?;
+            (if keys.is_empty() { matching("*.exr")? } else { keys }, "key_*.exr or *.exr")
         }
     };
     ensure!(
@@ -153,42 +160,8 @@ fn list(folder: &Path, pattern: Option<&str>) -> Result<Vec<PathBuf>> {
         folder.display(),
         found.len()
     );
-    Ok(found)
-}
-
-/// Sort key under which `f10` follows `f9`: text and numbers in turn.
-fn natural(name: &str) -> Vec<(String, u128)> {
-    let mut parts = vec![(String::new(), 0_u128)];
-    let mut in_number = false;
-    for c in name.chars() {
-        if let Some(digit) = c.to_digit(10) {
-            let number = &mut parts.last_mut().expect("never empty").1;
-            *number = number.saturating_mul(10).saturating_add(u128::from(digit));
-            in_number = true;
-        } else {
-            if in_number {
-                parts.push((String::new(), 0));
-                in_number = false;
-            }
-            parts.last_mut().expect("never empty").0.push(c);
-        }
-    }
-    parts
-}
-
-/// Whether `name` matches `pattern`, in which `*` stands for any text and `?` for one character.
-fn glob(pattern: &str, name: &str) -> bool {
-    let mut characters = pattern.chars();
-    match characters.next() {
-        None => name.is_empty(),
-        Some('*') => {
-            let rest = characters.as_str();
-            glob(rest, name) || name.chars().next().is_some_and(|c| glob(pattern, &name[c.len_utf8()..]))
-        }
-        Some(wanted) => name.chars().next().is_some_and(|c| {
-            (wanted == '?' || wanted == c) && glob(characters.as_str(), &name[c.len_utf8()..])
-        }),
-    }
+    let (names, paths) = found.into_iter().unzip();
+    Ok((paths, names))
 }
 
 /// The channel of `what`: the one named, else the usual one if `wanted` and there. All frames must have it, or none.
@@ -234,18 +207,36 @@ fn agree(first_path: &Path, first: &FrameHeader, path: &Path, header: &FrameHead
 mod tests {
     use super::*;
 
-    #[test]
-    fn frame_nine_comes_before_frame_ten() {
-        let mut names = ["f10.exr", "f9.exr", "f009b.exr", "f0001.exr"];
-        names.sort_by_key(|name| natural(name));
-        assert_eq!(names, ["f0001.exr", "f9.exr", "f009b.exr", "f10.exr"]);
+    /// Names in a folder of these files that match, in order.
+    fn listed(files: &[&str], pattern: &str) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        files.iter().for_each(|file| std::fs::write(folder.path().join(file), "").unwrap());
+        list(folder.path(), Some(pattern)).unwrap().1
     }
 
     #[test]
     fn patterns_match_whole_names() {
-        assert!(glob("key_*.exr", "key_0001.exr"));
-        assert!(!glob("key_*.exr", "key_0001.exr.bak"));
-        assert!(glob("?.exr", "a.exr") && !glob("?.exr", "ab.exr"));
-        assert!(glob("*", "") && !glob("?", ""));
+        let files = ["key_0001.exr", "key_0002.exr", "key_0002.exr.bak", "key_10.exr", "a.exr", "b.exr"];
+        assert_eq!(listed(&files, "key_*.exr"), ["key_0001.exr", "key_0002.exr", "key_10.exr"]);
+        assert_eq!(listed(&files, "?.exr"), ["a.exr", "b.exr"]);
+        assert_eq!(listed(&files, "key_000[12].exr"), ["key_0001.exr", "key_0002.exr"]);
+        let error = list(Path::new("/"), Some("key_[0.exr")).unwrap_err();
+        assert!(format!("{error:#}").contains("--frames is `key_[0.exr`"), "{error:#}");
+    }
+
+    #[test]
+    fn a_pattern_of_many_stars_is_matched_at_once() {
+        let name = format!("{}.exr", "a".repeat(60));
+        let error = |pattern: &str| {
+            let folder = tempfile::tempdir().unwrap();
+            std::fs::write(folder.path().join(&name), "").unwrap();
+            list(folder.path(), Some(pattern)).unwrap_err().to_string()
+        };
+        assert!(error("*a*a*a*a*a*a*a*a*a*a*a*b").contains("holds 0 frames"));
+    }
+
+    #[test]
+    fn names_of_one_number_are_in_the_order_of_their_text() {
+        assert_eq!(listed(&["f1.exr", "f01.exr", "f001.exr"], "*.exr"), ["f001.exr", "f01.exr", "f1.exr"]);
     }
 }

@@ -22,6 +22,7 @@ pub mod device_choice;
 pub mod devices;
 pub mod doctor;
 pub mod frame_folder;
+pub mod frame_numbers;
 pub mod image_motion;
 pub mod input_check;
 pub mod kernel_source;

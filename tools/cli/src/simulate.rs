@@ -38,7 +38,7 @@ pub struct SimulateArguments {
     /// Key frames per second [default: key_rate_hz of sequence.json, else 30]
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     pub rate: Option<f64>,
-    /// Names of the key frames; may contain * and ? [default: key_*.exr, else *.exr]
+    /// Names of the key frames; may contain *, ? and [...] [default: key_*.exr, else *.exr]
     #[arg(long, value_name = "PATTERN")]
     pub frames: Option<String>,
     /// Channels of linear red, green and blue
@@ -134,7 +134,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
     let of_light = camera.light_warnings.iter().cloned();
-    for warning in of_poses.into_iter().chain(of_input).chain(of_light) {
+    let of_frames = folder.warning.clone();
+    for warning in of_frames.into_iter().chain(of_poses).chain(of_input).chain(of_light) {
         stderr::line(format_args!("warning: {warning}"));
     }
     report.files = outputs.iter().map(|path| path.display().to_string()).collect();

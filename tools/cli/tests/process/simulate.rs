@@ -175,6 +175,15 @@ fn a_file_s_name_need_not_be_utf_8() {
 }
 
 #[test]
+fn a_frame_that_is_missing_in_the_numbers_is_told() {
+    let frames = Frames::new(4, false);
+    assert!(!simulate(&frames, &QUICK).2.contains("missing"));
+    std::fs::remove_file(frames.file("key_0001.exr")).unwrap();
+    let error = simulate(&frames, &QUICK).2;
+    assert!(error.contains("warning: after key_0000.exr comes key_0002.exr"), "{error}");
+}
+
+#[test]
 fn a_full_disk_is_named() {
     let frames = Frames::new(3, true);
     let output = esaac(&["simulate", frames.argument(), "--out", "/dev/full", "--synthesis", "none"])
