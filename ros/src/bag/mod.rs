@@ -20,6 +20,14 @@ pub enum BagError {
         /// Reason.
         source: std::io::Error,
     },
+    /// A record that cannot be read.
+    #[error("recording {path} is damaged: {reason}")]
+    Record {
+        /// Path.
+        path: String,
+        /// Reason.
+        reason: String,
+    },
     /// The file is damaged or not an MCAP file.
     #[error("recording {path} is no MCAP file, or damaged: {source}")]
     Format {
@@ -63,6 +71,10 @@ impl BagError {
             mcap::McapError::Io(source) => BagError::File { path: path.to_owned(), source },
             mcap::McapError::BadChunkCrc { saved: expected, calculated: actual } => {
                 BagError::Checksum { path: path.to_owned(), expected, actual }
+            }
+            // Its whole text is a drawing of many lines, in colours.
+            mcap::McapError::Parse(error) => {
+                BagError::Record { path: path.to_owned(), reason: error.root_cause().to_string() }
             }
             source => BagError::Format { path: path.to_owned(), source: Box::new(source) },
         }

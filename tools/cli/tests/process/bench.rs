@@ -73,6 +73,9 @@ fn wrong_input_is_named() {
     let frames = Frames::new(1, false);
     let frame = frames.file_argument("key_0000.exr");
     assert_error(&["calibrate", &frame], &["key_0000.exr", "not an AEDAT 4 file"]);
+    let broken = frames.file_argument("broken.aedat4");
+    std::fs::write(&broken, b"#!AER-DAT4.0\r\n\x10\0\0\0aaaaaaaaaaaaaaaaaaaa").unwrap();
+    assert_error(&["calibrate", &broken], &["broken.aedat4: the header: byte 1633771873", "below 16"]);
     assert_error(&["calibrate", &frame, "--log-offset", "2"], &["--log-offset is 2", "1e-6 to 1"]);
     let list = frames.file_argument("list.toml");
     std::fs::write(&list, "[[exposure]]\nfile = \"a1.npz\"\nlux = 1.0\n").unwrap();

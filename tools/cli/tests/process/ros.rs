@@ -156,6 +156,25 @@ fn a_recording_whose_writer_was_killed_replays_up_to_its_last_chunk() {
 }
 
 #[test]
+fn a_damaged_recording_is_one_line_of_plain_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    let name = file.to_str().unwrap();
+    let more = ["--frames", "2", "--ros", "off", "--record", name];
+    let (code, _, error) = finish(demo(3, folder.path(), &more).output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    let mut bytes = std::fs::read(&file).unwrap();
+    let key = b"offered_qos_profiles";
+    let places: Vec<usize> = (0..bytes.len() - key.len()).filter(|&i| bytes[i..].starts_with(key)).collect();
+    assert!(!places.is_empty());
+    places.iter().for_each(|&place| bytes[place] = 0xff);
+    std::fs::write(&file, bytes).unwrap();
+    let (code, _, error) = finish(local(3, &["replay", name, "--delay", "0"]).output().unwrap());
+    assert_eq!((code, error.lines().count()), (1, 1), "{error}");
+    assert!(error.contains("damaged") && !error.contains('\u{1b}'), "{error}");
+}
+
+#[test]
 fn simulate_records_events_aps_frames_and_images() {
     let (frames, folder) = (crate::harness::Frames::new(4, true), tempfile::tempdir().unwrap());
     let (file, events) = (folder.path().join("run.mcap"), folder.path().join("events.npz"));

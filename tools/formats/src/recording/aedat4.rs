@@ -86,10 +86,12 @@ fn parse(bytes: &[u8]) -> Result<Recording, Broken> {
 }
 
 fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
-    let table = Table::root(header, false)?;
-    let compression = table.scalar::<i32>(0)?;
-    let position = table.scalar::<i64>(1)?;
-    let xml = roxmltree::Document::parse(table.text(2)?).map_err(|e| format!("the header's XML: {e}"))?;
+    let fields = || -> Result<_, Broken> {
+        let table = Table::root(header, false)?;
+        Ok((table.scalar::<i32>(0)?, table.scalar::<i64>(1)?, table.text(2)?))
+    };
+    let (compression, position, xml) = fields().map_err(|error| format!("the header: {error}"))?;
+    let xml = roxmltree::Document::parse(xml).map_err(|e| format!("the header's XML: {e}"))?;
     let attribute = |node: roxmltree::Node<'_, '_>, key: &str| {
         node.descendants()
             .find(|n| n.has_tag_name("attr") && n.attribute("key") == Some(key))

@@ -25,7 +25,7 @@ macro_rules! scalars {
             fn at(bytes: &[u8], at: usize) -> Result<Self, Broken> {
                 let end = at.checked_add(size_of::<$type>());
                 let slice = end.and_then(|end| bytes.get(at..end)).ok_or_else(|| {
-                    format!("byte {at} of a packet of {} is pointed at", bytes.len())
+                    format!("byte {at} is pointed at, expected one below {}", bytes.len())
                 })?;
                 Ok(<$type>::from_le_bytes(slice.try_into().expect("the slice has this length")))
             }
