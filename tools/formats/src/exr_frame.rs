@@ -87,20 +87,22 @@ pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
     ensure!(meta.headers.iter().all(|h| !h.deep), "{}: deep images cannot be read", path.display());
     let first = meta.headers.first().with_context(|| format!("{}: holds no image", path.display()))?;
     let Vec2(width, height) = first.layer_size;
-    let display = first.shared_attributes.display_window.size;
-    ensure!(
-        first.layer_size == display,
-        "{}: its data window is {width}x{height} px, expected the whole display window of {}x{} px",
-        path.display(),
-        display.0,
-        display.1
-    );
+    let display = first.shared_attributes.display_window;
     for header in &meta.headers {
-        let Vec2(w, h) = header.layer_size;
+        let (Vec2(w, h), Vec2(x, y)) = (header.layer_size, header.own_attributes.layer_position);
         ensure!(
             header.layer_size == first.layer_size,
             "{}: one part is {w}x{h} px, expected {width}x{height} px like the first",
             path.display()
+        );
+        ensure!(
+            (header.layer_size, Vec2(x, y)) == (display.size, display.position),
+            "{}: its data window is {w}x{h} px at ({x}, {y}), expected the whole display window of {}x{} px at ({}, {})",
+            path.display(),
+            display.size.0,
+            display.size.1,
+            display.position.0,
+            display.position.1
         );
     }
     let all: Vec<(String, SampleType)> = meta

@@ -1,7 +1,8 @@
 //! Wrong input: exit code 1 (2 for usage) and an error that names expected and actual. No test needs a
 //! device, because input is checked before a device is opened.
 
-use crate::harness::{Frames, assert_error, finish, run};
+use crate::harness::{Frames, HEIGHT, WIDTH, assert_error, colour, finish, run};
+use exr::prelude::{AnyChannels, Encoding, Image, Layer, LayerAttributes, Vec2, WritableImage};
 
 #[test]
 fn usage_errors_exit_with_2() {
@@ -46,6 +47,18 @@ fn frames_of_different_sizes() {
     let frames = Frames::new(2, true);
     frames.write("key_0002.exr", 2, (36, 23), Some(-2.0));
     simulate_error(&frames, &[], &["key_0002.exr", "36x23", "expected 37x23", "key_0000.exr"]);
+}
+
+#[test]
+fn a_data_window_beside_the_display_window() {
+    let frames = Frames::new(2, false);
+    let channels = AnyChannels::sort(colour(0, (WIDTH, HEIGHT)).into_iter().collect());
+    let layer = Layer::new((WIDTH, HEIGHT), LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
+    let mut image = Image::from_layer(layer);
+    image.layer_data.attributes.layer_position = Vec2(3, -1);
+    image.write().to_file(frames.file("key_0001.exr")).unwrap();
+    let window = "37x23 px at (3, -1), expected the whole display window of 37x23 px at (0, 0)";
+    simulate_error(&frames, &[], &["key_0001.exr", window]);
 }
 
 #[test]
