@@ -36,6 +36,7 @@ pub mod pace;
 pub mod pose_report;
 pub mod program;
 pub mod progress;
+pub mod rate_argument;
 pub mod render;
 pub mod render_process;
 pub mod replay;

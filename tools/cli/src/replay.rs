@@ -46,7 +46,7 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     let mut transport = arguments.network.open(&[])?.transport;
     let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
     let stopped = || stop.load(Ordering::Relaxed);
-    let replayed = replay(bag, &mut *transport, options, stopped, |notice| stderr::line(notice))?;
+    let replayed = replay(bag, &mut *transport, options, stopped, stderr::line)?;
     if replayed.truncated {
         stderr::line(format_args!(
             "warning: {} has no end; everything up to its last complete chunk was sent",

@@ -1,7 +1,7 @@
 //! A sensor from what it begins with, a profile and single parameters, for the command line and rig files.
 
 use anyhow::Result;
-use esaac_model::{Pixel, Profile, SensorModel};
+use esaac_model::{Pixel, Profile, SensorError, SensorModel};
 
 /// What a sensor begins with.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,9 +24,25 @@ impl SensorBase {
             profile.apply(&mut sensor);
         }
         for (parameter, value) in parameters {
-            sensor.set(parameter, value)?;
+            sensor.set(parameter, value).map_err(|error| with_range(error, parameter, value))?;
         }
         Ok(sensor)
+    }
+}
+
+/// The error for a whole number that its parameter's type does not hold. The model tells ranges of numbers that it
+/// holds, and the largest of those is out of range too.
+fn with_range(error: SensorError, parameter: &str, value: &str) -> SensorError {
+    let is_whole = value.replace('_', "").parse::<i128>().is_ok();
+    let mut largest = SensorModel::default();
+    if !is_whole || largest.set(parameter, &u32::MAX.to_string()).is_err() {
+        return error;
+    }
+    match largest.validate() {
+        Err(SensorError::Range { parameter, expected, .. }) => {
+            SensorError::Range { parameter, expected, actual: value.to_owned() }
+        }
+        _ => error,
     }
 }
 
@@ -42,6 +58,22 @@ fn asks_for_physical(parameters: &[(&str, &str)]) -> Result<bool> {
 mod tests {
     use super::*;
     use esaac_model::presets::preset;
+
+    #[test]
+    fn a_whole_number_that_is_too_large_for_its_type_is_told_the_range() {
+        let error = |parameter: &str, value: &str| {
+            let base = SensorBase::File(SensorModel::default());
+            base.with(None, &[(parameter, value)]).unwrap_err().to_string()
+        };
+        let latency = error("latency_ns", "1000000000000");
+        assert!(latency.contains("`latency_ns` is 1000000000000, expected at most 1000000000"), "{latency}");
+        let huge = "9".repeat(30);
+        assert!(error("refractory_ns", &huge).contains(&format!("is {huge}, expected 0 to 1000000000")));
+        assert!(error("substeps", "-1").contains("`substeps` is -1, expected 1 to 64"));
+        assert!(error("seed", "-1").contains("expected a whole number, from 0"));
+        assert!(error("substeps", "3.5").contains("expected a whole number"));
+        assert!(error("substep", "3").contains("unknown"));
+    }
 
     #[test]
     fn a_preset_that_is_asked_for_the_physical_pixel_has_its_sensors_numbers() {

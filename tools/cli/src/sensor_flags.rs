@@ -91,7 +91,7 @@ impl SensorFlags {
     /// with `default`, whose size counts as no choice. `--pixel physical` with a preset takes the numbers of that
     /// sensor's physical pixel.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
-        let (base, mut size_from) = match &self.sensor {
+        let (base, size_from) = match &self.sensor {
             None => (SensorBase::Preset(default), None),
             Some(given) => named_sensor(given)?,
         };
@@ -99,9 +99,12 @@ impl SensorFlags {
             self.explicit.iter().map(|(parameter, value)| (*parameter, value.as_str())).collect();
         let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &parameters)?;
         let given = |name: &str| parameters.iter().any(|(parameter, _)| *parameter == name);
-        if given("width") || given("height") {
-            size_from = Some("--width and --height".to_owned());
-        }
+        let size_from = match (given("width"), given("height")) {
+            (false, false) => size_from,
+            (true, true) => Some("a sensor with --width and --height".to_owned()),
+            (true, false) => Some("a sensor with --width but its own height".to_owned()),
+            (false, true) => Some("a sensor with --height but its own width".to_owned()),
+        };
         if let Some(lux) = self.light.lux()? {
             ensure!(
                 !given("lux_per_unit"),

@@ -8,6 +8,7 @@ use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
 use crate::outcome::Outcome;
 use crate::pace::Pace;
+use crate::rate_argument::rate;
 use crate::report::{KeyRate, MemoryReport, Report};
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
@@ -36,7 +37,7 @@ pub struct SimulateArguments {
     #[arg(long, value_name = "FILE.npz", default_value = "events.npz")]
     pub out: PathBuf,
     /// Key frames per second [default: key_rate_hz of sequence.json, else 30]
-    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Option<f64>,
     /// Names of the key frames; may contain *, ? and [...] [default: key_*.exr, else *.exr]
     #[arg(long, value_name = "PATTERN")]

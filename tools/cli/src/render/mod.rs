@@ -5,6 +5,7 @@ mod service;
 
 use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
+use crate::rate_argument::rate;
 use crate::scene_argument::scene_parser;
 use anyhow::Result;
 use esaac_scene::SceneKind;
@@ -55,13 +56,6 @@ pub struct Place {
     /// Folder for the frames, with motion, depth, instance ids and poses, for `esaac simulate`
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(rate) if (1.0..=1e6).contains(&rate) => Ok(rate),
-        _ => Err("expected 1 to 1000000".to_owned()),
-    }
 }
 
 /// Runs the command.

@@ -20,7 +20,7 @@ enum TransportName {
 #[command(next_help_heading = "ROS 2")]
 pub struct NetworkArguments {
     /// Domain id [default: ROS_DOMAIN_ID, else 0]
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u32).range(0..=232))]
     ros_domain: Option<u32>,
     /// Network interface [default: from CYCLONEDDS_URI, else Cyclone DDS chooses]
     #[arg(long, value_name = "NAME")]

@@ -65,7 +65,10 @@ fn a_data_window_beside_the_display_window() {
 fn a_sensor_of_another_size() {
     let frames = Frames::new(2, true);
     simulate_error(&frames, &["--sensor", "davis240"], &["--sensor davis240", "240x180", "37x23"]);
-    simulate_error(&frames, &["--width", "38"], &["--width", "38x", "37x23"]);
+    let alone = &["with --width but its own height has 38x260 px", "37x23"];
+    simulate_error(&frames, &["--width", "38"], alone);
+    let both = &["with --width and --height has 38x24 px", "37x23"];
+    simulate_error(&frames, &["--width", "38", "--height", "24"], both);
 }
 
 #[test]
@@ -133,9 +136,14 @@ fn light_that_is_none_or_half_said() {
 #[test]
 fn rates_that_are_none() {
     let frames = Frames::new(2, true);
-    simulate_error(&frames, &["--rate", "0"], &["rate is 0 Hz", "expected 1 to 1000000"]);
-    simulate_error(&frames, &["--rate", "NaN"], &["rate is NaN Hz"]);
-    simulate_error(&frames, &["--rate", "-30"], &["rate is -30 Hz", "expected 1 to 1000000"]);
+    for command in [&["simulate", frames.argument()][..], &["render", "--out", "/nonesuch/a"]] {
+        for rate in ["0", "NaN", "-30", "1e7"] {
+            let (code, _, error) = run(&[command, &["--rate", rate]].concat());
+            assert!(code == 2 && error.contains("expected 1 to 1000000"), "{command:?} {rate}: {error}");
+        }
+    }
+    std::fs::write(frames.file("sequence.json"), "{\"key_rate_hz\": 0}").unwrap();
+    simulate_error(&frames, &[], &["rate is 0 Hz", "expected 1 to 1000000"]);
     std::fs::write(frames.file("sequence.json"), "{\"key_rate_hz\": \"fast\"}").unwrap();
     simulate_error(&frames, &[], &["sequence.json", "expected f64"]);
 }
