@@ -16,7 +16,7 @@ struct Arguments {
     /// Parts to run; all by default
     #[arg(long = "part", value_enum, value_name = "NAME")]
     parts: Vec<Part>,
-    /// Only rows whose name contains this (parts `time`, `frontier`; sweeps of `scale`)
+    /// Only rows whose name contains this (parts `frontier`, `time`, `readout`, `encode`; sweeps of `scale`)
     #[arg(long, default_value = "")]
     only: String,
     /// Less of everything

@@ -49,6 +49,9 @@ pub enum Part {
     Stability,
 }
 
+/// The parts that [`Options::only`] selects rows of.
+const OF_ROWS: [Part; 5] = [Part::Frontier, Part::Time, Part::Scale, Part::Readout, Part::Encode];
+
 impl Part {
     /// Name on the command line and of its files.
     #[must_use]
@@ -70,6 +73,20 @@ pub struct Options {
     pub sequence: Option<PathBuf>,
     /// Recording of a real sensor. Without it, part `real-sensor` measures nothing and says so.
     pub recording: Option<PathBuf>,
+}
+
+impl Options {
+    /// Fails if rows are to be selected and no part that runs has any to select from.
+    fn check_only(&self) -> Result<()> {
+        let is_of_rows = |part| OF_ROWS.contains(part);
+        anyhow::ensure!(
+            self.only.is_empty() || self.parts.is_empty() || self.parts.iter().any(is_of_rows),
+            "only rows whose name contains `{}` are to run, expected one of the parts that have such: {}",
+            self.only,
+            OF_ROWS.map(Part::name).join(", ")
+        );
+        Ok(())
+    }
 }
 
 /// The device and the options of a run.
@@ -95,6 +112,7 @@ struct Asked {
 impl Laboratory {
     /// A laboratory on a device. It draws progress bars on standard error.
     pub fn new(device: Arc<Device>, options: Options) -> Result<Self> {
+        options.check_only()?;
         let mut clock = Clock::new(&device)?;
         clock.heat()?;
         clock.watch()?;

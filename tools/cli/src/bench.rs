@@ -18,7 +18,7 @@ pub struct BenchArguments {
     /// Less of everything: ends in five minutes on a software driver
     #[arg(long)]
     pub quick: bool,
-    /// Only rows whose name contains this (parts `time`, `frontier`; sweeps of `scale`)
+    /// Only rows whose name contains this (parts `frontier`, `time`, `readout`, `encode`; sweeps of `scale`)
     #[arg(long, value_name = "TEXT", default_value = "")]
     pub only: String,
     /// Folder for bench.json, bench.md and the plots

@@ -3,7 +3,7 @@
 use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
 use crate::sensors::pixel_named;
-use crate::{characterise, device_choice, output_file};
+use crate::{characterise, device_choice, output_file, stderr};
 use anyhow::{Result, bail, ensure};
 use esaac_calibrate::physical::{PhysicalFit, fit_physical, fit_scene, read_exposures};
 use esaac_calibrate::{Fit, fit};
@@ -47,6 +47,11 @@ pub fn run(arguments: &CalibrateArguments, common: &CommonArguments) -> Result<O
     let what = what(arguments)?;
     output_file::check_sensor(&arguments.out)?;
     output_file::check_apart(&[&arguments.out], &[&arguments.recording, Path::new(&arguments.guess)])?;
+    if arguments.white_lux.is_some() && !matches!(what, What::PhysicalScene { .. }) {
+        stderr::line(
+            "warning: --white-lux does nothing: it is for a physical pixel from a recording with APS frames",
+        );
+    }
     match what {
         What::Scene => log(arguments, common),
         What::PhysicalScene { white_lux } => scene(arguments, common, white_lux),

@@ -54,4 +54,5 @@ pub mod simulate;
 pub mod stderr;
 pub mod synthesis_choice;
 pub mod table;
+pub mod unread_flags;
 pub mod version;

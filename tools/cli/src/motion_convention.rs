@@ -3,9 +3,10 @@
 use clap::ValueEnum;
 
 /// Meaning of a motion vector.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum MotionConvention {
     /// Previous position = position + motion.
+    #[default]
     Previous,
     /// Previous position = position - motion.
     Negated,

@@ -47,6 +47,11 @@ const LIGHT_FLAGS: [(&str, &str, &str); 4] = [
 ];
 
 impl LightFlags {
+    /// Names of those that are given.
+    pub fn given(&self) -> impl Iterator<Item = &'static str> {
+        LIGHT_FLAGS.iter().zip(&self.0).filter_map(|((flag, ..), value)| value.as_ref().map(|_| *flag))
+    }
+
     /// Focal-plane lux of the frames' unit; `None` if no unit is named.
     fn lux(&self) -> Result<Option<f64>> {
         let number = |index: usize| -> Result<Option<f64>> {
@@ -135,7 +140,8 @@ fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>)> {
     Ok((SensorBase::File(sensor), sized.then(|| format!("sensor file {given}"))))
 }
 
-fn flag(parameter: &str) -> String {
+/// The flag of a parameter, without its hyphens in front.
+pub(crate) fn flag(parameter: &str) -> String {
     parameter.replace('_', "-")
 }
 

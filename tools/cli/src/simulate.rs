@@ -15,7 +15,7 @@ use crate::run_record::RunRecord;
 use crate::scene_check::SceneCheck;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::synthesis_choice::SynthesisChoice;
-use crate::{colour, device_choice, output_file, progress, report, stderr};
+use crate::{colour, device_choice, output_file, progress, report, stderr, unread_flags};
 use anyhow::{Result, ensure};
 use bytemuck::cast_slice;
 use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
@@ -102,6 +102,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
+    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
+    unread_flags::warn_of_folder(arguments, &folder);
     let check = SceneCheck::of(&folder)?;
     let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;

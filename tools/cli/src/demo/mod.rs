@@ -16,7 +16,7 @@ use crate::ros::{Published, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_argument::scene_parser;
 use crate::sensor_flags::SensorFlags;
-use crate::{accuracy, colour, device_choice, output_file, stderr};
+use crate::{accuracy, colour, device_choice, output_file, stderr, unread_flags};
 use anyhow::{Context, Result};
 use caption::caption;
 use esaac_formats::event_file::write_npz;
@@ -138,6 +138,7 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
         sensor.aps_gain = format!("{gain:.2e}").parse::<f64>()?.clamp(1e-6, 1e6);
     }
     sensor.validate()?;
+    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
     // The frames have motion vectors.
     sensor.synthesis = sensor.synthesis.resolve(false, true);
     let intensity = match sensor.intensity {

@@ -88,4 +88,6 @@ fn wrong_input_is_named() {
     let out = folder.path().to_str().unwrap();
     let only = ["bench", "--quick", "--part", "time", "--only", "nonesuch", "--out", out];
     assert_error(&only, &["no row's name contains `nonesuch`", "dvs128"]);
+    let without_rows = ["bench", "--quick", "--part", "memory", "--only", "dvs128", "--out", out];
+    assert_error(&without_rows, &["`dvs128`", "expected one of the parts that have such: frontier, time"]);
 }

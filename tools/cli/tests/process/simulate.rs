@@ -184,6 +184,20 @@ fn a_frame_that_is_missing_in_the_numbers_is_told() {
 }
 
 #[test]
+fn flags_that_do_nothing_are_told() {
+    let frames = Frames::new(2, false);
+    let flags = ["--dark-lux", "0.1", "--motion-convention", "negated"];
+    let (code, _, error) = simulate(&frames, &[&QUICK[..], &flags].concat());
+    assert_eq!(code, 0, "{error}");
+    assert!(error.contains("warning: --dark-lux does nothing: it is for --pixel physical alone"), "{error}");
+    assert!(
+        error.contains("warning: --motion-convention does nothing: the frames have no motion"),
+        "{error}"
+    );
+    assert!(!simulate(&frames, &QUICK).2.contains("does nothing"));
+}
+
+#[test]
 fn a_full_disk_is_named() {
     let frames = Frames::new(3, true);
     let output = esaac(&["simulate", frames.argument(), "--out", "/dev/full", "--synthesis", "none"])
