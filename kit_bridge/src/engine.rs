@@ -388,8 +388,13 @@ impl Engine {
         Ok(done.events?)
     }
 
+    /// The packet of `step_tiles`, which steps one camera or those of a tiled renderer.
     fn together(&self, py: Python<'_>, events: Events) -> PyResult<Py<PyPacket>> {
-        let packet = PyPacket::together(py, events, self.packets != Packets::Host)?;
+        let packet = if self.tiled {
+            PyPacket::together(py, events, self.packets != Packets::Host)?
+        } else {
+            PyPacket::each(py, events)?.swap_remove(0)
+        };
         self.keep(vec![packet.clone_ref(py)]);
         Ok(packet)
     }

@@ -27,19 +27,39 @@ pub struct PyPacket {
     mapped: Option<Py<Mapped>>,
     #[pyo3(get)]
     offsets: Option<Py<PyAny>>,
+    /// The header of each of several cameras.
+    headers: Vec<Header>,
     events: usize,
-    #[pyo3(get)]
+    /// Its own header, or what those of several cameras have in common.
+    header: Header,
+}
+
+/// The numbers of a packet, without its events.
+#[derive(Clone, Copy, Default)]
+struct Header {
     base_ns: i64,
-    #[pyo3(get)]
     watermark_ns: i64,
-    #[pyo3(get)]
     sequence: u64,
-    #[pyo3(get)]
     dropped: u64,
-    #[pyo3(get)]
-    width: u32,
-    #[pyo3(get)]
-    height: u32,
+    width_px: u32,
+    height_px: u32,
+}
+
+impl Header {
+    fn of(packet: &PacketView<'_>) -> Self {
+        let PacketView { base_ns, watermark_ns, sequence, dropped, width_px, height_px, .. } = *packet;
+        Header { base_ns, watermark_ns, sequence, dropped, width_px, height_px }
+    }
+
+    /// For packets together: the earliest base, the earliest watermark, the sum of all drops.
+    fn common(headers: &[Header]) -> Self {
+        Header {
+            base_ns: headers.iter().map(|header| header.base_ns).min().unwrap_or(0),
+            watermark_ns: headers.iter().map(|header| header.watermark_ns).min().unwrap_or(0),
+            dropped: headers.iter().map(|header| header.dropped).sum(),
+            ..headers.first().copied().unwrap_or_default()
+        }
+    }
 }
 
 #[pymethods]
@@ -64,7 +84,7 @@ impl PyPacket {
         let Some(offsets) = &self.t_offset_ns else { return self.column(py, &self.t_ns, times) };
         let make = || -> PyResult<Py<PyAny>> {
             let offsets = offsets.bind(py).readonly();
-            let times = offsets.as_slice()?.iter().map(|&t| self.base_ns + i64::from(t)).collect();
+            let times = offsets.as_slice()?.iter().map(|&t| self.header.base_ns + i64::from(t)).collect();
             Ok(PyArray1::from_vec(py, times).into_any().unbind())
         };
         Ok(self.t_ns.get_or_try_init(py, make)?.clone_ref(py))
@@ -73,6 +93,36 @@ impl PyPacket {
     #[getter]
     fn t_offset_ns(&self, py: Python<'_>) -> Option<Py<PyAny>> {
         self.t_offset_ns.as_ref().map(|offsets| offsets.clone_ref(py).into_any())
+    }
+
+    #[getter]
+    fn base_ns(&self) -> i64 {
+        self.header.base_ns
+    }
+
+    #[getter]
+    fn watermark_ns(&self) -> i64 {
+        self.header.watermark_ns
+    }
+
+    #[getter]
+    fn sequence(&self) -> u64 {
+        self.header.sequence
+    }
+
+    #[getter]
+    fn dropped(&self) -> u64 {
+        self.header.dropped
+    }
+
+    #[getter]
+    fn width(&self) -> u32 {
+        self.header.width_px
+    }
+
+    #[getter]
+    fn height(&self) -> u32 {
+        self.header.height_px
     }
 
     fn __len__(&self) -> usize {
@@ -102,17 +152,14 @@ impl PyPacket {
             y: cut(self.y(py)?)?,
             p: cut(self.p(py)?)?,
             t_ns: cut(self.t_ns(py)?)?,
-            t_offset_ns: None,
-            mapped: None,
-            offsets: None,
-            events: (last - first) as usize,
-            ..*self
+            ..Self::of_header(self.headers[index as usize], (last - first) as usize)
         })
     }
 
     fn __repr__(&self) -> String {
-        let size = format!("{}x{} px", self.width, self.height);
-        format!("<esaac.Packet {} events, {size}, complete to {} ns>", self.events, self.watermark_ns)
+        let Header { width_px, height_px, watermark_ns, .. } = self.header;
+        let events = self.events;
+        format!("<esaac.Packet {events} events, {width_px}x{height_px} px, complete to {watermark_ns} ns>")
     }
 }
 
@@ -137,22 +184,20 @@ impl PyPacket {
         py: Python<'_>,
         [x, y, p]: [Py<PyAny>; 3],
         t_offset_ns: Py<PyArray1<u32>>,
-        header: &PacketView<'_>,
+        header: Header,
         events: usize,
     ) -> Self {
         PyPacket {
             x: known(py, x),
             y: known(py, y),
             p: known(py, p),
-            t_ns: PyOnceLock::new(),
             t_offset_ns: Some(t_offset_ns),
-            mapped: None,
-            offsets: None,
             ..Self::of_header(header, events)
         }
     }
 
-    fn of_header(header: &PacketView<'_>, events: usize) -> Self {
+    /// A packet without columns.
+    fn of_header(header: Header, events: usize) -> Self {
         PyPacket {
             x: PyOnceLock::new(),
             y: PyOnceLock::new(),
@@ -161,25 +206,28 @@ impl PyPacket {
             t_offset_ns: None,
             mapped: None,
             offsets: None,
+            headers: Vec::new(),
             events,
-            base_ns: header.base_ns,
-            watermark_ns: header.watermark_ns,
-            sequence: header.sequence,
-            dropped: header.dropped,
-            width: header.width_px,
-            height: header.height_px,
+            header,
         }
+    }
+
+    /// The packet of several cameras without columns: `lengths` are the numbers of their events.
+    fn of_cameras(py: Python<'_>, headers: Vec<Header>, lengths: &[usize]) -> Self {
+        let common = Header::common(&headers);
+        let offsets = offsets(lengths).into_pyarray(py).into_any().unbind();
+        PyPacket { offsets: Some(offsets), headers, ..Self::of_header(common, lengths.iter().sum()) }
     }
 
     /// A packet whose vectors become the arrays.
     fn of_one(py: Python<'_>, packet: Packet) -> Self {
-        let (header, events) = (headed(&packet), packet.len());
+        let (header, events) = (Header::of(&packet.view()), packet.len());
         let columns = [
             packet.x.into_pyarray(py).into_any().unbind(),
             packet.y.into_pyarray(py).into_any().unbind(),
             packet.polarity.into_pyarray(py).into_any().unbind(),
         ];
-        Self::of_arrays(py, columns, packet.t_offset_ns.into_pyarray(py).unbind(), &header.view(), events)
+        Self::of_arrays(py, columns, packet.t_offset_ns.into_pyarray(py).unbind(), header, events)
     }
 
     /// One camera's packet, as views of mapped memory.
@@ -191,7 +239,7 @@ impl PyPacket {
             mapped::array(memory, packet.polarity).into_any().unbind(),
         ];
         let offsets = mapped::array(memory, packet.t_offset_ns).unbind();
-        Ok(Self::of_arrays(memory.py(), columns, offsets, &packet, packet.len()))
+        Ok(Self::of_arrays(memory.py(), columns, offsets, Header::of(&packet), packet.len()))
     }
 
     /// A packet for each camera.
@@ -214,49 +262,43 @@ impl PyPacket {
                     .map(|(header, &count)| {
                         let tensors = tensors(py, &block, all, before, count as usize)?;
                         before += count as usize;
-                        Py::new(py, Self::of_tensors(py, tensors, &header.view(), count as usize, None))
+                        let packet = Self::of_header(Header::of(&header.view()), count as usize);
+                        Py::new(py, packet.with_tensors(py, tensors))
                     })
                     .collect()
             }
         }
     }
 
-    /// One packet of all cameras, one camera after the other. Mapped packets become views if `in_place`, else copies
-    /// that do not keep the engine's memory.
+    /// One packet of all cameras of a tiled renderer, one camera after the other. Mapped packets become views if
+    /// `in_place`, else copies that do not keep the engine's memory.
     pub fn together(py: Python<'_>, events: Events, in_place: bool) -> PyResult<Py<PyPacket>> {
-        match events {
-            // There is one camera: packets of several are mapped, so that they are copied only once.
-            Events::Host(mut packets) => Py::new(py, Self::of_one(py, packets.swap_remove(0))),
+        let packet = match events {
+            Events::Host(_) => unreachable!("tiled cameras have mapped packets, which are copied only once"),
             Events::Mapped(held) => {
                 let memory = Bound::new(py, Mapped::new(held))?;
                 let packets = memory.get().views()?;
-                if !in_place {
-                    return Py::new(py, Self::copied(py, &packets));
+                let headers = packets.iter().map(Header::of).collect();
+                let lengths: Vec<usize> = packets.iter().map(PacketView::len).collect();
+                let packet = Self::of_cameras(py, headers, &lengths);
+                if in_place {
+                    PyPacket { mapped: Some(memory.clone().unbind()), ..packet }
+                } else {
+                    packet.with_copies(py, &packets)
                 }
-                if packets.len() == 1 {
-                    return Py::new(py, Self::in_place(&memory, 0)?);
-                }
-                let offsets = offsets(packets.iter().map(PacketView::len)).into_pyarray(py);
-                let packet = PyPacket {
-                    offsets: Some(offsets.into_any().unbind()),
-                    mapped: Some(memory.clone().unbind()),
-                    ..Self::of_header(&common(&packets), packets.iter().map(PacketView::len).sum())
-                };
-                Py::new(py, packet)
             }
             Events::Cuda { block, headers, counts } => {
-                let all = counts.iter().map(|&n| n as usize).sum();
-                let tensors = tensors(py, &block, all, 0, all)?;
-                let offsets = (counts.len() > 1).then(|| offsets(counts.iter().map(|&n| n as usize)));
-                let offsets = offsets.map(|offsets| offsets.into_pyarray(py).into_any().unbind());
-                let headers: Vec<PacketView<'_>> = headers.iter().map(Packet::view).collect();
-                Py::new(py, Self::of_tensors(py, tensors, &common(&headers), all, offsets))
+                let headers = headers.iter().map(|header| Header::of(&header.view())).collect();
+                let lengths: Vec<usize> = counts.iter().map(|&n| n as usize).collect();
+                let all = lengths.iter().sum();
+                Self::of_cameras(py, headers, &lengths).with_tensors(py, tensors(py, &block, all, 0, all)?)
             }
-        }
+        };
+        Py::new(py, packet)
     }
 
-    /// Cameras' packets copied into arrays, one camera after the other.
-    fn copied(py: Python<'_>, packets: &[PacketView<'_>]) -> Self {
+    /// The same with the cameras' columns copied into arrays, one camera after the other.
+    fn with_copies(self, py: Python<'_>, packets: &[PacketView<'_>]) -> Self {
         let (x, y, p, t_ns) = py.detach(|| {
             (
                 joined(packets, |packet, part| part.copy_from_slice(packet.x)),
@@ -265,33 +307,18 @@ impl PyPacket {
                 joined(packets, times),
             )
         });
-        let starts = offsets(packets.iter().map(PacketView::len)).into_pyarray(py);
         PyPacket {
             x: known(py, x.into_pyarray(py).into_any().unbind()),
             y: known(py, y.into_pyarray(py).into_any().unbind()),
             p: known(py, p.into_pyarray(py).into_any().unbind()),
             t_ns: known(py, t_ns.into_pyarray(py).into_any().unbind()),
-            offsets: Some(starts.into_any().unbind()),
-            ..Self::of_header(&common(packets), packets.iter().map(PacketView::len).sum())
+            ..self
         }
     }
 
-    fn of_tensors(
-        py: Python<'_>,
-        tensors: [Py<PyAny>; 4],
-        header: &PacketView<'_>,
-        events: usize,
-        offsets: Option<Py<PyAny>>,
-    ) -> Self {
-        let [t_ns, x, y, p] = tensors;
-        PyPacket {
-            x: known(py, x),
-            y: known(py, y),
-            p: known(py, p),
-            t_ns: known(py, t_ns),
-            offsets,
-            ..Self::of_header(header, events)
-        }
+    /// The same with columns on a CUDA device.
+    fn with_tensors(self, py: Python<'_>, [t_ns, x, y, p]: [Py<PyAny>; 4]) -> Self {
+        PyPacket { x: known(py, x), y: known(py, y), p: known(py, p), t_ns: known(py, t_ns), ..self }
     }
 }
 
@@ -302,11 +329,6 @@ fn times(packet: &PacketView<'_>, part: &mut [i64]) {
     }
 }
 
-/// A packet without its events.
-fn headed(packet: &Packet) -> Packet {
-    Packet { x: Vec::new(), y: Vec::new(), t_offset_ns: Vec::new(), polarity: Vec::new(), ..*packet }
-}
-
 fn known(py: Python<'_>, value: Py<PyAny>) -> PyOnceLock<Py<PyAny>> {
     let lock = PyOnceLock::new();
     // The lock is new and empty, so this cannot fail.
@@ -314,21 +336,11 @@ fn known(py: Python<'_>, value: Py<PyAny>) -> PyOnceLock<Py<PyAny>> {
     lock
 }
 
-/// A header for packets together: the earliest base, the earliest watermark, the sum of all drops.
-fn common<'a>(packets: &[PacketView<'a>]) -> PacketView<'a> {
-    let first = packets.first().copied().unwrap_or_default();
-    PacketView {
-        base_ns: packets.iter().map(|p| p.base_ns).min().unwrap_or(0),
-        watermark_ns: packets.iter().map(|p| p.watermark_ns).min().unwrap_or(0),
-        dropped: packets.iter().map(|p| p.dropped).sum(),
-        ..first
-    }
-}
-
-fn offsets(counts: impl Iterator<Item = usize>) -> Vec<i64> {
+/// Where each camera's events begin, and the end of all.
+fn offsets(lengths: &[usize]) -> Vec<i64> {
     let mut offsets = vec![0];
     let mut total = 0;
-    offsets.extend(counts.map(|count| {
+    offsets.extend(lengths.iter().map(|&count| {
         total += count as i64;
         total
     }));

@@ -45,7 +45,7 @@ pub struct State {
     /// Time of each camera's first frame since its reset; the beginning of time for one that was not reset.
     first_ns: Vec<Option<i64>>,
     packets: Packets,
-    /// Whether the packets of all cameras are joined into one.
+    /// Whether the packets of all cameras are joined into one, as those of a tiled renderer are.
     together: bool,
     /// Copies so far.
     pub copies: Copies,
@@ -107,7 +107,7 @@ impl State {
     ) -> Result<Self, Fault> {
         Ok(State {
             threads: Threads::of(sensors.len())?,
-            together: tiled && sensors.len() > 1,
+            together: tiled,
             banks: Vec::new(),
             said: Vec::new(),
             formats: Vec::new(),

@@ -106,6 +106,45 @@ def test_environments_are_cameras_of_a_rig():
             packet[0][0]
 
 
+def header(packet):
+    names = ("base_ns", "watermark_ns", "sequence", "dropped", "width", "height")
+    return {name: getattr(packet, name) for name in names}
+
+
+@pytest.mark.parametrize("packets", ["host", "mapped"])
+def test_each_environment_has_the_header_of_its_own_packet(packets):
+    sensor = SENSOR.replace(max_events_per_interval=60)
+    tiled, rig = esaac.TiledEventCamera(sensor, 3, packets=packets), esaac.Rig([sensor] * 3)
+    # The second waits while the others go on, for longer than a packet's 32 bits of nanoseconds reach.
+    for index in range(12):
+        hdr, motion = tiles(3, index)
+        times = [400_000_000 * index, 0 if index == 0 else None, 400_000_000 * index]
+        packet = tiled.step(hdr, motion, t_ns=times)
+        alone = rig.step(list(zip(hdr, motion)), times)
+    assert [header(part) for part in packet] == [header(each) for each in alone]
+    assert packet.dropped == sum(each.dropped for each in alone) > alone[0].dropped > 0
+    assert packet.watermark_ns == alone[1].watermark_ns < alone[0].watermark_ns
+    for part, each in zip(packet, alone):
+        np.testing.assert_array_equal(part.t_ns, each.t_ns)
+
+
+@pytest.mark.parametrize("packets", ["host", "mapped"])
+def test_one_environment_has_a_packet_as_several_have(packets):
+    with esaac.TiledEventCamera(SENSOR, 1, packets=packets) as tiled, esaac.EventCamera(SENSOR) as camera:
+        for index in range(3):
+            hdr, motion = tiles(1, index)
+            packet = tiled.step(hdr, motion, t_ns=FRAME_NS * index)
+            alone = camera.step(hdr[0], motion[0], t_ns=FRAME_NS * index)
+            assert packet.offsets.tolist() == [0, len(alone)] and alone.offsets is None
+            assert header(packet[0]) == header(packet) == header(alone)
+            for name in ("x", "y", "t_ns", "p"):
+                np.testing.assert_array_equal(getattr(packet, name), getattr(alone, name))
+                np.testing.assert_array_equal(getattr(packet[0], name), getattr(alone, name))
+        assert len(packet) > 20 and tiled.last_packet is packet
+        with pytest.raises(IndexError, match="camera 1 of 1"):
+            packet[1]
+
+
 def test_chosen_environments_begin_anew():
     tiled = esaac.TiledEventCamera(SENSOR, 4)
     for index in range(2):

@@ -2,6 +2,7 @@
 
 import os
 import threading
+import types
 
 import numpy as np
 import pytest
@@ -115,6 +116,30 @@ def test_what_cannot_be_is_said_at_once(cameras, options, error, message):
     options = {"domain": domain(2), **options}
     with pytest.raises(error, match=message):
         ros.Publisher([ros.Camera(name, "dvs128") for name in cameras], **options)
+
+
+def test_an_environment_that_waits_is_published_at_its_own_time():
+    camera = esaac.TiledEventCamera("dvs128", 2, **SENSOR)
+    for index in range(13):
+        hdr, motion = (np.stack([image] * 2) for image in bars(40, 24, index))
+        packet = camera.step(hdr, motion, t_ns=[500_000_000 * index, None if index else 0])
+    part = packet[0]
+    events = ros._events(part)
+    assert len(part) > 100
+    np.testing.assert_array_equal(events.base_ns + events.t_offset_ns.astype(np.int64), part.t_ns)
+
+
+def test_times_that_a_message_cannot_hold_are_refused():
+    packet = types.SimpleNamespace(
+        offsets=None, t_offset_ns=None, t_ns=np.array([0, 6_000_000_000]), base_ns=0
+    )
+    with pytest.raises(
+        esaac.ArgumentError, match="are 0 to 6000000000 ns after .*, expected 0 to 4294967295"
+    ):
+        ros._events(packet)
+    packet.base_ns = 5
+    with pytest.raises(esaac.ArgumentError, match="are -5 to"):
+        ros._events(packet)
 
 
 def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):

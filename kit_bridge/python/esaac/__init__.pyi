@@ -237,9 +237,11 @@ class Packet:
     and `base_ns` when you first ask for it. On a CUDA device the columns are tensors, and `x` and `y` are int16,
     which torch can compute with.
 
-    A packet of several cameras holds one camera's events after the other. Camera i has those from `offsets[i]` to
-    `offsets[i + 1]`, and `packet[i]` is its packet. With `packets="mapped"`, `packet[i]` is in place, and a column of
-    the whole packet is a copy that is made when you first ask for it.
+    A packet of a `TiledEventCamera` holds one environment's events after the other. Environment i has those from
+    `offsets[i]` to `offsets[i + 1]`, and `packet[i]` is its packet, with numbers of its own. Of the whole packet,
+    `base_ns` and `watermark_ns` are the earliest, `dropped` is the sum, and `sequence` is the first environment's.
+    With `packets="mapped"`, `packet[i]` is in place, and a column of the whole packet is a copy that is made when you
+    first ask for it. `offsets` is None for a packet of one camera, and `t_offset_ns` where there is `t_ns` alone.
     """
 
     x: Array

@@ -198,7 +198,7 @@ def _events(packet):
         raise ArgumentError("this packet is of several cameras; publish packet[i], one a camera")
     offsets = packet.t_offset_ns
     if offsets is None:
-        offsets = (_host(packet.t_ns) - packet.base_ns).astype(np.uint32)
+        offsets = _offsets(_host(packet.t_ns), packet.base_ns)
     # Mapped packets are where the device wrote them; others have been copied once.
     mapped = isinstance(packet.x, np.ndarray) and not packet.x.flags.writeable
     place = lambda column: np.ascontiguousarray(_host(column)).view(np.uint16)
@@ -213,6 +213,16 @@ def _events(packet):
         dropped=packet.dropped,
         host_copies=0 if mapped else 1,
     )
+
+
+def _offsets(t_ns, base_ns):
+    """Times after `base_ns`, as a message has them."""
+    offsets, most = t_ns - base_ns, np.iinfo(np.uint32).max
+    if len(offsets) and not 0 <= offsets.min() <= offsets.max() <= most:
+        raise ArgumentError(
+            f"events are {offsets.min()} to {offsets.max()} ns after the packet's base_ns, expected 0 to {most}"
+        )
+    return offsets.astype(np.uint32)
 
 
 def _image_of_depth(depth):

@@ -55,8 +55,9 @@ class Imu:
 class Frame:
     """A camera's data at one time.
 
-    `rgb`: uint8 `(height, width, 3 or 4)`. `depth`: metres along the view axis, `(height, width)`; infinite, NaN
-    or not positive if there is nothing. Arrays on a device are copied to the host.
+    `packet`: of this camera; of a `TiledEventCamera` it is `packet[i]`. `rgb`: uint8 `(height, width, 3 or 4)`.
+    `depth`: metres along the view axis, `(height, width)`; infinite, NaN or not positive if there is nothing. Arrays
+    on a device are copied to the host.
     """
 
     packet: Packet | None = None

@@ -266,6 +266,8 @@ def test_images_of_environments_that_wait_are_not_copied():
         assert device.statistics["device_copies"] - before == 2 * (1, 2, 1)[index]
         np.testing.assert_array_equal(packet.offsets, expected.offsets)
         np.testing.assert_array_equal(torch.from_dlpack(packet.t_ns).cpu().numpy(), expected.t_ns)
+        for name in ("base_ns", "watermark_ns", "sequence", "dropped"):
+            assert [getattr(p, name) for p in packet] == [getattr(p, name) for p in expected]
     assert len(packet) > 500
 
 

@@ -49,8 +49,7 @@ class Outputs:
         new = torch.empty((len(packet), len(COLUMNS)), dtype=torch.int64, device=self._device)
         for column, name in enumerate(COLUMNS):
             new[:, column] = _tensor(getattr(packet, name))
-        offsets = torch.as_tensor([0, len(packet)] if packet.offsets is None else packet.offsets)
-        counts = offsets.diff().to(self._device)
+        counts = torch.as_tensor(packet.offsets).diff().to(self._device)
         if rows is None:
             return self._pack(new, counts)
         old, env = self._all_but(rows)
