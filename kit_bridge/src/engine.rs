@@ -467,15 +467,20 @@ fn place(packets: &str, ring: Option<u32>) -> Result<Packets, Fault> {
 
 /// A time for each of `count` cameras, from one number for all or a sequence of `count`.
 fn times(t_ns: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Option<i64>>> {
-    let not_one = match t_ns.extract::<i64>() {
-        Ok(t_ns) => return Ok(vec![Some(t_ns); count]),
-        Err(error) => error,
-    };
-    let Ok(each) = t_ns.try_iter() else { return Err(not_one) };
-    let times: Vec<_> = each.map(|t_ns| t_ns?.extract::<Option<i64>>()).collect::<PyResult<_>>()?;
+    if let Ok(t_ns) = t_ns.extract::<i64>() {
+        return Ok(vec![Some(t_ns); count]);
+    }
+    let Ok(each) = t_ns.try_iter() else { return Ok(vec![Some(nanoseconds(t_ns)?); count]) };
+    let time = |t_ns: Bound<'_, PyAny>| t_ns.extract().or_else(|_| nanoseconds(&t_ns).map(Some));
+    let times: Vec<Option<i64>> = each.map(|t_ns| time(t_ns?)).collect::<PyResult<_>>()?;
     if times.len() != count {
         let message = format!("{} times for {count} cameras", times.len());
         return Err(Fault::Argument(message).into());
     }
     Ok(times)
+}
+
+/// The check of `esaac/checks.py`, which says what is wrong with a time.
+fn nanoseconds(t_ns: &Bound<'_, PyAny>) -> PyResult<i64> {
+    t_ns.py().import("esaac.checks")?.call_method1("nanoseconds", (t_ns,))?.extract()
 }

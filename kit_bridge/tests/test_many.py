@@ -51,7 +51,7 @@ def test_cameras_without_a_frame_wait():
         rig.step([bars(24, 16, 2)] * 2, [2 * FRAME_NS, 0])
     # That tick did not happen for any camera.
     assert len(rig.step([bars(24, 16, 2)] * 2, 2 * FRAME_NS)[0]) > 0
-    with pytest.raises(esaac.ArgumentError, match="no camera 2"):
+    with pytest.raises(esaac.ArgumentError, match="camera is 2, expected a number from 0 to 1"):
         rig.reset([2])
     with pytest.raises(esaac.ArgumentError, match="at least one"):
         esaac.Rig([])
@@ -77,8 +77,11 @@ def test_an_environment_may_have_a_sensor_of_its_own():
                 assert 20 < len(packets[0][1]) < len(packets[2][1])
         with pytest.raises(esaac.ArgumentError, match="24x16 px and cannot become 40x16 px"):
             tiled.set_sensor(0, SENSOR.replace(width=40))
-        with pytest.raises(esaac.ArgumentError, match="no camera 3"):
-            tiled.set_sensor(3, SENSOR)
+        for wrong in (3, -1, 1.0, "1", True):
+            with pytest.raises(
+                esaac.ArgumentError, match=r"environment is .*, expected a number from 0 to 2"
+            ):
+                tiled.set_sensor(wrong, SENSOR)
 
 
 def test_environments_are_cameras_of_a_rig():
@@ -145,6 +148,73 @@ def test_one_environment_has_a_packet_as_several_have(packets):
             packet[1]
 
 
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        [1, 3],
+        (3, 1),
+        np.array([1, 3], np.int32),
+        [np.int64(1), np.int64(3)],
+        np.array([False, True, False, True]),
+        [False, True, False, True],
+        [np.False_, np.True_, np.False_, np.True_],
+    ],
+)
+def test_environments_are_chosen_by_numbers_or_by_a_mask(chosen):
+    tiled, rig = esaac.TiledEventCamera(SENSOR, 4), esaac.Rig([SENSOR] * 4)
+    for index in range(2):
+        hdr, motion = tiles(4, index)
+        tiled.step(hdr, motion, t_ns=FRAME_NS * index)
+        rig.step(list(zip(hdr, motion)), FRAME_NS * index)
+    tiled.reset(chosen)
+    rig.reset(chosen)
+    hdr, motion = tiles(4, 2)
+    packet = tiled.step(hdr, motion, t_ns=FRAME_NS * 2)
+    packets = rig.step(list(zip(hdr, motion)), FRAME_NS * 2)
+    for env, other in enumerate(packets):
+        assert (len(packet[env]) > 0) == (len(other) > 0) == (env in (0, 2))
+
+
+def test_one_environment_and_none_may_be_chosen():
+    tiled = esaac.TiledEventCamera(SENSOR, 3)
+    for index in range(2):
+        tiled.step(*tiles(3, index), t_ns=FRAME_NS * index)
+    for nothing in ([], np.array([]), np.zeros(3, bool)):
+        tiled.reset(nothing)
+    tiled.reset(np.int64(2))
+    tiled.reset(0)
+    packet = tiled.step(*tiles(3, 2), t_ns=FRAME_NS * 2)
+    assert [len(packet[env]) > 0 for env in range(3)] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ([True, False], "mask of {}s has 2 entries, expected 4"),
+        (np.ones(5, bool), "mask of {}s has 5 entries, expected 4"),
+        ([True, 2, 0, 1], "{} is True, expected a number from 0 to 3"),
+        ([4], "{} is 4, expected a number from 0 to 3"),
+        ([-1], "{} is -1, expected a number from 0 to 3"),
+        ([1 << 70], "expected a number from 0 to 3"),
+        ([1.0], "{} is 1.0, expected a number from 0 to 3"),
+        (np.array([0.0, 1.0]), "{} is 0.0, expected"),
+        ("12", "{} is '12', expected"),
+        (["1"], "{} is '1', expected"),
+        ([[0, 1]], r"{} is \[0, 1\], expected"),
+        (1.5, "{} is 1.5, expected"),
+    ],
+)
+def test_what_names_no_environment_is_refused(chosen, message):
+    tiled, rig = esaac.TiledEventCamera(SENSOR, 4), esaac.Rig([SENSOR] * 4)
+    with pytest.raises(esaac.ArgumentError, match=message.format("environment")):
+        tiled.reset(chosen)
+    with pytest.raises(esaac.ArgumentError, match=message.format("camera")):
+        rig.reset(chosen)
+    if not isinstance(chosen, (list, np.ndarray)):
+        with pytest.raises(esaac.ArgumentError, match=message.format("environment")):
+            tiled.set_sensor(chosen, SENSOR)
+
+
 def test_chosen_environments_begin_anew():
     tiled = esaac.TiledEventCamera(SENSOR, 4)
     for index in range(2):
@@ -179,10 +249,11 @@ def test_the_time_is_one_for_all_or_one_for_each_of_whatever_holds_them():
             for index in range(3):
                 packet = tiled.step(*tiles(3, index), t_ns=kind(FRAME_NS * index))
             for wrong in (0.5, [0.5] * 3, None, "now"):
-                with pytest.raises(TypeError):
+                with pytest.raises(TypeError, match="t_ns is .*, expected an integer, nanoseconds"):
                     tiled.step(*tiles(3, 3), t_ns=wrong)
-            with pytest.raises(OverflowError):
-                tiled.step(*tiles(3, 3), t_ns=1 << 64)
+            for wrong in (1 << 63, [FRAME_NS * 3, FRAME_NS * 3, -(1 << 64)]):
+                with pytest.raises(esaac.ArgumentError, match="t_ns is .*, expected -9223372036854775808 to"):
+                    tiled.step(*tiles(3, 3), t_ns=wrong)
         packets.append(packet)
     assert len(packets[0]) > 100
     for packet in packets[1:]:

@@ -189,6 +189,17 @@ def test_a_recorder_is_bounded_and_forgives_clocks_of_floats():
         esaac.PoseRecorder(limit=2)
 
 
+def test_a_recorder_takes_whole_nanoseconds_alone():
+    recorder = esaac.PoseRecorder()
+    for wrong in (0.5, 1e6, np.float64(3), "4"):
+        with pytest.raises(TypeError, match="t_ns is .*, expected an integer, nanoseconds"):
+            recorder.record(wrong, CAMERA[0])
+    with pytest.raises(esaac.ArgumentError, match="t_ns is 9223372036854775808, expected"):
+        recorder.record(1 << 63, CAMERA[0])
+    recorder.record(np.int32(5), CAMERA[0])
+    assert recorder.spanning(5, 5).times_ns.tolist() == [5]
+
+
 def test_bodies_that_come_later_stood_still_before():
     recorder = esaac.PoseRecorder()
     for step in range(6):

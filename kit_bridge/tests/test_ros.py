@@ -156,6 +156,9 @@ def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):
     ):
         with pytest.raises(esaac.EsaacError, match=message):
             publisher.publish(0, frame)
+    for wrong in (0.5, 3.3e7, "0"):
+        with pytest.raises(TypeError, match="t_ns is .*, expected an integer, nanoseconds"):
+            publisher.publish(wrong, {"a": ros.Frame()})
     publisher.publish(0, {"a": ros.Frame(rgb=np.zeros((24, 40, 3), np.uint8))})
     # Any thread may publish.
     packet = camera.step(*bars(40, 24, 0), t_ns=FRAME_NS)

@@ -36,6 +36,8 @@ def use() -> None:
     packets: list[esaac.Packet] = rig.step([(frame, None), None], [0, None]) or rig.last_packets
     tiled = esaac.TiledEventCamera("dvs128", 64, packets="mapped", packet_ring=3, width=64, height=64)
     tiled.reset([1, 2])
+    tiled.reset(np.ones(64, np.bool_))
+    rig.reset(1)
     with esaac.EventWriter("events.npz", sensor) as events:
         events.write(packets[0])
     told = ros.Camera("davis", sensor, focal_px=300.0, rgb=True, depth=True, imu=True, frame_id="sim_camera")

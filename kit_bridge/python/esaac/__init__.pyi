@@ -423,7 +423,8 @@ class Rig(_Cameras):
     @property
     def sensors(self) -> list[SensorModel]: ...
     def set_sensor(self, camera: int, sensor: SensorModel) -> None: ...
-    def reset(self, cameras: Iterable[int] | None = None) -> None: ...
+    def reset(self, cameras: Any = None) -> None:
+        """Lets some cameras begin anew: a number, several, or a mask with a bool for each; None for all."""
     def event_frames(self) -> list[Array]: ...
     def voxel_grids(self, bins: int = 5) -> list[Array]: ...
     @property
@@ -493,7 +494,7 @@ class TiledEventCamera(_Cameras):
     def set_sensor(self, env: int, sensor: SensorModel) -> None:
         """Gives an environment a sensor of its own from its next step on. Any parameter but the size may differ."""
     def reset(self, envs: Any = None) -> None:
-        """Lets some environments (a sequence or an array of numbers), or all, begin anew."""
+        """Lets some environments begin anew: a number, several, or a mask with a bool for each; None for all."""
     def event_frames(self) -> Array:
         """int32 `(num_envs, 2, height, width)`."""
     def voxel_grids(self, bins: int = 5) -> Array:

@@ -2,13 +2,13 @@
 
 import dataclasses
 import json
-import operator
 import warnings
 from collections.abc import Iterable
 
 import numpy as np
 
 from esaac._native import Engine, SensorModel
+from esaac.checks import index_of, indices_of, nanoseconds
 from esaac.errors import ArgumentError, PoseWarning
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
@@ -57,7 +57,7 @@ class _Cameras:
 
     def _step_together(self, frame, t_ns, poses, stream, submits=False):
         if not isinstance(t_ns, list):
-            t_ns = _nanoseconds(t_ns)
+            t_ns = nanoseconds(t_ns)
         _check_poses(poses)
         if not isinstance(poses, PoseRecorder):
             packet = self._engine.step_tiles(frame, t_ns, poses, stream, submits)
@@ -137,15 +137,6 @@ def _listed(t_ns):
     if hasattr(t_ns, "tolist"):
         return t_ns.tolist()
     return list(t_ns) if isinstance(t_ns, Iterable) and not isinstance(t_ns, str) else t_ns
-
-
-def _nanoseconds(t_ns):
-    """A time as an int. A float is refused: it is seconds, most often."""
-    try:
-        return operator.index(t_ns)
-    except TypeError:
-        expected = "expected an integer, nanoseconds: round(seconds * 1e9)"
-        raise TypeError(f"t_ns is {t_ns!r}, {expected}") from None
 
 
 def _check_poses(poses):
@@ -232,6 +223,10 @@ class _Several(_Cameras):
     def __len__(self):
         return self._count
 
+    def _reset(self, chosen, what):
+        every = range(self._count)
+        self._engine.reset(list(every) if chosen is None else indices_of(chosen, self._count, what))
+
     @property
     def aps(self):
         return self._all_aps()
@@ -272,9 +267,9 @@ class Rig(_Several):
                 given.append((frame, None, None, None))
         times = _listed(t_ns)
         if isinstance(times, list):
-            times = [None if t is None else _nanoseconds(t) for t in times]
+            times = [None if t is None else nanoseconds(t) for t in times]
         else:
-            times = [_nanoseconds(times)] * len(given)
+            times = [nanoseconds(times)] * len(given)
         times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
         given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
         poses = [None] * self._count if poses is None else list(poses)
@@ -308,10 +303,10 @@ class Rig(_Several):
         return self._engine.sensors
 
     def set_sensor(self, camera, sensor):
-        self._engine.set_sensor(camera, sensor)
+        self._engine.set_sensor(index_of(camera, self._count, "camera"), sensor)
 
     def reset(self, cameras=None):
-        self._engine.reset(list(range(self._count) if cameras is None else map(int, cameras)))
+        self._reset(cameras, "camera")
 
     def event_frames(self):
         return self._engine.form(None)
@@ -368,14 +363,10 @@ class TiledEventCamera(_Several):
         return self._engine.sensors
 
     def set_sensor(self, env, sensor):
-        self._engine.set_sensor(int(env), sensor)
+        self._engine.set_sensor(index_of(env, self._count, "environment"), sensor)
 
     def reset(self, envs=None):
-        if envs is None:
-            envs = range(self._count)
-        elif hasattr(envs, "tolist"):
-            envs = envs.tolist()
-        self._engine.reset([int(env) for env in envs])
+        self._reset(envs, "environment")
 
     def event_frames(self):
         return self._engine.form(None)[0]

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 
+from esaac.checks import nanoseconds
 from esaac.errors import ArgumentError, FrameError
 from esaac.matrices import poses_of
 
@@ -115,7 +116,7 @@ class PoseRecorder:
         return len(self._samples)
 
     def record(self, t_ns, camera, bodies=None):
-        sample = _Sample(int(t_ns), _kept(camera), None if bodies is None else _kept(bodies))
+        sample = _Sample(nanoseconds(t_ns), _kept(camera), None if bodies is None else _kept(bodies))
         if self._samples:
             before = self._samples[-1]
             if sample.t_ns <= before.t_ns:

@@ -8,6 +8,7 @@ import os
 import numpy as np
 
 from esaac._native import RosPublisher, SensorModel, check_ros_names
+from esaac.checks import nanoseconds
 from esaac.errors import ArgumentError, RosError
 
 __all__ = ["Camera", "Frame", "Imu", "Publisher", "RosError", "check_names"]
@@ -144,7 +145,9 @@ class Publisher:
         return dict(self._publisher.topics)
 
     def publish(self, t_ns, frames):
-        self._publisher.publish(int(t_ns), [self._part(name, frame) for name, frame in frames.items()])
+        self._publisher.publish(
+            nanoseconds(t_ns), [self._part(name, frame) for name, frame in frames.items()]
+        )
 
     def set_sensor(self, name, sensor):
         self._publisher.set_sensor(self._number(name), sensor)
@@ -174,7 +177,9 @@ class Publisher:
         return self._numbers[name]
 
     def _part(self, name, frame):
-        samples = [(int(s.t_ns), list(s.angular_rate_rad_s), list(s.specific_force_m_s2)) for s in frame.imu]
+        samples = [
+            (nanoseconds(s.t_ns), list(s.angular_rate_rad_s), list(s.specific_force_m_s2)) for s in frame.imu
+        ]
         aps = frame.aps
         if aps is not None:
             aps = dataclasses.replace(aps, pixels=np.ascontiguousarray(aps.pixels, np.uint16))

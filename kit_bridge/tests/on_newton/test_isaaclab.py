@@ -7,6 +7,7 @@ import lab
 import numpy as np
 import pytest
 import torch
+import warp as wp
 from isaaclab.managers import EventManager, EventTermCfg, SceneEntityCfg
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
 
@@ -91,6 +92,29 @@ def test_a_reset_sends_nothing_and_equals_a_fresh_run(env):
         assert len(early[1]) > 5
         assert torch.equal(early[1] + torch.tensor([0, 0, 100_000_000, 0]), late[1])
     assert sum(len(late[0]) for late in second) != sum(len(late[1]) for late in second)
+
+
+def test_environments_are_chosen_by_numbers_a_mask_or_a_slice(env):
+    env.reset()
+    camera, mask = env.scene["still"], torch.tensor([False, True, False])
+    for chosen in ([1], torch.tensor([1]), mask, mask.tolist(), mask.numpy(), slice(1, 2)):
+        assert camera.env_numbers(chosen).tolist() == [1]
+        before = camera.episode_counts.copy()
+        camera.reset(chosen)
+        assert (camera.episode_counts - before).tolist() == [0, 1, 0]
+    camera.reset(env_mask=wp.array(mask.numpy(), dtype=wp.bool))
+    assert (camera.episode_counts - before).tolist() == [0, 2, 0]
+    for wrong, message in (
+        (mask[:2], "mask of environments has 2 entries, expected 3"),
+        ([3], "environment is 3, expected a number from 0 to 2"),
+        ([-1], "environment is -1, expected"),
+        (torch.tensor([1.0]), "environment is 1.0, expected"),
+        ("1", "environment is '1', expected"),
+    ):
+        with pytest.raises(esaac.ArgumentError, match=message):
+            camera.reset(wrong)
+    with pytest.raises(esaac.ArgumentError, match="mask of environments is .*, expected 3 bools"):
+        camera.reset(env_mask=wp.array([1], dtype=wp.int32))
 
 
 def act_unread(env, steps):

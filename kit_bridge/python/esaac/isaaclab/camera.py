@@ -11,6 +11,7 @@ from isaaclab.sim import SimulationContext
 from isaaclab_newton.physics import NewtonCfg, NewtonManager
 
 from esaac import ArgumentError, Intrinsics, SensorModel, TiledEventCamera
+from esaac.checks import indices_of, indices_of_mask
 from esaac.isaaclab.cfg import EVENT_TYPES, EventRendererCfg
 from esaac.isaaclab.outputs import Outputs
 from esaac.isaaclab.schedule import Schedule
@@ -73,10 +74,9 @@ class EventCamera(Camera):
         return float(self._schedule.period_steps * self._sim_physics_dt)
 
     def env_numbers(self, env_ids: Any = None) -> NDArray[np.int64]:
-        """Numbers of the environments that Isaac Lab names: a list or a tensor of numbers, a slice, or None for
-        all."""
-        numbers: NDArray[np.int64] = np.arange(self._num_envs)[_numbers(env_ids, None)]
-        return numbers
+        """Numbers of the environments that Isaac Lab names: a list or a tensor of numbers, a mask with a bool for
+        each, a slice, or None for all."""
+        return _numbers(env_ids, self._num_envs)
 
     def set_parameters(self, env_ids: Any, values: Mapping[str, Sequence[float]]) -> None:
         """Changes parameters of the sensor in some environments, from their next frame on.
@@ -119,9 +119,17 @@ class EventCamera(Camera):
 
     def reset(self, env_ids: Sequence[int] | None = None, env_mask: Any = None) -> None:
         """Begins new episodes. Isaac Lab calls it."""
-        super().reset(env_ids, env_mask)
+        if not self._is_initialized:
+            # It raises, and says why.
+            super().reset(env_ids, env_mask)
         envs = np.zeros(self._num_envs, bool)
-        envs[_numbers(env_ids, env_mask)] = True
+        if env_mask is not None:
+            envs[indices_of_mask(env_mask, self._num_envs, "environment")] = True
+        else:
+            envs[self.env_numbers(env_ids)] = True
+            # Isaac Lab's camera takes no mask as `env_ids`.
+            env_ids = None if env_ids is None else np.flatnonzero(envs).tolist()
+        super().reset(env_ids, env_mask)
         self._schedule.reset(envs)
         self._outputs.forget(envs)
         self.episode_counts[envs] += 1
@@ -276,10 +284,8 @@ def _linear(colour: Any) -> NDArray[np.float64]:
     return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
 
 
-def _numbers(env_ids: Any, env_mask: Any) -> Any:
-    """Environments that Isaac Lab names: by a mask, numbers of any library, a slice, or None for all."""
-    if env_mask is not None:
-        return env_mask.numpy()
+def _numbers(env_ids: Any, count: int) -> NDArray[np.int64]:
+    """Environments that Isaac Lab names: by numbers of any library, a mask, a slice, or None for all."""
     if env_ids is None or isinstance(env_ids, slice):
-        return slice(None) if env_ids is None else env_ids
-    return np.asarray(env_ids.tolist() if hasattr(env_ids, "tolist") else list(env_ids), np.int64)
+        return np.arange(count)[slice(None) if env_ids is None else env_ids]
+    return np.array(indices_of(env_ids, count, "environment"), np.int64)

@@ -1,0 +1,71 @@
+"""Times, and numbers of cameras and environments, as callers give them."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from esaac.errors import ArgumentError
+
+_LEAST_NS, _MOST_NS = -(1 << 63), (1 << 63) - 1
+
+
+def nanoseconds(t_ns: Any) -> int:
+    """A time as an int. A float is refused: it is seconds, most often."""
+    try:
+        time = operator.index(t_ns)
+    except TypeError:
+        expected = "expected an integer, nanoseconds: round(seconds * 1e9)"
+        raise TypeError(f"t_ns is {t_ns!r}, {expected}") from None
+    if not _LEAST_NS <= time <= _MOST_NS:
+        raise ArgumentError(f"t_ns is {time}, expected {_LEAST_NS} to {_MOST_NS} ns")
+    return time
+
+
+def index_of(given: Any, count: int, what: str) -> int:
+    """The number of one of `count` cameras or environments; `what` names the kind in errors."""
+    expected = f"expected a number from 0 to {count - 1}"
+    try:
+        index = operator.index(given)
+    except TypeError:
+        raise ArgumentError(f"{what} is {given!r}, {expected}") from None
+    if not 0 <= index < count or isinstance(given, (bool, np.bool_)):
+        raise ArgumentError(f"{what} is {given!r}, {expected}")
+    return index
+
+
+def indices_of(given: Any, count: int, what: str) -> list[int]:
+    """Numbers of some of `count` cameras or environments, of a number, of several, or of a mask with a bool for
+    each."""
+    values = _listed(given)
+    return _of_mask(values, count, what) if _are_bools(values) else [index_of(v, count, what) for v in values]
+
+
+def indices_of_mask(given: Any, count: int, what: str) -> list[int]:
+    """Numbers of the cameras or environments for which a mask is true."""
+    values = _listed(given)
+    if not _are_bools(values):
+        raise ArgumentError(f"mask of {what}s is {given!r}, expected {count} bools")
+    return _of_mask(values, count, what)
+
+
+def _listed(given: Any) -> list[Any]:
+    """The entries of an array of any library or of another iterable; one number becomes a list of it."""
+    if hasattr(given, "tolist"):
+        given = given.tolist()
+    elif hasattr(given, "numpy"):
+        given = given.numpy().tolist()
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes)) else [given]
+
+
+def _are_bools(values: list[Any]) -> bool:
+    return bool(values) and all(isinstance(value, (bool, np.bool_)) for value in values)
+
+
+def _of_mask(values: list[Any], count: int, what: str) -> list[int]:
+    if len(values) != count:
+        raise ArgumentError(f"mask of {what}s has {len(values)} entries, expected {count}")
+    return [index for index, value in enumerate(values) if value]
