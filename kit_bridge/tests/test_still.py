@@ -161,6 +161,9 @@ def test_depth_is_along_the_axis_and_nothing_is_infinitely_far():
     assert depth.dtype == np.float32 and not depth[:5].any()
     np.testing.assert_allclose(depth[5:], 3, rtol=1e-6)
     np.testing.assert_array_equal(visible_depth(distance), distance)
+    # Where nothing was drawn, renderers divide 0 by 0.
+    distance[:5] = np.nan
+    np.testing.assert_array_equal(visible_depth(distance, opacity=opacity, rays_of=lens), depth)
 
 
 def test_a_wall_that_a_path_passes_sends_the_events_of_its_motion(tmp_path):

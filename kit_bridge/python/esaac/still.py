@@ -105,7 +105,12 @@ def visible_depth(
         lengths = rays_of.ray_lengths(depth.shape[1], depth.shape[0])
         depth = depth / (depth.new_tensor(lengths) if hasattr(depth, "new_tensor") else lengths)
     if opacity is not None:
-        depth = depth * (opacity >= least_opacity)
+        there = opacity >= least_opacity
+        # Not a product: where there is no surface, depth may be NaN.
+        if hasattr(depth, "new_zeros"):
+            depth = depth.where(there, depth.new_zeros(()))
+        else:
+            depth = np.where(there, depth, depth.dtype.type(0))
     return depth
 
 

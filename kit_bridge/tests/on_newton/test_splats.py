@@ -43,6 +43,12 @@ def test_events_follow_the_cameras_path_between_rare_frames(program):
     assert len(truth[0]) > 2000 and rigid > 0.65 and rigid > blended + 0.4, (rigid, blended)
 
 
+def test_depth_without_a_surface_is_0_whatever_it_was():
+    depth = torch.tensor([[torch.nan, torch.inf, 2.0, 3.0]])
+    seen = esaac.still.visible_depth(depth, opacity=torch.tensor([[0.0, 0.1, 0.5, 1.0]]))
+    assert seen.dtype == torch.float32 and seen.tolist() == [[0, 0, 2, 3]]
+
+
 def test_depth_and_poses_predict_the_next_image(program):
     """What the path and depth say of a pixel is where the renderer draws it: the conventions of both agree."""
     path, scene = program.shake(0.1, *SIZE), program.own_scene("cpu")
