@@ -35,6 +35,8 @@ pub enum Packets {
 pub struct State {
     banks: Vec<Bank>,
     formats: Vec<Format>,
+    /// Whether the step that made the banks is not over: if it fails, they go again.
+    first_step: bool,
     /// The present sensors.
     pub sensors: Vec<SensorModel>,
     lenses: Vec<Option<Intrinsics>>,
@@ -111,6 +113,7 @@ impl State {
             banks: Vec::new(),
             said: Vec::new(),
             formats: Vec::new(),
+            first_step: false,
             last_ns: vec![None; sensors.len()],
             first_ns: vec![Some(i64::MIN); sensors.len()],
             sensors,
@@ -125,8 +128,39 @@ impl State {
     }
 
     /// Begins to step the cameras that have a time: checks what is given and has the frames copied. [`State::end`]
-    /// must follow, or the frames are lost.
+    /// must follow, or the frames are lost. A first step that fails leaves the cameras as new.
     pub fn begin(
+        &mut self,
+        frames: &Frames,
+        t_ns: &[Option<i64>],
+        moving: &Moving<'_>,
+        side: Option<&Arc<CudaSide>>,
+    ) -> Result<Begun, Fault> {
+        // One that was begun and never ended.
+        self.undo_first(side)?;
+        let begun = self.prepare(frames, t_ns, moving, side);
+        if begun.is_err() {
+            self.undo_first(side)?;
+        }
+        begun
+    }
+
+    /// Forgets what a first step has made, if it is not over.
+    fn undo_first(&mut self, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
+        if !self.first_step {
+            return Ok(());
+        }
+        if let Some(side) = side {
+            // CUDA may still copy to the banks.
+            side.link().finish()?;
+        }
+        self.banks.clear();
+        self.formats.clear();
+        self.first_step = false;
+        Ok(())
+    }
+
+    fn prepare(
         &mut self,
         frames: &Frames,
         t_ns: &[Option<i64>],
@@ -139,10 +173,10 @@ impl State {
                 frame::check_time(camera as u32, *last_ns, *t_ns)?;
             }
         }
-        // The first frames set the formats, and must not if their poses are wrong.
+        // Before the banks are made: depth needs a lens, which is checked here.
         let first_scenes = self.banks.is_empty().then(|| self.scenes(frames, t_ns, moving)).transpose()?;
-        self.check_formats(frames)?;
         self.check_devices(frames, side)?;
+        self.check_formats(frames)?;
         let on_device =
             (0..self.sensors.len()).any(|c| frames.of(c).is_some_and(|(images, _)| images.on_device()));
         let side = side.filter(|_| on_device);
@@ -175,7 +209,12 @@ impl State {
             side.link().finish()?;
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;
-        self.threads.each(self.banks.iter_mut().collect(), |_, bank| bank.step(frames, t_ns))?;
+        let stepped = self.threads.each(self.banks.iter_mut().collect(), |_, bank| bank.step(frames, t_ns));
+        if let Err(error) = stepped {
+            self.undo_first(side)?;
+            return Err(error);
+        }
+        self.first_step = false;
         for ((last_ns, first_ns), t_ns) in self.last_ns.iter_mut().zip(&mut self.first_ns).zip(t_ns) {
             *last_ns = t_ns.or(*last_ns);
             *first_ns = first_ns.or(*t_ns);
@@ -430,7 +469,7 @@ impl State {
         for (bank, saved) in banks.iter_mut().zip(&saved.banks) {
             bank.rig.restore(saved)?;
         }
-        (self.banks, self.formats) = (banks, saved.formats);
+        (self.banks, self.formats, self.first_step) = (banks, saved.formats, false);
         (self.last_ns, self.first_ns) = (saved.last_ns, saved.first_ns);
         Ok(())
     }

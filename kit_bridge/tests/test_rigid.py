@@ -484,6 +484,31 @@ def test_later_frames_have_depth_and_ids_as_the_first():
     cam.step(HDR, t_ns=0, depth=DEPTH, ids=IDS, poses=poses)
     with pytest.raises(esaac.FrameError, match="with depth, expected f32 colour .* with depth and U32 ids"):
         cam.step(HDR, t_ns=FRAME_NS, depth=DEPTH, poses=poses)
+    with pytest.raises(
+        esaac.FrameError, match="with U32 ids and without depth, expected .* with depth and U32"
+    ):
+        cam.step(HDR, t_ns=FRAME_NS, ids=IDS)
+    cam = camera(synthesis="linear")
+    cam.step(HDR, t_ns=0)
+    with pytest.raises(esaac.FrameError, match="with U32 ids and without depth, expected f32 colour without"):
+        cam.step(HDR, t_ns=FRAME_NS, ids=IDS)
+
+
+def test_a_first_step_that_is_refused_fixes_nothing():
+    cam, poses = camera(synthesis="auto"), esaac.Poses(TIMES_NS, CAMERA, BODIES)
+    many = esaac.Poses(TIMES_NS, CAMERA, BODIES, ids=dict.fromkeys(range(1, 200_000), 0))
+    with pytest.raises(esaac.FrameError, match="instances"):
+        cam.step(HDR, t_ns=0, depth=DEPTH, ids=IDS, poses=many)
+    assert cam.synthesis is None and cam.aps is None
+    with pytest.raises(esaac.ArgumentError, match="nothing to save"):
+        cam.save()
+    # Other formats than those of the step that was refused.
+    cam.step(HDR.astype(np.float16), t_ns=0)
+    assert cam.synthesis == "linear"
+    cam = camera()
+    with pytest.raises(esaac.FrameError, match="instances"):
+        cam.submit(HDR, t_ns=0, depth=DEPTH, ids=IDS, poses=many)
+    assert_same(run(cam, poses), run(camera(), poses))
 
 
 @pytest.mark.parametrize("turns", [False, True])

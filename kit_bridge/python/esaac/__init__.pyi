@@ -17,9 +17,9 @@ pass through the host.
 * `poses`: where the camera and the bodies are, see `Poses`. With depth and poses, synthesis `rigid` follows exact
   paths; motion vectors then serve only pixels whose instance has no poses.
 
-The first frame sets the formats; later frames must have the same. Methods may be called from any thread. Calls on one
-camera wait for each other, and the interpreter is free while the device works. A camera made before fork() raises
-`ForkError` in the child.
+The first frame whose step succeeds sets the formats; later frames must have the same. Methods may be called from any
+thread. Calls on one camera wait for each other, and the interpreter is free while the device works. A camera made
+before fork() raises `ForkError` in the child.
 
 Ctrl-C never breaks off a step: it is raised before the step begins or once it is over. In the second case the step's
 packet is in `last_packet` (`last_packets` of a `Rig`), though the call has raised `KeyboardInterrupt`.

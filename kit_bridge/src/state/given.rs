@@ -68,7 +68,7 @@ impl State {
                 Fault::Frame("the first step needs a frame of every camera: they tell the formats".to_owned())
             })?;
             self.banks = Bank::all(&self.device, &self.sensors, &formats, &self.lenses, self.rig_options())?;
-            self.formats = formats;
+            (self.formats, self.first_step) = (formats, true);
             return Ok(());
         }
         for (camera, expected) in self.formats.iter().enumerate() {
@@ -124,7 +124,8 @@ fn describe(format: Format) -> String {
     let geometry = match (format.depth, format.ids) {
         (Some(_), Some(ids)) => format!(", with depth and {:?} ids", ids.element),
         (Some(_), None) => ", with depth".to_owned(),
-        _ => String::new(),
+        (None, Some(ids)) => format!(", with {:?} ids and without depth", ids.element),
+        (None, None) => String::new(),
     };
     hdr + &motion + &geometry
 }
