@@ -123,10 +123,39 @@ def test_a_saved_run_goes_on_as_one():
     second.restore(first.save())
     tail = [second.step(*bars(40, 24, i), t_ns=FRAME_NS * i) for i in range(3, 6)]
     assert_same(join(head + tail), expected)
-    with pytest.raises(esaac.ArgumentError, match="no saved state"):
-        second.restore(b"nonsense")
-    with pytest.raises(esaac.ArgumentError, match="another sensor"):
+    with pytest.raises(
+        esaac.ArgumentError,
+        match="camera 0 .* `contrast_mismatch = 0.0`, expected `contrast_mismatch = 0.05`",
+    ):
         camera().restore(first.save())
+
+
+def test_a_state_that_is_damaged_is_refused():
+    cam = camera()
+    steps = lambda indices: join([cam.step(*bars(40, 24, i), t_ns=FRAME_NS * i) for i in indices])
+    steps(range(2))
+    state = cam.save()
+    expected = steps(range(2, 5))
+    for wrong, message in (
+        (b"nonsense", "no saved state"),
+        (b"", "no saved state"),
+        (bytes(100), "no saved state"),
+        (state[:10], "no saved state"),
+        ("state", "saved state is a str, expected bytes"),
+        (None, "saved state is a NoneType, expected bytes"),
+        (b"ESAACPY2" + state[8:], "saved state of format b'ESAACPY2', expected b'ESAACPY3'"),
+        (state[:-1], f"saved state of {len(state) - 1} bytes, expected {len(state)}"),
+        (state + b"junk", f"saved state of {len(state) + 4} bytes, expected {len(state)}"),
+    ):
+        with pytest.raises(esaac.ArgumentError, match=message):
+            cam.restore(wrong)
+    for index in (20, 30, 60, 200, len(state) // 2, len(state) - 1):
+        flipped = bytearray(state)
+        flipped[index] ^= 1
+        with pytest.raises(esaac.ArgumentError, match="saved state is damaged: its CRC-32 is .*, expected"):
+            cam.restore(bytes(flipped))
+    cam.restore(memoryview(bytearray(state)))
+    assert_same(steps(range(2, 5)), expected)
 
 
 @pytest.mark.parametrize(("before", "after"), [("cubic", "bilinear"), ("bilinear", "cubic")])

@@ -287,7 +287,7 @@ fn saved_states_that_do_not_fit() {
     // Restoring into other rigs fails, and each error names the difference.
     let other_sensor = SensorModel { seed: 5, ..base.clone() };
     let mut other = rig(&other_sensor, &frames, RigOptions::default());
-    assert_names(other.restore(&saved), &["camera 0", "another sensor"]);
+    assert_names(other.restore(&saved), &["camera 0", "another sensor", "`seed = 5`", "expected `seed = "]);
     let config = camera(&base, 0, &frames);
     let mut two = Rig::new(&DEVICE, &[config.clone(), config]).unwrap();
     assert_names(two.restore(&saved), &["1 cameras, expected 2"]);

@@ -289,8 +289,13 @@ class _Cameras:
     def light_warnings(self) -> list[list[str]]:
         """For each camera what is wrong with its light: a preset beyond the light that it was fitted for, too few
         sub-steps for a lamp's flicker. Empty before the first frame."""
-    def save(self) -> bytes: ...
-    def restore(self, state: bytes) -> None: ...
+    def save(self) -> bytes:
+        """The state that the next step depends on."""
+    def restore(self, state: bytes) -> None:
+        """Continues from a state that cameras with the same sensors and lenses have saved.
+
+        Raises `ArgumentError` for a state that is damaged, of another version's format, or of other cameras. It names
+        the first parameter that differs. The cameras then go on as before."""
 
 def lux_per_unit(
     scene_unit: Literal["luminance", "radiance"],

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import warnings
+import zlib
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,7 +13,10 @@ from esaac.checks import index_of, indices_of, nanoseconds
 from esaac.errors import ArgumentError, PoseWarning
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
-_MAGIC = b"ESAACPY2"
+# A saved state: these eight bytes, of which the last is the version; length and CRC-32 of what follows; length of the
+# header; the header, JSON; the banks' states.
+_MAGIC = b"ESAACPY3"
+_BEGIN = len(_MAGIC) + 8 + 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,24 +113,28 @@ class _Cameras:
         parts = self._engine.save()
         banks = parts.pop("banks")
         header = json.dumps({**parts, "banks": [len(bank) for bank in banks]}).encode()
-        return b"".join([_MAGIC, len(header).to_bytes(8, "little"), header, *banks])
+        body = [len(header).to_bytes(8, "little"), header, *banks]
+        checksum = 0
+        for part in body:
+            checksum = zlib.crc32(part, checksum)
+        length = sum(map(len, body))
+        return b"".join([_MAGIC, length.to_bytes(8, "little"), checksum.to_bytes(4, "little"), *body])
 
     def restore(self, state):
         """Continues from a state that cameras with the same sensors have saved."""
-        state = bytes(state)
-        if state[:8] != _MAGIC or len(state) < 16:
-            raise ArgumentError("this is no saved state of cameras, or another version's")
-        end = 16 + int.from_bytes(state[8:16], "little")
+        body = _checked_body(state)
+        end = 8 + int.from_bytes(body[:8], "little")
         try:
-            header = json.loads(state[16:end])
-        except ValueError as error:
-            raise ArgumentError(f"saved state that cannot be read: {error}") from error
-        banks = []
-        for length in header["banks"]:
-            banks.append(state[end : end + length])
-            end += length
-        formats = [tuple(plane and tuple(plane) for plane in planes) for planes in header["formats"]]
-        self._engine.restore(formats, (header["last_ns"], header["first_ns"]), banks)
+            header = json.loads(bytes(body[8:end]))
+            banks = []
+            for length in header["banks"]:
+                banks.append(bytes(body[end : end + length]))
+                end += length
+            formats = [tuple(plane and tuple(plane) for plane in planes) for planes in header["formats"]]
+            times = header["last_ns"], header["first_ns"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ArgumentError(f"saved state that cannot be read: {error!r}") from error
+        self._engine.restore(formats, times, banks)
 
     def _all_aps(self):
         return [None if frame is None else ApsFrame(*frame) for frame in self._engine.aps()]
@@ -137,6 +145,27 @@ def _listed(t_ns):
     if hasattr(t_ns, "tolist"):
         return t_ns.tolist()
     return list(t_ns) if isinstance(t_ns, Iterable) and not isinstance(t_ns, str) else t_ns
+
+
+def _checked_body(state):
+    """What a saved state has behind its length and checksum, which must be right."""
+    try:
+        state = memoryview(state).cast("B")
+    except TypeError:
+        raise ArgumentError(f"saved state is a {type(state).__name__}, expected bytes") from None
+    magic = bytes(state[: len(_MAGIC)])
+    if len(state) < _BEGIN or magic[:-1] != _MAGIC[:-1]:
+        raise ArgumentError("this is no saved state of cameras")
+    if magic != _MAGIC:
+        raise ArgumentError(f"saved state of format {magic!r}, expected {_MAGIC!r}")
+    body = state[_BEGIN:]
+    length = int.from_bytes(state[len(_MAGIC) : _BEGIN - 4], "little")
+    if len(body) != length:
+        raise ArgumentError(f"saved state of {len(state)} bytes, expected {_BEGIN + length}")
+    checksum, expected = zlib.crc32(body), int.from_bytes(state[_BEGIN - 4 : _BEGIN], "little")
+    if checksum != expected:
+        raise ArgumentError(f"saved state is damaged: its CRC-32 is {checksum:08x}, expected {expected:08x}")
+    return body
 
 
 def _check_poses(poses):

@@ -194,8 +194,14 @@ impl Rig {
             return Err(bad(format!("{actual} cameras, expected {expected}")));
         }
         for (number, (saved, c)) in header.cameras.iter().zip(&self.cameras).enumerate() {
-            if saved.sensor != c.config.sensor.to_toml() || saved.camera != c.config.camera {
-                return Err(bad(format!("camera {number} has another sensor than the one saved")));
+            if let Some((actual, expected)) = first_difference(&c.config.sensor.to_toml(), &saved.sensor) {
+                return Err(bad(format!(
+                    "camera {number} has another sensor than the one saved: `{actual}`, expected `{expected}`"
+                )));
+            }
+            if saved.camera != c.config.camera {
+                let (actual, expected) = (c.config.camera, saved.camera);
+                return Err(bad(format!("camera {number} is camera {actual}, expected {expected} as saved")));
             }
             if saved.lens != c.config.geometry.as_ref().map(lens_bits) {
                 return Err(bad(format!("camera {number} has another lens than the one saved")));
@@ -291,6 +297,18 @@ impl CameraState {
 /// Counters of an empty packet, with deferred events behind it.
 fn only_deferred(deferred: u32) -> Counters {
     Counters { deferred, emitted_fit: u32::MAX, ..Counters::default() }
+}
+
+/// The first lines in which two sensors' files differ: a parameter, with its value in each.
+fn first_difference<'a>(one: &'a str, other: &'a str) -> Option<(&'a str, &'a str)> {
+    let (mut one, mut other) = (one.lines(), other.lines());
+    loop {
+        match (one.next(), other.next()) {
+            (None, None) => return None,
+            (a, b) if a == b => {}
+            (a, b) => return Some((a.unwrap_or("nothing"), b.unwrap_or("nothing"))),
+        }
+    }
 }
 
 fn bad(what: String) -> EngineError {
