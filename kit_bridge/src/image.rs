@@ -1,7 +1,7 @@
 //! Reads address, shape and type of the arrays that callers give. Nothing is copied.
 //!
-//! On the host: whatever NumPy takes without a copy (the buffer protocol, `__array_interface__`, `__array__`). On a
-//! CUDA device: DLPack, whose producer lets our stream wait for its own, or `__cuda_array_interface__`.
+//! On the host: whatever NumPy takes without a copy (the buffer protocol, `__array_interface__`, `__array__`), or
+//! DLPack. On a CUDA device: DLPack, whose producer lets our stream wait for its own, or `__cuda_array_interface__`.
 
 #![expect(unsafe_code, reason = "DLPack's edge")]
 
@@ -16,7 +16,7 @@ use numpy::PyUntypedArray;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyMemoryView};
 
 /// Type of an array's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -193,7 +193,11 @@ impl Image {
                     streams.check(plane, DlDevice { kind, id })?;
                     Self::by_dlpack(array, plane, &streams)
                 }
-                dlpack::CPU | dlpack::CUDA_HOST => Self::through_numpy(array, plane),
+                dlpack::CPU | dlpack::CUDA_HOST if is_numpys(array)? => Self::through_numpy(array, plane),
+                dlpack::CPU | dlpack::CUDA_HOST => {
+                    let capsule = array.call_method0(intern!(py, "__dlpack__"))?;
+                    Self::in_capsule(&capsule, plane, |_| Ok(Place::Host))
+                }
                 kind => Err(nowhere(plane, kind).into()),
             };
         }
@@ -333,6 +337,14 @@ impl Image {
             _owner: Owner::Dlpack(borrowed),
         })
     }
+}
+
+/// Whether NumPy takes an array in another way than by DLPack.
+fn is_numpys(array: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let py = array.py();
+    Ok(array.hasattr(intern!(py, "__array__"))?
+        || array.hasattr(intern!(py, "__array_interface__"))?
+        || PyMemoryView::from(array).is_ok())
 }
 
 /// The error for an array on another GPU than the engine's.

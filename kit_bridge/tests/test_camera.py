@@ -158,6 +158,29 @@ def test_a_state_that_is_damaged_is_refused():
     assert_same(steps(range(2, 5)), expected)
 
 
+class OnlyDlpack:
+    """What a library has that knows no other protocol."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+def test_an_array_on_the_host_may_come_by_dlpack_alone():
+    assert_same(
+        run(camera(), change=lambda hdr, motion: (OnlyDlpack(hdr), OnlyDlpack(motion))), run(camera())
+    )
+    strided = lambda hdr, motion: (OnlyDlpack(np.repeat(hdr, 2, 1)[:, ::2]), OnlyDlpack(motion))
+    assert_same(run(camera(), change=strided), run(camera()))
+    with pytest.raises(esaac.FrameError, match="hdr has dtype float64 x1, expected float16, float32"):
+        camera().step(OnlyDlpack(np.zeros((24, 40, 4))), t_ns=0)
+
+
 @pytest.mark.parametrize(("before", "after"), [("cubic", "bilinear"), ("bilinear", "cubic")])
 def test_a_camera_whose_taps_have_changed_takes_its_own_state_back(before, after):
     cam = camera(taps=before)
