@@ -28,6 +28,8 @@ impl Later {
     pub fn wait(&mut self) {
         let Some(running) = self.running.take() else { return };
         self.done = Some(running.recv().unwrap_or_else(|_| {
+            // A job that panics ends its thread. The next one gets another.
+            self.thread = None;
             let events = Err(Fault::Device("the thread of a submitted step failed".to_owned()));
             Done { frames: None, events }
         }));
