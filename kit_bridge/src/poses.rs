@@ -13,7 +13,10 @@ use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 
 /// Position, metres, and a unit quaternion with its scalar last.
-type Numbers = [f64; 7];
+type Numbers = [f64; NUMBERS];
+
+/// Numbers of a pose.
+const NUMBERS: usize = 7;
 
 /// Ids, and the body that each is; a negative number is the static world.
 type Table<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray1<'py, i64>);
@@ -91,8 +94,22 @@ enum Whose {
 }
 
 impl GivenPoses<'_> {
-    /// Checks their numbers of cameras and environments.
+    /// Checks their shapes, which may have changed since they were made, and their numbers of cameras and environments.
     pub fn read(&self, cameras: usize) -> Result<Poses<'_>, Fault> {
+        let steps = self.times_ns.len();
+        for (what, shape) in [("camera", self.camera.shape()), ("bodies", self.bodies.shape())] {
+            if shape.first() != Some(&steps) || shape.last() != Some(&NUMBERS) {
+                let expected = format!("{steps} steps as times_ns and {NUMBERS} numbers a pose");
+                return Err(Fault::Frame(format!("poses: {what} has shape {shape:?}, expected {expected}")));
+            }
+        }
+        for (ids, bodies) in &self.tables {
+            if ids.len() != bodies.len() {
+                let (actual, expected) = (bodies.len(), ids.len());
+                let message = format!("poses: a table has bodies for {actual} ids, expected {expected}");
+                return Err(Fault::Frame(message));
+            }
+        }
         let gaps = |_| Fault::Frame("poses have gaps".to_owned());
         let table = |(ids, bodies): &Table<'_>| -> Vec<(u32, i64)> {
             let mut table: Vec<_> =
@@ -255,9 +272,7 @@ impl Poses<'_> {
                 (self.bodies, (step * self.environments + environment) * self.bodies_each + body)
             }
         };
-        let numbers: &Numbers = numbers[place * size_of::<Numbers>() / size_of::<f64>()..]
-            .first_chunk()
-            .expect("a pose of each step");
+        let numbers: &Numbers = numbers[place * NUMBERS..].first_chunk().expect("a pose of each step");
         Pose::from_xyz_qxyzw(numbers).map_err(|error| {
             let name = match whose {
                 Whose::Camera(_) if self.cameras == 1 => "camera".to_owned(),

@@ -200,6 +200,31 @@ def test_a_recorder_takes_whole_nanoseconds_alone():
     assert recorder.spanning(5, 5).times_ns.tolist() == [5]
 
 
+def test_times_are_a_copy():
+    times_ns = TIMES_NS.copy()
+    poses = esaac.Poses(times_ns, CAMERA)
+    times_ns[:] = 0
+    np.testing.assert_array_equal(poses.times_ns, TIMES_NS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"camera": CAMERA[:-1, None]}, r"camera has shape \[47, 1, 7\], expected 48 steps as times_ns"),
+        ({"camera": CAMERA[:, None, :6].copy()}, r"camera has shape \[48, 1, 6\], .* and 7 numbers a pose"),
+        ({"bodies": BODIES[:1, None]}, r"bodies has shape \[1, 1, 1, 7\], expected 48 steps"),
+        ({"times_ns": TIMES_NS[1:]}, r"camera has shape \[48, 1, 7\], expected 47 steps"),
+        ({"tables": [(np.arange(3, dtype=np.uint32), np.arange(1))]}, "bodies for 1 ids, expected 3"),
+    ],
+)
+def test_poses_that_were_changed_are_checked_again(changes, message):
+    poses = esaac.Poses(TIMES_NS, CAMERA, BODIES)
+    for name, value in changes.items():
+        setattr(poses, name, value)
+    with pytest.raises(esaac.FrameError, match=message):
+        camera().step(HDR, t_ns=0, depth=DEPTH, ids=IDS, poses=poses)
+
+
 def test_bodies_that_come_later_stood_still_before():
     recorder = esaac.PoseRecorder()
     for step in range(6):
@@ -416,6 +441,11 @@ def test_poses_must_reach_the_frame_and_the_camera_waits_for_them(expected):
         ((TIMES_NS, CAMERA, BODIES[0]), {}, r"bodies has shape \(1, 7\), expected \(steps, bodies, 7\)"),
         ((TIMES_NS * 1e-9, CAMERA), {}, "times_ns has .* dtype float64, expected .* int64, nanoseconds"),
         ((TIMES_NS[:0], CAMERA[:0]), {}, r"times_ns has shape \(0,\)"),
+        (
+            (np.array([5, 1 << 63], np.uint64), CAMERA[:2]),
+            {},
+            "times_ns has 9223372036854775808 ns, expected at most 9223372036854775807",
+        ),
         ((TIMES_NS, CAMERA, BODIES), {"order": "wzyx"}, "order is `wzyx`, expected one of xyzw, wxyz"),
         ((TIMES_NS, CAMERA, BODIES), {"axes": "unity"}, "axes are `unity`, expected one of usd, opengl, ros"),
         ((TIMES_NS, CAMERA, BODIES), {"ids": {-3: 0}}, "id -3, expected 0 to 4294967295"),

@@ -248,7 +248,11 @@ def _times(times_ns):
         raise FrameError(
             f"times_ns has shape {times.shape} and dtype {times.dtype}, expected (steps,) and int64, nanoseconds"
         )
-    return np.ascontiguousarray(times, np.int64)
+    most = np.iinfo(np.int64).max
+    if times.max() > most:
+        raise FrameError(f"times_ns has {times.max()} ns, expected at most {most}")
+    # A copy of its own.
+    return np.array(times, np.int64)
 
 
 def _numbers(array, name, expected, steps, axes):
