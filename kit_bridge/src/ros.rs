@@ -68,7 +68,8 @@ impl RosPublisher {
     #[new]
     fn new(py: Python<'_>, cameras: Vec<Camera>, options: Options) -> PyResult<Self> {
         let split = Split { slice_ns: options.slice_ns, max_bytes: options.max_bytes };
-        let cameras: Vec<CameraPlan> = cameras.into_iter().map(|camera| camera.plan(split)).collect();
+        let cameras: Vec<CameraPlan> =
+            cameras.into_iter().map(|camera| camera.plan(split)).collect::<Result<_, _>>()?;
         let rig = options.rig()?;
         let plans = cameras.clone();
         let publisher = py.detach(|| {
@@ -146,13 +147,24 @@ fn json(summary: &esaac_ros::Summary) -> String {
 }
 
 impl Camera {
-    fn plan(self, split: Split) -> CameraPlan {
+    fn plan(self, split: Split) -> Result<CameraPlan, Fault> {
+        let wrong = |what: &str, actual: [f64; 2], expected: &str| {
+            let name = &self.name;
+            Err(Fault::Argument(format!("{what} of `{name}` is {actual:?}, expected {expected}")))
+        };
+        if let Some(focal_px) = self.focal_px.filter(|focal| !focal.iter().all(|&f| f > 0.0 && f.is_finite()))
+        {
+            return wrong("focal_px", focal_px, "finite numbers above 0");
+        }
+        if let Some(centre_px) = self.centre_px.filter(|centre| !centre.iter().all(|c| c.is_finite())) {
+            return wrong("centre_px", centre_px, "finite numbers");
+        }
         let sensor = self.sensor.get().0.clone();
         let middle = [sensor.width, sensor.height].map(|side| 0.5 * (f64::from(side) - 1.0));
         let intrinsics = self
             .focal_px
             .map(|focal_px| Intrinsics { focal_px, centre_px: self.centre_px.unwrap_or(middle) });
-        CameraPlan {
+        Ok(CameraPlan {
             name: self.name,
             sensor,
             intrinsics,
@@ -161,7 +173,7 @@ impl Camera {
             imu: self.imu,
             split,
             frame_id: self.frame_id,
-        }
+        })
     }
 }
 

@@ -2,7 +2,7 @@
 //! place.
 
 use crate::error::Fault;
-use esaac_model::{Intensity, PacketView, SensorModel};
+use esaac_model::{Intensity, PacketView};
 use esaac_ros::{ApsImage, CameraPlan, Imu, RigPublisher, TickMessages};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -18,6 +18,8 @@ struct Events<'py> {
     watermark_ns: i64,
     sequence: u64,
     dropped: u64,
+    width: u32,
+    height: u32,
     host_copies: u32,
 }
 
@@ -79,7 +81,7 @@ impl Part<'_> {
         };
         Ok(Borrowed {
             camera: self.camera,
-            events: self.events.as_ref().map(|events| events.view(&plan.sensor)).transpose()?,
+            events: self.events.as_ref().map(|events| events.view(plan)).transpose()?,
             aps,
             rgb: self.rgb.as_ref().map(|rgb| image(plan, "rgb", rgb, &[3])).transpose()?,
             depth: self.depth.as_ref().map(|depth| image(plan, "depth", depth, &[])).transpose()?,
@@ -112,11 +114,18 @@ fn flat<'a, T>(what: &str, slice: Result<&'a [T], numpy::AsSliceError>) -> Resul
 }
 
 impl Events<'_> {
-    fn view(&self, sensor: &SensorModel) -> Result<PacketView<'_>, Fault> {
+    fn view(&self, plan: &CameraPlan) -> Result<PacketView<'_>, Fault> {
+        let (width_px, height_px) = (self.width, self.height);
+        let (actual, expected) = ((width_px, height_px), (plan.sensor.width, plan.sensor.height));
+        if actual != expected {
+            let size = |(width, height)| format!("{width}x{height} px");
+            let (name, actual, expected) = (&plan.name, size(actual), size(expected));
+            return Err(Fault::Frame(format!("packet of `{name}` is {actual}, expected {expected}")));
+        }
         let view = PacketView {
             sequence: self.sequence,
-            width_px: sensor.width,
-            height_px: sensor.height,
+            width_px,
+            height_px,
             base_ns: self.base_ns,
             watermark_ns: self.watermark_ns,
             x: flat("x", self.x.as_slice())?,

@@ -118,6 +118,21 @@ def test_what_cannot_be_is_said_at_once(cameras, options, error, message):
         ros.Publisher([ros.Camera(name, "dvs128") for name in cameras], **options)
 
 
+@pytest.mark.parametrize(
+    ("lens", "message"),
+    [
+        ({"focal_px": float("nan")}, r"focal_px of `a` is \[NaN, NaN\], expected finite numbers above 0"),
+        ({"focal_px": 0.0}, r"focal_px of `a` is \[0.0, 0.0\], expected finite numbers above 0"),
+        ({"focal_px": (50.0, -50.0)}, r"focal_px of `a` is \[50.0, -50.0\], expected"),
+        ({"focal_px": float("inf")}, "focal_px of `a` is"),
+        ({"focal_px": 50.0, "centre_px": (float("nan"), 3.0)}, r"centre_px of `a` is \[NaN, 3.0\], expected"),
+    ],
+)
+def test_a_lens_that_cannot_be_is_said_at_once(lens, message):
+    with pytest.raises(esaac.ArgumentError, match=message):
+        ros.Publisher([ros.Camera("a", "dvs128", **lens)], network=False)
+
+
 def test_an_environment_that_waits_is_published_at_its_own_time():
     camera = esaac.TiledEventCamera("dvs128", 2, **SENSOR)
     for index in range(13):
@@ -159,6 +174,10 @@ def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):
     for wrong in (0.5, 3.3e7, "0"):
         with pytest.raises(TypeError, match="t_ns is .*, expected an integer, nanoseconds"):
             publisher.publish(wrong, {"a": ros.Frame()})
+    with esaac.EventCamera("dvs128", **{**SENSOR, "width": 48}) as wider:
+        packet = wider.step(*bars(48, 24, 0), t_ns=0)
+    with pytest.raises(esaac.FrameError, match="packet of `a` is 48x24 px, expected 40x24 px"):
+        publisher.publish(0, {"a": ros.Frame(packet)})
     publisher.publish(0, {"a": ros.Frame(rgb=np.zeros((24, 40, 3), np.uint8))})
     # Any thread may publish.
     packet = camera.step(*bars(40, 24, 0), t_ns=FRAME_NS)

@@ -82,6 +82,8 @@ class _Events:
     watermark_ns: int
     sequence: int
     dropped: int
+    width: int
+    height: int
     host_copies: int
 
 
@@ -216,6 +218,8 @@ def _events(packet):
         watermark_ns=packet.watermark_ns,
         sequence=packet.sequence,
         dropped=packet.dropped,
+        width=packet.width,
+        height=packet.height,
         host_copies=0 if mapped else 1,
     )
 
