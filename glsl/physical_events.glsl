@@ -47,8 +47,8 @@ float second_phase(Camera cam, PixelState p, Walk w, float t) {
 // Books an event at time t, at which the noise is `noise`: begins the hold or, without a refractory period, the next
 // renewal. `slope` is 0 for a signal.
 void fire(Camera cam, uint t, bool on, float noise, float slope, inout PixelState p, inout Walk w) {
-    const uint at = AT_SAMPLE ? w.end : t;
-    emit(at, on, w.ordinal);
+    // Only the stamp waits for the end of the sub-step.
+    emit(AT_SAMPLE ? w.end : t, on, w.ordinal);
     w.ordinal += 1u;
     w.now = t;
     p.noise = noise;
@@ -57,7 +57,7 @@ void fire(Camera cam, uint t, bool on, float noise, float slope, inout PixelStat
     p.phase = -share_of(w.part, t) * w.part.turned;
     if (EFFECT_REFRACTORY && cam.refractory_ns != 0u) {
         w.is_held = true;
-        p.release_ns = int(at + cam.refractory_ns);
+        p.release_ns = int(t + cam.refractory_ns);
         p.clock = floatBitsToUint(slope);
     } else {
         p.release_ns = int(t);

@@ -131,6 +131,43 @@ fn a_hold_that_ends_with_an_interval_ends_with_it() {
     }
 }
 
+/// A hold that began under a refractory period ends when it would have, also if that is switched off and the pixel stands still at
+/// that instant: the reference is the light of then.
+#[test]
+fn a_hold_ends_in_a_still_interval_after_its_period_is_switched_off() {
+    let held = SensorModel { refractory_ns: 1_500_000, ..pixel_row(40) };
+    // An event at .2, held from .8 to 2.3 ms; the light is .75 from 2 to 3 ms. The next event is one threshold above that.
+    let frames = levels(&held, &[0.0, 0.25, 0.75, 0.75, 0.8, 0.96]);
+    for options in policies() {
+        let mut rig = Rig::with_options(&DEVICE, &[camera(&held, 0, &frames)], options).expect("a rig");
+        let mut oracle = Oracle::new(held.clone(), 0).expect("a valid sensor");
+        let (mut by_engine, mut by_oracle) = (Vec::new(), Vec::new());
+        for (index, frame) in frames.frames.iter().enumerate() {
+            if index == 2 {
+                let free = SensorModel { refractory_ns: 0, ..held.clone() };
+                rig.set_sensor(0, free.clone()).expect("of the same size");
+                oracle.set_sensor(free).expect("of the same size");
+            }
+            rig.upload(0, &FrameBytes { hdr: &frame.hdr, ..FrameBytes::default() })
+                .expect("a frame that fits");
+            by_engine.extend(rig.step(&[frame.t_ns]).expect("in time").packets[0].iter());
+            by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
+        }
+        for (who, got) in [("engine", by_engine), ("oracle", by_oracle)] {
+            assert_eq!(got.len(), 2 * 40, "{who}");
+            for pixel in [0, 39] {
+                let own: Vec<_> = got.iter().filter(|event| event.x == pixel).copied().collect();
+                let [first, second] = signs_and_times(&own)[..] else { panic!("{who}: {own:?}") };
+                assert_eq!((first.0, second.0), (Polarity::On, Polarity::On), "{who}");
+                // From .80 to .96 between 4 and 5 ms.
+                let expected_ns = 4 * MILLISECOND_NS + MILLISECOND_NS * 15 / 16;
+                assert!((second.1 - expected_ns).abs() < 1_000, "{who}: {second:?}");
+            }
+        }
+    }
+    assert_silent();
+}
+
 /// The end of a hold precedes a shot event of the same nanosecond, so that the event is emitted. A shot event one
 /// nanosecond earlier is not.
 #[test]

@@ -5,7 +5,9 @@ use esaac_engine::{KernelPolicy, RigOptions};
 use esaac_layout::PhysicalWord;
 use esaac_model::packet::Event;
 use esaac_model::presets::preset;
-use esaac_model::{HdrFormat, MotionFormat, Packet, Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis};
+use esaac_model::{
+    HdrFormat, MotionFormat, Packet, Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis, Timestamps,
+};
 use esaac_oracle::Oracle;
 use esaac_scene::SceneKind;
 use esaac_tests::device::assert_silent;
@@ -132,6 +134,34 @@ fn without_noise_pixels_send_the_oracles_events() {
         assert!(share <= 0.001, "{} of {} pixels", total.differing, total.pixels);
         assert!(total.apart_ns(0.5) < 5_000 && total.apart_ns(0.99) < 200_000, "{refractory_ns} ns");
     }
+}
+
+/// With stamps at the ends of sub-steps nothing else changes: each event has the end of the sub-step that it is in.
+#[test]
+fn stamps_at_samples_move_no_hold() {
+    let free = SensorModel { refractory_ns: 700_000, substep_policy: SubstepPolicy::Fixed, ..quiet() };
+    let at_sample = SensorModel { timestamps: Timestamps::AtSample, ..free.clone() };
+    let sequence = waves(&free, 30.0, 4);
+    let by_pixel = |events: Vec<Event>| {
+        let mut all: Vec<_> = events.into_iter().map(|e| ((e.y, e.x), e.t_ns, e.polarity)).collect();
+        all.sort_by_key(|&(pixel, t_ns, _)| (pixel, t_ns));
+        all
+    };
+    let own = [&free, &at_sample].map(|sensor| by_pixel(events(&engine(sensor, &sequence))));
+    let gpus = [&free, &at_sample].map(|sensor| by_pixel(events(&engine_with(sensor, &sequence, gpu()))));
+    let oracles = [&free, &at_sample].map(|sensor| by_pixel(oracle_events(&oracle(sensor, 0, &sequence))));
+    for [free_events, at_samples] in [own, gpus, oracles] {
+        assert!(free_events.len() > 1000, "{} events", free_events.len());
+        assert_eq!(free_events.len(), at_samples.len());
+        for (own, stamped) in free_events.iter().zip(&at_samples) {
+            assert_eq!((own.0, own.2), (stamped.0, stamped.2));
+            let frame = sequence.frames.iter().position(|frame| frame.t_ns >= own.1).expect("within the run");
+            let (start_ns, end_ns) = (sequence.frames[frame - 1].t_ns, sequence.frames[frame].t_ns);
+            let longest_ns = (end_ns - start_ns) / i64::from(free.substeps) + 1;
+            assert!((0..=longest_ns).contains(&(stamped.1 - own.1)), "{own:?} and {stamped:?}");
+        }
+    }
+    assert_silent();
 }
 
 #[test]

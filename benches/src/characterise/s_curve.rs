@@ -50,6 +50,9 @@ pub fn s_curves(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<SCurve>> {
     LEVELS_LUX.iter().map(|&lux| s_curve(lab, sensor, lux)).collect()
 }
 
+/// Longest interval in which a pixel is watched, nanoseconds.
+const LONGEST_NS: usize = 500_000_000;
+
 /// The S-curve at a level of light. Pixels begin to watch in it, and see the step at once.
 pub fn s_curve(lab: &Lab<'_>, sensor: &SensorModel, lux: f64) -> Result<SCurve> {
     let width = lab.pixels as usize;
@@ -65,7 +68,11 @@ pub fn s_curve(lab: &Lab<'_>, sensor: &SensorModel, lux: f64) -> Result<SCurve> 
     light.show(0, |_| lux)?;
     let after = |pixel: usize| (lux + dark_lux) * step_log(pixel / width).exp() - dark_lux;
     let mut answered = vec![false; width * STEPS];
-    for t_ns in [1_000, 1_000 + (watched_s * 1e9) as i64] {
+    let begin_ns = 1_000;
+    let end_ns = begin_ns + (watched_s * 1e9) as i64;
+    // A slow pixel is watched for longer than an interval may be.
+    let times_ns = (begin_ns..end_ns).step_by(LONGEST_NS).chain([end_ns]);
+    for t_ns in times_ns {
         for event in light.show(t_ns, after)? {
             let pixel = usize::from(event.y) * width + usize::from(event.x);
             answered[pixel] |= event.polarity == Polarity::On;

@@ -114,7 +114,9 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         aps_base: place.aps_base,
         substeps: sensor.substeps,
         substeps_fixed: u32::from(sensor.substep_policy == SubstepPolicy::Fixed),
-        no_skip: u32::from(camera.changed),
+        // While a hold may end that began under another refractory period, each pixel is walked: the holds that end in
+        // skipped tiles would be forgotten with the kernels that know of them.
+        no_skip: u32::from(camera.changed || camera.last_ns < camera.holds_until_ns),
         exposure_gain: sensor.exposure_gain as f32,
         log_offset: sensor.dark_level() as f32,
         refractory_ns: sensor.refractory_ns,

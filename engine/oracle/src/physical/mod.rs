@@ -199,8 +199,13 @@ impl Substep<'_> {
             }
             let Some(happening) = self.next(state, &watch, now_ns) else { break };
             now_ns = happening.at_ns;
-            let t_ns = self.start_ns + self.event_ns(now_ns);
-            emit(Crossing { t_ns, polarity: happening.polarity, index: state.events });
+            let t_ns = self.start_ns + self.whole_ns(now_ns);
+            // Only the stamp waits for the end of the sub-step.
+            let stamp_ns = match self.sensor.timestamps {
+                Timestamps::Interpolated => t_ns,
+                Timestamps::AtSample => self.start_ns + self.duration_ns,
+            };
+            emit(Crossing { t_ns: stamp_ns, polarity: happening.polarity, index: state.events });
             self.fire(state, &mut watch, happening, t_ns);
         }
         let end_ns = self.duration_ns as f64;
@@ -382,12 +387,9 @@ impl Substep<'_> {
         })
     }
 
-    /// Time of the event of a crossing, nanoseconds from the sub-step's start.
-    fn event_ns(&self, crossed_ns: f64) -> i64 {
-        match self.sensor.timestamps {
-            Timestamps::Interpolated => (crossed_ns.ceil() as i64).clamp(1, self.duration_ns),
-            Timestamps::AtSample => self.duration_ns,
-        }
+    /// Time of a crossing in whole nanoseconds from the sub-step's start.
+    fn whole_ns(&self, crossed_ns: f64) -> i64 {
+        (crossed_ns.ceil() as i64).clamp(1, self.duration_ns)
     }
 }
 

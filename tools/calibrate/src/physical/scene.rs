@@ -48,7 +48,8 @@ pub fn fit_scene(
         contrast_on: coarse.sensor.contrast_on,
         contrast_off: coarse.sensor.contrast_off,
         contrast_mismatch: coarse.sensor.contrast_mismatch,
-        leak_rate_hz: coarse.sensor.leak_rate_hz,
+        // Measured at the guess's temperature; the parameter is the rate at 25 C.
+        leak_rate_hz: coarse.sensor.leak_rate_hz / guess.physical_pixel().thermal_factor(),
         ..guess.clone()
     };
     let gap_ns = |events: &[Event]| short_gap_ns(events, recording.width_px);
