@@ -83,6 +83,33 @@ fn the_error_falls_with_the_fourth_power_of_the_spacing_even_at_uneven_times() {
     assert!(fine.1 < coarse.1 / 12.0, "{coarse:?} {fine:?}");
 }
 
+/// Physics counts its steps in whole nanoseconds, and a frame has a pose of its own, some nanoseconds after the last step's. Poses
+/// in single precision differ by more than the way between the two.
+#[test]
+fn a_frames_pose_beside_that_of_a_step_changes_next_to_nothing() {
+    let single = |pose: Pose| {
+        let single = |v: f64| f64::from(v as f32);
+        let (q, t) = (pose.rotation(), pose.translation_m());
+        let rotation = DQuat::from_xyzw(single(q.x), single(q.y), single(q.z), single(q.w)).normalize();
+        Pose::new(rotation, DVec3::new(single(t.x), single(t.y), single(t.z))).unwrap()
+    };
+    let steps_ns: Vec<i64> = (0..=16).map(|k| k * 4_166_666).collect();
+    let frames_ns = [33_333_333, 66_666_666];
+    let mut times_ns: Vec<i64> = steps_ns.iter().copied().chain(frames_ns).collect();
+    times_ns.sort_unstable();
+    let of = |times_ns: &[i64]| PoseTrack::through(times_ns, |t_s| single(shaking(t_s))).unwrap();
+    let (alone, both) = (of(&steps_ns), of(&times_ns));
+    let (expected, found) = (errors(&alone, shaking), errors(&both, shaking));
+    println!("{expected:?} m and rad without the frames' poses, {found:?} with them");
+    assert!(found.0 < 1.1 * expected.0 && found.1 < 1.1 * expected.1);
+    for t_ns in steps_ns.windows(2).map(|pair| (pair[0] + pair[1]) / 2) {
+        assert!(angle(alone.at(t_ns).unwrap(), both.at(t_ns).unwrap()) < 2e-6, "{t_ns} ns");
+    }
+    // Two samples alone are a line, however close they are.
+    let close = PoseTrack::through(&[0, 5], shaking).unwrap();
+    assert!(angle(close.at(5).unwrap(), shaking(5e-9)) < 1e-12);
+}
+
 #[test]
 fn velocities_are_continuous_at_every_sample() {
     let times_ns = [0, 3, 9, 11, 20, 26, 33].map(|ms| ms * MS);

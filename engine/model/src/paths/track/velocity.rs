@@ -12,6 +12,10 @@ const REACH: usize = 2;
 /// Most neighbours that a velocity comes from.
 const NEIGHBOURS: usize = 2 * REACH;
 
+/// Samples that are closer than this share of what a velocity spans are taken for one: a frame's pose beside that of a
+/// simulation's step, some nanoseconds apart. The rounding of such poses would be divided by next to no time.
+const ONE_SAMPLE: u64 = 2048;
+
 /// The samples that a sample's velocity comes from besides itself. On either side outwards, so that each rotation can go
 /// on from the one before. Where there are fewer, the sample itself stands for the others, without a weight.
 #[derive(Clone, Copy, Debug)]
@@ -38,23 +42,62 @@ pub(super) struct Velocity {
 impl Stencil {
     /// That of sample `own`.
     pub(super) fn new(times_ns: &[i64], own: usize) -> Self {
-        let count = (NEIGHBOURS + 1).min(times_ns.len());
-        let first = own.saturating_sub(REACH).min(times_ns.len() - count);
+        let last = times_ns.len() - 1;
+        let spans = [own.saturating_sub(REACH), (own + REACH).min(last)];
+        let span_ns = spans.map(|end| times_ns[end].abs_diff(times_ns[own])).into_iter().max().unwrap_or(0);
+        let least_ns = span_ns / ONE_SAMPLE;
+        let before = Side::new(times_ns, own, least_ns, (0..own).rev());
+        let after = Side::new(times_ns, own, least_ns, own + 1..times_ns.len());
+        // As many on either side, unless the track ends before.
+        let from_after = (NEIGHBOURS - before.count.min(REACH)).min(after.count);
+        let before = before.nearest(NEIGHBOURS - from_after);
+        let after = after.nearest(from_after);
+
         let offset_s = |sample: usize| seconds(times_ns[own], times_ns[sample]);
         let weight_hz = |sample: usize| {
-            let others = (first..first + count).filter(|&other| other != own && other != sample);
-            others.fold(1.0 / offset_s(sample), |weight, other| {
+            let others = before.iter().rev().chain(after).filter(|&&other| other != sample);
+            others.fold(1.0 / offset_s(sample), |weight, &other| {
                 weight * offset_s(other) / (offset_s(other) - offset_s(sample))
             })
         };
         let mut neighbours = [Neighbour { sample: own, weight_hz: 0.0, times_as_far: None }; NEIGHBOURS];
-        let outwards = (first..own).rev().chain(own + 1..first + count);
-        for (neighbour, sample) in neighbours.iter_mut().zip(outwards) {
-            let before = if sample < own { sample + 1 } else { sample - 1 };
-            let times_as_far = (before != own).then(|| offset_s(sample) / offset_s(before));
+        let outwards = [before, after].into_iter().flat_map(|side| {
+            let nearer = std::iter::once(None).chain(side.iter().map(Some));
+            side.iter().zip(nearer)
+        });
+        for (neighbour, (&sample, nearer)) in neighbours.iter_mut().zip(outwards) {
+            let times_as_far = nearer.map(|&nearer| offset_s(sample) / offset_s(nearer));
             *neighbour = Neighbour { sample, weight_hz: weight_hz(sample), times_as_far };
         }
         Stencil(neighbours)
+    }
+}
+
+/// The nearest samples on one side of another, outwards, of which none are taken for one.
+struct Side {
+    samples: [usize; NEIGHBOURS],
+    count: usize,
+}
+
+impl Side {
+    fn new(times_ns: &[i64], own: usize, least_ns: u64, outwards: impl Iterator<Item = usize>) -> Self {
+        let mut side = Side { samples: [own; NEIGHBOURS], count: 0 };
+        let mut nearer = own;
+        for sample in outwards {
+            if side.count == NEIGHBOURS {
+                break;
+            }
+            if times_ns[sample].abs_diff(times_ns[nearer]) > least_ns {
+                side.samples[side.count] = sample;
+                side.count += 1;
+                nearer = sample;
+            }
+        }
+        side
+    }
+
+    fn nearest(&self, most: usize) -> &[usize] {
+        &self.samples[..self.count.min(most)]
     }
 }
 
