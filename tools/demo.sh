@@ -11,7 +11,7 @@ set_up_packages
 set_up_rust
 say "cargo build --release"
 cargo build --release --locked --quiet -p esaac-cli
-binary="${CARGO_TARGET_DIR:-$root/target}/release/esaac"
+binary="$(realpath -m "${CARGO_TARGET_DIR:-target}")/release/esaac"
 cd "$OLDPWD"
 
 status=0

@@ -11,6 +11,10 @@ fail() {
     exit 1
 }
 
+may_be_root() {
+    [ "$(id -u)" -eq 0 ] || command -v sudo >/dev/null
+}
+
 as_root() {
     if [ "$(id -u)" -eq 0 ]; then
         "$@"
@@ -171,7 +175,8 @@ RUSTUP_SHA256_aarch64=e3853c5a252fca15252d07cb23a1bdd9377a8c6f3efa01531109281ae4
 install_rustup() {
     local machine hash folder
     # An installable version, that is; `apt-cache show` is content with a name that others mention.
-    if command -v apt-get >/dev/null && apt_update &&
+    # Without root rustup comes from its makers.
+    if command -v apt-get >/dev/null && may_be_root && apt_update &&
         apt-cache policy rustup | grep 'Candidate: [0-9]' >/dev/null; then
         apt_install rustup
         return

@@ -48,4 +48,6 @@ if ! build; then
     build --zig --target "$TARGET"
 fi
 python3 tools/check_wheel.py "$fresh"/esaac-*.whl --newest-glibc "$GLIBC"
+# A wheel of another version beside it would be installed with it.
+rm -f "$folder"/esaac-*.whl
 mv "$fresh"/esaac-*.whl "$folder"

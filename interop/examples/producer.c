@@ -5,6 +5,7 @@
  * ./producer SOCKET FRAMES [CAMERA [DEVICE]] */
 #define _GNU_SOURCE
 #include "esaac_interop.h"
+#include <errno.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -29,7 +30,14 @@ union message {
 
 static void send_message(int sock, void *message, uint16_t kind, uint32_t bytes) {
     *(struct esaac_header *)message = (struct esaac_header){ESAAC_MAGIC, ESAAC_VERSION_2, kind, bytes, 0};
-    if (send(sock, message, bytes, MSG_NOSIGNAL) != (ssize_t)bytes) FAIL("the engine is gone");
+    if (send(sock, message, bytes, MSG_NOSIGNAL) == (ssize_t)bytes) return;
+    /* The engine has closed the connection. What it said before can still be read. */
+    union message last;
+    for (int look = 0; look < 2; look++) {
+        ssize_t got = recv(sock, &last, sizeof last, MSG_DONTWAIT);
+        if (got >= (ssize_t)sizeof last.header && last.header.kind == ESAAC_ERROR) FAIL("refused: %.*s", (int)last.error.text_bytes, last.error.text);
+    }
+    FAIL("the engine is gone");
 }
 
 /* The next message, which must be of this kind; its descriptors. */
@@ -38,6 +46,8 @@ static int receive(int sock, union message *message, uint16_t kind, int *fds) {
     struct iovec iov = {message, sizeof *message};
     struct msghdr header = {.msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
     ssize_t bytes = recvmsg(sock, &header, MSG_CMSG_CLOEXEC);
+    /* A connection that is closed with messages unread says so once, before its last message. */
+    if (bytes < 0 && errno == ECONNRESET) bytes = recvmsg(sock, &header, MSG_CMSG_CLOEXEC);
     if (bytes < (ssize_t)sizeof message->header) FAIL("the engine is gone");
     if (message->header.kind == ESAAC_ERROR) FAIL("refused: %.*s", (int)message->error.text_bytes, message->error.text);
     if (message->header.kind != kind || (ssize_t)message->header.bytes != bytes) FAIL("message %u, expected %u", message->header.kind, kind);

@@ -110,9 +110,26 @@ struct esaac_released {
     uint64_t value; /* 2k + 2 */
 };
 
+enum esaac_error_code {
+    ESAAC_ERROR_INTERNAL = 0, /* anything else */
+    ESAAC_ERROR_PROTOCOL = 1, /* a message that is none, or not now */
+    ESAAC_ERROR_VERSION = 2, /* another version of the protocol */
+    ESAAC_ERROR_CAMERA = 3, /* no camera of this number, or of another size */
+    ESAAC_ERROR_TAKEN = 4, /* the camera has a producer */
+    ESAAC_ERROR_DEVICE = 5, /* another device or driver, and no memory that both can use */
+    ESAAC_ERROR_UNSUPPORTED = 6, /* no memory or timeline that both can use */
+    ESAAC_ERROR_MEMORY = 7, /* memory that is not what it must be */
+    ESAAC_ERROR_VALUE = 8, /* a timeline value out of turn */
+    ESAAC_ERROR_TIME = 9, /* a frame's time */
+    ESAAC_ERROR_TIMEOUT = 10, /* something that did not come */
+    ESAAC_ERROR_USER = 11, /* another user's process */
+    ESAAC_ERROR_BUSY = 12, /* more connections than the engine takes */
+    ESAAC_ERROR_POSES = 13, /* poses that are none, or that do not span the frame's interval; version 2 */
+};
+
 struct esaac_error {
     struct esaac_header header;
-    uint32_t code;
+    uint32_t code; /* enum esaac_error_code; an engine may know more */
     uint32_t text_bytes;
     uint8_t text[256]; /* UTF-8 */
 };

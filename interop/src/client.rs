@@ -6,7 +6,7 @@ use crate::images::{Images, geometry_from_wire, lens_to_wire};
 use crate::socket::{Received, Socket};
 use crate::wire::{
     self, Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Lens, Message, Refusal, RingOffer,
-    Version, WireError,
+    Track, Version, WireError,
 };
 use esaac_model::paths::{Intrinsics, SceneMotion};
 use esaac_model::{HdrFormat, MotionFormat};
@@ -244,16 +244,18 @@ impl Client {
         self.values[slot as usize]
     }
 
-    /// Tells the engine of the frame in a slot, and of the poses from the last frame to this one if the camera takes
-    /// them.
+    /// Tells the engine of the frame in a slot, and of its poses ([`Client::poses`]).
     pub(crate) fn publish(
         &mut self,
         slot: u32,
         t_ns: i64,
         copies: Copies,
-        scene: Option<&SceneMotion>,
+        tracks: Vec<Track>,
     ) -> Result<(), InteropError> {
-        let poses = self.send_poses(t_ns, scene)?;
+        let poses = tracks.iter().map(|track| track.samples.len()).sum::<usize>() as u32;
+        for tracks in wire::in_messages(tracks) {
+            tell(&self.socket, self.timeout, &Message::Poses(tracks))?;
+        }
         let value = self.values[slot as usize] + 1;
         let notice = FrameNotice {
             slot,
@@ -270,9 +272,9 @@ impl Client {
         Ok(())
     }
 
-    /// Sends the poses of a frame; how many they are.
-    fn send_poses(&self, t_ns: i64, scene: Option<&SceneMotion>) -> Result<u32, InteropError> {
-        let Some(geometry) = &self.images.geometry else { return Ok(0) };
+    /// The poses from the last frame to one at `t_ns`, which are right to be sent; none if the camera takes none.
+    pub(crate) fn poses(&self, t_ns: i64, scene: Option<&SceneMotion>) -> Result<Vec<Track>, InteropError> {
+        let Some(geometry) = &self.images.geometry else { return Ok(Vec::new()) };
         let bad = |reason: String| Err(InteropError::Scene { reason });
         let Some(scene) = scene else {
             return bad("the camera takes depth, and there are no poses with the frame".to_owned());
@@ -290,10 +292,7 @@ impl Client {
         if poses > wire::MAX_POSES {
             return bad(format!("{poses} poses for a frame, expected at most {}", wire::MAX_POSES));
         }
-        for tracks in wire::in_messages(tracks) {
-            tell(&self.socket, self.timeout, &Message::Poses(tracks))?;
-        }
-        Ok(poses as u32)
+        Ok(tracks)
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has

@@ -112,6 +112,8 @@ impl Producer {
 
     /// As [`Producer::publish`], with the poses from the last frame to this one. They are sent if the camera takes them
     /// ([`Images::geometry`](crate::Images::geometry)); then they must come with every frame.
+    ///
+    /// Poses that are wrong are [`InteropError::Scene`]. Then the slot is still the caller's, to be published with other poses.
     pub fn publish_scene(
         &mut self,
         slot: u32,
@@ -129,9 +131,10 @@ impl Producer {
         copies: Copies,
         scene: Option<&SceneMotion>,
     ) -> Result<(), InteropError> {
+        let poses = self.client.poses(t_ns, scene)?;
         let value = self.client.value(slot) + 1;
         self.ring.slot(slot).timeline().settle(value, self.client.timeout())?;
-        self.client.publish(slot, t_ns, copies, scene)
+        self.client.publish(slot, t_ns, copies, poses)
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has

@@ -24,7 +24,8 @@ fn choice(named: Option<&Bound<'_, PyAny>>) -> PyResult<DeviceChoice> {
         Some(named) => named.str()?.to_cow()?.into_owned(),
     };
     if let Some(ordinal) = name.strip_prefix("cuda") {
-        let ordinal: i32 = ordinal.strip_prefix(':').unwrap_or("0").parse().map_err(|_| {
+        let number = if ordinal.is_empty() { Some("0") } else { ordinal.strip_prefix(':') };
+        let ordinal: i32 = number.and_then(|number| number.parse().ok()).ok_or_else(|| {
             Fault::Argument(format!("device is `{name}`, expected `cuda:N` with a number of a CUDA device"))
         })?;
         let found = cuda_devices().map_err(Fault::from)?.into_iter().find(|d| d.ordinal == ordinal);

@@ -66,14 +66,20 @@ impl Inner {
         let side = lock(&self.side).clone();
         let mut later = self.settled();
         later.check_taken()?;
+        if submits {
+            later.prepare()?;
+        }
         let mut state = lock(&self.state);
         let cameras = open(&mut state)?;
         let begun = cameras.begin(&frames, &t_ns, moving, side.as_ref())?;
         if !submits {
             return cameras.end(begun, &frames, &t_ns, side.as_ref()).map(Some);
         }
-        if let Some(side) = &side {
-            crate::bank::release(&frames, &side.link())?;
+        if let Some(side) = &side
+            && let Err(error) = crate::bank::release(&frames, &side.link())
+        {
+            side.link().finish()?;
+            return Err(error.into());
         }
         drop(state);
         let kept = Arc::clone(&self.state);

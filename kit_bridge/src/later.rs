@@ -45,15 +45,22 @@ impl Later {
         Err(Fault::Argument(message.to_owned()))
     }
 
+    /// Starts the thread, if there is none.
+    pub fn prepare(&mut self) -> Result<(), Fault> {
+        if self.thread.is_none() {
+            self.thread =
+                Some(start().map_err(|error| Fault::Device(format!("no thread for a step: {error}")))?);
+        }
+        Ok(())
+    }
+
     /// Runs `job` on the thread.
     pub fn submit(&mut self, job: impl FnOnce() -> Done + Send + 'static) -> Result<(), Fault> {
+        self.prepare()?;
         let (done, running) = channel();
-        let failed = || Fault::Device("no thread for a submitted step".to_owned());
-        let thread = match &self.thread {
-            Some(thread) => thread,
-            None => self.thread.insert(start().map_err(|_| failed())?),
-        };
-        thread.send((Box::new(job), done)).map_err(|_| failed())?;
+        let thread = self.thread.as_ref().expect("it was started");
+        let failed = |_| Fault::Device("the thread of submitted steps has ended".to_owned());
+        thread.send((Box::new(job), done)).map_err(failed)?;
         self.running = Some(running);
         Ok(())
     }

@@ -140,6 +140,10 @@ impl State {
         self.undo_first(side)?;
         let begun = self.prepare(frames, t_ns, moving, side);
         if begun.is_err() {
+            if let Some(side) = side {
+                // The arrays are let go with the error, and CUDA may still copy from them.
+                side.link().finish()?;
+            }
             self.undo_first(side)?;
         }
         begun
@@ -188,12 +192,8 @@ impl State {
             Some(scenes) => Ok(scenes),
             None => self.scenes(frames, t_ns, moving),
         };
-        let set = scenes.and_then(|scenes| self.set_scenes(scenes));
-        if let (Err(_), Some(side)) = (&set, side) {
-            // The arrays are let go with the error.
-            side.link().finish()?;
-        }
-        set.map(|()| Begun { started, on_device })
+        scenes.and_then(|scenes| self.set_scenes(scenes))?;
+        Ok(Begun { started, on_device })
     }
 
     /// Steps the cameras with what [`State::begin`] has been given.

@@ -142,8 +142,9 @@ def test_devices_are_listed_and_wrong_ones_refused():
         camera(device=99)
     with pytest.raises(esaac.ArgumentError, match="expected a device's number or its UUID"):
         camera(device="best")
-    with pytest.raises(esaac.ArgumentError, match="cuda:N"):
-        camera(device="cuda:x")
+    for device in ("cuda:x", "cuda1", "cuda-1", "cuda:"):
+        with pytest.raises(esaac.ArgumentError, match="cuda:N"):
+            camera(device=device)
     with pytest.raises(esaac.ArgumentError, match="`host`, `mapped` or `cuda`"):
         camera(packets="gpu")
 

@@ -136,18 +136,39 @@ fn rows_to(
     }
 }
 
-/// Whether an image lies inside its allocation.
+/// Whether an image lies inside memory that is there. An allocation may be mapped in several parts, one behind the other.
 pub(super) fn check_source(
     name: &str,
     source: Strided,
     row_bytes: usize,
     rows: usize,
 ) -> Result<(), InteropError> {
+    let wanted = source.pointer.saturating_add(extent_bytes(source, row_bytes, rows));
+    let mut end = end_of_part(source.pointer)?.1;
+    while end < wanted {
+        match end_of_part(end) {
+            Ok((base, next)) if base == end => end = next,
+            _ => break,
+        }
+    }
+    fits(name, source, row_bytes, rows, end)
+}
+
+/// Where the part of an allocation begins and ends that an address lies in.
+fn end_of_part(address: sys::CUdeviceptr) -> Result<(sys::CUdeviceptr, sys::CUdeviceptr), InteropError> {
     let (mut base, mut size) = (0, 0);
     // SAFETY: a context is current; both results outlive the call.
-    let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, source.pointer) };
+    let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, address) };
     check("cuMemGetAddressRange", known)?;
-    fits(name, source, row_bytes, rows, base + size as u64)
+    Ok((base, base + size as u64))
+}
+
+/// Bytes from the first to the last of rows at a stride; the most that there is if they are more.
+fn extent_bytes(source: Strided, row_bytes: usize, rows: usize) -> u64 {
+    (rows.saturating_sub(1))
+        .checked_mul(source.stride_bytes)
+        .and_then(|bytes| bytes.checked_add(row_bytes))
+        .unwrap_or(usize::MAX) as u64
 }
 
 /// Whether rows at a stride end before `end`.
@@ -165,10 +186,7 @@ fn fits(
             actual: source.stride_bytes as u64,
         });
     }
-    let expected = (rows.saturating_sub(1))
-        .checked_mul(source.stride_bytes)
-        .and_then(|bytes| bytes.checked_add(row_bytes))
-        .unwrap_or(usize::MAX) as u64;
+    let expected = extent_bytes(source, row_bytes, rows);
     let actual = end.saturating_sub(source.pointer);
     if expected <= actual {
         Ok(())

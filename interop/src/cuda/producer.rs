@@ -173,6 +173,8 @@ impl CudaProducer {
 
     /// As [`CudaProducer::publish`], with the poses from the last frame to this one. They are sent if the camera takes
     /// them ([`Images::geometry`](crate::Images::geometry)); then they must come with every frame.
+    ///
+    /// Poses that are wrong are [`InteropError::Scene`]. Then the slot is still the caller's, to be published with other poses.
     pub fn publish_scene(
         &mut self,
         slot: u32,
@@ -190,6 +192,8 @@ impl CudaProducer {
         copies: Copies,
         scene: Option<&SceneMotion>,
     ) -> Result<(), InteropError> {
+        // Before the timeline is signalled, which can be done once.
+        let poses = self.client.poses(t_ns, scene)?;
         {
             let _entered = self.context.enter()?;
             match &self.slots[slot as usize].timeline {
@@ -197,7 +201,7 @@ impl CudaProducer {
                 None => self.stream.finish()?,
             }
         }
-        self.client.publish(slot, t_ns, copies, scene)
+        self.client.publish(slot, t_ns, copies, poses)
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has

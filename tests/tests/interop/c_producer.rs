@@ -2,7 +2,7 @@
 
 use esaac_engine::{FrameBytes, Rig, RigOptions, Validation};
 use esaac_interop::wire::{
-    Brought, FrameNotice, Header, Hello, ImageMemory, Lens, MAX_BYTES, MAX_POSES, MAX_SAMPLES,
+    Brought, ErrorCode, FrameNotice, Header, Hello, ImageMemory, Lens, MAX_BYTES, MAX_POSES, MAX_SAMPLES,
     MEMORY_EXPORTED, MEMORY_HOST, Message, Refusal, Released, RingOffer, Sample, Version,
 };
 use esaac_interop::{ServerOptions, Service};
@@ -210,6 +210,12 @@ fn header_and_rust_have_the_same_sizes() {
         let bytes = message.to_bytes(Version::One, 0).len();
         let line = format!("_Static_assert(sizeof(struct esaac_{name}) == {bytes},");
         assert!(header.contains(&line), "no `{line}`");
+    }
+    let codes: Vec<&str> = header.lines().filter(|line| line.trim().starts_with("ESAAC_ERROR_")).collect();
+    assert_eq!(codes.len(), ErrorCode::ALL.len());
+    for code in ErrorCode::ALL {
+        let line = format!("ESAAC_ERROR_{} = {},", format!("{code:?}").to_uppercase(), code as u32);
+        assert!(codes.iter().any(|known| known.trim().starts_with(&line)), "no `{line}`");
     }
     for (name, number) in [("BYTES", MAX_BYTES), ("SAMPLES", MAX_SAMPLES), ("POSES", MAX_POSES)] {
         let line = format!("#define ESAAC_MAX_{name} {number}u");

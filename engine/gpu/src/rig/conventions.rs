@@ -70,8 +70,7 @@ impl CameraState {
     /// Whether its next frame is compared: its check is not over, and there is something to compare.
     fn compares(&self) -> bool {
         let has_both = is_rigid(&self.config.sensor) && self.config.motion.is_some() && self.scene.is_some();
-        let is_new = self.compared != Some(self.sequence);
-        has_both && is_new && self.last_ns.is_some() && self.vectors_span && !self.check.is_over()
+        has_both && self.last_ns.is_some() && self.vectors_span && !self.check.is_over()
     }
 
     fn compared_rows(&self) -> Vec<u32> {
@@ -149,7 +148,6 @@ impl CameraState {
                 .expect("rows of the images that were read");
         let before = self.check.trust().clone();
         self.check.add(&frame, scene);
-        self.compared = Some(self.sequence);
         if *self.check.trust() != before {
             self.apply_trust();
         }

@@ -146,9 +146,7 @@ struct CameraState {
     holds_until_ns: Option<i64>,
     /// Events before the bus that wait for a later packet.
     deferred_events: u32,
-    /// The frames, by their `sequence`, whose poses were last compared and whose light was last looked at: a step that is
-    /// refused and tried again looks at its frame once.
-    compared: Option<u64>,
+    /// The frame, by its `sequence`, whose light was last looked at: a step that is refused and tried again looks once.
     lit: Option<u64>,
 }
 
@@ -469,7 +467,6 @@ impl CameraState {
             may_be_unarmed: true,
             holds_until_ns: None,
             deferred_events: 0,
-            compared: None,
             lit: None,
         })
     }
@@ -487,7 +484,6 @@ impl CameraState {
         self.may_be_unarmed = true;
         self.holds_until_ns = None;
         self.deferred_events = 0;
-        self.compared = None;
         self.frames = 0;
         self.check = PoseCheck::default();
         // No surface names a row any more. A scene has no more instances than there were rows.

@@ -58,6 +58,8 @@ struct CameraHeader {
     instances: Vec<u32>,
     /// The poses that are followed.
     trust: Trust,
+    /// Whether its poses are compared no more.
+    check_is_over: bool,
     /// The lens in which these surfaces were found: whether it is a fisheye, and the bits of its numbers.
     lens: Option<(bool, [u64; 4])>,
 }
@@ -68,7 +70,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 13;
+const VERSION: u32 = 14;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
@@ -109,6 +111,7 @@ impl Rig {
                 leaving_events,
                 instances: c.instances.ids(),
                 trust: c.check.trust().clone(),
+                check_is_over: c.check.is_over(),
                 lens: c.config.geometry.as_ref().map(lens_bits),
             });
         }
@@ -149,11 +152,11 @@ impl Rig {
             c.holds_until_ns = saved.holds_until_ns;
             c.rested = saved.rested;
             c.deferred_events = saved.deferred_events;
-            (c.compared, c.lit) = (None, None);
+            c.lit = None;
             c.layers_for_scene = saved.layers_for_scene;
             c.changed = true;
             c.may_be_unarmed = true;
-            c.check = PoseCheck::resumed(saved.trust);
+            c.check = PoseCheck::resumed(saved.trust, saved.check_is_over);
             c.instances = c.restored_instances(&saved.instances, c.trust(), saved.frames);
         }
         Ok(())

@@ -256,6 +256,45 @@ fn a_doubt_lasts_until_a_reset_and_in_a_saved_state() {
     assert_silent();
 }
 
+/// Poses that turn wrong after the check is over are followed, whether the rig was saved in between or not.
+#[test]
+fn a_check_that_is_over_is_over_in_a_saved_state() {
+    let rendered = shaken();
+    let mut first = rig(&rendered, Synthesis::Auto);
+    run_on(&mut first, &rendered.frames);
+    let saved = first.save().expect("a rig that is well");
+    let mut second = rig(&rendered, Synthesis::Auto);
+    second.restore(&saved).expect("a state of this camera");
+    // The same frames again, later, with vectors that lead the other way.
+    let shift_ns = rendered.frames.last().expect("frames").t_ns + 33_333_333;
+    let flipped = with_vectors(&rendered, |[x, y]| [-x, -y]);
+    let shifted = |frame: &KeyFrame| {
+        let [hdr, motion, depth, ids] =
+            [&frame.hdr, &frame.motion, &frame.depth, &frame.ids].map(Clone::clone);
+        KeyFrame::new(frame.t_ns + shift_ns, hdr, motion, depth, ids)
+    };
+    let later: Vec<KeyFrame> = flipped.frames.iter().map(shifted).collect();
+    let twice = |track: &PoseTrack| {
+        let times_ns = track.times_ns().iter().map(|t_ns| t_ns + shift_ns);
+        let all = track.times_ns().iter().copied().chain(times_ns).collect();
+        PoseTrack::new(all, [track.poses(), track.poses()].concat()).expect("a track")
+    };
+    let mut scene = SceneMotion::new(*rendered.scene.lens(), twice(rendered.scene.camera()));
+    for id in rendered.scene.ids() {
+        let track = rendered.scene.instance(id).expect("an id of this scene");
+        let track = if track.poses().len() == 1 { track.clone() } else { twice(track) };
+        scene.insert(id, track).expect("one id");
+    }
+    for rig in [&mut first, &mut second] {
+        rig.set_scene(0, scene.clone()).expect("a scene of this lens");
+    }
+    let [expected, got] = [run_on(&mut first, &later), run_on(&mut second, &later)];
+    assert_eq!(expected.synthesis, vec![Synthesis::Rigid; later.len()]);
+    assert_eq!(got.synthesis, expected.synthesis);
+    assert!(got.packets == expected.packets);
+    assert_silent();
+}
+
 #[test]
 fn vectors_of_frames_that_were_dropped_are_not_compared() {
     let rendered = shaken();

@@ -19,8 +19,15 @@ pub(super) const MAGIC: &[u8] = b"#!AER-DAT4.0\r\n";
 /// Bytes of an event in its packet.
 const EVENT_BYTES: usize = 16;
 
-/// Largest unpacked packet. A packet that claims to be larger is broken.
+/// Largest unpacked packet. A larger one is broken.
 const LARGEST_PACKET: u64 = 1 << 30;
+
+/// Most bytes of events for each byte of a file: no recording is compressed so well. A file that claims more would fill the
+/// memory.
+const MOST_EVENT_BYTES: usize = 1000;
+
+/// Bytes of events that any file may have.
+const FEW_EVENT_BYTES: usize = 1 << 24;
 
 /// Content of a stream.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -71,6 +78,11 @@ fn parse(bytes: &[u8]) -> Result<Recording, Broken> {
             Kind::Events => {
                 let unpacked = unpack(packed, header.compression).map_err(broken)?;
                 read_events(&unpacked, &mut recording).map_err(broken)?;
+                let most = FEW_EVENT_BYTES.saturating_add(bytes.len().saturating_mul(MOST_EVENT_BYTES));
+                if recording.events.len().saturating_mul(EVENT_BYTES) > most {
+                    let events = recording.events.len();
+                    return Err(broken(format!("{events} events in a file of {} bytes", bytes.len())));
+                }
             }
             Kind::Frames => {
                 let unpacked = unpack(packed, header.compression).map_err(broken)?;
@@ -131,7 +143,7 @@ fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
 fn unpack(packed: &[u8], compression: i32) -> Result<Vec<u8>, Broken> {
     let mut unpacked = Vec::new();
     let read = |reader: &mut dyn Read, unpacked: &mut Vec<u8>| {
-        reader.take(LARGEST_PACKET).read_to_end(unpacked).map_err(|e| e.to_string())
+        reader.take(LARGEST_PACKET + 1).read_to_end(unpacked).map_err(|e| e.to_string())
     };
     match compression {
         0 => unpacked.extend_from_slice(packed),
@@ -143,6 +155,9 @@ fn unpack(packed: &[u8], compression: i32) -> Result<Vec<u8>, Broken> {
             read(&mut decoder, &mut unpacked)?;
         }
         other => return Err(format!("compression {other}, expected 0 to 4")),
+    }
+    if unpacked.len() as u64 > LARGEST_PACKET {
+        return Err(format!("it unpacks to more than {LARGEST_PACKET} bytes"));
     }
     Ok(unpacked)
 }

@@ -45,7 +45,7 @@ impl Aps {
     /// Middle of the exposure, nanoseconds: the instant that the frame stands for.
     #[must_use]
     pub fn middle_ns(&self) -> i64 {
-        self.start_ns + (self.end_ns - self.start_ns) / 2
+        self.start_ns.midpoint(self.end_ns)
     }
 }
 

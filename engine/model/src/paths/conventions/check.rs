@@ -23,19 +23,22 @@ pub struct PoseCheck {
     scene: Option<SceneMotion>,
     report: Option<ConventionReport>,
     trust: Trust,
+    /// Whether an earlier check that it goes on from was over.
+    was_over: bool,
 }
 
 impl PoseCheck {
-    /// A check that begins with what an earlier one has found.
+    /// A check that begins with what an earlier one has found, and whether that was over. One that was not looks at as many
+    /// intervals as a new one.
     #[must_use]
-    pub fn resumed(trust: Trust) -> Self {
-        PoseCheck { trust, ..PoseCheck::default() }
+    pub fn resumed(trust: Trust, was_over: bool) -> Self {
+        PoseCheck { trust, was_over, ..PoseCheck::default() }
     }
 
     /// Whether it has seen enough and takes no more frames.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.compared == COMPARED_INTERVALS || self.looked == MOST_INTERVALS
+        self.was_over || self.compared == COMPARED_INTERVALS || self.looked == MOST_INTERVALS
     }
 
     /// Takes the frame that ends an interval, with the poses of that interval; the same one again is left out.

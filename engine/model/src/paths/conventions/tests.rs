@@ -488,7 +488,7 @@ fn what_stands_still_does_not_end_the_check() {
     add(&mut check, &wrong, 2, wrong.frames[2].0 + 1);
     assert_eq!(*check.trust(), Trust::Nothing, "{:?}", check.report());
     // Once in doubt, always in doubt.
-    let mut check = PoseCheck::resumed(Trust::Without([OTHER].into()));
+    let mut check = PoseCheck::resumed(Trust::Without([OTHER].into()), false);
     add(&mut check, &right(), 0, right().frames[0].0);
     assert_eq!(*check.trust(), Trust::Without([OTHER].into()));
 }
