@@ -53,6 +53,41 @@ fn read(bytes: &[u8]) -> Result<Recording, RecordingError> {
     aedat4::read(&path)
 }
 
+/// Equal events may compress so well that a small file could fill the memory.
+#[test]
+fn more_events_than_a_file_may_hold_are_an_error() {
+    let written = |recording: &Recording, compression| {
+        let mut bytes = Vec::new();
+        write(&mut bytes, recording, &[], compression).unwrap();
+        bytes
+    };
+    // A packet of events that are all zeroes, as one block of its first bytes and one that repeats a zero (RFC 8878).
+    let empty = Recording { events: Vec::new(), frames: Vec::new(), ..recording() };
+    let event = Event { t_ns: 0, x: 0, y: 0, polarity: Polarity::Off };
+    let one_packet = written(&Recording { events: vec![event; 8000], ..empty.clone() }, Compression::None);
+    let packet = &one_packet[written(&empty, Compression::None).len() + 8..];
+    let first = packet.len() - packet.iter().rev().take_while(|&&byte| byte == 0).count();
+    let block = |last: usize, kind: usize, bytes: usize| (last | kind << 1 | bytes << 3).to_le_bytes();
+    let mut packed = vec![0x28, 0xb5, 0x2f, 0xfd, 0, 7 << 3];
+    packed.extend(&block(0, 0, first)[..3]);
+    packed.extend(&packet[..first]);
+    packed.extend(&block(1, 1, packet.len() - first)[..3]);
+    packed.push(0);
+    let file = |packets: usize| {
+        let mut bytes = written(&empty, Compression::Zstd);
+        for _ in 0..packets {
+            bytes.extend(0_i32.to_le_bytes());
+            bytes.extend((packed.len() as i32).to_le_bytes());
+            bytes.extend(&packed);
+        }
+        bytes
+    };
+    assert_eq!(read(&file(2)).unwrap().events, vec![event; 2 * 8000]);
+    let bomb = file(1500);
+    let error = read(&bomb).unwrap_err().to_string();
+    assert!(error.contains(&format!("events in a file of {} bytes", bomb.len())), "{error}");
+}
+
 #[test]
 fn what_is_written_is_read_back_in_every_compression() {
     let recording = recording();
