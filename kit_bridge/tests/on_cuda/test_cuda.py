@@ -4,6 +4,9 @@ python -m pytest kit_bridge/tests/on_cuda
 """
 
 import gc
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -421,3 +424,24 @@ def test_depth_on_the_host_beside_colour_on_the_device_is_told():
         of.camera(device="cuda:0").step(
             cuda(hdr), t_ns=0, depth=depth, ids=cuda(ids.astype(np.int32)), poses=poses
         )
+
+
+MAPPED_IN_PARTS = """
+import esaac, torch
+
+camera = esaac.EventCamera("hd", device="cuda:0", width=1400, height=1400)
+for index in range(3):
+    hdr = torch.full((1400, 1400, 4), 0.2 + 0.3 * index, device="cuda")
+    packet = camera.step(hdr, torch.zeros((1400, 1400, 2), device="cuda"), t_ns=33_333_333 * index)
+assert len(packet) > 1400 * 1400, len(packet)
+"""
+
+
+def test_arrays_whose_memory_is_mapped_in_parts_are_taken():
+    # Torch maps 20 MB after 20 MB, one behind the other; the colours are of 31 MB.
+    environment = {**os.environ, "PYTORCH_CUDA_ALLOC_CONF": "expandable_segments:True"}
+    run_apart = [sys.executable, "-c", MAPPED_IN_PARTS]
+    done = subprocess.run(
+        run_apart, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
