@@ -9,12 +9,13 @@ import pytest
 import torch
 import warp as wp
 from isaaclab.managers import EventManager, EventTermCfg, SceneEntityCfg
+from isaaclab.utils.math import quat_mul
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
 
 import esaac
 from esaac.isaaclab import EventCamera, EventReading, event_frame, outputs, randomize_sensor
 from esaac.isaaclab.schedule import Schedule
-from esaac.newton.substeps import SubstepLog
+from esaac.newton.substeps import SubstepLog, _between
 
 STILL = SceneEntityCfg("still")
 
@@ -232,6 +233,82 @@ def test_trap_float_clocks_frames_fall_on_whole_steps_for_hours():
         schedule.done(step)
         schedule.advance(step + 7)
         assert not schedule.due.any()
+
+
+@pytest.fixture
+def moved(env):
+    """The still camera is where it was after the test. Gives a function that moves it, and its paths."""
+    camera, paths = env.scene["still"], []
+    place = camera.data.pos_w.torch.clone(), camera.data.quat_w_opengl.torch.clone()
+    step = camera.events.step
+
+    def keep(*given, **named):
+        paths.append(named["poses"].camera.copy())
+        return step(*given, **named)
+
+    def move(shift, turn=None, env_ids=None):
+        chosen = slice(None) if env_ids is None else env_ids
+        to = place[0] + torch.tensor(shift), place[1] if turn is None else quat_mul(turn, place[1])
+        camera.set_world_poses(to[0][chosen], to[1][chosen], env_ids, convention="opengl")
+
+    camera.events.step = keep
+    yield move, paths
+    del camera.events.step
+    camera.set_world_poses(*place, convention="opengl")
+
+
+def test_a_camera_that_is_moved_between_frames_has_moved_there_steadily(env, moved):
+    move, paths = moved
+    env.reset()
+    act(env, 2)
+    before = paths[-1][-1]
+    turn = torch.tensor([[0.0, 0.0, np.sin(0.1), np.cos(0.1)]]).repeat(lab.ENVS, 1)
+    move((0.08, 0.0, 0.0), turn)
+    act(env)
+    path = paths[-1]
+    share = (np.arange(len(path)) - 2) / lab.DECIMATION
+    for number in range(lab.ENVS):
+        np.testing.assert_allclose(path[:, number, 0] - before[number, 0], 0.08 * share, atol=1e-5)
+        np.testing.assert_allclose(
+            path[:, number, 1:3], before[None, number, 1:3].repeat(len(path), 0), atol=1e-5
+        )
+        cosines = np.abs(path[:, number, 3:] @ before[number, 3:])
+        np.testing.assert_allclose(np.arccos(np.minimum(cosines, 1)), 0.1 * np.abs(share), atol=1e-3)
+    # It stands there in the next interval.
+    act(env)
+    assert (paths[-1] == paths[-1][-1]).all()
+    # One that is moved alone moves alone.
+    move((0.16, 0.0, 0.0), turn, env_ids=[1])
+    act(env)
+    assert (np.ptp(paths[-1][..., 0], axis=0) > 0.01).tolist() == [False, True, False]
+
+
+def test_a_camera_that_jumps_begins_anew_after_a_reset(env, moved):
+    move, paths = moved
+    env.reset()
+    camera = env.scene["still"]
+    act(env)
+    move((0.5, 0.0, 0.0))
+    camera.reset()
+    act(env)
+    assert (np.ptp(paths[-1][..., 0], axis=0) == 0).all()
+    # The first frame was drawn before the move: another takes its place.
+    env.reset()
+    frames, episodes = camera.frame_counts.copy(), camera.episode_counts.copy()
+    move((0.0, 0.5, 0.0))
+    packet = act(env)[0]
+    assert (np.ptp(paths[-1][..., 1], axis=0) == 0).all() and all(len(events) > 5 for events in packet)
+    assert (camera.frame_counts - frames).tolist() == [1] * lab.ENVS
+    assert (camera.episode_counts == episodes).all()
+
+
+def test_the_turn_between_two_places_is_the_shorter_one():
+    half = np.array([0, 0, 0, 0, 0, np.sin(0.25), np.cos(0.25)])
+    start, end = np.array([0, 0, 0, 0, 0, 0, -1.0]), np.array([1, 2, 3, 0, 0, np.sin(0.5), np.cos(0.5)])
+    path = _between(start, end, np.array([[0.0], [0.5], [1.0]]))
+    np.testing.assert_allclose(path[:, :3], [[0, 0, 0], [0.5, 1, 1.5], [1, 2, 3]])
+    np.testing.assert_allclose(np.abs(path[:, 3:] @ np.stack([start, half, end])[:, 3:].T).diagonal(), 1)
+    np.testing.assert_array_equal(_between(start, start, np.array([[0.5]]))[0], start)
 
 
 def test_settings_that_would_lose_events_are_named(env):

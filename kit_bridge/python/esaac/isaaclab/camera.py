@@ -36,6 +36,10 @@ class EventCamera(Camera):
     After a reset the next frame, drawn when the camera is read or updated, is the first of the episode: it has no
     events. If nothing reads the camera before the next physics step, the episode's events begin after that step.
 
+    A camera whose place was set (`set_world_poses`, `set_world_poses_from_view`) is taken to have moved there straight
+    and at a steady speed since its last frame, and sends the events of that motion. If it was not moved but jumped,
+    `reset` it: then its next frame is a first one.
+
     Settings without which events would be wrong in silence raise `esaac.ArgumentError`, which names them.
     """
 
@@ -106,6 +110,28 @@ class EventCamera(Camera):
         for env, sensor in zip(numbers, changed):
             self.events.set_sensor(env, sensor)
 
+    def set_world_poses(
+        self, positions: Any = None, orientations: Any = None, env_ids: Any = None, convention: Any = "ros"
+    ) -> None:
+        """Moves cameras. Arguments are those of Isaac Lab's camera."""
+        super().set_world_poses(positions, orientations, env_ids, convention)
+        self._begin_again(env_ids)
+
+    def set_world_poses_from_view(self, eyes: Any, targets: Any, env_ids: Any = None) -> None:
+        """Moves cameras. Arguments are those of Isaac Lab's camera."""
+        super().set_world_poses_from_view(eyes, targets, env_ids)
+        self._begin_again(env_ids)
+
+    def _begin_again(self, env_ids: Any) -> None:
+        """Episodes whose first frame was drawn just before the camera was moved: another takes its place."""
+        envs = np.zeros(self._num_envs, bool)
+        envs[self.env_numbers(env_ids)] = True
+        envs &= self._schedule.begun_at(self._physics_step())
+        if envs.any():
+            self._schedule.reset(envs)
+            self.frame_counts[envs] -= 1
+            self._tell_due()
+
     def update(self, dt: float, force_recompute: bool = False) -> None:
         """Draws the frames that are due `dt` seconds after the last call. Isaac Lab calls it."""
         if not self._is_initialized:
@@ -152,6 +178,8 @@ class EventCamera(Camera):
         substep_s = self._sim_physics_dt / self._substeps
         limit = max(64, 4 * self._substeps * self._schedule.period_steps)
         self._log = self._record.log = SubstepLog(model, substep_s, limit)
+        # Where each camera was at its last frame, in the axes of its body.
+        self._places: NDArray[np.float64] | None = None
         # The renderer asks for it before the matrix is known.
         self._render_data.view = _Pending
         super()._create_buffers()
@@ -201,9 +229,13 @@ class EventCamera(Camera):
         if not due.any():
             return
         bodies, positions, turns = asked.others
-        mounts = Mounts(bodies, np.concatenate([positions, turns], axis=1))
+        places = np.concatenate([positions, turns], axis=1, dtype=np.float64)
+        last = self._frames.last
+        before = places if self._places is None else np.where(last[:, None] < 0, places, self._places)
+        mounts = Mounts(bodies, places, before, last)
         poses = self._frames.poses(due, now, NewtonManager.get_state_0(), mounts, asked)
         packet = self._frames.step(due, now, self._render_data.view, poses, self._render_data.averaged)
+        self._places = np.where(due[:, None], places, before)
         self._outputs.update(packet, self.events, due)
         self.frame_counts[due] += 1
         self._publish()

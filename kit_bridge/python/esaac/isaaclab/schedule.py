@@ -19,6 +19,7 @@ class Schedule:
         self.due = np.ones(count, bool)
         self.restarts = np.ones(count, bool)
         self._last_step = np.full(count, -1, np.int64)
+        self._first = np.zeros(count, bool)
 
     def check(self, dt_s):
         """Fails if sensors are asked so seldom that frames would be lost."""
@@ -31,6 +32,10 @@ class Schedule:
                 "update_period to a multiple of that time"
             )
 
+    def begun_at(self, step):
+        """Those whose last frame was at this physics step, and the first of its episode."""
+        return self._first & (self._last_step == step)
+
     def reset(self, envs):
         self.due[envs] = self.restarts[envs] = True
 
@@ -41,4 +46,5 @@ class Schedule:
     def done(self, step):
         """The due ones have had their frame."""
         self._last_step[self.due] = step
+        self._first[self.due] = self.restarts[self.due]
         self.due[:] = self.restarts[:] = False

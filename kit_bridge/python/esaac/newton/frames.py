@@ -36,6 +36,11 @@ class Frames:
         """Worlds that have had their frame at this substep."""
         return self._last == now
 
+    @property
+    def last(self) -> NDArray[np.int64]:
+        """The substep of each world's last frame; that of a world without one is below 0."""
+        return self._last.copy()
+
     def ask(self, stepped: NDArray[np.bool_], now: int, state: Any, others: Sequence[Any] = ()) -> Asked:
         """Sends for what `poses` of these worlds reads, and for other Warp arrays; see `SubstepLog.ask`."""
         return self._log.ask(self._first(stepped, now), now, state, others)

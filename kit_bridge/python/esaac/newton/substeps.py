@@ -132,7 +132,7 @@ class SubstepLog:
         known = None if asked is None or now - first > self._limit else asked.since(self._start(first, now))
         steps, states = self.since(first, now, state) if known is None else known
         times_ns = np.array([self.time_ns(step) for step in steps], np.int64)
-        return Poses(times_ns, mounts.poses(states), bodies.arranged(states))
+        return Poses(times_ns, mounts.poses(steps, states), bodies.arranged(states))
 
     def _start(self, first: int, now: int) -> int:
         # A Python number: Warp takes no other in a slice.
@@ -184,19 +184,52 @@ def _runs(start: int, end: int, limit: int) -> list[tuple[int, int]]:
 
 
 class Mounts:
-    """Where each world's camera sits: on a body (or -1, the world), at a place in its axes."""
+    """Where each world's camera sits: on a body (or -1, the world), at a place in its axes.
 
-    def __init__(self, bodies: ArrayLike, places: ArrayLike) -> None:
+    `places` are those of the present. With `before` and `since` each camera was at the place `before` at substep
+    `since`, and has moved from there at a steady speed."""
+
+    def __init__(
+        self,
+        bodies: ArrayLike,
+        places: ArrayLike,
+        before: ArrayLike | None = None,
+        since: ArrayLike | None = None,
+    ) -> None:
         self._bodies = np.asarray(bodies, np.int64)
         self._places = np.array(places, np.float64).reshape(len(self._bodies), 7)
+        self._before = self._places if before is None else np.asarray(before, np.float64)
+        self._since = np.asarray(np.zeros(len(self._bodies)) if since is None else since, np.int64)
 
-    def poses(self, states: NDArray[Any]) -> NDArray[np.float64]:
-        """Cameras `(steps, cameras, 7)` of bodies `(steps, bodies, 7)`."""
+    def poses(self, steps: NDArray[np.int64], states: NDArray[Any]) -> NDArray[np.float64]:
+        """Cameras `(steps, cameras, 7)` of bodies `(steps, bodies, 7)` at these substeps, of which the last is the
+        present."""
         cameras = np.repeat(self._places[None], len(states), axis=0)
+        moved = (self._before != self._places).any(axis=1) & (self._since < steps[-1])
+        if moved.any():
+            since = self._since[moved]
+            ago = np.maximum(steps[:, None] - since, -SubstepLog.MARGIN)
+            share = ago / (steps[-1] - since)
+            cameras[:, moved] = _between(self._before[moved], self._places[moved], share[..., None])
         on = self._bodies >= 0
         if on.any():
-            cameras[:, on] = _product(states[:, self._bodies[on]].astype(np.float64), self._places[on])
+            cameras[:, on] = _product(states[:, self._bodies[on]].astype(np.float64), cameras[:, on])
         return cameras
+
+
+def _between(a, b, share):
+    """Transforms on the way from `a` (share 0) to `b` (1) at a steady speed, and beyond; the turn is the shorter one."""
+    place = a[..., :3] + share * (b[..., :3] - a[..., :3])
+    start, end = (turns / np.linalg.norm(turns, axis=-1, keepdims=True) for turns in (a[..., 3:], b[..., 3:]))
+    cosine = np.sum(start * end, axis=-1, keepdims=True)
+    end, cosine = np.where(cosine < 0, -end, end), np.abs(cosine)
+    # The part of the end that is across the start, and the angle between both in the space of quaternions.
+    across = end - cosine * start
+    sine = np.linalg.norm(across, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, cosine)
+    unit = np.divide(across, sine, out=np.zeros_like(across), where=sine > 0)
+    turn = np.cos(share * angle) * start + np.sin(share * angle) * unit
+    return np.concatenate([place, turn], axis=-1)
 
 
 def _product(a, b):
