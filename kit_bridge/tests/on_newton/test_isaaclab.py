@@ -311,6 +311,37 @@ def test_the_turn_between_two_places_is_the_shorter_one():
     np.testing.assert_array_equal(_between(start, start, np.array([[0.5]]))[0], start)
 
 
+def test_a_slower_camera_gives_its_events_once(env):
+    env.reset()
+    camera, direct = env.scene["still"], Direct(env)
+    camera._schedule.period_steps, kept = 2 * lab.DECIMATION, camera._schedule.period_steps
+    try:
+        seen = []
+        for _ in range(6):
+            frames = camera.frame_counts.copy()
+            act(env)
+            new = (camera.frame_counts > frames).all()
+            held = camera.data.output["event_frame"].torch
+            for _ in range(2):
+                frame, (events, offsets) = (
+                    event_frame(env, STILL, channels_first=False),
+                    direct.events("still"),
+                )
+                assert torch.equal(frame, held.float() if new else torch.zeros_like(frame))
+                assert (
+                    frame.sum(dim=(1, 2, 3)).tolist() == offsets.diff().tolist()
+                    and len(events) == offsets[-1]
+                )
+                assert direct.voxel_grid("still").any() == new
+            seen.append(int(frame.sum()))
+        assert [count > 0 for count in seen[-4:]] in ([True, False] * 2, [False, True] * 2)
+        # One environment alone has a frame at its reset, and none of its own in the step before.
+        env.reset(env_ids=torch.tensor([1]))
+        assert not event_frame(env, STILL)[1].any()
+    finally:
+        camera._schedule.period_steps = kept
+
+
 def test_settings_that_would_lose_events_are_named(env):
     still = env.cfg.scene.still
     fisheye = sim_utils.FisheyeCameraCfg()

@@ -110,6 +110,10 @@ class EventCamera(Camera):
         for env, sensor in zip(numbers, changed):
             self.events.set_sensor(env, sensor)
 
+    def frames_within(self, seconds: float) -> NDArray[np.bool_]:
+        """Which environments have had a frame in the last so many seconds."""
+        return self._schedule.since(self._physics_step() - max(1, round(seconds / self._sim_physics_dt)))
+
     def set_world_poses(
         self, positions: Any = None, orientations: Any = None, env_ids: Any = None, convention: Any = "ros"
     ) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from esaac.isaaclab.memory import EventMemory
-from esaac.isaaclab.observations import held, image
+from esaac.isaaclab.observations import image, rows
 from esaac.isaaclab.randomization import Distribution, randomize
 
 if TYPE_CHECKING:
@@ -21,7 +21,8 @@ class EventReading:
                 return {"policy": self.event_memory("camera", kept=(0, 0.8))}
 
     `camera` is the camera's name in the scene. A method may be called any number of times in an environment step, and
-    gives the same each time. All raise `esaac.ArgumentError` if the camera lacks the output that they read, or has
+    gives the same each time. A camera that is slower than the environment has no frame in some steps: then there are
+    no events, and images are 0, but for those of `event_memory`, which stay as they are. All raise `esaac.ArgumentError` if the camera lacks the output that they read, or has
     more than one frame an environment step.
     """
 
@@ -30,7 +31,7 @@ class EventReading:
     def events(self, camera: str) -> tuple[torch.Tensor, torch.Tensor]:
         """Events of the last environment step: int64 `(n, 4)` of x, y [px], t_ns, p (0 OFF, 1 ON), and int64 offsets
         `(num_envs + 1,)`. Environment i has rows `offsets[i]` to `offsets[i + 1]`."""
-        return held(self, camera, "events"), held(self, camera, "events_offsets")
+        return rows(self, camera)
 
     def event_frame(
         self, camera: str, clip: float | None = None, channels_first: bool = True
@@ -53,9 +54,9 @@ class EventReading:
     ) -> torch.Tensor:
         """Images of ON minus OFF events that fade: what stands still for a moment is not lost.
 
-        Channel i is the last environment step's image plus `kept[i]` of what the channel was before; 0 is the last
-        step alone. `clip` limits a step's image to -`clip` and `clip`. A reset empties the environment's images. The
-        result is float32 `(num_envs, len(kept), height, width)`.
+        Channel i is the last frame's image plus `kept[i]` of what the channel was before; 0 is the last frame alone.
+        `clip` limits a frame's image to -`clip` and `clip`. A reset empties the environment's images. The result is
+        float32 `(num_envs, len(kept), height, width)`.
 
         Call it in every environment step: steps that are left out raise `esaac.ArgumentError`."""
         # The first call makes them.

@@ -28,7 +28,6 @@ class EventMemory:
 
     def read(self, env: Any) -> torch.Tensor:
         """Images `(num_envs, channels, height, width)`, with the environment's last step."""
-        # This draws frames that are due.
         counts = held(env, self._camera, "event_frame").float()
         camera = env.scene.sensors[self._camera]
         frames, episodes = camera.frame_counts, camera.episode_counts

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import torch
+
 from esaac.errors import ArgumentError
 
 if TYPE_CHECKING:
-    import torch
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 def event_frame(
     env: Any, sensor_cfg: Any, clip: float | None = None, channels_first: bool = True
 ) -> torch.Tensor:
     """The number of OFF and of ON events of each pixel in the last environment step.
+
+    A camera that is slower than the environment has no frame in some steps: then all is 0, so that no event is seen
+    twice.
 
     * `env`: the environment, with the camera in its scene.
     * `sensor_cfg`: `SceneEntityCfg("name of the camera")`. Its `data_types` must have `event_frame`.
@@ -30,22 +36,43 @@ def voxel_grid(
 ) -> torch.Tensor:
     """Events of the last environment step in bins of time, ON as +1 and OFF as -1, each split between two bins.
 
-    Arguments and errors are those of `event_frame`. The result is float32 `(num_envs, voxel_bins, height, width)`, or
+    Without a frame in that step all is 0. Arguments and errors are those of `event_frame`. The result is float32 `(num_envs, voxel_bins, height, width)`, or
     with the bins last. Values are clipped to -`clip` and `clip`.
     """
     return image(env, sensor_cfg.name, "voxel_grid", clip, channels_first)
 
 
 def image(env: Any, name: str, output: str, clip: float | None, channels_first: bool) -> torch.Tensor:
-    """An output of the camera with this name, as float32."""
+    """An output of the camera with this name, as float32; 0 where no frame has come in the last environment step."""
     values: torch.Tensor = held(env, name, output).float()
+    new = _new(env, name, values.device)
+    if new is not None:
+        values = values * new[:, None, None, None]
     if clip is not None:
         values = values.clamp(-clip, clip)
     return values.permute(0, 3, 1, 2) if channels_first else values
 
 
+def rows(env: Any, name: str) -> tuple[torch.Tensor, torch.Tensor]:
+    """Events and their offsets, of the frames that have come in the last environment step."""
+    events, offsets = held(env, name, "events"), held(env, name, "events_offsets")
+    new = _new(env, name, events.device)
+    if new is None:
+        return events, offsets
+    counts = offsets.diff()
+    kept = offsets.clone()
+    kept[1:] = (counts * new).cumsum(0)
+    return events[new.repeat_interleave(counts)], kept
+
+
+def _new(env: Any, name: str, device: Any) -> torch.Tensor | None:
+    """Which environments have had a frame in the last environment step; None for all."""
+    new: NDArray[np.bool_] = env.scene.sensors[name].frames_within(env.step_dt)
+    return None if new.all() else torch.from_numpy(new).to(device)
+
+
 def held(env: Any, name: str, output: str) -> torch.Tensor:
-    """What the camera with this name holds of the last environment step."""
+    """What the camera with this name holds, of each environment's last frame. This draws frames that are due."""
     camera = env.scene.sensors[name]
     period_s, step_s = camera.frame_period_s, env.step_dt
     if period_s < step_s * (1 - 1e-6):

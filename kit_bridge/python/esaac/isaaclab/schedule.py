@@ -36,6 +36,10 @@ class Schedule:
         """Those whose last frame was at this physics step, and the first of its episode."""
         return self._first & (self._last_step == step)
 
+    def since(self, step):
+        """Those that have had a frame after a physics step."""
+        return self._last_step > step
+
     def reset(self, envs):
         self.due[envs] = self.restarts[envs] = True
 
