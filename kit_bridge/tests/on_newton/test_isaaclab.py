@@ -342,6 +342,18 @@ def test_a_slower_camera_gives_its_events_once(env):
         camera._schedule.period_steps = kept
 
 
+def test_steps_without_updates_of_the_scene_say_what_to_do(env):
+    env.reset()
+    for _ in range(80):
+        env.sim.step(render=False)
+    with pytest.raises(
+        esaac.FrameError, match="expected at most 64: call scene.update after each physics step"
+    ):
+        env.scene.update(env.physics_dt)
+    env.reset()
+    assert all(len(events) > 5 for events in act(env, 2)[1])
+
+
 def test_settings_that_would_lose_events_are_named(env):
     still = env.cfg.scene.still
     fisheye = sim_utils.FisheyeCameraCfg()

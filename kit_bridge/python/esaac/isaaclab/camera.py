@@ -181,7 +181,8 @@ class EventCamera(Camera):
         self._read_at = (self._physics_step(), 0)
         substep_s = self._sim_physics_dt / self._substeps
         limit = max(64, 4 * self._substeps * self._schedule.period_steps)
-        self._log = self._record.log = SubstepLog(model, substep_s, limit)
+        advice = "call scene.update after each physics step, or reset the camera"
+        self._log = self._record.log = SubstepLog(model, substep_s, limit, advice)
         # Where each camera was at its last frame, in the axes of its body.
         self._places: NDArray[np.float64] | None = None
         # The renderer asks for it before the matrix is known.

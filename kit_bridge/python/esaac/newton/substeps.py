@@ -53,7 +53,15 @@ class SubstepLog:
     # Samples before an interval, from which the velocity at its start comes.
     MARGIN = 2
 
-    def __init__(self, model: Any, substep_s: float, limit: int = 256) -> None:
+    def __init__(
+        self,
+        model: Any,
+        substep_s: float,
+        limit: int = 256,
+        advice: str = "let the camera see more frames, or make limit= larger",
+    ) -> None:
+        """`advice` says in errors what to do where there were more substeps."""
+        self._advice = advice
         self._model, self._substep_s, self._limit = model, substep_s, limit
         # A row of one body more keeps the arrays from being empty.
         self._log = wp.zeros((limit, model.body_count + 1), dtype=wp.transformf, device=model.device)
@@ -84,8 +92,7 @@ class SubstepLog:
         `state` is the present one. More than `limit` substeps raise `esaac.FrameError`."""
         if now - first > self._limit:
             raise FrameError(
-                f"{now - first} substeps since the last frame, expected at most {self._limit}: "
-                "let the camera see more frames, or make limit= larger"
+                f"{now - first} substeps since the last frame, expected at most {self._limit}: {self._advice}"
             )
         start = self._start(first, now)
         steps = np.arange(start, now + 1)
