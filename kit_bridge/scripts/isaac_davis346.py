@@ -16,7 +16,7 @@ from isaacsim import SimulationApp
 
 PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 PARSER.add_argument("--seconds", type=float, default=5.0)
-PARSER.add_argument("--record", default="out", help="folder for recordings")
+PARSER.add_argument("--record", default="out", help="folder for recordings; files that are there stay")
 PARSER.add_argument("--no-ros", action="store_true", help="do not publish to ROS 2")
 ARGUMENTS = PARSER.parse_args()
 
@@ -61,6 +61,7 @@ def main():
     manager = omni.kit.app.get_app().get_extension_manager()
     manager.add_path(str(EXTENSIONS))
     manager.set_extension_enabled_immediate("esaac.sim", True)
+    from esaac_sim.sinks import Recorder
     from esaac_sim.standalone import begin
 
     bridge, stage = begin(APP.update, record=ARGUMENTS.record)
@@ -79,7 +80,10 @@ def main():
     for feed in bridge.feeds:
         print(f"{feed.spec.path}: {feed.frames} frames, {feed.events} events, {feed.message}")
     timeline.stop()
+    recorders = [sink for feed in bridge.feeds for sink in feed.sinks if isinstance(sink, Recorder)]
     bridge.detach()
+    for recorder in recorders:
+        print(f"recorded: {recorder.path}")
 
 
 try:

@@ -2,7 +2,7 @@
 
     ./python.sh kit_bridge/scripts/replicator_dataset.py --out dataset/ --recordings 20
 
-Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`.
+Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. A recording that is there already ends the script.
 
 Not run where this project is built: there is no Isaac Sim.
 """
@@ -61,11 +61,15 @@ def main():
     bridge, stage = begin(APP.update)
     draw, timeline = random.Random(ARGUMENTS.seed), omni.timeline.get_timeline_interface()
     for number in range(ARGUMENTS.recordings):
+        folder = ARGUMENTS.out / f"{number:04}"
+        if folder.exists():
+            raise SystemExit(
+                f"error: {folder} is there already, expected a new folder; choose another with --out"
+            )
         moving = shuffle(stage, draw)
         if not bridge.attach(stage):
             raise SystemExit("error: " + "; ".join(bridge.problems))
         (feed,) = bridge.feeds
-        folder = ARGUMENTS.out / f"{number:04}"
         recorder = Recorder(folder, feed.spec, suffix=".h5")
         feed.sinks.append(recorder)
         timeline.play()
@@ -77,7 +81,7 @@ def main():
         # The next recording begins at time 0.
         APP.update()
         bridge.detach()
-        (folder / "scene_camera.h5").rename(folder / "events.h5")
+        recorder.path.rename(folder / "events.h5")
         (folder / "sensor.toml").write_text(feed.spec.sensor.to_toml())
         print(f"{folder}: {feed.frames} frames, {feed.events} events")
 

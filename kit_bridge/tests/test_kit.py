@@ -334,6 +334,45 @@ def test_a_timeline_that_is_rewound_begins_another_file(stage, tmp_path):
         assert len(times) == events > 100 and (np.diff(times) >= 0).all()
 
 
+def test_no_recording_is_overwritten(stage, tmp_path):
+    UsdGeom.Xform.Define(stage, "/a")
+    for path in ("/a/eye", "/a_eye"):
+        camera(stage, path, sensor="dvs128", overrides="width = 64\nheight = 48")
+    carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path))
+    running, events = bridge(), {}
+    for names in (("camera", "a_eye", "a_eye_2"), ("camera_2", "a_eye_3", "a_eye_4")):
+        assert running.attach(stage) == 3
+        move(stage, 8)
+        for name, feed in zip(names, running.feeds):
+            assert feed.spec.path in ("/camera", "/a/eye", "/a_eye")
+            events[tmp_path / f"{name}.npz"] = feed.events
+            assert (
+                "info",
+                f"[esaac.sim] {feed.spec.path}: events are recorded as {tmp_path / name}.npz",
+            ) in carb.LINES
+        running.detach()
+        assert carb.LINES[-1][1].endswith(f"events are saved as {tmp_path / names[-1]}.npz")
+        TIMELINE.stop()
+        APP.update()
+    assert {path: len(np.load(path)["t"]) for path in tmp_path.iterdir()} == events
+    # Without a frame there is no recording.
+    assert running.attach(stage) == 3
+    running.detach()
+    assert set(tmp_path.iterdir()) == set(events)
+
+
+def test_a_file_that_appears_while_a_recording_runs_stays(stage, tmp_path):
+    carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path))
+    running = bridge()
+    running.attach(stage)
+    move(stage, 8)
+    (tmp_path / "camera.npz").write_text("another's")
+    running.detach()
+    assert (tmp_path / "camera.npz").read_text() == "another's" and len(
+        np.load(tmp_path / "camera_2.npz")["t"]
+    )
+
+
 class Broken:
     """A sink that cannot be closed."""
 

@@ -25,6 +25,7 @@ class Bridge:
         self.unsaved = []
         self._attached, self._before, self._publisher = [], None, None
         self._transforms = self._every_frame = None
+        self._claimed = set()
 
     def setting(self, name, default):
         value = self.settings.get(SETTINGS + name)
@@ -152,7 +153,7 @@ class Bridge:
         spec = feed.spec
         folder = self.setting("record", "")
         if folder:
-            feed.sinks.append(sinks.Recorder(folder, spec))
+            feed.sinks.append(sinks.Recorder(folder, spec, claimed=self._claimed, log=self.log))
         if spec.publish and self._publisher:
             feed.sinks.append(publishing.Sink(self._publisher, spec, self.log))
 

@@ -1,13 +1,19 @@
 """Where events go: files."""
 
+import itertools
 import pathlib
 
 import esaac
 
 
 class Recorder:
-    """Writes a camera's events to a file when the run ends. Where the timeline was rewound or jumped, the camera
-    begins anew and what follows goes into another file: `camera.npz`, `camera_2.npz` and so on.
+    """Writes a camera's events to files when the run ends.
+
+    The first file has the camera's name. Where there is such a file already, or another recorder is going to write it,
+    a number follows: `camera.npz`, `camera_2.npz` and so on. Nothing is overwritten. What follows goes into another
+    file where the camera begins anew, because the timeline was rewound or jumped, and where its sensor was changed.
+
+    Recorders that share a set `claimed` do not choose each other's names. `log` has `info`, which is told the names.
 
     Raises `OSError` at once if the folder cannot be written. If writing fails in the end, the events stay and `close`
     may be called again, with another folder too.
@@ -15,19 +21,21 @@ class Recorder:
 
     name = "recorder"
 
-    def __init__(self, folder, spec, suffix=".npz"):
+    def __init__(self, folder, spec, suffix=".npz", claimed=None, log=None):
         self._folder, self._spec, self._suffix = pathlib.Path(folder), spec, suffix
+        self._sensor, self._log = spec.sensor, log
+        self._claimed = set() if claimed is None else claimed
         self._folder.mkdir(parents=True, exist_ok=True)
         self._writers = []
         self._begin()
 
     def __call__(self, feed, packet):
+        self._used = True
         self._writers[-1].write(packet)
 
     def restart(self):
         """The camera was reset."""
-        if len(self._writers[-1]):
-            self._begin()
+        self._begin()
 
     @property
     def path(self):
@@ -38,9 +46,38 @@ class Recorder:
 
     def close(self, folder=None):
         for writer in self._writers:
-            writer.close(None if folder is None else pathlib.Path(folder) / writer.path.name)
+            own = writer.path.absolute()
+            # Where no frame has come there is no recording.
+            if not writer.closed and (self._used or writer is not self._writers[-1]):
+                self._save(writer, folder, own)
+            self._claimed.discard(own)
+
+    def _save(self, writer, folder, own):
+        path = writer.path
+        if folder is not None or path.exists():
+            path = self._free(pathlib.Path(folder or self._folder), own)
+        count = len(writer)
+        writer.close(path)
+        self._tell(f"{count} events are saved as {path}")
 
     def _begin(self):
-        number = len(self._writers) + 1
-        name = self._spec.path.strip("/").replace("/", "_") + (f"_{number}" if number > 1 else "")
-        self._writers.append(esaac.EventWriter(self._folder / (name + self._suffix), self._spec.sensor))
+        """Another file, if there are events in the last one."""
+        if self._writers and not len(self._writers[-1]):
+            self._claimed.discard(self._writers.pop().path.absolute())
+        self._used = False
+        path = self._free(self._folder)
+        self._writers.append(esaac.EventWriter(path, self._sensor))
+        self._claimed.add(path.absolute())
+        self._tell(f"events are recorded as {path}")
+
+    def _free(self, folder, own=None):
+        """The first path that is not there and that nobody has claimed, but for a file's own."""
+        stem = self._spec.path.strip("/").replace("/", "_")
+        for number in itertools.count(1):
+            path = folder / (stem + (f"_{number}" if number > 1 else "") + self._suffix)
+            if path.absolute() not in self._claimed - {own} and not path.exists():
+                return path
+
+    def _tell(self, text):
+        if self._log is not None:
+            self._log.info(f"{self._spec.path}: {text}")
