@@ -373,6 +373,25 @@ def test_a_file_that_appears_while_a_recording_runs_stays(stage, tmp_path):
     )
 
 
+def test_a_sensor_that_is_changed_begins_another_file(stage, tmp_path):
+    carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path))
+    running = bridge()
+    running.attach(stage)
+    (feed,) = running.feeds
+    # Before the first event the file is still empty.
+    feed.change(contrast_on=0.2)
+    move(stage, 12)
+    first = feed.events
+    feed.change(contrast_on=0.1)
+    move(stage, 12, first=12)
+    running.detach()
+    assert {path.name for path in tmp_path.iterdir()} == {"camera.npz", "camera_2.npz"}
+    for name, events, contrast_on in (("camera", first, 0.2), ("camera_2", feed.events - first, 0.1)):
+        recording = np.load(tmp_path / f"{name}.npz")
+        sensor = esaac.SensorModel.from_toml(str(recording["sensor"]))
+        assert len(recording["t"]) == events > 50 and sensor.contrast_on == contrast_on
+
+
 class Broken:
     """A sink that cannot be closed."""
 

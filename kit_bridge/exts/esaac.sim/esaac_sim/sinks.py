@@ -37,6 +37,11 @@ class Recorder:
         """The camera was reset."""
         self._begin()
 
+    def changed(self, sensor):
+        """The camera goes on with another sensor, and a file names one."""
+        self._sensor = sensor
+        self._begin()
+
     @property
     def path(self):
         return self._writers[0].path
