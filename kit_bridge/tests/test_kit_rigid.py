@@ -8,7 +8,7 @@ import omni.physx
 import pytest
 from kit_stage import APP, TIMELINE, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
-from pxr import Gf, Sdf, UsdGeom, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 import esaac
 from esaac_sim.frames import FrameUnusable, frame_of
@@ -127,6 +127,42 @@ def test_what_a_script_moves_has_poses_from_its_second_interval_on(stage):
     move(stage, 3, first=5)
     assert feed.frames == 8 and not feed.faults and lost() == 0, feed.message
     running.detach()
+
+
+def test_bodies_that_are_spawned_while_it_runs_are_followed_from_then_on(stage):
+    transforms = Transforms(stage)
+    recorder = transforms.recorder("/camera")
+    omni.physx.step_to(1, rep.RATE_HZ)
+    then_ns = transforms._last_ns
+    # A body below a group, one that comes with a layer, and one that becomes a body.
+    UsdGeom.Xform.Define(stage, "/group")
+    UsdPhysics.RigidBodyAPI.Apply(UsdGeom.Cube.Define(stage, "/group/box").GetPrim())
+    asset = Usd.Stage.CreateInMemory()
+    UsdPhysics.RigidBodyAPI.Apply(UsdGeom.Cube.Define(asset, "/asset/body").GetPrim())
+    animated = UsdGeom.Cube.Define(asset, "/asset/animated").AddTranslateOp()
+    animated.Set(Gf.Vec3d(0), 0)
+    animated.Set(Gf.Vec3d(1, 0, 0), 24)
+    asset.SetDefaultPrim(asset.GetPrimAtPath("/asset"))
+    stage.DefinePrim("/spawned").GetReferences().AddReference(asset.GetRootLayer().identifier)
+    UsdPhysics.RigidBodyAPI.Apply(stage.GetPrimAtPath("/cube"))
+    bodies = ("/group/box", "/spawned/body", "/spawned/animated", "/cube")
+    labels = {str(number): path for number, path in enumerate(bodies, 1)}
+    # Where they were in the interval in which they came is not known.
+    assert transforms.table(labels, then_ns) == {}
+    for path in bodies[:2]:
+        omni.physx.bodies[path] = swing
+    omni.physx.step_to(2, rep.RATE_HZ)
+    table = transforms.table(labels, then_ns + 1)
+    assert sorted(table.values()) == [0, 1, 2, 3] and transforms.table({"1": "/group"}, 0) == {1: -1}
+    poses = recorder.spanning(then_ns, round(2e9 / 60))
+    expected = [swing(t_ns * 1e-9)[0][0] for t_ns in poses.times_ns if t_ns > then_ns]
+    for number in (1, 2):
+        np.testing.assert_allclose(poses.bodies[-len(expected) :, 0, table[number], 0], expected, atol=1e-6)
+    # One that is removed ends nothing.
+    stage.RemovePrim("/group")
+    omni.physx.step_to(3, rep.RATE_HZ)
+    assert transforms._last_ns == round(3e9 / 60)
+    transforms.close()
 
 
 def test_a_camera_on_a_body_moves_with_it(stage):

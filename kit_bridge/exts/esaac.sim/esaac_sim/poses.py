@@ -28,12 +28,7 @@ class Transforms:
         self._stage, self._unit_m = stage, UsdGeom.GetStageMetersPerUnit(stage)
         self._clock, self._physics = SimulationManager, get_physx_interface()
         self._bodies, self._recorders, self._last_ns = {}, {}, None
-        for prim in stage.Traverse():
-            xformable = UsdGeom.Xformable(prim)
-            if prim.HasAPI(UsdPhysics.RigidBodyAPI) or (
-                xformable and xformable.TransformMightBeTimeVarying()
-            ):
-                self._follow(str(prim.GetPath()), None)
+        self._follow_below(stage.GetPseudoRoot(), None)
         self._listener = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._changed, stage)
         self._subscription = self._physics.subscribe_physics_on_step_events(self._stepped, False, 0)
 
@@ -66,12 +61,26 @@ class Transforms:
     def _follow(self, path, first_ns):
         self._bodies.setdefault(path, (len(self._bodies), first_ns))
 
+    def _follow_below(self, top, first_ns):
+        """A prim and what is below it, as far as it is a rigid body or animated."""
+        for prim in Usd.PrimRange(top):
+            xformable = UsdGeom.Xformable(prim)
+            if prim.HasAPI(UsdPhysics.RigidBodyAPI) or (
+                xformable and xformable.TransformMightBeTimeVarying()
+            ):
+                self._follow(str(prim.GetPath()), first_ns)
+
     def _changed(self, notice, _stage):
         """USD tells of every change. Those of physics concern bodies that are followed already."""
+        # The next sample is the first of a new body.
+        first_ns = None if self._last_ns is None else self._last_ns + 1
         for path in notice.GetChangedInfoOnlyPaths():
             if path.IsPropertyPath() and path.name.startswith("xformOp"):
-                # Its next sample is the first.
-                self._follow(str(path.GetPrimPath()), None if self._last_ns is None else self._last_ns + 1)
+                self._follow(str(path.GetPrimPath()), first_ns)
+        # Prims that are new, or whose kind has changed. Those that are gone are there no more.
+        for path in notice.GetResyncedPaths():
+            if path.IsAbsoluteRootOrPrimPath() and (prim := self._stage.GetPrimAtPath(path)):
+                self._follow_below(prim, first_ns)
 
     def _body_of(self, path):
         while path and path not in self._bodies:
