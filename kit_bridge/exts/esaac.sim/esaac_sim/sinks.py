@@ -9,9 +9,9 @@ import esaac
 class Recorder:
     """Writes a camera's events to files when the run ends.
 
-    The first file has the camera's name. Where there is such a file already, or another recorder is going to write it,
-    a number follows: `camera.npz`, `camera_2.npz` and so on. Nothing is overwritten. What follows goes into another
-    file where the camera begins anew, because the timeline was rewound or jumped, and where its sensor was changed.
+    The first file has the camera's name. If there is such a file already, or another recorder is going to write it,
+    a number follows: `camera.npz`, `camera_2.npz` and so on. Nothing is overwritten. Where the timeline is rewound or
+    jumps, the camera begins anew and what follows goes into another file, as it does where the sensor is changed.
 
     Recorders that share a set `claimed` do not choose each other's names. `log` has `info`, which is told the names.
 

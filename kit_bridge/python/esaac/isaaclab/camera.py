@@ -36,9 +36,9 @@ class EventCamera(Camera):
     After a reset the next frame, drawn when the camera is read or updated, is the first of the episode: it has no
     events. If nothing reads the camera before the next physics step, the episode's events begin after that step.
 
-    A camera whose place was set (`set_world_poses`, `set_world_poses_from_view`) is taken to have moved there straight
-    and at a steady speed since its last frame, and sends the events of that motion. If it was not moved but jumped,
-    `reset` it: then its next frame is a first one.
+    A camera whose place was set (`set_world_poses`, `set_world_poses_from_view`) is taken to have moved there
+    straight and at a steady speed since its last frame, and sends the events of that motion. If it was not moved but
+    jumped, `reset` it: then its next frame is a first one.
 
     Settings without which events would be wrong in silence raise `esaac.ArgumentError`, which names them.
     """

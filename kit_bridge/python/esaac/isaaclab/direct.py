@@ -22,8 +22,9 @@ class EventReading:
 
     `camera` is the camera's name in the scene. A method may be called any number of times in an environment step, and
     gives the same each time. A camera that is slower than the environment has no frame in some steps: then there are
-    no events, and images are 0, but for those of `event_memory`, which stay as they are. All raise `esaac.ArgumentError` if the camera lacks the output that they read, or has
-    more than one frame an environment step.
+    no events, and images are 0, but for those of `event_memory`, which stay as they are. All raise
+    `esaac.ArgumentError` if the camera lacks the output that they read, or has more than one frame an environment
+    step.
     """
 
     scene: Any

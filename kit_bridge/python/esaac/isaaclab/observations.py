@@ -36,8 +36,8 @@ def voxel_grid(
 ) -> torch.Tensor:
     """Events of the last environment step in bins of time, ON as +1 and OFF as -1, each split between two bins.
 
-    Without a frame in that step all is 0. Arguments and errors are those of `event_frame`. The result is float32 `(num_envs, voxel_bins, height, width)`, or
-    with the bins last. Values are clipped to -`clip` and `clip`.
+    Without a frame in that step all is 0. Arguments and errors are those of `event_frame`. The result is float32
+    `(num_envs, voxel_bins, height, width)`, or with the bins last. Values are clipped to -`clip` and `clip`.
     """
     return image(env, sensor_cfg.name, "voxel_grid", clip, channels_first)
 

@@ -225,7 +225,7 @@ class Mounts:
 
 
 def _between(a, b, share):
-    """Transforms on the way from `a` (share 0) to `b` (1) at a steady speed, and beyond; the turn is the shorter one."""
+    """Transforms on the way from `a` (share 0) to `b` (1) at a steady speed, and beyond, by the shorter turn."""
     place = a[..., :3] + share * (b[..., :3] - a[..., :3])
     start, end = (turns / np.linalg.norm(turns, axis=-1, keepdims=True) for turns in (a[..., 3:], b[..., 3:]))
     cosine = np.sum(start * end, axis=-1, keepdims=True)
