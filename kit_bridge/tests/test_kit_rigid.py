@@ -165,6 +165,28 @@ def test_bodies_that_are_spawned_while_it_runs_are_followed_from_then_on(stage):
     transforms.close()
 
 
+def test_animated_prims_are_where_the_timeline_has_them(stage):
+    stage.SetTimeCodesPerSecond(60)
+    place = stage.GetPrimAtPath("/cube").GetAttribute("xformOp:translate")
+    for frame in range(600):
+        place.Set(Gf.Vec3d(frame, 0, 0), frame)
+    transforms = Transforms(stage)
+    recorder = transforms.recorder("/camera")
+    # The timeline begins at 2 s, where physics begins at 0; later it jumps forth, and back in a loop.
+    for at in (120, 300, 60):
+        TIMELINE.set_current_time(at / 60)
+        TIMELINE.play()
+        for _ in range(6):
+            APP.update()
+        end = rep._FRAME - 1
+        poses = recorder.spanning(round((end - 4) / 60 * 1e9), round(end / 60 * 1e9))
+        frames = np.round(poses.times_ns * 1e-9 * PHYSICS_HZ) / omni.physx.STEPS
+        # In the frame of a jump itself the timeline was nowhere else.
+        known = frames >= end - 4
+        np.testing.assert_allclose(poses.bodies[known, 0, 0, 0], (frames - end + at + 6)[known], atol=1e-4)
+    transforms.close()
+
+
 def test_a_camera_on_a_body_moves_with_it(stage):
     UsdGeom.Xform.Define(stage, "/robot").AddTranslateOp().Set(Gf.Vec3d(1, 0, 0))
     UsdGeom.XformCommonAPI(stage.GetPrimAtPath("/robot")).SetScale(Gf.Vec3f(2, 2, 2))

@@ -5,11 +5,17 @@ script moves. A prim belongs to its nearest ancestor that is a body; a prim with
 writes its poses where USD does not see them, so those of rigid bodies are asked of it.
 """
 
+import math
+
+import omni.timeline
 from pxr import Gf, Tf, Usd, UsdGeom, UsdPhysics
 
 import esaac
 
 STATIC_WORLD = -1
+
+MOST_AHEAD_S = 0.1
+"""The timeline moves once a frame, so it may be ahead of physics by a frame. By more than this it has jumped."""
 
 
 class PosesUnusable(Exception):
@@ -28,6 +34,8 @@ class Transforms:
         self._stage, self._unit_m = stage, UsdGeom.GetStageMetersPerUnit(stage)
         self._clock, self._physics = SimulationManager, get_physx_interface()
         self._bodies, self._recorders, self._last_ns = {}, {}, None
+        self._timeline = omni.timeline.get_timeline_interface()
+        self._offset_s = math.inf
         self._follow_below(stage.GetPseudoRoot(), None)
         self._listener = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._changed, stage)
         self._subscription = self._physics.subscribe_physics_on_step_events(self._stepped, False, 0)
@@ -95,11 +103,22 @@ class Transforms:
             self._bodies = {path: (number, None) for path, (number, _) in self._bodies.items()}
             for recorder in self._recorders.values():
                 recorder.clear()
+            self._offset_s = math.inf
         self._last_ns = t_ns
-        cache = UsdGeom.XformCache(Usd.TimeCode(t_ns * 1e-9 * self._stage.GetTimeCodesPerSecond()))
+        at_s = self._timeline_s(t_ns * 1e-9)
+        cache = UsdGeom.XformCache(Usd.TimeCode(at_s * self._stage.GetTimeCodesPerSecond()))
         bodies = [self._pose(path, cache) for path in self._bodies] or None
         for camera, recorder in self._recorders.items():
             recorder.record(t_ns, self._pose(camera, cache), bodies)
+
+    def _timeline_s(self, t_s):
+        """Time of the timeline, by which prims are animated, at a time of physics. Each may begin anywhere. The
+        timeline has moved on to the end of the frame when physics steps towards it, so the least that it was ahead
+        counts."""
+        ahead_s = self._timeline.get_current_time() - t_s
+        if not 0 <= ahead_s - self._offset_s <= MOST_AHEAD_S:
+            self._offset_s = ahead_s
+        return t_s + self._offset_s
 
     def _pose(self, path, cache):
         """Position, metres, and rotation of a prim: x y z, qx qy qz qw."""
