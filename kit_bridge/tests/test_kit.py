@@ -8,11 +8,12 @@ import carb.settings
 import numpy as np
 import omni.kit.menu.utils
 import omni.ui
+import omni.usd
 import pytest
 import warp as wp
 from kit_stage import APP, EXTENSION, TIMELINE, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
-from pxr import Plug, Sdf, UsdGeom
+from pxr import Plug, Sdf, Usd, UsdGeom
 
 import esaac
 from esaac_sim import self_test, sinks
@@ -60,6 +61,7 @@ def test_attributes_and_the_applied_schema_make_event_cameras(stage):
         ({"overrides": "contrast_on = 99"}, "/wrong: .*contrast_on.*99"),
         ({"overrides": "contrast_on"}, "line 1: `contrast_on`, expected `name = value`"),
         ({"outputs": ["frames"]}, "has `frames`, expected events"),
+        ({"substeps": "many"}, "/wrong.esaac:substeps is `many`, expected a whole number"),
         ({"packets": "gpu"}, "is `gpu`, expected host or cuda"),
     ],
 )
@@ -523,6 +525,82 @@ def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
         APP.update()
         extension.on_shutdown()
         assert item not in omni.kit.menu.utils.MENUS["Window"] and window._window.destroyed
+
+    asyncio.run(session())
+
+
+def test_cameras_are_detached_when_their_stage_closes(stage, tmp_path):
+    async def session():
+        carb.settings.get_settings().set(SETTINGS + "record", str(tmp_path))
+        extension, context = Extension(), omni.usd.get_context()
+        extension.on_startup("esaac.sim")
+        await extension.attach()
+        (feed,) = extension.bridge.feeds
+        move(stage, 8)
+        other = Usd.Stage.CreateInMemory()
+        camera(other, "/other", sensor="dvs128", overrides="width = 64\nheight = 48")
+        context.open(other)
+        assert feed.camera.closed and not extension.bridge.attached and not rep._PRODUCTS
+        assert len(np.load(tmp_path / "camera.npz")["t"]) == feed.events > 50
+        assert "the stage was closed" in extension.bridge.problems[-1] and carb.LINES[-1][0] == "error"
+        # Its events may come late, or never: play looks.
+        await extension.attach()
+        context.stage = stage
+        TIMELINE.stop()
+        APP.update()
+        await extension.attach()
+        context.stage = other
+        TIMELINE.play()
+        APP.update()
+        assert await extension._task == 1 and extension.bridge.stage == other
+        assert [feed.spec.path for feed in extension.bridge.feeds] == ["/other"]
+        # A stage without cameras of ours is none of our business.
+        TIMELINE.stop()
+        APP.update()
+        extension.bridge.problems.clear()
+        context.open(stage)
+        assert not extension.bridge.problems
+        extension.on_shutdown()
+
+    asyncio.run(session())
+
+
+def test_a_self_test_ends_when_its_stage_closes(stage, monkeypatch):
+    async def later(app):
+        await asyncio.sleep(0)
+        app.update()
+
+    monkeypatch.setattr(type(APP), "next_update_async", later)
+
+    async def session():
+        carb.settings.get_settings().set(SETTINGS + "self_test", True)
+        extension = Extension()
+        extension.on_startup("esaac.sim")
+        task = extension.attach()
+        for _ in range(4):
+            await asyncio.sleep(0)
+        assert stage.GetPrimAtPath("/EsaacSelfTest")
+        omni.usd.get_context().open(Usd.Stage.CreateInMemory())
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert not stage.GetPrimAtPath("/EsaacSelfTest") and TIMELINE.is_stopped() and not rep._PRODUCTS
+        extension.on_shutdown()
+
+    asyncio.run(session())
+
+
+def test_what_fails_while_cameras_attach_is_told(stage, monkeypatch):
+    async def session():
+        settings = carb.settings.get_settings()
+        settings.set("/rtx/post/aa/op", 3)
+        extension = Extension()
+        extension.on_startup("esaac.sim")
+        monkeypatch.setattr(rep.create, "render_product", lambda *_: 1 / 0)
+        assert await extension.attach() == 0
+        told = "cameras are not attached: ZeroDivisionError: division by zero"
+        assert extension.bridge.problems == [told] and carb.LINES[-1] == ("error", f"[esaac.sim] {told}")
+        assert not extension.bridge.attached and settings.get("/rtx/post/aa/op") == 3
+        extension.on_shutdown()
 
     asyncio.run(session())
 

@@ -15,8 +15,8 @@ SETTINGS = "/exts/esaac.sim/"
 class Bridge:
     """Event cameras of one stage.
 
-    `problems` says in words what went wrong. `unsaved` holds recorders whose files could not be written, with all
-    their events: see `save_unsaved`.
+    `stage` is the one whose cameras are attached, or None. `problems` says in words what went wrong. `unsaved` holds
+    recorders whose files could not be written, with all their events: see `save_unsaved`.
     """
 
     def __init__(self, settings, log):
@@ -26,6 +26,7 @@ class Bridge:
         self._attached, self._before, self._publisher = [], None, None
         self._transforms = self._every_frame = None
         self._claimed = set()
+        self.stage = None
 
     def setting(self, name, default):
         value = self.settings.get(SETTINGS + name)
@@ -63,6 +64,7 @@ class Bridge:
             self.detach()
         except CloseError as error:
             lost = _words(error)
+        self.stage = stage
         specs, problems = schema.cameras(stage)
         self.problems = lost + problems
         off = self_test.disabled(self.checks)
@@ -179,7 +181,7 @@ class Bridge:
         if self._before is not None:
             closing.call(exposure.restore, self.settings, self._before)
         self.feeds, self._attached, self._before, self._publisher = [], [], None, None
-        self._transforms = self._every_frame = None
+        self._transforms = self._every_frame = self.stage = None
         closing.finish()
 
     def detach_and_tell(self):
@@ -187,7 +189,7 @@ class Bridge:
         try:
             self.detach()
         except CloseError as error:
-            self._tell(_words(error))
+            self.tell(_words(error))
 
     def save_unsaved(self):
         """Writes the recordings that failed once more, to the folder that is set now. Returns how many are left."""
@@ -196,10 +198,11 @@ class Bridge:
         try:
             closing.finish()
         except CloseError as error:
-            self._tell(_words(error))
+            self.tell(_words(error))
         return len(self.unsaved)
 
-    def _tell(self, problems):
+    def tell(self, problems):
+        """Adds problems and logs them."""
         self.problems += problems
         for problem in problems:
             self.log.error(problem)

@@ -44,10 +44,12 @@ class Extension(omni.ext.IExt):
         omni.kit.menu.utils.add_menu_items(self._menu, MENU)
         stream = omni.timeline.get_timeline_interface().get_timeline_event_stream()
         self._timeline = stream.create_subscription_to_pop(self._on_timeline, name="esaac.sim")
+        stream = omni.usd.get_context().get_stage_event_stream()
+        self._stage = stream.create_subscription_to_pop(self._on_stage, name="esaac.sim")
 
     def on_shutdown(self):
         omni.kit.menu.utils.remove_menu_items(self._menu, MENU)
-        self._timeline = None
+        self._timeline = self._stage = None
         if self._task:
             self._task.cancel()
         if self.window:
@@ -71,18 +73,38 @@ class Extension(omni.ext.IExt):
         stage = omni.usd.get_context().get_stage()
         if stage is None:
             return 0
-        if not await self.bridge.self_test(omni.kit.app.get_app(), stage):
+        try:
+            if not await self.bridge.self_test(omni.kit.app.get_app(), stage):
+                return 0
+            return self.bridge.attach(stage)
+        except Exception as error:  # Nobody waits for the task, so its error would be lost.
+            self.bridge.detach_and_tell()
+            self.bridge.tell([f"cameras are not attached: {type(error).__name__}: {error}"])
             return 0
-        return self.bridge.attach(stage)
 
     def _on_timeline(self, event):
         kind = omni.timeline.TimelineEventType(event.type)
         if kind == omni.timeline.TimelineEventType.PLAY:
+            if self.bridge.stage not in (None, omni.usd.get_context().get_stage()):
+                self._leave_stage()
             if self.bridge.setting("attach_on_play", True) and not self.bridge.attached:
                 self.attach()
         elif kind == omni.timeline.TimelineEventType.STOP:
             # Detaching writes the recordings.
             self.bridge.detach_and_tell()
+
+    def _on_stage(self, event):
+        if event.type == int(omni.usd.StageEventType.CLOSING):
+            if self._task:
+                self._task.cancel()
+            if self.bridge.stage is not None:
+                self._leave_stage()
+
+    def _leave_stage(self):
+        self.bridge.detach_and_tell()
+        self.bridge.tell(
+            ["the stage was closed, so its cameras are detached; press play to attach those of the next"]
+        )
 
 
 __all__ = ["MENU", "SETTINGS", "TITLE", "Extension"]

@@ -153,7 +153,11 @@ def _focal_px(prim, width):
 
 
 def _sensor(prim, path, outputs):
-    parameters = {"substeps": int(_value(prim, "substeps")), "synthesis": str(_value(prim, "mode"))}
+    substeps = _value(prim, "substeps")
+    try:
+        parameters = {"substeps": int(substeps), "synthesis": str(_value(prim, "mode"))}
+    except (TypeError, ValueError):
+        raise SchemaError(f"{path}.esaac:substeps is `{substeps}`, expected a whole number") from None
     if "aps" in outputs:
         # Half of a frame at 60 Hz, unless the overrides say otherwise.
         parameters["aps_exposure_ns"] = 8_000_000
