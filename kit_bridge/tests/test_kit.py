@@ -623,6 +623,31 @@ def test_the_extensions_files_are_those_that_it_names():
     assert named == {name for name in named if f'setting("{name}"' in text}
 
 
+@pytest.mark.parametrize("background", [0.0, 1.0, 500.0])
+def test_the_self_test_knows_the_cube_before_any_background(stage, monkeypatch, background):
+    monkeypatch.setattr(rep, "BACKGROUND", background)
+    _, checks = checked(stage)
+    assert all(check.holds for check in checks.values()), checks
+    _, checks = checked(stage, gamma=True, negate_motion=True)
+    assert {name for name, check in checks.items() if not check.holds} == {"light", "motion"}, checks
+
+
+def test_the_cube_is_judged_where_it_is_drawn():
+    width, height = self_test.SIZE_PX
+    rows, columns = self_test.cube_px()
+    assert 20 < rows.stop - rows.start < 42 and 20 < columns.stop - columns.start < 42
+    frames = []
+    for index in range(self_test.FRAMES):
+        hdr, motion = np.full((height, width, 4), 500.0), np.full((height, width, 4), 9.0)
+        hdr[rows, columns] = self_test.RADIANCE[index >= self_test.FRAMES // 2]
+        motion[rows, columns, :2] = self_test.expected_motion_px()
+        # Something that is not at rest, so that images differ.
+        hdr[0, 0] += index
+        time = {"simulationTime": index / self_test.RATE_HZ}
+        frames.append({"HdrColor": hdr, "motion_vectors": motion, "IsaacReadSimulationTime": time})
+    assert not [check for check in self_test.judge(frames) if not check.holds]
+
+
 def test_every_check_says_what_it_switches_off():
     frames = [{}]
     (check,) = self_test.judge(frames)

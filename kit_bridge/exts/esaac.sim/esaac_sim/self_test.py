@@ -7,6 +7,7 @@ failed check switches off what depends on it: wrong motion vectors the synthesis
 
 import dataclasses
 import itertools
+import math
 
 import numpy as np
 
@@ -19,6 +20,8 @@ DISTANCE_M = 4.0
 CUBE_M = 1.0
 SPEED_M_PER_S = (0.6, 0.3)
 """Of the cube: to the right, and up."""
+RIM_PX = 3
+"""Pixels at the cube's border that are not looked at."""
 RATE_HZ = 60.0
 FRAMES = 8
 TICK_HZ = 12.0
@@ -49,6 +52,19 @@ def expected_motion_px():
     scale = focal_px() / front_m / RATE_HZ
     # It moves right and up, so it came from the left and from below.
     return -SPEED_M_PER_S[0] * scale, SPEED_M_PER_S[1] * scale
+
+
+def cube_px():
+    """Rows and columns that show the cube's front in every frame, without its rim. It need not be the brightest: a
+    dome light of the stage may be brighter."""
+    scale = focal_px() / (DISTANCE_M - CUBE_M / 2)
+    # It moves right and up from the middle, until the last of `run`'s updates.
+    way = [scale * speed * (FRAMES + 1) / RATE_HZ for speed in SPEED_M_PER_S]
+    reach = scale * CUBE_M / 2 - RIM_PX
+    x, y = (size / 2 for size in SIZE_PX)
+    columns = slice(math.ceil(x + way[0] - reach), math.floor(x + reach))
+    rows = slice(math.ceil(y - reach), math.floor(y - way[1] + reach))
+    return rows, columns
 
 
 def judge(frames):
@@ -90,20 +106,9 @@ def _read(data):
     return image(HDR), image(MOTION), seconds(entry)
 
 
-def _cube(hdr):
-    """Pixels well inside the cube: the brightest region, without its rim."""
-    light = hdr[..., :3].mean(axis=-1)
-    lit = light > 0.5 * light.max()
-    inside = lit.copy()
-    for axis in (0, 1):
-        for shift in (-2, 2):
-            inside &= np.roll(lit, shift, axis=axis)
-    return inside if inside.any() else lit
-
-
 def _motion(drawn):
     measured = np.median(
-        [np.median(motion[_cube(hdr)][:, :2], axis=0) for hdr, motion, _ in drawn[1:]], axis=0
+        [np.median(motion[cube_px()][..., :2], axis=(0, 1)) for _, motion, _ in drawn[1:]], axis=0
     )
     expected = np.array(expected_motion_px())
     told = f"({measured[0]:+.2f}, {measured[1]:+.2f}) px, expected ({expected[0]:+.2f}, {expected[1]:+.2f})"
@@ -122,7 +127,7 @@ def _motion(drawn):
 def _light(drawn):
     half = len(drawn) // 2
     level = [
-        np.median([hdr[_cube(hdr)][:, :3].mean() for hdr, _, _ in part])
+        np.median([hdr[cube_px()][..., :3].mean() for hdr, _, _ in part])
         for part in (drawn[:half], drawn[half:])
     ]
     ratio, expected = level[1] / max(level[0], 1e-9), RADIANCE[1] / RADIANCE[0]

@@ -68,6 +68,8 @@ class SelfTestScene:
         shader.SetSourceAsset(Sdf.AssetPath("OmniPBR.mdl"), "mdl")
         shader.SetSourceAssetSubIdentifier("OmniPBR", "mdl")
         shader.CreateInput("diffuse_color_constant", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(0, 0, 0))
+        # Nothing of the stage's lights, a dome light for example, is seen on it.
+        shader.CreateInput("specular_level", Sdf.ValueTypeNames.Float).Set(0.0)
         shader.CreateInput("enable_emission", Sdf.ValueTypeNames.Bool).Set(True)
         shader.CreateInput("emissive_color", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(1, 1, 1))
         glow = shader.CreateInput("emissive_intensity", Sdf.ValueTypeNames.Float)
