@@ -1,12 +1,14 @@
 """The extension `esaac.sim` on real USD stages and real Warp arrays, with stand-ins for Kit (see `stand_ins`)."""
 
 import asyncio
+import re
 import types
 
 import carb
 import carb.settings
 import numpy as np
 import omni.kit.menu.utils
+import omni.syntheticdata
 import omni.ui
 import omni.usd
 import pytest
@@ -23,6 +25,7 @@ from esaac_sim.extension import Extension
 from esaac_sim.frames import FrameUnusable, frame_of
 from esaac_sim.schema import API, SchemaError, cameras, spec_of
 from esaac_sim.standalone import begin
+from esaac_sim.texture import Texture
 
 
 @pytest.fixture
@@ -296,8 +299,11 @@ def test_the_texture_path_is_taken_only_where_the_self_test_has_passed(stage):
 
 
 def test_a_curve_a_stopped_clock_and_empty_frames_are_told(stage):
-    _, checks = checked(stage, gamma=True)
+    running, checks = checked(stage, gamma=True)
     assert not checks["light"].holds and "exposure or a curve" in checks["light"].message
+    assert running.attach(stage) == 1 and len(running.problems) == 1
+    assert "/camera: the renderer's light failed the self-test" in running.problems[0]
+    running.detach()
     running, checks = checked(stage, gamma=False, stopped_clock=True)
     assert not checks["clock"].holds
     stage.GetPrimAtPath("/camera").CreateAttribute("esaac:publish", Sdf.ValueTypeNames.Bool).Set(True)
@@ -653,3 +659,30 @@ def test_every_check_says_what_it_switches_off():
     (check,) = self_test.judge(frames)
     assert not check.holds and self_test.disabled([check]) == {"everything"}
     assert sinks.Recorder.name == "recorder"
+    # What a check switches off, the bridge looks at.
+    package = EXTENSION / "esaac_sim"
+    tests = "".join(path.read_text() for path in package.glob("self_test*.py"))
+    given = re.findall(r"disables=([^,)]+)", tests)
+    named = {name for value in given for name in re.findall(r'"(\w+)"', value)}
+    assert {"everything", "motion", "light", "publish", "rate", "texture"} <= named
+    bridge_py = (package / "bridge.py").read_text()
+    assert named == {name for name in named if f'"{name}" in off' in bridge_py}
+
+
+def test_a_texture_on_another_device_is_told(stage, monkeypatch):
+    product = rep.create.render_product("/camera", (64, 48))
+    told = {"dataPtr": 1, "cudaDeviceIndex": 1, "width": 64, "height": 48, "bufferSize": 0}
+    told = {f"outputs:{name}": value for name, value in told.items()}
+    monkeypatch.setattr(omni.syntheticdata.SyntheticData, "get_node_attributes", lambda *_: told)
+    running = types.SimpleNamespace(device={"uuid": "a"})
+    for cuda, own in ((0, "cuda:0"), (None, "no CUDA device")):
+        monkeypatch.setattr(
+            esaac, "devices", lambda cuda=cuda: [{"uuid": "b", "cuda": 1}, {"uuid": "a", "cuda": cuda}]
+        )
+        expected = (
+            f"lies on cuda:1, expected the engine's device, which is {own}; set the extension's `device`"
+        )
+        with pytest.raises(FrameUnusable, match=expected):
+            Texture(product, running).image(64, 48)
+    running.device = {"uuid": "b"}
+    assert isinstance(Texture(product, running).image(64, 48), esaac.CudaTexture)

@@ -101,6 +101,11 @@ class Bridge:
                 f"{spec.path}: the renderer's motion vectors failed the self-test, so what has no poses is blended"
             )
             spec = _replaced(spec, with_motion=False)
+        if "light" in off:
+            self.problems.append(
+                f"{spec.path}: the renderer's light failed the self-test, expected HdrColor to be linear, so events "
+                "have the wrong contrast; switch off what curves it, such as tone mapping or exposure"
+            )
         by_texture = self._by_texture(spec, off)
         transforms = self._transforms if spec.with_geometry else None
         feed = Feed(spec, device=self.setting("device", None) or None, transforms=transforms)
@@ -108,7 +113,7 @@ class Bridge:
             self._add_sinks(feed)
             product, attached = writer.attach(spec, feed.write, with_hdr=not by_texture)
             if by_texture:
-                feed.texture = Texture(product)
+                feed.texture = Texture(product, feed.camera)
         except BaseException:
             try:
                 feed.close()

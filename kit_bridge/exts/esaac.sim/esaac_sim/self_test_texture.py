@@ -24,7 +24,7 @@ class Twins:
         self._texture, self._fault = None, None
         self._frames = self._events = 0
         try:
-            self._texture = Texture(product)
+            self._texture = Texture(product, self._cameras[0])
         except FrameUnusable as unusable:
             self._fault = str(unusable)
 

@@ -17,14 +17,14 @@ TEXEL_BYTES = 8
 
 
 class Texture:
-    """HdrColor of one render product."""
+    """HdrColor of one render product, for an event camera."""
 
-    def __init__(self, product):
+    def __init__(self, product, camera):
         try:
             from omni.syntheticdata import SyntheticData
         except ImportError as error:
             raise FrameUnusable("omni.syntheticdata is not enabled") from error
-        self._product = product
+        self._product, self._device = product, _cuda_number(camera)
         SyntheticData.register_export_rendervar_ptr_templates([HDR])
         self._data = SyntheticData.Get()
         self._data.activate_node_template(NODE, 0, [product.path])
@@ -37,6 +37,12 @@ class Texture:
             raise FrameUnusable(f"{NODE} is empty: the renderer has not drawn yet", expected=True)
         if told.get("outputs:cudaDeviceIndex") is None or device < 0:
             raise FrameUnusable(f"{NODE} lies on the host, expected a CUDA device")
+        if device != self._device:
+            own = "no CUDA device" if self._device is None else f"cuda:{self._device}"
+            raise FrameUnusable(
+                f"{NODE} lies on cuda:{device}, expected the engine's device, which is {own}; set the extension's "
+                f"`device` to cuda:{device}"
+            )
         if (columns, rows) != (width, height):
             raise FrameUnusable(f"{NODE} is {columns}x{rows} px, expected {width}x{height}")
         if size == 0:
@@ -44,6 +50,12 @@ class Texture:
         if size != width * height * TEXEL_BYTES:
             raise FrameUnusable(f"{NODE} has {size} bytes, expected {width * height * TEXEL_BYTES}")
         return _Linear(pointer, width, height)
+
+
+def _cuda_number(camera):
+    """CUDA's number of the device that a camera runs on; None if it is not one of CUDA's."""
+    uuid = camera.device["uuid"]
+    return next((entry["cuda"] for entry in esaac.devices() if entry["uuid"] == uuid), None)
 
 
 class _Linear:
