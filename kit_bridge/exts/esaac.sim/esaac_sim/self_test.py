@@ -2,8 +2,8 @@
 
 A renderer's documentation does not say everything: the sign of motion vectors, say. So a cube moves at a known speed
 before a known camera. `run` draws it. `judge` compares what was drawn with what geometry says, and needs no Kit. A
-failed check switches off what depends on it: wrong motion vectors the synthesis `motion`, a wrong clock publishing. All
-events depend on the light, so if that is not linear each camera has a problem, and runs.
+failed check switches off what depends on it: wrong motion vectors the synthesis `motion`, a wrong clock
+publishing. All events depend on the light, so if that is not linear each camera has a problem, and runs.
 """
 
 import dataclasses
