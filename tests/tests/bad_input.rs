@@ -140,9 +140,9 @@ fn time_that_does_not_advance_or_jumps() {
     for (t_ns, words) in [
         (latest_ns, ["33333333 ns is not after", "33333333"]),
         (latest_ns - 1, ["33333332", "33333333"]),
-        (i64::MIN, ["-9223372036854775808", "33333333"]),
+        (i64::MIN, ["-9223372036854775808", "within +-4611686018427387904"]),
         (latest_ns + 1_000_000_001, ["gap of 1000000001", "at most 1000000000"]),
-        (i64::MAX, ["gap", "1000000000"]),
+        (i64::MAX, ["9223372036854775807", "within +-4611686018427387904"]),
     ] {
         assert_names(rig.step(&[t_ns]).map(|_| ()), &words);
     }

@@ -103,7 +103,10 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
     unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
-    unread_flags::warn_of_folder(arguments, &folder);
+    let (has_poses, has_motion) = (folder.scene.is_some(), folder.layout.motion.is_some());
+    for (flag, why) in flags_of_frames(arguments, has_poses, has_motion) {
+        unread_flags::warn(flag, why);
+    }
     let check = SceneCheck::of(&folder)?;
     let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;
@@ -252,4 +255,52 @@ fn simulate(
     ensure!(actual == expected, "decoding stopped after {actual} frames of {expected}");
     record.take_light(&rig)?;
     Ok((record, MemoryReport::of(&rig)))
+}
+
+/// Flags about frames that were given and do nothing, and why.
+fn flags_of_frames(
+    arguments: &SimulateArguments,
+    has_poses: bool,
+    has_motion: bool,
+) -> Vec<(&'static str, &'static str)> {
+    let (no_poses, no_motion) = ("the folder has no poses", "the frames have no motion vectors");
+    let turns = arguments.motion_convention != MotionConvention::default();
+    [
+        (!has_poses && arguments.depth_channel.is_some(), "depth-channel", no_poses),
+        (!has_poses && arguments.id_channel.is_some(), "id-channel", no_poses),
+        (!has_motion && turns, "motion-convention", no_motion),
+        (!has_motion && arguments.motion_y.is_some(), "motion-y", no_motion),
+    ]
+    .into_iter()
+    .filter_map(|(is_unread, flag, why)| is_unread.then_some((flag, why)))
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::command_line::{Arguments, Command};
+    use clap::Parser;
+
+    fn simulate(flags: &[&str]) -> SimulateArguments {
+        let words = [&["esaac", "simulate", "in"], flags].concat();
+        match Arguments::try_parse_from(words).unwrap().command {
+            Command::Simulate(simulate) => *simulate,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn flags_of_channels_that_are_not_used_are_told() {
+        let flags =
+            simulate(&["--depth-channel", "Z", "--id-channel", "id", "--motion-convention", "negated"]);
+        let unread = |has_poses, has_motion| -> Vec<&str> {
+            flags_of_frames(&flags, has_poses, has_motion).into_iter().map(|(flag, _)| flag).collect()
+        };
+        assert_eq!(unread(false, false), ["depth-channel", "id-channel", "motion-convention"]);
+        assert!(unread(true, true).is_empty());
+        let plain = simulate(&["--motion-convention", "previous"]);
+        assert!(flags_of_frames(&plain, false, false).is_empty());
+        assert_eq!(flags_of_frames(&simulate(&["--motion-y", "up"]), false, false)[0].0, "motion-y");
+    }
 }

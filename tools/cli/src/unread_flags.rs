@@ -1,9 +1,6 @@
 //! Flags that were given and do nothing, because the chosen pixel or effect does not read them.
 
-use crate::frame_folder::FrameFolder;
-use crate::motion_convention::MotionConvention;
 use crate::sensor_flags::{SensorFlags, flag};
-use crate::simulate::SimulateArguments;
 use crate::stderr;
 use esaac_model::{PARAMETERS, Pixel, ReadoutKind, SensorModel};
 
@@ -18,13 +15,8 @@ pub fn warn_of_sensor(flags: &SensorFlags, sensor: &SensorModel) {
     of_sensor(flags, sensor).iter().for_each(|(flag, why)| warn(flag, why));
 }
 
-/// Warns of flags that the frames of a folder do not need.
-pub fn warn_of_folder(arguments: &SimulateArguments, folder: &FrameFolder) {
-    let (has_poses, has_motion) = (folder.scene.is_some(), folder.layout.motion.is_some());
-    of_folder(arguments, has_poses, has_motion).iter().for_each(|(flag, why)| warn(flag, why));
-}
-
-fn warn(flag: &str, why: &str) {
+/// Warns of a flag that does nothing.
+pub fn warn(flag: &str, why: &str) {
     stderr::line(format_args!("warning: --{flag} does nothing: {why}"));
 }
 
@@ -55,28 +47,11 @@ fn why_unread(parameter: &str, sensor: &SensorModel) -> Option<&'static str> {
     unread.0.then_some(unread.1)
 }
 
-fn of_folder(
-    arguments: &SimulateArguments,
-    has_poses: bool,
-    has_motion: bool,
-) -> Vec<(&'static str, &'static str)> {
-    let (no_poses, no_motion) = ("the folder has no poses", "the frames have no motion vectors");
-    let turns = arguments.motion_convention != MotionConvention::default();
-    [
-        (!has_poses && arguments.depth_channel.is_some(), "depth-channel", no_poses),
-        (!has_poses && arguments.id_channel.is_some(), "id-channel", no_poses),
-        (!has_motion && turns, "motion-convention", no_motion),
-        (!has_motion && arguments.motion_y.is_some(), "motion-y", no_motion),
-    ]
-    .into_iter()
-    .filter_map(|(is_unread, flag, why)| is_unread.then_some((flag, why)))
-    .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::command_line::{Arguments, Command};
+    use crate::simulate::SimulateArguments;
     use clap::Parser;
 
     fn simulate(flags: &[&str]) -> SimulateArguments {
@@ -108,19 +83,5 @@ mod tests {
         assert_eq!(unread(&off), ["flicker-hz", "readout-row-ns", "aps-bits"]);
         let on = ["--flicker-depth", "0.1", "--readout", "rows", "--aps-exposure-ns", "1000"];
         assert!(unread(&[&off[..], &on].concat()).is_empty());
-    }
-
-    #[test]
-    fn flags_of_channels_that_are_not_used_are_told() {
-        let flags =
-            simulate(&["--depth-channel", "Z", "--id-channel", "id", "--motion-convention", "negated"]);
-        let unread = |has_poses, has_motion| -> Vec<&str> {
-            of_folder(&flags, has_poses, has_motion).into_iter().map(|(flag, _)| flag).collect()
-        };
-        assert_eq!(unread(false, false), ["depth-channel", "id-channel", "motion-convention"]);
-        assert!(unread(true, true).is_empty());
-        let plain = simulate(&["--motion-convention", "previous"]);
-        assert!(of_folder(&plain, false, false).is_empty());
-        assert_eq!(of_folder(&simulate(&["--motion-y", "up"]), false, false)[0].0, "motion-y");
     }
 }
