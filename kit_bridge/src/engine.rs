@@ -79,7 +79,7 @@ impl Inner {
             && let Err(error) = crate::bank::release(&frames, &side.link())
         {
             side.link().finish()?;
-            return Err(error.into());
+            return Err(error);
         }
         drop(state);
         let kept = Arc::clone(&self.state);
