@@ -476,6 +476,16 @@ impl CameraState {
         if self.sends_from_outlet { self.outlet.event_base } else { self.place.event_base }
     }
 
+    /// Whether a hold may end in the next interval that began before the refractory period changed.
+    fn may_end_old_holds(&self) -> bool {
+        self.last_ns < self.holds_until_ns
+    }
+
+    /// Whether events of earlier intervals may wait for the next packet.
+    fn may_have_waiting(&self) -> bool {
+        sensor::delays(&self.config.sensor) || self.deferred_events > 0
+    }
+
     /// Makes the next frame count as the first.
     fn forget(&mut self) {
         self.last_ns = None;

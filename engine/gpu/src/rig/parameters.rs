@@ -27,13 +27,11 @@ struct Bins {
 }
 
 /// Whether all events of a packet have the end of a sub-step as their time. A log pixel's shots have their own times, and so
-/// have events that wait since a time with a latency.
+/// have events that wait.
 fn only_at_samples(sensor: &SensorModel, quantum: u32, any_wait: bool) -> bool {
     let has_shots = sensor.pixel == Pixel::Log && sensor.shot_noise_rate_hz > 0.0;
     sensor.timestamps == Timestamps::AtSample
         && sensor.substep_policy == SubstepPolicy::Fixed
-        && sensor.latency_ns == 0
-        && sensor.latency_jitter_ns == 0
         && quantum == 1
         && sensor.synthesis != Synthesis::None
         && !has_shots
@@ -74,7 +72,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
     let quantum_ns = if has_bus(sensor) { 1 } else { sensor.timestamp_quantum_ns };
     let base_ns = quantise_ns(start_ns, i64::from(quantum_ns));
     let base_to_start_ns = (start_ns - base_ns) as u32;
-    let bins = bins(sensor, quantum_ns, base_to_start_ns + interval_ns, place, camera.deferred_events > 0);
+    let bins = bins(sensor, quantum_ns, base_to_start_ns + interval_ns, place, camera.may_have_waiting());
     let q27 = f64::from(1_u32 << HAZARD_FRACTION_BITS);
     let aps_end_ns = sensor.aps_start_ns.saturating_add(sensor.aps_exposure_ns).min(interval_ns);
     let aps_max = ((1_u32 << sensor.aps_bits) - 1) as f32;
@@ -116,7 +114,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         substeps_fixed: u32::from(sensor.substep_policy == SubstepPolicy::Fixed),
         // While a hold may end that began under another refractory period, each pixel is walked: the holds that end in
         // skipped tiles would be forgotten with the kernels that know of them.
-        no_skip: u32::from(camera.changed || camera.last_ns < camera.holds_until_ns),
+        no_skip: u32::from(camera.changed || camera.may_end_old_holds()),
         exposure_gain: sensor.exposure_gain as f32,
         log_offset: sensor.dark_level() as f32,
         refractory_ns: sensor.refractory_ns,

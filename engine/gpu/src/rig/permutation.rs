@@ -1,6 +1,6 @@
 //! Which kernels run for a camera, and with which constants.
 
-use super::sensor::{channels, has_bus, is_physical, is_rigid, may_have_layers, needs_half_pel};
+use super::sensor::{channels, delays, has_bus, is_physical, is_rigid, may_have_layers, needs_half_pel};
 use super::{CameraState, RigOptions};
 use crate::kernel::stages;
 use crate::policy::{KernelPolicy, KernelSet};
@@ -67,12 +67,11 @@ pub(super) fn permutation(
             (sensor.leak_rate_hz != 0.0 || sensor.leak_per_lux_hz != 0.0, sensor.noise_gain > 0.0)
         }
     };
-    let delays = sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0;
     Permutation {
         rigid: is_rigid(sensor),
         physical,
         has_bus: has_bus(sensor),
-        any_wait: delays || camera.deferred_events > 0,
+        any_wait: camera.may_have_waiting(),
         ingest: IngestConstants {
             intensity: sensor.intensity,
             half_pel: needs_half_pel(sensor),
@@ -90,10 +89,10 @@ pub(super) fn permutation(
             intensity: sensor.intensity,
             effect_mismatch: sensor.contrast_mismatch > 0.0,
             // A pixel that is held when the refractory period is switched off stays held until the period ends.
-            effect_refractory: sensor.refractory_ns > 0 || camera.last_ns < camera.holds_until_ns,
+            effect_refractory: sensor.refractory_ns > 0 || camera.may_end_old_holds(),
             effect_leak: leaks,
             effect_shot: has_noise,
-            effect_delay: delays,
+            effect_delay: delays(sensor),
             at_sample: sensor.timestamps == Timestamps::AtSample,
             effect_aps: sensor.aps_exposure_ns > 0,
             effect_flicker: sensor.flicker().is_some(),

@@ -58,6 +58,11 @@ pub(super) fn is_physical(sensor: &SensorModel) -> bool {
     sensor.pixel == Pixel::Physical
 }
 
+/// Whether events are stamped later than they happen.
+pub(super) fn delays(sensor: &SensorModel) -> bool {
+    sensor.latency_ns > 0 || sensor.latency_jitter_ns > 0
+}
+
 /// Whether events wait for a bus.
 pub(super) fn has_bus(sensor: &SensorModel) -> bool {
     sensor.readout != ReadoutKind::None

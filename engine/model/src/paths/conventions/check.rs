@@ -23,8 +23,6 @@ pub struct PoseCheck {
     scene: Option<SceneMotion>,
     report: Option<ConventionReport>,
     trust: Trust,
-    /// Whether an earlier check that it goes on from was over.
-    was_over: bool,
 }
 
 impl PoseCheck {
@@ -32,13 +30,14 @@ impl PoseCheck {
     /// intervals as a new one.
     #[must_use]
     pub fn resumed(trust: Trust, was_over: bool) -> Self {
-        PoseCheck { trust, was_over, ..PoseCheck::default() }
+        let compared = if was_over { COMPARED_INTERVALS } else { 0 };
+        PoseCheck { trust, compared, ..PoseCheck::default() }
     }
 
     /// Whether it has seen enough and takes no more frames.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.was_over || self.compared == COMPARED_INTERVALS || self.looked == MOST_INTERVALS
+        self.compared == COMPARED_INTERVALS || self.looked == MOST_INTERVALS
     }
 
     /// Takes the frame that ends an interval, with the poses of that interval; the same one again is left out.
