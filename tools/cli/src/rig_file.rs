@@ -187,8 +187,6 @@ impl CameraEntry {
         };
         let parameters: Vec<(&str, String)> =
             self.parameters.iter().map(|(name, value)| (name.as_str(), text(value))).collect();
-        let parameters: Vec<(&str, &str)> =
-            parameters.iter().map(|(name, value)| (*name, value.as_str())).collect();
         let sensor = base.with(self.profile.as_ref().map(profile).transpose()?, &parameters)?;
         sensor.validate()?;
         Ok(sensor)

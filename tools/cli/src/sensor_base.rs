@@ -15,7 +15,7 @@ pub enum SensorBase {
 impl SensorBase {
     /// Applies the profile, then the parameters in their order. If these ask a preset for the physical pixel, it takes
     /// the numbers of that sensor's before anything else.
-    pub fn with(self, profile: Option<Profile>, parameters: &[(&str, &str)]) -> Result<SensorModel> {
+    pub fn with(self, profile: Option<Profile>, parameters: &[(&str, String)]) -> Result<SensorModel> {
         let mut sensor = match self {
             SensorBase::Preset(sensor) if asks_for_physical(parameters)? => sensor.with_preset_pixel(),
             SensorBase::Preset(sensor) | SensorBase::File(sensor) => sensor,
@@ -46,7 +46,7 @@ fn with_range(error: SensorError, parameter: &str, value: &str) -> SensorError {
     }
 }
 
-fn asks_for_physical(parameters: &[(&str, &str)]) -> Result<bool> {
+fn asks_for_physical(parameters: &[(&str, String)]) -> Result<bool> {
     let mut named = SensorModel::default();
     for (parameter, value) in parameters.iter().filter(|(parameter, _)| *parameter == "pixel") {
         named.set(parameter, value)?;
@@ -63,7 +63,7 @@ mod tests {
     fn a_whole_number_that_is_too_large_for_its_type_is_told_the_range() {
         let error = |parameter: &str, value: &str| {
             let base = SensorBase::File(SensorModel::default());
-            base.with(None, &[(parameter, value)]).unwrap_err().to_string()
+            base.with(None, &[(parameter, value.to_owned())]).unwrap_err().to_string()
         };
         let latency = error("latency_ns", "1000000000000");
         assert!(latency.contains("`latency_ns` is 1000000000000, expected at most 1000000000"), "{latency}");
@@ -78,7 +78,7 @@ mod tests {
     #[test]
     fn a_preset_that_is_asked_for_the_physical_pixel_has_its_sensors_numbers() {
         let hd = || preset("hd").unwrap();
-        let physical = [("dark_lux", "0.5"), ("pixel", "physical")];
+        let physical = [("dark_lux", "0.5".to_owned()), ("pixel", "physical".to_owned())];
         let sensor = SensorBase::Preset(hd()).with(None, &physical).unwrap();
         assert_eq!(sensor, SensorModel { dark_lux: 0.5, ..hd().with_preset_pixel() });
         assert_ne!(sensor.response_e_per_lux_s, SensorModel::default().response_e_per_lux_s);
@@ -86,6 +86,6 @@ mod tests {
         assert_eq!((quiet.noise_gain, quiet.refractory_ns), (0.0, 0));
         let file = SensorBase::File(hd()).with(None, &physical).unwrap();
         assert_eq!(file, SensorModel { dark_lux: 0.5, pixel: Pixel::Physical, ..hd() });
-        assert!(SensorBase::Preset(hd()).with(None, &[("pixel", "quantum")]).is_err());
+        assert!(SensorBase::Preset(hd()).with(None, &[("pixel", "quantum".to_owned())]).is_err());
     }
 }

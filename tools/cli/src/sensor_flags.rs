@@ -100,10 +100,8 @@ impl SensorFlags {
             None => (SensorBase::Preset(default), None),
             Some(given) => named_sensor(given)?,
         };
-        let parameters: Vec<(&str, &str)> =
-            self.explicit.iter().map(|(parameter, value)| (*parameter, value.as_str())).collect();
-        let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &parameters)?;
-        let given = |name: &str| parameters.iter().any(|(parameter, _)| *parameter == name);
+        let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &self.explicit)?;
+        let given = |name: &str| self.explicit.iter().any(|(parameter, _)| *parameter == name);
         let size_from = match (given("width"), given("height")) {
             (false, false) => size_from,
             (true, true) => Some("a sensor with --width and --height".to_owned()),

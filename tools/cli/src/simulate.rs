@@ -277,12 +277,13 @@ fn flags_of_frames(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::command_line::{Arguments, Command};
     use clap::Parser;
 
-    fn simulate(flags: &[&str]) -> SimulateArguments {
+    /// Arguments as the command line has them.
+    pub(crate) fn simulate(flags: &[&str]) -> SimulateArguments {
         let words = [&["esaac", "simulate", "in"], flags].concat();
         match Arguments::try_parse_from(words).unwrap().command {
             Command::Simulate(simulate) => *simulate,

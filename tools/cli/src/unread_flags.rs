@@ -50,17 +50,7 @@ fn why_unread(parameter: &str, sensor: &SensorModel) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command_line::{Arguments, Command};
-    use crate::simulate::SimulateArguments;
-    use clap::Parser;
-
-    fn simulate(flags: &[&str]) -> SimulateArguments {
-        let words = [&["esaac", "simulate", "in"], flags].concat();
-        match Arguments::try_parse_from(words).unwrap().command {
-            Command::Simulate(simulate) => *simulate,
-            other => panic!("{other:?}"),
-        }
-    }
+    use crate::simulate::tests::simulate;
 
     #[test]
     fn flags_of_another_pixel_or_of_an_effect_that_is_off_are_told() {
