@@ -50,6 +50,15 @@ impl<'a> Words<'a> {
         self.word(COLUMN, x & 0x7ff | u16::from(polarity) << 11);
     }
 
+    /// Writes what has gathered, if that is much.
+    fn spill(&mut self, to: &mut dyn Write) -> Result<()> {
+        if self.out.len() >= BUFFER_BYTES {
+            to.write_all(self.out)?;
+            self.out.clear();
+        }
+        Ok(())
+    }
+
     fn high(&mut self, high: u16) {
         if self.high.replace(high) != Some(high) {
             self.word(HIGH, high);
@@ -99,17 +108,11 @@ pub fn write_file(
                 event_high.min(before_wrap).min(high + HIGH_STEP)
             };
             words.high((high & 0xfff) as u16);
-            if words.out.len() >= BUFFER_BYTES {
-                out.write_all(words.out)?;
-                words.out.clear();
-            }
+            words.spill(out)?;
         }
         words.time(event.t_ns);
         words.event(event.x, event.y, event.polarity as u8);
-        if words.out.len() >= BUFFER_BYTES {
-            out.write_all(words.out)?;
-            words.out.clear();
-        }
+        words.spill(out)?;
     }
     out.write_all(&bytes)
 }

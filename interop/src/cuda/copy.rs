@@ -144,9 +144,9 @@ pub(super) fn check_source(
     rows: usize,
 ) -> Result<(), InteropError> {
     let wanted = source.pointer.saturating_add(extent_bytes(source, row_bytes, rows));
-    let mut end = end_of_part(source.pointer)?.1;
+    let mut end = part_at(source.pointer)?.1;
     while end < wanted {
-        match end_of_part(end) {
+        match part_at(end) {
             Ok((base, next)) if base == end => end = next,
             _ => break,
         }
@@ -155,7 +155,7 @@ pub(super) fn check_source(
 }
 
 /// Where the part of an allocation begins and ends that an address lies in.
-fn end_of_part(address: sys::CUdeviceptr) -> Result<(sys::CUdeviceptr, sys::CUdeviceptr), InteropError> {
+fn part_at(address: sys::CUdeviceptr) -> Result<(sys::CUdeviceptr, sys::CUdeviceptr), InteropError> {
     let (mut base, mut size) = (0, 0);
     // SAFETY: a context is current; both results outlive the call.
     let known = unsafe { sys::cuMemGetAddressRange_v2(&mut base, &mut size, address) };

@@ -7,9 +7,10 @@ use esaac_ros::{
     BagReader, CameraPlan, CycloneTransport, EventFormat, Payload, Policy, RigOptions, RigPublisher, Sinks,
     Topic, Transport, TransportError,
 };
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
 
 const INTERVAL_NS: i64 = 33_333_333;
 
@@ -37,6 +38,14 @@ fn read(path: &Path) -> (Vec<(usize, u64, Vec<u8>)>, bool) {
     (all, bag.is_truncated())
 }
 
+/// A rig that records to a file in a folder of its own.
+fn recording(cameras: &[CameraPlan], options: &RigOptions) -> (TempDir, PathBuf, RigPublisher) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let rig = world::rig(cameras, options, Sinks { transport: None, bag: Some(world::bag(&path)) });
+    (folder, path, rig)
+}
+
 #[test]
 fn what_a_killed_writer_leaves_reads_up_to_the_last_chunk() {
     let folder = tempfile::tempdir().unwrap();
@@ -62,10 +71,8 @@ fn what_a_killed_writer_leaves_reads_up_to_the_last_chunk() {
 
 #[test]
 fn a_chunk_that_was_damaged_is_an_error_before_any_of_its_messages() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
     let cameras = vec![world::camera("left", 346, 260)];
-    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
     ticks(&mut rig, &cameras, 0..12);
     rig.finish().2.unwrap();
     let (whole, _) = read(&path);
@@ -135,10 +142,8 @@ impl Transport for Meeting {
 
 #[test]
 fn a_recording_is_sent_again_byte_by_byte_with_its_timing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
     let cameras = vec![world::camera("left", 32, 24)];
-    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
     let topics = world::topics(&rig);
     ticks(&mut rig, &cameras, 0..30);
     rig.finish().2.unwrap();
@@ -209,10 +214,8 @@ fn a_simulation_that_is_reset_goes_back_in_its_stamps_and_on_in_the_recording() 
 
 #[test]
 fn a_camera_that_goes_back_without_a_restart_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
     let cameras = vec![world::camera("left", 32, 24)];
-    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
     ticks(&mut rig, &cameras, 0..3);
     assert_eq!(rig.notices(), [""; 0]);
     ticks(&mut rig, &cameras, 0..2);
@@ -230,10 +233,8 @@ fn a_camera_that_goes_back_without_a_restart_is_told() {
 
 #[test]
 fn a_simulation_that_begins_before_zero_is_recorded_in_order() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
     let cameras = vec![world::camera("left", 32, 24)];
-    let mut rig = world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
     ticks(&mut rig, &cameras, -6..2);
     rig.finish().2.unwrap();
     let answer = world::check_bag(&path);
@@ -251,10 +252,8 @@ fn a_simulation_that_begins_before_zero_is_recorded_in_order() {
 #[test]
 fn mono_refuses_times_before_zero() {
     let cameras = vec![world::camera("left", 32, 24)];
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
     let options = RigOptions { events: EventFormat::Mono, ..lossless() };
-    let mut rig = world::rig(&cameras, &options, Sinks { transport: None, bag: Some(world::bag(&path)) });
+    let (_folder, _, mut rig) = recording(&cameras, &options);
     let error = rig.check_base(0, -1).unwrap_err().to_string();
     assert!(error.contains("camera `left` count from -1 ns, expected 0 or later"), "{error}");
     ticks(&mut rig, &cameras, -2..1);
