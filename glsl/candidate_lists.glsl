@@ -1,6 +1,8 @@
 // The making of the lists of candidates of a tile's blocks, for synthesis `rigid`: from what passes each block. Twin of
 // the oracle's `candidates`. Needs candidates.glsl, tile_activity.glsl, and the buffers `representatives` and `passing`.
 
+#include "passed_blocks.glsl"
+
 // What passes: an entry of `passing`, its instance (NO_INSTANCE if it is left out), and its inverse depth along the ray of
 // the block's centre in both key frames. Of all blocks of the tile or, where they are too many, of one.
 const uint PASSERS = RIGID ? 3u * PASSING_ENTRIES : 1u;
@@ -121,6 +123,8 @@ bool passes(Camera cam, Geometry geo, uint key, uint pixel, ivec2 block) {
     }
     const bool moves = instance_moves(geo, instance);
     bool passed = false;
+    bool seen_before = false;
+    vec2 shift_before = vec2(0.0);
     uint knot = 0u;
     do {
         bool seen = true;
@@ -128,9 +132,17 @@ bool passes(Camera cam, Geometry geo, uint key, uint pixel, ivec2 block) {
         if (moves) {
             place = project(geo, moved(inverse_of(pose_at_knot(geo, instance, knot)), point, inverse_depth), seen);
         }
-        const ivec4 blocks_passed = passed_blocks(cam, own_block, place - vec2(at));
+        seen = seen && is_somewhere(place);
+        const vec2 shift = place - vec2(at);
+        const ivec4 blocks_passed = passed_blocks(cam, own_block, shift);
         passed = passed
             || (seen && all(lessThanEqual(blocks_passed.xy, block)) && all(greaterThanEqual(blocks_passed.zw, block)));
+        if (seen && seen_before && !passed) {
+            const ivec2 columns = columns_between(cam, own_block, shift_before, shift, block.y);
+            passed = columns.x <= block.x && block.x <= columns.y;
+        }
+        seen_before = seen;
+        shift_before = shift;
         knot += 1u;
     } while (knot < (moves ? KNOTS : 1u) && !passed);
     return passed;

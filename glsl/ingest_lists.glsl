@@ -1,6 +1,8 @@
 // The surfaces that represent each block, and the blocks that these pass during the interval, for synthesis `rigid`.
 // Part of ingest.glsl; needs ingest_surfaces.glsl.
 
+#include "passed_blocks.glsl"
+
 // For each block: the pixels that represent it, a bit each; those in order, and the word before them in
 // `representatives`; the largest motion of them, pixels.
 shared uint representing[2u * TILE_BLOCKS];
@@ -168,9 +170,6 @@ uint found_head(uint block) {
     return min(count, BLOCK_SURFACES) | (((silhouettes >> block) & 1u) != 0u ? HAS_SILHOUETTE : 0u);
 }
 
-// Positions farther away than this are nowhere, pixels.
-const float FARTHEST_PX = 1e15;
-
 const float NOWHERE = 2.0 * FARTHEST_PX;
 
 // Notes the representatives of both key frames, or only those that are handed on. By one thread for each place of both
@@ -226,8 +225,7 @@ void follow_to_knot(Camera cam, Geometry geo, uint number) {
         }
         place = project(geo, moved(inverse_of(pose_at_knot(geo, instance, knot)), point, inverse_depth), seen);
     }
-    // Lengths of larger numbers have none. NaN is none either.
-    seen = seen && all(lessThan(abs(place), vec2(FARTHEST_PX)));
+    seen = seen && is_somewhere(place);
     const ivec2 block = tile_origin / int(BLOCK_PX) + ivec2(handed_block[entry] & ~HANDS_ON, 0);
     const ivec4 blocks_passed = seen ? passed_blocks(cam, block, place - vec2(at)) : ivec4(0, 0, -1, -1);
     const bool passes_any = all(lessThanEqual(blocks_passed.xy, blocks_passed.zw));
@@ -264,6 +262,22 @@ bool passes_at(uint entry, uint knot, uvec2 block) {
     return all(lessThanEqual(first, block)) && all(greaterThanEqual(last, block));
 }
 
+// Tells a block that a representative passes it.
+void tell_block(Camera cam, Geometry geo, uint entry, uvec2 block) {
+    const uint passed_block = block.y * cam.blocks_x + block.x;
+    const uint head = passing_head(cam, geo, passed_block);
+    atomicMax(passing[head + 1u], floatBitsToUint(handed_motion[entry]));
+    if (SUBSTEPS_BY_ERROR) {
+        atomicMax(passing[head + 2u], floatBitsToUint(handed_bend[entry]));
+    }
+    if ((handed_block[entry] & HANDS_ON) != 0u) {
+        const uint place = atomicAdd(passing[head], 1u);
+        if (place < PASSING_ENTRIES) {
+            passing[passing_entries(cam, geo, passed_block) + place] = handed_entry[entry];
+        }
+    }
+}
+
 // Tells one of the blocks that a representative passes at a knot, unless it passed that at an earlier one.
 void tell_passed(Camera cam, Geometry geo, uint number) {
     const uint entry = number / (KNOTS * PASSED_IN_ROW * PASSED_IN_ROW);
@@ -281,19 +295,60 @@ void tell_passed(Camera cam, Geometry geo, uint number) {
         tells = !passes_at(entry, before, block);
         before += 1u;
     }
-    if (!tells) {
+    if (tells) {
+        tell_block(cam, geo, entry, block);
+    }
+}
+
+// Where a representative goes from a knot to the next.
+struct Step {
+    ivec2 block;
+    vec2 shift_a;
+    vec2 shift_b;
+    // Whether it is seen at both.
+    bool seen;
+};
+
+Step step_from(Camera cam, uint entry, uint knot) {
+    const vec2 at = vec2(handed_pixel[entry] % cam.width, handed_pixel[entry] / cam.width);
+    const ivec2 block = tile_origin / int(BLOCK_PX) + ivec2(handed_block[entry] & ~HANDS_ON, 0);
+    const vec2 a = knot_place[entry * KNOTS + knot];
+    const vec2 b = knot_place[entry * KNOTS + knot + 1u];
+    return Step(block, a - at, b - at, a.x < NOWHERE && b.x < NOWHERE);
+}
+
+// Whether a representative passes a block at a knot, or between two knots before `knot`.
+bool is_told(Camera cam, uint entry, uint knot, uvec2 block) {
+    bool told = false;
+    for (uint other = 0u; other < KNOTS && !told; ++other) {
+        told = passes_at(entry, other, block);
+    }
+    for (uint before = 0u; before < knot && !told; ++before) {
+        const Step way = step_from(cam, entry, before);
+        if (way.seen) {
+            const ivec2 columns = columns_between(cam, way.block, way.shift_a, way.shift_b, int(block.y));
+            told = columns.x <= int(block.x) && int(block.x) <= columns.y;
+        }
+    }
+    return told;
+}
+
+// Tells the blocks that a representative passes between a knot and the next, and nowhere before.
+void tell_passed_between(Camera cam, Geometry geo, uint number) {
+    const uint entry = number / (KNOTS - 1u);
+    const uint knot = number % (KNOTS - 1u);
+    const Step way = step_from(cam, entry, knot);
+    if (!way.seen) {
         return;
     }
-    const uint passed_block = block.y * cam.blocks_x + block.x;
-    const uint head = passing_head(cam, geo, passed_block);
-    atomicMax(passing[head + 1u], floatBitsToUint(handed_motion[entry]));
-    if (SUBSTEPS_BY_ERROR) {
-        atomicMax(passing[head + 2u], floatBitsToUint(handed_bend[entry]));
-    }
-    if ((handed_block[entry] & HANDS_ON) != 0u) {
-        const uint place = atomicAdd(passing[head], 1u);
-        if (place < PASSING_ENTRIES) {
-            passing[passing_entries(cam, geo, passed_block) + place] = handed_entry[entry];
+    const ivec2 rows = rows_between(cam, way.block, way.shift_a, way.shift_b);
+    for (int row = rows.x; row <= rows.y; ++row) {
+        const ivec2 columns = columns_between(cam, way.block, way.shift_a, way.shift_b, row);
+        for (int column = columns.x; column <= columns.y; ++column) {
+            const uvec2 block = uvec2(column, row);
+            if (!is_told(cam, entry, knot, block)) {
+                tell_block(cam, geo, entry, block);
+            }
         }
     }
 }
@@ -398,6 +453,9 @@ void write_lists(Camera cam, Geometry geo, bool still) {
     const uint told = handed * KNOTS * PASSED_IN_ROW * PASSED_IN_ROW;
     for (uint number = lane; number < told; number += gl_WorkGroupSize.x) {
         tell_passed(cam, geo, number);
+    }
+    for (uint number = lane; number < handed * (KNOTS - 1u); number += gl_WorkGroupSize.x) {
+        tell_passed_between(cam, geo, number);
     }
 }
 

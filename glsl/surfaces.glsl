@@ -263,21 +263,6 @@ bool belongs(Geometry geo, uvec2 shown, vec2 at, Seen surface) {
     return relation(geo, shown, at, surface) == BELONGS;
 }
 
-// ---- Blocks that a surface passes ----
-
-// First and last block (xy, zw) that the square of a block passes, whose representative is displaced by `shift`; within
-// the image. Empty (first beyond last) if it passes none.
-ivec4 passed_blocks(Camera cam, ivec2 block, vec2 shift) {
-    const ivec2 last_block = ivec2(cam.blocks_x, cam.blocks / cam.blocks_x) - 1;
-    const vec2 first = vec2(block * int(BLOCK_PX)) + shift - REACH_PX;
-    const vec2 last = first + (float(BLOCK_PX - 1) + 2.0 * REACH_PX);
-    // Far outside, a block's number would not fit an integer.
-    const vec2 most = vec2(last_block) + 1.0;
-    const vec2 low = clamp(floor(first / float(BLOCK_PX)), vec2(-1.0), most);
-    const vec2 high = clamp(floor(last / float(BLOCK_PX)), vec2(-1.0), most);
-    return ivec4(max(ivec2(low), ivec2(0)), min(ivec2(high), last_block));
-}
-
 // ---- Lists ----
 
 // Word of a block in `representatives` of key frame `key`: their number, with HAS_SILHOUETTE if the block has one, then

@@ -34,8 +34,8 @@
 //!
 //! 1. Each block of each key frame, for each instance in it, has two surfaces: those of its nearest and of its farthest
 //!    pixel. The first [`BLOCK_SURFACES`] count, from near to far.
-//! 2. Such a surface passes a block if the square of its own block, displaced as its pixel is at one of the knots, lies
-//!    within [`REACH_PX`] of the other block. It is a candidate there if its own block has a silhouette, a pixel that
+//! 2. Such a surface passes a block if the square of its own block, displaced as its pixel is at one of the knots or on the
+//!    straight line from one to the next, lies within [`REACH_PX`] of the other block. It is a candidate there if its own block has a silhouette, a pixel that
 //!    is not inner: only at silhouettes can anything come into view that neither key frame shows in the pixel. Key frame
 //!    0 comes first, and blocks row by row.
 //! 3. Two surfaces of one instance are one candidate along a ray if `|m . r - m' . r| P < `[`MERGE_PX`] for their planes
@@ -122,7 +122,7 @@
 
 pub use super::EDGE_WEIGHT;
 
-/// Instants at which paths are followed from block to block. Between nine of them a shake at 25 Hz turns by less than a
+/// Instants at which paths are followed from block to block; between them ways are straight lines. Between nine of them a shake at 25 Hz turns by less than a
 /// tenth of its period in an interval at 30 Hz.
 pub const KNOTS: usize = 9;
 

@@ -8,4 +8,5 @@ mod plane;
 mod poses;
 mod stages;
 mod still;
+mod swept;
 mod unoccluded;

@@ -213,15 +213,14 @@ impl Interval<'_> {
             for (block, &has_silhouette) in silhouettes.iter().enumerate() {
                 let corner = (block % columns * BLOCK_PX, block / columns * BLOCK_PX);
                 for pixel in self.block_surfaces(key, corner) {
-                    let Some(surface) = self.surface(key, pixel) else { continue };
+                    let surface = self.surface(key, pixel);
                     let places = self.places(key, pixel);
                     let way = way(&places);
                     let from = position(size, pixel);
                     for passed in passed_blocks(&places, from, corner, (columns, rows)) {
                         passing[passed].add(way, has_silhouette);
-                        if !has_silhouette {
-                            continue;
-                        }
+                        // One that the camera is behind in the other key frame moves, and is no candidate.
+                        let Some(surface) = surface.filter(|_| has_silhouette) else { continue };
                         let centre = DVec2::new((passed % columns) as f64, (passed / columns) as f64)
                             * BLOCK_PX as f64
                             + 0.5 * (BLOCK_PX - 1) as f64;
@@ -304,7 +303,16 @@ fn way(places: &[Option<DVec2>]) -> BlockWay {
     BlockWay { way_px: if way_px < REST_PX { 0.0 } else { way_px }, bend_px }
 }
 
-/// Blocks that a block's square passes, displaced as one of its pixels is from `from` to each of `places`. Ascending.
+/// The square of a block's pixel centres and of what they reach, displaced by `shift`: its first corner.
+fn square(corner: (usize, usize), shift: DVec2) -> DVec2 {
+    DVec2::new(corner.0 as f64, corner.1 as f64) + shift - REACH_PX
+}
+
+/// Side of that square, pixels.
+const SQUARE_PX: f64 = (BLOCK_PX - 1) as f64 + 2.0 * REACH_PX;
+
+/// Blocks that a block's square passes, displaced as one of its pixels is from `from` to each of `places`, and on straight
+/// lines from one to the next. Ascending.
 fn passed_blocks(
     places: &[Option<DVec2>],
     from: DVec2,
@@ -312,26 +320,39 @@ fn passed_blocks(
     (columns, rows): (usize, usize),
 ) -> Vec<usize> {
     let mut passed = Vec::new();
-    for place in places.iter().flatten() {
-        let shift = *place - from;
-        // The block's outermost pixel centres, displaced.
-        let first = DVec2::new(corner.0 as f64, corner.1 as f64) + shift - REACH_PX;
-        let last = first + (BLOCK_PX - 1) as f64 + 2.0 * REACH_PX;
-        let range = |first: f64, last: f64, blocks: usize| {
+    let mut add = |[a, b]: [DVec2; 2]| {
+        let range = |a: f64, b: f64, blocks: usize| {
             let side = BLOCK_PX as f64;
-            let low = (first / side).floor().max(0.0);
-            let high = (last / side).floor().min((blocks - 1) as f64);
-            (low <= high).then_some(low as usize..=high as usize)
+            let low = (a.min(b) / side).floor().max(0.0);
+            let high = ((a.max(b) + SQUARE_PX) / side).floor().min((blocks - 1) as f64);
+            if low <= high { low as usize..high as usize + 1 } else { 0..0 }
         };
-        let (Some(across), Some(down)) = (range(first.x, last.x, columns), range(first.y, last.y, rows))
-        else {
-            continue;
-        };
-        for row in down {
-            passed.extend(across.clone().map(|column| row * columns + column));
+        for row in range(a.y, b.y, rows) {
+            let beside = range(a.x, b.x, columns).filter(|&column| crosses([a, b], (column, row)));
+            passed.extend(beside.map(|column| row * columns + column));
         }
-    }
+    };
+    let corners: Vec<Option<DVec2>> =
+        places.iter().map(|place| place.map(|place| square(corner, place - from))).collect();
+    corners.iter().flatten().for_each(|&at| add([at, at]));
+    corners.windows(2).filter_map(|pair| Some([pair[0]?, pair[1]?])).for_each(add);
     passed.sort_unstable();
     passed.dedup();
     passed
+}
+
+/// Whether a square whose first corner goes straight from `a` to `b` meets a block.
+fn crosses([a, b]: [DVec2; 2], block: (usize, usize)) -> bool {
+    // The shares of the way between which the square reaches the block, in one direction.
+    let shares = |a: f64, b: f64, block: usize| {
+        let low = (block * BLOCK_PX) as f64 - SQUARE_PX - a;
+        let high = ((block + 1) * BLOCK_PX) as f64 - a;
+        match b - a {
+            0.0 if low <= 0.0 && high > 0.0 => [0.0, 1.0],
+            0.0 => [1.0, 0.0],
+            way => [(low / way).min(high / way), (low / way).max(high / way)],
+        }
+    };
+    let [across, down] = [shares(a.x, b.x, block.0), shares(a.y, b.y, block.1)];
+    across[0].max(down[0]).max(0.0) <= across[1].min(down[1]).min(1.0)
 }
