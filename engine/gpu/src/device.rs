@@ -44,6 +44,7 @@ pub struct Device {
     statistics: Option<khr::pipeline_executable_properties::Device>,
     calibrated: Option<ext::calibrated_timestamps::Device>,
     most_groups: u32,
+    most_storage_bytes: u64,
     info: DeviceInfo,
     instance: ManuallyDrop<Instance>,
 }
@@ -56,6 +57,8 @@ pub struct Restrictions {
     pub no_timestamps: bool,
     /// Most workgroups of a dispatch along x; 0 for the device's own limit.
     pub most_groups: u32,
+    /// Most bytes of a storage buffer that kernels see; 0 for the device's own limit.
+    pub most_storage_bytes: u64,
 }
 
 /// How long a device that is being closed waits for abandoned submissions. After that it stays open, with everything
@@ -178,6 +181,12 @@ impl Device {
                 0 => properties.limits.max_compute_work_group_count[0],
                 most => most,
             },
+            most_storage_bytes: match restrictions.most_storage_bytes {
+                // Mesa's software driver names a small limit, and keeps none.
+                0 if info.kind == "software" => u64::from(u32::MAX),
+                0 => u64::from(properties.limits.max_storage_buffer_range),
+                most => most,
+            },
             most_texels: u64::from(properties.limits.max_texel_buffer_elements),
             unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
             statistics,
@@ -263,6 +272,11 @@ impl Device {
     /// Most workgroups of a dispatch along x.
     pub(crate) fn most_groups(&self) -> u32 {
         self.most_groups
+    }
+
+    /// Most bytes of a storage buffer that kernels see.
+    pub(crate) fn most_storage_bytes(&self) -> u64 {
+        self.most_storage_bytes
     }
 
     /// Whether the queue has a clock. Without one, GPU times are absent.

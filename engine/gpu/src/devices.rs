@@ -16,6 +16,9 @@ pub(crate) const CALIBRATED: &str = "VK_EXT_calibrated_timestamps";
 /// The capability that poses from the device need.
 pub(crate) const FLOAT64: &str = "shaderFloat64";
 
+/// Storage buffers that a rig's kernels are bound to: the capability, and their number.
+pub(crate) const STORAGE_BUFFERS: (&str, u32) = ("29 storage buffers", 29);
+
 /// The capability that GPU times need.
 pub(crate) const TIMESTAMPS: &str = "timestamps";
 
@@ -158,7 +161,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         ),
         needs("256 invocations a workgroup", core.limits.max_compute_work_group_invocations >= 256),
         needs("32 KiB of shared memory", core.limits.max_compute_shared_memory_size >= 32 * 1024),
-        needs("24 storage buffers", core.limits.max_per_stage_descriptor_storage_buffers >= 24),
+        needs(STORAGE_BUFFERS.0, core.limits.max_per_stage_descriptor_storage_buffers >= STORAGE_BUFFERS.1),
         likes("timelineSemaphore", f12.timeline_semaphore == vk::TRUE),
         likes(TIMESTAMPS, stamps),
         likes(FLOAT64, base.shader_float64 == vk::TRUE),

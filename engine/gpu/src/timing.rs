@@ -9,8 +9,15 @@ use ash::vk;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time-out of a wait: a device that hangs must not hang the simulation for ever.
+/// Longest wait for a GPU: one that hangs must not hang the simulation for ever.
 const TIMEOUT_S: u64 = 60;
+
+/// Longest wait for the software driver, which shares its processor with others: slow is not hung.
+const SOFTWARE_TIMEOUT_S: u64 = 600;
+
+fn timeout_s(device: &Device) -> u64 {
+    if device.is_software() { SOFTWARE_TIMEOUT_S } else { TIMEOUT_S }
+}
 
 /// How long the host spins before it sleeps: a blocking wait costs about 20 us more.
 const SPIN: Duration = Duration::from_micros(300);
@@ -36,8 +43,9 @@ pub(crate) fn wait_for(device: &Device, fence: vk::Fence) -> Result<(), EngineEr
 /// Waits: on a GPU it spins first, then it sleeps.
 fn finish(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
     let raw = device.raw();
+    let limit_s = timeout_s(device);
     match device.fault(FaultPoint::Wait) {
-        Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(TIMEOUT_S)),
+        Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(limit_s)),
         result => result.call("vkWaitForFences")?,
     }
     if !device.is_software() {
@@ -51,8 +59,8 @@ fn finish(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
         }
     }
     // SAFETY: the fence is alive.
-    match unsafe { raw.wait_for_fences(&[fence], true, TIMEOUT_S * 1_000_000_000) } {
-        Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(TIMEOUT_S)),
+    match unsafe { raw.wait_for_fences(&[fence], true, limit_s * 1_000_000_000) } {
+        Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(limit_s)),
         result => result.call("vkWaitForFences")?,
     }
     // SAFETY: the fence's submission has finished, so that nothing pending signals it.

@@ -32,6 +32,26 @@ fn a_camera_with_more_workgroups_than_the_device_takes_is_refused_with_numbers()
 }
 
 #[test]
+fn a_rig_with_larger_buffers_than_the_device_shows_is_refused_with_numbers() {
+    let restrictions = Restrictions { most_storage_bytes: 1 << 20, ..Restrictions::default() };
+    let device =
+        Device::open_restricted(DeviceChoice::Best, Validation::Off, restrictions).expect("a device");
+    let config = |width, height| CameraConfig {
+        sensor: SensorModel { width, height, ..flashing() },
+        camera: 0,
+        hdr: HdrFormat::F32x4,
+        motion: None,
+        geometry: None,
+    };
+    Rig::new(&device, &[config(64, 48)]).expect("small buffers");
+    let error = Rig::new(&device, &[config(640, 480)]).map(|_| ()).unwrap_err();
+    let words = error.to_string();
+    for word in ["at most 1048576", "rigs of their own"] {
+        assert!(words.contains(word), "{word} in: {words}");
+    }
+}
+
+#[test]
 fn a_device_without_a_clock_gives_the_same_events_and_no_times() {
     let name = "limits::a_device_without_a_clock_gives_the_same_events_and_no_times";
     if !in_a_process_of_its_own(name, None) {

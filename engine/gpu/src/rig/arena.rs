@@ -369,11 +369,14 @@ fn allocate(
     };
     let bytes = elements * u64::from(binding.stride);
     // Kernels address a buffer's bytes with 32 bits.
-    if bytes > u64::from(u32::MAX) {
+    let most = device.most_storage_bytes().min(u64::from(u32::MAX));
+    if bytes > most {
         return Err(EngineError::OutOfMemory {
             name: binding.name.to_owned(),
             bytes,
-            reason: "a rig's buffers have at most 4294967295; give cameras rigs of their own".to_owned(),
+            reason: format!(
+                "on this device a rig's buffers have at most {most}; give cameras rigs of their own"
+            ),
         });
     }
     let buffer = device.allocate(binding.name, bytes, usage, location)?;

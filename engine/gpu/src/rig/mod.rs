@@ -501,3 +501,17 @@ impl CameraState {
         self.apply_trust();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::devices::STORAGE_BUFFERS;
+
+    #[test]
+    fn a_suitable_device_has_as_many_storage_buffers_as_a_rig_is_bound_to() {
+        let storage = Some(vk::DescriptorType::STORAGE_BUFFER);
+        let bound = slots(false).into_iter().filter(|kind| *kind == storage).count();
+        assert_eq!(bound, STORAGE_BUFFERS.1 as usize);
+        assert!(STORAGE_BUFFERS.0.starts_with(&format!("{bound} ")), "{}", STORAGE_BUFFERS.0);
+    }
+}

@@ -232,6 +232,10 @@ impl Permutation {
         let queue_per_px = match policy.kernels {
             KernelSet::Gpu if again => CROWDED_QUEUE_PER_PX,
             KernelSet::SoftwareDriver if again => QUEUE_PER_PX,
+            // Lists of candidates need some of the 32 KiB of shared memory that every device has.
+            KernelSet::SoftwareDriver if self.rigid || meeting => {
+                self.cross.queue_per_px.min(CROWDED_QUEUE_PER_PX)
+            }
             _ => self.cross.queue_per_px,
         };
         let mut constants = CrossConstants { walks_again, queue_per_px, ..self.cross }.words();

@@ -10,6 +10,7 @@
 
 use super::CameraState;
 use super::machine::TickEnd;
+use super::record::MOST_GROUPS;
 use esaac_layout::{Counters, QUEUE_PER_PX, SUB_TILES};
 
 /// What a second run costs before its first sub-tile, in walks of a sub-tile.
@@ -127,7 +128,7 @@ impl SecondRun {
             *self = SecondRun::default();
         } else if self.busy_ticks >= BUSY_TICKS && most > self.groups {
             // Intervals are not alike: twice as many.
-            self.groups = (2 * most).next_power_of_two().max(LEAST_SECOND_RUN);
+            self.groups = (2 * most).next_power_of_two().clamp(LEAST_SECOND_RUN, MOST_GROUPS);
         }
     }
 }
@@ -157,6 +158,16 @@ mod tests {
             [64, 8192, 0],
             "most sub-tiles"
         );
+    }
+
+    #[test]
+    fn a_second_run_has_no_more_workgroups_than_every_device_takes() {
+        let mut second = SecondRun::default();
+        let large = Load { sub_tiles: 250_000, ..load(2, 40_000) };
+        for _ in 0..BUSY_TICKS {
+            second.follow(large, 40_000, false);
+        }
+        assert_eq!(second.groups(), MOST_GROUPS);
     }
 
     /// An image of 1280x720 pixels.

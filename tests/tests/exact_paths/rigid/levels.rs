@@ -8,7 +8,7 @@ use esaac_model::packet::Event;
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, Projection, SceneMotion};
 use esaac_model::substeps::BLOCK_PX;
 use esaac_model::{
-    DepthFormat, HdrFormat, IdFormat, Intensity, MotionFormat, Polarity, SensorModel, SubstepPolicy,
+    DepthFormat, HdrFormat, IdFormat, Intensity, MotionFormat, Pixel, Polarity, SensorModel, SubstepPolicy,
     Synthesis, Taps, q24_to_log,
 };
 use esaac_oracle::metrics::compare;
@@ -264,6 +264,21 @@ fn crowded_sub_tiles_send_on_a_gpu_what_the_devices_own_kernels_send() {
             assert!(step.events == own.events, "{levels_first:?}, frame {frame}");
             assert!(frame == 0 || own.events.len() > 24 * sensor.pixels(), "{} events", own.events.len());
         }
+    }
+}
+
+/// Queues have grown to their longest by then. The validation layer knows what a device has.
+#[test]
+fn long_queues_beside_lists_of_candidates_fit_the_shared_memory_of_any_device() {
+    const SMALL: (u32, u32) = (35, 19);
+    let (width, height) = SMALL;
+    let dense = SensorModel { width, height, contrast_on: 0.01, contrast_off: 0.01, substeps: 4, ..sensor() };
+    let layered = SensorModel { synthesis: Synthesis::Motion, layers: 3, ..dense.clone() };
+    let physical = SensorModel { pixel: Pixel::Physical, noise_gain: 0.0, ..dense.clone() };
+    let rendered = Rendered::of(SceneKind::Shake, SMALL, 7);
+    for (sensor, vectors) in [(dense, false), (physical, false), (layered, true)] {
+        let steps = run(&sensor, &rendered, RigOptions::default(), vectors);
+        assert!(steps[6].events.len() > 16 * sensor.pixels(), "{} events", steps[6].events.len());
     }
 }
 

@@ -119,8 +119,9 @@ fn every_pixel_on_its_way_sees_it_come_and_go() {
     assert_silent();
 }
 
-const COMB_SIZE: (u32, u32) = (485, 21);
-const SPACING_PX: f64 = 30.0;
+const COMB_SIZE: (u32, u32) = (517, 21);
+/// Four blocks: what a tooth passes at a knot are three of them.
+const SPACING_PX: f64 = 32.0;
 
 /// A comb whose teeth are as far apart as they move from knot to knot: blocks between them are passed between knots alone.
 /// Each tooth shows six instances, so more surfaces pass a block than there is room for.
