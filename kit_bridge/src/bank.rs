@@ -5,9 +5,9 @@ use crate::error::Fault;
 use crate::image::Place;
 use crate::pack::{Texel, Tiles};
 use crate::runs::runs;
-use esaac_engine::MAX_CAMERAS;
 use esaac_engine::{
-    CameraConfig, Device, FrameBytes, FrameInput, GeometryConfig, InputBuffers, Rig, RigOptions, SubmitHooks,
+    CameraConfig, Device, FrameBytes, FrameInput, GeometryConfig, InputBuffers, MAX_CAMERAS, Rig, RigOptions,
+    SubmitHooks, places_in_rig,
 };
 use esaac_interop::cuda::{CudaBuffer, CudaLink};
 use esaac_model::paths::Intrinsics;
@@ -112,8 +112,7 @@ impl Bank {
         options: RigOptions,
     ) -> Result<Vec<Self>, Fault> {
         let mut banks = Vec::new();
-        for first in (0..sensors.len()).step_by(MAX_CAMERAS) {
-            let cameras = first..sensors.len().min(first + MAX_CAMERAS);
+        for cameras in shares(sensors) {
             let configs: Vec<CameraConfig> = cameras
                 .clone()
                 .map(|camera| CameraConfig {
@@ -205,6 +204,24 @@ impl Bank {
         rig.step_frames(&inputs, &SubmitHooks::default())?;
         Ok(())
     }
+}
+
+/// The cameras of each bank: as many as one rig takes.
+pub fn shares(sensors: &[SensorModel]) -> Vec<Range<usize>> {
+    let mut shares: Vec<Range<usize>> = Vec::new();
+    let mut taken = MAX_CAMERAS;
+    for (camera, sensor) in sensors.iter().enumerate() {
+        let places = places_in_rig(sensor);
+        match shares.last_mut().filter(|_| taken + places <= MAX_CAMERAS) {
+            Some(share) => share.end += 1,
+            None => {
+                shares.push(camera..camera + 1);
+                taken = 0;
+            }
+        }
+        taken += places;
+    }
+    shares
 }
 
 /// Lets those who gave the frames write to them again once they are copied: their streams wait for ours. Where a

@@ -10,6 +10,7 @@ mod dlpack;
 mod engine;
 mod error;
 mod form;
+mod half_done;
 mod image;
 mod join;
 mod later;

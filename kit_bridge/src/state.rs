@@ -2,9 +2,10 @@
 
 mod given;
 
-use crate::bank::{Bank, Copies, Format, Frames};
+use crate::bank::{Bank, Copies, Format, Frames, shares};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
+use crate::half_done::HalfDone;
 use crate::poses::Moving;
 use crate::threads::Threads;
 use esaac_engine::{
@@ -37,6 +38,8 @@ pub struct State {
     formats: Vec<Format>,
     /// Whether the step that made the banks is not over: if it fails, they go again.
     first_step: bool,
+    /// The step of which some banks are through, while others have failed.
+    half_done: HalfDone,
     /// The present sensors.
     pub sensors: Vec<SensorModel>,
     lenses: Vec<Option<Intrinsics>>,
@@ -108,12 +111,13 @@ impl State {
         tiled: bool,
     ) -> Result<Self, Fault> {
         Ok(State {
-            threads: Threads::of(sensors.len())?,
+            threads: Threads::of(shares(&sensors).len(), sensors.len())?,
             together: tiled,
             banks: Vec::new(),
             said: Vec::new(),
             formats: Vec::new(),
             first_step: false,
+            half_done: HalfDone::default(),
             last_ns: vec![None; sensors.len()],
             first_ns: vec![Some(i64::MIN); sensors.len()],
             sensors,
@@ -149,6 +153,16 @@ impl State {
         begun
     }
 
+    /// An error if some banks have taken a step that others have refused.
+    fn check_whole(&self) -> Result<(), Fault> {
+        if self.half_done.is_none() {
+            return Ok(());
+        }
+        let message = "the last step has failed for some of these cameras, and the others have taken it; expected the \
+                       same times once more, a reset of all cameras, or restore()";
+        Err(Fault::Argument(message.to_owned()))
+    }
+
     /// Forgets what a first step has made, if it is not over.
     fn undo_first(&mut self, side: Option<&Arc<CudaSide>>) -> Result<(), Fault> {
         if !self.first_step {
@@ -161,6 +175,7 @@ impl State {
         self.banks.clear();
         self.formats.clear();
         self.first_step = false;
+        self.half_done.clear();
         Ok(())
     }
 
@@ -172,6 +187,9 @@ impl State {
         side: Option<&Arc<CudaSide>>,
     ) -> Result<Begun, Fault> {
         let started = Instant::now();
+        if !self.half_done.allows(t_ns) {
+            self.check_whole()?;
+        }
         for (camera, (last_ns, t_ns)) in self.last_ns.iter().zip(t_ns).enumerate() {
             if let Some(t_ns) = t_ns {
                 frame::check_time(camera as u32, *last_ns, *t_ns)?;
@@ -209,8 +227,11 @@ impl State {
             side.link().finish()?;
         }
         self.frames_ns = started.elapsed().as_nanos() as u64;
-        let stepped = self.threads.each(self.banks.iter_mut().collect(), |_, bank| bank.step(frames, t_ns));
-        if let Err(error) = stepped {
+        let half_done = &self.half_done;
+        let results = self.threads.each(self.banks.iter_mut().collect(), |number, bank| {
+            Ok(if half_done.has_taken(number) { Ok(()) } else { bank.step(frames, t_ns) })
+        })?;
+        if let Err(error) = self.half_done.note(t_ns, results) {
             self.undo_first(side)?;
             return Err(error);
         }
@@ -347,6 +368,10 @@ impl State {
         if let Some(camera) = cameras.iter().find(|&&camera| camera >= count) {
             return Err(no_camera(*camera, count));
         }
+        if !self.half_done.is_none() && (0..count).all(|camera| cameras.contains(&camera)) {
+            self.half_done.clear();
+        }
+        self.check_whole()?;
         for bank in &mut self.banks {
             let own = cameras.iter().filter(|camera| bank.cameras.contains(camera));
             let own: Vec<usize> = own.map(|camera| camera - bank.cameras.start).collect();
@@ -444,6 +469,7 @@ impl State {
         if self.banks.is_empty() {
             return Err(Fault::Argument("nothing to save: no frame has been stepped yet".to_owned()));
         }
+        self.check_whole()?;
         let banks = self.banks.iter().map(|bank| Ok(bank.rig.save()?)).collect::<Result<_, Fault>>()?;
         let (last_ns, first_ns) = (self.last_ns.clone(), self.first_ns.clone());
         Ok(Saved { banks, formats: self.formats.clone(), last_ns, first_ns })
@@ -470,6 +496,7 @@ impl State {
             bank.rig.restore(saved)?;
         }
         (self.banks, self.formats, self.first_step) = (banks, saved.formats, false);
+        self.half_done.clear();
         (self.last_ns, self.first_ns) = (saved.last_ns, saved.first_ns);
         Ok(())
     }

@@ -2,7 +2,6 @@
 //! memory from another part of the allocator each time, and a long run grows by that.
 
 use crate::error::Fault;
-use esaac_engine::MAX_CAMERAS;
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 use std::num::NonZero;
 
@@ -13,10 +12,10 @@ const CAMERAS_A_THREAD: usize = 128;
 pub struct Threads(Option<ThreadPool>);
 
 impl Threads {
-    /// One for each bank, or for its share of the cameras' poses.
-    pub fn of(cameras: usize) -> Result<Self, Fault> {
+    /// One for each of so many banks, or for its share of the cameras' poses.
+    pub fn of(banks: usize, cameras: usize) -> Result<Self, Fault> {
         let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
-        let count = cameras.div_ceil(MAX_CAMERAS).max((cameras / CAMERAS_A_THREAD).min(cores));
+        let count = banks.max((cameras / CAMERAS_A_THREAD).min(cores));
         if count < 2 {
             return Ok(Threads(None));
         }

@@ -282,6 +282,19 @@ def test_more_environments_than_a_rig_holds_are_one_camera_all_the_same():
     np.testing.assert_array_equal(a.t_ns, b.t_ns)
 
 
+def test_cameras_whose_events_wait_for_a_bus_may_be_as_many_as_others():
+    sensors = [SENSOR.replace(width=8, height=8, profile="clean", readout="rows", seed=i) for i in range(140)]
+    with esaac.Rig(sensors) as rig:
+        ticks = [rig.step([bars(8, 8, i)] * len(sensors), FRAME_NS * i) for i in range(3)]
+        saved = rig.save()
+        last = rig.step([bars(8, 8, 3)] * len(sensors), FRAME_NS * 3)
+        rig.restore(saved)
+        again = rig.step([bars(8, 8, 3)] * len(sensors), FRAME_NS * 3)
+    assert all(len(packet) > 0 for packet in ticks[-1])
+    for packet, repeated in zip(last, again, strict=True):
+        assert_same(join([packet]), join([repeated]))
+
+
 def test_threads_for_many_environments_are_kept():
     def name_of(task):
         try:

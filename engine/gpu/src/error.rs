@@ -71,7 +71,7 @@ pub enum EngineError {
     #[error(transparent)]
     Frame(#[from] FrameError),
     /// More cameras than a rig holds.
-    #[error("{actual} cameras, expected at most {expected} in one rig")]
+    #[error("{actual} cameras, expected at most {expected} in one rig; one with a readout counts twice")]
     TooManyCameras {
         /// Limit.
         expected: usize,

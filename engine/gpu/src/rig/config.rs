@@ -2,7 +2,7 @@
 
 use super::PacketPlace;
 use super::geometry::Place;
-use super::sensor::has_bus;
+use super::sensor::places_in_rig;
 use crate::device::Device;
 use crate::error::EngineError;
 use crate::policy::KernelPolicy;
@@ -92,7 +92,7 @@ pub(super) fn check_sensor(
 
 /// An error if the table of cameras has too few rows: one for each camera, and one for each outlet.
 pub(super) fn check_rows<'a>(sensors: impl Iterator<Item = &'a SensorModel>) -> Result<(), EngineError> {
-    let actual = sensors.map(|sensor| 1 + usize::from(has_bus(sensor))).sum();
+    let actual = sensors.map(places_in_rig).sum();
     if actual > MAX_CAMERAS {
         return Err(EngineError::TooManyCameras { expected: MAX_CAMERAS, actual });
     }

@@ -84,6 +84,7 @@ pub use held::HeldPackets;
 pub use input::{FrameBytes, FrameInput, InputBuffers};
 pub use represent::{Representation, Share};
 pub use results::{ApsFrame, Diagnostics};
+pub use sensor::places_in_rig;
 pub use tick::{PacketPlace, StageSpan, Tick};
 
 /// Kinds of the descriptors that the kernels of a rig are bound to, slot by slot. What only the kernel `poses` reads is left

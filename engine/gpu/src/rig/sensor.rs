@@ -68,6 +68,13 @@ pub(super) fn has_bus(sensor: &SensorModel) -> bool {
     sensor.readout != ReadoutKind::None
 }
 
+/// Places in a rig that a camera takes, of [`MAX_CAMERAS`](esaac_layout::MAX_CAMERAS): one, and another for what has left
+/// its bus.
+#[must_use]
+pub fn places_in_rig(sensor: &SensorModel) -> usize {
+    1 + usize::from(has_bus(sensor))
+}
+
 /// Whether a kernel reads a camera's row of the table of optics: lens or lamp do anything to its light, or sub-steps follow
 /// their error.
 pub(super) fn has_optics(sensor: &SensorModel) -> bool {
