@@ -15,7 +15,8 @@ from isaaclab_newton.renderers import NewtonWarpRendererCfg
 import esaac
 from esaac.isaaclab import EventCamera, EventReading, event_frame, outputs, randomize_sensor
 from esaac.isaaclab.schedule import Schedule
-from esaac.newton.substeps import SubstepLog, _between
+from esaac.newton.mounts import _between
+from esaac.on_warp import SubstepLog
 
 STILL = SceneEntityCfg("still")
 

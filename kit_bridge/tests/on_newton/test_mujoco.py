@@ -10,7 +10,8 @@ from test_newton import moved, unmoved
 
 import esaac
 from esaac.mujoco import EventCamera
-from esaac.mujoco.view import UNKNOWN, lens_of
+from esaac.mujoco.lens import lens_of
+from esaac.mujoco.view import UNKNOWN
 
 SENSOR = {"width": WIDTH, "height": HEIGHT, "contrast_on": 0.15, "contrast_off": 0.15}
 COLUMNS = ("x", "y", "t_ns", "p")

@@ -13,8 +13,8 @@ from worlds import FRAME_HZ, HEIGHT, LENS, PHYSICS_HZ, TRUTH_HZ, WIDTH, Moving
 
 import esaac
 from esaac.newton import EventCameras
-from esaac.newton.frames import times_of
-from esaac.newton.substeps import SubstepLog
+from esaac.on_warp import SubstepLog
+from esaac.on_warp.frames import times_of
 
 SENSOR = {"width": WIDTH, "height": HEIGHT, "contrast_on": 0.15, "contrast_off": 0.15}
 COLUMNS = ("x", "y", "t_ns", "p")

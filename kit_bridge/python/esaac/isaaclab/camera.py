@@ -16,9 +16,11 @@ from esaac.isaaclab.cfg import EVENT_TYPES, EventRendererCfg
 from esaac.isaaclab.outputs import Outputs
 from esaac.isaaclab.schedule import Schedule
 from esaac.newton.bodies import WorldBodies
-from esaac.newton.frames import Frames
-from esaac.newton.substeps import Asked, Mounts, SubstepLog
+from esaac.newton.mounts import Mounts
 from esaac.newton.view import View
+from esaac.on_warp import Frames, SubstepLog
+from esaac.on_warp.substeps import Asked
+from esaac.srgb import linear_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -196,7 +198,7 @@ class EventCamera(Camera):
             width,
             height,
             antialiasing=self.cfg.antialiasing,
-            background=_linear(self.cfg.background_color).tolist(),
+            background=linear_of(self.cfg.background_color).tolist(),
         )
         on_gpu = {"device": str(self._device), "packets": "cuda"} if model.device.is_cuda else {}
         if self.events is not None:
@@ -313,12 +315,6 @@ def _check_parameter(sensor: SensorModel, name: str) -> None:
 def _value(sensor: SensorModel, name: str, value: float) -> float:
     """Rounded, if the parameter is an integer."""
     return round(value) if isinstance(getattr(sensor, name), int) else float(value)
-
-
-def _linear(colour: Any) -> NDArray[np.float64]:
-    """Of sRGB, as Isaac Lab reads a background."""
-    colour = np.clip(np.asarray(colour, np.float64), 0, 1)
-    return np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
 
 
 def _numbers(env_ids: Any, count: int) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,8 @@ import numpy as np
 
 import esaac
 from esaac import ArgumentError, FrameError, PoseRecorder
-from esaac.mujoco.view import View, lens_of
+from esaac.mujoco.lens import camera_number, lens_of
+from esaac.mujoco.view import View
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,9 +56,8 @@ class EventCamera:
         Wrong values raise `esaac.ArgumentError`, those of the sensor `esaac.SensorError`. MuJoCo's own errors are
         raised where it cannot draw; without a screen set the variable `MUJOCO_GL=egl` before it is imported.
         """
-        number = _number(model, camera)
-        camera_options = {name: options.pop(name) for name in _CAMERAS if name in options}
-        given = esaac.SensorModel(sensor, **options)
+        number = camera_number(model, camera)
+        given, camera_options = sensor_of(sensor, options)
         width, height = given.width, given.height
         self._lens = lens_of(model, number, width, height)
         self._recorder = PoseRecorder(order="wxyz", axes="opengl", limit=limit)
@@ -161,20 +162,14 @@ class EventCamera:
             )
 
 
-_CAMERAS = ("device", "packets", "packet_ring")
-"""Options that are not the sensor's."""
+def sensor_of(
+    sensor: SensorModel | str | None, options: Mapping[str, Any]
+) -> tuple[SensorModel, dict[str, Any]]:
+    """The sensor that these options make, and those that are the camera's."""
+    cameras = ("device", "packets", "packet_ring")
+    own = {name: value for name, value in options.items() if name not in cameras}
+    return esaac.SensorModel(sensor, **own), {name: options[name] for name in cameras if name in options}
 
 
 def _time_ns(data: Any) -> int:
     return round(data.time * 1e9)
-
-
-def _number(model: Any, camera: str | int) -> int:
-    names = [model.camera(number).name for number in range(model.ncam)]
-    if isinstance(camera, str):
-        if camera not in names:
-            raise ArgumentError(f"camera is `{camera}`, expected one of {', '.join(names) or 'none'}")
-        return names.index(camera)
-    if not 0 <= camera < model.ncam:
-        raise ArgumentError(f"camera is {camera}, expected 0 to {model.ncam - 1}")
-    return int(camera)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from esaac import ArgumentError, Intrinsics
+from esaac import ArgumentError
+from esaac.srgb import linear_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,8 +18,7 @@ UNKNOWN = 0xFFFFFFFF
 
 _GEOM, _SITE = int(mujoco.mjtObj.mjOBJ_GEOM), int(mujoco.mjtObj.mjOBJ_SITE)
 
-_LINEAR = np.arange(256) / 255.0
-_LINEAR = np.where(_LINEAR <= 0.04045, _LINEAR / 12.92, ((_LINEAR + 0.055) / 1.055) ** 2.4).astype(np.float32)
+_LINEAR = linear_of(np.arange(256) / 255).astype(np.float32)
 """Of a byte of sRGB."""
 
 
@@ -66,27 +66,6 @@ class View:
             seen = (kind == of) & (number >= 0)
             ids[seen] = bodies[number[seen]]
         return ids
-
-
-def lens_of(model: Any, camera: int, width: int, height: int) -> Intrinsics:
-    """A fixed camera's pinhole."""
-    if _orthographic(model, camera):
-        raise ArgumentError(f"camera {camera} is orthographic, expected a perspective one")
-    across_m, down_m = (float(value) for value in model.cam_sensorsize[camera])
-    if across_m > 0 and down_m > 0:
-        fx_m, fy_m, right_m, up_m = (float(value) for value in model.cam_intrinsic[camera])
-        # The sensor's middle is off the axis, so the axis is off the image's middle to the other side.
-        cx, cy = (0.5 - right_m / across_m) * width, (0.5 - up_m / down_m) * height
-        fx, fy = fx_m / across_m * width, fy_m / down_m * height
-        return Intrinsics(fx, fy, cx, cy, half_pixel_centres=True)
-    focal_px = float(height / 2 / np.tan(np.radians(model.cam_fovy[camera]) / 2))
-    return Intrinsics(focal_px, focal_px, width / 2, height / 2, half_pixel_centres=True)
-
-
-def _orthographic(model: Any, camera: int) -> bool:
-    # Its name has changed.
-    flags = getattr(model, "cam_projection", None)
-    return bool((model.cam_orthographic if flags is None else flags)[camera])
 
 
 def _renderer(model: Any, width: int, height: int) -> Any:

@@ -5,7 +5,7 @@
 
 from esaac.newton.bodies import WorldBodies
 from esaac.newton.cameras import EventCameras
-from esaac.newton.substeps import SubstepLog
 from esaac.newton.view import View
+from esaac.on_warp import SubstepLog
 
 __all__ = ["EventCameras", "SubstepLog", "View", "WorldBodies"]

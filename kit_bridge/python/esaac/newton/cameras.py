@@ -9,11 +9,11 @@ import newton.sensors
 import numpy as np
 import warp as wp
 
-from esaac import ArgumentError, TiledEventCamera
+from esaac import ArgumentError
 from esaac.newton.bodies import WorldBodies
-from esaac.newton.frames import Frames
-from esaac.newton.substeps import Mounts, SubstepLog
+from esaac.newton.mounts import Mounts
 from esaac.newton.view import View
+from esaac.on_warp import SubstepLog, WorldCameras
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from esaac import Intrinsics, Packet, SensorModel
 
 
-class EventCameras:
+class EventCameras(WorldCameras):
     """An event camera in each world of a Newton model.
 
     Call `record(state)` before each substep of the solver, and `step(state)` for each frame. Frames may be rare:
@@ -31,7 +31,6 @@ class EventCameras:
     was drawn last: `colour`, `depth` and `ids`, Warp arrays on the model's device.
     """
 
-    events: TiledEventCamera
     view: View
 
     def __init__(
@@ -68,26 +67,18 @@ class EventCameras:
         """
         worlds = model.world_count
         self._model = model
-        if not substep_s > 0:
-            raise ArgumentError(f"substep_s is {substep_s}, expected seconds above 0")
-        if limit < 1:
-            raise ArgumentError(f"limit is {limit}, expected at least 1 substep")
+        log = SubstepLog(model, substep_s, limit)
         self._tiled_camera = _tiled_camera(model) if tiled_camera is None else tiled_camera
         places = np.asarray(places, np.float64)
         if places.shape not in ((7,), (worlds, 7)):
             raise ArgumentError(f"places have shape {places.shape}, expected (7,) or ({worlds}, 7)")
         self._mounts = Mounts(_bodies(bodies, model), np.broadcast_to(places, (worlds, 7)))
-        device: dict[str, Any] = (
-            {} if not model.device.is_cuda else {"device": str(model.device), "packets": "cuda"}
-        )
-        self.events = TiledEventCamera(sensor, worlds, intrinsics=intrinsics, **{**device, **options})
-        width, height = self.events.sensor.width, self.events.sensor.height
-        self._log = SubstepLog(model, substep_s, limit)
         numbered = WorldBodies(model)
+        super().__init__(sensor, worlds, intrinsics, log, numbered, options)
+        width, height = self.events.sensor.width, self.events.sensor.height
         self.view = View(
             model, numbered, intrinsics, width, height, antialiasing=antialiasing, background=background
         )
-        self._frames = Frames(self.events, self._log, numbered)
 
     def record(self, state: Any) -> None:
         """Keeps the poses of a `newton.State` that a substep begins with. It only launches kernels, so a CUDA graph
@@ -103,41 +94,13 @@ class EventCameras:
 
         Raises `esaac.ArgumentError` if nothing was recorded since a world's last frame, and `esaac.FrameError` if
         more than `limit` substeps were."""
-        now = self._log.substeps()
-        stepped = self._chosen(worlds)
-        late = stepped & self._frames.drawn_at(now)
-        if late.any():
-            raise ArgumentError(
-                f"world {np.flatnonzero(late)[0]} has had its frame at substep {now}, expected record() in between"
-            )
-        poses = self._frames.poses(stepped, now, state, self._mounts)
-        self._draw(state, poses.camera[-1])
-        return self._frames.step(stepped, now, self.view, poses)
-
-    def reset(self, worlds: ArrayLike | None = None) -> None:
-        """Lets worlds, given by their numbers, or all begin anew: their next frame is the first."""
-        self._frames.reset(self._chosen(worlds))
-
-    def close(self) -> None:
-        """Frees the memory of the event cameras."""
-        self.events.close()
+        return self._step(state, worlds, self._mounts, lambda poses: self._draw(state, poses.camera[-1]))
 
     def _draw(self, state: Any, cameras: NDArray[np.float64]) -> None:
         self._model.bvh_refit_shapes(state)
         self._model.bvh_refit_particles(state)
         transforms = wp.array(cameras[None], dtype=wp.transformf, device=self._model.device)
         self.view.draw(self._tiled_camera, state, transforms)
-
-    def _chosen(self, worlds: ArrayLike | None) -> NDArray[np.bool_]:
-        count = len(self.events)
-        if worlds is None:
-            return np.ones(count, np.bool_)
-        numbers = np.atleast_1d(np.asarray(worlds))
-        if numbers.size and (numbers.dtype.kind not in "iu" or numbers.min() < 0 or numbers.max() >= count):
-            raise ArgumentError(f"worlds are {numbers.tolist()}, expected numbers from 0 to {count - 1}")
-        chosen = np.zeros(count, np.bool_)
-        chosen[numbers.astype(np.int64)] = True
-        return chosen
 
 
 def _tiled_camera(model: Any) -> Any:

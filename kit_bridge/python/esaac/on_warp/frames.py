@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -12,17 +12,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from esaac import Packet, Poses, TiledEventCamera
-    from esaac.newton.bodies import WorldBodies
-    from esaac.newton.substeps import Asked, Mounts, SubstepLog
-    from esaac.newton.view import View
+    from esaac.on_warp.substeps import Asked, Bodies, Mounts, SubstepLog
 
 _NEVER = -1
+
+
+class Images(Protocol):
+    """What is drawn of all worlds: Warp arrays `(worlds, height, width)`, `colour` with three channels."""
+
+    colour: Any
+    depth: Any
+    ids: Any
 
 
 class Frames:
     """The substep of each world's last frame. Worlds that are not stepped wait, and keep theirs."""
 
-    def __init__(self, events: TiledEventCamera, log: SubstepLog, bodies: WorldBodies) -> None:
+    def __init__(self, events: TiledEventCamera, log: SubstepLog, bodies: Bodies) -> None:
         self._events, self._log, self._bodies = events, log, bodies
         self._last = np.full(len(events), _NEVER, np.int64)
 
@@ -60,16 +66,16 @@ class Frames:
         return int(np.where(self._last == _NEVER, now, self._last)[stepped].min(initial=now))
 
     def step(
-        self, stepped: NDArray[np.bool_], now: int, view: View, poses: Poses, colour: Any = None
+        self, stepped: NDArray[np.bool_], now: int, images: Images, poses: Poses, colour: Any = None
     ) -> Packet:
-        """Events of these worlds, whose frame at this substep `view` has drawn."""
+        """Events of these worlds, whose frame at this substep is drawn."""
         packet = self._events.step(
-            view.colour if colour is None else colour,
+            images.colour if colour is None else colour,
             t_ns=times_of(stepped, self._log.time_ns(now)),
-            depth=view.depth,
-            ids=view.ids,
+            depth=images.depth,
+            ids=images.ids,
             poses=poses,
-            stream=stream_of(view.depth.device),
+            stream=stream_of(images.depth.device),
         )
         self._last[stepped] = now
         return packet
