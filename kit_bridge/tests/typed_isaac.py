@@ -1,4 +1,4 @@
-"""A program that uses event cameras for Newton, MuJoCo, ovrtx and Isaac Lab, for a type checker; it is not run."""
+"""A program that uses event cameras for all simulators but Isaac Sim, for a type checker; it is not run."""
 
 from typing import Any
 
@@ -15,6 +15,7 @@ from esaac.isaaclab import (
     voxel_grid,
 )
 from esaac.mujoco import EventCamera as MujocoCamera
+from esaac.mujoco_warp import EventCameras as WarpCameras
 from esaac.newton import EventCameras, SubstepLog, View, WorldBodies
 from esaac.ovrtx import EventCamera as OvrtxCamera
 
@@ -46,6 +47,27 @@ def mujoco(model: Any, data: Any) -> None:
         packet: esaac.Packet = camera.step(data)
         camera.reset()
         print(len(packet), camera.colour.dtype, camera.depth.shape, camera.ids, camera.events.event_frame())
+
+
+def mujoco_warp(host_model: Any, model: Any, data: Any) -> None:
+    cameras = WarpCameras(
+        host_model,
+        model,
+        data,
+        "eye",
+        "dvs128",
+        substep_s=0.002,
+        rendering={"use_shadows": True},
+        width=64,
+        height=48,
+    )
+    cameras.record()
+    packet: esaac.Packet = cameras.step(worlds=[0])
+    cameras.reset(worlds=np.array([0]))
+    print(
+        len(packet), cameras.view.colour, cameras.view.depth, cameras.view.ids, cameras.events.voxel_grids()
+    )
+    cameras.close()
 
 
 def ovrtx(renderer: Any, poses: esaac.PoseRecorder) -> None:
