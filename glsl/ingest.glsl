@@ -201,7 +201,7 @@ void add_block_stats(uint block, BlockStats stats) {
 
 // Motion as rendered, or the mark of an unusable vector (see INVALID_BIT).
 vec2 to_usable(vec2 m, out bool usable) {
-    usable = !(not_finite(m.x) || not_finite(m.y));
+    usable = !(not_finite(m.x) || not_finite(m.y)) && max(abs(m.x), abs(m.y)) < MOST_MOTION_PX;
     if (!usable) {
         return uintBitsToFloat(uvec2(INVALID_BIT, 0u));
     }

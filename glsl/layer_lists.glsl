@@ -97,11 +97,12 @@ bool note_layer(Camera cam, uint number, ivec2 at) {
         float sum_weights = 0.0;
         for (uint i = 0u; i < 4u; ++i) {
             if (is_known[i] && larger(taps[i] - nearest) <= SMOOTH_PX) {
-                sum = fma(vec2(weights[i]), taps[i], sum);
+                sum = fma(vec2(weights[i]), taps[i] - nearest, sum);
                 sum_weights += weights[i];
             }
         }
-        before = sum / sum_weights;
+        // Where all are equal, so is this: rounding must not part layers that have one vector.
+        before = nearest + sum / sum_weights;
         if (distance(before, steady) > fma(LAYER_BEND_SHARE, length(steady), LAYER_BEND_PX)) {
             return false;
         }

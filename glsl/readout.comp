@@ -91,7 +91,7 @@ void main() {
             const uint stretch = find_stretch(first, counted.packet, true);
             if (stretch != NONE) {
                 const uint served_from = uint(bus[at_idle(stretch)]);
-                if (served_from == first) {
+                if (served_from == first && services_waiting == 0u) {
                     // All up to the next that are not served.
                     const uint after = find_stretch(first + 1u, counted.packet, false);
                     first = after == NONE ? counted.packet : uint(bus[at_idle(after)]);

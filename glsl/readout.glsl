@@ -204,9 +204,10 @@ uint serve_chunk(uvec2 event, bool is_event, uint services_waiting, int64_t sinc
         loops += 12u;
     } while (again);
 
-    // A service has its turn if it begins before any further event can join it.
+    // A service has its turn if it begins before any further event can join it: in the next interval that is its first
+    // nanosecond.
     const int64_t until_ps = SIDE_BY_SIDE ? -NEVER
-        : is_last                         ? int64_t(cam.interval_ns) * 1000l
+        : is_last                         ? int64_t(cam.interval_ns) * 1000l + 999l
                                           : int64_t(next_ns) * 1000l - 1l;
     const uint own_service = services[lane];
     const bool opens = own_service == lane;

@@ -209,7 +209,7 @@ bool serve_cluster(Camera cam, uint first, uint last, int64_t free_ps, uint carr
         while (next < e) {
             if (OPENER(next) == next) {
                 const int64_t begin = max(free_ps, now_ps(next));
-                if (e < last ? begin >= now : begin > int64_t(cam.interval_ns) * 1000l) {
+                if (e < last ? begin >= now : begin > int64_t(cam.interval_ns) * 1000l + 999l) {
                     break;
                 }
                 free_ps = begin + int64_t(readout.row_ps + uint64_t(MEMBERS(next)) * readout.event_ps);

@@ -151,6 +151,41 @@ fn bar(steps_px: &[i32]) -> Sequence {
     Sequence { hdr, motion: Some(motion), frames: frames.collect() }
 }
 
+/// Frames of a texture. Vectors are one for all in the first, and then of two kinds, block by block: what goes apart now
+/// went together before.
+fn parting() -> Sequence {
+    let pixels = || (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
+    let frames = (0..3).map(|index| {
+        let vector = |x: u32, y: u32| match (index, (x / 8 + y / 8) % 2) {
+            (0 | 1, _) => [7.3_f32, -0.7],
+            (_, 0) => [6.1, -1.9],
+            _ => [9.7, 1.3],
+        };
+        let texel = |x: u32, y: u32| {
+            let level = 1.0 + 0.5 * (x as f32 * 0.9).sin() * (y as f32 * 0.7 + index as f32).cos();
+            [level, level, level, 1.0]
+        };
+        Frame {
+            t_ns: index * FRAME_NS,
+            hdr: pixels().flat_map(|(x, y)| texel(x, y)).flat_map(f32::to_le_bytes).collect(),
+            motion: Some(pixels().flat_map(|(x, y)| vector(x, y)).flat_map(f32::to_le_bytes).collect()),
+        }
+    });
+    Sequence { hdr: HdrFormat::F32x4, motion: Some(MotionFormat::F32x2), frames: frames.collect() }
+}
+
+/// Rounding must not say which of two layers a pixel of the earlier frame is of, where both have its vector.
+#[test]
+fn layers_with_one_earlier_vector_are_the_oracles() {
+    let (sensor, sequence) = (sensor(3), parting());
+    for policy in [None, Some(KernelPolicy::gpu())] {
+        let options = RigOptions { keep_substeps: true, policy, ..RigOptions::default() };
+        let (all, differing) = levels(&sensor, &sequence, &engine(&sensor, &sequence, options));
+        assert!(differing as f64 <= DIFFERING_SHARE * all as f64, "{differing} of {all} levels differ");
+    }
+    assert_silent();
+}
+
 /// Blocks that pairs of a frame's vectors pass.
 fn meeting_blocks(frame: &Frame) -> u64 {
     let (vectors, columns) = (frame.motion.as_deref().expect("frames have motion"), SIZE.0 as usize);

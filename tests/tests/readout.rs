@@ -196,6 +196,46 @@ fn any_number_of_events_is_served_as_by_a_queue() {
     }
 }
 
+/// All pixels send events within two nanoseconds. Their rows wait, and are through long before the first event of the next
+/// interval, which hardly waits.
+#[test]
+fn what_waits_is_served_before_a_quiet_interval() {
+    let cameras = KINDS.map(|kind| {
+        let sensor = SensorModel { width: 5, height: 26, ..sensor(kind, 83.0) };
+        let levels = [0.0, 2.5, 5.0];
+        let frames = gray(&sensor, &[0, 2, 1_000_000_002], |frame, _| {
+            intensity_of(&sensor, levels[frame] * 0.2 - 1.0)
+        });
+        (sensor, frames)
+    });
+    let gpu = RigOptions { policy: Some(KernelPolicy::gpu()), ..RigOptions::default() };
+    for options in orders().into_iter().chain([gpu]) {
+        for run in check(&cameras, options) {
+            assert!(run[1].waiting > 50, "{} events wait", run[1].waiting);
+        }
+    }
+}
+
+/// Rows whose service begins within the last nanosecond of an interval leave in it: the next packet begins after it.
+#[test]
+fn no_event_leaves_with_an_earlier_time_than_the_packet_before_it_ended() {
+    let rows = SensorModel {
+        width: 5,
+        height: 26,
+        readout_row_ns: 0.0023,
+        timestamps: Timestamps::AtSample,
+        ..sensor(ReadoutKind::Rows, 0.025)
+    };
+    let frames = gray(&rows, &[0, 1_000, 2_000], |frame, _| intensity_of(&rows, 0.5 * frame as f64 - 1.0));
+    for options in orders() {
+        let runs = check(&[(rows.clone(), frames.clone())], options);
+        let times_ns: Vec<Vec<i64>> =
+            runs[0].iter().map(|served| served.events.iter().map(|event| event.t_ns).collect()).collect();
+        assert!(!times_ns[1].is_empty() && runs[0][1].waiting > 0, "some leave at once, some wait");
+        assert!(times_ns[2].iter().all(|&t_ns| t_ns > 1_000), "{:?}", times_ns[2]);
+    }
+}
+
 /// A line of pixels, and one pixel that sends many events, none of which another may pass.
 #[test]
 fn long_chains_of_losses_are_served_as_by_a_queue() {

@@ -182,6 +182,7 @@ fn declarations() -> String {
         ("REPRESENTATIVE_WORDS", format!("{REPRESENTATIVE_WORDS}u")),
         ("PASSING_ENTRIES", format!("{PASSING_ENTRIES}u")),
         ("PASSING_HEAD_WORDS", format!("{PASSING_HEAD_WORDS}u")),
+        ("MOST_MOTION_PX", format!("{:.1}", esaac_model::synthesis::MOST_MOTION_PX)),
         ("POSE_INSTANTS", format!("{}u", rigid::POSE_INSTANTS)),
         ("KNOTS", format!("{}u", rigid::KNOTS)),
         ("BELONG_PX", format!("{:.6}", rigid::BELONG_PX)),

@@ -10,7 +10,8 @@
 //! Linear RGB times `exposure_gain` becomes one scalar `S` per pixel: `gray` (mean), `luminance`
 //! (Rec. 709), `silicon_front` and its kin (what a bare photodiode sees) or `bayer_rggb` (one colour component per pixel, R
 //! at (0,0)). Before that, a lens may blur and darken the image ([`optics`]). A mosaic is sampled *after* the RGB
-//! image is warped: warping a mosaic would mix the colours. A pixel with a NaN, infinite or negative component keeps
+//! image is warped: warping a mosaic would mix the colours. A pixel with a NaN, infinite or negative component, or
+//! whose components times the gain add up to more than an f32 holds, keeps
 //! the value of its previous frame and is counted. A pixel that never had a valid value is **unarmed**: it emits
 //! nothing, and its reference starts at its first valid frame.
 //!

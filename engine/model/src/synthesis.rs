@@ -4,7 +4,7 @@
 //! Synthesis works in `L = ln(S + log_offset)`, the sensor's own scale, in which an edge is as sharp going up as going
 //! down. Each intensity plane is synthesised by itself; a mosaic has three. `a` is the fraction of the interval.
 //! Positions are in pixels. `m_k` is the motion field of frame k: previous position = position + motion. It is read
-//! bilinearly between pixels, with 0 in place of a non-finite vector.
+//! bilinearly between pixels, with 0 in place of a vector that is not [usable](is_usable).
 //!
 //! **Trajectories.** The surface point at `q` in frame k was at `q + m` in frame k-1, with `m = m_k(q)`. Its motion in
 //! the interval before is `u = m_{k-1}(q + m)`. With `r`, the length of the interval before over that of this one, its
@@ -126,6 +126,16 @@ pub fn cubic_parameter([first, second]: [u32; 2]) -> f64 {
 /// the motion of a half-pel sample may differ from that of its pixel. Beyond it the position is clamped, and the sample
 /// is read in the wrong place. The test `cargo test -p esaac-tests --test approximations` measures what that costs.
 pub const CELL_SLACK: f64 = 0.125;
+
+/// Length along an axis from which on a motion vector counts as invalid, pixels. Squares of longer ones do not fit an f32,
+/// and nothing in an image moves so far.
+pub const MOST_MOTION_PX: f64 = 1e6;
+
+/// Whether a motion vector can be followed: it is finite, and shorter than [`MOST_MOTION_PX`] along both axes.
+#[must_use]
+pub fn is_usable(vector_px: [f64; 2]) -> bool {
+    vector_px.iter().all(|v| v.abs() < MOST_MOTION_PX)
+}
 
 /// Difference of motion between neighbours, pixels, at which the confidence in transferred detail begins to fall. At
 /// twice this difference the confidence is 0.

@@ -152,7 +152,7 @@ impl<'a> Lens<'a> {
     /// Light on a pixel; that of an invalid pixel is invalid.
     fn light_on(&self, pixel: usize) -> [f64; 3] {
         let own = self.rendered[pixel];
-        if !is_valid(own) {
+        if !is_valid(own, self.sensor.exposure_gain) {
             return own;
         }
         let (width, height) = (self.sensor.width as usize, self.sensor.height as usize);
@@ -167,7 +167,7 @@ impl<'a> Lens<'a> {
                 (0..=2 * PSF_RADIUS_PX).flat_map(|d| (0..=2 * PSF_RADIUS_PX).map(move |a| (d, a)))
             {
                 let colour = self.rendered[near(y, height, down) * width + near(x, width, across)];
-                if is_valid(colour) {
+                if is_valid(colour, self.sensor.exposure_gain) {
                     let weight = weight(down) * weight(across);
                     weights += weight;
                     (0..3).for_each(|c| sum[c] += weight * colour[c]);
@@ -179,8 +179,10 @@ impl<'a> Lens<'a> {
     }
 }
 
-fn is_valid(colour: [f64; 3]) -> bool {
-    colour.iter().all(|c| c.is_finite() && *c >= 0.0)
+/// Whether a colour is finite and not negative, and so is its sum times the gain in f32.
+fn is_valid(colour: [f64; 3], gain: f64) -> bool {
+    let [red, green, blue] = colour.map(|c| c as f32);
+    colour.iter().all(|c| c.is_finite() && *c >= 0.0) && ((red + green + blue) * gain as f32).is_finite()
 }
 
 fn hold_invalid(
@@ -193,7 +195,7 @@ fn hold_invalid(
     let mut valid = Vec::with_capacity(sensor.pixels());
     for (pixel, rgb) in image.rgb.iter_mut().enumerate() {
         let given = linear(pixel);
-        valid.push(is_valid(given));
+        valid.push(is_valid(given, gain));
         *rgb = if valid[pixel] { given.map(|c| c * gain) } else { held.rgb[pixel] };
     }
     Ingested { image, valid }

@@ -20,6 +20,7 @@ use esaac_model::paths::SceneMotion;
 use esaac_model::physical::{PhysicalDraws, PhysicalPixel};
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::{quantise_ns, substep_end_ns};
+use esaac_model::synthesis::is_usable;
 use esaac_model::synthesis::layers::layers_for_scene;
 use esaac_model::{FrameError, Packet, Pixel, SensorError, SensorModel, Synthesis};
 
@@ -320,9 +321,10 @@ impl Oracle {
         self.run.needs = needs;
         self.arm(&image, &valid, t_ns, t_ns - epoch_ns);
         interval.diagnostics.invalid_pixels = valid.iter().filter(|&&valid| !valid).count() as u64;
-        interval.diagnostics.invalid_motion_px = image.motion.as_ref().map_or(0, |motion| {
-            motion.iter().filter(|v| !(v[0].is_finite() && v[1].is_finite())).count() as u64
-        });
+        interval.diagnostics.invalid_motion_px = image
+            .motion
+            .as_ref()
+            .map_or(0, |motion| motion.iter().filter(|&&vector| !is_usable(vector)).count() as u64);
         if let (Synthesis::Rigid, Some(scene), Some((depth_m, ids))) =
             (self.sensor.synthesis, &self.scene, &image.geometry)
         {

@@ -2,11 +2,11 @@
 
 use crate::ingest::{Image, plane_of};
 use crate::synthesize::rigid::Rigid;
-use crate::synthesize::trajectory::is_valid;
 use esaac_model::substeps::{
     BLOCK_PX, BlockActivity, BlockTexture, by_error, motion_on_way_px, needed_motion_px, needed_on_way_px,
     substep_count,
 };
+use esaac_model::synthesis::is_usable;
 use esaac_model::{SensorModel, Synthesis};
 
 /// Sub-steps per block, for a whole image.
@@ -94,7 +94,7 @@ pub fn plan(
             for (key, motion) in [&start.motion, &end.motion].into_iter().enumerate() {
                 let Some(motion) = motion.as_ref().filter(|_| uses_vectors) else { continue };
                 let [dx, dy] = motion[pixel];
-                let valid = is_valid([dx, dy]);
+                let valid = is_usable([dx, dy]);
                 has_invalid[index] |= key == 1 && !valid;
                 if valid && !has_path(key, pixel) && needed[key].is_none() {
                     motion_px[index] = motion_px[index].max(dx.hypot(dy));
@@ -224,7 +224,7 @@ fn needed_motion(
         if let Some(before) = &before {
             block.change_log = block.change_log.max((own[pixel] - before[pixel]).abs());
         }
-        if !is_valid([dx, dy]) {
+        if !is_usable([dx, dy]) {
             continue;
         }
         let ([x, y], [xx, xy, yy]) = differences(&own, (frame.width, frame.height), pixel);

@@ -17,16 +17,21 @@ pub fn exposure_ns(sensor: &SensorModel, interval_ns: u32) -> Option<(u32, u32)>
 pub fn mean(samples: &[f64], interval_ns: u32, (start_ns, end_ns): (u32, u32)) -> f64 {
     let substeps = (samples.len() - 1) as u32;
     let mut integral = 0.0;
-    for i in 1..=substeps {
-        let a_ns = substep_end_ns(interval_ns, i - 1, substeps);
+    let (mut a_ns, mut before) = (0, samples[0]);
+    for (i, &after) in (1..).zip(&samples[1..]) {
         let b_ns = substep_end_ns(interval_ns, i, substeps);
-        let (low_ns, high_ns) = (a_ns.max(start_ns), b_ns.min(end_ns));
+        // Sub-steps without length are one with the next.
+        if b_ns == a_ns {
+            continue;
+        }
+        let (from_ns, from) = (std::mem::replace(&mut a_ns, b_ns), std::mem::replace(&mut before, after));
+        let (low_ns, high_ns) = (from_ns.max(start_ns), b_ns.min(end_ns));
         if low_ns >= high_ns {
             continue;
         }
         let at = |t_ns: u32| {
-            let fraction = f64::from(t_ns - a_ns) / f64::from(b_ns - a_ns);
-            samples[i as usize - 1] * (1.0 - fraction) + samples[i as usize] * fraction
+            let fraction = f64::from(t_ns - from_ns) / f64::from(b_ns - from_ns);
+            from * (1.0 - fraction) + after * fraction
         };
         integral += 0.5 * (at(low_ns) + at(high_ns)) * f64::from(high_ns - low_ns);
     }
@@ -63,6 +68,12 @@ mod tests {
         for n in [1, 2, 5, 25] {
             assert!((mean(&ramp(n), 1000, (120, 480)) - 0.3).abs() < 1e-12, "{n}");
         }
+    }
+
+    #[test]
+    fn substeps_without_length_are_one_with_the_next() {
+        assert_eq!(mean(&[0.0, 7.0, 9.0, 1.0], 1, (0, 1)), 0.5);
+        assert_eq!(mean(&[0.0, 7.0, 1.0, 9.0, 3.0], 2, (0, 2)), 0.5 * (0.5 + 2.0));
     }
 
     #[test]

@@ -68,7 +68,8 @@ impl Queue {
         self.rows.iter().map(VecDeque::len).sum()
     }
 
-    /// Takes the events up to `end_ns` in the order (t, y, x, polarity), and serves all whose service begins by then.
+    /// Takes the events up to `end_ns` in the order (t, y, x, polarity), and serves all whose service begins before
+    /// the nanosecond after it.
     pub fn serve(&mut self, events: &[Event], end_ns: i64) -> Served {
         let mut served = Served::default();
         match self.readout.bus {
@@ -101,7 +102,8 @@ impl Queue {
                     while let Some(event) = arrivals.next_if(|&event| ps(event) <= start_ps) {
                         self.wait(event, &mut served);
                     }
-                    if start_ps > i128::from(end_ns) * PS_PER_NS {
+                    // No event of the next interval can join a service that begins before its first nanosecond.
+                    if start_ps >= (i128::from(end_ns) + 1) * PS_PER_NS {
                         break;
                     }
                     let row = self.open.pop_front().map_or(0, usize::from);

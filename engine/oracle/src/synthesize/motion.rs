@@ -6,9 +6,10 @@ use super::layers::{Layers, Levels};
 use super::rigid::read::pixel_sample;
 use super::sampling::Sampling;
 use super::taps::bilinear;
-use super::trajectory::{Warp, is_valid, outside_px, warps};
+use super::trajectory::{Warp, outside_px, warps};
 use super::transfer::{Route, Way, transfer};
 use crate::ingest::Image;
+use esaac_model::synthesis::is_usable;
 use esaac_model::synthesis::{EDGE_PX, EDGE_WEIGHT};
 use esaac_model::{SensorModel, Taps};
 use glam::DVec2;
@@ -67,7 +68,7 @@ impl Motion {
                 )
             }
         };
-        let valid = motion.iter().copied().map(is_valid).collect();
+        let valid = motion.iter().copied().map(is_usable).collect();
         let layers = (sensor.layers > 1)
             .then(|| Layers::new(size, motion, start.motion.as_deref(), ratio, sensor.layers));
         Some(Motion { size, log_offset: sensor.log_offset, warps, valid, planes, layers })
@@ -98,7 +99,7 @@ impl Motion {
             size,
             log_offset: sensor.log_offset,
             warps: warps(size, motion, start.motion.as_deref(), ratio),
-            valid: motion.iter().copied().map(is_valid).collect(),
+            valid: motion.iter().copied().map(is_usable).collect(),
             planes,
             layers: None,
         })

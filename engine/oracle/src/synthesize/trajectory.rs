@@ -2,6 +2,7 @@
 
 use super::taps::bilinear;
 use esaac_model::synthesis::TRAJECTORY_STEPS;
+use esaac_model::synthesis::is_usable;
 
 /// Trajectory of a point, pixels: a parabola given by `m` and `c` of [`esaac_model::synthesis`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,12 +42,6 @@ impl Warp {
     }
 }
 
-/// Whether both components are finite.
-#[must_use]
-pub fn is_valid([dx, dy]: [f64; 2]) -> bool {
-    dx.is_finite() && dy.is_finite()
-}
-
 /// How far a position lies outside the image, pixels: the larger of the two axes.
 #[must_use]
 pub fn outside_px((width, height): (usize, usize), [x, y]: [f64; 2]) -> f64 {
@@ -63,7 +58,7 @@ pub(super) struct Field {
 impl Field {
     pub(super) fn new(size: (usize, usize), motion: &[[f64; 2]]) -> Self {
         let component =
-            |axis: usize| motion.iter().map(|&v| if is_valid(v) { v[axis] } else { 0.0 }).collect();
+            |axis: usize| motion.iter().map(|&v| if is_usable(v) { v[axis] } else { 0.0 }).collect();
         Field { size, components: [component(0), component(1)] }
     }
 

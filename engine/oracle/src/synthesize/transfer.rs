@@ -2,7 +2,8 @@
 
 use super::half_pel::HalfPelFrame;
 use super::taps::bilinear;
-use super::trajectory::{Field, Warp, is_valid, outside_px};
+use super::trajectory::{Field, Warp, outside_px};
+use esaac_model::synthesis::is_usable;
 use esaac_model::synthesis::{CONFIDENCE_PX, LEADING_BACK};
 
 /// Direction in which a frame looks for detail.
@@ -91,7 +92,7 @@ fn disagreement_px(size: (usize, usize), motion: &[[f64; 2]], x: usize, y: usize
     for ny in y.saturating_sub(1)..=(y + 1).min(size.1 - 1) {
         for nx in x.saturating_sub(1)..=(x + 1).min(size.0 - 1) {
             let other = motion[ny * size.0 + nx];
-            if !is_valid(own) || !is_valid(other) {
+            if !is_usable(own) || !is_usable(other) {
                 return f64::INFINITY;
             }
             apart_px = apart_px.max((other[0] - own[0]).abs()).max((other[1] - own[1]).abs());

@@ -134,7 +134,8 @@ fn comb() -> Rendered {
 
 #[test]
 fn blocks_without_room_for_what_passes_them_find_what_passes_between_two_knots() {
-    let (rendered, sensor) = (comb(), sensor_of(COMB_SIZE, 8));
+    // Every other sub-step ends between two knots.
+    let (rendered, sensor) = (comb(), sensor_of(COMB_SIZE, 16));
     for policy in POLICIES {
         let words = run_by(&rendered, &sensor, policy).words(0, "passing").expect("a rig that is well");
         let blocks = (COMB_SIZE.0.div_ceil(BLOCK_PX) * COMB_SIZE.1.div_ceil(BLOCK_PX)) as usize;

@@ -1,6 +1,7 @@
 //! A layer: a surface whose motion vectors are linear in the image.
 
-use super::super::trajectory::{is_valid, outside_px};
+use super::super::trajectory::outside_px;
+use esaac_model::synthesis::is_usable;
 use esaac_model::synthesis::layers::{
     BEND_PX, BEND_SHARE, LEAST_DETERMINANT, OUTSIDE_PX, SLOPE_REACH_PX, SMOOTH_PX, SNAP_SAMPLES, THICK_STEPS,
 };
@@ -21,7 +22,7 @@ impl Vectors<'_> {
     pub fn at(&self, x: i64, y: i64) -> Option<DVec2> {
         let inside = x >= 0 && y >= 0 && x < self.size.0 as i64 && y < self.size.1 as i64;
         let vector = inside.then(|| self.motion[y as usize * self.size.0 + x as usize])?;
-        is_valid(vector).then_some(DVec2::from(vector))
+        is_usable(vector).then_some(DVec2::from(vector))
     }
 
     /// The pixel nearest to a position, and its vector.
@@ -129,7 +130,8 @@ impl Layer {
             .min_by(|a, b| a.distance_squared(steady).total_cmp(&b.distance_squared(steady)))?;
         let alike = |tap: &&(DVec2, f64)| largest(tap.0 - nearest) <= SMOOTH_PX;
         let weights: f64 = taps.iter().filter(alike).map(|tap| tap.1).sum();
-        let before: DVec2 = taps.iter().filter(alike).map(|tap| tap.0 * tap.1).sum::<DVec2>() / weights;
+        let off: DVec2 = taps.iter().filter(alike).map(|tap| (tap.0 - nearest) * tap.1).sum();
+        let before = nearest + off / weights;
         if (before - steady).length() > BEND_PX + BEND_SHARE * steady.length() {
             return None;
         }

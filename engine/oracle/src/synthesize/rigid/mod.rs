@@ -405,8 +405,11 @@ impl<'a> Rigid<'a> {
                 for step in [DVec2::X, -DVec2::X, DVec2::Y, -DVec2::Y] {
                     let at = sources[key].round() + step * f64::from(distance_px);
                     let inside = at.cmpge(DVec2::ZERO).all() && at.x < size.0 as f64 && at.y < size.1 as f64;
+                    if !inside {
+                        continue;
+                    }
                     let pixel = at.y as usize * size.0 + at.x as usize;
-                    if inside && self.keys[key].belongs(pixel, &surface) {
+                    if self.keys[key].belongs(pixel, &surface) {
                         sum += weight * self.half_pels[plane][key].samples()[pixel_sample(size, pixel)];
                         weights += weight;
                     }
