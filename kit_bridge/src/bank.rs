@@ -10,6 +10,7 @@ use esaac_engine::{
     SubmitHooks, places_in_rig,
 };
 use esaac_interop::cuda::{CudaBuffer, CudaLink};
+use esaac_model::input::InputCheck;
 use esaac_model::paths::Intrinsics;
 use esaac_model::{DepthFormat, SensorModel};
 use std::ops::Range;
@@ -44,15 +45,25 @@ pub struct Images {
     pub depth: Option<Tiles>,
     /// Instance ids.
     pub ids: Option<Tiles>,
+    /// Whether depth and ids are not read, because something else is missing for exact paths.
+    pub left_out: bool,
+}
+
+impl Format {
+    /// The same without what `rigid` alone reads.
+    pub fn without_geometry(self) -> Self {
+        Format { depth: None, ids: None, ..self }
+    }
 }
 
 impl Images {
-    /// All of them, in the order of the fields.
+    /// All that are read, in the order of the fields.
     pub fn planes(&self) -> [Option<&Tiles>; PLANES] {
-        [Some(&self.hdr), self.motion.as_ref(), self.depth.as_ref(), self.ids.as_ref()]
+        let geometry = [&self.depth, &self.ids].map(|plane| plane.as_ref().filter(|_| !self.left_out));
+        [Some(&self.hdr), self.motion.as_ref(), geometry[0], geometry[1]]
     }
 
-    /// Their formats.
+    /// The formats of all that were given.
     pub fn format(&self) -> Format {
         let of = |tiles: &Option<Tiles>| tiles.as_ref().map(Tiles::texel);
         Format { hdr: self.hdr.texel(), motion: of(&self.motion), depth: of(&self.depth), ids: of(&self.ids) }
@@ -91,6 +102,8 @@ pub struct Bank {
     pub cameras: Range<usize>,
     copied: Vec<Copied>,
     scratch: [Vec<u8>; PLANES],
+    /// Of each camera whose first frames on the host are looked at, until they have been.
+    checks: Vec<Option<InputCheck>>,
 }
 
 /// How often frames were copied.
@@ -103,13 +116,14 @@ pub struct Copies {
 }
 
 impl Bank {
-    /// Banks for cameras of these sensors and formats.
+    /// Banks for cameras of these sensors and formats. The first `checked` cameras have their input looked at.
     pub fn all(
         device: &Arc<Device>,
         sensors: &[SensorModel],
         formats: &[Format],
         lenses: &[Option<Intrinsics>],
         options: RigOptions,
+        checked: usize,
     ) -> Result<Vec<Self>, Fault> {
         let mut banks = Vec::new();
         for cameras in shares(sensors) {
@@ -124,9 +138,40 @@ impl Bank {
                 })
                 .collect();
             let rig = Rig::with_options(device, &configs, options)?;
-            banks.push(Bank { rig, cameras, copied: Vec::new(), scratch: Default::default() });
+            let (first, checks) = (cameras.start, vec![None; cameras.len()]);
+            let mut bank = Bank { rig, cameras, copied: Vec::new(), scratch: Default::default(), checks };
+            for own in 0..checked.saturating_sub(first).min(bank.cameras.len()) {
+                bank.check_input(own, formats[first + own])?;
+            }
+            banks.push(bank);
         }
         Ok(banks)
+    }
+
+    /// Has the input of one of its cameras looked at from now on.
+    pub fn check_input(&mut self, own: usize, format: Format) -> Result<(), Fault> {
+        let (sensor, hdr) = (self.rig.sensor(own)?, format.hdr.hdr());
+        self.checks[own] = Some(InputCheck::new(sensor, hdr, format.motion.map(Texel::motion)));
+        Ok(())
+    }
+
+    /// A camera's next frame does not follow its last one.
+    pub fn restart_check(&mut self, own: usize) {
+        self.checks[own].iter_mut().for_each(InputCheck::restart);
+    }
+
+    /// What is to be told of the cameras' input, with the numbers of the cameras: once for each.
+    pub fn input_warnings(&mut self) -> Vec<(usize, String)> {
+        let (first, mut warnings) = (self.cameras.start, Vec::new());
+        for (own, check) in self.checks.iter_mut().enumerate() {
+            let Some(running) = check else { continue };
+            let warning = running.warning();
+            if warning.is_some() || running.is_over() {
+                *check = None;
+            }
+            warnings.extend(warning.map(|text| (first + own, text)));
+        }
+        warnings
     }
 
     /// Copies the frames of this bank's cameras to where its rig reads them. Those that have no time are left out,
@@ -152,7 +197,7 @@ impl Bank {
             return Ok(());
         }
         for (own, camera) in self.cameras.clone().enumerate() {
-            let (Some((images, index)), Some(_)) = (frames.of(camera), t_ns[camera]) else { continue };
+            let (Some((images, index)), Some(t_ns)) = (frames.of(camera), t_ns[camera]) else { continue };
             if images.on_device() {
                 let link = link.expect("frames on a device come with a link");
                 for (tiles, target) in images.planes().into_iter().zip(&mut self.copied[own]) {
@@ -161,14 +206,14 @@ impl Bank {
                         copy(link, tiles, index..index + 1, std::slice::from_ref(&(0..1)), target)?;
                 }
             } else {
-                self.upload(own, images, index)?;
+                self.upload(own, images, index, t_ns)?;
                 copies.host += images.planes().into_iter().flatten().count() as u64;
             }
         }
         Ok(())
     }
 
-    fn upload(&mut self, own: usize, images: &Images, index: usize) -> Result<(), Fault> {
+    fn upload(&mut self, own: usize, images: &Images, index: usize, t_ns: i64) -> Result<(), Fault> {
         let mut bytes: [Option<&[u8]>; PLANES] = [None; PLANES];
         for ((tiles, scratch), bytes) in images.planes().into_iter().zip(&mut self.scratch).zip(&mut bytes) {
             *bytes = tiles.map(|tiles| match tiles.as_bytes(index) {
@@ -181,6 +226,9 @@ impl Bank {
         }
         let [hdr, motion, depth, ids] = bytes;
         let hdr = hdr.expect("every frame has a colour image");
+        if let Some(check) = &mut self.checks[own] {
+            check.add(t_ns, hdr, motion);
+        }
         Ok(self.rig.upload(own, &FrameBytes { hdr, motion, depth, ids })?)
     }
 

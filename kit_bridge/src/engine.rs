@@ -58,7 +58,7 @@ impl Inner {
     /// Steps the cameras that have a time; with `submits` only begins to, and returns nothing.
     fn step(
         &self,
-        frames: Frames,
+        mut frames: Frames,
         t_ns: Vec<Option<i64>>,
         moving: &Moving<'_>,
         submits: bool,
@@ -71,7 +71,7 @@ impl Inner {
         }
         let mut state = lock(&self.state);
         let cameras = open(&mut state)?;
-        let begun = cameras.begin(&frames, &t_ns, moving, side.as_ref())?;
+        let begun = cameras.begin(&mut frames, &t_ns, moving, side.as_ref())?;
         if !submits {
             return cameras.end(begun, &frames, &t_ns, side.as_ref()).map(Some);
         }
@@ -283,9 +283,10 @@ impl Engine {
         self.call(py, |state| state.light_warnings())
     }
 
-    /// Those that are new since the last call, with the numbers of their cameras.
-    fn new_pose_warnings(&self, py: Python<'_>) -> PyResult<Vec<(usize, String)>> {
-        self.call(py, State::new_pose_warnings)
+    /// What is to be told and is new since the last call: kind, number of the camera, text.
+    fn new_warnings(&self, py: Python<'_>) -> PyResult<Vec<(&'static str, usize, String)>> {
+        let new = self.call(py, State::new_warnings)?;
+        Ok(new.into_iter().map(|(kind, camera, text)| (kind.name(), camera, text)).collect())
     }
 
     /// Time of each camera's last frame.
@@ -340,9 +341,10 @@ impl Engine {
         py: Python<'_>,
         formats: Vec<NamedFormat>,
         times_ns: saved::Times,
+        left_out: Vec<bool>,
         banks: Vec<Vec<u8>>,
     ) -> PyResult<()> {
-        let saved = saved::from_python(formats, times_ns, banks)?;
+        let saved = saved::from_python(formats, times_ns, left_out, banks)?;
         self.call(py, move |state| state.restore(saved))
     }
 
@@ -442,6 +444,7 @@ impl Engine {
             motion: maybe(motion, Plane::Motion)?,
             depth: maybe(depth, Plane::Depth)?,
             ids: maybe(ids, Plane::Ids)?,
+            left_out: false,
         })
     }
 }

@@ -30,6 +30,7 @@ pub fn to_python<'py>(py: Python<'py>, saved: &Saved) -> PyResult<Bound<'py, PyD
     parts.set_item("formats", formats)?;
     parts.set_item("last_ns", &saved.last_ns)?;
     parts.set_item("first_ns", &saved.first_ns)?;
+    parts.set_item("left_out", &saved.left_out)?;
     parts.set_item("banks", banks)?;
     Ok(parts)
 }
@@ -38,6 +39,7 @@ pub fn to_python<'py>(py: Python<'py>, saved: &Saved) -> PyResult<Bound<'py, PyD
 pub fn from_python(
     formats: Vec<NamedFormat>,
     (last_ns, first_ns): Times,
+    left_out: Vec<bool>,
     banks: Vec<Vec<u8>>,
 ) -> Result<Saved, Fault> {
     let texel = |(name, channels): Named| Ok::<_, Fault>(Texel { element: element_named(&name)?, channels });
@@ -52,7 +54,7 @@ pub fn from_python(
             })
         })
         .collect::<Result<Vec<Format>, Fault>>()?;
-    Ok(Saved { banks, formats, last_ns, first_ns })
+    Ok(Saved { banks, formats, last_ns, first_ns, left_out })
 }
 
 fn element_name(element: Element) -> &'static str {

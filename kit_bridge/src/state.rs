@@ -1,8 +1,9 @@
 //! The cameras of one `Engine`, between two calls.
 
 mod given;
+mod warnings;
 
-use crate::bank::{Bank, Copies, Format, Frames, shares};
+use crate::bank::{Bank, Copies, Format, Frames, Images, shares};
 use crate::cuda::{Block, CudaSide};
 use crate::error::Fault;
 use crate::half_done::HalfDone;
@@ -13,10 +14,10 @@ use esaac_engine::{
     Share, Tick,
 };
 use esaac_model::paths::{Intrinsics, SceneMotion, TrackMemory};
-use esaac_model::physical::LightReport;
-use esaac_model::{Packet, SensorModel, Synthesis, frame};
+use esaac_model::{Packet, SensorModel, frame};
 use std::sync::Arc;
 use std::time::Instant;
+use warnings::Warnings;
 
 /// Where packets go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,8 +44,9 @@ pub struct State {
     /// The present sensors.
     pub sensors: Vec<SensorModel>,
     lenses: Vec<Option<Intrinsics>>,
-    /// What was last said about each camera's poses.
-    said: Vec<Option<String>>,
+    /// Whether depth and ids of each camera's frames are left out.
+    left_out: Vec<bool>,
+    warnings: Warnings,
     /// Time of each camera's last frame.
     pub last_ns: Vec<Option<i64>>,
     /// Time of each camera's first frame since its reset; the beginning of time for one that was not reset.
@@ -99,6 +101,8 @@ pub struct Saved {
     pub last_ns: Vec<Option<i64>>,
     /// Time of each camera's first frame since its reset.
     pub first_ns: Vec<Option<i64>>,
+    /// Whether depth and ids of each camera's frames are left out.
+    pub left_out: Vec<bool>,
 }
 
 impl State {
@@ -114,7 +118,8 @@ impl State {
             threads: Threads::of(shares(&sensors).len(), sensors.len())?,
             together: tiled,
             banks: Vec::new(),
-            said: Vec::new(),
+            left_out: Vec::new(),
+            warnings: Warnings::default(),
             formats: Vec::new(),
             first_step: false,
             half_done: HalfDone::default(),
@@ -135,7 +140,7 @@ impl State {
     /// must follow, or the frames are lost. A first step that fails leaves the cameras as new.
     pub fn begin(
         &mut self,
-        frames: &Frames,
+        frames: &mut Frames,
         t_ns: &[Option<i64>],
         moving: &Moving<'_>,
         side: Option<&Arc<CudaSide>>,
@@ -181,7 +186,7 @@ impl State {
 
     fn prepare(
         &mut self,
-        frames: &Frames,
+        frames: &mut Frames,
         t_ns: &[Option<i64>],
         moving: &Moving<'_>,
         side: Option<&Arc<CudaSide>>,
@@ -195,6 +200,8 @@ impl State {
                 frame::check_time(camera as u32, *last_ns, *t_ns)?;
             }
         }
+        self.leave_out(frames, moving);
+        let frames = &*frames;
         // Before the banks are made: depth needs a lens, which is checked here.
         let first_scenes = self.banks.is_empty().then(|| self.scenes(frames, t_ns, moving)).transpose()?;
         self.check_devices(frames, side)?;
@@ -211,6 +218,10 @@ impl State {
             None => self.scenes(frames, t_ns, moving),
         };
         scenes.and_then(|scenes| self.set_scenes(scenes))?;
+        let both = |(images, poses): (&Option<Images>, &Option<_>)| {
+            images.as_ref().is_some_and(|images| images.motion.is_some()) && poses.is_some()
+        };
+        self.warnings.compares = frames.images.iter().zip(&moving.poses).any(both);
         Ok(Begun { started, on_device })
     }
 
@@ -312,38 +323,6 @@ impl State {
         Ok(Arc::new(block))
     }
 
-    /// What each camera's brightness between two frames is made by; `None` before the first frame, which tells.
-    pub fn syntheses(&self) -> Result<Vec<Option<Synthesis>>, Fault> {
-        if self.banks.is_empty() {
-            return Ok(vec![None; self.sensors.len()]);
-        }
-        self.of_each(|rig, camera| Ok(Some(rig.synthesis(camera)?)))
-    }
-
-    /// For each camera what to tell, if its depth and poses do not predict its motion vectors.
-    pub fn pose_warnings(&self) -> Result<Vec<Option<String>>, Fault> {
-        self.of_each(|rig, camera| Ok(rig.convention_warning(camera)?))
-    }
-
-    /// For each camera the light on its focal plane, if it has physical pixels and had a frame.
-    pub fn light(&self) -> Result<Vec<Option<LightReport>>, Fault> {
-        self.of_each(|rig, camera| Ok(rig.light(camera)?))
-    }
-
-    /// For each camera what to tell about its light.
-    pub fn light_warnings(&self) -> Result<Vec<Vec<String>>, Fault> {
-        self.of_each(|rig, camera| Ok(rig.light_warnings(camera)?))
-    }
-
-    /// Those that are new since the last call, with the numbers of their cameras.
-    pub fn new_pose_warnings(&mut self) -> Result<Vec<(usize, String)>, Fault> {
-        let warnings = self.pose_warnings()?;
-        let said = std::mem::replace(&mut self.said, warnings);
-        let all = self.said.iter().enumerate();
-        let new = all.filter(|&(camera, warning)| said.get(camera) != Some(warning));
-        Ok(new.filter_map(|(camera, warning)| Some((camera, warning.clone()?))).collect())
-    }
-
     /// Something of each camera's rig and its number there.
     fn of_each<T>(&self, of: impl Fn(&Rig, usize) -> Result<T, Fault>) -> Result<Vec<T>, Fault> {
         let cameras = self.banks.iter().flat_map(|bank| (0..bank.rig.len()).map(move |own| (&bank.rig, own)));
@@ -377,6 +356,7 @@ impl State {
             let own: Vec<usize> = own.map(|camera| camera - bank.cameras.start).collect();
             if !own.is_empty() {
                 bank.rig.reset_some(&own)?;
+                own.into_iter().for_each(|own| bank.restart_check(own));
             }
         }
         cameras.iter().for_each(|&camera| self.restart(camera));
@@ -405,8 +385,16 @@ impl State {
 
     /// Changes a camera's parameters from its next step on.
     pub fn set_sensor(&mut self, camera: usize, sensor: SensorModel) -> Result<(), Fault> {
+        let (format, is_checked) = (self.formats.get(camera).copied(), !self.together || camera == 0);
+        self.warnings.looks_at_light();
         if let Some((bank, own)) = self.bank(camera)? {
+            let before = bank.rig.sensor(own)?.synthesis;
             bank.rig.set_sensor(own, sensor.clone())?;
+            if let Some(format) = format.filter(|_| is_checked)
+                && bank.rig.sensor(own)?.synthesis != before
+            {
+                bank.check_input(own, format)?;
+            }
             if bank.rig.is_at_start(own)? {
                 self.restart(camera);
             }
@@ -471,23 +459,28 @@ impl State {
         }
         self.check_whole()?;
         let banks = self.banks.iter().map(|bank| Ok(bank.rig.save()?)).collect::<Result<_, Fault>>()?;
-        let (last_ns, first_ns) = (self.last_ns.clone(), self.first_ns.clone());
-        Ok(Saved { banks, formats: self.formats.clone(), last_ns, first_ns })
+        Ok(Saved {
+            banks,
+            formats: self.formats.clone(),
+            last_ns: self.last_ns.clone(),
+            first_ns: self.first_ns.clone(),
+            left_out: self.left_out.clone(),
+        })
     }
 
     /// Takes up a saved state, of cameras with the same sensors.
     pub fn restore(&mut self, saved: Saved) -> Result<(), Fault> {
         let (expected, actual) = (self.sensors.len(), saved.formats.len());
-        if [actual, saved.last_ns.len(), saved.first_ns.len()] != [expected; 3] {
+        let others = [saved.last_ns.len(), saved.first_ns.len(), saved.left_out.len()];
+        if actual != expected || others != [expected; 3] {
             return Err(Fault::Argument(format!("saved state of {actual} cameras, expected {expected}")));
         }
-        if (0..expected).any(|camera| saved.formats[camera].depth.is_some() && self.lenses[camera].is_none())
-        {
+        let read = given::read_formats(&saved.formats, &saved.left_out);
+        if (0..expected).any(|camera| read[camera].depth.is_some() && self.lenses[camera].is_none()) {
             let message = "saved state of cameras with depth, expected cameras made with intrinsics=";
             return Err(Fault::Argument(message.to_owned()));
         }
-        let mut banks =
-            Bank::all(&self.device, &self.sensors, &saved.formats, &self.lenses, self.rig_options())?;
+        let mut banks = self.new_banks(&read)?;
         if banks.len() != saved.banks.len() {
             let message = format!("saved state of {} rigs, expected {}", saved.banks.len(), banks.len());
             return Err(Fault::Argument(message));
@@ -497,7 +490,7 @@ impl State {
         }
         (self.banks, self.formats, self.first_step) = (banks, saved.formats, false);
         self.half_done.clear();
-        (self.last_ns, self.first_ns) = (saved.last_ns, saved.first_ns);
+        (self.last_ns, self.first_ns, self.left_out) = (saved.last_ns, saved.first_ns, saved.left_out);
         Ok(())
     }
 }

@@ -143,7 +143,7 @@ def test_a_state_that_is_damaged_is_refused():
         (state[:10], "no saved state"),
         ("state", "saved state is a str, expected bytes"),
         (None, "saved state is a NoneType, expected bytes"),
-        (b"ESAACPY2" + state[8:], "saved state of format b'ESAACPY2', expected b'ESAACPY3'"),
+        (b"ESAACPY2" + state[8:], "saved state of format b'ESAACPY2', expected b'ESAACPY4'"),
         (state[:-1], f"saved state of {len(state) - 1} bytes, expected {len(state)}"),
         (state + b"junk", f"saved state of {len(state) + 4} bytes, expected {len(state)}"),
     ):

@@ -1,5 +1,7 @@
 """A program that uses every name of the package, for a type checker; it is not run."""
 
+import warnings
+
 import numpy as np
 
 import esaac
@@ -7,6 +9,8 @@ from esaac import ros
 
 
 def use() -> None:
+    for kind in (esaac.InputWarning, esaac.LightWarning, esaac.PoseWarning, esaac.SynthesisWarning):
+        warnings.simplefilter("ignore", kind)
     sensor = esaac.SensorModel("davis346", profile="noisy", contrast_on=0.2)
     rate: float = sensor.replace(seed=7).leak_rate_hz
     names: list[str] = [name for name, _, _ in esaac.SensorModel.parameters()]

@@ -82,6 +82,7 @@
 
 mod change;
 pub mod frame;
+pub mod input;
 pub mod intensity;
 pub mod optics;
 pub mod packet;

@@ -10,9 +10,12 @@ from esaac.errors import (
     EsaacError,
     ForkError,
     FrameError,
+    InputWarning,
+    LightWarning,
     PoseWarning,
     RosError,
     SensorError,
+    SynthesisWarning,
 )
 from esaac.files import EventWriter
 from esaac.poses import Intrinsics, PoseRecorder, Poses
@@ -28,7 +31,9 @@ __all__ = [
     "EventWriter",
     "ForkError",
     "FrameError",
+    "InputWarning",
     "Intrinsics",
+    "LightWarning",
     "Packet",
     "PoseRecorder",
     "PoseWarning",
@@ -37,6 +42,7 @@ __all__ = [
     "RosError",
     "SensorError",
     "SensorModel",
+    "SynthesisWarning",
     "Tensor",
     "TiledEventCamera",
     "__version__",

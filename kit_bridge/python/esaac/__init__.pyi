@@ -15,7 +15,12 @@ pass through the host.
 * `ids`: `(height, width)`, uint16 or uint32 (int16 and int32 are read as these): the instance of each pixel. 0 is the
   static world. Without ids everything is the static world.
 * `poses`: where the camera and the bodies are, see `Poses`. With depth and poses, synthesis `rigid` follows exact
-  paths; motion vectors then serve only pixels whose instance has no poses.
+  paths; motion vectors then serve only pixels whose instance has no poses. If the first frame lacks something for
+  that, synthesis `auto` takes `motion` or `linear` and warns with `SynthesisWarning`; `rigid` by name raises.
+
+A step warns with `InputWarning`, once for each camera, if frames on the host move so fast that many events must be
+false: without vectors and poses, or with vectors that shake. It looks at the first 16 frames, of a `TiledEventCamera`
+those of the first environment; frames on a CUDA device are not looked at.
 
 The first frame whose step succeeds sets the formats; later frames must have the same. Methods may be called from any
 thread. Calls on one camera wait for each other, and the interpreter is free while the device works. A camera made
@@ -40,9 +45,12 @@ from esaac.errors import DeviceError as DeviceError
 from esaac.errors import EsaacError as EsaacError
 from esaac.errors import ForkError as ForkError
 from esaac.errors import FrameError as FrameError
+from esaac.errors import InputWarning as InputWarning
+from esaac.errors import LightWarning as LightWarning
 from esaac.errors import PoseWarning as PoseWarning
 from esaac.errors import RosError as RosError
 from esaac.errors import SensorError as SensorError
+from esaac.errors import SynthesisWarning as SynthesisWarning
 from esaac.files import EventWriter as EventWriter
 from esaac.poses import Axes as Axes
 from esaac.poses import Intrinsics as Intrinsics
@@ -288,7 +296,8 @@ class _Cameras:
     @property
     def light_warnings(self) -> list[list[str]]:
         """For each camera what is wrong with its light: a preset beyond the light that it was fitted for, too few
-        sub-steps for a lamp's flicker. Empty before the first frame."""
+        sub-steps for a lamp's flicker. A step warns with `LightWarning`, once for each camera and kind. Empty before
+        the first frame."""
     def save(self) -> bytes:
         """The state that the next step depends on."""
     def restore(self, state: bytes) -> None:
@@ -360,7 +369,7 @@ class EventCamera(_Cameras):
     @property
     def synthesis(self) -> str | None:
         """What `synthesis="auto"` has come to, by what the first frame brought; None before. `motion` if depth and
-        poses do not predict the motion vectors."""
+        poses do not predict the motion vectors. `SynthesisWarning` says why depth or poses are left out."""
     @property
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it. It is the camera's until the
@@ -486,7 +495,7 @@ class TiledEventCamera(_Cameras):
     @property
     def synthesis(self) -> str | None:
         """What `synthesis="auto"` has come to, by what the first frame brought; None before. `motion` if depth and
-        poses do not predict the motion vectors."""
+        poses do not predict the motion vectors. `SynthesisWarning` says why depth or poses are left out."""
     @property
     def last_packet(self) -> Packet | None:
         """What the last step returned, for a caller whom an interrupt kept from it."""

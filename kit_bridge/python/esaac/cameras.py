@@ -10,13 +10,22 @@ import numpy as np
 
 from esaac._native import Engine, SensorModel
 from esaac.checks import index_of, indices_of, nanoseconds
-from esaac.errors import ArgumentError, PoseWarning
+from esaac.errors import ArgumentError, InputWarning, LightWarning, PoseWarning, SynthesisWarning
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
 # A saved state: these eight bytes, of which the last is the version; length and CRC-32 of what follows; length of the
 # header; the header, JSON; the banks' states.
-_MAGIC = b"ESAACPY3"
+_MAGIC = b"ESAACPY4"
 _BEGIN = len(_MAGIC) + 8 + 4
+
+# The engine's kinds of warnings.
+_WARNINGS = {
+    "poses": PoseWarning,
+    "synthesis": SynthesisWarning,
+    "input": InputWarning,
+    "light": LightWarning,
+    "flicker": LightWarning,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +43,6 @@ class _Cameras:
     def __init__(self, sensors, lenses, device, packets, packet_ring, tiled):
         lenses = [lens and lens.told() for lens in lenses]
         self._engine = Engine(sensors, lenses, device, packets, packet_ring, tiled)
-        self._compares = False
 
     def close(self):
         """Frees device memory. A second call does nothing; any other call raises `ClosedError`."""
@@ -65,32 +73,29 @@ class _Cameras:
         _check_poses(poses)
         if not isinstance(poses, PoseRecorder):
             packet = self._engine.step_tiles(frame, t_ns, poses, stream, submits)
-            self._stepped([(frame, poses)], submits)
+            if not submits:
+                self._warn(4)
             return packet
         last = self._engine.last_ns
         times = list(t_ns) if isinstance(t_ns, list) else [t_ns] * len(last)
         stepped = [(t, before) for t, before in zip(times, last) if t is not None]
         given = poses.spanning(*_span(*zip(*stepped))) if stepped else None
         packet = self._engine.step_tiles(frame, times, given, stream, submits)
-        self._stepped([(frame, given)], submits)
+        if not submits:
+            self._warn(4)
         # Cameras that wait need what came after their last frame.
         needed = [t if t is not None else before for t, before in zip(times, last)]
         poses.forget_before(min((t for t in needed if t is not None), default=0))
         return packet
 
-    def _stepped(self, given, submits):
-        """Notes whether a step has motion vectors beside poses. If it is done, says what it has found out."""
-        self._compares = any(frame and frame[1] is not None and poses is not None for frame, poses in given)
-        if not submits:
-            self._warn(5)
-
     def _warn(self, stacklevel):
-        """Says what the last step has found out about its poses, where motion vectors came with them."""
-        new = self._engine.new_pose_warnings() if self._compares else []
-        if new:
-            camera, text = new[0]
-            others = f" (and {len(new) - 1} others)" if len(new) > 1 else ""
-            warnings.warn(f"camera {camera}{others}: {text}", PoseWarning, stacklevel=stacklevel)
+        """Says what the last step has found out, each kind of it once for all cameras."""
+        told = {}
+        for kind, camera, text in self._engine.new_warnings():
+            told.setdefault(kind, []).append((camera, text))
+        for kind, [(camera, text), *others] in told.items():
+            more = f" (and {len(others)} others)" if others else ""
+            warnings.warn(f"camera {camera}{more}: {text}", _WARNINGS[kind], stacklevel=stacklevel)
 
     @property
     def pose_warnings(self):
@@ -131,10 +136,10 @@ class _Cameras:
                 banks.append(bytes(body[end : end + length]))
                 end += length
             formats = [tuple(plane and tuple(plane) for plane in planes) for planes in header["formats"]]
-            times = header["last_ns"], header["first_ns"]
+            times, left_out = (header["last_ns"], header["first_ns"]), header["left_out"]
         except (ValueError, KeyError, TypeError) as error:
             raise ArgumentError(f"saved state that cannot be read: {error!r}") from error
-        self._engine.restore(formats, times, banks)
+        self._engine.restore(formats, times, left_out, banks)
 
     def _all_aps(self):
         return [None if frame is None else ApsFrame(*frame) for frame in self._engine.aps()]
@@ -314,7 +319,8 @@ class Rig(_Several):
         for index, recorder in recorders:
             spanning[index] = recorder.spanning(*_span(times[index : index + 1], last[index : index + 1]))
         packets = self._engine.step(given, times, spanning, stream, submits)
-        self._stepped(list(zip(given, spanning)), submits)
+        if not submits:
+            self._warn(4)
         for index, recorder in recorders:
             recorder.forget_before(times[index])
         return packets

@@ -41,3 +41,15 @@ class ForkError(EsaacError, RuntimeError):
 
 class PoseWarning(UserWarning):
     """Depth and poses do not predict the motion vectors that came with them."""
+
+
+class SynthesisWarning(UserWarning):
+    """Synthesis `auto` leaves depth, ids or poses out, because something else is missing for exact paths."""
+
+
+class InputWarning(UserWarning):
+    """What moves is not told well enough by the frames that were given, so that many events must be false."""
+
+
+class LightWarning(UserWarning):
+    """The light is beyond that which a preset was fitted for, or a lamp flickers too fast for the sub-steps."""

@@ -23,8 +23,6 @@ pub mod devices;
 pub mod doctor;
 pub mod frame_folder;
 pub mod frame_numbers;
-pub mod image_motion;
-pub mod input_check;
 pub mod kernel_source;
 pub mod link_report;
 pub mod motion_convention;

@@ -2,7 +2,6 @@
 
 use crate::arguments::CommonArguments;
 use crate::frame_folder::{FolderOptions, FrameFolder};
-use crate::input_check::InputCheck;
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
@@ -21,6 +20,7 @@ use bytemuck::cast_slice;
 use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
 use esaac_formats::event_file::write_npz;
 use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
+use esaac_model::input::InputCheck;
 use esaac_model::paths::SceneMotion;
 use esaac_model::{DepthFormat, IdFormat, SensorModel, Synthesis};
 use esaac_ros::CameraPlan;
@@ -115,7 +115,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
-    let mut input_check = InputCheck::new(&folder.layout, &sensor);
+    let mut input_check = InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion);
     let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
     let (record, memory) =
         simulate(&device, &source, &sensor, &mut kernels, &mut ros, pace, &mut input_check)?;
@@ -207,7 +207,7 @@ fn simulate(
     kernels: &mut KernelSource,
     ros: &mut RosOutput,
     mut pace: Pace,
-    input_check: &mut InputCheck<'_>,
+    input_check: &mut InputCheck,
 ) -> Result<(RunRecord, Vec<MemoryReport>)> {
     let layout = &folder.layout;
     let camera = CameraConfig {
@@ -228,7 +228,7 @@ fn simulate(
     let progress = progress::bar(folder.paths.len());
     for (index, images) in folder.decode().into_iter().enumerate() {
         let images = images?;
-        input_check.add(&images);
+        input_check.add(folder.time_ns(index), &images.hdr, images.motion.as_deref());
         let [depth, ids] = [images.depth.as_deref().map(cast_slice), images.ids.as_deref().map(cast_slice)];
         let frame = FrameBytes { hdr: &images.hdr, motion: images.motion.as_deref(), depth, ids };
         rig.upload(0, &frame)?;

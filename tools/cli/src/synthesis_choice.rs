@@ -3,6 +3,7 @@
 use crate::frame_folder::FrameFolder;
 use crate::scene_check::SceneCheck;
 use anyhow::{Context, Result, bail};
+use esaac_model::input::{auto_reason, missing_paths};
 use esaac_model::paths::conventions::Trust;
 use esaac_model::{FrameError, Synthesis};
 use serde::Serialize;
@@ -43,11 +44,10 @@ impl SynthesisChoice {
                  `auto`, which takes the best that there is"
             );
         }
-        let reason = is_auto.then(|| match (no_geometry, no_motion) {
-            (None, _) if matches!(trust, Trust::Without(_)) => format!("there are depth and poses; {trust}"),
-            (None, _) => "there are depth and poses".to_owned(),
-            (Some(geometry), None) => format!("there are motion vectors, but {geometry}"),
-            (Some(geometry), Some(motion)) => format!("there are {motion}, and {geometry}"),
+        let reason = is_auto.then(|| {
+            let reason = auto_reason(no_geometry.as_deref(), no_motion.as_deref());
+            let leaves_some_out = no_geometry.is_none() && matches!(trust, Trust::Without(_));
+            if leaves_some_out { format!("{reason}; {trust}") } else { reason }
         });
         Ok(SynthesisChoice { asked, used, reason, trust })
     }
@@ -81,12 +81,11 @@ fn lacks_motion(folder: &FrameFolder) -> Option<String> {
 
 /// What is missing for exact paths through all intervals.
 fn lacks_geometry(folder: &FrameFolder) -> Option<String> {
-    let Some(scene) = &folder.scene else {
-        return Some("no poses".to_owned());
+    // Poses of a folder come with a lens.
+    let missing = missing_paths(folder.layout.depth.is_some(), true, folder.scene.is_some());
+    let (None, Some(scene)) = (missing, &folder.scene) else {
+        return missing.map(str::to_owned);
     };
-    if folder.layout.depth.is_none() {
-        return Some("poses without depth".to_owned());
-    }
     let last = folder.paths.len() - 1;
     let spanned = scene.motion.check_span(folder.time_ns(0), folder.time_ns(last));
     spanned.err().map(|error| format!("no poses for all intervals ({error})"))

@@ -30,10 +30,20 @@ impl Rig {
     /// What to tell the user about a camera's light: that its preset is used beyond the light that it was fitted for, and
     /// that its intervals have too few sub-steps for the flicker of its lamp.
     pub fn light_warnings(&self, camera: usize) -> Result<Vec<String>, EngineError> {
+        let (of_fit, of_flicker) = (self.fit_warning(camera)?, self.flicker_warning(camera)?);
+        Ok(of_fit.into_iter().chain(of_flicker).collect())
+    }
+
+    /// The first of [`Rig::light_warnings`]: light beyond that which a camera's preset was fitted for.
+    pub fn fit_warning(&self, camera: usize) -> Result<Option<String>, EngineError> {
         let state = self.camera(camera)?;
-        let sensor = &state.config.sensor;
-        let of_fit = state.light.fit_warning(sensor);
-        Ok(of_fit.into_iter().chain(sensor.flicker_warning(state.longest_interval_ns)).collect())
+        Ok(state.light.fit_warning(&state.config.sensor))
+    }
+
+    /// The second of [`Rig::light_warnings`]: a lamp that flickers too fast for the sub-steps of a camera's intervals.
+    pub fn flicker_warning(&self, camera: usize) -> Result<Option<String>, EngineError> {
+        let state = self.camera(camera)?;
+        Ok(state.config.sensor.flicker_warning(state.longest_interval_ns))
     }
 
     /// Looks at the light of a tick's frames, if it is their turn.

@@ -2,7 +2,6 @@
 
 mod text;
 
-use crate::input_check::InputReport;
 use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
 use crate::pose_report::PoseReport;
@@ -12,6 +11,7 @@ use crate::synthesis_choice::SynthesisChoice;
 use anyhow::Result;
 use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
 use esaac_model::SensorModel;
+use esaac_model::input::InputReport;
 use esaac_model::physical::LightReport;
 use esaac_ros::Summary;
 use serde::Serialize;

@@ -1,8 +1,7 @@
 //! Tells when events must be false whatever the engine does: the frames move fast, and nothing in them says how.
 
-use crate::image_motion::{Luminance, fastest_px, upper};
-use esaac_formats::exr_frame::{FrameImages, FrameLayout};
-use esaac_model::{MotionFormat, SensorModel, Synthesis};
+use super::image_motion::{Luminance, fastest_px, upper};
+use crate::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use serde::Serialize;
 
 /// Motion from frame to frame, pixels, from which blending sends events at wrong places: an edge is at two places at
@@ -22,6 +21,9 @@ const CUBIC_REMAINDER: f64 = 0.064_15;
 /// Frames that are looked at. What a simulator lacks, it lacks in all of them.
 const CHECKED_FRAMES: usize = 16;
 
+/// Frames after which a running camera is told of.
+const FEWEST_FRAMES: usize = 5;
+
 /// Every so many pixels' vector is looked at, on both axes.
 const VECTOR_STEP_PX: usize = 3;
 
@@ -36,12 +38,16 @@ pub struct InputReport {
     pub warning: Option<String>,
 }
 
-/// The check of one run.
-pub struct InputCheck<'a> {
-    layout: &'a FrameLayout,
+/// The check of one camera.
+#[derive(Clone, Debug)]
+pub struct InputCheck {
+    size_px: (usize, usize),
+    hdr: HdrFormat,
+    motion: Option<MotionFormat>,
     synthesis: Synthesis,
     log_offset: f64,
     checked: usize,
+    last_ns: Option<i64>,
     before: Option<Luminance>,
     /// Vectors of the last frames, the latest first.
     vectors: Vec<Vec<[f64; 2]>>,
@@ -49,15 +55,18 @@ pub struct InputCheck<'a> {
     off_px: Vec<f64>,
 }
 
-impl<'a> InputCheck<'a> {
-    /// A check of frames of `layout` for `sensor`, whose synthesis has been chosen.
+impl InputCheck {
+    /// A check of a camera's frames in these formats. The synthesis of `sensor` is what `auto` has come to.
     #[must_use]
-    pub fn new(layout: &'a FrameLayout, sensor: &SensorModel) -> Self {
+    pub fn new(sensor: &SensorModel, hdr: HdrFormat, motion: Option<MotionFormat>) -> Self {
         InputCheck {
-            layout,
+            size_px: (sensor.width as usize, sensor.height as usize),
+            hdr,
+            motion,
             synthesis: sensor.synthesis,
             log_offset: sensor.dark_level(),
             checked: 0,
+            last_ns: None,
             before: None,
             vectors: Vec::new(),
             fast_px: Vec::new(),
@@ -65,45 +74,63 @@ impl<'a> InputCheck<'a> {
         }
     }
 
-    /// Takes the next frame.
-    pub fn add(&mut self, images: &FrameImages) {
-        if self.checked == CHECKED_FRAMES {
+    /// Whether it has seen enough and takes no more frames.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.checked == CHECKED_FRAMES || !matches!(self.synthesis, Synthesis::Linear | Synthesis::Motion)
+    }
+
+    /// The next frame does not follow the last one.
+    pub fn restart(&mut self) {
+        self.last_ns = None;
+        self.before = None;
+        self.vectors.clear();
+    }
+
+    /// Takes the next frame: its time and its images. The same one again is left out.
+    pub fn add(&mut self, t_ns: i64, hdr: &[u8], motion: Option<&[u8]>) {
+        if self.is_over() || self.last_ns == Some(t_ns) {
             return;
         }
         self.checked += 1;
-        let is_first = self.checked == 1;
-        match (self.synthesis, &images.motion) {
+        let is_first = self.last_ns.replace(t_ns).is_none();
+        match (self.synthesis, motion) {
             // The first frame's vectors lead to a frame that is not there.
-            (Synthesis::Linear | Synthesis::Motion, Some(_)) if is_first => {}
+            (_, Some(_)) if is_first => {}
             (Synthesis::Linear, Some(motion)) => {
                 let mut lengths: Vec<f64> =
                     self.decode(motion).iter().map(|[x, y]| x.hypot(*y)).filter(|l| l.is_finite()).collect();
                 self.fast_px.extend(upper(&mut lengths, FASTER_SHARE));
             }
             (Synthesis::Linear, None) => {
-                let this = Luminance::new(self.layout, &images.hdr, self.log_offset);
+                let this = Luminance::new(self.size_px, self.hdr, hdr, self.log_offset);
                 if let Some(before) = &self.before {
                     self.fast_px.extend(fastest_px(before, &this, FASTER_SHARE));
                 }
                 self.before = Some(this);
             }
-            (Synthesis::Motion, Some(motion)) => {
+            (_, Some(motion)) => {
                 self.vectors.insert(0, self.decode(motion));
                 self.vectors.truncate(3);
-                let size = (self.layout.width_px as usize, self.layout.height_px as usize);
                 if let [now, before, earlier] = &self.vectors[..] {
-                    self.off_px.extend(off_parabola_px(size, [now, before, earlier]));
+                    self.off_px.extend(off_parabola_px(self.size_px, [now, before, earlier]));
                 }
             }
-            _ => {}
+            (_, None) => {}
         }
+    }
+
+    /// What follows for a running camera from the frames so far, once there are some; `None` if events need not be false.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        if self.checked < FEWEST_FRAMES { None } else { self.report()?.warning }
     }
 
     /// What was found, if the synthesis can fail in this way.
     #[must_use]
-    pub fn report(mut self) -> Option<InputReport> {
-        let motion_px = upper(&mut self.fast_px, 0.5);
-        let off_parabola_px = upper(&mut self.off_px, 0.5);
+    pub fn report(&self) -> Option<InputReport> {
+        let [motion_px, off_parabola_px] =
+            [&self.fast_px, &self.off_px].map(|all| upper(&mut all.clone(), 0.5));
         motion_px.or(off_parabola_px)?;
         let fast = motion_px.filter(|px| *px > FAST_PX).map(|px| {
             format!(
@@ -121,7 +148,7 @@ impl<'a> InputCheck<'a> {
     }
 
     fn decode(&self, motion: &[u8]) -> Vec<[f64; 2]> {
-        let format = self.layout.motion.unwrap_or(MotionFormat::F32x2);
+        let format = self.motion.unwrap_or(MotionFormat::F32x2);
         (0..motion.len() / format.texel_bytes()).map(|i| format.decode(motion, i)).collect()
     }
 }
@@ -158,89 +185,58 @@ fn off_parabola_px((width, height): (usize, usize), vectors: [&[[f64; 2]]; 3]) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use esaac_formats::exr_frame::ChannelNames;
-    use esaac_model::HdrFormat;
-    use esaac_scene::{SceneKind, render_cpu};
 
-    const SIZE_PX: (u32, u32) = (96, 72);
-    const FRAME_NS: i64 = 33_333_333;
+    const SIZE_PX: (usize, usize) = (64, 48);
 
-    fn found(kind: SceneKind, synthesis: Synthesis, with_motion: bool) -> InputReport {
-        let layout = FrameLayout {
-            width_px: SIZE_PX.0,
-            height_px: SIZE_PX.1,
-            names: ChannelNames::default(),
-            hdr: HdrFormat::F16x4,
-            motion: with_motion.then_some(MotionFormat::F32x2),
-            motion_factors: [1.0; 2],
-            depth: None,
-            ids: None,
+    /// A check of frames of a pattern that has moved by `shifts_px`.
+    fn after(synthesis: Synthesis, shifts_px: &[u32]) -> InputCheck {
+        let (width, height) = (SIZE_PX.0 as u32, SIZE_PX.1 as u32);
+        let sensor = SensorModel { synthesis, width, height, ..SensorModel::default() };
+        let mut check = InputCheck::new(&sensor, HdrFormat::F32x4, None);
+        for (frame, shift_px) in shifts_px.iter().enumerate() {
+            check.add(frame as i64, &pattern(*shift_px), None);
+        }
+        check
+    }
+
+    /// Each pixel has a brightness that no other has.
+    fn pattern(shift_px: u32) -> Vec<u8> {
+        let pixel = |x: usize, y: usize| {
+            let place = (x as u32).wrapping_sub(shift_px).wrapping_add(1000 * y as u32);
+            let mix = |word: u32| (word ^ (word >> 15)).wrapping_mul(0x2c1b_3c6d);
+            let scattered = mix(mix(mix(place)));
+            [1.0 + (scattered >> 8) as f32 / (1 << 24) as f32; 4]
         };
-        let sensor = SensorModel { synthesis, ..SensorModel::default() };
-        let mut check = InputCheck::new(&layout, &sensor);
-        let scene = kind.scene(SIZE_PX.0, SIZE_PX.1);
-        for k in 0..6 {
-            let before_ns = (k > 0).then_some((k - 1) * FRAME_NS);
-            let frame = render_cpu(&scene, k * FRAME_NS, before_ns, layout.hdr, MotionFormat::F32x2);
-            let motion = with_motion.then_some(frame.motion);
-            check.add(&FrameImages { hdr: frame.hdr, motion, ..FrameImages::default() });
-        }
-        check.report().expect("a synthesis that is checked")
+        let pixels = (0..SIZE_PX.1).flat_map(|y| (0..SIZE_PX.0).map(move |x| pixel(x, y)));
+        pixels.flatten().flat_map(f32::to_ne_bytes).collect()
     }
 
     #[test]
-    fn fast_scenes_without_poses_are_told_and_slow_ones_are_not() {
-        for with_motion in [false, true] {
-            for (kind, fast) in [
-                (SceneKind::Shake, true),
-                (SceneKind::Foliage, true),
-                (SceneKind::Bounce, true),
-                (SceneKind::Lamp, false),
-                (SceneKind::Still, false),
-            ] {
-                let report = found(kind, Synthesis::Linear, with_motion);
-                assert_eq!(report.warning.is_some(), fast, "{kind:?}, vectors {with_motion}: {report:?}");
-                assert!(report.motion_px.is_some() && report.off_parabola_px.is_none());
-            }
-        }
+    fn a_running_camera_is_told_of_after_some_frames() {
+        let fast = [0, 5, 10, 15, 20];
+        assert_eq!(after(Synthesis::Linear, &fast[..4]).warning(), None);
+        let warning = after(Synthesis::Linear, &fast).warning().expect("5 px a frame");
+        assert!(warning.contains("moves by 5.0 px a frame"), "{warning}");
+        assert_eq!(after(Synthesis::Linear, &[0, 1, 2, 3, 4, 5]).warning(), None);
     }
 
     #[test]
-    fn vectors_are_enough_unless_they_shake() {
-        for (kind, shakes) in
-            [(SceneKind::Shake, true), (SceneKind::Flight, false), (SceneKind::Poles, false)]
-        {
-            let report = found(kind, Synthesis::Motion, true);
-            let told = report.warning.as_ref().is_some_and(|warning| warning.contains("parabola"));
-            assert_eq!(told, shakes, "{kind:?}: {report:?}");
-            assert!(report.motion_px.is_none() && report.off_parabola_px.is_some());
-        }
+    fn a_frame_that_comes_again_or_does_not_follow_is_no_motion() {
+        let mut check = after(Synthesis::Linear, &[0, 5]);
+        check.add(1, &pattern(5), None);
+        assert_eq!(check.report().expect("one interval").motion_px, Some(5.0));
+        check.restart();
+        check.add(2, &pattern(12), None);
+        check.add(3, &pattern(12), None);
+        assert_eq!(check.fast_px, [5.0, 0.0]);
     }
 
     #[test]
-    fn motion_seen_in_images_is_that_of_the_vectors() {
-        let [seen, given] = [false, true].map(|with_motion| {
-            found(SceneKind::Foliage, Synthesis::Linear, with_motion).motion_px.expect("it moves")
-        });
-        assert!((seen - given).abs() <= 1.0, "seen {seen} px, given {given} px");
-    }
-
-    #[test]
-    fn exact_paths_are_not_checked() {
-        let layout = FrameLayout {
-            width_px: 2,
-            height_px: 1,
-            names: ChannelNames::default(),
-            hdr: HdrFormat::F32x4,
-            motion: None,
-            motion_factors: [1.0; 2],
-            depth: None,
-            ids: None,
-        };
-        let sensor = SensorModel { synthesis: Synthesis::Rigid, ..SensorModel::default() };
-        let mut check = InputCheck::new(&layout, &sensor);
-        check.add(&FrameImages { hdr: vec![0; 32], ..FrameImages::default() });
-        assert_eq!(check.report(), None);
+    fn it_ends_and_exact_paths_are_not_checked() {
+        let check = after(Synthesis::Linear, &[0; 20]);
+        assert!(check.is_over() && check.fast_px.len() == CHECKED_FRAMES - 1);
+        let check = after(Synthesis::Rigid, &[0, 5]);
+        assert!(check.is_over() && check.report().is_none());
     }
 
     #[test]
@@ -249,12 +245,5 @@ mod tests {
             let field = vec![far; 8 * 6];
             assert_eq!(off_parabola_px((8, 6), [&field, &field, &field]), None, "{far:?}");
         }
-    }
-
-    #[test]
-    fn a_share_of_the_values_reaches_what_is_reported() {
-        let mut values: Vec<f64> = (1..=100).map(f64::from).collect();
-        assert_eq!((upper(&mut values, 0.05), upper(&mut values, 0.5)), (Some(96.0), Some(51.0)));
-        assert_eq!((upper(&mut [7.0], 0.0), upper(&mut [], 0.5)), (Some(7.0), None));
     }
 }

@@ -1,7 +1,7 @@
 //! How far images move, from the images alone: blocks of one are looked for in the other.
 
-use esaac_formats::exr_frame::FrameLayout;
-use esaac_model::intensity::REC709;
+use crate::HdrFormat;
+use crate::intensity::REC709;
 
 /// Side of a block, pixels.
 const BLOCK_PX: usize = 12;
@@ -19,19 +19,23 @@ const SAME_LOG: f64 = 0.02;
 const MATCH: f64 = 0.5;
 
 /// The logarithm of an image's luminance.
-pub struct Luminance {
+#[derive(Clone, Debug)]
+pub(super) struct Luminance {
     width: usize,
     height: usize,
     log: Vec<f32>,
 }
 
 impl Luminance {
-    /// Of a colour image in `layout`'s format.
-    #[must_use]
-    pub fn new(layout: &FrameLayout, hdr: &[u8], log_offset: f64) -> Self {
-        let (width, height) = (layout.width_px as usize, layout.height_px as usize);
+    /// Of a colour image of `width` by `height` pixels.
+    pub(super) fn new(
+        (width, height): (usize, usize),
+        format: HdrFormat,
+        hdr: &[u8],
+        log_offset: f64,
+    ) -> Self {
         let log = |texel| {
-            let colour = layout.hdr.decode(hdr, texel);
+            let colour = format.decode(hdr, texel);
             let luminance: f64 = REC709.iter().zip(colour).map(|(weight, value)| weight * value).sum();
             (luminance.max(0.0) + log_offset).ln() as f32
         };
@@ -80,8 +84,7 @@ impl Luminance {
 }
 
 /// Pixels that a share of the image moves by between two images, or more. `None` if they are too small to tell.
-#[must_use]
-pub fn fastest_px(before: &Luminance, after: &Luminance, share: f64) -> Option<f64> {
+pub(super) fn fastest_px(before: &Luminance, after: &Luminance, share: f64) -> Option<f64> {
     let corners = |length: usize| {
         let last = length.checked_sub(BLOCK_PX)?;
         let count = (length / BLOCK_PX).min(BLOCKS);
@@ -96,8 +99,20 @@ pub fn fastest_px(before: &Luminance, after: &Luminance, share: f64) -> Option<f
 }
 
 /// The value that a share of `values` reaches or exceeds. `None` of none.
-pub(crate) fn upper(values: &mut [f64], share: f64) -> Option<f64> {
+pub(super) fn upper(values: &mut [f64], share: f64) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let rank = ((1.0 - share) * values.len() as f64) as usize;
     values.get(rank.min(values.len().wrapping_sub(1))).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_of_the_values_reaches_what_is_reported() {
+        let mut values: Vec<f64> = (1..=100).map(f64::from).collect();
+        assert_eq!((upper(&mut values, 0.05), upper(&mut values, 0.5)), (Some(96.0), Some(51.0)));
+        assert_eq!((upper(&mut [7.0], 0.0), upper(&mut [], 0.5)), (Some(7.0), None));
+    }
 }
