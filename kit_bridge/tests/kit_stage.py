@@ -26,7 +26,7 @@ KINDS = {bool: Sdf.ValueTypeNames.Bool, int: Sdf.ValueTypeNames.Int, str: Sdf.Va
 
 @contextlib.contextmanager
 def fresh_stage():
-    """An empty stage but for a cube and a camera; the timeline is stopped and the self-test off."""
+    """A stage with a cube and a camera with motion vectors; the timeline is stopped and the self-test off."""
     rep.reset()
     TIMELINE.reset()
     omni.ui.reset()
@@ -37,7 +37,8 @@ def fresh_stage():
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.Cube.Define(stage, "/cube").AddTranslateOp().Set(Gf.Vec3d(-0.5, 0.2, 0))
-    camera(stage, "/camera", sensor="dvs128", overrides="width = 64\nheight = 48\ncontrast_on = 0.15  # more")
+    overrides = "width = 64\nheight = 48\ncontrast_on = 0.15  # more"
+    camera(stage, "/camera", sensor="dvs128", mode="motion", overrides=overrides)
     omni.usd.get_context().stage = stage
     yield stage
     omni.usd.get_context().stage = None

@@ -21,6 +21,7 @@ from esaac_sim.extension import Extension
 from esaac_sim.frames import FrameUnusable, frame_of
 from esaac_sim.schema import API, SchemaError, cameras, spec_of
 from esaac_sim.texture import Texture
+from esaac_sim.window import describe
 
 
 @pytest.fixture
@@ -35,6 +36,7 @@ def test_attributes_and_the_applied_schema_make_event_cameras(stage):
     applied = UsdGeom.Camera.Define(stage, "/applied").GetPrim()
     assert applied.ApplyAPI(API) and applied.HasAPI(API)
     assert applied.GetAttribute("esaac:sensor").Get() == "davis346"
+    assert applied.GetAttribute("esaac:mode").Get() == "auto"
     applied.GetAttribute("esaac:mode").Set("linear")
     camera(stage, "/off", enabled=False)
     specs, errors = cameras(stage)
@@ -49,6 +51,8 @@ def test_attributes_and_the_applied_schema_make_event_cameras(stage):
     # Defaults of the schema are those of a camera without it.
     bare = spec_of(camera(stage, "/bare", sensor="davis346", mode="linear"))
     assert bare.sensor == specs[1].sensor and bare.outputs == specs[1].outputs
+    plainest = spec_of(camera(stage, "/plainest", sensor="davis346"))
+    assert plainest.sensor.synthesis == "auto" and plainest.with_motion and plainest.with_geometry
 
 
 @pytest.mark.parametrize(
@@ -250,6 +254,25 @@ def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
         assert item not in omni.kit.menu.utils.MENUS["Window"] and window._window.destroyed
 
     asyncio.run(session())
+
+
+def test_a_camera_with_physical_pixels_is_shown_with_its_light(stage):
+    running = bridge()
+    running.attach(stage)
+    move(stage, 6)
+    assert "lux" not in describe(running.feeds[0])
+    running.detach()
+    overrides = "width = 64\nheight = 48\npixel = physical\nflicker_depth = 0.5\nflicker_hz = 900"
+    stage.GetPrimAtPath("/camera").GetAttribute("esaac:overrides").Set(overrides)
+    assert running.attach(stage) == 1, running.problems
+    (feed,) = running.feeds
+    assert "lux" not in describe(feed), "no frame yet"
+    move(stage, 6, first=6)
+    *_, light, warning = describe(feed).splitlines()
+    (report,) = feed.camera.light
+    assert light.startswith(f"light on the sensor {report['median_lux']:.3g} lux, nine tenths of the pixels")
+    assert warning == f"light: {feed.camera.light_warnings[0][0]}" and "sub-steps" in warning
+    running.detach()
 
 
 def test_cameras_are_detached_when_their_stage_closes(stage, tmp_path):

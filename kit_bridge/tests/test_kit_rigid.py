@@ -8,7 +8,7 @@ import omni.physx
 import pytest
 from kit_stage import APP, TIMELINE, bridge, camera, fresh_stage, move
 from omni.replicator import core as rep
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 import esaac
 from esaac_sim.frames import FrameUnusable, frame_of
@@ -22,7 +22,7 @@ PHYSICS_HZ = rep.RATE_HZ * omni.physx.STEPS
 @pytest.fixture
 def stage():
     with fresh_stage() as stage:
-        stage.GetPrimAtPath("/camera").CreateAttribute("esaac:mode", Sdf.ValueTypeNames.Token).Set("rigid")
+        stage.GetPrimAtPath("/camera").GetAttribute("esaac:mode").Set("rigid")
         yield stage
 
 
@@ -245,6 +245,44 @@ def check(disables):
     from esaac_sim.self_test import Check
 
     return Check(disables, False, "wrong", disables=disables)
+
+
+def test_auto_does_without_poses_where_there_are_none_and_says_so(stage, monkeypatch):
+    prim, running = stage.GetPrimAtPath("/camera"), bridge()
+    prim.GetAttribute("esaac:mode").Set("auto")
+
+    def runs_by_vectors(first):
+        (feed,) = running.feeds
+        move(stage, 12, first=first)
+        before = feed.frames
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            move(stage, 6, first=first + 12)
+        assert feed.camera.synthesis == "motion" and feed.frames > before and feed.events > 100, feed.message
+        assert not feed.faults
+        return feed
+
+    # Physics does not step.
+    with monkeypatch.context() as patch:
+        patch.setattr(omni.physx, "step_to", lambda *_: None)
+        assert running.attach(stage) == 1 and not running.problems
+        move(stage, 6)
+        assert running.feeds[0].frames == 0 and "no poses yet" in running.feeds[0].message
+        feed = runs_by_vectors(6)
+        assert feed.message == "no poses, as physics does not step; mode `auto` is `motion`"
+        running.detach()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "omni.physx", None)
+        running.attach(stage)
+        why = "poses need omni.physx, which is not enabled, so mode `auto` does without poses"
+        assert running.problems == [f"/camera: {why}"]
+        runs_by_vectors(24)
+        running.detach()
+    UsdGeom.Camera(prim).GetHorizontalApertureAttr().Set(0.0)
+    assert running.attach(stage) == 1 and not running.feeds[0].spec.with_geometry
+    why = "the camera has no horizontal aperture, so mode `auto` does without poses"
+    assert running.problems == [f"/camera: {why}"]
+    running.detach()
 
 
 def test_what_is_missing_is_told(stage, monkeypatch):

@@ -107,7 +107,7 @@ def test_motion_of_two_channels_gives_the_same_events(stage):
 @pytest.mark.parametrize("mode", ["motion", "rigid"])
 def test_a_camera_sensor_of_a_script_sends_events_of_its_own_images(stage, mode):
     prim = stage.GetPrimAtPath("/camera")
-    prim.CreateAttribute("esaac:mode", Sdf.ValueTypeNames.Token).Set(mode)
+    prim.GetAttribute("esaac:mode").Set(mode)
     expected = sent(stage)
     sensor = CameraSensor(RtxCamera("/camera", tick_rate=20.0), resolution=(48, 64), render_vars=["HdrColor"])
     packets = []

@@ -73,14 +73,19 @@ class Bridge:
         self._open_publisher([spec for spec in specs if spec.publish], off)
         for spec in specs:
             try:
-                if spec.with_geometry and self._transforms is None:
-                    self._transforms = poses.Transforms(stage)
-                self._attach(spec, off)
+                self._attach(self._with_poses(spec), off)
             except (esaac.EsaacError, FrameUnusable, poses.PosesUnusable, OSError) as error:
                 self.problems.append(f"{spec.path}: {error}")
         for problem in self.problems:
             self.log.error(problem)
         return len(self.feeds)
+
+    def _with_poses(self, spec):
+        """The camera as it is fed; poses are recorded from now on if it wants some."""
+        spec, self._transforms, why = poses.recorded(spec, self.stage, self._transforms)
+        if why:
+            self.problems.append(f"{spec.path}: {why}, so mode `auto` does without poses")
+        return spec
 
     def _attach(self, spec, off):
         if "everything" in off:

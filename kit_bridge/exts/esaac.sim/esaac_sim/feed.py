@@ -10,6 +10,8 @@ from .frames import FrameUnusable, frame_of
 
 LONGEST_GAP_NS = 1_000_000_000
 RATE_WINDOW = 60
+FRAMES_WITHOUT_POSES = 10
+"""So many frames mode `auto` waits for the first physics step."""
 
 FORMS = {
     "event_frame": lambda camera: camera.event_frame(),
@@ -37,6 +39,7 @@ class Feed:
         self.frames = self.events = self.dropped = 0
         self.duplicates = self.gaps = self.unusable = self.faults = 0
         self.message = "waiting for the first frame"
+        self._without_poses = 0
         self.packet = None
         self.frame = None
         self.forms = {}
@@ -103,10 +106,11 @@ class Feed:
 
     def _step(self, frame):
         if self._recorder is not None:
-            if not len(self._recorder):
+            if not len(self._recorder) and not self._gives_up_poses():
                 raise FrameUnusable(
                     "no poses yet: physics has not stepped. Does the stage have a physics scene?"
                 )
+        if self._recorder is not None:
             since_ns = frame.t_ns if self._last_ns is None else self._last_ns
             self._recorder.ids = self._transforms.table(frame.labels, since_ns)
         return self.camera.step(
@@ -114,12 +118,23 @@ class Feed:
             frame.motion,
             t_ns=frame.t_ns,
             depth=frame.depth if self._recorder is not None else None,
-            ids=frame.ids,
+            ids=frame.ids if self._recorder is not None else None,
             poses=self._recorder,
         )
 
+    def _gives_up_poses(self):
+        """Whether the camera goes on without poses: mode `auto`, if physics does not step."""
+        self._without_poses += 1
+        # The first frame that is stepped decides.
+        undecided = self.camera.synthesis is None and self.spec.sensor.synthesis == "auto"
+        if undecided and self._without_poses > FRAMES_WITHOUT_POSES:
+            self._recorder = None
+        return self._recorder is None
+
     def _warning(self):
-        """What is wrong with the poses, if the renderer's motion vectors say otherwise."""
+        """What is wrong with the poses: there are none, or the renderer's motion vectors say otherwise."""
+        if self._recorder is None and self._transforms is not None:
+            return f"no poses, as physics does not step; mode `auto` is `{self.camera.synthesis}`"
         return self.camera.pose_warnings[0] if self._recorder is not None and self.spec.with_motion else None
 
     def _tell(self, what, *arguments):
@@ -142,6 +157,18 @@ class Feed:
         span = self._recent[-1][0] - self._recent[0][0]
         events = sum(count for _, count in list(self._recent)[1:])
         return ((len(self._recent) - 1) / span, events / span) if span > 0 else (0.0, 0.0)
+
+    @property
+    def light(self):
+        """Lines about the light: how much falls on physical pixels, and what is wrong with it."""
+        lines = []
+        for report in self.camera.light:
+            if report:
+                median, low, high = (f"{report[name]:.3g}" for name in ("median_lux", "low_lux", "high_lux"))
+                lines.append(
+                    f"light on the sensor {median} lux, nine tenths of the pixels {low} to {high} lux"
+                )
+        return lines + [f"light: {text}" for of_camera in self.camera.light_warnings for text in of_camera]
 
     @property
     def memory_bytes(self):

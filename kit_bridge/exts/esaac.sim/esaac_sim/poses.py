@@ -5,6 +5,7 @@ script moves. A prim belongs to its nearest ancestor that is a body; a prim with
 writes its poses where USD does not see them, so those of rigid bodies are asked of it.
 """
 
+import dataclasses
 import math
 
 import omni.timeline
@@ -20,6 +21,20 @@ MOST_AHEAD_S = 0.1
 
 class PosesUnusable(Exception):
     """Poses cannot be recorded here, and why."""
+
+
+def recorded(spec, stage, transforms=None):
+    """The camera as it is fed, what records the poses of its stage (`transforms`, if there is one already), and why
+    mode `auto` does without poses, or None."""
+    is_auto = spec.sensor.synthesis == "auto"
+    if not spec.with_geometry:
+        return spec, transforms, "the camera has no horizontal aperture" if is_auto else None
+    try:
+        return spec, transforms or Transforms(stage), None
+    except PosesUnusable as unusable:
+        if not is_auto:
+            raise
+        return dataclasses.replace(spec, with_geometry=False), transforms, str(unusable)
 
 
 class Transforms:

@@ -10,11 +10,12 @@ The camera carries `esaac:*` attributes as any other. Do not attach it with a `B
 
 import contextlib
 
+import carb
 import carb.settings
 
 from . import exposure, schema, ticks, writer
 from .feed import Feed
-from .poses import Transforms
+from .poses import recorded
 
 
 @contextlib.contextmanager
@@ -35,9 +36,10 @@ def events_of(sensor, stage, device=None):
     with contextlib.ExitStack() as stack:
         stack.callback(exposure.restore, settings, exposure.pin(settings))
         stack.callback(ticks.EveryFrame(stage, [path]).restore)
-        transforms = None
-        if spec.with_geometry:
-            transforms = Transforms(stage)
+        spec, transforms, why = recorded(spec, stage)
+        if why:
+            carb.log_warn(f"{path}: {why}, so mode `auto` does without poses")
+        if transforms is not None:
             stack.callback(transforms.close)
         feed = Feed(spec, device=device, transforms=transforms)
         stack.callback(feed.close)

@@ -24,7 +24,7 @@ _DEFAULTS = {
     "profile": "clean",
     "overrides": "",
     "substeps": 32,
-    "mode": "motion",
+    "mode": "auto",
     "outputs": ("events",),
     "packets": "host",
     "publish": False,
@@ -121,9 +121,9 @@ def spec_of(prim):
         except esaac.ArgumentError as error:
             raise SchemaError(f"{path}: {error}") from error
     sensor = _sensor(prim, path, outputs)
-    focal_px, with_geometry = _focal_px(prim, sensor.width), sensor.synthesis in ("rigid", "auto")
-    if with_geometry and not focal_px:
-        raise SchemaError(f"{path} has no horizontal aperture, which mode `{sensor.synthesis}` needs")
+    focal_px = _focal_px(prim, sensor.width)
+    if sensor.synthesis == "rigid" and not focal_px:
+        raise SchemaError(f"{path} has no horizontal aperture, which mode `rigid` needs")
     return CameraSpec(
         path=path,
         sensor=sensor,
@@ -135,7 +135,8 @@ def spec_of(prim):
         imu=str(_value(prim, "imu")),
         focal_px=focal_px,
         with_motion=sensor.synthesis in ("motion", "paper", "auto"),
-        with_geometry=with_geometry,
+        # Without a lens `auto` does without.
+        with_geometry=sensor.synthesis in ("rigid", "auto") and focal_px > 0,
         tick_rate_hz=_tick_rate_hz(prim),
     )
 

@@ -122,8 +122,9 @@ def describe(feed):
         "faults": feed.faults,
         "dropped events": feed.dropped,
     }
-    return (
+    text = (
         f"{feed.message}\n{sensor.name} {sensor.width}x{sensor.height}, {frames_hz:.0f} frames/s, "
         f"{events_hz / 1e6:.2f} Mev/s, step {feed.latency_ms:.2f} ms, {feed.memory_bytes / 1e6:.1f} MB\n"
         + ", ".join(f"{count} {name}" for name, count in lost.items())
     )
+    return "\n".join([text, *feed.light])
