@@ -218,6 +218,45 @@ fn extremes_stay_finite() {
 }
 
 #[test]
+fn a_day_of_darkness_and_of_noon_changes_nothing() {
+    const LEAK_HZ: f64 = 0.0123;
+    let sensor = SensorModel { refractory_ns: 100_000, contrast_on: 0.31, contrast_off: 0.29, ..row(4) };
+    let pixel = PhysicalPixel {
+        photoreceptor_charge_e: 150.0,
+        dark_lux: 0.02,
+        noise_gain: 1.0,
+        leak_rate_hz: LEAK_HZ,
+        ..quiet()
+    };
+    let day_s = 86_400;
+    let dark_and_noon = |pixel: usize, _: f64| [0.0, 1e5][pixel % 2];
+    let mut camera = physical(&sensor, &pixel);
+    // Events in the dark in each tenth of the day, and at noon.
+    let (mut dark, mut noon) = ([0_u32; 10], 0);
+    for second in 0..=day_s {
+        let packet = camera.step_samples(second * 1_000_000_000, &dark_and_noon).expect("in time").packet;
+        for event in packet.iter() {
+            assert!(event.x % 2 == 0 || event.polarity == Polarity::On, "a leak only: {event:?}");
+            dark[((second - 1) * 10 / day_s) as usize] += u32::from(event.x % 2 == 0);
+            noon += u32::from(event.x % 2 == 1);
+        }
+    }
+    let [first, last] = [f64::from(dark[0]), f64::from(dark[9])];
+    // Chains of events make such counts vary by more than their root.
+    assert!(first > 4000.0 && (last / first - 1.0).abs() < 0.06, "{dark:?}");
+    // What the noise at a release adds to the reference and takes from it is a percent of a threshold.
+    let leaked = 2.0 * LEAK_HZ * day_s as f64;
+    assert!((f64::from(noon) / leaked - 1.0).abs() < 0.005, "{noon} events, expected {leaked}");
+    let state = format!("{:?}", (0..4).map(|pixel| camera.physical_pixel(pixel)).collect::<Vec<_>>());
+    assert!(!state.contains("NaN") && !state.contains("inf"), "{state}");
+    // The first change is answered by what its size asks for: ln 10 is seven or eight thresholds.
+    let tenth = |pixel: usize, t_ns: f64| dark_and_noon(pixel, 0.0) * 10_f64.powf(-t_ns * 1e-9);
+    let packet = camera.step_samples((day_s + 1) * 1_000_000_000, &tenth).expect("in time").packet;
+    let off = |x: u16| packet.iter().filter(|e| e.x == x && e.polarity == Polarity::Off).count();
+    assert!((6..=8).contains(&off(1)) && (6..=8).contains(&off(3)), "{} and {}", off(1), off(3));
+}
+
+#[test]
 fn a_busy_row_loses_events_and_counts_them() {
     let mut sensor = SensorModel { width: 32, height: 24, ..preset("davis346").expect("listed") };
     let (pixel, _) = physical_preset("davis346").expect("listed").apply(&mut sensor);
