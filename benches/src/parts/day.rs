@@ -7,7 +7,7 @@ use crate::laboratory::Laboratory;
 use anyhow::{Context, Result};
 use esaac_engine::{CameraConfig, FrameBytes, Rig};
 use esaac_model::packet::Event;
-use esaac_model::{HdrFormat, Polarity, SensorModel, Synthesis};
+use esaac_model::{HdrFormat, Pixel, Polarity, SensorModel, Synthesis};
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -37,7 +37,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     document.say(&format!(
         "{seconds} intervals of one second that end 86400 s after zero, in one run without a reset. A column of \
          pixels each for the time stamps (log intensity goes up and down by .5 in turn), a reference after \
-         millions of thresholds (up and down by 5.05), leak of .01 Hz, and shot noise of 2 Hz."
+         millions of thresholds (up and down by 5.05), leak of .01 Hz, shot noise of 2 Hz, and the noise of a physical \
+         pixel in the dark."
     ));
     let mut table = vec![cells!["what", "expected", "actual", "verdict"]];
     for row in &day {
@@ -47,7 +48,7 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
     Ok(Outcome { figures: serde_json::to_value(&day)?, document })
 }
 
-/// Number of pixels of the noise camera.
+/// Number of pixels of each camera with noise.
 const NOISE_PX: u32 = 64;
 
 /// The events of the day's first and last part.
@@ -74,6 +75,17 @@ fn day(laboratory: &Laboratory, seconds: i64) -> Result<Vec<DayRow>> {
     let steps = SensorModel { width: 2, synthesis: Synthesis::None, ..still.clone() };
     let leak = SensorModel { width: 4, leak_rate_hz: 0.01, ..still.clone() };
     let shot = SensorModel { width: NOISE_PX, shot_noise_rate_hz: 2.0, seed: 7, ..still.clone() };
+    let physical = SensorModel {
+        width: NOISE_PX,
+        pixel: Pixel::Physical,
+        contrast_on: 0.31,
+        contrast_off: 0.29,
+        refractory_ns: 100_000,
+        dark_lux: 0.02,
+        photoreceptor_charge_e: 150.0,
+        seed: 8,
+        ..still.clone()
+    };
     let config = |(camera, sensor): (u32, &SensorModel)| CameraConfig {
         sensor: sensor.clone(),
         camera,
@@ -81,7 +93,7 @@ fn day(laboratory: &Laboratory, seconds: i64) -> Result<Vec<DayRow>> {
         motion: None,
         geometry: None,
     };
-    let sensors = [&steps, &leak, &shot];
+    let sensors = [&steps, &leak, &shot, &physical];
     let configs: Vec<CameraConfig> = (0..).zip(sensors).map(config).collect();
     let mut rig = Rig::new(laboratory.device(), &configs)?;
     let gray = |sensor: &SensorModel, log: &dyn Fn(usize) -> f64| -> Vec<u8> {
@@ -95,11 +107,13 @@ fn day(laboratory: &Laboratory, seconds: i64) -> Result<Vec<DayRow>> {
     let level = gray(&leak, &|_| 1.0);
     let swings = [0.0, 1.0].map(|up| gray(&steps, &|pixel| up * [0.5, 5.05][pixel]));
     rig.upload(1, &FrameBytes { hdr: &level, motion: None, ..FrameBytes::default() })?;
-    rig.upload(2, &FrameBytes { hdr: &dark, motion: None, ..FrameBytes::default() })?;
+    for camera in [2, 3] {
+        rig.upload(camera, &FrameBytes { hdr: &dark, motion: None, ..FrameBytes::default() })?;
+    }
     let start_s = DAY_S - seconds;
     // Compares the last hour with the first; in a short run, the last quarter with the first.
     let window = (seconds / 4).min(HOUR_S);
-    let mut ends: [Ends; 3] = Default::default();
+    let mut ends: [Ends; 4] = Default::default();
     let ticks: Vec<i64> = (0..=seconds).collect();
     laboratory.rows("a day", ticks, |tick| {
         rig.upload(
@@ -107,16 +121,17 @@ fn day(laboratory: &Laboratory, seconds: i64) -> Result<Vec<DayRow>> {
             &FrameBytes { hdr: &swings[(tick % 2) as usize], motion: None, ..FrameBytes::default() },
         )?;
         let t_ns = (start_s + tick) * TICK_NS;
-        let step = rig.step(&[t_ns; 3]).with_context(|| format!("second {tick}"))?;
+        let step = rig.step(&[t_ns; 4]).with_context(|| format!("second {tick}"))?;
         for (ends, packet) in ends.iter_mut().zip(step.packets) {
             ends.add(tick, seconds, window, packet.iter());
         }
         Ok(())
     })?;
-    let [steps_ends, leak_ends, shot_ends] = &ends;
+    let [steps_ends, leak_ends, shot_ends, physical_ends] = &ends;
     let mut rows = vec![stamps(steps_ends, seconds), reference(steps_ends, seconds)];
     rows.push(leaked(leak_ends, seconds, start_s));
     rows.extend(noise(shot_ends, window));
+    rows.push(physical_noise(physical_ends));
     Ok(rows)
 }
 
@@ -225,6 +240,18 @@ fn noise(ends: &Ends, window: i64) -> Vec<DayRow> {
     ]
 }
 
+/// Noise of the physical pixel in the dark at both ends of the day.
+fn physical_noise(ends: &Ends) -> DayRow {
+    let [first, last] = [&ends.first, &ends.last].map(Vec::len);
+    DayRow {
+        what: "noise of a physical pixel at the end",
+        expected: format!("{first} events as at the start, to a tenth"),
+        actual: format!("{last} events"),
+        // Such a window has some thousand events.
+        holds: first > 1000 && last.abs_diff(first) <= first / 10,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -264,5 +291,10 @@ mod tests {
         };
         assert!(noise_of(2).iter().all(|row| row.holds), "{}", noise_of(2)[2].actual);
         assert!(!noise_of(1)[2].holds);
+        let physical = |count: i64| {
+            let events = |count: i64| (0..count).flat_map(|second| swing(second, 0)).collect();
+            physical_noise(&Ends { first: events(100), last: events(count), count: 0 }).holds
+        };
+        assert!(physical(105) && !physical(120) && !physical(80));
     }
 }

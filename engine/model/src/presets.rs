@@ -11,6 +11,9 @@ pub const LOG_OFFSET_PAPER: f64 = 1.0;
 /// (the paper's offset leaves 1%).
 pub const LOG_OFFSET_HDR: f64 = 0.01;
 
+/// Spread of the leak in the profile `noisy`, log.
+const LEAK_SPREAD_LOG: f64 = 0.2;
+
 /// A sensor by name: the paper's five (Table 2) and two common sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preset {
@@ -41,7 +44,8 @@ pub const PRESETS: &[Preset] = &[
 pub enum Profile {
     /// No noise, no refractory period, no latency.
     Clean,
-    /// Every effect on. The values are those of v2e's "noisy" setting where it has them.
+    /// Every effect of the pixels on. The values are those of v2e's "noisy" setting where it has them. Lens, lamp and
+    /// readout stay as they are.
     Noisy,
     /// The paper's event model: `log(S + 1)`, its warp, events at sample times, fixed sub-steps.
     Paper,
@@ -54,7 +58,9 @@ impl Profile {
         let clean = SensorModel::default();
         if sensor.pixel == Pixel::Physical {
             sensor.noise_gain = if self == Profile::Noisy { clean.noise_gain } else { 0.0 };
-            sensor.dark_spread_log = clean.dark_spread_log;
+            // Assumed: as the leak's, since both come from junctions that differ from pixel to pixel.
+            sensor.dark_spread_log =
+                if self == Profile::Noisy { LEAK_SPREAD_LOG } else { clean.dark_spread_log };
             sensor.leak_per_lux_hz = clean.leak_per_lux_hz;
         }
         sensor.contrast_mismatch = clean.contrast_mismatch;
@@ -71,7 +77,7 @@ impl Profile {
                 sensor.contrast_mismatch = 0.05;
                 sensor.refractory_ns = 500_000;
                 sensor.leak_rate_hz = 0.1;
-                sensor.leak_spread_log = 0.2;
+                sensor.leak_spread_log = LEAK_SPREAD_LOG;
                 sensor.shot_noise_rate_hz = 5.0;
                 sensor.latency_ns = 100_000;
                 sensor.latency_jitter_ns = 10_000;
@@ -163,10 +169,13 @@ mod tests {
         let with = |profile: Profile| {
             let mut sensor = hd.clone();
             profile.apply(&mut sensor);
-            (sensor.pixel, sensor.noise_gain)
+            (sensor.pixel, sensor.noise_gain, sensor.dark_spread_log)
         };
-        assert_eq!(with(Profile::Clean), (Pixel::Physical, 0.0));
-        assert_eq!(with(Profile::Noisy), (Pixel::Physical, 1.0));
+        assert_eq!(with(Profile::Clean), (Pixel::Physical, 0.0, 0.0));
+        assert_eq!(with(Profile::Noisy), (Pixel::Physical, 1.0, 0.2));
         assert_eq!(with(Profile::Paper).0, Pixel::Log);
+        let mut log = preset("hd").expect("listed");
+        Profile::Noisy.apply(&mut log);
+        assert_eq!(log.dark_spread_log, 0.0, "a log pixel has no dark current");
     }
 }

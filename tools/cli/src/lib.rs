@@ -31,6 +31,7 @@ pub mod output_file;
 pub mod overview;
 pub mod own_program;
 pub mod pace;
+pub mod pixel_notes;
 pub mod pose_report;
 pub mod program;
 pub mod progress;

@@ -89,6 +89,8 @@ pub struct ResolvedSensor {
     pub sensor: SensorModel,
     /// What fixed width and height, if anything did.
     pub size_from: Option<String>,
+    /// Whether flags or a file say what `lux_per_unit` is. Else it is an assumption.
+    pub light_is_given: bool,
 }
 
 impl SensorFlags {
@@ -96,8 +98,8 @@ impl SensorFlags {
     /// with `default`, whose size counts as no choice. `--pixel physical` with a preset takes the numbers of that
     /// sensor's physical pixel.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
-        let (base, size_from) = match &self.sensor {
-            None => (SensorBase::Preset(default), None),
+        let (base, size_from, light_in_file) = match &self.sensor {
+            None => (SensorBase::Preset(default), None, false),
             Some(given) => named_sensor(given)?,
         };
         let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &self.explicit)?;
@@ -108,7 +110,9 @@ impl SensorFlags {
             (true, false) => Some("a sensor with --width but its own height".to_owned()),
             (false, true) => Some("a sensor with --height but its own width".to_owned()),
         };
-        if let Some(lux) = self.light.lux()? {
+        let lux = self.light.lux()?;
+        let light_is_given = lux.is_some() || given("lux_per_unit") || light_in_file;
+        if let Some(lux) = lux {
             ensure!(
                 !given("lux_per_unit"),
                 "--scene-unit and --lux-per-unit are given, expected one: the former sets the latter"
@@ -116,15 +120,15 @@ impl SensorFlags {
             // An intensity is the frames' value times the gain.
             sensor.lux_per_unit = lux / sensor.exposure_gain;
         }
-        Ok(ResolvedSensor { sensor, size_from })
+        Ok(ResolvedSensor { sensor, size_from, light_is_given })
     }
 }
 
-/// A preset or the sensor of a file, and what fixes its size.
-fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>)> {
+/// A preset or the sensor of a file, what fixes its size, and whether it says what its light is.
+fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>, bool)> {
     if let Some(sensor) = preset(given) {
         let size_from = Some(format!("--sensor {given}"));
-        return Ok((SensorBase::Preset(sensor), size_from));
+        return Ok((SensorBase::Preset(sensor), size_from, false));
     }
     let path = Path::new(given);
     if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
@@ -135,7 +139,8 @@ fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>)> {
     let sensor = SensorModel::from_toml(&text).with_context(|| given.to_owned())?;
     let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
-    Ok((SensorBase::File(sensor), sized.then(|| format!("sensor file {given}"))))
+    let size_from = sized.then(|| format!("sensor file {given}"));
+    Ok((SensorBase::File(sensor), size_from, keys.contains_key("lux_per_unit")))
 }
 
 /// The flag of a parameter, without its hyphens in front.
@@ -202,7 +207,7 @@ impl ValueEnum for ProfileName {
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(match self.0 {
             Profile::Clean => PossibleValue::new("clean").help("no noise, no refractory period, no latency"),
-            Profile::Noisy => PossibleValue::new("noisy").help("every effect on"),
+            Profile::Noisy => PossibleValue::new("noisy").help("every effect of the pixels on"),
             Profile::Paper => PossibleValue::new("paper").help("the paper's event model"),
         })
     }

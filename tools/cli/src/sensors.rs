@@ -113,31 +113,11 @@ fn listing(name: Option<&str>, pixel: Pixel) -> Result<Listing> {
     Ok(Listing { presets, parameters })
 }
 
-/// The numbers of a physical pixel and its bus that come from somewhere.
+/// The numbers of a physical pixel and its bus, and where they come from.
 fn sources(preset: &PhysicalPreset) -> Vec<SourceRow> {
-    let row = |parameter, sourced: Sourced| SourceRow {
-        parameter,
-        value: sourced.value,
-        assumed: sourced.assumed,
-        source: sourced.source,
-    };
-    let microseconds = |sourced: Sourced| Sourced { value: 1e3 * sourced.value, ..sourced };
-    vec![
-        row("contrast_on", preset.contrast_log[0]),
-        row("contrast_off", preset.contrast_log[1]),
-        row("contrast_mismatch", preset.mismatch_log),
-        row("refractory_ns", microseconds(preset.refractory_us)),
-        row("latency_ns", microseconds(preset.latency_us)),
-        row("timestamp_quantum_ns", preset.tick_ns),
-        row("response_e_per_lux_s", preset.response_e_per_lux_s),
-        row("dark_lux", preset.dark_lux),
-        row("photoreceptor_charge_e", preset.photoreceptor_charge_e),
-        row("second_pole_hz", preset.second_pole_hz),
-        row("leak_rate_hz", preset.leak_rate_hz),
-        row("leak_per_lux_hz", preset.leak_per_lux_hz),
-        row("readout_row_ns", preset.service_ns[0]),
-        row("readout_event_ns", preset.service_ns[1]),
-    ]
+    let row =
+        |(parameter, Sourced { value, assumed, source })| SourceRow { parameter, value, assumed, source };
+    preset.numbers().map(row).into()
 }
 
 fn sources_text(preset: &PresetRow) -> String {
@@ -146,7 +126,8 @@ fn sources_text(preset: &PresetRow) -> String {
         let assumed = if row.assumed { "assumed" } else { "" };
         vec![row.parameter.to_owned(), row.value.to_string(), assumed.to_owned(), row.source.to_owned()]
     }));
-    format!("\nThe physical pixel of {}:\n\n{}", preset.name, table::render(&rows))
+    let fit = physical_preset(preset.name).expect("it has sources").fit();
+    format!("\nThe physical pixel of {}:\n\n{}\n{fit}\n", preset.name, table::render(&rows))
 }
 
 fn text(listing: &Listing) -> String {
@@ -210,7 +191,13 @@ mod tests {
                 let value = value.as_float().or(value.as_integer().map(|value| value as f64));
                 assert!((value.unwrap() - row.value).abs() < 1e-9, "{} {}", preset.name, row.parameter);
             }
-            assert!(sources_text(&preset).contains("assumed"), "{}", preset.name);
+            let text = sources_text(&preset);
+            assert!(text.contains("assumed"), "{}", preset.name);
+            let fit = if preset.name == "hd" { "at 0.15 to 20 focal-plane lux" } else { "to no measurement" };
+            assert!(
+                text.contains(&format!("The noise of `{}` is fitted", preset.name)) && text.contains(fit),
+                "{text}"
+            );
         }
     }
 

@@ -14,7 +14,7 @@ use crate::run_record::RunRecord;
 use crate::scene_check::SceneCheck;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::synthesis_choice::SynthesisChoice;
-use crate::{colour, device_choice, output_file, progress, report, stderr, unread_flags};
+use crate::{colour, device_choice, output_file, pixel_notes, progress, report, stderr, unread_flags};
 use anyhow::{Result, ensure};
 use bytemuck::cast_slice;
 use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
@@ -95,6 +95,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut kernels = KernelSource::open(&arguments.kernels)?;
     let resolved =
         arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
+    let notes = pixel_notes::of(&resolved);
     output_file::check_events(&arguments.out)?;
     let recording = arguments.ros.record.as_deref();
     let outputs: Vec<&Path> = [arguments.out.as_path()].into_iter().chain(recording).collect();
@@ -128,6 +129,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
     report.simulated_ns = folder.time_ns(folder.paths.len() - 1);
     report.key_rate = Some(KeyRate { hz: folder.rate_hz, from: folder.rate_from });
+    report.cameras[0].notes = notes;
     report.set_memory(memory);
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
@@ -169,7 +171,7 @@ impl SimulateArguments {
 
 /// The sensor for these frames: it has their size.
 fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
-    let ResolvedSensor { mut sensor, size_from } = resolved;
+    let ResolvedSensor { mut sensor, size_from, .. } = resolved;
     let FrameLayout { width_px, height_px, .. } = folder.layout;
     match size_from {
         None => (sensor.width, sensor.height) = (width_px, height_px),

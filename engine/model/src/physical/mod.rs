@@ -63,7 +63,7 @@ mod presets;
 mod readout;
 
 pub use illuminance::{DIM_LUX, Illuminances, LightReport, lux_of};
-pub use presets::{PHYSICAL_PRESETS, PhysicalPreset, Sourced, physical_preset};
+pub use presets::{PHYSICAL_PRESETS, PhysicalPreset, Sourced, assumed_note, physical_preset};
 pub use readout::{Bus, MAX_DRAIN_PS, MAX_SERVICE_PS, Readout, ReadoutKind};
 
 use crate::random::{PixelKey, Stream, leak_factor, log_normal};

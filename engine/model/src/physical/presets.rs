@@ -1,7 +1,7 @@
 //! The physical pixels of the presets. Every number says where it comes from, and whether it is measured or assumed.
 
-use super::{Bus, PhysicalPixel, Readout};
-use crate::SensorModel;
+use super::{Bus, PhysicalPixel, Readout, ReadoutKind};
+use crate::{Pixel, SensorModel};
 
 /// A number with its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -203,6 +203,42 @@ pub fn physical_preset(name: &str) -> Option<&'static PhysicalPreset> {
 }
 
 impl PhysicalPreset {
+    /// Every number by the parameter of a [`SensorModel`] that it is, in that parameter's unit.
+    #[must_use]
+    pub fn numbers(&self) -> [(&'static str, Sourced); 14] {
+        let nanoseconds = |microseconds: Sourced| Sourced { value: 1e3 * microseconds.value, ..microseconds };
+        [
+            ("contrast_on", self.contrast_log[0]),
+            ("contrast_off", self.contrast_log[1]),
+            ("contrast_mismatch", self.mismatch_log),
+            ("refractory_ns", nanoseconds(self.refractory_us)),
+            ("latency_ns", nanoseconds(self.latency_us)),
+            ("timestamp_quantum_ns", self.tick_ns),
+            ("response_e_per_lux_s", self.response_e_per_lux_s),
+            ("dark_lux", self.dark_lux),
+            ("photoreceptor_charge_e", self.photoreceptor_charge_e),
+            ("second_pole_hz", self.second_pole_hz),
+            ("leak_rate_hz", self.leak_rate_hz),
+            ("leak_per_lux_hz", self.leak_per_lux_hz),
+            ("readout_row_ns", self.service_ns[0]),
+            ("readout_event_ns", self.service_ns[1]),
+        ]
+    }
+
+    /// What its noise was fitted to, as a sentence.
+    #[must_use]
+    pub fn fit(&self) -> String {
+        match self.fitted_lux {
+            Some([low, high]) => {
+                format!(
+                    "The noise of `{}` is fitted to measurements at {low} to {high} focal-plane lux.",
+                    self.name
+                )
+            }
+            None => format!("The noise of `{}` is fitted to no measurement, at no light.", self.name),
+        }
+    }
+
     /// The pixel and its readout. Sets what the pixel shares with the log-intensity pixel in `sensor`: thresholds,
     /// mismatch, refractory period, latency and tick.
     #[must_use]
@@ -228,10 +264,30 @@ impl PhysicalPreset {
     }
 }
 
+/// What to tell of a physical pixel that has assumed numbers of a preset whose noise is fitted to no measurement: their
+/// parameters. `None` for another one.
+#[must_use]
+pub fn assumed_note(sensor: &SensorModel) -> Option<String> {
+    let preset = physical_preset(&sensor.name).filter(|preset| preset.fitted_lux.is_none())?;
+    let values = toml::Table::try_from(sensor).expect("a sensor is a table");
+    let has = |parameter: &str, number: f64| {
+        let value = &values[parameter];
+        value.as_float().or(value.as_integer().map(|whole| whole as f64)) == Some(number)
+    };
+    let is_read = |parameter: &str| sensor.readout != ReadoutKind::None || !parameter.starts_with("readout_");
+    let numbers = preset.numbers();
+    let assumed = numbers
+        .iter()
+        .filter(|(parameter, number)| number.assumed && is_read(parameter) && has(parameter, number.value));
+    let assumed: Vec<&str> = assumed.map(|(parameter, _)| *parameter).collect();
+    (sensor.pixel == Pixel::Physical && !assumed.is_empty())
+        .then(|| format!("{} Assumed: {}", preset.fit(), assumed.join(", ")))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::presets::{PRESETS, preset};
+    use crate::presets::{PRESETS, preset, preset_with_physical_pixel};
 
     #[test]
     fn every_preset_has_a_valid_physical_pixel() {
@@ -254,5 +310,30 @@ mod tests {
         assert!((per_lux / 400.0 - 1.0).abs() < 0.01, "{per_lux} rad/s for each lux");
         let distance = sensor.contrast_on * pixel.photoreceptor_charge_e.sqrt();
         assert!((distance / 4.85 - 1.0).abs() < 0.01, "{distance} standard deviations of one pole");
+    }
+
+    #[test]
+    fn what_is_assumed_is_told_of_presets_without_a_fit() {
+        for preset in PHYSICAL_PRESETS {
+            let sensor = preset_with_physical_pixel(preset.name).expect("listed");
+            let note = assumed_note(&sensor);
+            assert_eq!(note.is_none(), preset.name == "hd", "{note:?}");
+            assert_eq!(assumed_note(&SensorModel { pixel: Pixel::Log, ..sensor }), None);
+        }
+        let davis = preset_with_physical_pixel("davis346").expect("listed");
+        let note = assumed_note(&davis).expect("speed and charge are assumed");
+        assert!(
+            note.starts_with("The noise of `davis346` is fitted to no measurement, at no light."),
+            "{note}"
+        );
+        assert!(note.contains("photoreceptor_charge_e, second_pole_hz"), "{note}");
+        assert!(!note.contains("contrast_on") && !note.contains("readout"), "{note}");
+        // What the user has set is not assumed, and what the bus needs is told if there is one.
+        let own = SensorModel { photoreceptor_charge_e: 200.0, ..davis };
+        assert!(!assumed_note(&own).expect("the rest").contains("photoreceptor_charge_e"));
+        let atis = preset_with_physical_pixel("atis").expect("listed");
+        let bus = SensorModel { readout: ReadoutKind::Fifo, ..atis };
+        assert!(assumed_note(&bus).expect("the rest").contains("readout_event_ns"));
+        assert_eq!(assumed_note(&SensorModel { name: "mine".to_owned(), ..own }), None, "no preset");
     }
 }

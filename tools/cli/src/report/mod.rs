@@ -101,6 +101,8 @@ pub struct CameraReport {
     pub light: Option<LightReport>,
     /// What to tell about the light.
     pub light_warnings: Vec<String>,
+    /// What is assumed of a physical pixel and its light.
+    pub notes: Vec<String>,
     /// Comparison with the scene's exact events, if the scene is known.
     pub accuracy: Option<AccuracyReport>,
 }
@@ -153,7 +155,7 @@ pub struct AccuracyReport {
 }
 
 impl Report {
-    /// The report of `record`. The caller adds files, memory and accuracy.
+    /// The report of `record`. The caller adds files, memory, notes and accuracy.
     #[must_use]
     pub fn new(input: String, device: DeviceReport, sensors: &[SensorModel], record: &RunRecord) -> Self {
         let cameras = sensors
@@ -169,6 +171,7 @@ impl Report {
                 diagnostics: camera.diagnostics.clone(),
                 light: camera.light,
                 light_warnings: camera.light_warnings.clone(),
+                notes: Vec::new(),
                 accuracy: None,
             })
             .collect();

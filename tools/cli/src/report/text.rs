@@ -112,6 +112,9 @@ impl CameraReport {
         for warning in &self.light_warnings {
             line("warning", warning.clone());
         }
+        for note in &self.notes {
+            line("note", note.clone());
+        }
         if let Some(a) = &self.accuracy {
             line(
                 "against exact",

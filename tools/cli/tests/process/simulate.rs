@@ -91,6 +91,26 @@ fn the_light_of_a_physical_pixel_is_told() {
 }
 
 #[test]
+fn what_is_assumed_of_a_physical_pixel_is_told() {
+    let frames = Frames::new(3, false);
+    let size = [WIDTH, HEIGHT].map(|px| px.to_string());
+    let vga = ["--synthesis", "none", "--sensor", "vga", "--width", &size[0], "--height", &size[1]];
+    let physical = [&vga[..], &["--pixel", "physical"]].concat();
+    let (code, report, error) = simulate(&frames, &physical);
+    assert_eq!(code, 0, "{error}");
+    let notes = report["cameras"][0]["notes"].as_array().unwrap();
+    assert_eq!(notes.len(), 2, "{notes:?}");
+    let out = frames.file_argument("events.npz");
+    let (_, text, _) = run(&[&["simulate", frames.argument(), "--out", &out], &physical[..]].concat());
+    for (note, part) in notes.iter().zip(["1 is 100 focal-plane lux", "`vga` is fitted to no measurement"]) {
+        let note = note.as_str().unwrap();
+        assert!(note.contains(part) && text.contains(&format!("note           {note}")), "{note}: {text}");
+    }
+    let (_, report, _) = simulate(&frames, &vga);
+    assert_eq!(report["cameras"][0]["notes"].as_array().unwrap().len(), 0, "a log pixel");
+}
+
+#[test]
 fn events_that_wait_after_the_last_frame_are_told() {
     let frames = Frames::new(4, true);
     let counts = |arguments: &[&str]| {
