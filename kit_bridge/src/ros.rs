@@ -5,10 +5,11 @@ use crate::error::Fault;
 use crate::process::OwnProcess;
 use crate::ros_tick::Part;
 use crate::sensor::PySensor;
+use esaac_model::paths::{Intrinsics, LensError};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
-    BagWriter, CameraPlan, CycloneTransport, Intrinsics, NetworkOptions, Policy, QosChange, RigOptions,
-    RigPublisher, Sinks, Split, names,
+    BagWriter, CameraPlan, CycloneTransport, NetworkOptions, Policy, QosChange, RigOptions, RigPublisher,
+    Sinks, Split, names,
 };
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -150,24 +151,23 @@ impl Camera {
     fn plan(self, split: Split) -> Result<CameraPlan, Fault> {
         let wrong = |what: &str, actual: [f64; 2], expected: &str| {
             let name = &self.name;
-            Err(Fault::Argument(format!("{what} of `{name}` is {actual:?}, expected {expected}")))
+            Fault::Argument(format!("{what} of `{name}` is {actual:?}, expected {expected}"))
         };
-        if let Some(focal_px) = self.focal_px.filter(|focal| !focal.iter().all(|&f| f > 0.0 && f.is_finite()))
-        {
-            return wrong("focal_px", focal_px, "finite numbers above 0");
-        }
-        if let Some(centre_px) = self.centre_px.filter(|centre| !centre.iter().all(|c| c.is_finite())) {
-            return wrong("centre_px", centre_px, "finite numbers");
-        }
         let sensor = self.sensor.get().0.clone();
         let middle = [sensor.width, sensor.height].map(|side| 0.5 * (f64::from(side) - 1.0));
-        let intrinsics = self
-            .focal_px
-            .map(|focal_px| Intrinsics { focal_px, centre_px: self.centre_px.unwrap_or(middle) });
+        let centre_px = self.centre_px.unwrap_or(middle);
+        let lens = |focal_px: [f64; 2]| {
+            let ([fx, fy], [cx, cy]) = (focal_px, centre_px);
+            Intrinsics::pinhole(fx, fy, cx, cy).map_err(|error| match error {
+                LensError::Focal { .. } => wrong("focal_px", focal_px, "finite numbers above 0"),
+                LensError::Centre { .. } => wrong("centre_px", centre_px, "finite numbers"),
+            })
+        };
+        let lens = self.focal_px.map(lens).transpose()?;
         Ok(CameraPlan {
             name: self.name,
             sensor,
-            intrinsics,
+            lens,
             image: self.rgb,
             depth: self.depth,
             imu: self.imu,

@@ -6,6 +6,7 @@ use crate::cdr::CdrWriter;
 use crate::definition::{self, Base};
 use crate::message::{MessageType, texts};
 use esaac_model::SensorModel;
+use esaac_model::paths::{Intrinsics, Projection};
 
 /// `std_msgs/Header`.
 #[derive(Clone, Copy, Debug)]
@@ -53,33 +54,27 @@ pub fn image(out: &mut Vec<u8>, header: Header<'_>, image: Image<'_>, pixels: im
     cdr.reserve(step as usize * image.height_px as usize + 8).bytes_with(pixels);
 }
 
-/// A pinhole camera without distortion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Intrinsics {
-    /// Focal length, pixels.
-    pub focal_px: [f64; 2],
-    /// Principal point, pixels; the centre of the first pixel is (0, 0).
-    pub centre_px: [f64; 2],
-}
-
-/// `sensor_msgs/CameraInfo`. Without intrinsics K and P are zero, ROS's sign of an uncalibrated camera.
-pub fn camera_info(
-    out: &mut Vec<u8>,
-    header: Header<'_>,
-    size_px: (u32, u32),
-    intrinsics: Option<Intrinsics>,
-) {
-    let (k, r, p) = match intrinsics {
-        None => ([0.0; 9], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], [0.0; 12]),
-        Some(Intrinsics { focal_px: [fx, fy], centre_px: [cx, cy] }) => (
-            [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
-            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-            [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        ),
+/// `sensor_msgs/CameraInfo`. Without a lens K and P are zero, ROS's sign of an uncalibrated camera. A pinhole is ROS's
+/// `plumb_bob` and an equidistant fisheye its `equidistant`, both without distortion.
+pub fn camera_info(out: &mut Vec<u8>, header: Header<'_>, size_px: (u32, u32), lens: Option<Intrinsics>) {
+    let (k, p) = match lens {
+        None => ([0.0; 9], [0.0; 12]),
+        Some(lens) => {
+            let ([fx, fy], [cx, cy]) = (lens.focal_px().to_array(), lens.centre_px().to_array());
+            (
+                [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+                [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            )
+        }
     };
+    let (model, distortion) = match lens.map(|lens| lens.projection()) {
+        None | Some(Projection::Pinhole) => ("plumb_bob", &[0.0_f64; 5][..]),
+        Some(Projection::Fisheye) => ("equidistant", &[0.0; 4][..]),
+    };
+    let r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     let mut cdr = CdrWriter::new(out);
     header.write(&mut cdr);
-    cdr.u32(size_px.1).u32(size_px.0).string("plumb_bob").sequence(&[0.0_f64; 5]);
+    cdr.u32(size_px.1).u32(size_px.0).string(model).sequence(distortion);
     // No binning; the region of interest is the whole image.
     cdr.f64s(&k).f64s(&r).f64s(&p).u32(0).u32(0).u32(0).u32(0).u32(0).u32(0).bool(false);
 }

@@ -39,7 +39,7 @@ pub mod zenoh;
 pub use bag::{BagError, BagReader, BagWriter};
 #[cfg(feature = "embedded")]
 pub use cyclone::{CycloneTransport, NetworkOptions};
-pub use encode::{Imu, Intrinsics};
+pub use encode::Imu;
 pub use events::{EventFormat, Split};
 pub use message::MessageType;
 pub use parameters::SensorParameters;

@@ -133,7 +133,7 @@ mod tests {
         let camera = |name: &str| CameraPlan {
             name: name.to_owned(),
             sensor: SensorModel::default(),
-            intrinsics: None,
+            lens: None,
             image: false,
             depth: false,
             imu: false,

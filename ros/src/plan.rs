@@ -1,11 +1,11 @@
 //! The topics of a rig, with names, types and quality of service, checked before anything is created.
 
-use crate::encode::Intrinsics;
 use crate::events::{EventFormat, Split};
 use crate::message::MessageType;
 use crate::names::{self, NameError};
 use crate::qos::{Durability, Qos, QosChange};
 use esaac_model::SensorModel;
+use esaac_model::paths::Intrinsics;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -46,8 +46,8 @@ pub struct CameraPlan {
     pub name: String,
     /// Its sensor.
     pub sensor: SensorModel,
-    /// Its intrinsics, if they are known.
-    pub intrinsics: Option<Intrinsics>,
+    /// Its lens, if it is known.
+    pub lens: Option<Intrinsics>,
     /// Whether colour images of it are published.
     pub image: bool,
     /// Whether depth images of it are published.
@@ -279,16 +279,7 @@ mod tests {
         let sensor = SensorModel { aps_exposure_ns: 1, ..SensorModel::default() };
         let split = Split::default();
         let name = name.to_owned();
-        CameraPlan {
-            name,
-            sensor,
-            intrinsics: None,
-            image: true,
-            depth: true,
-            imu: true,
-            split,
-            frame_id: None,
-        }
+        CameraPlan { name, sensor, lens: None, image: true, depth: true, imu: true, split, frame_id: None }
     }
 
     #[test]

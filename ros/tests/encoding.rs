@@ -1,13 +1,14 @@
 //! Every message read back by a second reader of CDR that knows nothing but the `.msg` definitions.
 
 use esaac_model::packet::{Event, Polarity};
+use esaac_model::paths::{Intrinsics, LensError};
 use esaac_model::{Intensity, PARAMETERS, Packet, SensorModel, Timestamps};
 use esaac_ros::MessageType;
 use esaac_ros::cdr::CdrWriter;
 use esaac_ros::definition::{Base, Extent, Field, parse};
 use esaac_ros::encode::{
-    self, Header, Image, Imu, Intrinsics, Status, camera_info, clock, diagnostics, image, imu,
-    optical_frames, sensor_model,
+    self, Header, Image, Imu, Status, camera_info, clock, diagnostics, image, imu, optical_frames,
+    sensor_model,
 };
 use esaac_ros::events::{self, EventFormat, PacketHead};
 use std::collections::BTreeMap;
@@ -205,18 +206,22 @@ fn images() {
 
 #[test]
 fn camera_infos() {
-    let known = Intrinsics { focal_px: [201.5, 202.5], centre_px: [172.25, 129.75] };
+    type Lens = fn(f64, f64, f64, f64) -> Result<Intrinsics, LensError>;
+    let known = |lens: Lens| Some(lens(201.5, 202.5, 172.25, 129.75).unwrap());
     for frame_id in FRAME_IDS {
-        for intrinsics in [Some(known), None] {
+        for (lens, model, distortion) in [
+            (known(Intrinsics::pinhole), "plumb_bob", &[0.0; 5][..]),
+            (known(Intrinsics::fisheye), "equidistant", &[0.0; 4]),
+            (None, "plumb_bob", &[0.0; 5]),
+        ] {
             let mut out = Vec::new();
-            camera_info(&mut out, header(frame_id), (346, 260), intrinsics);
+            camera_info(&mut out, header(frame_id), (346, 260), lens);
             let got = decoded(MessageType::CameraInfo, &out);
             check_header(&got, "header", frame_id);
             assert_eq!((got.whole("width"), got.whole("height")), (346, 260));
-            assert_eq!(got.text("distortion_model"), "plumb_bob");
-            assert_eq!(got.reals("d"), [0.0; 5]);
+            assert_eq!((got.text("distortion_model"), &got.reals("d")[..]), (model, distortion));
             assert_eq!(got.reals("r"), [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-            let (k, p) = if intrinsics.is_some() {
+            let (k, p) = if lens.is_some() {
                 (
                     [201.5, 0.0, 172.25, 0.0, 202.5, 129.75, 0.0, 0.0, 1.0],
                     [201.5, 0.0, 172.25, 0.0, 0.0, 202.5, 129.75, 0.0, 0.0, 0.0, 1.0, 0.0],

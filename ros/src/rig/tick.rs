@@ -166,7 +166,7 @@ impl<'a> TickMessages<'a> {
         self.image_on(camera, |topics| topics.image, self.stamp_ns, "rgb8", 3, pixels)
     }
 
-    /// A camera's depth, metres along the view axis. Pixels without depth are NaN on the wire.
+    /// A camera's depth, metres along the optical axis (REP 118), whatever its lens. Pixels without depth are NaN on the wire.
     pub fn depth(&mut self, camera: usize, depth_m: &[f32]) -> &mut Self {
         self.image_on(
             camera,
@@ -210,12 +210,12 @@ impl<'a> TickMessages<'a> {
         let Some((image, info)) = topic(topics) else { return self };
         let state = &self.publisher.cameras[camera];
         let (width_px, height_px) = (state.plan.sensor.width, state.plan.sensor.height);
-        let intrinsics = state.plan.intrinsics;
+        let lens = state.plan.lens;
         let header = Header { stamp_ns, frame_id: &topics.optical_frame };
         let shape = Image { width_px, height_px, encoding, pixel_bytes };
         self.add_sample(Turn::Images, image, stamp_ns, |out| encode::image(out, header, shape, pixels));
         self.add_sample(Turn::Small, info, stamp_ns, |out| {
-            encode::camera_info(out, header, (width_px, height_px), intrinsics);
+            encode::camera_info(out, header, (width_px, height_px), lens);
         });
         self
     }

@@ -2,9 +2,10 @@
 //! `messages.txt` were made; the test `golden` of the binary `ros` makes them again.
 
 use esaac_model::packet::Event;
+use esaac_model::paths::Intrinsics;
 use esaac_model::{PARAMETERS, Packet, Polarity, SensorModel};
 use esaac_ros::EventFormat;
-use esaac_ros::encode::{self, Header, Image, Imu, Intrinsics, Status};
+use esaac_ros::encode::{self, Header, Image, Imu, Status};
 use esaac_ros::events::{self, PacketHead};
 
 const STAMP_NS: i64 = 12_345_678_901;
@@ -47,7 +48,7 @@ fn images_are_as_golden() {
 
 #[test]
 fn camera_infos_are_as_golden() {
-    let known = Intrinsics { focal_px: [300.0, 301.0], centre_px: [15.5, 11.5] };
+    let known = Intrinsics::pinhole(300.0, 301.0, 15.5, 11.5).unwrap();
     let info = |out: &mut Vec<u8>, known| encode::camera_info(out, header("abc"), (32, 24), known);
     check("camera_info", |out| info(out, Some(known)));
     check("camera_info uncalibrated", |out| info(out, None));

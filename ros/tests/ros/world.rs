@@ -6,8 +6,9 @@ mod peer;
 pub use peer::*;
 
 use esaac_model::packet::Event;
+use esaac_model::paths::Intrinsics;
 use esaac_model::{Packet, Polarity, SensorModel, random};
-use esaac_ros::{ApsImage, BagWriter, CameraPlan, Imu, Intrinsics, Payload, RigOptions, RigPublisher, Sinks};
+use esaac_ros::{ApsImage, BagWriter, CameraPlan, Imu, Payload, RigOptions, RigPublisher, Sinks};
 #[cfg(feature = "embedded")]
 use esaac_ros::{CycloneTransport, NetworkOptions};
 use std::path::Path;
@@ -59,9 +60,9 @@ pub fn transport(domain: u32) -> CycloneTransport {
 /// A camera with all outputs.
 pub fn camera(name: &str, width: u32, height: u32) -> CameraPlan {
     let sensor = SensorModel { width, height, aps_exposure_ns: 1, aps_bits: 8, ..SensorModel::default() };
-    let intrinsics = Some(Intrinsics { focal_px: [300.0, 301.0], centre_px: [172.5, 129.5] });
+    let lens = Some(Intrinsics::pinhole(300.0, 301.0, 172.5, 129.5).unwrap());
     let (name, split) = (name.to_owned(), esaac_ros::Split::default());
-    CameraPlan { name, sensor, intrinsics, image: true, depth: true, imu: true, split, frame_id: None }
+    CameraPlan { name, sensor, lens, image: true, depth: true, imu: true, split, frame_id: None }
 }
 
 /// Publishes `cameras` to `sinks`.

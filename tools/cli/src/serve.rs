@@ -9,10 +9,11 @@ use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::{device_choice, output_file, report, stderr};
 use anyhow::{Context, Result};
-use esaac_engine::Rig;
+use esaac_engine::{CameraConfig, Rig};
 use esaac_formats::event_file::write_npz;
 use esaac_interop::{LinkCounts, ServerOptions, Service, ServiceTick};
 use esaac_model::SensorModel;
+use esaac_ros::CameraPlan;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -58,8 +59,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
     }
     let mut sensors = plan.sensors();
-    let cameras = sensors.iter().enumerate().map(|(n, sensor)| ros::camera(format!("camera_{n}"), sensor));
-    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, cameras.collect())?;
+    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, published(&plan))?;
     let device = device_choice::open(common)?;
     let rig = Rig::with_options(&device, &plan.cameras, report::rig_options())?;
     let options =
@@ -127,6 +127,14 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
 
 fn print_notices(service: &Service) {
     service.server().notices().iter().for_each(stderr::line);
+}
+
+/// The published cameras, with the lenses that the rig file tells.
+fn published(plan: &RigPlan) -> Vec<CameraPlan> {
+    let camera = |(number, camera): (usize, &CameraConfig)| {
+        ros::camera(format!("camera_{number}"), &camera.sensor, camera.geometry.map(|geometry| geometry.lens))
+    };
+    plan.cameras.iter().enumerate().map(camera).collect()
 }
 
 /// Packets and APS frames of the cameras that had a frame, those of one time together.

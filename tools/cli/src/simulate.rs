@@ -112,7 +112,9 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;
 
-    let camera = CameraPlan { image: true, ..ros::camera("camera_0".to_owned(), &sensor) };
+    let lens = folder.scene.as_ref().map(|scene| *scene.motion.lens());
+    let depth = folder.layout.depth.is_some();
+    let camera = CameraPlan { image: true, depth, ..ros::camera("camera_0".to_owned(), &sensor, lens) };
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
@@ -249,6 +251,9 @@ fn simulate(
                 ros::add_camera(out, 0, &sensors[0], &tick);
             }
             out.rgb(0, |pixels| pixels.extend(colours().flat_map(|c| colour::tone_map(c, exposure))));
+            if let Some((depth_m, scene)) = images.depth.as_deref().zip(folder.scene.as_ref()) {
+                out.depth(0, &ros::depth_along_axis(scene.motion.lens(), depth_m, sensor.width));
+            }
         });
         progress.inc(1);
     }

@@ -81,11 +81,10 @@ impl<'a> Run<'a> {
         let plan = |sensor: &SensorModel| {
             let name = if sensor.intensity == Intensity::BayerRggb { "bayer" } else { "gray" };
             CameraPlan {
-                intrinsics: Some(ros::centred(scene.focal_px, scene.width_px, scene.height_px)),
                 image: true,
                 depth: true,
                 imu: true,
-                ..ros::camera(name.to_owned(), sensor)
+                ..ros::camera(name.to_owned(), sensor, Some(scene.intrinsics()))
             }
         };
         sensors.iter().map(plan).collect()

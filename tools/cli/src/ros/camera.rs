@@ -1,33 +1,36 @@
 //! What a command publishes of a camera.
 
 use esaac_engine::Tick;
+use esaac_model::paths::{Intrinsics, Projection};
 use esaac_model::{Intensity, SensorModel};
-use esaac_ros::{ApsImage, CameraPlan, Imu, Intrinsics, Split, TickMessages};
+use esaac_ros::{ApsImage, CameraPlan, Imu, Split, TickMessages};
+use glam::DVec2;
+use std::borrow::Cow;
 
 /// Lowest rate of an IMU's samples.
 const IMU_RATE_HZ: f64 = 1000.0;
 
-/// A camera that publishes events and APS frames only.
+/// A camera that publishes events and APS frames only. `lens` is what its `camera_info` tells, if it is known.
 #[must_use]
-pub fn camera(name: String, sensor: &SensorModel) -> CameraPlan {
+pub fn camera(name: String, sensor: &SensorModel, lens: Option<Intrinsics>) -> CameraPlan {
     let (sensor, split) = (sensor.clone(), Split::default());
-    CameraPlan {
-        name,
-        sensor,
-        intrinsics: None,
-        image: false,
-        depth: false,
-        imu: false,
-        split,
-        frame_id: None,
-    }
+    CameraPlan { name, sensor, lens, image: false, depth: false, imu: false, split, frame_id: None }
 }
 
-/// Intrinsics of a camera whose view axis meets the middle of the image.
+/// Depth along the optical axis, metres, from depth as `lens` measures it. A fisheye's is NaN at 90 degrees from the axis and
+/// beyond.
 #[must_use]
-pub fn centred(focal_px: f64, width_px: u32, height_px: u32) -> Intrinsics {
-    let centre_px = [width_px, height_px].map(|side| 0.5 * (f64::from(side) - 1.0));
-    Intrinsics { focal_px: [focal_px; 2], centre_px }
+pub fn depth_along_axis<'a>(lens: &Intrinsics, depth_m: &'a [f32], width_px: u32) -> Cow<'a, [f32]> {
+    if lens.projection() == Projection::Pinhole {
+        return Cow::Borrowed(depth_m);
+    }
+    let width = width_px as usize;
+    let along_axis = |(i, &depth_m): (usize, &f32)| {
+        let ray = lens.ray(DVec2::new((i % width) as f64, (i / width) as f64));
+        let forward = ray.map(|ray| -ray.z).filter(|&forward| forward > 0.0);
+        forward.map_or(f32::NAN, |forward| (f64::from(depth_m) * forward) as f32)
+    };
+    Cow::Owned(depth_m.iter().enumerate().map(along_axis).collect())
 }
 
 /// Adds a camera's packet and APS frame to a tick's messages.
@@ -60,6 +63,20 @@ pub fn imu_samples(from_ns: i64, to_ns: i64, sample: impl Fn(i64) -> [[f64; 3]; 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn depth_is_along_the_axis_and_a_pinhole_s_is_so_already() {
+        let depth_m = [2.0, 2.0, 2.0, f32::INFINITY];
+        let pinhole = Intrinsics::pinhole(1.0, 1.0, 0.0, 0.0).unwrap();
+        assert!(matches!(depth_along_axis(&pinhole, &depth_m, 2), Cow::Borrowed(_)));
+        // One radian a pixel: the third is in the second row, and the last one at the square root of 2 radians.
+        let fisheye = Intrinsics::fisheye(1.0, 1.0, 0.0, 0.0).unwrap();
+        let along = depth_along_axis(&fisheye, &depth_m, 2);
+        let expected = (2.0 * 1_f64.cos()) as f32;
+        assert_eq!(along[..], [2.0, expected, expected, f32::INFINITY]);
+        let beyond = Intrinsics::fisheye(0.5, 0.5, 0.0, 0.0).unwrap();
+        assert!(depth_along_axis(&beyond, &depth_m, 2)[1].is_nan(), "2 radians from the axis");
+    }
 
     #[test]
     fn imu_samples_are_at_least_at_their_rate_and_end_with_the_frame() {

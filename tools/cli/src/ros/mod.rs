@@ -7,6 +7,6 @@ mod output;
 mod rviz;
 
 pub use arguments::{RosArguments, RosMode};
-pub use camera::{add_camera, camera, centred, imu_samples};
+pub use camera::{add_camera, camera, depth_along_axis, imu_samples};
 pub use network::{Joined, NetworkArguments};
 pub use output::{Published, RosOutput};

@@ -154,7 +154,7 @@ mod tests {
 
     /// A recording of one camera whose parameters can be set.
     fn output(path: &Path, sensor: &SensorModel) -> (RosOutput, WantedSensors, Shown) {
-        let cameras = vec![camera("left".to_owned(), sensor)];
+        let cameras = vec![camera("left".to_owned(), sensor, None)];
         let (wanted, shown) = (WantedSensors::new(&cameras), Shown::default());
         let parameters = SensorParameters::new(&cameras, wanted.clone(), Box::new(Store(Arc::clone(&shown))));
         let sinks = Sinks { transport: None, bag: Some(BagWriter::create(path).unwrap()) };

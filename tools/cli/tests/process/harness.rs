@@ -1,5 +1,8 @@
 //! Runs `esaac` and makes folders of frames for it.
 
+use esaac_model::paths::Intrinsics;
+use esaac_ros::BagReader;
+use esaac_ros::encode::{self, Header};
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
 };
@@ -39,6 +42,33 @@ pub fn assert_error(arguments: &[&str], parts: &[&str]) {
     assert_eq!(error.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{error}");
     for part in parts {
         assert!(error.contains(part), "{arguments:?}: no `{part}` in: {error}");
+    }
+}
+
+/// The messages of a recording's topic, in order.
+pub fn recorded_messages(path: &Path, topic: &str) -> Vec<Vec<u8>> {
+    let mut bag = BagReader::open(path).expect("a recording");
+    let mut messages = Vec::new();
+    while let Some(message) = bag.next_message().expect("readable") {
+        if bag.topics()[message.topic].name == topic {
+            messages.push(message.bytes);
+        }
+    }
+    messages
+}
+
+/// Asserts that all `camera_info` on a topic of `camera_0` tell `lens`, and that there are `count`.
+#[track_caller]
+pub fn assert_lens(path: &Path, topic: &str, count: usize, size_px: (u32, u32), lens: Option<Intrinsics>) {
+    // The encoding and the stamp.
+    const BEFORE_BYTES: usize = 12;
+    let header = Header { stamp_ns: 0, frame_id: "esaac_camera_0_optical_frame" };
+    let mut expected = Vec::new();
+    encode::camera_info(&mut expected, header, size_px, lens);
+    let messages = recorded_messages(path, &format!("/esaac/camera_0/{topic}"));
+    assert_eq!(messages.len(), count, "{topic}");
+    for message in messages {
+        assert_eq!(message[BEFORE_BYTES..], expected[BEFORE_BYTES..], "{topic}");
     }
 }
 

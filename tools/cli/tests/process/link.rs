@@ -1,6 +1,7 @@
 //! Renderer and engine as two processes, to their natural end and to a violent one.
 
-use crate::harness::{assert_error, esaac, finish, run};
+use crate::harness::{assert_error, assert_lens, esaac, finish, run};
+use esaac_model::paths::Intrinsics;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
@@ -185,6 +186,7 @@ ids = "u32"
 lens = { fx = 100.0 }
 [camera.parameters]
 synthesis = "auto"
+aps_exposure_ns = 1000000
 [[camera]]
 sensor = "dvs128"
 motion = "f32x2"
@@ -194,7 +196,10 @@ synthesis = "linear"
 
 #[test]
 fn depth_and_poses_go_over_the_link_and_the_report_says_so() {
-    let engine = Engine::of(&EXACT_RIG.replace("100.0", "170.667"), &["--once"]);
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("run.mcap");
+    let rig = EXACT_RIG.replace("100.0", "170.667");
+    let engine = Engine::of(&rig, &["--once", "--record", text(&recording)]);
     let renderer = engine.renderer_of("propeller", &["--frames", "3", "--pose-rate", "500"]);
     let (code, said, error) = finish(renderer.wait_with_output().unwrap());
     assert_eq!(code, 0, "{error}");
@@ -205,6 +210,8 @@ fn depth_and_poses_go_over_the_link_and_the_report_says_so() {
     assert_eq!(report["link"]["protocol"], "2");
     assert_eq!(report["cameras"][0]["sensor"]["synthesis"], "rigid");
     assert!(report["cameras"][0]["events"].as_u64().unwrap() > 100, "{report}");
+    let lens = Intrinsics::pinhole(170.667, 170.667, 63.5, 63.5).unwrap();
+    assert_lens(&recording, "aps/camera_info", 2, (128, 128), Some(lens));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `esaac simulate` on folders with poses, depth and ids.
 
-use crate::harness::{Frames, HEIGHT, WIDTH, assert_error, colour, run};
+use crate::harness::{Frames, HEIGHT, WIDTH, assert_error, assert_lens, colour, recorded_messages, run};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use exr::prelude::{AnyChannel, FlatSamples};
 use glam::{DQuat, DVec2, DVec3};
@@ -152,6 +152,34 @@ fn depth_and_poses_predict_the_motion_vectors() {
     let (_, text, _) = run(&[&["simulate", posed.frames.argument(), "--out", &out], &QUICK[..]].concat());
     assert!(text.contains("25 poses of the camera, 1 moving instance, for 3 of 3 intervals"), "{text}");
     assert!(text.contains("depth and poses predict the motion vectors within"), "{text}");
+}
+
+#[test]
+fn a_recording_has_the_lens_and_the_depth_of_the_folder() {
+    let mut posed = Posed::new(1.0);
+    let recorded = |posed: &Posed, lens: Intrinsics| {
+        let file = posed.frames.file_argument("run.mcap");
+        posed.simulate(&["--record", &file]);
+        let size_px = (WIDTH as u32, HEIGHT as u32);
+        for topic in ["camera_info", "depth/camera_info"] {
+            assert_lens(file.as_ref(), topic, KEYS, size_px, Some(lens));
+        }
+        recorded_messages(file.as_ref(), "/esaac/camera_0/depth/image_raw")
+    };
+    let first_m = |x: usize, y: usize| (4.0 + (0.4 * x as f64).sin() + 0.03 * y as f64) as f32;
+    let of_pinhole = recorded(&posed, lens());
+    let pixels = (0..WIDTH * HEIGHT).map(|i| first_m(i % WIDTH, i / WIDTH));
+    let bytes: Vec<u8> = pixels.flat_map(f32::to_le_bytes).collect();
+    assert!(of_pinhole[0].ends_with(&bytes));
+
+    posed.sequence["intrinsics"]["projection"] = json!("fisheye");
+    posed.describe();
+    let of_fisheye = recorded(&posed, Intrinsics::fisheye(30.0, 32.0, 18.0, 11.0).unwrap());
+    // From the centre, in the last pixel, which is off the axis.
+    let last_m = f32::from_le_bytes(*of_fisheye[0].last_chunk().unwrap());
+    let angle = DVec2::new(18.0 / 30.0, 11.0 / 32.0).length();
+    let expected_m = f64::from(first_m(WIDTH - 1, HEIGHT - 1)) * angle.cos();
+    assert!((f64::from(last_m) / expected_m - 1.0).abs() < 1e-6, "{last_m} m, expected {expected_m}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! ROS 2 from the command line: publishing, recording, replaying, and recordings that are cut short. All
 //! traffic stays on loopback.
 
-use crate::harness::{assert_error, esaac, finish, run};
+use crate::harness::{assert_error, assert_lens, esaac, finish, run};
 use esaac_ros::BagReader;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::path::Path;
@@ -189,6 +189,11 @@ fn simulate_records_events_aps_frames_and_images() {
         let name = format!("/esaac/camera_0/{topic}");
         assert_eq!(topics.iter().find(|(topic, _)| *topic == name).unwrap().1, expected, "{topic}");
     }
+    // Nobody told the lens: the frames' depth is not read without poses.
+    let size_px = (crate::harness::WIDTH as u32, crate::harness::HEIGHT as u32);
+    assert_lens(&file, "camera_info", 4, size_px, None);
+    assert_lens(&file, "aps/camera_info", 3, size_px, None);
+    assert!(!topics.iter().any(|(topic, _)| topic.contains("/depth/")), "{topics:?}");
 }
 
 #[test]
