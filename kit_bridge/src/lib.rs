@@ -34,9 +34,9 @@ mod warp;
 
 use esaac_formats::event_file::{EventColumns, write_npz};
 use esaac_model::Polarity;
+use esaac_model::evt3;
 use esaac_model::packet::Event;
 use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
-use esaac_ros::evt3;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use std::ffi::OsString;

@@ -2,9 +2,9 @@
 
 use crate::cdr::CdrWriter;
 use crate::encode::Header;
-use crate::evt3::{self, Words};
 use crate::message::MessageType;
 use esaac_model::PacketView;
+use esaac_model::evt3::{self, Words};
 use std::ops::Range;
 use std::str::FromStr;
 

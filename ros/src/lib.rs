@@ -15,7 +15,6 @@ pub mod cyclone;
 pub mod definition;
 pub mod encode;
 pub mod events;
-pub mod evt3;
 pub mod histogram;
 pub mod host;
 pub mod message;

@@ -1,5 +1,6 @@
 //! Every message read back by a second reader of CDR that knows nothing but the `.msg` definitions.
 
+use esaac_model::evt3::Decoder;
 use esaac_model::packet::{Event, Polarity};
 use esaac_model::paths::{Intrinsics, LensError};
 use esaac_model::{Intensity, PARAMETERS, Packet, SensorModel, Timestamps};
@@ -487,33 +488,11 @@ fn mono_packets() {
     }
 }
 
-/// Microseconds modulo 2^24, row, column, and whether the event is ON.
-type Evt3Event = (u32, u16, u16, bool);
-
-/// What a reader of EVT 3.0 makes of its words: the events, and the time at the end.
-fn read_evt3(bytes: &[u8]) -> (Vec<Evt3Event>, Option<u32>) {
-    let (mut high, mut low, mut row) = (None, None, None);
-    let mut events = Vec::new();
-    let time = |high: Option<u32>, low: Option<u32>| Some(high? << 12 | low?);
-    for word in bytes.chunks(2).map(|word| u16::from_le_bytes([word[0], word[1]])) {
-        let value = word & 0xfff;
-        match word >> 12 {
-            0x0 => row = Some(value & 0x7ff),
-            0x2 => {
-                let time = time(high, low).expect("a time before the first event");
-                events.push((
-                    time,
-                    row.expect("a row before the first event"),
-                    value & 0x7ff,
-                    value >> 11 == 1,
-                ));
-            }
-            0x6 => low = Some(u32::from(value)),
-            0x8 => high = Some(u32::from(value)),
-            kind => panic!("a word of kind {kind:#x}"),
-        }
-    }
-    (events, time(high, low))
+/// The events of EVT3 words, and the time at their end in microseconds.
+fn read_evt3(bytes: &[u8]) -> (Vec<Event>, Option<i64>) {
+    let (mut decoder, mut events) = (Decoder::new([2048; 2]), Vec::new());
+    decoder.decode(bytes, &mut events).expect("whole words");
+    (events, decoder.time_us())
 }
 
 #[test]
@@ -525,13 +504,11 @@ fn evt3_packets() {
         let got = encoded(EventFormat::Evt3, packet);
         assert_eq!((got.whole("seq"), got.whole("time_base")), (41, 0));
         assert_eq!((got.text("encoding"), got.whole("is_bigendian")), ("evt3", 0));
-        let expected: Vec<_> = packet
-            .iter()
-            .map(|e| {
-                let t_us = e.t_ns.div_euclid(1000).rem_euclid(TURN) as u32;
-                (t_us, e.y, e.x, e.polarity == Polarity::On)
-            })
-            .collect();
+        // A message tells 24 bits of its first time, and goes on from there.
+        let first_us = packet.base_ns.div_euclid(1000);
+        let untold_us = first_us - first_us.rem_euclid(TURN);
+        let told_ns = |t_ns: i64| (t_ns.div_euclid(1000) - untold_us) * 1000;
+        let expected: Vec<_> = packet.iter().map(|e| Event { t_ns: told_ns(e.t_ns), ..e }).collect();
         assert_eq!(read_evt3(&bytes_of(&got)).0, expected);
     }
     let bytes = bytes_of(&encoded(EventFormat::Evt3, &packet));

@@ -81,6 +81,7 @@
 //! [`Packet`]: struct of arrays sorted by `(t, y, x, polarity)`.
 
 mod change;
+pub mod evt3;
 pub mod frame;
 pub mod input;
 pub mod intensity;

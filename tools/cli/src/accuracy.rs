@@ -3,8 +3,7 @@
 use crate::report::AccuracyReport;
 use esaac_benches::truth::Truth;
 use esaac_formats::event_file::EventColumns;
-use esaac_model::packet::Event;
-use esaac_model::{Polarity, SensorModel};
+use esaac_model::SensorModel;
 use esaac_scene::Scene;
 
 /// Most pixels that are compared: enough for stable results, few enough to be quick.
@@ -19,12 +18,7 @@ pub fn against_exact(
     span_ns: (i64, i64),
 ) -> AccuracyReport {
     let truth = Truth::of_scene(scene, sensor, PIXELS, span_ns);
-    let comparison = truth.compare((0..events.len()).map(|i| Event {
-        t_ns: events.t_ns[i],
-        y: events.y[i],
-        x: events.x[i],
-        polarity: if events.sign[i] > 0 { Polarity::On } else { Polarity::Off },
-    }));
+    let comparison = truth.compare(events.iter());
     AccuracyReport {
         pixels: truth.pixels(),
         events: comparison.tested_on_off.0 + comparison.tested_on_off.1,

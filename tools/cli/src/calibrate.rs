@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 /// Arguments of `calibrate`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct CalibrateArguments {
-    /// Recording with events and APS frames, for a log-intensity pixel; or a list of recordings under known light, for a
-    /// physical one
+    /// Recording with events and APS frames, for a log-intensity pixel; or a list of recordings (.aedat4, .npz, .raw) under
+    /// known light, for a physical one
     #[arg(value_name = "FILE.aedat4|LIST.toml")]
     pub recording: PathBuf,
     /// Sensor file to write; `--sensor` takes it
@@ -72,7 +72,13 @@ enum What {
 
 fn what(arguments: &CalibrateArguments) -> Result<What> {
     let file = arguments.recording.display();
-    let is_list = arguments.recording.extension().is_some_and(|extension| extension == "toml");
+    let ends_in = |ending| arguments.recording.extension().is_some_and(|extension| extension == ending);
+    let is_list = ends_in("toml");
+    ensure!(
+        !["raw", "npz"].iter().any(|&ending| ends_in(ending)),
+        "{file} has no APS frames; expected a recording with them (.aedat4), or a list (.toml) that says under which light \
+         such recordings were made"
+    );
     match (is_list, arguments.pixel) {
         (true, Some(Pixel::Log)) => {
             bail!(
@@ -239,5 +245,10 @@ mod tests {
         assert!(refused("a.aedat4", Pixel::Physical, None).contains("a.aedat4 states no light"));
         assert!(refused("a.aedat4", Pixel::Physical, Some(-1.0)).contains("--white-lux is -1"));
         assert!(refused("a.toml", Pixel::Log, None).contains("needs a scene"));
+        for file in ["a.raw", "a.npz"] {
+            assert!(
+                choice(file, None, None).unwrap_err().to_string().contains("has no APS frames; expected")
+            );
+        }
     }
 }

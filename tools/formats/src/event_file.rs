@@ -38,6 +38,14 @@ impl EventColumns {
         self.sign.extend(packet.polarity.iter().map(|&p| if p == 1 { 1 } else { -1 }));
     }
 
+    /// The events, in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = Event> + '_ {
+        (0..self.len()).map(|i| {
+            let polarity = if self.sign[i] > 0 { Polarity::On } else { Polarity::Off };
+            Event { t_ns: self.t_ns[i], y: self.y[i], x: self.x[i], polarity }
+        })
+    }
+
     /// Number of events.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -120,6 +128,7 @@ mod tests {
         assert_eq!(columns.t_ns, [1_005, 1_006]);
         assert_eq!(columns.sign, [-1, 1]);
         assert_eq!(columns.len(), 2);
+        assert!(columns.iter().eq(packet.iter()));
     }
 
     #[test]

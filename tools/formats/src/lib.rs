@@ -1,5 +1,5 @@
 //! Files that the tools read and write: events as NumPy archives, frames as OpenEXR, the poses of a scene as JSON,
-//! recordings of real sensors as AEDAT 4.
+//! recordings of real sensors as AEDAT 4 and EVT3.
 
 pub mod event_file;
 pub mod exr_frame;

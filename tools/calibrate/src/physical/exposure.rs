@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use esaac_formats::event_file::read_npz;
-use esaac_formats::recording::aedat4;
+use esaac_formats::recording::{Recording, aedat4, evt3};
 use esaac_model::packet::Event;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -95,6 +95,10 @@ pub fn read_exposures(path: &Path) -> Result<Exposures> {
     Ok(Exposures { burn_in_s: list.burn_in_s, all: list.exposure.iter().map(read).collect::<Result<_>>()? })
 }
 
+fn events_of(recording: Recording) -> (u32, u32, Vec<Event>) {
+    (recording.width_px, recording.height_px, recording.events)
+}
+
 impl Entry {
     fn read(&self, folder: &Path, burn_in_s: f64) -> Result<Exposure> {
         let name = self.file.display().to_string();
@@ -125,11 +129,9 @@ impl Entry {
         let path = folder.join(&self.file);
         let (width_px, height_px, mut events) = match path.extension().and_then(|e| e.to_str()) {
             Some("npz") => read_npz(&path)?,
-            Some("aedat4") => {
-                let recording = aedat4::read(&path)?;
-                (recording.width_px, recording.height_px, recording.events)
-            }
-            _ => bail!("{name}: expected a recording .npz or .aedat4"),
+            Some("aedat4") => events_of(aedat4::read(&path)?),
+            Some("raw") => events_of(evt3::read(&path)?),
+            _ => bail!("{name}: expected a recording .npz, .aedat4 or .raw (EVT3)"),
         };
         events.sort_unstable();
         let (first_ns, last_ns) = match (events.first(), events.last()) {
@@ -175,18 +177,26 @@ mod tests {
     use super::*;
     use esaac_formats::event_file::{EventColumns, write_npz};
     use esaac_model::SensorModel;
+    use esaac_model::evt3::write_file;
 
     /// Reads a list of one recording of a pixel that sends at `t_ns`.
     fn read(t_ns: &[i64], entry: &str) -> Result<Exposure> {
+        read_as("a.npz", t_ns, entry)
+    }
+
+    fn read_as(name: &str, t_ns: &[i64], entry: &str) -> Result<Exposure> {
         let folder = tempfile::tempdir().unwrap();
         let zeros = vec![0; t_ns.len()];
         let sign = vec![1; t_ns.len()];
         let events = EventColumns { x: zeros.clone(), y: zeros, t_ns: t_ns.to_vec(), sign };
         let sensor = SensorModel { width: 1, height: 1, ..SensorModel::default() };
-        let file = std::fs::File::create(folder.path().join("a.npz")).unwrap();
-        write_npz(file, &events, &sensor.to_toml()).unwrap();
+        let mut file = std::fs::File::create(folder.path().join(name)).unwrap();
+        match name {
+            "a.raw" => write_file(&mut file, [1, 1], events.iter()).unwrap(),
+            _ => write_npz(file, &events, &sensor.to_toml()).unwrap(),
+        }
         let list = folder.path().join("list.toml");
-        let text = format!("burn_in_s = 0.1\n[[exposure]]\nfile = \"a.npz\"\nlux = 1.0\n{entry}\n");
+        let text = format!("burn_in_s = 0.1\n[[exposure]]\nfile = \"{name}\"\nlux = 1.0\n{entry}\n");
         std::fs::write(&list, text).unwrap();
         read_exposures(&list).map(|exposures| exposures.all[0].clone())
     }
@@ -205,6 +215,16 @@ mod tests {
         let whole = read(&times_ns, "").unwrap();
         assert_eq!(times_ms(&whole), [150, 350, 351, 750]);
         assert!((whole.seconds - 0.75).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_recording_in_evt3_is_read_and_one_of_another_ending_is_not() {
+        let times_ns = [50, 100, 300, 20_000].map(|ms| ms * MS);
+        let [raw, npz] = ["a.raw", "a.npz"].map(|name| read_as(name, &times_ns, "seconds = 30.0").unwrap());
+        assert_eq!((&raw.events, raw.pixels, raw.seconds), (&npz.events, npz.pixels, npz.seconds));
+        assert_eq!(times_ms(&raw), [0, 200, 19_900]);
+        let said = read_as("a.dat", &times_ns, "").unwrap_err().to_string();
+        assert!(said.contains("a.dat: expected a recording .npz, .aedat4 or .raw (EVT3)"), "{said}");
     }
 
     #[test]

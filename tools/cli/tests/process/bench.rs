@@ -81,6 +81,16 @@ fn wrong_input_is_named() {
     std::fs::write(&list, "[[exposure]]\nfile = \"a1.npz\"\nlux = 1.0\n").unwrap();
     let overwritten = frames.file_argument("a1.npz");
     assert_error(&["calibrate", &list, "--out", &overwritten], &["a1.npz", "expected a name that ends so"]);
+    let raw = frames.file_argument("a.raw");
+    assert_error(&["calibrate", &raw], &["a.raw has no APS frames"]);
+    std::fs::write(&list, "[[exposure]]\nfile = \"a.raw\"\nlux = 1.0\n").unwrap();
+    for (text, part) in [
+        ("% evt 2.1\n% geometry 1280x720\n% end\n", "`evt 2.1`, expected `evt 3.0`"),
+        ("% evt 3.0\n% geometry 8x8\n% end\n\0\x10", "the word at byte 31 is of kind 1"),
+    ] {
+        std::fs::write(&raw, text).unwrap();
+        assert_error(&["calibrate", &list], &["a.raw: ", part]);
+    }
     let roundabout = frames.file_argument("./list.toml");
     assert_error(&["calibrate", &list, "--out", &roundabout], &["list.toml: it is the input", "another"]);
     assert_error(&["bench", "--out", "/dev/null/bench"], &["/dev/null/bench"]);

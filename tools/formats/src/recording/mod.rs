@@ -2,6 +2,7 @@
 
 pub mod aedat4;
 pub mod aedat4_writer;
+pub mod evt3;
 mod flatbuffer_reader;
 mod flatbuffer_writer;
 

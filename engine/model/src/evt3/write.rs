@@ -1,16 +1,8 @@
-//! EVT3, the encoding of Prophesee's sensors: words of 16 bits. The upper four bits are the kind: 0 row, 2 column and
-//! polarity, 6 and 8 the lower and upper 12 bits of the time in microseconds. An unchanged time or row is not repeated.
+//! Writes EVT3: events as words, and whole files.
 
-use esaac_model::packet::Event;
+use super::{SIDE_PX, kind};
+use crate::packet::Event;
 use std::io::{Error, ErrorKind, Result, Write};
-
-/// Largest number of rows or columns: a coordinate has 11 bits.
-pub const SIDE_PX: u32 = 2048;
-
-const ROW: u16 = 0x0;
-const COLUMN: u16 = 0x2;
-const LOW: u16 = 0x6;
-const HIGH: u16 = 0x8;
 
 /// Largest step of the upper half of the time in a file. Readers differ in what they take for a damaged time; a quarter
 /// of the range is a step forward to all of them.
@@ -20,7 +12,8 @@ const HIGH_STEP: i64 = 1 << 10;
 const BUFFER_BYTES: usize = 1 << 16;
 
 /// Appends words to bytes.
-pub(crate) struct Words<'a> {
+#[derive(Debug)]
+pub struct Words<'a> {
     out: &'a mut Vec<u8>,
     high: Option<u16>,
     low: Option<u16>,
@@ -28,6 +21,7 @@ pub(crate) struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
+    /// Words behind those in `out`, which need not have told time and row.
     pub fn new(out: &'a mut Vec<u8>) -> Self {
         Words { out, high: None, low: None, row: None }
     }
@@ -38,16 +32,16 @@ impl<'a> Words<'a> {
         let [high, low] = [t_us >> 12, t_us].map(|bits| (bits & 0xfff) as u16);
         self.high(high);
         if self.low.replace(low) != Some(low) {
-            self.word(LOW, low);
+            self.word(kind::LOW, low);
         }
     }
 
     /// An event at the time that was last given.
     pub fn event(&mut self, x: u16, y: u16, polarity: u8) {
         if self.row.replace(y) != Some(y) {
-            self.word(ROW, y & 0x7ff);
+            self.word(kind::ROW, y & 0x7ff);
         }
-        self.word(COLUMN, x & 0x7ff | u16::from(polarity) << 11);
+        self.word(kind::COLUMN, x & 0x7ff | u16::from(polarity) << 11);
     }
 
     /// Writes what has gathered, if that is much.
@@ -61,7 +55,7 @@ impl<'a> Words<'a> {
 
     fn high(&mut self, high: u16) {
         if self.high.replace(high) != Some(high) {
-            self.word(HIGH, high);
+            self.word(kind::HIGH, high);
             self.low = None;
         }
     }
@@ -119,8 +113,9 @@ pub fn write_file(
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Evt3File, read_file};
     use super::*;
-    use esaac_model::Polarity;
+    use crate::Polarity;
 
     fn events(times_us: &[i64]) -> Vec<Event> {
         let event = |(i, &t_us): (usize, &i64)| {
@@ -135,32 +130,27 @@ mod tests {
         write_file(&mut bytes, size, events.iter().copied()).map(|()| bytes)
     }
 
-    /// As the strictest reader: the upper half wraps from its last value to 0 and else grows by less than half its range.
-    fn read(bytes: &[u8]) -> Vec<(i64, u16, u16, u16)> {
+    /// Fails if the upper half of the time does what some reader takes for damage: it wraps from its last value to 0 and
+    /// else grows by less than half its range. A lower half comes after each.
+    fn check_times(bytes: &[u8]) {
         let end = bytes.windows(6).position(|six| six == b"% end\n").expect("a header") + 6;
-        let (mut wraps, mut high, mut low, mut row) = (0, 0, None, 0);
-        let mut events = Vec::new();
-        for word in bytes[end..].chunks(2).map(|word| u16::from_le_bytes([word[0], word[1]])) {
-            let value = word & 0xfff;
+        let words = bytes[end..].chunks(2).map(|word| u16::from_le_bytes([word[0], word[1]]));
+        let (mut high, mut is_whole) = (0, false);
+        for word in words {
             match word >> 12 {
-                ROW => row = value,
-                COLUMN => {
-                    let low = low.expect("a lower half after each upper half");
-                    events.push((wraps << 24 | high << 12 | low, value & 0x7ff, row, value >> 11));
-                }
-                LOW => low = Some(i64::from(value)),
-                _ => {
-                    let next = i64::from(value);
+                kind::HIGH => {
+                    let next = word & 0xfff;
                     assert!(
-                        (high, next) == (4095, 0) || (0..2048).contains(&(next - high)),
+                        (high, next) == (4095, 0) || (high..high + 2048).contains(&next),
                         "{high} to {next}"
                     );
-                    wraps += i64::from(next < high);
-                    (high, low) = (next, None);
+                    (high, is_whole) = (next, false);
                 }
+                kind::LOW => is_whole = true,
+                kind::COLUMN => assert!(is_whole, "a lower half after each upper half"),
+                _ => {}
             }
         }
-        events
     }
 
     #[test]
@@ -175,11 +165,11 @@ mod tests {
             &[],
         ] {
             let events = events(times_us);
-            let expected: Vec<_> = events
-                .iter()
-                .map(|event| (event.t_ns / 1000, event.x, event.y, event.polarity as u16))
-                .collect();
-            assert_eq!(read(&file([2048, 2048], &events).unwrap()), expected);
+            let bytes = file([2048, 2048], &events).unwrap();
+            check_times(&bytes);
+            let whole_us = |event: &Event| Event { t_ns: event.t_ns / 1000 * 1000, ..*event };
+            let events = events.iter().map(whole_us).collect();
+            assert_eq!(read_file(&bytes), Ok(Evt3File { size_px: [2048, 2048], events }));
         }
     }
 
