@@ -21,6 +21,7 @@ pub mod demo;
 pub mod device_choice;
 pub mod devices;
 pub mod doctor;
+mod event_output;
 pub mod frame_folder;
 pub mod frame_numbers;
 pub mod kernel_source;

@@ -15,23 +15,11 @@ pub fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// As [`check`], for events: a name with another format's ending would say what the file is not.
-pub fn check_events(path: &Path) -> Result<()> {
-    check(path)?;
-    ensure!(
-        ends_in(path, "npz"),
-        "cannot write {}: events are written as .npz, expected a name that ends so; `esaac.EventWriter` in Python \
-         writes other formats",
-        path.display()
-    );
-    Ok(())
-}
-
-/// As [`check`], for a sensor.
+/// As [`check`], for a sensor: a name with another format's ending would say what the file is not.
 pub fn check_sensor(path: &Path) -> Result<()> {
     check(path)?;
     ensure!(
-        ends_in(path, "toml"),
+        is_special(path) || path.extension().is_some_and(|ending| ending == "toml"),
         "cannot write {}: sensors are written as .toml, expected a name that ends so",
         path.display()
     );
@@ -85,12 +73,9 @@ fn through_buffer(file: &File, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<(
     Ok(())
 }
 
-fn is_special(path: &Path) -> bool {
+/// Whether there is something at `path` that is neither a file nor a folder, such as a device.
+pub fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir())
-}
-
-fn ends_in(path: &Path, ending: &str) -> bool {
-    is_special(path) || path.extension().is_some_and(|found| found == ending)
 }
 
 /// The file that a link names, if `path` is one, whether or not that file is there.

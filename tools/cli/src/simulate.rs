@@ -1,6 +1,7 @@
 //! `esaac simulate`: turns a folder of OpenEXR frames into an event file.
 
 use crate::arguments::CommonArguments;
+use crate::event_output::EventOutput;
 use crate::frame_folder::{FolderOptions, FrameFolder};
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
@@ -18,7 +19,6 @@ use crate::{colour, device_choice, output_file, pixel_notes, progress, report, s
 use anyhow::{Result, ensure};
 use bytemuck::cast_slice;
 use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
-use esaac_formats::event_file::write_npz;
 use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
 use esaac_model::input::InputCheck;
 use esaac_model::paths::SceneMotion;
@@ -33,8 +33,8 @@ use std::sync::Arc;
 pub struct SimulateArguments {
     /// Folder of OpenEXR frames
     pub input: PathBuf,
-    /// Event file to write
-    #[arg(long, value_name = "FILE.npz", default_value = "events.npz")]
+    /// Event file to write, as its name ends: .npz, .raw (EVT3) or .aedat4
+    #[arg(long, value_name = "FILE", default_value = "events.npz")]
     pub out: PathBuf,
     /// Key frames per second [default: key_rate_hz of sequence.json, else 30]
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
@@ -96,13 +96,14 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let resolved =
         arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
     let notes = pixel_notes::of(&resolved);
-    output_file::check_events(&arguments.out)?;
+    let events = EventOutput::new(&arguments.out)?;
     let recording = arguments.ros.record.as_deref();
     let outputs: Vec<&Path> = [arguments.out.as_path()].into_iter().chain(recording).collect();
     output_file::check_apart(&outputs, &[])?;
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
+    events.check_size(&sensor)?;
     unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
     let (has_poses, has_motion) = (folder.scene.is_some(), folder.layout.motion.is_some());
     for (flag, why) in flags_of_frames(arguments, has_poses, has_motion) {
@@ -125,7 +126,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     device_choice::check_validation(&device)?;
 
     let camera = &record.cameras[0];
-    output_file::write(&arguments.out, |out| write_npz(out, &camera.events, &sensor.to_toml()))?;
+    events.write(&camera.events, &sensor)?;
     let input = arguments.input.display().to_string();
     let info = device_choice::report(device.info());
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);

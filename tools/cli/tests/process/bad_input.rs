@@ -160,7 +160,7 @@ fn an_output_that_cannot_be_written() {
         let out = frames.file_argument(name);
         assert_error(
             &["simulate", frames.argument(), "--out", &out],
-            &[name, "expected a name that ends so"],
+            &[name, ".npz, .raw (EVT3) or .aedat4", "expected a name that ends so", "Python"],
         );
         assert!(!frames.file(name).exists());
     }

@@ -1,6 +1,8 @@
 //! `esaac simulate` on small folders of frames, and its event file as NumPy reads it.
 
 use crate::harness::{Frames, HEIGHT, WIDTH, esaac, finish, run};
+use esaac_formats::recording::{Recording, RecordingError, aedat4, evt3};
+use std::path::Path;
 use std::process::Command;
 
 /// For tests that are not about the engine: the validation layer checks this kernel in seconds, and the
@@ -60,6 +62,25 @@ print(json.dumps({'on': int((p == 1).sum()), 'off': int((p == -1).sum()), 'senso
     assert_eq!((&read["on"], &read["off"]), (&camera["on"], &camera["off"]));
     let sensor = esaac_model::SensorModel::from_toml(read["sensor"].as_str().unwrap()).unwrap();
     assert_eq!((sensor.contrast_on, sensor.width), (0.15, WIDTH as u32));
+}
+
+#[test]
+fn the_ending_of_out_says_the_format() {
+    let frames = Frames::new(3, true);
+    let read = |name: &str, read: fn(&Path) -> Result<Recording, RecordingError>| {
+        let out = frames.file_argument(name);
+        let arguments = ["simulate", frames.argument(), "--json", "--out", &out];
+        let (code, text, error) = run(&[&arguments[..], &QUICK].concat());
+        assert_eq!(code, 0, "{error}");
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(report["files"], serde_json::json!([out]));
+        let recording = read(frames.file(name).as_ref()).unwrap();
+        assert_eq!((recording.width_px as usize, recording.height_px as usize), (WIDTH, HEIGHT));
+        assert_eq!(report["cameras"][0]["events"], recording.events.len(), "{name}");
+        recording.events
+    };
+    let evt3 = read("events.raw", evt3::read);
+    assert!(evt3.len() > 100 && evt3 == read("events.aedat4", aedat4::read));
 }
 
 #[test]
