@@ -46,6 +46,7 @@ pub mod ros;
 pub mod run_record;
 pub mod scene_argument;
 pub mod scene_check;
+pub mod scene_light;
 pub mod sensor_base;
 pub mod sensor_flags;
 pub mod sensors;

@@ -1,5 +1,6 @@
 //! The rig file of `esaac serve`: cameras, image formats and rings.
 
+use crate::scene_light::{SCENE_LIGHT, SceneLight};
 use crate::sensor_base::SensorBase;
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, GeometryConfig};
@@ -185,9 +186,19 @@ impl CameraEntry {
             toml::Value::String(text) => text.clone(),
             other => other.to_string(),
         };
-        let parameters: Vec<(&str, String)> =
-            self.parameters.iter().map(|(name, value)| (name.as_str(), text(value))).collect();
-        let sensor = base.with(self.profile.as_ref().map(profile).transpose()?, &parameters)?;
+        let light = SceneLight {
+            values: SCENE_LIGHT.map(|(name, ..)| self.parameters.get(name).map(text)),
+            are_flags: false,
+        };
+        let is_light = |name: &str| SCENE_LIGHT.iter().any(|(known, ..)| *known == name);
+        let parameters: Vec<(&str, String)> = self
+            .parameters
+            .iter()
+            .filter(|(name, _)| !is_light(name))
+            .map(|(name, value)| (name.as_str(), text(value)))
+            .collect();
+        let mut sensor = base.with(self.profile.as_ref().map(profile).transpose()?, &parameters)?;
+        light.apply(&mut sensor, self.parameters.contains_key("lux_per_unit"))?;
         sensor.validate()?;
         Ok(sensor)
     }
@@ -239,6 +250,35 @@ mod tests {
         expected.dark_lux = 0.5;
         expected.synthesis = plan.cameras[0].sensor.synthesis;
         assert_eq!(plan.cameras[0].sensor, expected);
+    }
+
+    #[test]
+    fn a_unit_and_a_lens_give_the_light_as_on_the_command_line() {
+        let lux = |parameters: &str| {
+            let text = format!(
+                "[[camera]]\nsensor = \"hd\"\n[camera.parameters]\npixel = \"physical\"\n{parameters}"
+            );
+            let plan = RigPlan::parse(&text, Path::new("/nonesuch"))?;
+            anyhow::Ok(plan.cameras[0].sensor.lux_per_unit)
+        };
+        let nits = lux("scene_unit = \"luminance\"\nf_number = 2").unwrap();
+        assert!((nits - 0.9 * std::f64::consts::PI / 16.0).abs() < 1e-12, "{nits}");
+        let dim = "scene_unit = \"radiance\"\nf_number = 4.0\nlens_transmission = 0.45\nluminous_efficacy = 100\n\
+                   exposure_gain = 2.0";
+        assert!((lux(dim).unwrap() / nits - 6.25).abs() < 1e-9);
+        for (parameters, part) in [
+            ("f_number = 2", "`f_number` is given without `scene_unit`, expected both"),
+            ("scene_unit = \"luminance\"", "`scene_unit` is given without `f_number`, expected both"),
+            ("scene_unit = \"luminance\"\nf_number = \"wide\"", "`f_number` is `wide`, expected a number"),
+            ("scene_unit = \"nits\"\nf_number = 2", "expected luminance (cd/m2) or radiance"),
+            (
+                "scene_unit = \"luminance\"\nf_number = 2\nlux_per_unit = 3.0",
+                "`lux_per_unit` are given, expected one",
+            ),
+        ] {
+            let error = format!("{:#}", lux(parameters).unwrap_err());
+            assert!(error.contains("camera 0") && error.contains(part), "{parameters}: {error}");
+        }
     }
 
     #[test]

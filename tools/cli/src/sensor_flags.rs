@@ -1,10 +1,10 @@
 //! Command-line flags for sensor parameters, generated from the model's list.
 
+use crate::scene_light::{SCENE_LIGHT, SceneLight};
 use crate::sensor_base::SensorBase;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use clap::builder::PossibleValue;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
-use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
 use esaac_model::presets::preset;
 use esaac_model::{PARAMETERS, PRESETS, Profile, SensorModel};
 use std::path::Path;
@@ -19,63 +19,7 @@ pub struct SensorFlags {
     /// Parameters given as flags, in the model's order.
     pub explicit: Vec<(&'static str, String)>,
     /// What the frames' unit and the lens are, from which `lux_per_unit` follows.
-    pub light: LightFlags,
-}
-
-/// The flags of `LIGHT_FLAGS`, as given.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LightFlags([Option<String>; 4]);
-
-/// Flags that give `lux_per_unit`: name, name of the value, help.
-const LIGHT_FLAGS: [(&str, &str, &str); 4] = [
-    (
-        "scene-unit",
-        "UNIT",
-        "Unit of the frames: luminance (cd/m2) or radiance (W/m2/sr); sets --lux-per-unit",
-    ),
-    ("f-number", "F", "With --scene-unit: F-number of the lens"),
-    (
-        "lens-transmission",
-        "SHARE",
-        "With --scene-unit: share of the light that the lens lets through [default: 0.9]",
-    ),
-    (
-        "luminous-efficacy",
-        "lm/W",
-        "With --scene-unit radiance: of the scene's light [default: 270, white light]",
-    ),
-];
-
-impl LightFlags {
-    /// Names of those that are given.
-    pub fn given(&self) -> impl Iterator<Item = &'static str> {
-        LIGHT_FLAGS.iter().zip(&self.0).filter_map(|((flag, ..), value)| value.as_ref().map(|_| *flag))
-    }
-
-    /// Focal-plane lux of the frames' unit; `None` if no unit is named.
-    fn lux(&self) -> Result<Option<f64>> {
-        let number = |index: usize| -> Result<Option<f64>> {
-            let flag = LIGHT_FLAGS[index].0;
-            let parse = |text: &String| {
-                text.parse().with_context(|| format!("--{flag} is `{text}`, expected a number"))
-            };
-            self.0[index].as_ref().map(parse).transpose()
-        };
-        let Some(unit) = &self.0[0] else {
-            if let Some((flag, ..)) = (1..4).find(|&i| self.0[i].is_some()).map(|i| LIGHT_FLAGS[i]) {
-                bail!("--{flag} is given without --scene-unit, expected both");
-            }
-            return Ok(None);
-        };
-        let unit = SceneUnit::named(unit, number(3)?)?;
-        let Some(f_number) = number(1)? else {
-            bail!(
-                "--scene-unit is given without --f-number, expected both: the light behind a lens depends on it"
-            );
-        };
-        let lens = Lens { f_number, transmission: number(2)?.unwrap_or(LENS_TRANSMISSION) };
-        Ok(Some(lens.lux_per_unit(unit)?))
-    }
+    pub light: SceneLight,
 }
 
 /// [`Profile`] as a flag's value.
@@ -110,16 +54,8 @@ impl SensorFlags {
             (true, false) => Some("a sensor with --width but its own height".to_owned()),
             (false, true) => Some("a sensor with --height but its own width".to_owned()),
         };
-        let lux = self.light.lux()?;
-        let light_is_given = lux.is_some() || given("lux_per_unit") || light_in_file;
-        if let Some(lux) = lux {
-            ensure!(
-                !given("lux_per_unit"),
-                "--scene-unit and --lux-per-unit are given, expected one: the former sets the latter"
-            );
-            // An intensity is the frames' value times the gain.
-            sensor.lux_per_unit = lux / sensor.exposure_gain;
-        }
+        let has_unit = self.light.apply(&mut sensor, given("lux_per_unit"))?;
+        let light_is_given = has_unit || given("lux_per_unit") || light_in_file;
         Ok(ResolvedSensor { sensor, size_from, light_is_given })
     }
 }
@@ -164,8 +100,8 @@ impl Args for SensorFlags {
                 .allow_negative_numbers(true)
                 .help(parameter.about.trim_end_matches('.'))
         });
-        let light = LIGHT_FLAGS.map(|(flag, value, help)| {
-            Arg::new(flag).long(flag).value_name(value).allow_negative_numbers(true).help(help)
+        let light = SCENE_LIGHT.map(|(name, value, help)| {
+            Arg::new(name).long(flag(name)).value_name(value).allow_negative_numbers(true).help(help)
         });
         let mut command = command;
         for arg in [sensor, profile].into_iter().chain(light).chain(parameters) {
@@ -189,7 +125,10 @@ impl FromArgMatches for SensorFlags {
             sensor: matches.get_one::<String>("sensor").cloned(),
             profile: matches.get_one::<ProfileName>("profile").copied(),
             explicit,
-            light: LightFlags(LIGHT_FLAGS.map(|(flag, ..)| matches.get_one::<String>(flag).cloned())),
+            light: SceneLight {
+                values: SCENE_LIGHT.map(|(name, ..)| matches.get_one::<String>(name).cloned()),
+                are_flags: true,
+            },
         })
     }
 

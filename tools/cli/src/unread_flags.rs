@@ -24,7 +24,7 @@ fn of_sensor(flags: &SensorFlags, sensor: &SensorModel) -> Vec<(String, &'static
     let mut unread: Vec<(String, &'static str)> = Vec::new();
     if sensor.pixel == Pixel::Log {
         let light = flags.light.given();
-        unread.extend(light.map(|name| (name.to_owned(), "it is for --pixel physical alone")));
+        unread.extend(light.map(|name| (flag(name), "it is for --pixel physical alone")));
     }
     let parameters = flags.explicit.iter().map(|(name, _)| *name);
     unread.extend(parameters.filter_map(|name| Some((flag(name), why_unread(name, sensor)?))));
