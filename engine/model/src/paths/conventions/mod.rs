@@ -250,7 +250,9 @@ impl ConventionCheck {
                 explanations = body_alone();
             }
             Some(Verdict::Still | Verdict::Unexplained) | None => {
-                explanations.extend(with_vectors(&BODY));
+                // What both have, such as a shift in time, is one explanation.
+                let of_body = with_vectors(&BODY).into_iter().filter(|one| !explanations.contains(one));
+                explanations.extend(of_body.collect::<Vec<_>>());
                 explanations.sort_by_key(Vec::len);
             }
         }

@@ -67,7 +67,11 @@ fn lens() -> Intrinsics {
 
 /// Right in everything: a rough surface, a ball in the middle, a few pixels of sky and of edges.
 fn right() -> Sequence {
-    let scene = scene(lens(), camera, ball);
+    right_of(scene(lens(), camera, ball))
+}
+
+/// The same of another scene.
+fn right_of(scene: SceneMotion) -> Sequence {
     let frames = (1..FRAMES).map(|k| {
         let (mut depth, mut ids, mut motion) = (Vec::new(), Vec::new(), Vec::new());
         for i in 0..WIDTH_PX * HEIGHT_PX {
@@ -272,6 +276,15 @@ fn each_mistake_of_a_body_is_named_and_the_world_agrees() {
         let causes = mistaken(&report.instances[&BALL]);
         assert_eq!(causes, [vec![mistake]], "{mistake:?}");
     }
+}
+
+#[test]
+fn a_mistake_of_vectors_is_named_once_for_a_body_before_a_camera_that_stands_still() {
+    let mut sequence = right_of(scene(lens(), |_| camera(0.0), ball));
+    change_vectors(&mut sequence, |[x, y]| [x, -y]);
+    let report = report(&sequence);
+    assert_eq!(report.world.as_ref().unwrap().verdict, Verdict::Still);
+    assert_eq!(mistaken(&report.instances[&BALL]), [vec![Mistake::VectorsYUp]]);
 }
 
 #[test]
