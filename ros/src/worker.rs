@@ -81,7 +81,13 @@ impl Worker {
         self.report(last, &mut recording);
         self.drain();
         match self.bag.take() {
-            Some(bag) => recording.and(bag.finish()),
+            Some(bag) => {
+                if bag.is_empty() {
+                    let notice = format!("no message came: recording {} is not written", bag.path());
+                    let _ = self.notices.send(notice);
+                }
+                recording.and(bag.finish())
+            }
             None => recording,
         }
     }

@@ -1,6 +1,7 @@
 //! Recordings in rosbag2's format: MCAP files with the profile `ros2`. They contain CDR messages, complete
 //! definitions, and the quality of service that each topic offered.
 
+mod late;
 mod reader;
 mod writer;
 

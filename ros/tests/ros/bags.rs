@@ -269,6 +269,39 @@ fn mono_refuses_times_before_zero() {
 }
 
 #[test]
+fn an_old_recording_stays_until_a_chunk_of_messages_takes_its_place() {
+    let cameras = vec![world::camera("left", 32, 24)];
+    let (folder, path, rig) = recording(&cameras, &lossless());
+    drop(rig);
+    assert!(!path.exists(), "a new file without messages");
+    std::fs::write(&path, "old").unwrap();
+    let old = || std::fs::read(&path).unwrap() == b"old";
+    let again = || world::rig(&cameras, &lossless(), Sinks { transport: None, bag: Some(world::bag(&path)) });
+    drop(again());
+    assert!(old());
+    let (_, notices, recorded) = again().finish();
+    recorded.unwrap();
+    assert!(old() && notices.iter().any(|n| n.contains("run.mcap is not written")), "{notices:?}");
+
+    // A writer that is killed: before a chunk of 1 MiB is whole, and after it.
+    let topic = again().plan().topics[0].clone();
+    for (messages, is_old) in [(1, true), (2, false)] {
+        let mut bag = world::bag(&path);
+        bag.add_topic(&topic).unwrap();
+        (0..messages).for_each(|_| bag.write(0, 0, &[0; 2 << 20]).unwrap());
+        std::mem::forget(bag);
+        assert_eq!(old(), is_old, "{messages}");
+    }
+    let (messages, truncated) = read(&path);
+    assert!(messages.len() == 1 && truncated);
+    let mut rig = again();
+    ticks(&mut rig, &cameras, 0..2);
+    rig.finish().2.unwrap();
+    assert!(!read(&path).1, "the longer file is gone");
+    drop(folder);
+}
+
+#[test]
 fn golden_messages_are_what_rosbags_writes() {
     world::check_golden_messages();
 }
