@@ -1,10 +1,12 @@
 """Files of events, read back by libraries that know nothing of this one."""
 
 import contextlib
+import gc
 import os
 import pathlib
 import resource
 import tempfile
+import warnings
 
 import aedat
 import faery
@@ -237,12 +239,41 @@ def test_an_empty_recording_is_a_file_too(tmp_path, recording):
     assert len(esaac.files.load_dsec(tmp_path / "empty.h5")[2]) == 0
 
 
-def test_a_run_that_fails_leaves_no_file(tmp_path, recording):
-    with pytest.raises(RuntimeError, match="on the way"):
-        with esaac.EventWriter(tmp_path / "events.npz", recording[0]) as events:
-            events.write(recording[1][1])
+def test_a_run_that_fails_leaves_no_file_and_says_so(tmp_path, recording):
+    sensor, packets = recording
+    path, count = tmp_path / "events.npz", len(packets[1])
+    told = f"{count} events are not written to .*events.npz: the run failed"
+    with pytest.raises(RuntimeError, match="on the way"), pytest.warns(RuntimeWarning, match=told):
+        with esaac.EventWriter(path, sensor) as events:
+            events.write(packets[1])
             raise RuntimeError("on the way")
-    assert not (tmp_path / "events.npz").exists()
+    assert not path.exists()
+    events.close()
+    assert len(np.load(path)["t"]) == count
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, SystemExit])
+def test_a_run_that_is_ended_early_is_written(tmp_path, recording, end):
+    sensor, packets = recording
+    with pytest.raises(end):
+        with esaac.EventWriter(tmp_path / "events.npz", sensor) as events:
+            events.write(packets[1])
+            raise end
+    assert len(np.load(tmp_path / "events.npz")["t"]) == len(packets[1])
+
+
+def test_a_writer_that_is_never_closed_says_what_is_lost(tmp_path, recording):
+    sensor, packets = recording
+    events = esaac.EventWriter(tmp_path / "events.npz", sensor)
+    events.write(packets[1])
+    told = f"{len(packets[1])} events are not written to .*events.npz: the writer was never closed"
+    with pytest.warns(RuntimeWarning, match=told):
+        del events
+        gc.collect()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        esaac.EventWriter(tmp_path / "empty.npz", sensor)
+        gc.collect()
 
 
 @contextlib.contextmanager

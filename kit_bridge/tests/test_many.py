@@ -55,6 +55,9 @@ def test_cameras_without_a_frame_wait():
         rig.reset([2])
     with pytest.raises(esaac.ArgumentError, match="at least one"):
         esaac.Rig([])
+    for alone in ("davis346", SENSOR):
+        with pytest.raises(esaac.ArgumentError, match="expected a list of sensors"):
+            esaac.Rig(alone)
 
 
 def test_an_environment_may_have_a_sensor_of_its_own():

@@ -133,6 +133,31 @@ def test_a_lens_that_cannot_be_is_said_at_once(lens, message):
         ros.Publisher([ros.Camera("a", "dvs128", **lens)], network=False)
 
 
+def test_what_is_no_camera_no_frame_or_no_recording_is_said(tmp_path):
+    told = ros.Camera("a", "dvs128", rgb=True)
+    for cameras, message in (
+        (["a"], "a camera is a str, expected a ros.Camera"),
+        ("a", "cameras is a str, expected a list"),
+        (told, "cameras is a Camera, expected a list"),
+    ):
+        with pytest.raises(esaac.ArgumentError, match=message):
+            ros.Publisher(cameras, network=False)
+    with pytest.raises(esaac.ArgumentError, match="run.bag`, expected a name that ends in .mcap"):
+        ros.Publisher([told], network=False, record=tmp_path / "run.bag")
+    with ros.Publisher([told], network=False) as publisher:
+        with pytest.raises(esaac.ArgumentError, match="the frame of `a` is a ndarray, expected a ros.Frame"):
+            publisher.publish(0, {"a": np.zeros((128, 128, 3), np.uint8)})
+
+
+def test_an_old_recording_stays_without_a_message(tmp_path):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"old")
+    with pytest.raises(esaac.RosError, match="nonesuch0"):
+        ros.Publisher([ros.Camera("a", "dvs128")], domain=domain(2), interface="nonesuch0", record=path)
+    ros.Publisher([ros.Camera("a", "dvs128")], network=False, record=path).close()
+    assert path.read_bytes() == b"old"
+
+
 def test_an_environment_that_waits_is_published_at_its_own_time():
     camera = esaac.TiledEventCamera("dvs128", 2, **SENSOR)
     for index in range(13):

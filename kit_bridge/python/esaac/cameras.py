@@ -275,6 +275,8 @@ class Rig(_Several):
     """Cameras of different sensors that step together. See `__init__.pyi`."""
 
     def __init__(self, sensors, *, intrinsics=None, device=None, packets="host", packet_ring=None):
+        if isinstance(sensors, (str, SensorModel)):
+            raise ArgumentError(f"sensors is a {type(sensors).__name__}, expected a list of sensors")
         sensors = [SensorModel(sensor) for sensor in sensors]
         lenses = [None] * len(sensors) if intrinsics is None else [Intrinsics.of(lens) for lens in intrinsics]
         super().__init__(sensors, lenses, device, packets, packet_ring, tiled=False)

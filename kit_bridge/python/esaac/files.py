@@ -9,6 +9,7 @@ import io
 import os
 import pathlib
 import tempfile
+import warnings
 
 import numpy as np
 
@@ -36,6 +37,10 @@ class EventWriter:
     Its packets are of one run of the camera: one that begins before the end of the last raises `ArgumentError`. So
     does what the format cannot hold.
 
+    A `with` block that Ctrl-C or `sys.exit` leaves writes what there is. One that an error leaves does not: a warning
+    tells how many events are not written, and `close` writes them nevertheless. So does a warning about a writer that
+    is never closed.
+
     A folder that is missing or cannot be written raises `OSError` at once. If writing fails in the end, on a full
     disk for example, the events stay: free some space and call `close` again, or `close("elsewhere.h5")`.
     """
@@ -50,7 +55,7 @@ class EventWriter:
         self.sensor = sensor
         self._parts, self._events = [], 0
         self._first_ns = self._last_ns = None
-        self._closed = False
+        self._closed = self._warned = False
 
     def write(self, packet):
         """Adds a packet. Its events may be on the host or on a device."""
@@ -93,9 +98,21 @@ class EventWriter:
         return self
 
     def __exit__(self, kind, *_):
-        # The events of a failed run are no recording.
-        if kind is None:
+        # Ctrl-C and `sys.exit` end a run early. The events of one that failed are no recording.
+        if kind is None or not issubclass(kind, Exception):
             self.close()
+        else:
+            self._warn("the run failed; `close` writes them nevertheless")
+
+    def __del__(self):
+        # A writer that could not be made has no attributes.
+        if not getattr(self, "_closed", True):
+            self._warn("the writer was never closed")
+
+    def _warn(self, why):
+        if self._events and not self._warned:
+            self._warned = True
+            warnings.warn(f"{self._events} events are not written to {self.path}: {why}", RuntimeWarning, 3)
 
 
 def save(path, x, y, t_ns, p, *, sensor):

@@ -121,7 +121,14 @@ class Publisher:
             raise ArgumentError(f"policy is `{policy}`, expected latest or lossless")
         if time not in ("sim", "wall"):
             raise ArgumentError(f"time is `{time}`, expected sim or wall")
+        if isinstance(cameras, (str, Camera)):
+            raise ArgumentError(f"cameras is a {type(cameras).__name__}, expected a list of ros.Camera")
         cameras = list(cameras)
+        for camera in cameras:
+            if not isinstance(camera, Camera):
+                raise ArgumentError(f"a camera is a {type(camera).__name__}, expected a ros.Camera")
+        if record is not None and not os.fspath(record).endswith(".mcap"):
+            raise ArgumentError(f"record is `{os.fspath(record)}`, expected a name that ends in .mcap")
         self._numbers = {camera.name: number for number, camera in enumerate(cameras)}
         self._publisher = RosPublisher(
             cameras,
@@ -179,6 +186,8 @@ class Publisher:
         return self._numbers[name]
 
     def _part(self, name, frame):
+        if not isinstance(frame, Frame):
+            raise ArgumentError(f"the frame of `{name}` is a {type(frame).__name__}, expected a ros.Frame")
         samples = [
             (nanoseconds(s.t_ns), list(s.angular_rate_rad_s), list(s.specific_force_m_s2)) for s in frame.imu
         ]

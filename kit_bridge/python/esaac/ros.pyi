@@ -74,6 +74,10 @@ class Publisher:
     with the simulation's time and publishes it on `/clock`; `wall` uses the system's clock. `qos`: for example
     `{"events": "best_effort,depth:10"}`; `all` means every topic. `slice_ns` and `max_bytes` limit a message's time
     and size. `network=False` only records.
+
+    `record` is a file whose name ends in `.mcap`. A file that is there is overwritten once the first second or MiB of
+    messages is whole; a publisher that sends none leaves it as it was. What a killed process has recorded until a
+    second before stays readable.
     """
 
     def __init__(
