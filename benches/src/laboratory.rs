@@ -71,19 +71,26 @@ pub struct Options {
     pub only: String,
     /// Folder of a rendered sequence with its true events. Without it, part `frontier` uses analytic scenes only.
     pub sequence: Option<PathBuf>,
-    /// Recording of a real sensor. Without it, part `real-sensor` measures nothing and says so.
+    /// Recording of a real sensor. Without it, part `real-sensor` is an error if it is named, and else measures nothing
+    /// and says so.
     pub recording: Option<PathBuf>,
 }
 
 impl Options {
-    /// Fails if rows are to be selected and no part that runs has any to select from.
-    fn check_only(&self) -> Result<()> {
+    /// Fails if rows are to be selected and no part that runs has any to select from, or if a part that is named lacks
+    /// its input.
+    fn check(&self) -> Result<()> {
         let is_of_rows = |part| OF_ROWS.contains(part);
         anyhow::ensure!(
             self.only.is_empty() || self.parts.is_empty() || self.parts.iter().any(is_of_rows),
             "only rows whose name contains `{}` are to run, expected one of the parts that have such: {}",
             self.only,
             OF_ROWS.map(Part::name).join(", ")
+        );
+        anyhow::ensure!(
+            self.recording.is_some() || !self.parts.contains(&Part::RealSensor),
+            "part `{}` has no recording to compare with, expected --recording FILE.aedat4",
+            Part::RealSensor.name()
         );
         Ok(())
     }
@@ -112,7 +119,7 @@ struct Asked {
 impl Laboratory {
     /// A laboratory on a device. It draws progress bars on standard error.
     pub fn new(device: Arc<Device>, options: Options) -> Result<Self> {
-        options.check_only()?;
+        options.check()?;
         let mut clock = Clock::new(&device)?;
         clock.heat()?;
         clock.watch()?;

@@ -216,7 +216,7 @@ fn lists_that_say_too_little_or_something_impossible_are_errors() {
     assert_eq!((one.all[0].events.len(), one.all[0].seconds), (2, 2.0));
     let guess = preset_with_physical_pixel("hd").expect("listed");
     let error = fit_physical(&DEVICE, &one, &guess, |_, _| {}).unwrap_err().to_string();
-    assert!(error.contains("1 exposures have still light, expected at least 2"), "{error}");
+    assert!(error.contains("1 exposure has still light, expected at least 2"), "{error}");
     let log = esaac_model::presets::preset("hd").expect("listed");
     let error = fit_physical(&DEVICE, &one, &log, |_, _| {}).unwrap_err().to_string();
     assert!(error.contains("expected a physical one"), "{error}");

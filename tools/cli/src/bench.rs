@@ -1,10 +1,11 @@
 //! `esaac bench`: the laboratory.
 
 use crate::arguments::CommonArguments;
-use crate::device_choice;
 use crate::outcome::Outcome;
 use crate::version::Build;
-use anyhow::{Context, Result};
+use crate::{device_choice, output_file};
+use anyhow::Result;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use esaac_benches::results::{self, Provenance};
 use esaac_benches::{Laboratory, Options, Part, markdown};
 use std::path::PathBuf;
@@ -25,20 +26,28 @@ pub struct BenchArguments {
     #[arg(long, value_name = "DIR", default_value = "bench")]
     pub out: PathBuf,
     /// Results file that takes the figures too, into the section of this device; other sections stay
-    #[arg(long, value_name = "FILE.md")]
+    #[arg(long, value_name = "FILE.md", value_parser = PathBufValueParser::new().try_map(page))]
     pub write_results: Option<PathBuf>,
     /// Folder of a rendered sequence with its true events, like tests/data/tumble
     #[arg(long, value_name = "DIR")]
     pub sequence: Option<PathBuf>,
-    /// Recording of a real sensor
+    /// Recording of a real sensor, for part `real-sensor`
     #[arg(long, value_name = "FILE.aedat4")]
     pub recording: Option<PathBuf>,
+}
+
+/// Figures go into a file that is there already: another ending could be that of anything.
+fn page(path: PathBuf) -> Result<PathBuf, String> {
+    match path.extension().is_some_and(|ending| ending == "md") {
+        true => Ok(path),
+        false => Err("expected a name that ends in .md".to_owned()),
+    }
 }
 
 /// Runs the command.
 pub fn run(arguments: &BenchArguments, common: &CommonArguments) -> Result<Outcome> {
     let out = &arguments.out;
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    output_file::make_folder(out)?;
     let options = Options {
         quick: arguments.quick,
         parts: arguments.parts.clone(),

@@ -128,7 +128,8 @@ pub fn fit_physical(
     );
     let all = &exposures.all;
     let still = all.iter().filter(|exposure| exposure.flicker.is_none()).count();
-    ensure!(still >= 2, "{still} exposures have still light, expected at least 2");
+    let have = if still == 1 { "exposure has" } else { "exposures have" };
+    ensure!(still >= 2, "{still} {have} still light, expected at least 2");
     let recorded: Vec<Summary> = all.iter().map(Summary::of).collect();
     for (exposure, summary) in all.iter().zip(&recorded) {
         ensure!(summary.events > 0.0, "{}: no events after the burn-in", exposure.name);

@@ -48,6 +48,22 @@ fn bench_writes_figures_tables_and_plots() {
 }
 
 #[test]
+fn what_bench_lacks_or_would_spoil_is_told_before_it_measures() {
+    let folder = tempfile::tempdir().unwrap();
+    let notes = folder.path().join("notes.txt");
+    std::fs::write(&notes, "notes").unwrap();
+    let out = folder.path().to_str().unwrap();
+    let bench = ["bench", "--quick", "--out", out, "--part"];
+    let results = ["time", "--write-results", notes.to_str().unwrap()];
+    let (code, _, error) = run(&[&bench[..], &results].concat());
+    assert!(code == 2 && error.contains("expected a name that ends in .md"), "{error}");
+    assert_eq!(std::fs::read(&notes).unwrap(), b"notes");
+    let parts = ["`real-sensor` has no recording", "--recording FILE.aedat4"];
+    assert_error(&[&bench[..], &["real-sensor"]].concat(), &parts);
+    assert_error(&["bench", "--out", notes.to_str().unwrap()], &["it is a file, expected a folder"]);
+}
+
+#[test]
 fn a_sensor_that_calibrate_writes_is_one_that_simulate_takes() {
     let frames = Frames::new(3, true);
     let (toml, events) = (frames.file_argument("fitted.toml"), frames.file_argument("events.npz"));
