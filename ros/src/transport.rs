@@ -13,6 +13,9 @@ pub enum TransportError {
     /// It cannot be opened at all.
     #[error("no ROS 2 network: {0}")]
     Unavailable(String),
+    /// This transport, or this build, does not have what is asked for.
+    #[error("{0}")]
+    Unsupported(String),
     /// It cannot publish this topic.
     #[error("cannot publish `{topic}`: {reason}")]
     Topic {

@@ -27,7 +27,8 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "If an option is given twice, the last one counts.\n\
-                          Exit codes: 0 done, 1 error, 2 wrong usage, 3 done but events were dropped.";
+                          Exit codes: 0 done, 1 error, 2 wrong usage, 3 done but events were dropped,\n\
+                          130 interrupted: what was simulated until then is written.";
 
 /// The subcommands.
 #[derive(Subcommand, Clone, Debug)]

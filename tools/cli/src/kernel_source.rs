@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 /// Option of every command that runs kernels.
 #[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Kernels")]
 pub struct KernelArguments {
     /// Folder of kernels to run instead of the embedded ones. Kernels that are edited meanwhile are reloaded.
     /// Needs `glslc`

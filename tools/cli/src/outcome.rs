@@ -9,16 +9,19 @@ pub enum Ending {
     Wanting,
     /// Everything was done, but events were dropped.
     EventsDropped,
+    /// A signal ended it before its end. What was done until then is written.
+    Interrupted,
 }
 
 impl Ending {
-    /// Exit code: 0 complete, 1 wanting, 3 events dropped. A failure is 1 and a usage error 2.
+    /// Exit code: 0 complete, 1 wanting, 3 events dropped, 130 interrupted. A failure is 1 and a usage error 2.
     #[must_use]
     pub fn exit_code(self) -> u8 {
         match self {
             Ending::Complete => 0,
             Ending::Wanting => 1,
             Ending::EventsDropped => 3,
+            Ending::Interrupted => 130,
         }
     }
 }
@@ -37,5 +40,11 @@ impl Outcome {
     #[must_use]
     pub fn complete(text: String) -> Self {
         Outcome { text, ending: Ending::Complete }
+    }
+
+    /// The same result of a command that a signal ended.
+    #[must_use]
+    pub fn interrupted(self) -> Self {
+        Outcome { ending: Ending::Interrupted, ..self }
     }
 }

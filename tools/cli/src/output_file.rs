@@ -15,6 +15,15 @@ pub fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Makes a folder for output, unless it is there.
+pub fn make_folder(path: &Path) -> Result<()> {
+    let made = || -> Result<()> {
+        ensure!(path.is_dir() || !path.exists(), "it is a file, expected a folder");
+        Ok(std::fs::create_dir_all(path)?)
+    };
+    made().with_context(|| format!("cannot make folder {}", path.display()))
+}
+
 /// As [`check`], for a sensor: a name with another format's ending would say what the file is not.
 pub fn check_sensor(path: &Path) -> Result<()> {
     check(path)?;
@@ -185,5 +194,16 @@ mod tests {
         let error = check(Path::new("/nonesuch/events.npz")).unwrap_err();
         assert!(format!("{error:#}").contains("no folder /nonesuch"), "{error:#}");
         assert!(check(Path::new("/")).is_err());
+    }
+
+    #[test]
+    fn a_file_in_place_of_a_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a");
+        std::fs::write(&file, "").unwrap();
+        let error = format!("{:#}", make_folder(&file).unwrap_err());
+        assert!(error.contains("/a: it is a file, expected a folder"), "{error}");
+        make_folder(&folder.path().join("b/c")).unwrap();
+        make_folder(&folder.path().join("b/c")).unwrap();
     }
 }

@@ -1,5 +1,6 @@
 //! The report's part about poses: what was read, and whether it predicts the motion vectors.
 
+use crate::counted::counted;
 use esaac_formats::scene_file::FolderScene;
 use esaac_model::paths::conventions::{Agreement, ConventionReport, Mistake, Verdict};
 use serde::Serialize;
@@ -101,14 +102,13 @@ impl PoseReport {
     /// Two lines: what was read, and what was found.
     #[must_use]
     pub fn to_text(&self) -> String {
-        let count = |n: usize, one: &str| format!("{n} {one}{}", if n == 1 { "" } else { "s" });
         let read = format!(
-            "{}: {} of the camera, {}, for {} of {} intervals",
+            "{}: {} of the camera, {}, for {} of {}",
             self.file,
-            count(self.camera_poses, "pose"),
-            count(self.instances, "moving instance"),
+            counted(self.camera_poses as u64, "pose"),
+            counted(self.instances as u64, "moving instance"),
             self.intervals_spanned,
-            self.intervals
+            counted(self.intervals as u64, "interval")
         );
         format!("{read}\n          {}", self.finding)
     }

@@ -1,15 +1,13 @@
 //! `esaac replay`: publishes a recording again.
 
+use crate::interrupt::Interrupt;
 use crate::outcome::Outcome;
 use crate::ros::NetworkArguments;
 use crate::{stderr, table};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use esaac_ros::BagReader;
 use esaac_ros::replay::{ReplayOptions, replay};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Arguments of `replay`.
@@ -39,14 +37,10 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// Runs the command.
 pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
     let bag = BagReader::open(&arguments.file)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
-    }
+    let interrupt = Interrupt::watch()?;
     let mut transport = arguments.network.open(&[])?.transport;
     let options = ReplayOptions { rate: arguments.rate, delay: Duration::from_secs_f64(arguments.delay) };
-    let stopped = || stop.load(Ordering::Relaxed);
-    let replayed = replay(bag, &mut *transport, options, stopped, stderr::line)?;
+    let replayed = replay(bag, &mut *transport, options, || interrupt.came(), stderr::line)?;
     if replayed.truncated {
         stderr::line(format_args!(
             "warning: {} has no end; everything up to its last complete chunk was sent",

@@ -1,6 +1,8 @@
 //! `esaac serve`: the engine as a service that producers in other processes feed.
 
 use crate::arguments::CommonArguments;
+use crate::counted::counted;
+use crate::interrupt::Interrupt;
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
 use crate::report::{MemoryReport, Report};
@@ -8,16 +10,13 @@ use crate::rig_file::RigPlan;
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::{device_choice, output_file, report, stderr};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use esaac_engine::{CameraConfig, Rig};
 use esaac_formats::event_file::write_npz;
 use esaac_interop::{LinkCounts, ServerOptions, Service, ServiceTick};
 use esaac_model::SensorModel;
 use esaac_ros::CameraPlan;
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Arguments of `serve`.
@@ -54,10 +53,7 @@ const LOOK: Duration = Duration::from_millis(50);
 pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outcome> {
     let plan = RigPlan::read(&arguments.rig)?;
     let files = output_files(arguments, plan.cameras.len())?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot take signals")?;
-    }
+    let interrupt = Interrupt::watch()?;
     let mut sensors = plan.sensors();
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, published(&plan))?;
     let device = device_choice::open(common)?;
@@ -65,16 +61,21 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let options =
         ServerOptions { spin: Duration::from_micros(arguments.spin_us), ..ServerOptions::default() };
     let mut service = Service::open(rig, &arguments.socket, &plan.terms, options)?;
-    stderr::line(format_args!("{} cameras at {}", plan.cameras.len(), arguments.socket.display()));
+    let cameras = counted(plan.cameras.len() as u64, "camera");
+    stderr::line(format_args!("{cameras} at {}", arguments.socket.display()));
 
     let mut record = RunRecord::new(plan.cameras.len());
+    let mut had_frame = vec![false; plan.cameras.len()];
     let (mut first_ns, mut last_ns, mut intervals) = (None, 0, 0);
-    while !(stop.load(Ordering::Relaxed) || arguments.once && is_over(&service)) {
+    while !(interrupt.came() || arguments.once && is_over(&service)) {
         ros.change_sensors(service.rig_mut(), &mut sensors);
         let mut starts = Vec::new();
         if let Some(tick) = service.tick(LOOK)? {
+            let mut is_interval = false;
             for (camera, t_ns) in tick.t_ns.iter().enumerate() {
+                had_frame[camera] |= t_ns.is_some();
                 if let (Some(t_ns), false) = (t_ns, tick.first[camera]) {
+                    is_interval = true;
                     record.add_camera(camera, &tick.tick, arguments.out.is_some())?;
                     last_ns = last_ns.max(*t_ns);
                 } else if let Some(t_ns) = t_ns {
@@ -84,9 +85,12 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
                 }
             }
             publish(&mut ros, &sensors, &tick);
-            record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
-            record.forget_old_timings(TIMINGS);
-            intervals += 1;
+            // A first frame ends no interval.
+            if is_interval {
+                record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
+                record.forget_old_timings(TIMINGS);
+                intervals += 1;
+            }
         }
         starts.into_iter().for_each(|line| service.server().say(line));
         print_notices(&service);
@@ -108,8 +112,14 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     drop(service);
     device_choice::check_validation(&device)?;
 
-    for ((file, camera), sensor) in files.iter().zip(&record.cameras).zip(&sensors) {
-        output_file::write(file, |out| write_npz(out, &camera.events, &sensor.to_toml()))?;
+    let (files, unfed): (Vec<_>, Vec<_>) =
+        files.iter().enumerate().partition(|&(camera, _)| had_frame[camera]);
+    for (camera, file) in unfed {
+        stderr::line(format_args!("camera {camera} had no frame: {} is not written", file.display()));
+    }
+    for &(camera, file) in &files {
+        let (events, sensor) = (&record.cameras[camera].events, sensors[camera].to_toml());
+        output_file::write(file, |out| write_npz(out, events, &sensor))?;
     }
     let info = device_choice::report(device.info());
     let mut report = Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &record);
@@ -120,7 +130,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let published = ros.finish();
     published.recorded?;
     report.ros = published.summary;
-    report.files = files.iter().map(|file| file.display().to_string()).collect();
+    report.files = files.iter().map(|(_, file)| file.display().to_string()).collect();
     report.warn_of_waiting();
     report.outcome(common.json)
 }
@@ -163,7 +173,7 @@ fn is_over(service: &Service) -> bool {
 
 fn output_files(arguments: &ServeArguments, cameras: usize) -> Result<Vec<PathBuf>> {
     let Some(out) = &arguments.out else { return Ok(Vec::new()) };
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    output_file::make_folder(out)?;
     let files: Vec<PathBuf> = (0..cameras).map(|camera| out.join(format!("camera_{camera}.npz"))).collect();
     files.iter().try_for_each(|file| output_file::check(file))?;
     Ok(files)

@@ -3,6 +3,7 @@
 use crate::arguments::CommonArguments;
 use crate::event_output::EventOutput;
 use crate::frame_folder::{FolderOptions, FrameFolder};
+use crate::interrupt::{self, Interrupt};
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::motion_convention::{MotionConvention, VerticalAxis};
@@ -104,7 +105,6 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut sensor = fit(resolved, &folder)?;
     sensor.validate()?;
     events.check_size(&sensor)?;
-    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
     let (has_poses, has_motion) = (folder.scene.is_some(), folder.layout.motion.is_some());
     for (flag, why) in flags_of_frames(arguments, has_poses, has_motion) {
         unread_flags::warn(flag, why);
@@ -112,6 +112,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let check = SceneCheck::of(&folder)?;
     let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;
+    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
 
     let lens = folder.scene.as_ref().map(|scene| *scene.motion.lens());
     let depth = folder.layout.depth.is_some();
@@ -125,17 +126,23 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
         simulate(&device, &source, &sensor, &mut kernels, &mut ros, pace, &mut input_check)?;
     device_choice::check_validation(&device)?;
 
+    let intervals = record.submit_to_packet_ns.len();
+    let interrupted = interrupt::tell(intervals, folder.paths.len() - 1);
+    if intervals == 0 {
+        ros.finish().recorded?;
+        return Ok(Outcome::complete(String::new()).interrupted());
+    }
     let camera = &record.cameras[0];
     events.write(&camera.events, &sensor)?;
     let input = arguments.input.display().to_string();
     let info = device_choice::report(device.info());
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
-    report.simulated_ns = folder.time_ns(folder.paths.len() - 1);
+    report.simulated_ns = folder.time_ns(intervals);
     report.key_rate = Some(KeyRate { hz: folder.rate_hz, from: folder.rate_from });
     report.cameras[0].notes = notes;
     report.set_memory(memory);
     // The host decodes a frame and copies it into the engine's buffers.
-    report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(folder.paths.len() as u64) };
+    report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(intervals as u64 + 1) };
     let published = ros.finish();
     published.recorded?;
     report.ros = published.summary;
@@ -151,7 +158,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     }
     report.files = outputs.iter().map(|path| path.display().to_string()).collect();
     report.warn_of_waiting();
-    report.outcome(common.json)
+    let outcome = report.outcome(common.json)?;
+    Ok(if interrupted { outcome.interrupted() } else { outcome })
 }
 
 impl SimulateArguments {
@@ -230,8 +238,13 @@ fn simulate(
     }
     let mut record = RunRecord::new(1);
     let mut exposure = None;
+    // Until here a signal ends the process at once, and nothing is lost.
+    let interrupt = Interrupt::watch()?;
     let progress = progress::bar(folder.paths.len());
     for (index, images) in folder.decode().into_iter().enumerate() {
+        if interrupt.came() {
+            break;
+        }
         let images = images?;
         input_check.add(folder.time_ns(index), &images.hdr, images.motion.as_deref());
         let [depth, ids] = [images.depth.as_deref().map(cast_slice), images.ids.as_deref().map(cast_slice)];
@@ -260,7 +273,7 @@ fn simulate(
     }
     progress.finish_and_clear();
     let (expected, actual) = (folder.paths.len(), record.submit_to_packet_ns.len() + 1);
-    ensure!(actual == expected, "decoding stopped after {actual} frames of {expected}");
+    ensure!(interrupt.came() || actual == expected, "decoding stopped after {actual} frames of {expected}");
     record.take_light(&rig)?;
     Ok((record, MemoryReport::of(&rig)))
 }

@@ -2,7 +2,7 @@
 
 use crate::sensor_flags::{SensorFlags, flag};
 use crate::stderr;
-use esaac_model::{PARAMETERS, Pixel, ReadoutKind, SensorModel};
+use esaac_model::{PARAMETERS, Pixel, ReadoutKind, SensorModel, SubstepPolicy, Synthesis};
 
 /// Parameters that only the log pixel reads.
 const LOG: [&str; 2] = ["shot_noise_rate_hz", "log_offset"];
@@ -10,7 +10,7 @@ const LOG: [&str; 2] = ["shot_noise_rate_hz", "log_offset"];
 /// How the model's list marks parameters that only the physical pixel reads.
 const PHYSICAL_MARK: &str = "Physical: ";
 
-/// Warns of flags that `sensor`, which they made, does not read.
+/// Warns of flags that `sensor`, which they made, does not read. Its synthesis is the one that is used.
 pub fn warn_of_sensor(flags: &SensorFlags, sensor: &SensorModel) {
     of_sensor(flags, sensor).iter().for_each(|(flag, why)| warn(flag, why));
 }
@@ -42,6 +42,8 @@ fn why_unread(parameter: &str, sensor: &SensorModel) -> Option<&'static str> {
         }
         "flicker_hz" | "flicker_phase_deg" => (sensor.flicker_depth == 0.0, "--flicker-depth is 0"),
         "aps_start_ns" | "aps_gain" | "aps_bits" => (sensor.aps_exposure_ns == 0, "--aps-exposure-ns is 0"),
+        "substep_error_ns" => (sensor.substep_policy == SubstepPolicy::Fixed, "--substep-policy is fixed"),
+        "layers" => (sensor.synthesis != Synthesis::Motion, "it is for synthesis motion alone"),
         _ => (parameter.starts_with("readout_") && sensor.readout == ReadoutKind::None, "--readout is none"),
     };
     unread.0.then_some(unread.1)
@@ -73,5 +75,9 @@ mod tests {
         assert_eq!(unread(&off), ["flicker-hz", "readout-row-ns", "aps-bits"]);
         let on = ["--flicker-depth", "0.1", "--readout", "rows", "--aps-exposure-ns", "1000"];
         assert!(unread(&[&off[..], &on].concat()).is_empty());
+        let substeps = ["--substep-error-ns", "10", "--layers", "3"];
+        let other = ["--substep-policy", "fixed", "--synthesis", "rigid"];
+        assert_eq!(unread(&[&substeps[..], &other].concat()), ["layers", "substep-error-ns"]);
+        assert!(unread(&[&substeps[..], &["--synthesis", "motion"]].concat()).is_empty());
     }
 }

@@ -33,7 +33,7 @@ impl SensorModel {
         let within = |value: f64, low: f64, high: f64| value.is_finite() && (low..=high).contains(&value);
         check("width", self.width, "1 to 16384", (1..=16384).contains(&self.width))?;
         check("height", self.height, "1 to 16384", (1..=16384).contains(&self.height))?;
-        let threshold = "above 0 and at most 10 (at least 1e-4)";
+        let threshold = "0.0001 to 10";
         check("contrast_on", self.contrast_on, threshold, within(self.contrast_on, 1e-4, 10.0))?;
         check("contrast_off", self.contrast_off, threshold, within(self.contrast_off, 1e-4, 10.0))?;
         let smaller = self.contrast_on.min(self.contrast_off);

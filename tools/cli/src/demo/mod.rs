@@ -7,6 +7,7 @@ mod picture;
 mod run;
 
 use crate::arguments::CommonArguments;
+use crate::interrupt;
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
@@ -16,8 +17,9 @@ use crate::ros::{Published, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_argument::scene_parser;
 use crate::sensor_flags::SensorFlags;
+use crate::whole_argument::whole;
 use crate::{accuracy, colour, device_choice, output_file, stderr, unread_flags};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use caption::caption;
 use esaac_formats::event_file::write_npz;
 use esaac_model::presets::preset;
@@ -41,7 +43,7 @@ pub struct DemoArguments {
     #[arg(long, value_name = "NAME", default_value = "flight", value_parser = scene_parser())]
     pub scene: SceneKind,
     /// Frames to render
-    #[arg(long, default_value_t = 21, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    #[arg(long, default_value_t = 21, value_parser = whole(2, 100_000))]
     pub frames: u32,
     /// Folder for overview.png, events.npz and report.json
     #[arg(long, value_name = "DIR", default_value = "out")]
@@ -67,7 +69,7 @@ pub struct DemoArguments {
 pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcome> {
     let mut kernels = KernelSource::open(&arguments.kernels)?;
     let out = &arguments.out;
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    output_file::make_folder(out)?;
     let [picture, events, json] = ["overview.png", "events.npz", "report.json"].map(|name| out.join(name));
     for path in [&picture, &events, &json] {
         output_file::check(path)?;
@@ -85,10 +87,16 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     device_choice::check_validation(&device)?;
 
     let record = &simulated.record;
-    let input = format!("scene {}, {} frames at {RATE_HZ} Hz", arguments.scene.name(), run.times_ns.len());
+    let intervals = record.submit_to_packet_ns.len();
+    let interrupted = interrupt::tell(intervals, run.times_ns.len() - 1);
+    if intervals == 0 {
+        simulated.ros.recorded?;
+        return Ok(Outcome::complete(String::new()).interrupted());
+    }
+    let input = format!("scene {}, {} frames at {RATE_HZ} Hz", arguments.scene.name(), intervals + 1);
     let info = device_choice::report(device.info());
     let mut report = Report::new(input, info, &sensors, record);
-    let span_ns = (run.times_ns[0], run.times_ns[run.times_ns.len() - 1]);
+    let span_ns = (run.times_ns[0], run.times_ns[intervals]);
     report.simulated_ns = span_ns.1 - span_ns.0;
     report.set_memory(simulated.memory);
     report.link = simulated.link;
@@ -96,32 +104,42 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     if simulated.sensors_changed {
         stderr::line("the sensors changed during the run: no comparison with exact events");
     }
-    for (camera, sensor) in sensors.iter().enumerate().filter(|_| !simulated.sensors_changed) {
+    // The comparison takes as long as the run: who interrupts one does not wait for it.
+    let compared = !(simulated.sensors_changed || interrupted);
+    for (camera, sensor) in sensors.iter().enumerate().filter(|_| compared) {
         let events = &record.cameras[camera].events;
         report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
     }
     let recording = arguments.ros.record.as_ref();
-    report.files = [&picture, &events, &json]
+    // A run that was interrupted early has no frame to show.
+    let picture = (!simulated.instants.is_empty()).then_some(&picture);
+    report.files = picture
         .into_iter()
+        .chain([&events, &json])
         .chain(recording)
         .map(|path| path.display().to_string())
         .collect();
 
-    let size = (sensors[0].width as usize, sensors[0].height as usize);
-    let overview = overview::draw(&caption(&report, arguments.scene), size, &simulated.instants);
-    output_file::write(&picture, |out| overview.write_png(out))?;
+    if let Some(picture) = picture {
+        let size = (sensors[0].width as usize, sensors[0].height as usize);
+        let overview = overview::draw(&caption(&report, arguments.scene), size, &simulated.instants);
+        output_file::write(picture, |out| overview.write_png(out))?;
+    }
     output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
     let text = report.to_json()?;
     output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
     report.warn_of_waiting();
     simulated.ros.recorded?;
-    report.outcome(common.json)
+    let outcome = report.outcome(common.json)?;
+    Ok(if interrupted { outcome.interrupted() } else { outcome })
 }
 
 /// The chosen sensor, and the same with the other kind of intensity (colour or gray). Both have APS frames
 /// unless the flags set the exposure.
 fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
     let mut sensor = arguments.sensor.resolve(preset("davis346").expect("a preset"))?.sensor;
+    // Before a scene of its size is drawn.
+    sensor.validate()?;
     let given = |name: &str| arguments.sensor.explicit.iter().any(|(parameter, _)| *parameter == name);
     if sensor.aps_exposure_ns == 0 && !given("aps_exposure_ns") {
         sensor.aps_exposure_ns = 10_000_000;
@@ -138,9 +156,9 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
         sensor.aps_gain = format!("{gain:.2e}").parse::<f64>()?.clamp(1e-6, 1e6);
     }
     sensor.validate()?;
-    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
     // The frames have motion vectors.
     sensor.synthesis = sensor.synthesis.resolve(false, true);
+    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
     let intensity = match sensor.intensity {
         Intensity::BayerRggb => Intensity::Luminance,
         _ => Intensity::BayerRggb,

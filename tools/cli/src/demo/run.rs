@@ -3,6 +3,7 @@
 use super::collected::Collected;
 use super::{DemoArguments, HDR, MOTION, RATE_HZ, Simulated};
 use crate::arguments::CommonArguments;
+use crate::interrupt::Interrupt;
 use crate::kernel_source::KernelSource;
 use crate::link_report::LinkReport;
 use crate::pace::Pace;
@@ -107,8 +108,9 @@ impl<'a> Run<'a> {
             let poses_ns = pose_times_ns(self.times_ns.len(), RATE_HZ, POSE_RATE_HZ);
             rig.set_scene(camera, self.scene.scene_motion(&poses_ns))?;
         }
+        let interrupt = Interrupt::watch()?;
         let progress = progress::bar(self.times_ns.len());
-        for (index, &t_ns) in self.times_ns.iter().enumerate() {
+        for (index, &t_ns) in self.times_ns.iter().enumerate().take_while(|_| !interrupt.came()) {
             pace.wait(t_ns);
             let previous_ns = index.checked_sub(1).map(|before| self.times_ns[before]);
             for camera in 0..rig.len() {
@@ -148,8 +150,12 @@ impl<'a> Run<'a> {
         let mut renderer = RenderProcess::start(&socket, job, device, common)?;
         let mut collected = Collected::new(self, device, ros)?;
         let mut pace = Pace::new(arguments.real_time);
+        let interrupt = Interrupt::watch()?;
         let progress = progress::bar(self.times_ns.len());
-        for (index, &t_ns) in self.times_ns.iter().enumerate() {
+        'frames: for (index, &t_ns) in self.times_ns.iter().enumerate() {
+            if interrupt.came() {
+                break;
+            }
             pace.wait(t_ns);
             kernels.refresh(service.rig_mut(), &progress);
             collected.change_sensors(service.rig_mut());
@@ -163,12 +169,20 @@ impl<'a> Run<'a> {
                     collected.add(self, index, &tick.tick)?;
                     break;
                 }
-                renderer.check_alive(&service.server().notices())?;
+                let alive = renderer.check_alive(&service.server().notices());
+                // Ctrl-C ends the renderer too.
+                if interrupt.came() {
+                    break 'frames;
+                }
+                alive?;
             }
             progress.inc(1);
         }
         progress.finish_and_clear();
-        renderer.finish()?;
+        match interrupt.came() {
+            true => drop(renderer),
+            false => renderer.finish()?,
+        }
         collected.take_light(service.rig())?;
         collected.finish(LinkReport::of(&service), MemoryReport::of(service.rig()))
     }

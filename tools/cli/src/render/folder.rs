@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &RenderArguments, folder: &Path, json: bool) -> Res
 
 /// Makes the folder. Frames of another run in it would be taken for frames of this one.
 fn make_empty(folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))?;
+    output_file::make_folder(folder)?;
     let entry =
         std::fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))?.next();
     if let Some(entry) = entry {

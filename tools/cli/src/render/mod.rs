@@ -7,6 +7,7 @@ use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
 use crate::rate_argument::rate;
 use crate::scene_argument::scene_parser;
+use crate::whole_argument::whole;
 use anyhow::Result;
 use esaac_scene::SceneKind;
 use std::path::PathBuf;
@@ -21,7 +22,7 @@ pub struct RenderArguments {
     #[arg(long, value_name = "NAME", default_value = "flight", value_parser = scene_parser())]
     pub scene: SceneKind,
     /// Frames to render
-    #[arg(long, default_value_t = 21, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    #[arg(long, default_value_t = 21, value_parser = whole(1, 10_000_000))]
     pub frames: u32,
     /// Frames per second of simulated time
     #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = rate, allow_negative_numbers = true)]
@@ -33,10 +34,10 @@ pub struct RenderArguments {
     #[arg(long, value_name = "SECONDS", default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..=86_400), conflicts_with = "out")]
     pub patience: u64,
     /// Width of the frames in a folder
-    #[arg(long, value_name = "PX", default_value_t = 346, value_parser = clap::value_parser!(u32).range(1..=4096), conflicts_with = "socket")]
+    #[arg(long, value_name = "PX", default_value_t = 346, value_parser = whole(1, 4096), conflicts_with = "socket")]
     pub width: u32,
     /// Height of the frames in a folder
-    #[arg(long, value_name = "PX", default_value_t = 260, value_parser = clap::value_parser!(u32).range(1..=4096), conflicts_with = "socket")]
+    #[arg(long, value_name = "PX", default_value_t = 260, value_parser = whole(1, 4096), conflicts_with = "socket")]
     pub height: u32,
     /// Poses per second of simulated time
     #[arg(long, value_name = "HZ", default_value_t = 960.0, value_parser = rate, allow_negative_numbers = true)]

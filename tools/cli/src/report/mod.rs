@@ -228,8 +228,9 @@ impl CameraReport {
     /// Why events are missing at the end, and what to do.
     fn waiting_warning(&self) -> Option<String> {
         (self.waiting_at_end > 0).then(|| {
+            let missing = if self.waiting_at_end == 1 { "event is" } else { "events are" };
             format!(
-                "{} events are missing: the sensor delays them (latency, jitter, readout) beyond the last frame; more \
+                "{} {missing} missing: the sensor delays them (latency, jitter, readout) beyond the last frame; more \
                  frames at the end bring them",
                 self.waiting_at_end
             )

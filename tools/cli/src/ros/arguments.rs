@@ -1,6 +1,6 @@
 //! The ROS 2 flags of commands that simulate.
 
-use super::network::NetworkArguments;
+use super::network::{NODE, NetworkArguments};
 use super::rviz;
 use clap::ValueEnum;
 use clap::builder::{PathBufValueParser, TypedValueParser};
@@ -48,7 +48,7 @@ pub struct RosArguments {
     #[arg(long, value_name = "FILE.mcap", value_parser = PathBufValueParser::new().try_map(recording))]
     pub record: Option<PathBuf>,
     /// Namespace of all cameras
-    #[arg(long, value_name = "NAME", default_value = "/esaac")]
+    #[arg(long, value_name = "NAME", default_value = NAMESPACE)]
     ros_namespace: String,
     /// Event messages: packed, plain (esaac_msgs), evt3, mono (event_camera_msgs)
     #[arg(long, value_name = "FORMAT", default_value = "packed")]
@@ -73,6 +73,9 @@ pub struct RosArguments {
     #[command(flatten)]
     pub network: NetworkArguments,
 }
+
+/// Namespace, if no other is given.
+const NAMESPACE: &str = "/esaac";
 
 /// Another ending could be that of a file of events.
 fn recording(path: PathBuf) -> Result<PathBuf, String> {
@@ -116,6 +119,32 @@ impl RosArguments {
             qos: self.ros_qos.clone(),
             ..RigOptions::default()
         }
+    }
+
+    /// Flags that were given and do nothing, and why. `published`: there is to be a network.
+    #[must_use]
+    pub fn unread(&self, published: bool) -> Vec<(&'static str, &'static str)> {
+        let mut unread = Vec::new();
+        if !published {
+            let why = "without --ros on nothing is published";
+            unread.extend(self.network.given().map(|flag| (flag, why)));
+        }
+        if !published && self.record.is_none() {
+            let flags = [
+                ("ros-node", self.network.ros_node != NODE),
+                ("ros-namespace", self.ros_namespace != NAMESPACE),
+                ("ros-events", self.ros_events != EventFormat::Packed),
+                ("ros-slice-ns", self.ros_slice_ns != 0),
+                ("ros-max-bytes", self.ros_max_bytes != 0),
+                ("ros-qos", !self.ros_qos.is_empty()),
+                ("ros-policy", self.ros_policy.is_some()),
+                ("ros-time", self.ros_time != TimeName::Sim),
+            ];
+            let why = "without --ros on or --record nothing is published or recorded";
+            let given = flags.into_iter().filter(|(_, is_given)| *is_given);
+            unread.extend(given.map(|(flag, _)| (flag, why)));
+        }
+        unread
     }
 
     /// Shell commands that show what is published.

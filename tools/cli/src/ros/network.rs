@@ -15,6 +15,9 @@ enum TransportName {
     Rclrs,
 }
 
+/// Name of the node, if no other is given.
+pub(super) const NODE: &str = "esaac";
+
 /// Flags that choose network, node and transport.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "ROS 2")]
@@ -26,7 +29,7 @@ pub struct NetworkArguments {
     #[arg(long, value_name = "NAME")]
     ros_interface: Option<String>,
     /// Name of the node
-    #[arg(long, value_name = "NAME", default_value = "esaac")]
+    #[arg(long, value_name = "NAME", default_value = NODE)]
     pub ros_node: String,
     /// What carries the messages
     #[arg(long, value_name = "NAME", default_value = "embedded")]
@@ -71,16 +74,24 @@ impl NetworkArguments {
     /// Whether a flag chooses the network or the transport, which means that the user wants one.
     #[must_use]
     pub fn is_chosen(&self) -> bool {
-        self.ros_domain.is_some()
-            || self.ros_interface.is_some()
-            || self.ros_transport != TransportName::default()
-            || !self.ros_args.is_empty()
+        self.given().next().is_some()
+    }
+
+    /// Flags that were given and that only a network reads.
+    pub(super) fn given(&self) -> impl Iterator<Item = &'static str> {
+        let flags = [
+            ("ros-domain", self.ros_domain.is_some()),
+            ("ros-interface", self.ros_interface.is_some()),
+            ("ros-transport", self.ros_transport != TransportName::default()),
+            ("ros-args", !self.ros_args.is_empty()),
+        ];
+        flags.into_iter().filter_map(|(flag, is_given)| is_given.then_some(flag))
     }
 
     /// Joins the network. The transport `rclrs` lets other nodes change the sensors of `cameras`.
     pub fn open(&self, cameras: &[CameraPlan]) -> Result<Joined, TransportError> {
         if self.ros_transport != TransportName::Rclrs && !self.ros_args.is_empty() {
-            return Err(TransportError::Unavailable("--ros-args needs --ros-transport rclrs".to_owned()));
+            return Err(TransportError::Unsupported("--ros-args needs --ros-transport rclrs".to_owned()));
         }
         match self.ros_transport {
             TransportName::Rclrs => self.open_node(cameras),
@@ -100,7 +111,7 @@ impl NetworkArguments {
     fn open_zenoh(&self) -> Result<Box<dyn Transport>, TransportError> {
         let reason = "this program was built without the feature `zenoh`: cargo build --release -p esaac-cli \
                       --features zenoh";
-        Err(TransportError::Unavailable(reason.to_owned()))
+        Err(TransportError::Unsupported(reason.to_owned()))
     }
 
     #[cfg(feature = "rclrs")]
@@ -108,7 +119,7 @@ impl NetworkArguments {
         if self.ros_interface.is_some() {
             let reason = "--ros-interface is for the embedded transport; the sourced middleware has settings \
                           of its own";
-            return Err(TransportError::Unavailable(reason.to_owned()));
+            return Err(TransportError::Unsupported(reason.to_owned()));
         }
         let mut arguments = vec!["--ros-args".to_owned()];
         arguments.extend_from_slice(&self.ros_args);
@@ -122,7 +133,7 @@ impl NetworkArguments {
     fn open_node(&self, _: &[CameraPlan]) -> Result<Joined, TransportError> {
         let reason = "this program was built without the feature `rclrs`; where ROS 2 is sourced: cargo build \
                       --release -p esaac-cli --features rclrs";
-        Err(TransportError::Unavailable(reason.to_owned()))
+        Err(TransportError::Unsupported(reason.to_owned()))
     }
 
     fn options(&self) -> Result<NetworkOptions, TransportError> {

@@ -1,8 +1,8 @@
 //! Publishes and records what a command simulates.
 
 use super::arguments::{RosArguments, RosMode};
-use crate::stderr;
-use anyhow::{Context, Result};
+use crate::{stderr, unread_flags};
+use anyhow::{Context, Result, anyhow};
 use esaac_engine::Rig;
 use esaac_model::SensorModel;
 use esaac_ros::{
@@ -34,6 +34,9 @@ impl RosOutput {
             RosMode::Auto if network.is_chosen() => RosMode::On,
             mode => mode,
         };
+        for (flag, why) in arguments.unread(mode != RosMode::Off) {
+            unread_flags::warn(flag, why);
+        }
         if mode == RosMode::Off && arguments.record.is_none() {
             return Ok(RosOutput::default());
         }
@@ -46,7 +49,10 @@ impl RosOutput {
         let bag = arguments.record.as_deref().map(BagWriter::create).transpose()?;
         let joined = match mode {
             RosMode::Off => None,
-            RosMode::On => Some(network.open(&cameras).context("--ros off does without")?),
+            RosMode::On => {
+                let does_without = |error| anyhow!("{error} (--ros off does without)");
+                Some(network.open(&cameras).map_err(does_without)?)
+            }
             RosMode::Auto => network
                 .open(&cameras)
                 .inspect_err(|error| {

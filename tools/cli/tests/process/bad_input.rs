@@ -109,7 +109,7 @@ fn unreadable_and_truncated_frames() {
 #[test]
 fn sensor_parameters_out_of_range_or_unknown() {
     let frames = Frames::new(2, true);
-    simulate_error(&frames, &["--contrast-on", "-0.2"], &["`contrast_on` is -0.2", "expected above 0"]);
+    simulate_error(&frames, &["--contrast-on", "-0.2"], &["`contrast_on` is -0.2", "expected 0.0001 to 10"]);
     simulate_error(&frames, &["--substeps", "65"], &["`substeps` is 65", "1 to 64"]);
     simulate_error(&frames, &["--intensity", "red"], &["`intensity` cannot be `red`", "bayer_rggb"]);
     simulate_error(&frames, &["--sensor", "davis"], &["unknown sensor `davis`", "davis346"]);

@@ -5,6 +5,18 @@ use crate::harness::{assert_error, run};
 const SMALL: [&str; 6] = ["--width", "48", "--height", "40", "--frames", "4"];
 
 #[test]
+fn a_demo_that_cannot_be_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let started = std::time::Instant::now();
+    let wide = ["demo", "--out", out, "--width", "20000", "--height", "20000"];
+    assert_error(&wide, &["`width` is 20000", "1 to 16384"]);
+    assert!(started.elapsed().as_secs() < 20, "{:?}", started.elapsed());
+    let (code, _, error) = run(&["demo", "--out", out, "--frames", "two"]);
+    assert!(code == 2 && error.contains("expected a whole number, 2 to 100000"), "{error}");
+}
+
+#[test]
 fn it_writes_a_picture_events_and_the_report_it_prints() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");

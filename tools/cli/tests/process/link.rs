@@ -116,6 +116,23 @@ fn signal(child: &Child, signal: &str) {
 }
 
 #[test]
+fn a_camera_that_never_had_a_frame_leaves_the_old_file() {
+    let out = tempfile::tempdir().unwrap();
+    let files = ["camera_0.npz", "camera_1.npz"].map(|name| out.path().join(name));
+    files.iter().for_each(|file| std::fs::write(file, "old").unwrap());
+    let engine = Engine::start(&["--out", text(out.path())]);
+    let render = engine.renderer(&["--camera", "0", "--frames", "5"]);
+    let (code, _, error) = finish(render.wait_with_output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    signal(&engine.child, "-INT");
+    let (report, log) = engine.end();
+    // The first frame ends no interval.
+    assert_eq!((&report["files"], &report["intervals"]), (&serde_json::json!([files[0]]), &4.into()));
+    assert!(files[0].metadata().unwrap().len() > 300 && std::fs::read(&files[1]).unwrap() == b"old");
+    assert!(log.contains("camera 1 had no frame: ") && !log.contains("camera 0 had no frame"), "{log}");
+}
+
+#[test]
 fn two_processes_give_the_events_of_one() {
     let folder = tempfile::tempdir().unwrap();
     let demo = |name: &str, more: &[&str]| {

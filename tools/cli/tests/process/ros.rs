@@ -91,8 +91,13 @@ fn a_demo_without_a_network_goes_on_with_a_warning_and_one_that_was_asked_for_it
 
 /// Waits until a process has recorded 3 MiB.
 fn until_recorded(child: &mut Child, file: &Path) {
+    until_grown(child, file, 3 << 20);
+}
+
+/// Waits until a process has recorded so many bytes.
+fn until_grown(child: &mut Child, file: &Path, bytes: u64) {
     let until = Instant::now() + Duration::from_secs(120);
-    while std::fs::metadata(file).map_or(0, |file| file.len()) < 3 << 20 {
+    while std::fs::metadata(file).map_or(0, |file| file.len()) < bytes {
         assert!(Instant::now() < until && child.try_wait().unwrap().is_none(), "nothing was recorded");
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -130,6 +135,57 @@ fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     let report: serde_json::Value = serde_json::from_str(&text).unwrap();
     let recorded = report["ros"]["topics"].as_array().unwrap().iter().map(|topic| topic["recorded"].as_u64());
     assert!(recorded.flatten().sum::<u64>() >= 100, "{}", report["ros"]);
+}
+
+#[test]
+fn a_run_that_fails_before_its_first_message_leaves_the_old_recording() {
+    let (frames, folder) = (crate::harness::Frames::new(2, true), tempfile::tempdir().unwrap());
+    let (file, events) = (folder.path().join("old.mcap"), folder.path().join("events.npz"));
+    let run = |more: &[&str]| {
+        std::fs::write(&file, "old").unwrap();
+        let mut command = local(4, &["simulate", frames.argument()]);
+        command.arg("--out").arg(&events).arg("--record").arg(&file).args(more);
+        let (code, _, error) = finish(command.output().unwrap());
+        assert_eq!((code, std::fs::read(&file).unwrap()), (1, b"old".to_vec()), "{more:?}: {error}");
+        error
+    };
+    run(&["--device", "99"]);
+    let error = run(&["--ros", "on", "--ros-interface", "wlan9"]);
+    assert!(error.starts_with("error: no ROS 2 network: ") && error.contains("wlan9"), "{error}");
+    run(&["--colour-channels", "a,b,c"]);
+}
+
+#[test]
+fn a_run_that_is_interrupted_keeps_what_it_has_simulated() {
+    let (frames, folder) = (crate::harness::Frames::new(200, true), tempfile::tempdir().unwrap());
+    let demo = ["demo", "--frames", "2000", "--width", "48", "--height", "40", "--synthesis", "linear"];
+    let out = folder.path().to_str().unwrap();
+    let events = folder.path().join("events.npz");
+    let name = events.to_str().unwrap();
+    for (command, signal) in [
+        ([&demo[..], &["--ros", "off", "--out", out]].concat(), "-INT"),
+        (vec!["simulate", frames.argument(), "--rate", "10", "--out", name], "-TERM"),
+    ] {
+        let file = folder.path().join(format!("{}.mcap", command[0]));
+        let mut child = esaac(&command);
+        child.args(["--real-time", "--json", "--record"]).arg(&file);
+        let mut child = child.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        // The first second of messages is on the disk.
+        until_grown(&mut child, &file, 1);
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        let (code, out, error) = finish(child.wait_with_output().unwrap());
+        assert_eq!(code, 130, "{error}");
+        assert!(error.contains("interrupted after "), "{error}");
+        let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+        let intervals = report["intervals"].as_u64().unwrap();
+        assert!(intervals > 0 && intervals < 1999, "{report}");
+        assert!(events.metadata().unwrap().len() > 300, "{error}");
+        std::fs::remove_file(&events).unwrap();
+        let (topics, truncated) = recorded(&file);
+        let of_events = topics.iter().find(|(topic, _)| topic.ends_with("/events")).unwrap().1;
+        assert_eq!((of_events as u64, truncated), (intervals, false));
+    }
+    assert!(folder.path().join("report.json").exists());
 }
 
 #[test]
@@ -194,6 +250,23 @@ fn simulate_records_events_aps_frames_and_images() {
     assert_lens(&file, "camera_info", 4, size_px, None);
     assert_lens(&file, "aps/camera_info", 3, size_px, None);
     assert!(!topics.iter().any(|(topic, _)| topic.contains("/depth/")), "{topics:?}");
+}
+
+#[test]
+fn flags_of_what_is_not_published_are_told() {
+    let (frames, folder) = (crate::harness::Frames::new(2, true), tempfile::tempdir().unwrap());
+    let told = |more: &[&str]| -> Vec<String> {
+        let mut command = esaac(&["simulate", frames.argument(), "--device", "99"]);
+        command.arg("--out").arg(folder.path().join("e.npz")).args(more);
+        let (_, _, error) = finish(command.output().unwrap());
+        let flag = |line: &str| line.strip_prefix("warning: --")?.split(' ').next().map(str::to_owned);
+        error.lines().filter(|line| line.contains("does nothing")).filter_map(flag).collect()
+    };
+    let flags = ["--ros-domain", "3", "--ros-events", "evt3", "--ros-namespace", "/robot"];
+    assert_eq!(told(&flags), ["ros-domain", "ros-namespace", "ros-events"]);
+    let record = folder.path().join("r.mcap");
+    assert_eq!(told(&[&flags[..], &["--record", record.to_str().unwrap()]].concat()), ["ros-domain"]);
+    assert!(told(&[]).is_empty());
 }
 
 #[test]
