@@ -25,6 +25,14 @@ fn apart(curve: &SCurve, of: fn(&esaac_benches::characterise::s_curve::StepAnswe
 }
 
 #[test]
+fn the_guide_takes_published_light_as_the_code_does() {
+    let guide = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guide/sensors.md");
+    let guide = std::fs::read_to_string(guide).expect("the guide's page on sensors");
+    let stated = format!("white light of {} lm/W", lux_of(1.0));
+    assert!(guide.contains(&stated), "{stated} is not in the guide, which has pictures by it");
+}
+
+#[test]
 fn s_curves_are_those_of_the_law_of_noise() {
     let lab = lab(1024, 0, 1);
     // Mismatch alone, and mismatch that outweighs the noise: the normal distribution of both.

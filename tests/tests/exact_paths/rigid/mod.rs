@@ -9,4 +9,5 @@ mod poses;
 mod stages;
 mod still;
 mod swept;
+mod truth;
 mod unoccluded;
