@@ -55,10 +55,14 @@ impl Write for LateFile {
     }
 }
 
-/// The writer of recordings asks for this, and does not use it.
+/// The writer of recordings asks where it is, for its index, and goes nowhere else.
 impl Seek for LateFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
+        match to {
+            to if self.begun => self.file.seek(to),
+            SeekFrom::Current(0) => Ok(self.held.len() as u64),
+            _ => Err(ErrorKind::Unsupported.into()),
+        }
     }
 }
 
@@ -68,5 +72,28 @@ impl Drop for LateFile {
             // If it cannot be removed, an empty file is left, and nothing else is lost.
             let _ = std::fs::remove_file(&self.path);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_count_what_is_held() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        std::fs::write(&path, b"what was there before").unwrap();
+        let wanted = Arc::new(AtomicBool::new(false));
+        let mut file = LateFile::open(&path, Arc::clone(&wanted)).unwrap();
+        assert_eq!(file.stream_position().unwrap(), 0);
+        file.write_all(b"head").unwrap();
+        assert_eq!(file.stream_position().unwrap(), 4);
+        assert_eq!(file.seek(SeekFrom::Start(0)).unwrap_err().kind(), ErrorKind::Unsupported);
+        assert_eq!(std::fs::read(&path).unwrap(), b"what was there before");
+        wanted.store(true, Ordering::Relaxed);
+        file.write_all(b"body").unwrap();
+        assert_eq!(file.stream_position().unwrap(), 8);
+        assert_eq!(std::fs::read(&path).unwrap(), b"headbody");
     }
 }

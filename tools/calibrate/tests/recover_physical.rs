@@ -211,7 +211,7 @@ fn lists_that_say_too_little_or_something_impossible_are_errors() {
     assert!(refused(&entry(&step.replace("5.0", "0.5"))).contains("flicker_hz is 0.5, expected 1 to 1e5"));
     assert!(refused(&format!("burn_in_s = 9.0\n{}", entry("lux = 1.0"))).contains("burn-in of 9 s"));
     assert!(refused("[[exposure]]\nfile = \"none.npz\"\nlux = 1.0").contains("cannot read"));
-    assert!(refused("[[exposure]]\nfile = \"a.csv\"\nlux = 1.0").contains(".npz or .aedat4"));
+    assert!(refused("[[exposure]]\nfile = \"a.csv\"\nlux = 1.0").contains(".npz, .aedat4 or .raw"));
     let one = list(&entry("lux = 1.0")).unwrap();
     assert_eq!((one.all[0].events.len(), one.all[0].seconds), (2, 2.0));
     let guess = preset_with_physical_pixel("hd").expect("listed");
