@@ -280,7 +280,7 @@ def test_a_physical_pixel_has_the_numbers_of_its_preset():
 @pytest.mark.parametrize(
     ("parameters", "parameter", "expected", "actual"),
     [
-        ({"contrast_on": 0.0}, "contrast_on", "above 0", "0"),
+        ({"contrast_on": 0.0}, "contrast_on", "0.0001 to 10", "0"),
         ({"substeps": 65}, "substeps", "1 to 64", "65"),
         ({"intensity": "red"}, "intensity", "gray", "red"),
         ({"contrast_on": None}, "contrast_on", "a number", "None"),

@@ -256,6 +256,7 @@ def test_the_extension_follows_the_timeline_and_shows_its_window(stage):
     asyncio.run(session())
 
 
+@pytest.mark.filterwarnings("ignore::esaac.LightWarning")
 def test_a_camera_with_physical_pixels_is_shown_with_its_light(stage):
     running = bridge()
     running.attach(stage)

@@ -76,8 +76,8 @@ class Publisher:
     and size. `network=False` only records.
 
     `record` is a file whose name ends in `.mcap`. A file that is there is overwritten once the first second or MiB of
-    messages is whole, or by `close`; a publisher that sends none leaves it as it was. What a killed process has recorded until a
-    second before stays readable.
+    messages is whole, or by `close`; a publisher that sends none leaves it as it was. What a killed process has
+    recorded until a second before stays readable.
     """
 
     def __init__(
