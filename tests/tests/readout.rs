@@ -202,9 +202,10 @@ fn any_number_of_events_is_served_as_by_a_queue() {
 fn what_waits_is_served_before_a_quiet_interval() {
     let cameras = KINDS.map(|kind| {
         let sensor = SensorModel { width: 5, height: 26, ..sensor(kind, 83.0) };
-        let levels = [0.0, 2.5, 5.0];
-        let frames = gray(&sensor, &[0, 2, 1_000_000_002], |frame, _| {
-            intensity_of(&sensor, levels[frame] * 0.2 - 1.0)
+        let frames = gray(&sensor, &[0, 2, 1_000_000_002], |frame, pixel| {
+            // In the last interval each pixel has a slope of its own.
+            let level = [0.0, 0.5, 1.0 + 0.01 * pixel as f64][frame];
+            intensity_of(&sensor, level - 1.0)
         });
         (sensor, frames)
     });
