@@ -201,10 +201,16 @@ fn any_number_of_events_is_served_as_by_a_queue() {
 #[test]
 fn what_waits_is_served_before_a_quiet_interval() {
     let cameras = KINDS.map(|kind| {
-        let sensor = SensorModel { width: 5, height: 26, ..sensor(kind, 83.0) };
+        let sensor = SensorModel {
+            width: 5,
+            height: 26,
+            contrast_on: 0.2,
+            contrast_mismatch: 0.0,
+            ..sensor(kind, 83.0)
+        };
         let frames = gray(&sensor, &[0, 2, 1_000_000_002], |frame, pixel| {
-            // In the last interval each pixel has a slope of its own.
-            let level = [0.0, 0.5, 1.0 + 0.01 * pixel as f64][frame];
+            // In the last interval each pixel sends one event, at a time of its own in the middle.
+            let level = [0.0, 0.5, 0.75 + 0.0003 * pixel as f64][frame];
             intensity_of(&sensor, level - 1.0)
         });
         (sensor, frames)
@@ -213,6 +219,7 @@ fn what_waits_is_served_before_a_quiet_interval() {
     for options in orders().into_iter().chain([gpu]) {
         for run in check(&cameras, options) {
             assert!(run[1].waiting > 50, "{} events wait", run[1].waiting);
+            assert_eq!((run[2].events.len(), run[2].waiting), (2 * 130, 0), "all leave in the last interval");
         }
     }
 }
