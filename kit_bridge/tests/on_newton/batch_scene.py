@@ -7,13 +7,12 @@ import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
-from mujoco_scene import texture
+from mujoco_scene import CAMERAS, PHYSICS_HZ, WALLS, paint, texture
 
 wp.config.quiet = True
 wp.set_device(os.environ.get("ESAAC_NEWTON_DEVICE", "cpu"))
 
-PHYSICS_HZ, FRAME_HZ = 960, 30
-WIDTH, HEIGHT, WORLDS = 64, 48, 2
+WORLDS = 2
 
 XML = """
 <mujoco>
@@ -27,9 +26,7 @@ XML = """
     <mesh name="box" {box}/>
   </asset>
   <worldbody>
-    <geom name="wall" type="plane" size="4 4 .1" pos="0 3 0" euler="90 0 0" material="wall"/>
-    <geom name="floor" type="box" size="3 2 .05" pos="0 1 -.85" rgba=".4 .4 .45 1"/>
-    <body name="thrown" pos="-.7 1.6 .2">
+{walls}    <body name="thrown" pos="-.7 1.6 .2">
       <freejoint/>
       <geom type="mesh" mesh="box" material="box"/>
     </body>
@@ -37,17 +34,8 @@ XML = """
       <joint type="hinge" axis="0 1 0" damping=".01"/>
       <geom type="mesh" mesh="box" pos="0 0 -.5" material="box"/>
     </body>
-    <camera name="still" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" fovy="50"/>
-    <camera name="asymmetric" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" sensorsize=".004 .003" resolution="64 48"
-      focal=".004 .0035" principal=".0003 -.0002"/>
-    <camera name="square" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" sensorsize=".003 .003" resolution="48 48"
+{cameras}    <camera name="square" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" sensorsize=".003 .003" resolution="48 48"
       focal=".003 .0032" principal=".0003 -.0002"/>
-    <body name="platform" pos="0 -.6 .1">
-      <joint name="slide" type="slide" axis="1 0 0" stiffness="900" damping="0"/>
-      <joint name="pan" type="hinge" axis="0 .1 1" stiffness="40" damping="0"/>
-      <inertial pos="0 0 0" mass="1" diaginertia=".02 .02 .02"/>
-      <camera name="shaken" xyaxes="1 0 0 0 0 1" fovy="50"/>
-    </body>
   </worldbody>
 </mujoco>
 """
@@ -69,13 +57,13 @@ def box():
 
 
 def host_model():
-    made = mujoco.MjModel.from_xml_string(XML.format(step=1 / PHYSICS_HZ, box=box()))
+    made = mujoco.MjModel.from_xml_string(
+        XML.format(step=1 / PHYSICS_HZ, box=box(), walls=WALLS, cameras=CAMERAS)
+    )
     for name, most in (("waves", 6), ("boxes", 2)):
         number = made.texture(name).id
         width, height = made.tex_width[number], made.tex_height[number]
-        grey = texture(number, (height, width), most)
-        start = made.tex_adr[number]
-        made.tex_data[start : start + grey.size * 3] = np.repeat(grey.reshape(-1, 1), 3, axis=1).ravel()
+        paint(made, number, texture(number, (height, width), most))
     return made
 
 

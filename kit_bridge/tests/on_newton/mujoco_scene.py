@@ -11,6 +11,21 @@ import numpy as np
 PHYSICS_HZ, POSES_HZ, FRAME_HZ, TRUTH_HZ = 960, 240, 30, 960
 WIDTH, HEIGHT = 64, 48
 
+# Parts of the worlds of `XML` and of `batch_scene`.
+WALLS = """    <geom name="wall" type="plane" size="4 4 .1" pos="0 3 0" euler="90 0 0" material="wall"/>
+    <geom name="floor" type="box" size="3 2 .05" pos="0 1 -.85" rgba=".4 .4 .45 1"/>
+"""
+CAMERAS = """    <camera name="still" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" fovy="50"/>
+    <camera name="asymmetric" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" sensorsize=".004 .003" resolution="64 48"
+      focal=".004 .0035" principal=".0003 -.0002"/>
+    <body name="platform" pos="0 -.6 .1">
+      <joint name="slide" type="slide" axis="1 0 0" stiffness="900" damping="0"/>
+      <joint name="pan" type="hinge" axis="0 .1 1" stiffness="40" damping="0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia=".02 .02 .02"/>
+      <camera name="shaken" xyaxes="1 0 0 0 0 1" fovy="50"/>
+    </body>
+"""
+
 XML = """
 <mujoco>
   <option timestep="{step}" integrator="implicitfast"/>
@@ -25,9 +40,7 @@ XML = """
     <material name="box" texture="boxes"/>
   </asset>
   <worldbody>
-    <geom name="wall" type="plane" size="4 4 .1" pos="0 3 0" euler="90 0 0" material="wall"/>
-    <geom name="floor" type="box" size="3 2 .05" pos="0 1 -.85" rgba=".4 .4 .45 1"/>
-    <body name="thrown" pos="-.7 1.6 .2">
+{walls}    <body name="thrown" pos="-.7 1.6 .2">
       <freejoint/>
       <geom type="box" size=".3 .2 .25" material="box"/>
     </body>
@@ -35,16 +48,7 @@ XML = """
       <joint type="hinge" axis="0 1 0" damping=".01"/>
       <geom type="box" size=".12 .12 .35" pos="0 0 -.5" material="box"/>
     </body>
-    <camera name="still" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" fovy="50"/>
-    <camera name="asymmetric" pos="0 -.6 .1" xyaxes="1 0 0 0 0 1" sensorsize=".004 .003" resolution="64 48"
-      focal=".004 .0035" principal=".0003 -.0002"/>
-    <body name="platform" pos="0 -.6 .1">
-      <joint name="slide" type="slide" axis="1 0 0" stiffness="900" damping="0"/>
-      <joint name="pan" type="hinge" axis="0 .1 1" stiffness="40" damping="0"/>
-      <inertial pos="0 0 0" mass="1" diaginertia=".02 .02 .02"/>
-      <camera name="shaken" xyaxes="1 0 0 0 0 1" fovy="50"/>
-    </body>
-  </worldbody>
+{cameras}  </worldbody>
 </mujoco>
 """
 
@@ -92,14 +96,22 @@ def texture(seed, shape, most):
 
 
 def model():
-    made = mujoco.MjModel.from_xml_string(XML.format(step=1 / PHYSICS_HZ))
+    made = mujoco.MjModel.from_xml_string(XML.format(step=1 / PHYSICS_HZ, walls=WALLS, cameras=CAMERAS))
     for name, most, faces in (("waves", 6, 1), ("boxes", 2, 6)):
         number = made.texture(name).id
         width, height = made.tex_width[number], made.tex_height[number]
-        grey = np.concatenate([texture(face, (height // faces, width), most) for face in range(faces)])
-        start = made.tex_adr[number]
-        made.tex_data[start : start + grey.size * 3] = np.repeat(grey.reshape(-1, 1), 3, axis=1).ravel()
+        paint(
+            made,
+            number,
+            np.concatenate([texture(face, (height // faces, width), most) for face in range(faces)]),
+        )
     return made
+
+
+def paint(made, number, grey):
+    """Gives a texture of a model these bytes of grey."""
+    start = made.tex_adr[number]
+    made.tex_data[start : start + grey.size * 3] = np.repeat(grey.reshape(-1, 1), 3, axis=1).ravel()
 
 
 def begun(made):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import rigid_numpy
 import warp as wp
-from batch_scene import FRAME_HZ, HEIGHT, PHYSICS_HZ, WIDTH, WORLDS, Moving
+from batch_scene import WORLDS, Moving
+from mujoco_scene import FRAME_HZ, HEIGHT, PHYSICS_HZ, WIDTH
 from test_mujoco import directions, traced
 from test_newton import events_of, flat, moved, on_host, unmoved
 
