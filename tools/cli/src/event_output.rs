@@ -6,6 +6,7 @@ use esaac_formats::event_file::{EventColumns, write_npz};
 use esaac_formats::recording::Recording;
 use esaac_formats::recording::aedat4_writer::{self, Compression};
 use esaac_model::packet::Event;
+use esaac_model::substeps::quantise_ns;
 use esaac_model::{SensorModel, evt3};
 use std::path::{Path, PathBuf};
 
@@ -66,7 +67,7 @@ impl EventOutput {
                 Ok(evt3::write_file(&mut out, [sensor.width, sensor.height], events.iter())?)
             }
             EventFormat::Aedat4 => {
-                let whole_us = |event: Event| Event { t_ns: event.t_ns.div_euclid(1000) * 1000, ..event };
+                let whole_us = |event: Event| Event { t_ns: quantise_ns(event.t_ns, 1000), ..event };
                 let recording = Recording {
                     name: sensor.name.clone(),
                     width_px: sensor.width,
