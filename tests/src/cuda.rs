@@ -5,6 +5,8 @@
 use cudarc::driver::sys::{self, CUresult};
 use esaac_interop::cuda::Strided;
 use rustix::fd::{IntoRawFd, OwnedFd};
+use std::ffi::CStr;
+use std::time::Duration;
 
 #[track_caller]
 fn check(result: CUresult) {
@@ -152,6 +154,95 @@ impl Drop for CudaSignal {
             check(sys::cuStreamSynchronize(self.stream));
             check(sys::cuStreamDestroy_v2(self.stream));
             check(sys::cuDestroyExternalSemaphore(self.raw));
+        }
+    }
+}
+
+/// A kernel of one thread that waits until a time has passed.
+const SPIN: &CStr = c"
+.version 6.0
+.target sm_60
+.address_size 64
+.visible .entry spin(.param .u64 wanted_ns)
+{
+    .reg .pred %waits;
+    .reg .u64 %begin, %now, %passed, %wanted;
+    ld.param.u64 %wanted, [wanted_ns];
+    mov.u64 %begin, %globaltimer;
+again:
+    mov.u64 %now, %globaltimer;
+    sub.u64 %passed, %now, %begin;
+    setp.lt.u64 %waits, %passed, %wanted;
+    @%waits bra again;
+    ret;
+}
+";
+
+/// Work of CUDA that takes a given time and hardly anything else of the device.
+pub struct CudaSpin {
+    module: sys::CUmodule,
+    kernel: sys::CUfunction,
+    stream: sys::CUstream,
+}
+
+impl CudaSpin {
+    /// Compiles it for the device whose context is current.
+    #[must_use]
+    pub fn new() -> Self {
+        let (mut module, mut kernel, mut stream) =
+            (std::ptr::null_mut(), std::ptr::null_mut(), std::ptr::null_mut());
+        let flags = sys::CUstream_flags::CU_STREAM_NON_BLOCKING as u32;
+        // SAFETY: a context is current; both texts end in 0, and the module has the kernel.
+        unsafe {
+            check(sys::cuModuleLoadData(&mut module, SPIN.as_ptr().cast()));
+            check(sys::cuModuleGetFunction(&mut kernel, module, c"spin".as_ptr()));
+            check(sys::cuStreamCreate(&mut stream, flags));
+        }
+        CudaSpin { module, kernel, stream }
+    }
+
+    /// Enqueues it.
+    pub fn start(&self, time: Duration) {
+        let mut wanted_ns = time.as_nanos() as u64;
+        let mut parameters = [std::ptr::from_mut(&mut wanted_ns).cast()];
+        let (one, none) = (1, std::ptr::null_mut());
+        // SAFETY: the kernel is alive and has this one parameter, which is read before the call returns.
+        check(unsafe {
+            sys::cuLaunchKernel(
+                self.kernel,
+                one,
+                one,
+                one,
+                one,
+                one,
+                one,
+                0,
+                self.stream,
+                parameters.as_mut_ptr(),
+                none,
+            )
+        });
+    }
+
+    /// Waits for it.
+    pub fn finish(&self) {
+        finish(self.stream as u64);
+    }
+}
+
+impl Default for CudaSpin {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Drop for CudaSpin {
+    fn drop(&mut self) {
+        // SAFETY: the stream is waited for before both go.
+        unsafe {
+            check(sys::cuStreamSynchronize(self.stream));
+            check(sys::cuStreamDestroy_v2(self.stream));
+            check(sys::cuModuleUnload(self.module));
         }
     }
 }

@@ -3,6 +3,7 @@
 //!
 //! `ESAAC_CUDA_FRAMES` sets the number of frames (2000 by default). `--nocapture` shows the figures.
 
+mod contexts;
 mod latency;
 mod present;
 mod rigid;
