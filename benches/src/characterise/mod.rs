@@ -17,7 +17,7 @@ use esaac_model::{Pixel, SensorModel};
 use indicatif::{ProgressBar, ProgressStyle};
 use noise::{LeakPoint, NoisePoint};
 use public::Published;
-use response::{BandwidthPoint, LatencyPoint};
+use response::{BandwidthPoint, LatencyPoint, RefractoryPoint};
 use s_curve::SCurve;
 use saturation::SaturationPoint;
 use serde::Serialize;
@@ -92,8 +92,8 @@ pub struct Characterisation {
     pub bandwidth: Vec<BandwidthPoint>,
     /// Latency against light and contrast.
     pub latency: Vec<LatencyPoint>,
-    /// Shortest time between two events of a pixel, microseconds.
-    pub shortest_gap_us: f64,
+    /// Gaps between two events of a pixel against light.
+    pub refractory: Vec<RefractoryPoint>,
     /// Leak against light and temperature.
     pub leak: Vec<LeakPoint>,
     /// Events that leave the bus against active pixels.
@@ -123,7 +123,7 @@ pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisat
     lab.begin("latency");
     let latency = response::latency(lab, sensor)?;
     lab.begin("refractory");
-    let shortest_gap_us = response::shortest_gap_us(lab, sensor)?;
+    let refractory = response::refractory(lab, sensor)?;
     lab.begin("leak");
     let leak = noise::leak(lab, sensor)?;
     lab.begin("saturation");
@@ -137,7 +137,7 @@ pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisat
         noise,
         bandwidth,
         latency,
-        shortest_gap_us,
+        refractory,
         leak,
         saturation,
         published: public::published(&sensor.name),

@@ -12,7 +12,7 @@ const LEVELS_LUX: [f64; 17] =
     [0.003, 0.01, 0.03, 0.08, 0.15, 0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 300.0, 1000.0];
 
 /// Light at which the leak is counted, lux.
-const LEAK_LUX: [f64; 3] = [0.1, 10.0, 1000.0];
+const LEAK_LUX: [f64; 6] = [0.01, 0.1, 1.0, 10.0, 100.0, 1000.0];
 
 /// Longest time for which a leak is watched, seconds.
 const LONGEST_LEAK_S: f64 = 200.0;

@@ -27,6 +27,23 @@ const LATENCY_LUX: [f64; 11] = [0.03, 0.1, 0.3, 1.0, 1.5, 3.0, 10.0, 30.0, 100.0
 /// Pixels that see the same step.
 const LATENCY_PIXELS: usize = 32;
 
+/// Light to which a pixel rises from darkness when its refractory period is measured, lux.
+const RISE_LUX: [f64; 7] = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
+
+/// Pixels that see the same rise.
+const RISE_PIXELS: usize = 64;
+
+/// Gaps between two events of a pixel in a rise from darkness.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct RefractoryPoint {
+    /// Light after the rise, lux.
+    pub lux: f64,
+    /// Shortest gap, microseconds; infinite if no pixel had two events.
+    pub shortest_us: f64,
+    /// Median gap, microseconds.
+    pub median_us: f64,
+}
+
 /// The corner frequency at a level of light.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct BandwidthPoint {
@@ -156,11 +173,16 @@ fn falls_to(gains: &[f64], least: f64) -> f64 {
 
 /// The latency against light and contrast.
 pub fn latency(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LatencyPoint>> {
+    latency_at(lab, sensor, &LATENCY_LUX)
+}
+
+/// The same at each of `levels_lux`.
+pub fn latency_at(lab: &Lab<'_>, sensor: &SensorModel, levels_lux: &[f64]) -> Result<Vec<LatencyPoint>> {
     let width = LATENCY_PIXELS * LightStep::ALL.len();
-    let mut light = LightBox::new(lab.device, sensor, (width as u32, LATENCY_LUX.len() as u32), 8)?;
+    let mut light = LightBox::new(lab.device, sensor, (width as u32, levels_lux.len() as u32), 8)?;
     let ends =
-        |pixel: usize| LightStep::ALL[pixel % width / LATENCY_PIXELS].ends_lux(LATENCY_LUX[pixel / width]);
-    let mut first_ns = vec![None; width * LATENCY_LUX.len()];
+        |pixel: usize| LightStep::ALL[pixel % width / LATENCY_PIXELS].ends_lux(levels_lux[pixel / width]);
+    let mut first_ns = vec![None; width * levels_lux.len()];
     light.show(0, |pixel| ends(pixel).0)?;
     let (mut t_ns, mut step_ns) = (0_i64, 1_000_i64);
     // The step takes a microsecond. Then the light stays for a second, which is watched in ever longer intervals.
@@ -176,7 +198,7 @@ pub fn latency(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LatencyPoint>>
         lab.progress.tick();
     }
     let mut points = Vec::new();
-    for (row, &lux) in LATENCY_LUX.iter().enumerate() {
+    for (row, &lux) in levels_lux.iter().enumerate() {
         for (group, &step) in LightStep::ALL.iter().enumerate() {
             let from = row * width + group * LATENCY_PIXELS;
             let mut answers: Vec<f64> =
@@ -227,21 +249,27 @@ pub fn latency_model_us(sensor: &SensorModel, step: LightStep, lux: f64) -> f64 
     }
 }
 
-/// The shortest time between two events of a pixel whose light rises from darkness by decades, microseconds: the
-/// refractory period and the time to the next threshold.
-pub fn shortest_gap_us(lab: &Lab<'_>, sensor: &SensorModel) -> Result<f64> {
-    let pixels = 64;
-    let mut light = LightBox::new(lab.device, sensor, (pixels, 1), 64)?;
+/// Gaps between two events of a pixel whose light rises from darkness by decades: the refractory period and the time to
+/// the next threshold, which is the shorter the brighter the light.
+pub fn refractory(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<RefractoryPoint>> {
+    let size = (RISE_PIXELS as u32, RISE_LUX.len() as u32);
+    let mut light = LightBox::new(lab.device, sensor, size, 64)?;
     light.show(0, |_| 0.0)?;
-    let mut last_ns = vec![None; pixels as usize];
-    let mut shortest_ns = i64::MAX;
-    for t_ns in [1_000, 100_000, 300_000, 1_000_000, 3_000_000] {
-        for event in light.show(t_ns, |_| 1e4)? {
-            if let Some(before_ns) = last_ns[usize::from(event.x)].replace(event.t_ns) {
-                shortest_ns = shortest_ns.min(event.t_ns - before_ns);
+    let mut last_ns = [[None; RISE_PIXELS]; RISE_LUX.len()];
+    let mut gaps_us = vec![Vec::new(); RISE_LUX.len()];
+    for t_ns in [1_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000, 30_000_000] {
+        for event in light.show(t_ns, |pixel| RISE_LUX[pixel / RISE_PIXELS])? {
+            let row = usize::from(event.y);
+            if let Some(before_ns) = last_ns[row][usize::from(event.x)].replace(event.t_ns) {
+                gaps_us[row].push((event.t_ns - before_ns) as f64 * 1e-3);
             }
         }
     }
     lab.progress.tick();
-    Ok(if shortest_ns == i64::MAX { f64::INFINITY } else { shortest_ns as f64 * 1e-3 })
+    let point = |(lux, mut gaps_us): (f64, Vec<f64>)| {
+        gaps_us.sort_unstable_by(f64::total_cmp);
+        let at = |place: usize| gaps_us.get(place).copied().unwrap_or(f64::INFINITY);
+        RefractoryPoint { lux, shortest_us: at(0), median_us: at(gaps_us.len() / 2) }
+    };
+    Ok(RISE_LUX.into_iter().zip(gaps_us).map(point).collect())
 }

@@ -75,6 +75,30 @@ pub fn plots(of: &Characterisation) -> Result<Vec<(&'static str, String)>> {
     }
     add("latency", axes, series)?;
 
+    let title = format!("{name}: gaps between events of a pixel in a rise from darkness");
+    let axes = Axes { title: &title, x: "light after the rise, lux", y: "us", logarithmic: (true, true) };
+    let everywhere = |us: f64| of.refractory.iter().map(|point| (point.lux, us)).collect();
+    let series = vec![
+        Series::scatter("shortest", of.refractory.iter().map(|p| (p.lux, p.shortest_us)).collect()),
+        Series::curve("median", of.refractory.iter().map(|p| (p.lux, p.median_us)).collect()),
+        Series::path("refractory period", everywhere(refractory_us(of))),
+        Series::path("published", of.published.refractory_us.map_or(Vec::new(), everywhere)),
+    ];
+    add("refractory", axes, series)?;
+
+    let title = format!("{name}: leak without noise");
+    let axes = Axes { title: &title, x: "light, lux", y: "events a pixel and s", logarithmic: (true, false) };
+    let mut series = Vec::new();
+    for of_temperature in of.leak.chunk_by(|a, b| a.temperature_c == b.temperature_c) {
+        let celsius = short(of_temperature[0].temperature_c);
+        let points = |hz: fn(&super::noise::LeakPoint) -> f64| {
+            of_temperature.iter().map(|point| (point.lux, hz(point))).collect()
+        };
+        series.push(Series::scatter(&format!("{celsius} C, measured"), points(|p| p.measured_hz)));
+        series.push(Series::path(&format!("{celsius} C, equation"), points(|p| p.model_hz)));
+    }
+    add("leak", axes, series)?;
+
     let title = format!("{name}: events that leave the sensor");
     let axes = Axes { title: &title, x: "active pixels", y: "events a s", logarithmic: (true, true) };
     let saturation = |hz: fn(&super::saturation::SaturationPoint) -> f64| {
@@ -87,6 +111,11 @@ pub fn plots(of: &Characterisation) -> Result<Vec<(&'static str, String)>> {
     ];
     add("saturation", axes, series)?;
     Ok(plots)
+}
+
+/// The sensor's parameter, microseconds.
+fn refractory_us(of: &Characterisation) -> f64 {
+    f64::from(of.sensor.refractory_ns) * 1e-3
 }
 
 /// The text of a characterisation, with the plots that it names.
@@ -123,12 +152,16 @@ pub fn document(of: &Characterisation) -> Result<Document> {
         ]
     }));
     document.table(&table);
+    document.heading("Refractory period");
     document.say(&format!(
-        "Shortest time between two events of a pixel: {} us; its refractory period is {} us{}.",
-        short(of.shortest_gap_us),
-        short(f64::from(of.sensor.refractory_ns) * 1e-3),
+        "The sensor's is {} us{}. A gap between two events is as long, and the time to the next threshold.",
+        short(refractory_us(of)),
         of.published.refractory_us.map_or(String::new(), |us| format!(", published are {} us", short(us)))
     ));
+    let mut table = vec![cells!["rise from darkness to, lux", "shortest gap, us", "median, us"]];
+    table
+        .extend(of.refractory.iter().map(|p| cells![short(p.lux), short(p.shortest_us), short(p.median_us)]));
+    document.table(&table);
     document.heading("S-curve");
     let mut table =
         vec![cells!["light, lux", "half answer, log", "width, log", "noise, log", "mismatch, log"]];
