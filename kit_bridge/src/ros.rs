@@ -8,8 +8,8 @@ use crate::sensor::PySensor;
 use esaac_model::paths::{Intrinsics, LensError};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
-    BagWriter, CameraPlan, CycloneTransport, NetworkOptions, Policy, QosChange, RigOptions, RigPublisher,
-    Sinks, Split, names,
+    BagWriter, CameraPlan, CameraStatus, CycloneTransport, NetworkOptions, Policy, QosChange, RigOptions,
+    RigPublisher, Sinks, Split, names,
 };
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -107,6 +107,17 @@ impl RosPublisher {
     fn set_sensor(&self, py: Python<'_>, camera: usize, sensor: PyRef<'_, PySensor>) -> PyResult<()> {
         let sensor = sensor.0.clone();
         self.with(py, move |publisher| Ok(publisher.set_sensor(camera, &sensor)?))
+    }
+
+    /// Shows what is known of a camera on `/diagnostics`: names and values, and warnings.
+    fn set_status(
+        &self,
+        py: Python<'_>,
+        camera: usize,
+        values: Vec<(String, String)>,
+        warnings: Vec<String>,
+    ) -> PyResult<()> {
+        self.with(py, move |publisher| Ok(publisher.set_status(camera, CameraStatus { values, warnings })?))
     }
 
     /// Allows the next tick to be earlier than the last.

@@ -43,6 +43,7 @@ def test_all_that_a_camera_has_is_read_bit_for_bit(tmp_path):
                 imu = [ros.Imu(t_ns + k, (0.0, 0.1, float(index)), (0.0, 0.0, 9.81)) for k in (-1, 0)]
                 frame = ros.Frame(packet, camera.aps, images[-1], depths[-1], imu)
                 publisher.publish(t_ns, {"eye": frame})
+            publisher.set_status("eye", camera.statistics, ["too dark"])
             summary = publisher.close()
     assert summary["dropped_ticks"] == 0 and bag.stat().st_size > 1000
     assert sum(map(len, packets)) > 500
@@ -64,6 +65,10 @@ def test_all_that_a_camera_has_is_read_bit_for_bit(tmp_path):
     clock = [m["clock"]["sec"] * 10**9 + m["clock"]["nanosec"] for m in came["/clock"]]
     assert clock == [FRAME_NS * index for index in range(6)]
     assert came["/esaac/eye/sensor"][0]["contrast_on"] == 0.15
+    status = came["/diagnostics"][-1]["status"][-1]
+    assert status["name"] == "esaac: camera eye" and status["message"] == "too dark"
+    values = {value["key"]: value["value"] for value in status["values"]}
+    assert values["substeps"] == str(camera.statistics["substeps"])
 
 
 def test_environments_are_cameras_of_one_publisher():

@@ -49,6 +49,7 @@ def use() -> None:
         sample = ros.Imu(0, (0.0, 0.0, 0.1), (0.0, 0.0, 9.81))
         publisher.publish(0, {"davis": ros.Frame(packet, aps, frame, frame, [sample])})
         publisher.set_sensor("davis", sensor)
+        publisher.set_status("davis", camera.statistics, camera.light_warnings[0])
         lines: list[str] = publisher.notices() + list(publisher.topics)
     path = esaac.still.CameraPath.read("transforms.json", dataparser="dataparser_transforms.json")
     still = esaac.EventCamera(sensor, intrinsics=path.lens, width=path.width, height=path.height)

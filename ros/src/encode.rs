@@ -153,7 +153,7 @@ pub struct Status {
     /// One line of text.
     pub message: String,
     /// Names and values.
-    pub values: Vec<(&'static str, String)>,
+    pub values: Vec<(String, String)>,
 }
 
 /// `diagnostic_msgs/DiagnosticArray`.

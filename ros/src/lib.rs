@@ -48,7 +48,7 @@ pub use qos::{Qos, QosChange};
 #[cfg(feature = "rclrs")]
 pub use rclrs::{NodeOptions, RclrsTransport};
 pub use rig::{ApsImage, PublishError, RigPublisher, Sinks, TickMessages};
-pub use statistics::{Summary, TopicSummary};
+pub use statistics::{CameraStatus, Summary, TopicSummary};
 pub use transport::{Transport, TransportError};
 #[cfg(feature = "zenoh")]
 pub use zenoh::ZenohTransport;

@@ -7,6 +7,7 @@ use crate::plan::Plan;
 use crate::queue::Dropped;
 use crate::transport::Transport;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -19,6 +20,16 @@ struct Counts {
     dropped: AtomicU64,
     recorded: AtomicU64,
     subscribers: AtomicU64,
+}
+
+/// What is known of a camera besides its messages, for `/diagnostics`: what was counted, and what a user should look
+/// into.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CameraStatus {
+    /// Names and values.
+    pub values: Vec<(String, String)>,
+    /// A line each; none if all is well.
+    pub warnings: Vec<String>,
 }
 
 /// Counters that the rig's thread and the publisher's thread share.
@@ -35,6 +46,8 @@ pub(crate) struct Statistics {
     encode_ns: Mutex<Histogram>,
     publish_ns: Mutex<Histogram>,
     tick_ns: Mutex<Histogram>,
+    /// Names and states of the cameras of which anything was told.
+    cameras: Mutex<BTreeMap<usize, (String, CameraStatus)>>,
 }
 
 /// How often a packet's bytes are copied between the device's memory and the system calls.
@@ -144,8 +157,8 @@ impl Summary {
     }
 }
 
-fn lock(histogram: &Mutex<Histogram>) -> MutexGuard<'_, Histogram> {
-    histogram.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn ns(duration: Duration) -> u64 {
@@ -166,7 +179,12 @@ impl Statistics {
             encode_ns: Mutex::default(),
             publish_ns: Mutex::default(),
             tick_ns: Mutex::default(),
+            cameras: Mutex::default(),
         }
+    }
+
+    pub fn set_camera(&self, camera: usize, name: &str, status: CameraStatus) {
+        lock(&self.cameras).insert(camera, (name.to_owned(), status));
     }
 
     pub fn count_packet(&self, host_copies: u32) {
@@ -252,17 +270,18 @@ impl Statistics {
         }
     }
 
-    /// The counts for `/diagnostics`: of the whole publisher, and of each topic that lost messages.
+    /// The counts for `/diagnostics`: of the whole publisher, of each topic that lost messages, and what is known of the
+    /// cameras.
     pub fn statuses(&self, plan: &Plan, node: &str) -> Vec<Status> {
         let summary = self.summary(plan);
         let lost = summary.lost();
         let figures = |t: &TopicSummary| {
-            vec![
+            named([
                 ("sent", t.sent.to_string()),
                 ("dropped", t.dropped.to_string()),
                 ("failed", t.failed.to_string()),
                 ("subscribers", t.subscribers.to_string()),
-            ]
+            ])
         };
         let mut statuses = vec![Status {
             warn: lost > 0 || summary.unannounced_resets > 0,
@@ -272,7 +291,7 @@ impl Statistics {
                 (0, back) => format!("a camera's time went back {back} times without a restart"),
                 (lost, _) => format!("{lost} messages lost in {} ticks", summary.dropped_ticks),
             },
-            values: vec![
+            values: named([
                 ("sent", summary.sent().to_string()),
                 ("recorded", summary.recorded().to_string()),
                 ("lost", lost.to_string()),
@@ -281,7 +300,7 @@ impl Statistics {
                 ("unannounced_resets", summary.unannounced_resets.to_string()),
                 ("publish_p50_ns", summary.publish_p50_ns.to_string()),
                 ("publish_p99_ns", summary.publish_p99_ns.to_string()),
-            ],
+            ]),
         }];
         let losing = summary.topics.iter().filter(|t| t.dropped + t.failed > 0);
         statuses.extend(losing.map(|topic| Status {
@@ -290,6 +309,19 @@ impl Statistics {
             message: format!("{} messages lost", topic.dropped + topic.failed),
             values: figures(topic),
         }));
+        statuses.extend(lock(&self.cameras).values().map(|(name, status)| Status {
+            warn: !status.warnings.is_empty(),
+            name: format!("{node}: camera {name}"),
+            message: match &status.warnings[..] {
+                [] => "no warning".to_owned(),
+                warnings => warnings.join("; "),
+            },
+            values: status.values.clone(),
+        }));
         statuses
     }
+}
+
+fn named<const N: usize>(values: [(&str, String); N]) -> Vec<(String, String)> {
+    values.map(|(name, value)| (name.to_owned(), value)).to_vec()
 }

@@ -356,11 +356,11 @@ fn every_parameter_of_a_sensor() {
 
 #[test]
 fn diagnostics_of_several_cameras() {
-    let status = |warn, name: &str, values: &[(&'static str, &str)]| Status {
+    let status = |warn, name: &str, values: &[(&str, &str)]| Status {
         warn,
         name: name.to_owned(),
         message: format!("{name} says"),
-        values: values.iter().map(|&(key, value)| (key, value.to_owned())).collect(),
+        values: values.iter().map(|&(key, value)| (key.to_owned(), value.to_owned())).collect(),
     };
     let statuses = [
         status(false, "left", &[("events", "12"), ("late", "")]),
@@ -379,7 +379,8 @@ fn diagnostics_of_several_cameras() {
         assert_eq!(actual.text("hardware_id"), "gpu");
         let values: Vec<(&str, &str)> =
             actual.list("values").iter().map(|value| (value.text("key"), value.text("value"))).collect();
-        let expected: Vec<(&str, &str)> = expected.values.iter().map(|(k, v)| (*k, v.as_str())).collect();
+        let expected: Vec<(&str, &str)> =
+            expected.values.iter().map(|(k, v)| (k.as_str(), v.as_str())).collect();
         assert_eq!(values, expected);
     }
 }

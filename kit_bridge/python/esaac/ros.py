@@ -161,6 +161,12 @@ class Publisher:
     def set_sensor(self, name, sensor):
         self._publisher.set_sensor(self._number(name), sensor)
 
+    def set_status(self, name, values=None, warnings=()):
+        if isinstance(warnings, str):
+            raise TypeError(f"warnings is the text {warnings!r}, expected a list of texts")
+        values = [(str(key), str(value)) for key, value in (values or {}).items()]
+        self._publisher.set_status(self._number(name), values, [str(warning) for warning in warnings])
+
     def restart(self):
         self._publisher.restart()
 

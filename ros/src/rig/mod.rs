@@ -11,7 +11,7 @@ use crate::events::EventFormat;
 use crate::payload::Pool;
 use crate::plan::{CameraPlan, Plan, PlanError, Policy, RigOptions};
 use crate::queue::{Batch, Outgoing, TickSender, queue};
-use crate::statistics::{Statistics, Summary};
+use crate::statistics::{CameraStatus, Statistics, Summary};
 use crate::transport::{Transport, TransportError};
 use crate::worker::{self, UnsentStates, Worker};
 use clock::StampClock;
@@ -182,6 +182,14 @@ impl RigPublisher {
         let state = &mut self.cameras[camera];
         state.plan.sensor = sensor.clone();
         state.sensor_is_stale = true;
+        Ok(())
+    }
+
+    /// Shows what is known of a camera on `/diagnostics`, which is published once a second and at the end, until the next
+    /// call.
+    pub fn set_status(&mut self, camera: usize, status: CameraStatus) -> Result<(), PublishError> {
+        self.check_camera(camera)?;
+        self.statistics.set_camera(camera, &self.cameras[camera].plan.name, status);
         Ok(())
     }
 

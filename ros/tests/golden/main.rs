@@ -77,7 +77,7 @@ fn diagnostics_are_as_golden() {
             warn: true,
             name: text("node: a"),
             message: text("2 lost"),
-            values: vec![("sent", text("7")), ("dropped", text("22"))],
+            values: vec![(text("sent"), text("7")), (text("dropped"), text("22"))],
         },
         Status { warn: false, name: String::new(), message: text("good"), values: Vec::new() },
     ];

@@ -4,8 +4,8 @@ use crate::world::{self, Subscriber};
 use esaac_model::Packet;
 use esaac_ros::replay::{ReplayOptions, replay};
 use esaac_ros::{
-    BagReader, CameraPlan, CycloneTransport, EventFormat, Payload, Policy, RigOptions, RigPublisher, Sinks,
-    Topic, Transport, TransportError,
+    BagReader, CameraPlan, CameraStatus, CycloneTransport, EventFormat, Payload, Policy, RigOptions,
+    RigPublisher, Sinks, Topic, Transport, TransportError,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -228,6 +228,32 @@ fn a_camera_that_goes_back_without_a_restart_is_told() {
     assert_eq!(
         (&status["level"], status["message"].as_str().unwrap().contains("went back")),
         (&1.into(), true)
+    );
+}
+
+#[test]
+fn what_is_known_of_a_camera_is_on_diagnostics() {
+    let cameras = vec![world::camera("left", 32, 24), world::camera("right", 32, 24)];
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
+    let light = |lux: &str| CameraStatus {
+        values: vec![("light".to_owned(), format!("median {lux} lux"))],
+        warnings: Vec::new(),
+    };
+    rig.set_status(1, light("1")).unwrap();
+    ticks(&mut rig, &cameras, 0..2);
+    let dark = CameraStatus { warnings: vec!["too dark".to_owned(), "too fast".to_owned()], ..light("0.1") };
+    rig.set_status(1, dark).unwrap();
+    assert!(rig.set_status(2, CameraStatus::default()).is_err());
+    rig.finish().2.unwrap();
+    let statuses = &world::check_bag(&path)["/diagnostics"]["last"]["status"];
+    // Of the other camera nobody has told anything.
+    assert_eq!(statuses.as_array().unwrap().len(), 2, "{statuses}");
+    let camera = &statuses[1];
+    assert_eq!((&camera["level"], &camera["name"]), (&1.into(), &"esaac: camera right".into()));
+    assert_eq!(camera["message"], "too dark; too fast");
+    assert_eq!(
+        (&camera["values"][0]["key"], &camera["values"][0]["value"]),
+        (&"light".into(), &"median 0.1 lux".into())
     );
 }
 

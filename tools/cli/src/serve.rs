@@ -92,9 +92,11 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
                 intervals += 1;
             }
         }
+        ros.show_cameras(&record, service.rig())?;
         starts.into_iter().for_each(|line| service.server().say(line));
         print_notices(&service);
     }
+    ros.show_cameras_now(&record, service.rig())?;
     print_notices(&service);
     let connections = service.server().connections();
     if connections.refused + connections.not_accepted > 0 {

@@ -269,9 +269,11 @@ fn simulate(
                 out.depth(0, &ros::depth_along_axis(scene.motion.lens(), depth_m, sensor.width));
             }
         });
+        ros.show_cameras(&record, &rig)?;
         progress.inc(1);
     }
     progress.finish_and_clear();
+    ros.show_cameras_now(&record, &rig)?;
     let (expected, actual) = (folder.paths.len(), record.submit_to_packet_ns.len() + 1);
     ensure!(interrupt.came() || actual == expected, "decoding stopped after {actual} frames of {expected}");
     record.take_light(&rig)?;

@@ -1,8 +1,13 @@
 """Cameras of a stage on ROS 2: one publisher for all, and a sink for each."""
 
+import time
+
 from esaac import ros
 
 from .imu import Imu
+
+STATUS_S = 1.0
+"""Time between two looks at a camera's counts and warnings, which are published once a second."""
 
 
 def publisher(specs):
@@ -27,6 +32,15 @@ def _camera(spec):
     )
 
 
+def _status(camera):
+    """Counts and light of a camera, and what a user should look into."""
+    values = {"synthesis": camera.synthesis, **camera.statistics}
+    for light in camera.light:
+        values |= light or {}
+    warnings = [warning for warning in camera.pose_warnings if warning]
+    return values, warnings + [warning for own in camera.light_warnings for warning in own]
+
+
 class Sink:
     """Publishes a feed's events and images. It is called while the renderer's memory is still valid."""
 
@@ -36,6 +50,7 @@ class Sink:
         self._publisher, self._name, self._log = publisher, _name(spec), log
         self._with_depth = "depth" in spec.outputs
         self._imu = Imu(spec.imu) if spec.imu else None
+        self._status_s = -STATUS_S
 
     def __call__(self, feed, packet):
         frame = feed.frame
@@ -50,6 +65,10 @@ class Sink:
         )
         for notice in self._publisher.notices():
             self._log.warn(notice)
+        now_s = time.monotonic()
+        if now_s - self._status_s >= STATUS_S:
+            self._status_s = now_s
+            self._publisher.set_status(self._name, *_status(feed.camera))
 
     def restart(self):
         """Tells subscribers that time has gone back."""

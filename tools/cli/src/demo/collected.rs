@@ -109,8 +109,14 @@ impl Collected {
         });
     }
 
-    /// Takes what the rig has seen of the cameras' light.
+    /// Shows on `/diagnostics` what is known of the cameras, once a second.
+    pub fn show_cameras(&mut self, rig: &Rig) -> Result<()> {
+        self.ros.show_cameras(&self.record, rig)
+    }
+
+    /// Takes what the rig has seen of the cameras' light, at the end.
     pub fn take_light(&mut self, rig: &Rig) -> Result<()> {
+        self.ros.show_cameras_now(&self.record, rig)?;
         self.record.take_light(rig)
     }
 

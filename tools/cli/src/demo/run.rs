@@ -120,6 +120,7 @@ impl<'a> Run<'a> {
             kernels.refresh(&mut rig, &progress);
             collected.change_sensors(&mut rig);
             collected.add(self, index, &rig.step(&[t_ns; 2])?)?;
+            collected.show_cameras(&rig)?;
             progress.inc(1);
         }
         progress.finish_and_clear();
@@ -167,6 +168,7 @@ impl<'a> Run<'a> {
                         tick.t_ns
                     );
                     collected.add(self, index, &tick.tick)?;
+                    collected.show_cameras(service.rig())?;
                     break;
                 }
                 let alive = renderer.check_alive(&service.server().notices());

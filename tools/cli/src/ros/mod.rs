@@ -5,6 +5,7 @@ mod camera;
 mod network;
 mod output;
 mod rviz;
+mod status;
 
 pub use arguments::{RosArguments, RosMode};
 pub use camera::{add_camera, camera, depth_along_axis, imu_samples};

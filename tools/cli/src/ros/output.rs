@@ -1,6 +1,8 @@
 //! Publishes and records what a command simulates.
 
 use super::arguments::{RosArguments, RosMode};
+use super::status::camera_status;
+use crate::run_record::RunRecord;
 use crate::{stderr, unread_flags};
 use anyhow::{Context, Result, anyhow};
 use esaac_engine::Rig;
@@ -8,12 +10,18 @@ use esaac_model::SensorModel;
 use esaac_ros::{
     BagWriter, CameraPlan, Plan, RigPublisher, SensorParameters, Sinks, Split, Summary, TickMessages,
 };
+use std::time::{Duration, Instant};
+
+/// Time between two looks at the cameras' states: they are published once a second.
+const STATUS: Duration = Duration::from_secs(1);
 
 /// Publishes or records what a command simulates, or does nothing.
 #[derive(Default)]
 pub struct RosOutput {
     publisher: Option<RigPublisher>,
     parameters: Option<SensorParameters>,
+    /// When the cameras' states were shown last.
+    shown: Option<Instant>,
 }
 
 /// What became of a run's messages.
@@ -72,7 +80,7 @@ impl RosOutput {
         if published {
             stderr::line(arguments.invitation(publisher.plan()));
         }
-        Ok(RosOutput { publisher: Some(publisher), parameters })
+        Ok(RosOutput { publisher: Some(publisher), parameters, shown: None })
     }
 
     /// Whether there is a network or a recording.
@@ -122,6 +130,25 @@ impl RosOutput {
         publisher.notices().iter().for_each(stderr::line);
     }
 
+    /// Shows on `/diagnostics` what a run has counted of its cameras, and what the rig says of their light and poses, once
+    /// a second.
+    pub fn show_cameras(&mut self, record: &RunRecord, rig: &Rig) -> Result<()> {
+        if self.shown.is_some_and(|shown| shown.elapsed() < STATUS) {
+            return Ok(());
+        }
+        self.shown = Some(Instant::now());
+        self.show_cameras_now(record, rig)
+    }
+
+    /// The same, at the end of a run.
+    pub fn show_cameras_now(&mut self, record: &RunRecord, rig: &Rig) -> Result<()> {
+        let Some(publisher) = &mut self.publisher else { return Ok(()) };
+        for (camera, counted) in record.cameras.iter().enumerate() {
+            publisher.set_status(camera, camera_status(counted, rig, camera)?)?;
+        }
+        Ok(())
+    }
+
     /// Allows the simulation's time to go back with the next tick.
     pub fn restart(&mut self) {
         if let Some(publisher) = &mut self.publisher {
@@ -166,7 +193,8 @@ mod tests {
         let sinks = Sinks { transport: None, bag: Some(BagWriter::create(path).unwrap()) };
         let options = RigOptions { policy: Policy::Lossless, ..RigOptions::default() };
         let publisher = RigPublisher::start(cameras, options, sinks).unwrap();
-        (RosOutput { publisher: Some(publisher), parameters: Some(parameters) }, wanted, shown)
+        let output = RosOutput { publisher: Some(publisher), parameters: Some(parameters), shown: None };
+        (output, wanted, shown)
     }
 
     fn recorded_sensors(path: &Path) -> usize {

@@ -1,6 +1,6 @@
 //! `esaac simulate` on small folders of frames, and its event file as NumPy reads it.
 
-use crate::harness::{Frames, HEIGHT, WIDTH, esaac, finish, run};
+use crate::harness::{Frames, HEIGHT, WIDTH, esaac, finish, recorded_messages, run};
 use esaac_formats::recording::{Recording, RecordingError, aedat4, evt3};
 use std::path::Path;
 use std::process::Command;
@@ -96,9 +96,14 @@ fn the_light_of_a_physical_pixel_is_told() {
     assert!((camera["light"]["median_lux"].as_f64().unwrap() / 0.0177 - 1.0).abs() < 0.1, "{camera}");
     assert!(camera["light"]["dim_share"].as_f64().unwrap() > 0.8, "{camera}");
     assert_eq!(camera["light_warnings"].as_array().unwrap().len(), 0, "no preset");
-    let out = frames.file_argument("events.npz");
-    let (_, text, _) = run(&[&["simulate", frames.argument(), "--out", &out], &light[..]].concat());
-    assert!(text.contains("light") && text.contains("of pixels below 0.10 lux"), "{text}");
+    let [out, bag] = ["events.npz", "run.mcap"].map(|name| frames.file_argument(name));
+    let recorded = ["simulate", frames.argument(), "--out", &out, "--record", &bag];
+    let (_, text, _) = run(&[&recorded, &light[..]].concat());
+    let dim = "of pixels below 0.10 lux";
+    assert!(text.contains("light") && text.contains(dim), "{text}");
+    let diagnostics = recorded_messages(bag.as_ref(), "/diagnostics");
+    let last = String::from_utf8_lossy(diagnostics.last().expect("the last is of the end"));
+    assert!(last.contains("esaac: camera camera_0") && last.contains(dim), "{last}");
 
     let hd = esaac_model::presets::preset_with_physical_pixel("hd").unwrap();
     let (width, height) = (WIDTH as u32, HEIGHT as u32);
