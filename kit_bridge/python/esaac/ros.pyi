@@ -108,8 +108,8 @@ class Publisher:
         self, name: str, values: Mapping[str, object] | None = None, warnings: Iterable[str] = ()
     ) -> None:
         """Shows what is known of a camera on `/diagnostics`, until the next call: names and values, for example
-        `camera.statistics`, and warnings, with which the camera's status becomes WARN. `/diagnostics` is published once a
-        second and by `close`."""
+        `camera.statistics`, and warnings, with which the camera's status becomes WARN. `/diagnostics` is published
+        once a second and by `close`."""
     def restart(self) -> None:
         """To be called after a reset of the simulation: allows the next `publish` to be earlier than the last, and
         takes `/clock` back with it. A camera whose time goes back without it gives a notice."""

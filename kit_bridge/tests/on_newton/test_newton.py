@@ -180,8 +180,8 @@ def test_paths_are_within_a_fiftieth_of_a_pixel_of_where_newton_shows_them(on_li
 
 @pytest.mark.parametrize("on_link", [True, False])
 def test_events_agree_with_those_of_newton_rendered_at_960_hz(on_link, monkeypatch):
-    """The bound is for this scene and the mean of its worlds. The truth is averaged of more rays than the frames, so that
-    the frames' own noise counts against them."""
+    """The bound is for this scene and the mean of its worlds. The truth is averaged of more rays than the frames, so
+    that the frames' own noise counts against them."""
     monkeypatch.setattr(rigid_numpy, "WIDTH", WIDTH)
     seconds = 0.2
     truth = run(TRUTH_HZ, seconds, on_link, "linear", antialiasing=6)
