@@ -299,7 +299,8 @@ class _Cameras:
         sub-steps for a lamp's flicker. A step warns with `LightWarning`, once for each camera and kind. Empty before
         the first frame."""
     def save(self) -> bytes:
-        """The state that the next step depends on."""
+        """The state that the next step depends on. In the first intervals of a camera with poses and motion vectors the
+        comparison of both begins anew after `restore`, and may find a mistake some intervals later."""
     def restore(self, state: bytes) -> None:
         """Continues from a state that cameras with the same sensors and lenses have saved.
 

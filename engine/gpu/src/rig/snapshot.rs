@@ -74,6 +74,9 @@ const VERSION: u32 = 14;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
+    ///
+    /// One thing begins anew: a comparison of poses with motion vectors that is under way, in the first intervals of a
+    /// camera that has both. Its findings so far are saved; what it finds later may come some intervals later.
     pub fn save(&self) -> Result<Vec<u8>, EngineError> {
         self.check_health()?;
         let all = self.arena.buffer(layout::COUNTERS);
