@@ -6,10 +6,10 @@ use crate::device::Device;
 use crate::devices::TIMESTAMPS;
 use crate::error::{Call, EngineError};
 use crate::faults::FaultPoint;
+use crate::loan::{Lent, Loan};
 use crate::timing;
 use ash::vk;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A command buffer, the only one of its pool.
 #[derive(Clone, Copy)]
@@ -67,18 +67,14 @@ impl Pooled {
 pub struct Commands {
     device: Arc<Device>,
     pooled: Pooled,
-    /// Whether a submission of them is abandoned (see [`crate::retire`]).
-    abandoned: AtomicBool,
+    /// Whether a submitted step uses them, or a submission of them is abandoned (see [`crate::retire`]).
+    lent: Lent,
 }
 
 impl Commands {
     /// A command buffer in which nothing is recorded yet.
     pub fn new(device: &Arc<Device>) -> Result<Self, EngineError> {
-        Ok(Commands {
-            pooled: Pooled::new(device)?,
-            device: Arc::clone(device),
-            abandoned: AtomicBool::new(false),
-        })
+        Ok(Commands { pooled: Pooled::new(device)?, device: Arc::clone(device), lent: Lent::default() })
     }
 
     /// Vulkan handle.
@@ -88,13 +84,15 @@ impl Commands {
     }
 
     /// Whether the commands may be recorded and submitted. After a failed wait they may still run: the error is
-    /// [`EngineError::Abandoned`].
+    /// [`EngineError::Abandoned`]. So may those of a step that was submitted: the error is [`EngineError::InUse`].
     pub fn check(&self) -> Result<(), EngineError> {
-        if self.abandoned.load(Ordering::Acquire) { Err(EngineError::Abandoned) } else { Ok(()) }
-    }
-
-    fn abandon(&self) {
-        self.abandoned.store(true, Ordering::Release);
+        if self.lent.is_abandoned() {
+            Err(EngineError::Abandoned)
+        } else if self.lent.is_lent() {
+            Err(EngineError::InUse)
+        } else {
+            Ok(())
+        }
     }
 
     /// Discards what is recorded and records with `record`.
@@ -168,8 +166,13 @@ impl SubmitHooks<'_> {
     }
 
     /// Marks the commands as abandoned: the wait for a submission with these hooks has failed.
-    pub(crate) fn abandon(&self) {
-        self.commands().for_each(Commands::abandon);
+    fn abandon(&self) {
+        self.commands().for_each(|commands| commands.lent.abandon());
+    }
+
+    /// Lends the commands to a step that was submitted.
+    pub(crate) fn lend(&self) -> impl Iterator<Item = Loan> {
+        self.commands().map(|commands| commands.lent.lend())
     }
 }
 
@@ -219,7 +222,7 @@ impl Device {
         commands.check()?;
         self.one_shot(|one_shot| self.submit(commands.raw(), hooks, one_shot.fence)).inspect_err(|error| {
             if error.leaves_work() {
-                commands.abandon();
+                commands.lent.abandon();
                 hooks.abandon();
             }
         })

@@ -381,7 +381,7 @@ impl Device {
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: the queue is held exclusively; the command buffers are recorded and not pending (the contract of
         // `Commands::record`), the fence is unsignalled and not pending (`wait_for` leaves it so, or abandons it).
-        // What the submission uses lives until it has finished: the caller waits, and if that fails, `retire` does.
+        // What the submission uses lives until it has finished: the caller waits, and until it has, `retire` does.
         unsafe { self.raw.queue_submit(*queue, &[submit], fence) }.call("vkQueueSubmit")
     }
 }

@@ -171,6 +171,15 @@ pub enum EngineError {
     /// Commands that may still run, because a wait for them has failed.
     #[error("these commands may still run, since a wait for them has failed; make new ones")]
     Abandoned,
+    /// Commands that a submitted step uses.
+    #[error("a step that was submitted uses these commands, expected `Rig::wait` before they serve again")]
+    InUse,
+    /// A rig with a step that was submitted and not waited for.
+    #[error("a step was submitted and its packets were not taken, expected `Rig::wait` first")]
+    Submitted,
+    /// A wait without a step.
+    #[error("no step was submitted, expected `Rig::submit_frames` or `Rig::submit_tiles` before `Rig::wait`")]
+    NotSubmitted,
     /// A timeline cannot go back or stay.
     #[error("a timeline can be set to a value above {expected_above}, not to {actual}")]
     TimelineValue {

@@ -16,6 +16,7 @@ mod instance;
 mod interface;
 mod kernel;
 mod kernel_folder;
+mod loan;
 mod memory;
 mod pipeline;
 mod policy;

@@ -5,6 +5,7 @@
 use crate::device::Device;
 use crate::error::{Call, EngineError};
 use crate::faults::FaultPoint;
+use crate::loan::{Lent, Loan};
 use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
@@ -42,6 +43,7 @@ pub struct Buffer {
     address: u64,
     location: MemoryLocation,
     texels: Option<Texels>,
+    lent: Lent,
 }
 
 /// A buffer as kernels see it by texel fetch.
@@ -85,6 +87,7 @@ impl Buffer {
             address: 0,
             location,
             texels: None,
+            lent: Lent::default(),
         };
         // SAFETY: `raw` was created above by this device.
         let requirements = unsafe { device.raw().get_buffer_memory_requirements(raw) };
@@ -132,7 +135,13 @@ impl Buffer {
             address: unsafe { device.buffer_address(raw) },
             location: MemoryLocation::GpuOnly,
             texels: None,
+            lent: Lent::default(),
         }
+    }
+
+    /// Lends the buffer to a step that was submitted.
+    pub(crate) fn lend(&self) -> Loan {
+        self.lent.lend()
     }
 
     /// Adds a view of the buffer as texels of `texel_bytes` each. The buffer was made with `UNIFORM_TEXEL_BUFFER`.
@@ -212,8 +221,13 @@ impl Buffer {
         allocation.mapped_slice().map(|s| &s[..self.bytes as usize])
     }
 
-    /// The bytes for writing, if the host can access them.
+    /// The bytes for writing, if the host can access them. Panics if a submitted step reads them.
     fn mapped_mut(&mut self) -> Option<&mut [u8]> {
+        assert!(
+            !self.lent.is_lent(),
+            "a step that was submitted reads `{}`: expected Rig::wait first",
+            self.name
+        );
         let bytes = self.bytes as usize;
         let Memory::Managed(allocation) = &mut self.memory else { return None };
         allocation.mapped_slice_mut().map(|s| &mut s[..bytes])
@@ -226,14 +240,16 @@ impl Buffer {
         bytemuck::cast_slice(&bytes[first * size_of::<T>()..(first + count) * size_of::<T>()])
     }
 
-    /// Writes elements from `first` on. Panics if the buffer is not mapped or the elements lie outside.
+    /// Writes elements from `first` on. Panics if the buffer is not mapped, if the elements lie outside, or if a step that
+    /// was [submitted](crate::Rig::submit_frames) reads the buffer.
     pub fn write<T: Pod>(&mut self, first: usize, elements: &[T]) {
         let bytes = self.mapped_mut().expect("only buffers that the host can see are written");
         let target = &mut bytes[first * size_of::<T>()..(first + elements.len()) * size_of::<T>()];
         target.copy_from_slice(bytemuck::cast_slice(elements));
     }
 
-    /// All elements, for writing: reading from memory of the device is slow. Panics if the buffer is not mapped.
+    /// All elements, for writing: reading from memory of the device is slow. Panics if the buffer is not mapped, or if a
+    /// step that was submitted reads it.
     pub fn all_mut<T: Pod>(&mut self) -> &mut [T] {
         let bytes = self.mapped_mut().expect("only buffers that the host can see are written");
         let whole = bytes.len() / size_of::<T>() * size_of::<T>();

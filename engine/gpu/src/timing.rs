@@ -63,7 +63,8 @@ fn finish(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
         Err(vk::Result::TIMEOUT) => return Err(EngineError::Timeout(limit_s)),
         result => result.call("vkWaitForFences")?,
     }
-    // SAFETY: the fence's submission has finished, so that nothing pending signals it.
+    device.finished(fence);
+    // SAFETY: the fence's submission has finished, so that nothing pending signals it, and nobody else waits for it.
     unsafe { raw.reset_fences(&[fence]) }.call("vkWaitForFences")
 }
 
@@ -74,6 +75,12 @@ impl Fence {
 
     pub(crate) fn raw(&self) -> vk::Fence {
         self.raw
+    }
+
+    /// Whether a wait for it would return at once: with success, or because the device is lost.
+    pub(crate) fn is_done(&self) -> bool {
+        // SAFETY: the fence is alive.
+        unsafe { self.device.raw().get_fence_status(self.raw) }.unwrap_or(true)
     }
 
     /// See [`wait_for`].

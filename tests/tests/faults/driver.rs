@@ -2,7 +2,9 @@
 
 use crate::operations::{Operation, delayed, depth_and_ids, flashing, lens, operations, scene, sequences};
 use crate::strike::Faults;
-use esaac_engine::{CameraConfig, EngineError, FrameBytes, HeldPackets, PacketPlace, Rig, RigOptions};
+use esaac_engine::{
+    CameraConfig, EngineError, FrameBytes, FrameInput, HeldPackets, PacketPlace, Rig, RigOptions, SubmitHooks,
+};
 use esaac_model::{HdrFormat, Packet, SensorModel};
 use esaac_tests::device::{DEVICE, alone, assert_silent};
 use esaac_tests::frames::Sequence;
@@ -63,6 +65,8 @@ pub struct Driver {
     pub saved: Vec<u8>,
     /// The last step's packets, held while the next one runs.
     pub held: Option<(HeldPackets, Given)>,
+    /// What the caller does between the halves of a step; `None` to step in one call.
+    pub meanwhile: Option<fn(&mut Rig)>,
 }
 
 impl Driver {
@@ -70,14 +74,17 @@ impl Driver {
         let sensors = [flashing(), delayed()];
         let rig = rig_of(&sensors).expect("a rig of two small cameras");
         let saved = rig.save().expect("a state");
-        Driver { rig, sequences: sequences(), sensors, frame: 0, instances: None, saved, held: None }
+        let sequences = sequences();
+        Driver { rig, sequences, sensors, frame: 0, instances: None, saved, held: None, meanwhile: None }
     }
 
     /// A driver that goes on from a saved state.
     pub fn at(station: &Station) -> Self {
         let rig = rig_of(&station.sensors).expect("a rig of two small cameras");
         let Station { sensors, frame, instances, saved } = station.clone();
-        let mut driver = Driver { rig, sequences: sequences(), sensors, frame, instances, saved, held: None };
+        let sequences = sequences();
+        let mut driver =
+            Driver { rig, sequences, sensors, frame, instances, saved, held: None, meanwhile: None };
         driver.make_anew();
         driver
     }
@@ -93,7 +100,15 @@ impl Driver {
                     self.rig.upload(camera, &bytes)?;
                 }
                 let t_ns = self.sequences[0].frames[self.frame].t_ns;
-                let tick = self.rig.step(&[t_ns, t_ns])?;
+                let tick = match self.meanwhile {
+                    None => self.rig.step(&[t_ns, t_ns])?,
+                    Some(meanwhile) => {
+                        let frames = [Some(FrameInput { t_ns, inputs: None }); 2];
+                        self.rig.submit_frames(&frames, &SubmitHooks::default())?;
+                        meanwhile(&mut self.rig);
+                        self.rig.wait()?
+                    }
+                };
                 let held = tick.hold().expect("packets are in place");
                 let now = given(&held);
                 if let Some((held, before)) = self.held.replace((held, now.clone())) {

@@ -3,6 +3,7 @@
 //! none is lost silently.
 
 mod driver;
+mod halves;
 mod held;
 mod limits;
 mod looks;

@@ -18,7 +18,7 @@ impl Rig {
     /// Changes a camera's parameters, all but its size; the change takes effect with the next tick. On an error the
     /// camera keeps its parameters, and nothing has changed.
     pub fn set_sensor(&mut self, camera: usize, sensor: SensorModel) -> Result<(), EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let state = self.camera(camera)?;
         let asked = sensor.synthesis;
         let sensor = state.config.resolved(&sensor);
@@ -82,7 +82,7 @@ impl Rig {
 
     /// As [`Rig::reset`], for several cameras in one submission. On an error none is reset.
     pub fn reset_some(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         // Two writes to one place would have no order.
         let cameras: BTreeSet<usize> = cameras.iter().copied().collect();
         let mut writes = Vec::new();

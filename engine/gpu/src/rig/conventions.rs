@@ -47,7 +47,7 @@ impl Rig {
     /// The motion vectors of a camera's next frame do not lead to its last one, as after frames that were dropped: they
     /// are not compared with its poses.
     pub fn skip_convention_check(&mut self, camera: usize) -> Result<(), EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         self.camera(camera)?;
         self.cameras[camera].vectors_span = false;
         Ok(())

@@ -2,6 +2,7 @@
 
 use super::{CameraState, Rig};
 use crate::error::EngineError;
+use crate::loan::Loan;
 use crate::memory::Buffer;
 use esaac_model::{IdFormat, MotionFormat, frame};
 use std::sync::Arc;
@@ -32,6 +33,14 @@ pub struct InputBuffers<'a> {
     pub ids: Option<&'a Buffer>,
 }
 
+impl InputBuffers<'_> {
+    /// Lends the buffers to a step that was submitted.
+    pub(super) fn lend(self) -> impl Iterator<Item = Loan> {
+        let InputBuffers { hdr, motion, depth, ids } = self;
+        [Some(hdr), motion, depth, ids].into_iter().flatten().map(Buffer::lend)
+    }
+}
+
 /// Device addresses of a camera's images; 0 for those that it has not.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Addresses {
@@ -41,7 +50,7 @@ pub(super) struct Addresses {
     pub ids: u64,
 }
 
-/// A camera's frame for [`Rig::step_frames`].
+/// A camera's frame for [`Rig::step_frames`] and [`Rig::submit_frames`].
 #[derive(Clone, Copy)]
 pub struct FrameInput<'a> {
     /// Time of the frame, nanoseconds.
@@ -53,7 +62,7 @@ pub struct FrameInput<'a> {
 impl Rig {
     /// A camera's input buffers, for a producer on this device. The producer may write them whenever no tick runs.
     pub fn inputs(&self, camera: usize) -> Result<InputBuffers<'_>, EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let c = self.camera(camera)?;
         Ok(c.input_buffers())
     }
@@ -61,7 +70,7 @@ impl Rig {
     /// Writes a frame from host memory into a camera's input buffers. An error if an image has the wrong size.
     pub fn upload(&mut self, camera: usize, frame: &FrameBytes<'_>) -> Result<(), EngineError> {
         let _zone = zone!("ingest");
-        self.check_health()?;
+        self.check_ready()?;
         self.camera(camera)?;
         let c = &mut self.cameras[camera];
         let (sensor, number) = (&c.config.sensor, camera as u32);

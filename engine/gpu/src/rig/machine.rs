@@ -1,13 +1,13 @@
-//! The tick as a state machine. Its only loop is here.
+//! A tick that was submitted, as a state machine. Its only loop is here. What comes before is in [`super::submit`].
 //!
 //! ```text
-//! Prepared -> Submitted -> Done
-//!                 |  ^
-//!                 v  |      events did not fit: grow what is too small, resume the counters, run the rest
-//!               Retry
-//!                 |
-//!                 v
-//!               Merge       some packets are left to `merge`
+//! Submitted -> Ran -> Done
+//!              |  ^
+//!              v  |      events did not fit: grow what is too small, resume the counters, run the rest
+//!             Retry
+//!              |
+//!              v
+//!             Merge      some packets are left to `merge`
 //!
 //! With a bus before a packet, Done is reached by way of
 //!
@@ -18,8 +18,8 @@
 //! ```
 //!
 //! [`read_back`] decides from the counters alone which state follows. A [`TickDevice`] does the work of a state: a rig,
-//! or a fake in the tests below. A failure before the device has begun changes nothing ([`TickError::Refused`]). After
-//! that the state on the device is half updated, and the rig is lost ([`TickError::Lost`]).
+//! or a fake in the tests below. The device has begun the tick: after a failure its state is half updated, and the rig is
+//! lost.
 
 use super::merge::passes;
 use crate::error::EngineError;
@@ -34,8 +34,6 @@ const MOST_READOUTS: u32 = 1 << 20;
 
 /// The operations that the state machine needs.
 pub(super) trait TickDevice {
-    /// Submits the tick. An error means that nothing of it runs.
-    fn submit(&mut self) -> Result<(), EngineError>;
     /// Waits for the tick that was submitted.
     fn wait(&mut self) -> Result<(), EngineError>;
     /// The counters of a camera after the last submission that it took part in.
@@ -101,8 +99,8 @@ impl Merge {
 /// State of a tick.
 #[derive(Clone, Debug, PartialEq)]
 enum State {
-    Prepared,
     Submitted,
+    Ran,
     Retry(Retry),
     Merge(Merge),
     Outlets,
@@ -124,15 +122,6 @@ pub(super) struct TickEnd {
     pub queue_overflows: u64,
     /// Those that a second run in the same submission may take, of the camera that has most.
     pub most_crowded: u32,
-}
-
-/// How a tick fails.
-#[derive(Debug)]
-pub(super) enum TickError {
-    /// The device has not begun: nothing has changed.
-    Refused(EngineError),
-    /// The device has begun: its state is half updated.
-    Lost(EngineError),
 }
 
 /// How far a tick has come.
@@ -201,8 +190,9 @@ fn read_outlets(end: &mut TickEnd, outlet: impl Fn(usize) -> Option<Counters>) -
     }
 }
 
-/// Runs a tick. `in_tick` tells for each camera whether it takes part.
-pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<TickEnd, TickError> {
+/// Brings a tick that was submitted to its end. `in_tick` tells for each camera whether it takes part. After an error the
+/// rig is lost.
+pub(super) fn finish(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<TickEnd, EngineError> {
     let cameras = in_tick.len();
     let end = TickEnd {
         counters: vec![None; cameras],
@@ -212,38 +202,34 @@ pub(super) fn run(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result<Ti
         most_crowded: 0,
     };
     let mut progress = Progress { pending: in_tick, retries: 0, end };
-    let mut state = State::Prepared;
+    let mut state = State::Submitted;
     let mut readouts = 0;
     loop {
         state = match state {
-            State::Prepared => {
-                device.submit().map_err(|error| match error.is_device_lost() {
-                    true => TickError::Lost(error),
-                    false => TickError::Refused(error),
-                })?;
-                device.wait().map_err(TickError::Lost)?;
-                State::Submitted
+            State::Submitted => {
+                device.wait()?;
+                State::Ran
             }
-            State::Submitted => read_back(&mut progress, |camera| device.counters(camera)),
+            State::Ran => read_back(&mut progress, |camera| device.counters(camera)),
             State::Retry(_) if progress.retries == MOST_RETRIES => {
-                return Err(TickError::Lost(EngineError::Endless(progress.retries)));
+                return Err(EngineError::Endless(progress.retries));
             }
             State::Retry(retry) => {
                 progress.retries += 1;
-                device.retry(&retry).map_err(TickError::Lost)?;
-                State::Submitted
+                device.retry(&retry)?;
+                State::Ran
             }
             State::Merge(merge) => {
-                device.merge(&merge).map_err(TickError::Lost)?;
+                device.merge(&merge)?;
                 if merge.outlets { State::Done } else { State::Outlets }
             }
             State::Outlets => read_outlets(&mut progress.end, |camera| device.outlet(camera)),
             State::Readout(_) if readouts == MOST_READOUTS => {
-                return Err(TickError::Lost(EngineError::Endless(readouts)));
+                return Err(EngineError::Endless(readouts));
             }
             State::Readout(cameras) => {
                 readouts += 1;
-                device.readout(&cameras).map_err(TickError::Lost)?;
+                device.readout(&cameras)?;
                 State::Outlets
             }
             State::Done => return Ok(progress.end),
@@ -291,7 +277,6 @@ mod tests {
 
     #[derive(Clone, Debug, PartialEq)]
     enum Call {
-        Submit,
         Wait,
         Retry(Retry),
         Merge(Merge),
@@ -326,9 +311,6 @@ mod tests {
     }
 
     impl TickDevice for Fake {
-        fn submit(&mut self) -> Result<(), EngineError> {
-            self.call(Call::Submit)
-        }
         fn wait(&mut self) -> Result<(), EngineError> {
             self.submissions += 1;
             self.call(Call::Wait)
@@ -353,10 +335,10 @@ mod tests {
     }
 
     #[test]
-    fn a_tick_that_fits_is_submitted_once() {
+    fn a_tick_that_fits_is_waited_for_once() {
         let counted = Counters { packet: 7, ..FITTED };
         let mut fake = Fake::new(&[&[counted, ZERO]]);
-        let end = run(&mut fake, vec![true, false]).unwrap();
+        let end = finish(&mut fake, vec![true, false]).unwrap();
         assert_eq!(
             end,
             TickEnd {
@@ -367,15 +349,15 @@ mod tests {
                 most_crowded: 0,
             }
         );
-        assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
+        assert_eq!(fake.calls, [Call::Wait]);
     }
 
     #[test]
-    fn a_tick_without_cameras_is_submitted_all_the_same() {
-        // Its hooks signal timelines that others wait for.
+    fn a_tick_without_cameras_is_waited_for_all_the_same() {
+        // It has the commands of its hooks.
         let mut fake = Fake::new(&[&[ZERO]]);
-        assert_eq!(run(&mut fake, vec![false]).unwrap().counters, [None]);
-        assert_eq!(fake.calls, [Call::Submit, Call::Wait]);
+        assert_eq!(finish(&mut fake, vec![false]).unwrap().counters, [None]);
+        assert_eq!(fake.calls, [Call::Wait]);
     }
 
     #[test]
@@ -395,7 +377,7 @@ mod tests {
         let overflowed = Counters { emitted: 500, crowded_sub_tiles: 5, without_levels: 3, ..FITTED };
         let done = Counters { emitted: 620, packet: 620, ..FITTED };
         let mut fake = Fake::new(&[&[heavy, overflown], &[heavy, overflowed], &[heavy, done]]);
-        let end = run(&mut fake, vec![true, true]).unwrap();
+        let end = finish(&mut fake, vec![true, true]).unwrap();
         assert_eq!(
             end,
             TickEnd {
@@ -412,7 +394,7 @@ mod tests {
         let walk = Retry { resumed: vec![(1, from_500)], wanted_events: vec![0, 0] };
         assert!(grow.grows() && !walk.grows());
         let merge = Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets: false };
-        let expected = [Call::Submit, Call::Wait, Call::Retry(grow), Call::Retry(walk), Call::Merge(merge)];
+        let expected = [Call::Wait, Call::Retry(grow), Call::Retry(walk), Call::Merge(merge)];
         assert_eq!(fake.calls, expected);
     }
 
@@ -423,7 +405,7 @@ mod tests {
         let done = Counters { progress: ReadoutProgress::Done as u32, ..heavy };
         let mut fake = Fake::new(&[&[heavy, FITTED, ZERO]]);
         fake.outlets = vec![undone, undone, done].into();
-        let end = run(&mut fake, vec![true, true, false]).unwrap();
+        let end = finish(&mut fake, vec![true, true, false]).unwrap();
         assert_eq!(
             (end.counters, end.outlets),
             (vec![Some(heavy), Some(FITTED), None], vec![Some(done), None, None])
@@ -432,29 +414,26 @@ mod tests {
             Call::Merge(Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets })
         };
         let readout = || Call::Readout(vec![0]);
-        assert_eq!(fake.calls, [Call::Submit, Call::Wait, merge(false), readout(), readout(), merge(true)]);
+        assert_eq!(fake.calls, [Call::Wait, merge(false), readout(), readout(), merge(true)]);
     }
 
     #[test]
-    fn whichever_call_fails_only_the_first_leaves_the_rig_whole() {
+    fn nothing_is_called_after_a_failure() {
         let heavy = Counters { packet: 5, heavy: 1, ..FITTED };
         let overflown = Counters { emitted: 5, ..ZERO };
-        for at in 0..4 {
+        for at in 0..3 {
             let mut fake = Fake::new(&[&[overflown], &[heavy]]);
             fake.fails_at = Some((at, vk::Result::ERROR_OUT_OF_HOST_MEMORY));
-            let error = run(&mut fake, vec![true]).unwrap_err();
-            assert_eq!(matches!(error, TickError::Refused(_)), at == 0, "call {at}: {error:?}");
-            assert_eq!(fake.calls.len(), at + 1, "nothing is called after a failure");
+            let error = finish(&mut fake, vec![true]).unwrap_err();
+            assert!(matches!(error, EngineError::Vulkan { call: "fake", .. }), "call {at}: {error:?}");
+            assert_eq!(fake.calls.len(), at + 1, "call {at}");
         }
-        let mut fake = Fake::new(&[&[FITTED]]);
-        fake.fails_at = Some((0, vk::Result::ERROR_DEVICE_LOST));
-        assert!(matches!(run(&mut fake, vec![true]), Err(TickError::Lost(_))), "the device is gone");
     }
 
     #[test]
     fn a_tick_that_never_fits_is_given_up() {
         let mut fake = Fake::new(&[&[Counters { emitted: 5, ..ZERO }]]);
-        let error = run(&mut fake, vec![true]).unwrap_err();
-        assert!(matches!(error, TickError::Lost(EngineError::Endless(MOST_RETRIES))), "{error:?}");
+        let error = finish(&mut fake, vec![true]).unwrap_err();
+        assert!(matches!(error, EngineError::Endless(MOST_RETRIES)), "{error:?}");
     }
 }

@@ -4,7 +4,7 @@
 //! tick are data in `cameras`, so that recorded commands can be submitted again and again. They are recorded again only
 //! when the change of a sensor changes which kernels run, or when buffers are replaced.
 //!
-//! A tick runs in [`machine`]: start reading there. Every change of a rig is a transaction. It computes and allocates
+//! A tick begins in [`submit`] and ends in [`machine`]: start reading there. Every change of a rig is a transaction. It computes and allocates
 //! everything it needs, submits once, and only then changes the state on the host. If it fails before, nothing has
 //! changed. If a tick fails after the device has begun it, the state on the device is half updated: the rig is *lost*.
 //! A lost rig refuses steps, changes, saving and its input buffers with [`EngineError::Lost`]. What needs nothing new of
@@ -45,6 +45,7 @@ mod scene;
 mod sensor;
 mod snapshot;
 mod step;
+mod submit;
 mod synthesize;
 mod tick;
 mod timing;
@@ -77,6 +78,7 @@ use results::Results;
 use scene::Instances;
 use std::sync::Arc;
 use std::time::Duration;
+use submit::Submitted;
 use timing::Timing;
 
 pub use config::{CameraConfig, GeometryConfig, RigOptions};
@@ -208,6 +210,8 @@ pub struct Rig {
     poses_by: PosesBy,
     timing: Timing,
     results: Results,
+    /// The step that was submitted, until somebody waits for it.
+    submitted: Option<Submitted>,
     health: Health,
 }
 
@@ -281,6 +285,7 @@ impl Rig {
             poses_by: PosesBy::default(),
             timing: Timing::new(device, options.stage_times)?,
             results: Results::new(configs),
+            submitted: None,
             health: Health::Good,
             device: Arc::clone(device),
             options,
@@ -325,7 +330,13 @@ impl Rig {
         }
     }
 
-    fn check_health(&self) -> Result<(), EngineError> {
+    /// Whether the cameras are at rest and the rig can go on.
+    fn check_ready(&self) -> Result<(), EngineError> {
+        self.check_lost()?;
+        if self.submitted.is_some() { Err(EngineError::Submitted) } else { Ok(()) }
+    }
+
+    fn check_lost(&self) -> Result<(), EngineError> {
         match &self.health {
             Health::Good => Ok(()),
             Health::Lost { why } => Err(EngineError::Lost { why: Arc::clone(why) }),
@@ -342,8 +353,8 @@ impl Rig {
         EngineError::Lost { why }
     }
 
-    /// The results of the last tick; empty before the first tick, and after a tick that was refused or failed. A rig
-    /// that is lost after its last tick still shows it.
+    /// The results of the last tick; empty before the first tick, after a tick that was refused or failed, and while one is
+    /// submitted. A rig that is lost after its last tick still shows it.
     #[must_use]
     pub fn last_tick(&self) -> Tick<'_> {
         Tick::of(self)
@@ -392,10 +403,10 @@ impl Rig {
 
     /// Log intensity (Q7.24) at the interval's start and at the end of each sub-step of the last interval,
     /// `[sub-step][pixel]`. Entries beyond the sub-steps of a pixel's block are meaningless. `None` without
-    /// [`RigOptions::keep_substeps`], if there is no such camera, and if the rig is lost.
+    /// [`RigOptions::keep_substeps`], if there is no such camera, if the rig is lost, and while a step is submitted.
     #[must_use]
     pub fn substeps_q24(&self, camera: usize) -> Option<Vec<Vec<i32>>> {
-        if !self.options.keep_substeps || camera >= self.cameras.len() || self.lost().is_some() {
+        if !self.options.keep_substeps || camera >= self.cameras.len() || self.check_ready().is_err() {
             return None;
         }
         let pixels = self.cameras[camera].config.sensor.pixels();
@@ -414,7 +425,13 @@ impl Rig {
 
 impl Drop for Rig {
     fn drop(&mut self) {
-        // A rig that is not lost has waited for all its submissions. `Device::retire` parks the objects of a lost one;
+        if let Some(submitted) = self.submitted.take()
+            && let Err(error) = self.timing.wait()
+        {
+            submitted.abandon();
+            self.lose(error);
+        }
+        // Now a rig that is not lost has waited for all its submissions. `Device::retire` parks the objects of a lost one;
         // if the device finishes soon, their memory is free for a new rig.
         if self.lost().is_some() {
             self.device.settle(CLOSING);

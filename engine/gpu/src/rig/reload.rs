@@ -12,7 +12,7 @@ impl Rig {
     /// stages. State, buffers and the events of earlier ticks do not change. On an error the rig keeps its kernels, and
     /// the same edits are not tried again. A folder serves one rig.
     pub fn reload_kernels(&mut self, folder: &mut KernelFolder) -> Result<Vec<&'static str>, EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let ready = folder.edited()?;
         if ready.is_empty() {
             return Ok(Vec::new());

@@ -87,7 +87,7 @@ impl Rig {
         target: &Buffer,
         share: Share,
     ) -> Result<(), EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let elements = self.elements(what);
         let all = share.all.max(share.before + elements);
         if all * what.element_bytes() > target.bytes() || all > u64::from(u32::MAX) {

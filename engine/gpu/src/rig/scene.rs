@@ -137,7 +137,7 @@ impl Rig {
     /// error all keep the poses that they had. Returns the scenes that were replaced, whose memory may serve again
     /// ([`TrackMemory`](esaac_model::paths::TrackMemory)).
     pub fn set_scenes(&mut self, scenes: Vec<(usize, SceneMotion)>) -> Result<Vec<SceneMotion>, EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let mut places = None;
         let mut instances = Vec::new();
         for (camera, scene) in &scenes {

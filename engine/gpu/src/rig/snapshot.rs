@@ -78,7 +78,7 @@ impl Rig {
     /// One thing begins anew: a comparison of poses with motion vectors that is under way, in the first intervals of a
     /// camera that has both. Its findings so far are saved; what it finds later may come some intervals later.
     pub fn save(&self) -> Result<Vec<u8>, EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let all = self.arena.buffer(layout::COUNTERS);
         let counters = read_back(&self.device, &[Part { buffer: all, offset: 0, bytes: all.bytes() }])?;
         let counted: Vec<Counters> = bytemuck::pod_collect_to_vec(&counters);
@@ -131,7 +131,7 @@ impl Rig {
     /// Restores a saved state into a rig with the same cameras and sensors. [`EngineError::Snapshot`] if they differ or
     /// the bytes are damaged. On an error the rig's state has not changed.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let (header, body) = read_header(bytes)?;
         self.check_cameras(&header)?;
         let waiting = |c: &CameraHeader| u64::from(c.deferred_events) + u64::from(c.leaving_events);
@@ -169,7 +169,7 @@ impl Rig {
     /// for tests. Panics if there is no such buffer; an error if there is no such camera.
     #[doc(hidden)]
     pub fn words(&self, camera: usize, name: &str) -> Result<Vec<u32>, EngineError> {
-        self.check_health()?;
+        self.check_ready()?;
         let place = self.camera(camera)?.place;
         let slot = BINDINGS.iter().position(|b| b.name == name).expect("a name in the list of bindings");
         let stride = u64::from(BINDINGS[slot].stride);

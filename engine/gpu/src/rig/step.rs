@@ -1,22 +1,21 @@
-//! Stepping a rig: from frames and their times to a tick.
+//! Stepping a rig: from frames and their times to a tick. [`super::submit`] has the first half.
 
 use super::geometry;
-use super::look::Given;
-use super::machine::{self, Merge, Retry, TickDevice, TickEnd, TickError};
+use super::machine::{self, Merge, Retry, TickDevice, TickEnd};
 use super::passes::rows_used;
 use super::queue::Load;
 use super::rest::RestLoad;
 use super::sensor::has_bus;
+use super::submit::Submitted;
 use super::timing::MOST_STAMPS;
 use super::transfer::{Write, Writes};
-use super::{Addresses, CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
+use super::{CameraState, FrameInput, InputBuffers, Rig, StageSpan, Tick};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::policy::KernelPolicy;
 use crate::profile;
 use esaac_layout::{self as layout, Counters};
-use esaac_model::{FrameError, frame};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Bins grow if more than one event in this many of a packet overflows, or more than half of what `sort` searches.
 const OVERFLOW_SHARE: u32 = 8;
@@ -27,6 +26,8 @@ impl Rig {
     /// A step is refused if its input is wrong, if there is no memory, or if the queue does not take it. Then nothing
     /// has happened, there are no packets, and the same step may be tried again. If a step fails after the device has
     /// begun it, the rig is lost: the error is [`EngineError::Lost`], and further steps give the same error.
+    ///
+    /// [`Rig::submit_frames`] and [`Rig::wait`] are its two halves, for a caller that has something else to do meanwhile.
     pub fn step(&mut self, t_ns: &[i64]) -> Result<Tick<'_>, EngineError> {
         let times: Vec<Option<i64>> = t_ns.iter().copied().map(Some).collect();
         self.step_some(&times)
@@ -47,27 +48,8 @@ impl Rig {
         tiles: InputBuffers<'_>,
         hooks: &SubmitHooks<'_>,
     ) -> Result<Tick<'_>, EngineError> {
-        self.check_health()?;
-        self.check_count(t_ns.len())?;
-        let mut frames = Vec::new();
-        for ((number, camera), t_ns) in self.cameras.iter().enumerate().zip(t_ns) {
-            frames.push(match *t_ns {
-                Some(t_ns) => {
-                    frame::check_time(number as u32, camera.last_ns, t_ns)?;
-                    camera.check_scene(number, t_ns)?;
-                    Some((t_ns, camera.addresses(number, Some(tiles), number)?))
-                }
-                None => None,
-            });
-        }
-        let given = t_ns.iter().enumerate().map(|(number, t_ns)| {
-            t_ns.map(|t_ns| Given { t_ns, inputs: Some(tiles), images_before: number })
-        });
-        let given: Vec<_> = given.collect();
-        self.check_conventions(&given, hooks)?;
-        self.look_at_light(&given, hooks)?;
-        self.look_for_meetings(&given, hooks)?;
-        self.tick(&frames, hooks)
+        self.submit_tiles(t_ns, tiles, hooks)?;
+        self.wait()
     }
 
     /// As [`Rig::step_some`], with frames in buffers of the caller, and with commands and timelines around the
@@ -78,64 +60,28 @@ impl Rig {
         frames: &[Option<FrameInput<'_>>],
         hooks: &SubmitHooks<'_>,
     ) -> Result<Tick<'_>, EngineError> {
-        self.check_health()?;
-        self.check_count(frames.len())?;
-        let mut inputs = Vec::new();
-        for (number, (camera, frame)) in self.cameras.iter().zip(frames).enumerate() {
-            inputs.push(match frame {
-                Some(frame) => {
-                    frame::check_time(number as u32, camera.last_ns, frame.t_ns)?;
-                    camera.check_scene(number, frame.t_ns)?;
-                    Some((frame.t_ns, camera.addresses(number, frame.inputs, 0)?))
-                }
-                None => None,
-            });
-        }
-        let given = frames
-            .iter()
-            .map(|frame| frame.map(|FrameInput { t_ns, inputs }| Given { t_ns, inputs, images_before: 0 }));
-        let given: Vec<_> = given.collect();
-        self.check_conventions(&given, hooks)?;
-        self.look_at_light(&given, hooks)?;
-        self.look_for_meetings(&given, hooks)?;
-        self.tick(&inputs, hooks)
+        self.submit_frames(frames, hooks)?;
+        self.wait()
     }
 
-    fn check_count(&self, actual: usize) -> Result<(), EngineError> {
-        let expected = self.cameras.len();
-        if actual == expected { Ok(()) } else { Err(FrameError::Count { expected, actual }.into()) }
-    }
-
-    /// Steps the cameras that have a frame.
-    fn tick(
-        &mut self,
-        frames: &[Option<(i64, Addresses)>],
-        hooks: &SubmitHooks<'_>,
-    ) -> Result<Tick<'_>, EngineError> {
-        for (camera, frame) in self.cameras.iter_mut().zip(frames) {
-            if let Some((_, addresses)) = frame {
-                camera.inputs = *addresses;
-            }
-        }
-        let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|(t_ns, _)| t_ns)).collect();
-        self.results.clear();
-        self.end_rest()?;
-        self.make_room_for_layers()?;
-        self.next_packet_set()?;
-        self.prepare(&t_ns)?;
-        let started = Instant::now();
+    /// Waits for the step that was submitted, and gives its packets: the second half of a step. It runs what is left of
+    /// the step: once more what did not fit, and the sorting of heavy packets. Errors: no step was submitted
+    /// ([`EngineError::NotSubmitted`]), or it has failed and the rig is lost ([`EngineError::Lost`]).
+    pub fn wait(&mut self) -> Result<Tick<'_>, EngineError> {
+        self.check_lost()?;
+        let submitted = self.submitted.take().ok_or(EngineError::NotSubmitted)?;
+        let Submitted { t_ns, started, .. } = &submitted;
         let in_tick = t_ns.iter().map(Option::is_some).collect();
-        let end = match machine::run(&mut RigTick { rig: self, t_ns: &t_ns, hooks }, in_tick) {
+        let end = match machine::finish(&mut RigTick { rig: self, submitted: &submitted }, in_tick) {
             Ok(end) => end,
-            Err(TickError::Refused(error)) => return Err(error),
-            Err(TickError::Lost(error)) => {
+            Err(error) => {
                 self.results.clear();
                 return Err(self.lose(error));
             }
         };
         {
             let _zone = zone!("publish");
-            self.take(&t_ns, &end);
+            self.take(t_ns, &end);
         }
         self.grow_bins(&end);
         let most_per_px = self.pipelines.policy.most_queue_per_px;
@@ -156,17 +102,6 @@ impl Rig {
         let results = &self.results;
         profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());
         Ok(Tick::of(self))
-    }
-
-    /// Advances to a packet set that nobody holds.
-    fn next_packet_set(&mut self) -> Result<(), EngineError> {
-        let is_new = self.arena.next_packet_set(&self.device)?;
-        let current = self.arena.current();
-        self.pipelines.bindings.select(current);
-        if is_new {
-            self.recordings.ring[current].unbind();
-        }
-        Ok(())
     }
 
     /// Stores the results of a finished tick, and advances the cameras.
@@ -274,32 +209,25 @@ fn overflowed_much(counters: &Counters) -> bool {
 }
 
 /// A rig in a tick, as the state machine sees it.
-struct RigTick<'a, 'hooks> {
+struct RigTick<'a> {
     rig: &'a mut Rig,
-    t_ns: &'a [Option<i64>],
-    hooks: &'a SubmitHooks<'hooks>,
+    submitted: &'a Submitted,
 }
 
-impl RigTick<'_, '_> {
+impl RigTick<'_> {
     /// The times of some of the tick's cameras.
     fn times_of(&self, cameras: impl Iterator<Item = usize>) -> Vec<Option<i64>> {
-        let mut times_ns = vec![None; self.t_ns.len()];
+        let mut times_ns = vec![None; self.submitted.t_ns.len()];
         for camera in cameras {
-            times_ns[camera] = self.t_ns[camera];
+            times_ns[camera] = self.submitted.t_ns[camera];
         }
         times_ns
     }
 }
 
-impl TickDevice for RigTick<'_, '_> {
-    fn submit(&mut self) -> Result<(), EngineError> {
-        let Rig { device, timing, recordings, arena, .. } = self.rig;
-        timing.submit(device, &recordings.ring[arena.current()].tick, self.hooks)
-    }
-
+impl TickDevice for RigTick<'_> {
     fn wait(&mut self) -> Result<(), EngineError> {
-        self.rig.past_scenes.clear();
-        self.rig.timing.wait().inspect_err(|_| self.hooks.abandon())?;
+        self.rig.timing.wait().inspect_err(|_| self.submitted.abandon())?;
         self.rig.timing.take_tick(&self.rig.device, &mut self.rig.results);
         Ok(())
     }

@@ -36,7 +36,8 @@ pub struct Tick<'a> {
     /// stage. With stages, `retry` is the time of all submissions after the first: retries and `merge`. Empty if the
     /// device has no times.
     pub stage_ns: &'a [(&'static str, u64)],
-    /// Time from the submission to the packets in host memory.
+    /// Time from the submission to the packets in host memory. If the step was submitted and waited for in two calls, what
+    /// the caller did between them is a part of it.
     pub submit_to_packet_ns: u64,
     rig: &'a Rig,
 }

@@ -40,7 +40,7 @@ impl Timing {
         })
     }
 
-    /// Submits commands. After an error none of them run.
+    /// Submits commands, which run until [`Timing::wait`]. After an error none of them run.
     pub(super) fn submit(
         &self,
         device: &Device,
@@ -48,7 +48,14 @@ impl Timing {
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
         let _zone = zone!("submit");
-        device.submit(commands.raw(), hooks, self.fence.raw())
+        device.submit(commands.raw(), hooks, self.fence.raw())?;
+        device.leave_running(self.fence.raw());
+        Ok(())
+    }
+
+    /// Whether a wait for the last submission would return at once.
+    pub(super) fn is_done(&self) -> bool {
+        self.fence.is_done()
     }
 
     /// Waits for the last submission.
