@@ -28,6 +28,7 @@ mod socket;
 mod stand_in;
 mod support;
 mod timeline;
+mod trial;
 pub mod wire;
 
 pub use client::{Client, Copies, Gives};

@@ -147,7 +147,7 @@ impl SharedBuffer {
         // CUDA allocates in large pieces, and the buffer lies at its beginning.
         let dedicates = told.allocation_bytes == requirements.size;
         let fits =
-            dedicates || (told.allocation_bytes > requirements.size && !Support::of(device).dedicated_only);
+            dedicates || (told.allocation_bytes > requirements.size && !Support::told(device).dedicated_only);
         if !fits || told.bytes != bytes {
             let expected = if told.bytes == bytes { requirements.size } else { bytes };
             let actual = if told.bytes == bytes { told.allocation_bytes } else { told.bytes };
@@ -171,7 +171,7 @@ impl SharedBuffer {
         bytes: u64,
         peers: Option<(OwnedFd, ImageMemory)>,
     ) -> Result<Self, InteropError> {
-        let Some(alignment) = Support::of(device).host_alignment else {
+        let Some(alignment) = Support::told(device).host_alignment else {
             return Err(InteropError::Unsupported {
                 device: device.info().name.clone(),
                 reason: "it lacks VK_EXT_external_memory_host".to_owned(),

@@ -61,7 +61,7 @@ impl Producer {
             driver_uuid: device.info().driver_uuid,
             camera: options.camera,
             size_px: options.size_px,
-            memories: options.memories & support.producer_memories(),
+            memories: support.takes(&device.info().name, options.memories)?,
             timelines: options.timelines & support.timelines(),
             geometry: options.geometry,
             timeout: options.timeout,

@@ -19,7 +19,7 @@ pub const BUFFER_USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
 );
 
 /// What a device can share with another process.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Support {
     /// Buffers leave as POSIX file descriptors.
     pub export_buffer: bool,
@@ -31,12 +31,14 @@ pub struct Support {
     pub share_timeline: bool,
     /// Memory of the host can be given to the device; the alignment it must have, bytes.
     pub host_alignment: Option<u64>,
+    /// Why not, in words, if the driver has the extension and refused a first page of such memory: some take no pages of a file,
+    /// and two processes share nothing else.
+    pub host_refused: Option<String>,
 }
 
 impl Support {
-    /// Asks the driver.
-    #[must_use]
-    pub fn of(device: &Device) -> Self {
+    /// What the driver says that it can. [`Support::of`] also tries it.
+    pub(crate) fn told(device: &Device) -> Self {
         let (instance, physical, info) = (device.instance(), device.physical(), device.info());
         let mut support = Support::default();
         if info.has("VK_KHR_external_memory_fd") {
@@ -89,16 +91,32 @@ impl Support {
 
     /// The memories of `allowed` that the engine can offer on this device; an error if there are none.
     pub fn offers(&self, device: &str, allowed: u32) -> Result<u32, InteropError> {
-        let able = self.engine_memories();
+        self.usable(device, self.engine_memories(), allowed)
+    }
+
+    /// The memories of `allowed` that a producer can take on this device; an error if there are none.
+    pub fn takes(&self, device: &str, allowed: u32) -> Result<u32, InteropError> {
+        self.usable(device, self.producer_memories(), allowed)
+    }
+
+    fn usable(&self, device: &str, able: u32, allowed: u32) -> Result<u32, InteropError> {
         if able & allowed != 0 {
             return Ok(able & allowed);
         }
-        let reason = if able == 0 {
-            "it has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host; update its driver or choose \
-             another device"
-                .to_owned()
-        } else {
-            format!("it can share {}, and {} is allowed", memory_names(able), memory_names(allowed))
+        let reason = match (able, &self.host_refused) {
+            (0, None) => {
+                "it has neither VK_KHR_external_memory_fd nor VK_EXT_external_memory_host; update its driver or choose \
+                 another device"
+                    .to_owned()
+            }
+            (0, Some(why)) => {
+                format!("it lacks VK_KHR_external_memory_fd, and {why}; update its driver or choose another device")
+            }
+            (able, refused) => {
+                let why = refused.as_ref().filter(|_| allowed & MEMORY_HOST != 0);
+                let why = why.map_or_else(String::new, |why| format!("; {why}"));
+                format!("it can share {}, and {} is allowed{why}", memory_names(able), memory_names(allowed))
+            }
         };
         Err(InteropError::Unsupported { device: device.to_owned(), reason })
     }
@@ -160,10 +178,15 @@ mod tests {
         let imports = Support { import_buffer: true, ..Support::default() };
         // The engine's side, then a producer's.
         for (support, engine, producer) in [
-            (fd, MEMORY_EXPORTED | MEMORY_BROUGHT, MEMORY_EXPORTED | MEMORY_BROUGHT | MEMORY_IMAGES),
+            (fd.clone(), MEMORY_EXPORTED | MEMORY_BROUGHT, MEMORY_EXPORTED | MEMORY_BROUGHT | MEMORY_IMAGES),
             (host, MEMORY_HOST, MEMORY_HOST),
-            (exports, MEMORY_EXPORTED, MEMORY_BROUGHT | MEMORY_IMAGES),
+            (exports.clone(), MEMORY_EXPORTED, MEMORY_BROUGHT | MEMORY_IMAGES),
             (imports, MEMORY_BROUGHT, MEMORY_EXPORTED),
+            (
+                Support { host_refused: Some("why".to_owned()), ..exports },
+                MEMORY_EXPORTED,
+                MEMORY_BROUGHT | MEMORY_IMAGES,
+            ),
             (Support::default(), 0, 0),
         ] {
             assert_eq!(
@@ -197,5 +220,26 @@ mod tests {
         let host = Support { host_alignment: Some(4096), ..Support::default() };
         let other = host.offers("card", MEMORY_EXPORTED).unwrap_err().to_string();
         assert!(other.ends_with("it can share HOST, and EXPORTED is allowed"), "{other}");
+    }
+
+    #[test]
+    fn a_device_that_refuses_the_host_s_memory_is_told_so_where_it_matters() {
+        let refused = "the driver refuses memory of the host";
+        let refuses = Support { host_refused: Some(refused.to_owned()), ..Support::default() };
+        let exports = Support { export_buffer: true, import_buffer: true, ..refuses.clone() };
+        let nothing = refuses.offers("card", ALL).unwrap_err().to_string();
+        assert!(
+            nothing.contains("lacks VK_KHR_external_memory_fd, and") && nothing.contains(refused),
+            "{nothing}"
+        );
+        for asked in [exports.offers("card", MEMORY_HOST), exports.takes("card", MEMORY_HOST)] {
+            let only = asked.unwrap_err().to_string();
+            assert!(only.ends_with(&format!("and HOST is allowed; {refused}")), "{only}");
+        }
+        let other = Support { import_buffer: false, ..exports }
+            .takes("card", MEMORY_EXPORTED)
+            .unwrap_err()
+            .to_string();
+        assert!(other.ends_with("and EXPORTED is allowed"), "{other}");
     }
 }

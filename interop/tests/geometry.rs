@@ -35,6 +35,7 @@ fn terms() -> Terms {
         device_uuid: [1; 16],
         driver_uuid: [2; 16],
         memories: wire::MEMORY_HOST | wire::MEMORY_BROUGHT,
+        host_refused: None,
         timelines: wire::TIMELINE_CARRIED,
     }
 }
@@ -91,14 +92,14 @@ fn depth_and_poses_come_if_the_camera_takes_them_and_the_producer_gives_them() {
     let without = Terms { images: Images { geometry: None, ..terms().images }, ..terms() };
     let required = Terms { requires_geometry: true, ..terms() };
     for (terms, version, gives, expected) in [
-        (terms(), Version::Two, wire::GIVES_GEOMETRY, true),
-        (required, Version::Two, wire::GIVES_GEOMETRY, true),
-        (terms(), Version::Two, 0, false),
-        (terms(), Version::One, 0, false),
-        (without, Version::Two, wire::GIVES_GEOMETRY, false),
-        (without, Version::One, 0, false),
+        (&terms(), Version::Two, wire::GIVES_GEOMETRY, true),
+        (&required, Version::Two, wire::GIVES_GEOMETRY, true),
+        (&terms(), Version::Two, 0, false),
+        (&terms(), Version::One, 0, false),
+        (&without, Version::Two, wire::GIVES_GEOMETRY, false),
+        (&without, Version::One, 0, false),
     ] {
-        let agreed = agree(version, &producer(gives, Lens::default()), &terms).unwrap();
+        let agreed = agree(version, &producer(gives, Lens::default()), terms).unwrap();
         assert_eq!((agreed.geometry, agreed.version), (expected, version));
         let images = terms.images_by(agreed);
         assert_eq!(images.count(), if expected { 4 } else { 2 });

@@ -33,6 +33,7 @@ fn terms() -> Terms {
         device_uuid: [1; 16],
         driver_uuid: [2; 16],
         memories: ALL_MEMORIES,
+        host_refused: None,
         timelines: BOTH_TIMELINES,
     }
 }
@@ -116,6 +117,17 @@ fn nothing_in_common_is_refused_as_such() {
     // An exported timeline is of no use to another device.
     let other = Hello { device_uuid: [9; 16], timelines: wire::TIMELINE_EXPORTED, ..producer() };
     assert_eq!(code_of(agree(Version::Two, &other, &terms())), ErrorCode::Unsupported);
+    // Why the engine lacks memory of the host matters to those who have that.
+    let refuses =
+        Terms { memories: wire::MEMORY_EXPORTED, host_refused: Some("it does not".to_owned()), ..terms() };
+    for (memories, end) in [
+        (wire::MEMORY_HOST, "none in common; on the engine's device it does not"),
+        (wire::MEMORY_BROUGHT, "none in common"),
+    ] {
+        let error =
+            agree(Version::Two, &Hello { memories, ..producer() }, &refuses).expect_err("nothing in common");
+        assert!(error.words().ends_with(end), "{error}");
+    }
 }
 
 #[test]

@@ -3,7 +3,9 @@
  *   ESAAC_DRIVER_LACKS   names of device extensions that it does not have, separated by spaces
  *   ESAAC_DRIVER_UUIDS   if set, every physical device has a UUID of its own (copies of one driver share theirs)
  *   ESAAC_DRIVER_FULL    bytes that imports of memory may take in all; after that they are out of memory
+ *   ESAAC_DRIVER_ANONYMOUS  if set, memory of the host that is a mapped file is refused, as amdgpu does
  */
+#include <inttypes.h>
 #include <stdatomic.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -139,6 +141,21 @@ static void VKAPI_CALL get_properties(VkPhysicalDevice physical, VkPhysicalDevic
             ((VkPhysicalDeviceIDProperties *)at)->deviceUUID[15] ^= number_of(physical);
 }
 
+/* Whether an address lies in the mapping of a file. */
+static int is_of_a_file(const void *address) {
+    FILE *maps = fopen("/proc/self/maps", "r");
+    char line[4096];
+    int found = 0;
+    while (maps && !found && fgets(line, sizeof line, maps)) {
+        uintptr_t start, end;
+        unsigned long inode;
+        if (sscanf(line, "%" SCNxPTR "-%" SCNxPTR " %*s %*s %*s %lu", &start, &end, &inode) == 3)
+            found = start <= (uintptr_t)address && (uintptr_t)address < end && inode != 0;
+    }
+    if (maps) fclose(maps);
+    return found;
+}
+
 static VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo *info,
                                     const VkAllocationCallbacks *with, VkDeviceMemory *memory) {
     const char *full = getenv("ESAAC_DRIVER_FULL");
@@ -147,6 +164,10 @@ static VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo 
         if (atomic_fetch_add(&imported, info->allocationSize) + info->allocationSize > strtoull(full, NULL, 10))
             return VK_ERROR_OUT_OF_DEVICE_MEMORY;
     }
+    for (const VkBaseInStructure *at = info->pNext; getenv("ESAAC_DRIVER_ANONYMOUS") && at; at = at->pNext)
+        if (at->sType == VK_STRUCTURE_TYPE_IMPORT_MEMORY_HOST_POINTER_INFO_EXT
+            && is_of_a_file(((const VkImportMemoryHostPointerInfoEXT *)at)->pHostPointer))
+            return VK_ERROR_INVALID_EXTERNAL_HANDLE;
     return device_of(device)->allocate(device, info, with, memory);
 }
 

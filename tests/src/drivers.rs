@@ -17,6 +17,8 @@ pub struct OtherDriver<'a> {
     pub lacks: &'a [&'a str],
     /// Total bytes of memory imports that succeed before the device reports that it is full.
     pub import_bytes: Option<u64>,
+    /// Whether it refuses memory of the host that is a mapped file.
+    pub anonymous_only: bool,
     /// Shows the software driver twice, as two devices with different UUIDs.
     pub twice: bool,
 }
@@ -85,6 +87,9 @@ impl OtherDriver<'_> {
         command.env("ESAAC_DRIVER_LACKS", self.lacks.join(" "));
         if let Some(bytes) = self.import_bytes {
             command.env("ESAAC_DRIVER_FULL", bytes.to_string());
+        }
+        if self.anonymous_only {
+            command.env("ESAAC_DRIVER_ANONYMOUS", "1");
         }
         if self.twice {
             let first = software_driver();

@@ -30,6 +30,7 @@ fn terms() -> Terms {
         device_uuid: [1; 16],
         driver_uuid: [2; 16],
         memories: wire::MEMORY_EXPORTED | wire::MEMORY_HOST | wire::MEMORY_BROUGHT | wire::MEMORY_IMAGES,
+        host_refused: None,
         timelines: wire::TIMELINE_CARRIED | wire::TIMELINE_EXPORTED,
     }
 }

@@ -76,7 +76,7 @@ impl CudaLink {
                 ),
             })?
             .ordinal;
-        if !Support::of(device).export_buffer {
+        if !Support::told(device).export_buffer {
             return Err(InteropError::Unsupported {
                 device: info.name.clone(),
                 reason: "it lacks VK_KHR_external_memory_fd; hand over arrays of the host".to_owned(),

@@ -210,7 +210,7 @@ impl Hub {
         let version = received.version()?;
         guest.socket.speak(version);
         let claim = self.shared.claims.take(hello.camera as usize, guest.connection, guest.peer)?;
-        let terms = self.shared.terms[claim.camera()];
+        let terms = self.shared.terms[claim.camera()].clone();
         let agreement = agree(version, &hello, &terms)?;
         let session = Session::new(&terms, agreement);
         let exported = agreement.timeline == wire::TIMELINE_EXPORTED;

@@ -221,6 +221,7 @@ impl Server {
                 } else {
                     memories
                 },
+                host_refused: support.host_refused.clone(),
                 timelines: options.timelines & support.timelines(),
             })
             .collect();

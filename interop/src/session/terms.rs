@@ -7,7 +7,7 @@ use crate::wire::{self, ErrorCode, Hello, Message, Version};
 use esaac_engine::DeviceChoice;
 
 /// What the engine offers for one camera, from its rig and its device.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Terms {
     /// Camera.
     pub camera: u32,
@@ -27,6 +27,8 @@ pub struct Terms {
     pub driver_uuid: [u8; 16],
     /// Memories that it can use, as bits.
     pub memories: u32,
+    /// Why it cannot use memory of the host, in words, if its driver has refused it.
+    pub host_refused: Option<String>,
     /// Timelines that it can use, as bits.
     pub timelines: u32,
 }
@@ -91,12 +93,14 @@ pub fn agree(version: Version, hello: &Hello, terms: &Terms) -> Result<Agreement
     let usable = |kind: &&u32| both & **kind != 0 && (same_device || **kind == wire::MEMORY_HOST);
     let Some(&memory) = kinds.iter().find(usable) else {
         return Err(if both == 0 {
+            let why = terms.host_refused.as_ref().filter(|_| hello.memories & wire::MEMORY_HOST != 0);
             refused(
                 ErrorCode::Unsupported,
                 format!(
-                    "memories: the producer has {}, the engine {}, none in common",
+                    "memories: the producer has {}, the engine {}, none in common{}",
                     wire::memory_names(hello.memories),
-                    wire::memory_names(terms.memories)
+                    wire::memory_names(terms.memories),
+                    why.map_or_else(String::new, |why| format!("; on the engine's device {why}"))
                 ),
             )
         } else {

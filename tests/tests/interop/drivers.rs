@@ -6,7 +6,7 @@ use crate::faults::{engine, sensor, sequence};
 use esaac_engine::DeviceChoice;
 use esaac_engine::{Device, RigOptions};
 use esaac_interop::wire::{
-    ErrorCode, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, Message, TIMELINE_CARRIED,
+    ErrorCode, Hello, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, Message, TIMELINE_CARRIED,
 };
 use esaac_interop::{Producer, ProducerOptions, ServerOptions, Support};
 use esaac_model::{HdrFormat, MotionFormat, SensorModel, Synthesis};
@@ -15,7 +15,7 @@ use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
 use esaac_tests::drivers::{OtherDriver, in_a_process_of_its_own};
 use esaac_tests::frames::{Sequence, scene, times};
 use esaac_tests::interop::{Place, Uploader, other_device, server, service, trusting, until};
-use esaac_tests::peer::{Peer, bringing};
+use esaac_tests::peer::{Peer, bringing, greeting};
 use esaac_tests::run::{camera, engine_with};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::cell::RefCell;
@@ -76,6 +76,54 @@ fn without_descriptors_memory_of_the_host_is_shared() {
     assert_eq!(ErrorCode::from_number(refusal.code), ErrorCode::Unsupported);
     assert_eq!(refusal.words(), "memories: the producer has BROUGHT, the engine HOST, none in common");
     one_frame_goes_through(&server, &place);
+}
+
+#[test]
+fn a_driver_that_refuses_pages_of_files_is_offered_no_memory_of_the_host() {
+    let driver = OtherDriver { anonymous_only: true, ..OtherDriver::default() };
+    let name = "drivers::a_driver_that_refuses_pages_of_files_is_offered_no_memory_of_the_host";
+    if !in_a_process_of_its_own(name, Some(&driver)) {
+        return;
+    }
+    let support = Support::of(&DEVICE);
+    assert_eq!((support.host_alignment, support.engine_memories()), (None, MEMORY_EXPORTED | MEMORY_BROUGHT));
+    let why = support.host_refused.expect("the driver's words");
+    assert!(why.contains("refuses memory of the host") && why.contains("vkAllocateMemory: "), "{why}");
+    // A producer of the same kind takes the other memory, and cannot ask for the host's.
+    let (sensor, sequence) = (sensor(), sequence());
+    let place = Place::default();
+    let open = |place: &Place, options| server(&place.path(), &camera(&sensor, 0, &sequence), options);
+    let server = open(&place, trusting()).unwrap();
+    let device = other_device();
+    let uploader = Uploader::connect(&device, &place.path(), &ProducerOptions::default()).unwrap();
+    assert_eq!(uploader.producer.client().offer().memory, MEMORY_EXPORTED);
+    drop(uploader);
+    until("its end", || server.connected() == 0);
+    let options = ProducerOptions { memories: MEMORY_HOST, ..ProducerOptions::default() };
+    let Err(error) = Producer::connect(&device, &place.path(), &options) else {
+        panic!("memory of the host")
+    };
+    let text = error.to_string();
+    assert!(
+        text.contains("EXPORTED, BROUGHT, IMAGES, and HOST is allowed; ") && text.ends_with(&why),
+        "{text}"
+    );
+    // One that renders on the processor has nothing else, and is told why the engine has not.
+    let peer = Peer::connect(&place.path());
+    peer.send(Message::Hello(Hello { memories: MEMORY_HOST, ..greeting() }), &[]);
+    let words = peer.refusal().words();
+    assert!(
+        words.starts_with("memories: the producer has HOST, the engine EXPORTED") && words.ends_with(&why),
+        "{words}"
+    );
+    // A server that may offer nothing else, as on a software device by default, says so at once.
+    let place = Place::default();
+    let options = ServerOptions { memories: MEMORY_HOST, ..ServerOptions::default() };
+    let Err(error) = open(&place, options) else { panic!("a server without memory") };
+    assert!(error.to_string().ends_with(&why), "{error}");
+    assert_device_silent(&device);
+    drop(server);
+    assert_silent();
 }
 
 #[test]

@@ -126,14 +126,24 @@ fn sharing(support: &Support) -> Check {
         (support.share_timeline, "timelines by descriptor"),
     ];
     let found: Vec<&str> = ways.iter().filter(|(can, _)| *can).map(|(_, way)| *way).collect();
-    if support.engine_memories() == 0 {
-        return optional(
+    let found = found.join(", ");
+    match (support.engine_memories(), &support.host_refused) {
+        (0, refused) => optional(
             NAME,
-            "the driver lacks both VK_KHR_external_memory_fd and VK_EXT_external_memory_host".to_owned(),
+            match refused {
+                None => "the driver lacks both VK_KHR_external_memory_fd and VK_EXT_external_memory_host"
+                    .to_owned(),
+                Some(why) => format!("the driver lacks VK_KHR_external_memory_fd; {why}"),
+            },
             "update the driver, or simulate in one process   (esaac demo --in-process)",
-        );
+        ),
+        (_, Some(why)) => optional(
+            NAME,
+            format!("{found}; {why}"),
+            "only needed for producers that render on the processor or on another device",
+        ),
+        (_, None) => good(NAME, found),
     }
-    good(NAME, found.join(", "))
 }
 
 /// Whether CUDA has the engine's device, which producers in CUDA need.
@@ -283,6 +293,20 @@ mod tests {
         assert!(nothing.mend.unwrap().contains("--in-process"));
         let by_host = sharing(&Support { host_alignment: Some(4096), ..Support::default() });
         assert_eq!((by_host.state, &*by_host.found), (State::Good, "memory of the host"));
+        let refuses =
+            Support { host_refused: Some("it refuses pages of files".to_owned()), ..Support::default() };
+        let exports = Support { export_buffer: true, import_buffer: true, ..refuses.clone() };
+        for (support, before, mend) in [
+            (refuses, "the driver lacks VK_KHR_external_memory_fd", "--in-process"),
+            (exports, "memory by descriptor", "on the processor or on another device"),
+        ] {
+            let check = sharing(&support);
+            assert_eq!(
+                (check.state, check.found),
+                (State::Optional, format!("{before}; it refuses pages of files"))
+            );
+            assert!(check.mend.is_some_and(|text| text.contains(mend)));
+        }
     }
 
     #[test]
