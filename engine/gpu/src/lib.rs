@@ -23,6 +23,7 @@ mod policy;
 mod retire;
 mod rig;
 mod sources;
+mod threads;
 mod timeline;
 mod timing;
 

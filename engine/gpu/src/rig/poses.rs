@@ -8,11 +8,11 @@ use super::geometry::Place;
 use super::scene::Instances;
 use super::sensor::is_rigid;
 use crate::policy::KernelPolicy;
+use crate::threads;
 use esaac_layout::{self as layout, POSE_ROWS, PoseSegment, TRACK_SEGMENTS, Track, TrackKind};
 use esaac_model::paths::{Pose, PoseTrack, SceneMotion, Segment, square_root};
 use esaac_model::synthesis::rigid::{KNOTS, POSE_INSTANTS, POSE_REST};
 use glam::DMat3;
-use std::num::NonZero;
 
 /// Who works out the poses of a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -125,25 +125,15 @@ fn take<'a, T>(left: &mut &'a mut [T], before: &mut usize, first: usize, count: 
     taken
 }
 
-/// Moving tracks for which a thread is worth starting: starting one takes as long as some ten of them on the host. Of one
-/// that the device works out a quarter is left to the host, and then threads take most of the time by being started.
+/// Moving tracks for which a thread is worth waking. Of one that the device works out a quarter is left to the host.
 const THREAD_TRACKS: usize = 64;
 const THREAD_DEVICE_TRACKS: usize = 128;
 
 /// Does work on shares with so many threads, or as many as there are cores.
 fn in_threads<T: Send>(mut shares: Vec<T>, worth: usize, work: impl Fn(&mut [T]) + Sync) {
-    let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
-    let threads = if worth < 2 { 1 } else { worth.min(cores()) };
+    let threads = if worth < 2 { 1 } else { worth.min(threads::most()) };
     let each = shares.len().div_ceil(threads).max(1);
-    let mut chunks = shares.chunks_mut(each);
-    let own = chunks.next().unwrap_or_default();
-    std::thread::scope(|scope| {
-        for chunk in chunks {
-            let work = &work;
-            scope.spawn(move || work(chunk));
-        }
-        work(own);
-    });
+    threads::share(shares.chunks_mut(each), work);
 }
 
 /// Instants of an interval at which poses are worked out. They are kept: most cameras of a tick have the same.

@@ -2,10 +2,10 @@
 
 use super::arena::Arena;
 use super::{CameraConfig, CameraState, PacketPlace};
+use crate::threads;
 use esaac_layout::{self as layout, Counters};
 use esaac_model::substeps::quantise_ns;
 use esaac_model::{Packet, PacketView};
-use std::num::NonZero;
 
 /// Counters of a camera in a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -226,7 +226,7 @@ impl ColumnCopy<'_> {
     }
 }
 
-/// Bytes per copying thread: copying them takes several times as long as starting the thread.
+/// Bytes per copying thread: copying them takes several times as long as waking the thread.
 const THREAD_BYTES: usize = 2 << 20;
 
 /// Most threads that copy: a few saturate the memory.
@@ -235,19 +235,11 @@ const MOST_THREADS: usize = 8;
 /// Runs the copies, on several threads if they are large.
 fn run(copies: Vec<ColumnCopy<'_>>) {
     let bytes: usize = copies.iter().map(ColumnCopy::bytes).sum();
-    let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
     let threads = match bytes / THREAD_BYTES {
         0 | 1 => 1,
-        worth => worth.min(MOST_THREADS).min(cores()),
+        worth => worth.min(MOST_THREADS).min(threads::most()),
     };
-    let mut shares = share_out(copies, threads).into_iter();
-    let own = shares.next().unwrap_or_default();
-    std::thread::scope(|scope| {
-        for share in shares {
-            scope.spawn(move || share.into_iter().for_each(ColumnCopy::run));
-        }
-        own.into_iter().for_each(ColumnCopy::run);
-    });
+    threads::share(share_out(copies, threads), |share| share.into_iter().for_each(ColumnCopy::run));
 }
 
 /// Divides copies into shares of about equal bytes: the largest copies first, each to the smallest share so far.
