@@ -22,7 +22,7 @@ void make_draw(Camera cam, uint pixel, PixelState p, inout Walk w) {
     draws_missing = false;
 }
 
-// Words for polarity and slope of a noise event in the present renewal.
+// Words for the polarity of a noise event and for the noise's slope at an event in the present renewal.
 uvec2 polarity_words(Camera cam, uint pixel, PixelState p, Walk w) {
     if (w.ordinal >= w.first_renewal) {
         return drawn[(w.ordinal - w.first_renewal) % DRAWN_AHEAD].words;
@@ -45,7 +45,7 @@ float second_phase(Camera cam, PixelState p, Walk w, float t) {
 }
 
 // Books an event at time t, at which the noise is `noise`: begins the hold or, without a refractory period, the next
-// renewal. `slope` is 0 for a signal.
+// renewal. `slope` is that of the noise, in its standard deviations.
 void fire(Camera cam, uint t, bool on, float noise, float slope, inout PixelState p, inout Walk w) {
     // Only the stamp waits for the end of the sub-step.
     emit(AT_SAMPLE ? w.end : t, on, w.ordinal);
@@ -78,9 +78,8 @@ void release(Camera cam, uint t, float fresh, inout PixelState p, inout Walk w) 
         const float slope = uintBitsToFloat(p.clock);
         const Memory memory = memory_after(phase, second);
         const float kept = memory.value;
-        const float turned = slope == 0.0 ? 0.0 : memory.slope;
-        const float unknown = sqrt(max(1.0 - kept * kept - turned * turned, 0.0));
-        noise = kept * p.noise + sigma * (turned * slope + unknown * fresh);
+        const float unknown = sqrt(max(1.0 - kept * kept - memory.slope * memory.slope, 0.0));
+        noise = kept * p.noise + sigma * (memory.slope * slope + unknown * fresh);
     }
     p.noise = noise;
     w.noise = noise;

@@ -24,12 +24,12 @@ struct Stretch {
 };
 
 // Share of the part at which a stretch crosses `level`. The straight line's crossing is made better once, on the part's
-// cubic and with the law of the noise, which is `noise` there.
-float noisy_crossing(Camera cam, Stretch stretch, float level, PixelState p, Walk w, out float noise) {
+// cubic and with the law of the noise.
+float noisy_crossing(Camera cam, Stretch stretch, float level, PixelState p, Walk w) {
     const float straight = clamp((level - stretch.from) / (stretch.to - stretch.from), 0.0, 1.0);
     const float at = lerp(stretch.start, stretch.end, straight);
     const Law law = law_at(cam, p, w, at);
-    noise = fma(law.deviation, w.deviate, law.mean);
+    const float noise = fma(law.deviation, w.deviate, law.mean);
     const float there = above_at(w.part, p.reference, at) + noise;
     const bool is_before = (there < level) == (stretch.from < level);
     const vec2 from = is_before ? vec2(at, there) : vec2(stretch.start, stretch.from);
@@ -96,6 +96,21 @@ uint time_at(Part part, float share) {
     return time_in_substep(part.start, part.end, share, 1.0);
 }
 
+// Slope of the noise at an event at a share of the part, in its standard deviations. It is `noise` there; `word` is the
+// renewal's.
+float noise_slope(Camera cam, bool on, float share, float noise, uint word, PixelState p, Walk w) {
+    const float outwards = on ? 1.0 : -1.0;
+    const float sigma = lerp(w.part.from_sigma, w.drive.sigma, share);
+    const float t = fma(share, float(w.part.end - w.part.start), float(w.part.start));
+    const float phase = max(fma(share, w.part.turned, p.phase), 0.0);
+    const float per_sigma = outwards / max(sigma, 1e-20);
+    const SlopeLaw law =
+        slope_law(p.noise * per_sigma, noise * per_sigma, phase, second_phase(cam, p, w, t));
+    const float deviation_per_s = sqrt(w.drive.first_per_s * physicals[cam.slot].second_per_s);
+    const float light = slope_at(w.part, share) * (1e9 * w.part.per_ns) * per_sigma / max(deviation_per_s, 1e-9);
+    return outwards * slope_at_event(law, light, sqrt(2.0 * exponential_of(word)));
+}
+
 // Watches the pixel over the next stretch of the part, up to an event if there is one. Returns whether the part is over.
 bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const float on_log = nepers(p.on_q24);
@@ -126,11 +141,11 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     const bool rises = starts_beyond ? starts_above : stretch.to >= on_log;
     const bool falls = starts_beyond ? !starts_above : -stretch.to >= off_log;
     float signal = LONGEST_TURN;
-    float met = w.noise;
+    bool crosses = false;
     if (rises || falls) {
         const float level = rises ? on_log : -off_log;
-        const bool crosses = rises ? stretch.from < level : stretch.from > level;
-        signal = crosses && !starts_beyond ? noisy_crossing(cam, stretch, level, p, w, met) : stretch.start;
+        crosses = !starts_beyond && (rises ? stretch.from < level : stretch.from > level);
+        signal = crosses ? noisy_crossing(cam, stretch, level, p, w) : stretch.start;
     }
     const float end = min(signal, stretch.end);
     const float watched = stretch.end > stretch.start
@@ -156,16 +171,19 @@ bool watch_noisy(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
         runs_out ? lerp(stretch.start, end, clamp(spent_share(hazard, clock), 0.0, 1.0)) : end;
     // The first instant of a sub-step belongs to the one before.
     const uint at = max(time_at(w.part, share), w.now);
-    bool on = rises;
-    float slope = 0.0;
-    if (runs_out) {
-        const uvec2 words = polarity_words(cam, pixel, p, w);
-        on = float(words.x) * (1.0 / 4294967296.0) * (hazard.off + hazard.on) < hazard.on;
-        slope = sqrt(2.0 * exponential_of(words.y));
-        slope = on ? slope : -slope;
-        // The noise lifts the output to the threshold.
-        met = (on ? on_log : -off_log) - above_at(w.part, p.reference, share);
+    const bool holds = EFFECT_REFRACTORY && cam.refractory_ns != 0u;
+    uvec2 words = uvec2(0u);
+    if (runs_out || holds) {
+        words = polarity_words(cam, pixel, p, w);
     }
+    bool on = rises;
+    if (runs_out) {
+        on = float(words.x) * (1.0 / 4294967296.0) * (hazard.off + hazard.on) < hazard.on;
+    }
+    // The noise is what lifts the output to the threshold, unless the level lies beyond it from the start.
+    const float lifted = (on ? on_log : -off_log) - above_at(w.part, p.reference, share);
+    const float met = runs_out || crosses ? lifted : w.noise;
+    const float slope = holds ? noise_slope(cam, on, share, met, words.y, p, w) : 0.0;
     fire(cam, at, on, met, slope, p, w);
     return false;
 }

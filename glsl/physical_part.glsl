@@ -61,6 +61,14 @@ float above_at(Part part, int reference, float share) {
     return fma(share, nepers(part.to - part.from), nepers(part.from - reference)) + bow_at(part, share);
 }
 
+// Slope of the output with leak at a share of the part, nepers in the part.
+float slope_at(Part part, float share) {
+    const float rest = 1.0 - share;
+    const float bow = (rest - share) * (rest * part.from_bow - share * part.to_bow)
+        - share * rest * (part.from_bow + part.to_bow);
+    return nepers(part.to - part.from) + bow;
+}
+
 // What drives the photoreceptor, and how it stands: the rate that the light drives and that of the first stage, per second,
 // ln(1 + excess), and the standard deviation of the noise, nepers.
 struct Drive {

@@ -1,5 +1,5 @@
-// Noise before the comparators: twin of the model's `physical::noise`, in single precision. Needs photoreceptor.glsl and
-// random.glsl.
+// Noise before the comparators: twin of the model's `physical::noise` and `physical::crossing`, in single precision. Needs
+// photoreceptor.glsl and random.glsl.
 
 // A phase beyond which nothing is remembered: less than a hundredth of a standard deviation.
 const float FORGOTTEN_PHASE = 8.0;
@@ -24,10 +24,11 @@ float sigma_log(float variance, float first, float second) {
     return sqrt(variance * second) * inversesqrt(first + second);
 }
 
-// Correlations of the noise after the phases p and q: with itself, and with its slope.
+// Correlations of the noise after the phases p and q: with itself, and with its slope; what 1 has above the first.
 struct Memory {
     float value;
     float slope;
+    float forgotten;
 };
 
 Memory memory_after(float p, float q) {
@@ -35,7 +36,8 @@ Memory memory_after(float p, float q) {
     const float apart = max(p, q) - low;
     const float kept = exp(-low);
     const float passed_on = kept * mix((1.0 - exp(-apart)) / apart, phi_series(-apart), apart < 0.1);
-    return Memory(min(fma(low, passed_on, kept), 1.0), sqrt(p * q) * passed_on);
+    return Memory(
+        min(fma(low, passed_on, kept), 1.0), sqrt(p * q) * passed_on, low * (phi_falling(low, kept) - passed_on));
 }
 
 // What is known of the noise: mean and standard deviation, nepers.
@@ -51,6 +53,40 @@ Law noise_law(float released, float sigma, float p, float q) {
     }
     const float kept = memory_after(p, q).value;
     return Law(kept * released, sigma * sqrt(1.0 - kept * kept));
+}
+
+// What is known of the noise's slope, in standard deviations of a slope of which nothing is known.
+struct SlopeLaw {
+    float mean;
+    float deviation;
+};
+
+// The law, given the noise when it was `released` and `now`, in its standard deviations, the phases p and q later.
+SlopeLaw slope_law(float released, float now, float p, float q) {
+    const Memory memory = memory_after(p, q);
+    const float explained = memory.slope * memory.slope;
+    // Variance of the noise now, of which its slope explains a part.
+    const float new = max(max(memory.forgotten * (2.0 - memory.forgotten), explained), 1e-30);
+    const float mean = memory.slope * fma(memory.value, now, -released) / new;
+    return SlopeLaw(clamp(mean, -6.0, 6.0), sqrt(max(1.0 - explained / new, 1e-6)));
+}
+
+// Slope of the noise at an event, all slopes outwards: that of a path that crosses the threshold, in light of the slope
+// `light`. `rayleigh` is the renewal's draw.
+float slope_at_event(SlopeLaw law, float light, float rayleigh) {
+    // How fast paths are, in standard deviations of their speeds; the share of the normal distribution below it.
+    const float z = clamp((light + law.mean) / law.deviation, -2.0, 100.0);
+    const float t = 1.0 / fma(0.2316419, abs(z), 1.0);
+    const float density = 0.39894228 * exp(-0.5 * z * z);
+    const float series = fma(t, fma(t, fma(t, fma(t, 1.330274429, -1.821255978), 1.781477937), -0.356563782), 0.31938153);
+    const float tail = density * t * series;
+    const float below = z < 0.0 ? tail : 1.0 - tail;
+    // Speeds of those that cross: their mean is so much ahead, and this is their deviation.
+    const float ahead = below / fma(z, below, density);
+    const float spread = sqrt(2.0 - ahead * (ahead + z));
+    // The draw without its mean, in its deviations.
+    const float drawn = (rayleigh - 1.2533141) * 1.5263994;
+    return fma(law.deviation, fma(spread, drawn, ahead), law.mean);
 }
 
 // What the hazard of a pixel depends on besides distances: logarithms to base 2 of Rice's rate (per second) and of what

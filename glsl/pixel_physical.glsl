@@ -35,7 +35,7 @@ struct PixelState {
     float phase;
     // Time of a release to come (above 0) or of the last one, from the interval's start.
     int release_ns;
-    // Hazard left, Q27; while the pixel is held, the slope of the noise at its event, 0 for a signal's.
+    // Hazard left, Q27; while the pixel is held, the slope of the noise at its event, in its standard deviations.
     uint clock;
     uint events;
     // Whether it never had a valid colour.
@@ -98,7 +98,7 @@ struct Draws {
     float fresh;
     float deviate;
     uint clock;
-    // For a noise event's polarity and slope.
+    // For a noise event's polarity and the noise's slope at an event.
     uvec2 words;
 };
 

@@ -312,12 +312,11 @@ fn count(sensor: &SensorModel, events: &[Event], seconds: usize) -> Counted {
     Counted { events: count, rate_hz, opposite: opposite as f64 / pairs.max(1) as f64 }
 }
 
-#[test]
-fn noise_has_the_oracles_rate_for_any_number_of_substeps() {
-    // The first pole turns 20 times a second, the second 100 times; thresholds at three standard deviations.
+/// In a lux the first pole turns 20 times a second, the second 100 times; thresholds are at three standard deviations.
+fn loud() -> SensorModel {
     let (first_per_s, second_per_s, charge_e) = (20.0, 100.0, 100.0);
     let threshold = 3.0 * f64::sqrt(second_per_s / (charge_e * (first_per_s + second_per_s)));
-    let loud = SensorModel {
+    SensorModel {
         contrast_on: threshold,
         contrast_off: threshold,
         contrast_mismatch: 0.01,
@@ -331,21 +330,52 @@ fn noise_has_the_oracles_rate_for_any_number_of_substeps() {
         second_pole_hz: second_per_s / TAU,
         refractory_ns: 25_000_000,
         ..noisy()
-    };
+    }
+}
+
+#[test]
+fn noise_has_the_oracles_rate_for_any_number_of_substeps() {
     let seconds = 22;
-    let few = SensorModel { width: 24, height: 8, substeps: 1, ..loud.clone() };
+    let few = SensorModel { width: 24, height: 8, substeps: 1, ..loud() };
     let reference = oracle_events(&oracle(&few, 0, &still(&few, seconds, 1.0)));
     let reference = count(&few, &reference, seconds);
     println!("oracle: {reference:?}");
     assert!(reference.events > 2000, "{reference:?}");
     for substeps in [1, 7, 64] {
-        let sensor = SensorModel { substeps, width: 64, height: 16, ..loud.clone() };
+        let sensor = SensorModel { substeps, width: 64, height: 16, ..loud() };
         let counted = count(&sensor, &events(&engine(&sensor, &still(&sensor, seconds, 1.0))), seconds);
         println!("{substeps} sub-steps: {counted:?}");
         let ratio = counted.rate_hz / reference.rate_hz;
         // The oracle's count has a deviation of 2%.
         assert!((ratio - 1.0).abs() < 0.07, "{substeps} sub-steps: {counted:?} against {reference:?}");
         assert!((counted.opposite - reference.opposite).abs() < 0.04, "{counted:?} against {reference:?}");
+    }
+}
+
+/// Held for a tenth of a time constant, a pixel still shows at the release how far the noise was at the event, and how fast it
+/// crossed the threshold. In still light the reference moves by little else.
+#[test]
+fn noise_crosses_thresholds_as_fast_as_the_oracles() {
+    // The leak drives the level at up to three standard deviations of the noise's slope.
+    for (leak_rate_hz, seconds, bound) in [(0.0, 22, 0.04), (15.0, 8, 0.004), (45.0, 5, 0.004)] {
+        let sensor = SensorModel {
+            width: 32,
+            height: 24,
+            leak_rate_hz,
+            refractory_ns: 5_000_000,
+            substeps: 2,
+            ..loud()
+        };
+        let sequence = still(&sensor, seconds, 1.0);
+        let own = count(&sensor, &events(&engine(&sensor, &sequence)), seconds);
+        let exact = count(&sensor, &oracle_events(&oracle(&sensor, 0, &sequence)), seconds);
+        println!("leak {leak_rate_hz} Hz: {own:?} against {exact:?}");
+        let ratio = own.rate_hz / exact.rate_hz;
+        assert!((ratio - 1.0).abs() < bound, "leak {leak_rate_hz} Hz: {own:?} against {exact:?}");
+        assert!(
+            (own.opposite - exact.opposite).abs() < 0.02,
+            "leak {leak_rate_hz} Hz: {own:?} against {exact:?}"
+        );
     }
 }
 

@@ -70,7 +70,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 14;
+const VERSION: u32 = 15;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.

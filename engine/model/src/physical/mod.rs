@@ -39,7 +39,8 @@
 //!   the chance `lambda(b_on) / (lambda(b_on) + lambda(b_off))`. A signal at the same instant goes first.
 //!
 //! After an event at `t` with noise `n_e` (what the reached threshold lies above `y`; for a signal it is `m + s z`) the
-//! pixel is held until `t + refractory_ns`. At that instant noise `n_r` is drawn given `n_e`
+//! pixel is held until `t + refractory_ns`. The noise's slope at the event is that of a path that crosses the threshold
+//! outwards ([`crossing`]). At the hold's end noise `n_r` is drawn given `n_e` and the slope
 //! ([`noise::release_log`]), and `R = y + n_r`. Without a refractory period `R` moves by exactly one threshold and
 //! `n_r = n_e`. An event's time is rounded as in the crate's section 4.
 //!
@@ -55,6 +56,7 @@
 //! Functions of (seed, camera, pixel, stream, event index), as all draws of the model: see [`noise`]. No draw belongs to
 //! a sub-step, a frame or a tile, so none of them can change statistics.
 
+pub mod crossing;
 mod illuminance;
 pub mod light;
 pub mod noise;

@@ -22,7 +22,7 @@
 //! | `Threshold` | 0 to 3 | `z`, the noise that a signal meets |
 //! | `Clock` | 0 | hazard to be spent, Exp(1) |
 //! | | 1 | polarity of a noise event, uniform |
-//! | | 2 | slope of the noise at a noise event, Rayleigh |
+//! | | 2 | slope of the noise at the event ([`crossing`](super::crossing)), Rayleigh |
 //! | `Release` | 0 to 3 | what is new in the noise after the refractory period |
 //!
 //! Index 0 is the renewal that begins when the pixel is armed.
@@ -101,7 +101,7 @@ pub struct Renewal {
     pub clock: f64,
     /// Uniform in [0, 1): a noise event is ON if it lies below the ON hazard's share.
     pub polarity: f64,
-    /// Slope of the noise at a noise event, in its standard deviations: Rayleigh.
+    /// Slope of the noise at an event in still light, in its standard deviations: Rayleigh.
     pub slope: f64,
 }
 
@@ -131,20 +131,18 @@ pub fn armed_log(key: PixelKey, sigma_log: f64) -> f64 {
 pub struct AtEvent {
     /// Its value, nepers.
     pub noise_log: f64,
-    /// Its slope in standard deviations, with sign, at a noise event. `None` at a signal event, which says nothing
-    /// about the slope.
-    pub slope: Option<f64>,
+    /// Its slope, in standard deviations of a slope of which nothing is known; above 0 towards the ON threshold.
+    pub slope: f64,
 }
 
 /// Noise at a release, nepers, given the noise at the event and the phases `p` and `q` since. `events` counts the event.
 #[must_use]
 pub fn release_log(key: PixelKey, events: u32, at_event: AtEvent, sigma_log: f64, p: f64, q: f64) -> f64 {
     let (kept, turned) = (correlation(p, q), slope_correlation(p, q));
-    let (from_slope, known) = at_event.slope.map_or((0.0, 0.0), |slope| (turned * slope, turned * turned));
     let forgotten = forgotten(p, q);
-    let unknown = (forgotten * (2.0 - forgotten) - known).max(0.0).sqrt();
+    let unknown = (forgotten * (2.0 - forgotten) - turned * turned).max(0.0).sqrt();
     let new = normal_from_words(draw(key, Stream::Release, events));
-    kept * at_event.noise_log + sigma_log * (from_slope + unknown * new)
+    kept * at_event.noise_log + sigma_log * (turned * at_event.slope + unknown * new)
 }
 
 /// Frequency at which the two poles together have lost 3 dB, Hz.
@@ -216,7 +214,7 @@ mod tests {
     #[test]
     fn a_release_after_no_time_keeps_the_noise_and_after_long_draws_anew() {
         let key = PixelKey { seed: 1, camera: 0, pixel: 0 };
-        let at_event = AtEvent { noise_log: 0.2, slope: Some(1.5) };
+        let at_event = AtEvent { noise_log: 0.2, slope: 1.5 };
         assert!((release_log(key, 1, at_event, 0.05, 0.0, 0.0) - 0.2).abs() < 1e-12);
         let long: Vec<f64> = (0..20_000)
             .map(|pixel| release_log(PixelKey { pixel, ..key }, 1, at_event, 0.05, 50.0, 60.0))

@@ -6,6 +6,7 @@ pub mod readout;
 pub mod response;
 
 use crate::cross::{Crossing, Span};
+use esaac_model::physical::crossing::SlopeLaw;
 use esaac_model::physical::noise::{
     AtEvent, Renewal, armed_log, correlation, forgotten, hazard_per_s, release_log, sigma_log,
 };
@@ -218,31 +219,44 @@ impl Substep<'_> {
         let threshold = self.draws.threshold_log[happening.polarity as usize];
         let sign = f64::from(happening.polarity.sign());
         let look = self.look(state, watch, happening.at_ns);
-        let at_event = if happening.noise {
-            // The noise lifts the level to the threshold.
-            let noise_log = look.noise_log + (sign * threshold - look.above_log);
-            AtEvent { noise_log, slope: Some(sign * watch.renewal.slope) }
+        // In a noise event the noise lifts the level to the threshold.
+        let lifted_log = if happening.noise { sign * threshold - look.above_log } else { 0.0 };
+        let noise_log = look.noise_log + lifted_log;
+        let slope = if self.is_noisy() && self.sensor.refractory_ns > 0 {
+            self.noise_slope(state, watch, happening, noise_log)
         } else {
-            AtEvent { noise_log: look.noise_log, slope: None }
+            0.0
         };
         state.events = state.events.wrapping_add(1);
         state.phases = [0.0; 2];
         watch.since_ns = happening.at_ns;
         watch.since_phase = self.point(happening.at_ns).phase;
         if self.sensor.refractory_ns > 0 {
-            state.held = Some((t_ns + i64::from(self.sensor.refractory_ns), at_event));
+            state.held = Some((t_ns + i64::from(self.sensor.refractory_ns), AtEvent { noise_log, slope }));
         } else {
             state.reference_log += sign * threshold;
-            state.noise_log = at_event.noise_log;
+            state.noise_log = noise_log;
             watch.renewal = Renewal::draw(self.key, state.events);
             state.clock = watch.renewal.clock;
         }
     }
 
+    /// Slope of the noise at an event at which it is `noise_log`, in its standard deviations.
+    fn noise_slope(&self, state: &PhysicalState, watch: &Watch, happening: Happening, noise_log: f64) -> f64 {
+        let sign = f64::from(happening.polarity.sign());
+        let point = self.point(happening.at_ns);
+        let sigma_log = self.sigma_log(&point);
+        let [p, q] = self.phases(state, watch, happening.at_ns, &point);
+        let [released, now] = [state.noise_log, noise_log].map(|log| sign * log / sigma_log);
+        let deviation_per_s = sigma_log * (point.first_per_s * self.drive.second_pole_per_s).sqrt();
+        let light = sign * (point.slope_per_s + self.leak_log_per_s(happening.at_ns)) / deviation_per_s;
+        sign * SlopeLaw::between(released, now, p, q).at_event(light, watch.renewal.slope)
+    }
+
     /// Ends the hold: draws the noise at this instant and sets the reference to what the pixel shows.
     fn release(&self, state: &mut PhysicalState, watch: &mut Watch, at_event: AtEvent, now_ns: f64) {
         let point = self.point(now_ns);
-        let noise_log = if self.pixel.noise_gain > 0.0 {
+        let noise_log = if self.is_noisy() {
             let [p, q] = self.phases(state, watch, now_ns, &point);
             release_log(self.key, state.events, at_event, self.sigma_log(&point), p, q)
         } else {
@@ -329,7 +343,7 @@ impl Substep<'_> {
     fn look(&self, state: &PhysicalState, watch: &Watch, t_ns: f64) -> Look {
         let point = self.point(t_ns);
         let above_log = self.shown_log(&point) + self.leaked_log(t_ns) - state.reference_log;
-        if self.pixel.noise_gain == 0.0 {
+        if !self.is_noisy() {
             return Look { above_log, ..Look::default() };
         }
         let [p, q] = self.phases(state, watch, t_ns, &point);
@@ -345,6 +359,10 @@ impl Substep<'_> {
         });
         let noise_log = mean_log + deviation_log * watch.renewal.z;
         Look { above_log: above_log + noise_log, noise_log, hazard_per_ns }
+    }
+
+    fn is_noisy(&self) -> bool {
+        self.pixel.noise_gain > 0.0
     }
 
     fn point(&self, t_ns: f64) -> Point {
@@ -377,6 +395,14 @@ impl Substep<'_> {
         let lux_s = self.pixel.lux_per_unit * (self.from * phi(change_log) - dark) * t_s;
         let dark_hz = self.pixel.leak_hz(0.0, self.draws.leak_factor);
         self.sensor.contrast_on * (dark_hz * t_s + self.pixel.leak_per_lux_hz * lux_s)
+    }
+
+    /// Speed at which the reference falls, nepers per second.
+    fn leak_log_per_s(&self, t_ns: f64) -> f64 {
+        let dark = self.pixel.dark_intensity(self.draws.dark_factor);
+        let change_log = self.drive.change_log * t_ns * 1e-9 / self.drive.duration_s;
+        let lux = self.pixel.lux_per_unit * (self.from * change_log.exp() - dark);
+        self.sensor.contrast_on * self.pixel.leak_hz(lux, self.draws.leak_factor)
     }
 
     /// Polarity of the threshold that a distance from the reference touches or exceeds.

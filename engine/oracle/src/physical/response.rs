@@ -35,6 +35,8 @@ pub struct Point {
     pub change_log: f64,
     /// Lag `y - L`, nepers.
     pub lag_log: f64,
+    /// Slope of the output `y`, nepers per second.
+    pub slope_per_s: f64,
     /// Rate `w_1` of the first stage, per second.
     pub first_per_s: f64,
     /// Phase `P_1` since the sub-step's start.
@@ -129,6 +131,8 @@ impl Response {
         Point {
             change_log: self.slope_per_s * (piece.from_s + t_s),
             lag_log,
+            // dy/dt = w_2 (a - y), and a = L - ln(1 + d).
+            slope_per_s: -second_per_s * (behind + lag_log),
             first_per_s: self.drive_per_s(piece.from_s + t_s) * (-behind).exp(),
             phase,
         }

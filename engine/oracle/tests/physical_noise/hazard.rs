@@ -1,7 +1,7 @@
 //! The hazard of still noise against first passages: of paths where they are frequent, and by clusters where not.
 
 use crate::case::{Case, FIRST_PER_S};
-use crate::path::Path;
+use crate::path::{Path, STEPS};
 use esaac_model::physical::noise::hazard_per_s;
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ fn still(poles: f64) -> Case {
 
 /// Rate at which paths come to a level, per second, if each must first come back to 0 to count again.
 fn first_passages_per_s(case: &Case, distance: f64, span_s: f64) -> f64 {
-    let mut path = Path::settled(case, 11);
+    let mut path = Path::settled(case, STEPS, 11);
     let level_log = distance * case.sigma_log();
     let (mut passages, mut watched_s, mut watches) = (0.0, 0.0, path.second_log < 0.0);
     for _ in 0..(span_s / path.step_s) as u64 {

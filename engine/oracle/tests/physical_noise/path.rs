@@ -7,7 +7,7 @@ use esaac_model::random::philox4x32_10;
 use std::f64::consts::TAU;
 
 /// Steps in a time constant of the faster pole, where nothing needs more.
-const STEPS: f64 = 12.0;
+pub const STEPS: f64 = 12.0;
 
 /// White noise through both poles.
 pub struct Path {
@@ -35,9 +35,10 @@ impl Path {
         Path { first_log, second_log, step_s, kept, new_log, normals }
     }
 
-    /// A path that has no noise at first and runs until e^-10 of that is left.
-    pub fn settled(case: &Case, number: u32) -> Self {
-        let mut path = Path::starting_at(case, [0.0; 2], STEPS, number);
+    /// A path that has no noise at first and runs until e^-10 of that is left, in `steps` steps a time constant of the
+    /// faster pole.
+    pub fn settled(case: &Case, steps: f64, number: u32) -> Self {
+        let mut path = Path::starting_at(case, [0.0; 2], steps, number);
         let slowest_per_s = FIRST_PER_S.min(case.second_per_s());
         for _ in 0..(10.0 / (slowest_per_s * path.step_s)).ceil() as u64 {
             path.step();
@@ -92,7 +93,7 @@ fn paths_have_the_variance_and_the_correlation_of_the_model() {
         let steps_later = [0.2, 1.0, 3.0].map(|lag| (lag * STEPS * poles.max(1.0)).ceil() as usize);
         let mut step_s = 0.0;
         for number in 0..100 {
-            let mut path = Path::settled(&case, number);
+            let mut path = Path::settled(&case, STEPS, number);
             step_s = path.step_s;
             let seen: Vec<[f64; 2]> = (0..(60.0 / step_s) as u64)
                 .map(|_| {
@@ -127,7 +128,7 @@ fn paths_have_the_spectrum_of_two_poles() {
         let case = still(poles);
         for share in [0.5, 1.0, poles, 3.0 * poles] {
             let omega = share * FIRST_PER_S;
-            let mut path = Path::settled(&case, 7);
+            let mut path = Path::settled(&case, STEPS, 7);
             // Windows of 16 periods, which fade in and out so that slower noise does not leak into them.
             let steps = (16.0 * TAU / (omega * path.step_s)).round();
             let windows = 800;
