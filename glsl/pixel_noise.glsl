@@ -90,7 +90,7 @@ float slope_at_event(SlopeLaw law, float light, float rayleigh) {
 }
 
 // What the hazard of a pixel depends on besides distances: logarithms to base 2 of Rice's rate (per second) and of what
-// a first passage's rate at the distance 1 is of it, and the rate at which the noise moves at all.
+// a first passage's rate at the distance 1 is of it if it is small, and the rate at which the noise moves at all.
 struct Rates {
     float crossing_log2;
     float passage_log2;
@@ -98,20 +98,19 @@ struct Rates {
 };
 
 Rates noise_rates(float first, float second) {
-    const float first_log2 = log2(first);
-    const float second_log2 = log2(second);
+    const float both = first + second;
+    const float mean_log2 = 0.5 * (log2(first) + log2(second));
     return Rates(
-        0.5 * (first_log2 + second_log2) - 2.6514961,
-        1.3257481 - 0.5 * abs(first_log2 - second_log2),
-        0.6 * first * (second / (first + second)));
+        mean_log2 - 2.6514961, mean_log2 - log2(both) + 1.3257481, 0.6 * first * (second / both));
 }
 
 // Rate, per second, at which noise comes to a level `distance` standard deviations away.
 float hazard_per_s(float distance, Rates rates) {
     const float b = max(distance, 0.7);
-    // The smaller of Rice's rate and a passage's rules.
-    const float ratio_log2 = rates.passage_log2 + log2(b + 1.5 * exp2(-1.442695 * b));
-    const float joined = log2(1.0 + exp2(-1.2 * ratio_log2)) * (1.0 / 1.2);
-    const float far = exp2(rates.crossing_log2 - joined - 0.7213475 * b * b);
+    // The share of crossings that are the first of their cluster.
+    const float passage_log2 = rates.passage_log2 + log2(b + 1.5 * exp2(-1.442695 * b));
+    const float passage = exp2(0.8 * passage_log2);
+    const float first = passage < 0.01 ? fma(-0.5 * passage, passage, passage) : 1.0 - exp2(-1.442695 * passage);
+    const float far = exp2(fma(1.25, log2(first), rates.crossing_log2 - 0.7213475 * b * b));
     return max(far, rates.near * clamp((1.0 - distance) * (1.0 / 0.3), 0.0, 1.0));
 }

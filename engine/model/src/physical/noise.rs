@@ -12,7 +12,10 @@
 //! [`hazard_per_s`] is the rate at which a stationary noise comes to a level `b` standard deviations away: Rice's
 //! \[4\] rate of upward crossings for a smooth noise, `nu e^(-b^2/2)`, `nu = sqrt(w_1 w_2) / 2 pi`, and the first
 //! passage of an Ornstein-Uhlenbeck process, `kappa e^(-b^2/2)`, for one whose poles lie far apart. Crossings of the
-//! latter come in clusters, of which only the first counts.
+//! latter come in clusters, of which only the first counts. Beyond a far-off level the noise is pulled back by a force that
+//! hardly changes, so the share of first crossings depends on a single number, `sqrt(w_1 w_2) b / (w_1 + w_2)`: the time in
+//! which a path loses its slope, over the time until it is back. Times `sqrt(2 pi)` it is that share where it is small, the
+//! passage's rate over Rice's. Where it is large, nearly all crossings are alone.
 //!
 //! # Draws ([`Renewal`], [`release_log`])
 //! Each event begins a new **renewal**, which draws from three counters, with the number of events before it as index:
@@ -74,20 +77,23 @@ pub fn slope_correlation(p: f64, q: f64) -> f64 {
 
 /// Rate, per second, at which noise comes to a level `distance` standard deviations away.
 ///
-/// Rice's rate and that of the first passage are joined so that the smaller one rules. Below a distance of 1, where
+/// Rice's rate counts by the share of crossings that are the first of their cluster. Below a distance of 1, where
 /// neither holds, the rate is at least that at which the noise moves at all, reached at .7. (Without the ramp from 1 to
 /// .7 the rate would jump.)
 #[must_use]
 pub fn hazard_per_s(distance: f64, first_per_s: f64, second_per_s: f64) -> f64 {
-    const JOIN: f64 = 1.2;
+    // How fast the share of first crossings comes to 1, found by sampled paths.
+    const JOIN: f64 = 0.8;
     let b = distance.max(0.7);
     if b > 38.0 {
         return 0.0;
     }
     let crossing = (first_per_s * second_per_s).sqrt() / std::f64::consts::TAU;
-    let passage = first_per_s.min(second_per_s) * (b + 1.5 * (-b).exp()) / std::f64::consts::TAU.sqrt();
-    let joined = (crossing.powf(-JOIN) + passage.powf(-JOIN)).powf(-1.0 / JOIN);
-    let far = joined * (-0.5 * b * b).exp();
+    // The passage's rate over Rice's.
+    let apart = (first_per_s * second_per_s).sqrt() / (first_per_s + second_per_s);
+    let passage = std::f64::consts::TAU.sqrt() * apart * (b + 1.5 * (-b).exp());
+    let first = (-(-passage.powf(JOIN)).exp_m1()).powf(1.0 / JOIN);
+    let far = crossing * first * (-0.5 * b * b).exp();
     let near = 0.6 * first_per_s * second_per_s / (first_per_s + second_per_s);
     far.max(near * ((1.0 - b) / 0.3).clamp(0.0, 1.0))
 }

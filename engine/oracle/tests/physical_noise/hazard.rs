@@ -64,13 +64,13 @@ fn hazard_is_the_rate_of_first_passages() {
         let ratio = |distance: f64, passages_per_s: f64| {
             hazard_per_s(distance, FIRST_PER_S, case.second_per_s()) / passages_per_s
         };
-        // Some 4000 passages. The other ratios have deviations below 1%.
+        // Some 4000 passages. The other ratios have deviations of 1% at most.
         let counted = ratio(3.0, first_passages_per_s(&case, 3.0, 40_000.0 / poles));
-        assert!((counted - 1.0).abs() < 0.06, "{poles}: {counted}");
-        for (distance, bound) in [(3.0, 0.06), (3.5, 0.06), (4.0, 0.07), (5.0, 0.09)] {
+        assert!((counted - 1.0).abs() < 0.05, "{poles}: {counted}");
+        for distance in [3.0, 3.5, 4.0, 5.0] {
             let clusters = ratio(distance, clusters_per_s(&case, distance, 20_000));
             println!("{poles}, {distance} deviations: {clusters:.3}, counted {counted:.3}");
-            assert!((clusters - 1.0).abs() < bound, "{poles}, {distance} deviations: {clusters}");
+            assert!((clusters - 1.0).abs() < 0.04, "{poles}, {distance} deviations: {clusters}");
         }
     }
 }
