@@ -2,7 +2,7 @@
 //!
 //! One for each scene that is hard to synthesise: a frame, and the events of a few milliseconds between two frames, the
 //! exact ones, those from motion vectors, by one surface a pixel and by as many as the scene needs, and those from depth
-//! and poses. It prints how near the events of each input set come to the exact ones, and what they cost.
+//! and poses. It prints how near the events of each input set come to the exact ones.
 
 use anyhow::{Context, Result, ensure};
 use bytemuck::cast_slice;
@@ -29,9 +29,6 @@ const FRAMES: usize = 4;
 
 /// The part of the last interval whose events are shown: its middle, where a synthesis has least to go by.
 const SHOWN: (f64, f64) = (0.4, 0.6);
-
-/// How often the frames are simulated again for their time.
-const TIMED_PASSES: usize = 15;
 
 /// Pixels whose events are compared with the exact ones.
 const COMPARED_PIXELS: usize = 3000;
@@ -62,18 +59,10 @@ fn main() -> Result<()> {
         let path = folder.join(format!("{}.png", kind.name()));
         let case = Case::of(&device, kind).with_context(|| kind.name())?;
         output_file::write(&path, |out| case.picture().write_png(out))?;
-        let results = case.simulated.each_ref().map(|simulated| {
-            format!("{}, {:.0} us", case.error(&simulated.events), simulated.interval_ns as f64 * 1e-3)
-        });
-        println!("| `{}` | {} |", kind.name(), results.join(" | "));
+        let errors = case.simulated.each_ref().map(|events| case.error(events));
+        println!("| `{}` | {} |", kind.name(), errors.join(" | "));
     }
     Ok(())
-}
-
-/// The events of an input set, and the device's time of the last interval.
-struct Simulated {
-    events: Vec<Event>,
-    interval_ns: u64,
 }
 
 /// A scene's frames, its exact events, and those of each input set.
@@ -82,7 +71,7 @@ struct Case {
     truth: Vec<Event>,
     judge: Truth,
     /// By `linear`, `motion` with one surface, `motion`, and `rigid`.
-    simulated: [Simulated; 4],
+    simulated: [Vec<Event>; 4],
 }
 
 impl Case {
@@ -116,9 +105,9 @@ impl Case {
         let panels = [
             ("a frame", still(&frames[FRAMES - 1].images.hdr)),
             ("exact events", shown(frames, truth)),
-            ("vectors, one surface", shown(frames, &motion.events)),
-            ("from motion vectors", shown(frames, &layers.events)),
-            ("from depth and poses", shown(frames, &rigid.events)),
+            ("vectors, one surface", shown(frames, motion)),
+            ("from motion vectors", shown(frames, layers)),
+            ("from depth and poses", shown(frames, rigid)),
         ];
         let (width, height) = (SIZE_PX.0 as usize * ENLARGED, SIZE_PX.1 as usize * ENLARGED);
         let mut canvas = Canvas::new(panels.len() * (width + GAP_PX) - GAP_PX, height + TITLE_PX, PAPER);
@@ -145,7 +134,7 @@ fn simulated(
     frames: &[Frame],
     synthesis: Synthesis,
     layers: u32,
-) -> Result<Simulated> {
+) -> Result<Vec<Event>> {
     let sensor =
         SensorModel { width: SIZE_PX.0, height: SIZE_PX.1, synthesis, layers, ..SensorModel::default() };
     let exact =
@@ -158,32 +147,18 @@ fn simulated(
         geometry: (synthesis == Synthesis::Rigid).then_some(exact),
     };
     let mut rig = Rig::new(device, &[camera])?;
-    let mut events = Vec::new();
-    let mut interval_ns = Vec::new();
-    for pass in 0..=TIMED_PASSES {
-        rig.reset(0)?;
-        if synthesis == Synthesis::Rigid {
-            rig.set_scene(0, scene.scene_motion(&pose_times_ns(FRAMES, RATE_HZ, POSE_RATE_HZ)))?;
-        }
-        let mut last_ns = 0;
-        for Frame { t_ns, images } in frames {
-            let esaac_scene::Frame { hdr, motion, depth, ids } = images;
-            let depth_and_ids = (synthesis == Synthesis::Rigid).then_some((&depth[..], &ids[..]));
-            let (depth, ids) = depth_and_ids.unzip();
-            rig.upload(0, &FrameBytes { hdr, motion: Some(motion), depth, ids })?;
-            let tick = rig.step(&[*t_ns])?;
-            last_ns = tick.stage_ns.iter().map(|stage| stage.1).sum();
-            if pass == 0 {
-                events.extend(tick.packets[0].iter());
-            }
-        }
-        // The first pass makes kernels, and buffers grow.
-        if pass > 0 {
-            interval_ns.push(last_ns);
-        }
+    if synthesis == Synthesis::Rigid {
+        rig.set_scene(0, scene.scene_motion(&pose_times_ns(FRAMES, RATE_HZ, POSE_RATE_HZ)))?;
     }
-    interval_ns.sort_unstable();
-    Ok(Simulated { events, interval_ns: interval_ns[TIMED_PASSES / 2] })
+    let mut events = Vec::new();
+    for Frame { t_ns, images } in frames {
+        let esaac_scene::Frame { hdr, motion, depth, ids } = images;
+        let depth_and_ids = (synthesis == Synthesis::Rigid).then_some((&depth[..], &ids[..]));
+        let (depth, ids) = depth_and_ids.unzip();
+        rig.upload(0, &FrameBytes { hdr, motion: Some(motion), depth, ids })?;
+        events.extend(rig.step(&[*t_ns])?.packets[0].iter());
+    }
+    Ok(events)
 }
 
 fn still(hdr: &[u8]) -> Canvas {
