@@ -2,8 +2,12 @@
 //!
 //! A pixel that has an event makes the others of its subgroup wait. Where nearly every sub-step of a subgroup has one, it
 //! pays to let each pixel walk at its own pace, for which its levels must be at hand. Where a rig has few pixels, a device
-//! waits for memory more than it computes, and it takes more events until it pays. Packets do not depend on it.
+//! waits for memory more than it computes, and it takes more events until it pays.
+//!
+//! It also pays where few events are crowded: a kernel that has levels empties a full queue and goes on, while the other one
+//! leaves such sub-tiles to another submission, which finds out anew what their pixels show. Packets do not depend on it.
 
+use super::queue::Load;
 use crate::policy::LevelsFirst;
 use esaac_layout::{CROWDED_QUEUE_PER_PX, QUEUE_PER_PX};
 
@@ -18,8 +22,18 @@ const SPARSE_OF_FEW: u64 = 6;
 /// Pixels of a rig that fill a device.
 const MANY_PIXELS: u64 = 200_000;
 
+/// One sub-tile in so many, left to another submission, makes a rig dense too.
+const LEFT_SHARE: u64 = 32;
+
+/// Such a rig is no longer dense once it has a quarter less events than it had then: what would be left is not seen in a
+/// dense one.
+const STILL_CROWDED: [u64; 2] = [3, 4];
+
 /// Ticks in a row that change it.
 const TICKS: u32 = 2;
+
+/// Parts of an event a pixel, in which a bound is kept.
+const PARTS: u64 = 1024;
 
 /// Events that the queue of `cross` has room for in a dense rig, for each pixel of a sub-tile. A sub-tile that has more goes on
 /// once the queue is empty, so a short queue will do, and more workgroups run at once; where there are not so many, a long
@@ -31,7 +45,8 @@ pub(super) fn dense_queue_per_px(pixels_of_rig: u64) -> u32 {
 /// What past ticks say.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Density {
-    is_dense: bool,
+    /// Of a dense rig: the events a pixel and tick, in [`PARTS`], below which it no longer is.
+    sparse_below: Option<u64>,
     ticks: u32,
 }
 
@@ -40,19 +55,25 @@ impl Density {
     pub(super) fn levels_first(self, policy: LevelsFirst) -> bool {
         match policy {
             LevelsFirst::Never => false,
-            LevelsFirst::WherePaid => self.is_dense,
+            LevelsFirst::WherePaid => self.sparse_below.is_some(),
             LevelsFirst::Always => true,
         }
     }
 
-    /// Adapts after a tick in which cameras of so many pixels had so many events.
-    pub(super) fn follow(&mut self, events: u64, pixels: u64) {
+    /// Adapts after a tick.
+    pub(super) fn follow(&mut self, load: Load) {
+        let Load { events, pixels, .. } = load;
         let [dense, sparse] =
             if pixels < MANY_PIXELS { [DENSE_OF_FEW, SPARSE_OF_FEW] } else { [DENSE, SPARSE] };
-        let changes = if self.is_dense { events < sparse * pixels } else { events >= dense * pixels };
+        let changes = match self.sparse_below {
+            Some(least) => PARTS * events < least * pixels,
+            None => events >= dense * pixels || load.left * LEFT_SHARE > load.sub_tiles,
+        };
         self.ticks = if changes { self.ticks + 1 } else { 0 };
         if self.ticks == TICKS {
-            *self = Density { is_dense: !self.is_dense, ticks: 0 };
+            let [share, of] = STILL_CROWDED;
+            let sparse_below = (PARTS * events * share / (of * pixels.max(1))).min(PARTS * sparse);
+            *self = Density { sparse_below: self.sparse_below.is_none().then_some(sparse_below), ticks: 0 };
         }
     }
 }
@@ -64,7 +85,7 @@ mod tests {
     /// Whether levels come first after each of some ticks with so many events, in hundreds of thousands.
     fn after<const N: usize>(density: &mut Density, pixels: u64, events: [u64; N]) -> [bool; N] {
         events.map(|events| {
-            density.follow(events * 100_000, pixels);
+            density.follow(Load { events: events * 100_000, pixels, sub_tiles: 1000, ..Load::default() });
             density.levels_first(LevelsFirst::WherePaid)
         })
     }
@@ -85,6 +106,21 @@ mod tests {
         assert_eq!(after(&mut density, MANY_PIXELS, [9, 9]), [false, true]);
         assert!(!density.levels_first(LevelsFirst::Never));
         assert_eq!(after(&mut density, 0, [0, 0]), [true, true], "no cameras");
+    }
+
+    #[test]
+    fn a_rig_in_which_sub_tiles_are_left_is_dense_until_it_has_a_quarter_less_events() {
+        let mut density = Density::default();
+        let mut after = |hundreds: u64, left| {
+            let load = Load { pixels: 1000, sub_tiles: 64, events: 100 * hundreds, left, ..Load::default() };
+            density.follow(load);
+            density.levels_first(LevelsFirst::WherePaid)
+        };
+        assert!([(40, 3), (40, 2), (40, 3)].map(|(hundreds, left)| after(hundreds, left)) == [false; 3]);
+        assert!(after(40, 3), "two ticks in a row");
+        assert!([31, 29, 31, 29].map(|hundreds| after(hundreds, 0)) == [true; 4]);
+        assert!(!after(29, 0));
+        assert!([false, true] == [after(40, 64), after(40, 64)]);
     }
 
     #[test]

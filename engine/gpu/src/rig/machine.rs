@@ -122,6 +122,8 @@ pub(super) struct TickEnd {
     pub queue_overflows: u64,
     /// Those that a second run in the same submission may take, of the camera that has most.
     pub most_crowded: u32,
+    /// Those that were left to another submission.
+    pub left_sub_tiles: u64,
 }
 
 /// How far a tick has come.
@@ -142,6 +144,7 @@ fn read_back(progress: &mut Progress, counters: impl Fn(usize) -> Counters) -> S
             // A second run has taken some of those in the list.
             let overflows = counted.queue_overflows.max(counted.crowded_sub_tiles);
             progress.end.queue_overflows += u64::from(overflows);
+            progress.end.left_sub_tiles += u64::from(counted.queue_overflows);
             progress.end.most_crowded = progress.end.most_crowded.max(counted.crowded_sub_tiles);
         }
         let fitted = counted.emitted_fit == u32::MAX;
@@ -200,6 +203,7 @@ pub(super) fn finish(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result
         regrown: vec![0; cameras],
         queue_overflows: 0,
         most_crowded: 0,
+        left_sub_tiles: 0,
     };
     let mut progress = Progress { pending: in_tick, retries: 0, end };
     let mut state = State::Submitted;
@@ -347,6 +351,7 @@ mod tests {
                 regrown: vec![0, 0],
                 queue_overflows: 0,
                 most_crowded: 0,
+                left_sub_tiles: 0,
             }
         );
         assert_eq!(fake.calls, [Call::Wait]);
@@ -386,6 +391,7 @@ mod tests {
                 regrown: vec![0, 1],
                 queue_overflows: 9,
                 most_crowded: 9,
+                left_sub_tiles: 2,
             }
         );
         let from_60 = Counters { emitted: 60, substeps: 3, ..FITTED };

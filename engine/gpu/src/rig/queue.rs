@@ -36,15 +36,17 @@ const QUIET_SHARE: u64 = 8;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Load {
     pub pixels: u64,
-    sub_tiles: u64,
+    pub sub_tiles: u64,
     pub events: u64,
-    overflows: u64,
+    pub overflows: u64,
+    /// Sub-tiles that were left to another submission.
+    pub left: u64,
 }
 
 impl Load {
     /// The load of all cameras that took part in a tick.
     pub(super) fn of(cameras: &[CameraState], end: &TickEnd) -> Self {
-        let mut load = Load { overflows: end.queue_overflows, ..Load::default() };
+        let mut load = Load { overflows: end.queue_overflows, left: end.left_sub_tiles, ..Load::default() };
         for (camera, counters) in cameras.iter().zip(&end.counters) {
             let Some(Counters { emitted, .. }) = *counters else { continue };
             load.pixels += u64::from(camera.place.pixels);
@@ -172,7 +174,7 @@ mod tests {
 
     /// An image of 1280x720 pixels.
     fn load(events_per_px: u64, overflows: u64) -> Load {
-        Load { pixels: 921_600, sub_tiles: 7200, events: events_per_px * 921_600, overflows }
+        Load { pixels: 921_600, sub_tiles: 7200, events: events_per_px * 921_600, overflows, left: 0 }
     }
 
     /// The lengths after each of `ticks` ticks.
@@ -196,7 +198,7 @@ mod tests {
         assert_eq!(lengths(load(5, 1000), 6), [8, 16, 16, 16, 16, 16]);
         assert_eq!(lengths(load(2, 300), 4), [8; 4]);
         // In a small image the second run itself costs most.
-        let small = Load { pixels: 43_200, sub_tiles: 338, events: 100_000, overflows: 1 };
+        let small = Load { pixels: 43_200, sub_tiles: 338, events: 100_000, overflows: 1, left: 0 };
         assert_eq!(lengths(small, 4), [8, 16, 16, 16]);
     }
 

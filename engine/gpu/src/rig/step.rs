@@ -90,7 +90,7 @@ impl Rig {
         self.queue.follow(load, most_per_px);
         let length_changes = self.queue.per_px() != length;
         self.second_run.follow(load, end.most_crowded, length_changes);
-        self.density.follow(load.events, load.pixels);
+        self.density.follow(load);
         let words = u64::from(layout::LEVEL_ROW_WORDS * layout::BINDINGS[layout::LEVELS].stride);
         let rows = self.arena.buffer(layout::LEVELS).bytes() / words;
         if let Some(used) = rows_used(&end) {
