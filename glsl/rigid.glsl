@@ -1,29 +1,11 @@
 // Synthesis `rigid`: what a pixel shows at a sub-step, from the surfaces of both key frames along their exact paths.
 // Part of cross.glsl; twin of the oracle's `synthesize::rigid`. Needs candidates.glsl, paths.glsl and frame loads.
 
-// A pixel's own surfaces, those that it shows in the key frames.
-const uint NO_SURFACE = 0u;
-// One surface: `start`.
-const uint ONE_SURFACE = 1u;
-// Both key frames show one surface; its plane is the mean of `start` and `end`.
-const uint SAME_SURFACE = 2u;
-const uint TWO_SURFACES = 3u;
-
-// A pixel's candidates: its own surfaces and those of its block's list. `order` has four bits for each, from near to far
-// in the middle of the interval: its number plus one.
-struct RigidPixel {
-    uint own;
-    Surface start;
-    Surface end;
-    uint block;
-    uint order;
-};
+#include "own_surfaces.glsl"
 
 // Sub-steps of this thread's pixel that show what neither key frame shows.
 uint unseen_samples;
 
-// Numbers of a pixel's candidates: two of its own, then those of the list.
-const uint OWN_CANDIDATES = 2u;
 const uint ORDER_BITS = 4u;
 const uint ORDER_MASK = (1u << ORDER_BITS) - 1u;
 
@@ -40,14 +22,8 @@ Surface listed_surface(uint c) {
 Surface candidate_at(RigidPixel p, uint c, float alpha) {
     if (c >= OWN_CANDIDATES) {
         return listed_surface(p.block + c - OWN_CANDIDATES);
-    } else if (p.own == SAME_SURFACE) {
-        return Surface(
-            p.start.instance,
-            vec3[2](
-                fma(vec3(alpha), p.end.planes[0] - p.start.planes[0], p.start.planes[0]),
-                fma(vec3(alpha), p.end.planes[1] - p.start.planes[1], p.start.planes[1])));
     }
-    return c == 0u ? p.start : p.end;
+    return own_candidate_at(p, c, alpha);
 }
 
 // Inserts a candidate into a pixel's order, behind those that are as near. `depths` are the inverse depths of those in it,
@@ -71,31 +47,6 @@ float depth_in_middle(Geometry geo, Surface surface, vec3 ray) {
     bool seen = true;
     point_on_path(pose_at_instant(geo, surface.instance, POSE_INSTANTS / 2u), surface.planes[0], ray, inverse_depth, seen);
     return seen ? inverse_depth : -1.0;
-}
-
-// A pixel's own surfaces, without an order.
-RigidPixel own_surfaces(Camera cam, Geometry geo, uvec2 at, vec3 ray) {
-    RigidPixel p;
-    bool in_start = true;
-    bool in_end = true;
-    p.start = surface_of_pixel(cam, geo, 0u, ivec2(at), in_start);
-    p.end = surface_of_pixel(cam, geo, 1u, ivec2(at), in_end);
-    p.block = 0u;
-    p.order = 0u;
-    if (!in_start && !in_end) {
-        p.own = NO_SURFACE;
-    } else if (!in_start || !in_end) {
-        p.own = ONE_SURFACE;
-        if (!in_start) {
-            p.start = p.end;
-        }
-    } else {
-        const bool same = p.start.instance == p.end.instance
-            && are_one(
-                depths_along(p.start.planes, ray), depths_along(p.end.planes, ray), parallax_of(geo, p.start.instance));
-        p.own = same ? SAME_SURFACE : TWO_SURFACES;
-    }
-    return p;
 }
 
 // A pixel with its candidates, those of the `in_tile`th block of the lists among them.

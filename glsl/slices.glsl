@@ -8,6 +8,7 @@ BUFFER(readonly, SLOT_EVENT_P, uint8_t, event_p);
 
 layout(buffer_reference, std430) readonly buffer Slices { Slice v[]; };
 layout(buffer_reference, std430) buffer Ints { int v[]; };
+layout(buffer_reference, std430) buffer Words { uint v[]; };
 
 Slice slice_of_workgroup() {
     return Slices(push.slices).v[gl_WorkGroupID.y];

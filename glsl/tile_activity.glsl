@@ -6,6 +6,8 @@
 // FOLLOWS_MOTION, surfaces.glsl, block_pairs.glsl and the buffers `blocks`, `representatives`, `passing` and `meetings`; after it: the functions
 // that are declared here without a body.
 
+#include "tile_blocks.glsl"
+
 // Rows of a sub-tile, and sub-tiles of a tile.
 const uint SUB_TILE_ROWS = gl_WorkGroupSize.x / TILE_WIDTH_PX;
 const uint SUB_TILES = uint(BLOCK_PX) / SUB_TILE_ROWS;
@@ -22,41 +24,12 @@ shared uint by_speed;
 // All bits of both together, gathered only where still tiles are looked for.
 shared uint any_activity;
 
-// First pixel of the sub-tile.
-uvec2 corner;
-
 // Pixel that a thread takes, row by row from `corner`.
 uint place_of(uint thread);
 
 // Empties what the workgroup fills later; called by its first thread. Then every thread notes what it knows.
 void begin_tile();
 void note_own();
-
-// Block of the tile's `b`th block.
-uvec2 tile_block(uint b) {
-    return corner / BLOCK_PX + uvec2(b, 0u);
-}
-
-// Whether the tile's `b`th block lies in the image.
-bool has_block(Camera cam, uint b) {
-    return tile_block(b).x < cam.blocks_x;
-}
-
-uint block_head(Camera cam, Geometry geo, uint b) {
-    const uvec2 block = tile_block(b);
-    return passing_head(cam, geo, block.y * cam.blocks_x + block.x);
-}
-
-// A word of the head of what passes a block; 0 beyond the image.
-uint passing_word(Camera cam, uint b, uint word) {
-    const Geometry geo = geometries[cam.slot];
-    return has_block(cam, b) ? passing[block_head(cam, geo, b) + word] : 0u;
-}
-
-// Largest motion of what passes a block, as the bits of a float.
-uint passing_motion(Camera cam, uint b) {
-    return passing_word(cam, b, 1u);
-}
 
 // Whether the sub-steps of a block of key frame `key` follow its texture: where it has no silhouette.
 bool is_smooth_block(Camera cam, uint key, uvec2 block, uint of_texture) {

@@ -124,6 +124,9 @@ pub enum EngineError {
         /// Camera number in the rig.
         camera: usize,
     },
+    /// Instances of events that cannot be told: why.
+    #[error("the instances that events show are not known: {0}")]
+    NoEventIds(String),
     /// A camera with synthesis `rigid` without poses.
     #[error("camera {camera}: synthesis `rigid` needs poses; set them before the step")]
     NoScene {

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::{Arc, LazyLock};
 use tempfile::TempDir;
 
-const ALL: [&str; 13] = [
+const ALL: [&str; 14] = [
     "poses",
     "ingest",
     "detail_transfer",
@@ -22,6 +22,7 @@ const ALL: [&str; 13] = [
     "gather",
     "event_frame",
     "voxel_grid",
+    "event_ids",
 ];
 
 /// The device of all tests here. The validation layer may crash while one device is used and another is opened.

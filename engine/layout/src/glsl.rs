@@ -2,7 +2,7 @@
 
 use crate::bindings::{BINDINGS, TEXELS};
 use crate::sizes::{
-    BUS_HEAD, CROSS_THREADS, FLICKER_FRACTION_BITS, INGEST_THREADS, LEAST_ENTRY_SUBSTEPS, MAX_CAMERAS,
+    BUS_HEAD, CROSS_THREADS, EVENT_IDS_LIST_WORDS, FLICKER_FRACTION_BITS, INGEST_THREADS, LEAST_ENTRY_SUBSTEPS, MAX_CAMERAS,
     MOST_CARRIED, MOST_PASSES, PASSING_ENTRIES, PASSING_HEAD_WORDS, PATHS_THREADS, POSE_ROWS, POSES_THREADS,
     READOUT_THREADS, REPRESENTATIVE_WORDS, RUN_EVENTS, SEARCHED_EVENTS, SORT_THREADS, SORTABLE_EVENTS,
     SUMMED_BINS, SYNTHESIZE_THREADS, TILE_BLOCKS, TRACK_SEGMENTS,
@@ -181,11 +181,13 @@ fn declarations() -> String {
         ("POSE_ROWS", format!("{POSE_ROWS}u")),
         ("REPRESENTATIVE_WORDS", format!("{REPRESENTATIVE_WORDS}u")),
         ("PASSING_ENTRIES", format!("{PASSING_ENTRIES}u")),
+        ("EVENT_IDS_LIST_WORDS", format!("{EVENT_IDS_LIST_WORDS}u")),
         ("PASSING_HEAD_WORDS", format!("{PASSING_HEAD_WORDS}u")),
         ("MOST_MOTION_PX", format!("{:.1}", esaac_model::synthesis::MOST_MOTION_PX)),
         ("POSE_INSTANTS", format!("{}u", rigid::POSE_INSTANTS)),
         ("KNOTS", format!("{}u", rigid::KNOTS)),
         ("BELONG_PX", format!("{:.6}", rigid::BELONG_PX)),
+        ("EVENT_ID_WEIGHT", format!("{:.6}", rigid::EVENT_ID_WEIGHT)),
         ("MERGE_PX", format!("{:.6}", rigid::MERGE_PX)),
         ("REACH_PX", format!("{:.6}", rigid::REACH_PX)),
         ("REST_PX", format!("{:.6}", rigid::REST_PX)),

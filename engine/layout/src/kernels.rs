@@ -95,6 +95,8 @@ pub const KERNELS: &[KernelInfo] = &[
     kernel("gather", "gather", STRIDING_THREADS, &[]),
     kernel("event_frame", "event_frame", STRIDING_THREADS, &[]),
     kernel("voxel_grid", "voxel_grid", STRIDING_THREADS, &[]),
+    kernel("event_ids_lists", "event_ids", INGEST_THREADS, &[]),
+    kernel("event_ids", "event_ids", STRIDING_THREADS, &[]),
 ];
 
 /// Stages of a tick that are timed, in order. (`paths` and `deferred` run alongside `ingest`, the lists of `synthesize`

@@ -70,6 +70,9 @@ pub const REPRESENTATIVE_WORDS: u32 =
 /// Entries of a block in `passing`. A block that more surfaces pass looks for them itself.
 pub const PASSING_ENTRIES: u32 = 128;
 
+/// Words of a block's list in `event_ids`: its length, and a pixel for each candidate.
+pub const EVENT_IDS_LIST_WORDS: u32 = 1 + esaac_model::synthesis::rigid::BLOCK_CANDIDATES as u32;
+
 /// Words of a block's head in `passing`: the number of surfaces that pass it, the largest motion of them, and the
 /// largest bend of their ways.
 pub const PASSING_HEAD_WORDS: u32 = 3;

@@ -463,10 +463,15 @@ gpu_struct! {
 }
 
 gpu_struct! {
-    /// A camera's packet, for kernels that read packets: `gather`, `event_frame`, `voxel_grid`.
+    /// A camera's packet, for kernels that read packets: `gather`, `event_frame`, `voxel_grid`, `event_ids`.
     Slice {
         /// Time from which the events' offsets count.
         base_ns: i64,
+        /// For `event_ids`, the device address of the camera's lists, [`EVENT_IDS_LIST_WORDS`](crate::EVENT_IDS_LIST_WORDS)
+        /// words for each block, and that of the ids of its rows of instances.
+        lists: u64,
+        /// See `lists`.
+        ids: u64,
         /// First event in the packet's arrays.
         event_base: u32,
         /// Number of events.
@@ -483,6 +488,10 @@ gpu_struct! {
         first: u32,
         /// Number of events of the cameras before.
         events_before: u32,
+        /// For `event_ids`, the camera's row in the table of cameras.
+        row: u32,
+        /// For `event_ids`, whether the lens is an equidistant fisheye; else a pinhole.
+        fisheye: u32,
     }
 }
 

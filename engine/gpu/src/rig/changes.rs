@@ -127,6 +127,7 @@ impl Rig {
         writes: Vec<Write>,
         zeroed: &[usize],
     ) -> Result<(), EngineError> {
+        self.has_paths = false;
         geometry::follow_cameras(&mut places);
         let before = self.places();
         let planned: Option<Move> =

@@ -57,7 +57,7 @@ pub(super) struct Kernels {
     pub merge: Kernel,
     /// Compiled when a camera needs it first.
     pub bus: Option<BusKernels>,
-    /// Kernels that make representations of packets, by stage; compiled at their first use.
+    /// Kernels that make representations of packets, by name; compiled at their first use.
     pub forms: HashMap<&'static str, Kernel>,
 }
 
@@ -230,7 +230,7 @@ impl Rig {
                 .into_iter()
                 .chain(bus.apart.iter().map(|apart| ("readout", apart)))
         });
-        let forms = k.forms.iter().map(|(stage, kernel)| (*stage, kernel));
+        let forms = k.forms.iter().map(move |(name, kernel)| (stage_of(name), kernel));
         of_sensors.chain(events).chain(sums).chain(paths).chain(bus).chain(forms)
     }
 

@@ -19,6 +19,7 @@ mod config;
 mod conventions;
 mod density;
 mod detail_transfer;
+mod event_ids;
 mod fresh;
 mod geometry;
 mod held;
@@ -192,6 +193,10 @@ pub struct Rig {
     arena: Arena,
     /// Table of packets for kernels that make [representations](Representation) of them.
     slices: Option<Buffer>,
+    /// What `event_ids` reads besides: ids of rows, and lists of blocks.
+    event_ids: Option<Buffer>,
+    /// Whether the device still has what the last tick knew of paths, and the host which instances they are of.
+    has_paths: bool,
     pipelines: Pipelines,
     recordings: Recordings,
     /// The table of cameras, as the next submission reads it.
@@ -292,6 +297,8 @@ impl Rig {
             cameras,
             arena,
             slices: None,
+            event_ids: None,
+            has_paths: false,
         };
         rig.clear()?;
         Ok(rig)

@@ -8,7 +8,7 @@ use super::transfer::{Part, read_back};
 use super::{Pipelines, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
-use crate::kernel::{record_barrier_from_transfer, record_host_barrier, stages};
+use crate::kernel::{record_barrier, record_barrier_from_transfer, record_host_barrier, stages};
 use crate::memory::Buffer;
 use ash::vk;
 use bytemuck::bytes_of;
@@ -23,6 +23,11 @@ pub enum Representation {
     Gathered,
     /// OFF events and ON events of each pixel, i32, `[camera][2][row][column]`.
     EventFrame,
+    /// The id of the instance that each event's pixel shows at the event's time, i64, camera after camera in the order of
+    /// [`Representation::Gathered`]; -1 where no path tells it. What counts is in
+    /// [`esaac_model::synthesis::rigid`], "The instance of an event". For cameras with synthesis `rigid`, until the next
+    /// frame's poses are set.
+    EventIds,
     /// Votes of +1 (ON) or -1 (OFF), split between the two nearest time bins, f32, `[camera][bin][row][column]` (Zhu et
     /// al., CVPR 2019); see `voxel_grid.comp`.
     VoxelGrid {
@@ -34,7 +39,7 @@ pub enum Representation {
 /// A rig's part of a buffer that several rigs write; the default is the whole buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Share {
-    /// Elements (events for [`Representation::Gathered`]) before those of this rig.
+    /// Elements (events, where each event has one) before those of this rig.
     pub before: u64,
     /// Elements of all rigs; 0 if this rig is the only one.
     pub all: u64,
@@ -46,6 +51,7 @@ impl Representation {
     pub fn element_bytes(self) -> u64 {
         match self {
             Representation::Gathered => 13,
+            Representation::EventIds => 8,
             Representation::EventFrame | Representation::VoxelGrid { .. } => 4,
         }
     }
@@ -56,13 +62,19 @@ impl Representation {
             Representation::Gathered => stages::GATHER,
             Representation::EventFrame => stages::EVENT_FRAME,
             Representation::VoxelGrid { .. } => stages::VOXEL_GRID,
+            Representation::EventIds => stages::EVENT_IDS,
         }
+    }
+
+    /// Whether it has an element for each event; else it has planes, which hold sums.
+    fn is_of_events(self) -> bool {
+        matches!(self, Representation::Gathered | Representation::EventIds)
     }
 
     /// Planes per camera, each with one element per pixel.
     fn planes(self) -> u64 {
         match self {
-            Representation::Gathered => 0,
+            Representation::Gathered | Representation::EventIds => 0,
             Representation::EventFrame => 2,
             Representation::VoxelGrid { bins } => u64::from(bins),
         }
@@ -73,14 +85,15 @@ impl Rig {
     /// Elements that a representation of the last tick has: events, counts or voxels.
     #[must_use]
     pub fn elements(&self, what: Representation) -> u64 {
-        match what {
-            Representation::Gathered => self.results.events.iter().map(|&events| u64::from(events)).sum(),
-            _ => self.cameras.iter().map(|c| what.planes() * u64::from(c.place.pixels)).sum(),
+        if what.is_of_events() {
+            return self.results.events.iter().map(|&events| u64::from(events)).sum();
         }
+        self.cameras.iter().map(|c| what.planes() * u64::from(c.place.pixels)).sum()
     }
 
     /// Writes a representation of the last tick's packets into `target`, and waits. Cameras without an interval in that
-    /// tick have no events. [`EngineError::OutOfMemory`] if `target` is too small, or for 2^32 elements and more.
+    /// tick have no events. [`EngineError::OutOfMemory`] if `target` is too small, or for 2^32 elements and more;
+    /// [`EngineError::NoEventIds`] if [`Representation::EventIds`] cannot be had.
     pub fn represent(
         &mut self,
         what: Representation,
@@ -100,7 +113,11 @@ impl Rig {
         if elements == 0 {
             return Ok(());
         }
-        let slices = self.slices(what, share.before);
+        let mut slices = self.slices(what, share.before);
+        let ids = match what {
+            Representation::EventIds => Some(self.prepare_event_ids(&mut slices)?),
+            _ => None,
+        };
         let most_events = slices.iter().map(|slice| slice.events).max().unwrap_or(0);
         let most_pixels = slices.iter().map(|slice| slice.pixels).max().unwrap_or(0);
         let bytes: &[u8] = bytemuck::cast_slice(&slices);
@@ -115,26 +132,38 @@ impl Rig {
         let per_thread = self.pipelines.policy.events_per_thread;
         let cameras = self.cameras.len() as u32;
         let groups = |items: u32| items.div_ceil(256 * per_thread).clamp(1, MOST_GROUPS);
-        let (stage, code) = what.kernel();
-        let Pipelines { bindings, code: replaced, kernels, .. } = &mut self.pipelines;
-        if !kernels.forms.contains_key(stage) {
-            kernels.forms.insert(stage, replaced.plain_kernel(bindings, (stage, code))?);
+        let Pipelines { bindings, code, kernels, .. } = &mut self.pipelines;
+        let first = ids.is_some().then_some(stages::EVENT_IDS_LISTS);
+        for embedded in first.into_iter().chain([what.kernel()]) {
+            if !kernels.forms.contains_key(embedded.0) {
+                kernels.forms.insert(embedded.0, code.plain_kernel(bindings, embedded)?);
+            }
         }
         self.bind_current();
         let table = self.slices.as_ref().expect("made above");
         let push = Push { slices: table.address(), ..push };
-        let kernel = &self.pipelines.kernels.forms[stage];
+        let forms = &self.pipelines.kernels.forms;
+        let kernel = &forms[what.kernel().0];
         let record = |commands| {
-            // SAFETY: `commands` is being recorded; both buffers are alive and large enough. At most 256 rows of 40
+            // SAFETY: `commands` is being recorded; both buffers are alive and large enough. At most 256 rows of 64
             // bytes are less than the 65536 bytes that an update may carry.
             unsafe {
                 self.device.raw().cmd_update_buffer(commands, table.raw(), 0, bytes);
-                if what != Representation::Gathered {
+                if !what.is_of_events() {
                     let (first, size) = (share.before * 4, elements * 4);
                     self.device.raw().cmd_fill_buffer(commands, target.raw(), first, size, 0);
                 }
             }
+            if let Some(ids) = &ids {
+                self.record_update(commands, ids);
+            }
             record_barrier_from_transfer(&self.device, commands);
+            if let Some(ids) = &ids {
+                let lists = &forms[stages::EVENT_IDS_LISTS.0];
+                // SAFETY: as for the commands, below; the kernel stays within what `slices` says.
+                unsafe { lists.record(commands, bytes_of(&push), [ids.tiles, cameras, 1]) };
+                record_barrier(&self.device, commands);
+            }
             let dispatch = |level: u32, items: u32| {
                 // SAFETY: as for the commands, below; the kernel stays within what `slices` and the push constants say.
                 unsafe {
@@ -169,8 +198,7 @@ impl Rig {
     }
 
     fn slices(&self, what: Representation, before: u64) -> Vec<Slice> {
-        let gathered = what == Representation::Gathered;
-        let (mut first, mut events_before) = (before, if gathered { before as u32 } else { 0 });
+        let (mut first, mut events_before) = (before, if what.is_of_events() { before as u32 } else { 0 });
         self.cameras
             .iter()
             .zip(&self.results.packets)
@@ -187,6 +215,7 @@ impl Rig {
                     interval_ns: camera.last_interval_ns.max(1),
                     first: first as u32,
                     events_before,
+                    ..Slice::default()
                 };
                 first += what.planes() * u64::from(camera.place.pixels);
                 events_before += events;

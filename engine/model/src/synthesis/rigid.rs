@@ -98,6 +98,13 @@
 //! rounded position in both key frames, at most [`UNSEEN_REACH_PX`] away. The equally near ones count by `1 - a` in key
 //! frame 0 and by `a` in key frame 1. It is counted.
 //!
+//! **The instance of an event.** An event shows what is nearest in its pixel at its time, `a`. Candidates are the
+//! pixel's own surfaces and all of its block. One is there if in a key frame, at its position, the pixels that belong to it
+//! weigh more than [`EVENT_ID_WEIGHT`] bilinearly; more than half a pixel outside the image it is not. Of those that are
+//! there the one of the largest `w` along the pixel's ray at `a` counts; if none is, the farthest of all. So events of a
+//! silhouette are those of what is in front, whose motion sends them. A pixel without a candidate tells nothing. An event
+//! that a sensor stamps late counts at its stamp.
+//!
 //! **Without a path.** A pixel that shows no surface in either key frame has no candidates and no path; so has an unseen
 //! one without a background nearby. It follows its motion vector as by `motion`, in the half-pel frames below. Without a
 //! vector it is blended as by `linear`. It is counted.
@@ -183,6 +190,9 @@ pub const BLOCK_CANDIDATES: usize = 12;
 
 /// Largest number of candidates of a pixel.
 pub const PIXEL_CANDIDATES: usize = 6;
+
+/// A surface is in an event's pixel if those of the four pixels around its position that belong weigh more than this.
+pub const EVENT_ID_WEIGHT: f64 = 0.15;
 
 /// Difference of the background here from that in the key frames, nepers, at which a silhouette's mixture does not count.
 pub const BACKGROUND_LOG: f64 = 0.5;

@@ -1,6 +1,7 @@
 //! Suites of synthesis `rigid`.
 
 mod doubt;
+mod event_ids;
 mod input;
 mod levels;
 mod passes;

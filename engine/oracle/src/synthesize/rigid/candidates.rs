@@ -156,10 +156,13 @@ impl Interval<'_> {
         a.id == b.id && apart_px(0) < MERGE_PX && apart_px(1) < MERGE_PX
     }
 
-    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval, and what passes
-    /// each block. `silhouettes` is what [`Interval::silhouettes`] says of both key frames.
+    /// The candidates of all pixels (`y * width + x`), from near to far in the middle of the interval; and of each block
+    /// what passes it and its candidates. `silhouettes` is what [`Interval::silhouettes`] says of both key frames.
     #[must_use]
-    pub fn candidates(&self, silhouettes: &[Vec<bool>; 2]) -> (Vec<Vec<Candidate>>, Vec<Passing>) {
+    pub fn candidates(
+        &self,
+        silhouettes: &[Vec<bool>; 2],
+    ) -> (Vec<Vec<Candidate>>, Vec<Passing>, Vec<Vec<Surface>>) {
         let size = self.keys[0].size;
         let (blocks, mut passing) = self.block_candidates(silhouettes);
         let candidates = (0..size.0 * size.1)
@@ -171,7 +174,7 @@ impl Interval<'_> {
         for (passing, list) in passing.iter_mut().zip(&blocks) {
             passing.is_listed = !list.is_empty();
         }
-        (candidates, passing)
+        (candidates, passing, blocks)
     }
 
     fn pixel_candidates(&self, pixel: usize, block: &[Surface]) -> Vec<Candidate> {

@@ -2,6 +2,7 @@
 //! pixel shows (equations in [`esaac_model::synthesis::rigid`]).
 
 pub mod candidates;
+pub mod event_ids;
 pub mod read;
 pub mod surface;
 pub mod transfer;
@@ -133,6 +134,8 @@ pub struct Rigid<'a> {
     parallax_px_m: BTreeMap<u32, f64>,
     keys: [KeyFrame; 2],
     candidates: Vec<Vec<Candidate>>,
+    /// The candidates of each block.
+    listed: Vec<Vec<Surface>>,
     passing: Vec<Passing>,
     /// Whether each block of both key frames has a silhouette.
     silhouettes: [Vec<bool>; 2],
@@ -163,7 +166,7 @@ impl<'a> Rigid<'a> {
         let interval =
             Interval { lens: scene.lens(), keys: &surfaces, knots: &knots, parallax_px_m: &parallax };
         let silhouettes = [0, 1].map(|key| interval.silhouettes(key));
-        let (candidates, passing) = interval.candidates(&silhouettes);
+        let (candidates, passing, listed) = interval.candidates(&silhouettes);
         let keys = surfaces.clone().map(KeyFrame::new);
         let routes: Vec<Route> = [1, 0]
             .into_iter()
@@ -190,6 +193,7 @@ impl<'a> Rigid<'a> {
             parallax_px_m,
             keys,
             candidates,
+            listed,
             passing,
             silhouettes,
             unoccluded: Vec::new(),

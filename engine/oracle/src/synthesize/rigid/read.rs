@@ -115,6 +115,18 @@ impl KeyFrame {
         KeyFrame { surfaces, pure, thickness, front, joined }
     }
 
+    /// Weight of the pixels around a position that belong to a surface; 0 if it lies outside the image.
+    #[must_use]
+    pub fn belonging(&self, at: DVec2, surface: &Seen) -> f64 {
+        if self.outside_px(at) > 0.5 {
+            return 0.0;
+        }
+        let spot = self.spot(at);
+        let beside: f64 = self.beside(&spot).map(|(_, weight)| weight).sum();
+        let pixels = self.beside(&spot).chain([(spot.nearest, 1.0 - beside)]);
+        pixels.filter(|&(pixel, _)| self.belongs(pixel, surface)).map(|(_, weight)| weight).sum()
+    }
+
     /// Whether a pixel belongs to a surface.
     #[must_use]
     pub fn belongs(&self, pixel: usize, seen: &Seen) -> bool {
