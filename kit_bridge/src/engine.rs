@@ -229,17 +229,25 @@ impl Engine {
             let message = format!("{} bins, expected 1 to 256", bins.unwrap_or(0));
             return Err(Fault::Argument(message).into());
         }
-        let inner = self.inner.get()?;
-        let form = py.detach(|| {
-            let side = if self.packets == Packets::Cuda { Some(inner.side()?) } else { None };
-            inner.with(|state| state.form(what, side.as_ref()))
-        })?;
+        let form = self.form_of(py, what)?;
         let planes = bins.unwrap_or(2) as usize;
         let of_camera = |&(width, height): &(u32, u32)| vec![planes, height as usize, width as usize];
         let shapes: Vec<Vec<usize>> = if self.tiled {
             vec![[self.size_px.len()].into_iter().chain(of_camera(&self.size_px[0])).collect()]
         } else {
             self.size_px.iter().map(of_camera).collect()
+        };
+        form::arrays(py, &form, what, shapes)
+    }
+
+    /// The instance of each event of the last step: of all cameras in one array, or of each in one.
+    fn event_ids(&self, py: Python<'_>) -> PyResult<Vec<Py<PyAny>>> {
+        let what = Representation::EventIds;
+        let form = self.form_of(py, what)?;
+        let counts = self.call(py, |state| Ok(state.event_counts()))?;
+        let shapes = match self.tiled {
+            true => vec![vec![counts.iter().sum()]],
+            false => counts.into_iter().map(|count| vec![count]).collect(),
         };
         form::arrays(py, &form, what, shapes)
     }

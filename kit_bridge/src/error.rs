@@ -46,9 +46,10 @@ impl From<EngineError> for Fault {
             EngineError::NoScene { .. }
             | EngineError::Poses { .. }
             | EngineError::TooManyInstances { .. } => Fault::Frame(error.to_string()),
-            EngineError::SizeChange { .. } | EngineError::NoSuchCamera { .. } | EngineError::Snapshot(_) => {
-                Fault::Argument(error.to_string())
-            }
+            EngineError::SizeChange { .. }
+            | EngineError::NoSuchCamera { .. }
+            | EngineError::NoEventIds(_)
+            | EngineError::Snapshot(_) => Fault::Argument(error.to_string()),
             other => Fault::Device(other.to_string()),
         }
     }

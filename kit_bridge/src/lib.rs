@@ -56,6 +56,7 @@ fn save_npz(
     y: PyReadonlyArray1<'_, u16>,
     t_ns: PyReadonlyArray1<'_, i64>,
     p: PyReadonlyArray1<'_, u8>,
+    ids: Option<PyReadonlyArray1<'_, i64>>,
     sensor_toml: &str,
 ) -> PyResult<()> {
     let columns = EventColumns {
@@ -63,6 +64,7 @@ fn save_npz(
         y: y.as_slice()?.to_vec(),
         t_ns: t_ns.as_slice()?.to_vec(),
         sign: p.as_slice()?.iter().map(|&p| if p == 1 { 1 } else { -1 }).collect(),
+        ids: ids.map(|ids| ids.as_slice().map(<[i64]>::to_vec)).transpose()?,
     };
     esaac_cli::output_file::write(&path, |out| write_npz(out, &columns, sensor_toml))
         .map_err(|error| pyo3::exceptions::PyOSError::new_err(format!("{error:#}")))

@@ -287,7 +287,13 @@ impl State {
         RigOptions { packets, packet_ring, ..RigOptions::default() }
     }
 
-    /// Event frames or voxel grids of the last step, in the same memory as packets.
+    /// Number of events of each camera in the last step.
+    pub fn event_counts(&self) -> Vec<usize> {
+        let counts = self.banks.iter().flat_map(|bank| bank.rig.last_tick().events);
+        counts.map(|&count| count as usize).collect()
+    }
+
+    /// Event frames, voxel grids or ids of the last step, in the same memory as packets.
     pub fn form(&mut self, what: Representation, side: Option<&Arc<CudaSide>>) -> Result<Form, Fault> {
         if self.banks.is_empty() {
             return Err(Fault::Argument("no frame has been stepped yet".to_owned()));

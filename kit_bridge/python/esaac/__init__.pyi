@@ -384,6 +384,10 @@ class EventCamera(_Cameras):
     def voxel_grid(self, bins: int = 5) -> Array:
         """Events of the last step in bins of time: float32 `(bins, height, width)`. Each event adds +1 or -1, split
         between the two nearest bins."""
+    def event_ids(self) -> Array:
+        """The id of the instance that each event of the last step shows when it is sent: int64 `(events,)`, in the order
+        of the packet; -1 where no path tells it. At a silhouette it is that of what is in front. Ids are those of `ids`
+        and `poses`; 0 is the static world. Needs synthesis `rigid`, right after the step; else an `ArgumentError`."""
     @property
     def aps(self) -> ApsFrame | None: ...
     @property
@@ -442,6 +446,8 @@ class Rig(_Cameras):
         """Lets some cameras begin anew: a number, several, or a mask with a bool for each; None for all."""
     def event_frames(self) -> list[Array]: ...
     def voxel_grids(self, bins: int = 5) -> list[Array]: ...
+    def event_ids(self) -> list[Array]:
+        """As `EventCamera.event_ids`, of each camera. All must have synthesis `rigid`."""
     @property
     def aps(self) -> list[ApsFrame | None]: ...
     @property
@@ -514,6 +520,8 @@ class TiledEventCamera(_Cameras):
         """int32 `(num_envs, 2, height, width)`."""
     def voxel_grids(self, bins: int = 5) -> Array:
         """float32 `(num_envs, bins, height, width)`."""
+    def event_ids(self) -> Array:
+        """As `EventCamera.event_ids`, of the events of all environments in the order of the packet."""
     @property
     def aps(self) -> list[ApsFrame | None]: ...
     @property

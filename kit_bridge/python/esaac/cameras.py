@@ -236,6 +236,9 @@ class EventCamera(_Cameras):
     def voxel_grid(self, bins=5):
         return self._engine.form(bins)[0]
 
+    def event_ids(self):
+        return self._engine.event_ids()[0]
+
     @property
     def aps(self):
         frames = self._all_aps()
@@ -351,6 +354,9 @@ class Rig(_Several):
     def voxel_grids(self, bins=5):
         return self._engine.form(bins)
 
+    def event_ids(self):
+        return self._engine.event_ids()
+
 
 class TiledEventCamera(_Several):
     """Many cameras alike, one for each environment. See `__init__.pyi`."""
@@ -410,3 +416,6 @@ class TiledEventCamera(_Several):
 
     def voxel_grids(self, bins=5):
         return self._engine.form(bins)[0]
+
+    def event_ids(self):
+        return self._engine.event_ids()[0]

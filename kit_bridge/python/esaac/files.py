@@ -53,19 +53,27 @@ class EventWriter:
         _check_size(self.path, sensor)
         _probe(self.path.parent)
         self.sensor = sensor
-        self._parts, self._events = [], 0
+        self._parts, self._events, self._with_ids = [], 0, None
         self._first_ns = self._last_ns = None
         self._closed = self._warned = False
 
-    def write(self, packet):
-        """Adds a packet. Its events may be on the host or on a device."""
+    def write(self, packet, ids=None):
+        """Adds a packet. Its events may be on the host or on a device. `ids` is what the camera's `event_ids()` gives for
+        it: with all packets or with none, and only `.npz` and HDF5 have a place for it."""
         if self._closed:
             raise ArgumentError(f"{self.path} is written and closed")
         if packet.offsets is not None:
             raise ArgumentError("this packet is of several cameras; write packet[i], a file a camera")
+        _check_ids(self.path, ids)
+        if self._with_ids not in (None, ids is not None):
+            raise ArgumentError(
+                "ids are given for some packets, expected them for all of a file or for none"
+            )
+        self._with_ids = ids is not None
         if not len(packet):
             return
         part = _columns(*map(_host, (packet.x, packet.y, packet.t_ns, packet.p)), self.sensor)
+        part.append(_ids_column(None if ids is None else _host(ids), len(packet)))
         first_ns, last_ns = int(part[2][0]), int(part[2][-1])
         if self._last_ns is not None and first_ns < self._last_ns:
             raise ArgumentError(
@@ -91,7 +99,10 @@ class EventWriter:
             return
         path = self.path if path is None else _checked(path)
         columns = [np.concatenate([part[i] for part in self._parts] or [np.empty(0)]) for i in range(4)]
-        save(path, *columns, sensor=self.sensor)
+        ids = None
+        if self._with_ids:
+            ids = np.concatenate([part[4] for part in self._parts] or [np.empty(0, np.int64)])
+        save(path, *columns, ids=ids, sensor=self.sensor)
         self.path, self._parts, self._closed = path, [], True
 
     def __enter__(self):
@@ -115,25 +126,30 @@ class EventWriter:
             warnings.warn(f"{self._events} events are not written to {self.path}: {why}", RuntimeWarning, 3)
 
 
-def save(path, x, y, t_ns, p, *, sensor):
+def save(path, x, y, t_ns, p, *, ids=None, sensor):
     """Writes events, in order of time, as `path`'s suffix says. The file appears whole or not at all.
 
-    `p` is 0 or False (OFF) and 1 or True (ON), or -1 and 1. The file has what its format has.
+    `p` is 0 or False (OFF) and 1 or True (ON), or -1 and 1. The file has what its format has. `ids` is the instance that
+    each event shows: `id` in an `.npz`, `events/id` in HDF5.
     """
     path = _checked(path)
     _check_size(path, sensor)
+    _check_ids(path, ids)
     columns = _columns(x, y, t_ns, p, sensor)
+    ids = _ids_column(ids, len(columns[2]))
     if len(columns[2]):
         _check_times(path, int(columns[2][0]), int(columns[2][-1]))
     if path.suffix == ".npz":
-        save_npz(path, *columns, sensor.to_toml())
+        save_npz(path, *columns, ids, sensor.to_toml())
         return
     if path.suffix == ".raw":
         save_evt3(path, (sensor.width, sensor.height), *columns)
         return
-    fill = _save_aedat4 if path.suffix == ".aedat4" else _save_dsec
     with _appearing(path) as partial:
-        fill(partial, *columns, sensor)
+        if path.suffix == ".aedat4":
+            _save_aedat4(partial, *columns, sensor)
+        else:
+            _save_dsec(partial, *columns, ids, sensor)
 
 
 def load_dsec(path):
@@ -145,7 +161,7 @@ def load_dsec(path):
         return events["x"][:], events["y"][:], t_ns, events["p"][:]
 
 
-def _save_dsec(path, x, y, t_ns, p, sensor):
+def _save_dsec(path, x, y, t_ns, p, ids, sensor):
     t_us = t_ns // 1000
     offset_us = int(t_us[0]) if len(t_us) else 0
     relative = t_us - offset_us
@@ -155,7 +171,10 @@ def _save_dsec(path, x, y, t_ns, p, sensor):
     # In memory first: HDF5 ends the process when a disk is full.
     image = io.BytesIO()
     with _h5py().File(image, "w") as file:
-        for name, column in (("x", x), ("y", y), ("t", relative.astype(np.uint32)), ("p", p)):
+        columns = {"x": x, "y": y, "t": relative.astype(np.uint32), "p": p, "id": ids}
+        for name, column in columns.items():
+            if column is None:
+                continue
             chunks = (min(len(column), 1 << 16),) if len(column) else None
             compression = "gzip" if len(column) else None
             file.create_dataset(
@@ -196,6 +215,22 @@ def _check_size(path, sensor):
             f"{path.name}: a sensor of {sensor.width} x {sensor.height} pixels, expected at most {EVT3_SIDE_PX} a "
             "side in EVT3"
         )
+
+
+def _check_ids(path, ids):
+    """Raises if instances of events are given that a format has no place for."""
+    if ids is not None and path.suffix in (".aedat4", ".raw"):
+        raise ArgumentError(f"{path.name} has no place for ids, expected .npz or .h5")
+
+
+def _ids_column(ids, count):
+    """Instances of events as the formats have them: int64."""
+    if ids is None:
+        return None
+    ids = np.asarray(ids)
+    if ids.shape != (count,) or ids.dtype.kind not in "iu":
+        raise ArgumentError(f"ids are {ids.dtype} {ids.shape}, expected {count} integers, one for each event")
+    return np.ascontiguousarray(ids, np.int64)
 
 
 def _check_times(path, first_ns, last_ns):

@@ -59,6 +59,16 @@ impl EventOutput {
         Ok(())
     }
 
+    /// Fails if the format has no place for the instances of events.
+    pub fn check_ids(&self) -> Result<()> {
+        ensure!(
+            self.format == EventFormat::Npz,
+            "cannot write ids to {}: .npz alone has a place for them",
+            self.path.display()
+        );
+        Ok(())
+    }
+
     /// Writes the events of a sensor. The file appears whole or not at all.
     pub fn write(&self, events: &EventColumns, sensor: &SensorModel) -> Result<()> {
         output_file::write(&self.path, |mut out| match self.format {
@@ -103,6 +113,7 @@ mod tests {
             y: vec![0, 7, 1],
             t_ns: vec![0, 1_999, 20_000_000_001],
             sign: vec![1, -1, 1],
+            ids: None,
         };
         let expected: Vec<Event> =
             columns.iter().map(|event| Event { t_ns: event.t_ns / 1000 * 1000, ..event }).collect();
@@ -128,13 +139,15 @@ mod tests {
         output("a.raw").check_size(&sensor(2048, 2048)).unwrap();
         let said = error(output("a.raw").check_size(&sensor(20, 2049)));
         assert!(said.contains("20x2049 px, expected at most 2048 a side"), "{said}");
+        output("a.npz").check_ids().unwrap();
+        assert!(error(output("a.raw").check_ids()).contains("a.raw: .npz alone has a place for them"));
         ["a.aedat4", "a.npz"].iter().for_each(|name| output(name).check_size(&sensor(20, 2049)).unwrap());
     }
 
     #[test]
     fn a_full_disk_is_named_in_every_format() {
         let folder = tempfile::tempdir().unwrap();
-        let columns = EventColumns { x: vec![1], y: vec![2], t_ns: vec![3], sign: vec![1] };
+        let columns = EventColumns { x: vec![1], y: vec![2], t_ns: vec![3], sign: vec![1], ids: None };
         for name in ["full.npz", "full.raw", "full.aedat4"] {
             let path = folder.path().join(name);
             symlink("/dev/full", &path).unwrap();

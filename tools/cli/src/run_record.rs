@@ -38,6 +38,11 @@ impl CameraRecord {
         self.waiting_before + self.waiting
     }
 
+    /// Adds the instances of the events that were added last.
+    pub fn add_ids(&mut self, ids: &[i64]) {
+        self.events.ids.get_or_insert_default().extend_from_slice(ids);
+    }
+
     fn count(&mut self, packet: &PacketView<'_>) {
         let (on, off) = packet.on_off();
         self.on += on;

@@ -18,8 +18,8 @@ use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::synthesis_choice::SynthesisChoice;
 use crate::{colour, device_choice, output_file, pixel_notes, progress, report, stderr, unread_flags};
 use anyhow::{Result, ensure};
-use bytemuck::cast_slice;
-use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Rig};
+use bytemuck::{cast_slice, pod_collect_to_vec as cast_to_vec};
+use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Representation, Rig};
 use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
 use esaac_model::input::InputCheck;
 use esaac_model::paths::SceneMotion;
@@ -61,6 +61,9 @@ pub struct SimulateArguments {
     /// Channel of instance ids, uint32 [default: id, if the folder has poses]
     #[arg(long, value_name = "NAME")]
     pub id_channel: Option<String>,
+    /// Also write the instance that each event shows (array `id` of .npz); needs ids, depth and poses
+    #[arg(long)]
+    pub event_ids: bool,
     /// Simulate at the wall clock's speed, so that you can watch
     #[arg(long)]
     pub real_time: bool,
@@ -113,6 +116,10 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;
     unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
+    if arguments.event_ids {
+        check_event_ids(&sensor, &folder)?;
+        events.check_ids()?;
+    }
 
     let lens = folder.scene.as_ref().map(|scene| *scene.motion.lens());
     let depth = folder.layout.depth.is_some();
@@ -122,8 +129,9 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let pace = Pace::new(arguments.real_time);
     let mut input_check = InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion);
     let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
+    let asked = Asked { sensor: &sensor, event_ids: arguments.event_ids };
     let (record, memory) =
-        simulate(&device, &source, &sensor, &mut kernels, &mut ros, pace, &mut input_check)?;
+        simulate(&device, &source, &asked, &mut kernels, &mut ros, pace, &mut input_check)?;
     device_choice::check_validation(&device)?;
 
     let intervals = record.submit_to_packet_ns.len();
@@ -213,10 +221,27 @@ fn geometry(folder: &FrameFolder, choice: &SynthesisChoice) -> Option<(GeometryC
     Some((GeometryConfig { depth: DepthFormat::F32, ids, lens: *motion.lens() }, motion))
 }
 
+/// What is simulated.
+struct Asked<'a> {
+    sensor: &'a SensorModel,
+    event_ids: bool,
+}
+
+/// Fails unless the frames tell the instances of events.
+fn check_event_ids(sensor: &SensorModel, folder: &FrameFolder) -> Result<()> {
+    ensure!(
+        sensor.synthesis == Synthesis::Rigid,
+        "--event-ids needs synthesis `rigid`, and this is `{}`: give depth, ids and poses",
+        sensor.synthesis.name()
+    );
+    ensure!(folder.layout.ids.is_some(), "--event-ids needs instance ids, and the frames have no channel of them");
+    Ok(())
+}
+
 fn simulate(
     device: &Arc<Device>,
     Source { folder, geometry }: &Source<'_>,
-    sensor: &SensorModel,
+    &Asked { sensor, event_ids }: &Asked<'_>,
     kernels: &mut KernelSource,
     ros: &mut RosOutput,
     mut pace: Pace,
@@ -269,6 +294,10 @@ fn simulate(
                 out.depth(0, &ros::depth_along_axis(scene.motion.lens(), depth_m, sensor.width));
             }
         });
+        if event_ids && index > 0 {
+            let ids = rig.represent_to_host(Representation::EventIds)?;
+            record.cameras[0].add_ids(&cast_to_vec(&ids));
+        }
         ros.show_cameras(&record, &rig)?;
         progress.inc(1);
     }

@@ -1,5 +1,6 @@
 //! Events on disk: a NumPy archive (`.npz`) with the arrays `x` (u16), `y` (u16), `t` (i64, nanoseconds), `p` (i8, -1
-//! or +1) and `sensor` (the sensor as TOML text). `numpy.load` reads it without pickles.
+//! or +1), `sensor` (the sensor as TOML text) and, if they were asked for, `id` (i64, the instance that each event shows; -1
+//! unknown). `numpy.load` reads it without pickles.
 
 use crate::npy;
 use crate::until_failure::UntilFailure;
@@ -27,6 +28,8 @@ pub struct EventColumns {
     pub t_ns: Vec<i64>,
     /// -1 OFF, +1 ON.
     pub sign: Vec<i8>,
+    /// The instance that each shows, -1 where it is unknown; `None` if that was not asked for.
+    pub ids: Option<Vec<i64>>,
 }
 
 impl EventColumns {
@@ -67,6 +70,9 @@ pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &st
     npy::write(&mut archive, stored, ("y", "<u2"), count, events.y.iter().map(|v| v.to_le_bytes()))?;
     npy::write(&mut archive, stored, ("t", "<i8"), count, events.t_ns.iter().map(|v| v.to_le_bytes()))?;
     npy::write(&mut archive, stored, ("p", "|i1"), count, events.sign.iter().map(|v| v.to_le_bytes()))?;
+    if let Some(ids) = &events.ids {
+        npy::write(&mut archive, stored, ("id", "<i8"), count, ids.iter().map(|v| v.to_le_bytes()))?;
+    }
     npy::write_text(&mut archive, stored, "sensor", sensor_toml)?;
     archive.finish()?;
     Ok(())
@@ -139,7 +145,8 @@ mod tests {
             write_npz(&mut bytes, columns, &sensor).unwrap();
             decode(bytes)
         };
-        let columns = EventColumns { x: vec![258, 1], y: vec![7, 0], t_ns: vec![-2, 9], sign: vec![-1, 1] };
+        let (x, y, t_ns, sign) = (vec![258, 1], vec![7, 0], vec![-2, 9], vec![-1, 1]);
+        let columns = EventColumns { x, y, t_ns, sign, ids: Some(vec![3, -1]) };
         let event = |t_ns, y, x, polarity| Event { t_ns, y, x, polarity };
         let events = vec![event(-2, 7, 258, Polarity::Off), event(9, 0, 1, Polarity::On)];
         assert_eq!(read(&columns).unwrap(), (300, 8, events));
@@ -151,7 +158,7 @@ mod tests {
 
     #[test]
     fn members_hold_header_and_little_endian_data() {
-        let columns = EventColumns { x: vec![258], y: vec![7], t_ns: vec![-2], sign: vec![-1] };
+        let columns = EventColumns { x: vec![258], y: vec![7], t_ns: vec![-2], sign: vec![-1], ids: Some(vec![9]) };
         let mut bytes = Cursor::new(Vec::new());
         write_npz(&mut bytes, &columns, "a = 1").unwrap();
         let mut archive = zip::ZipArchive::new(bytes).unwrap();

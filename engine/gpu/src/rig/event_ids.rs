@@ -24,20 +24,25 @@ pub(super) struct EventIds {
 }
 
 impl Rig {
-    /// Makes room for `event_ids`, and tells each camera's slice where its part is. [`EngineError::NoEventIds`] if a camera
-    /// does not follow instances, or if what the last tick knew of them has been replaced.
-    pub(super) fn prepare_event_ids(&mut self, slices: &mut [Slice]) -> Result<EventIds, EngineError> {
+    /// [`EngineError::NoEventIds`] if a camera does not follow instances, or if what the last tick knew of them has been
+    /// replaced.
+    pub(super) fn check_event_ids(&self) -> Result<(), EngineError> {
         for (number, camera) in self.cameras.iter().enumerate() {
-            let synthesis = camera.config.sensor.synthesis;
             if !is_rigid(&camera.config.sensor) {
-                let why = format!("camera {number} has synthesis `{}`, expected `rigid`", synthesis.name());
+                let synthesis = camera.config.sensor.synthesis.name();
+                let why = format!("camera {number} has synthesis `{synthesis}`, expected `rigid`");
                 return Err(EngineError::NoEventIds(why));
             }
         }
         if !self.has_paths {
-            let why = "poses, a sensor or a state were set since the last step; ask right after it";
+            let why = "there was no step since poses, a sensor or a state were set; ask right after a step";
             return Err(EngineError::NoEventIds(why.to_owned()));
         }
+        Ok(())
+    }
+
+    /// Makes room for `event_ids`, and tells each camera's slice where its part is.
+    pub(super) fn place_event_ids(&mut self, slices: &mut [Slice]) -> Result<EventIds, EngineError> {
         let rows: Vec<u32> = self.cameras.iter().flat_map(|camera| camera.instances.ids()).collect();
         let list_words = |blocks: u32| u64::from(blocks) * u64::from(EVENT_IDS_LIST_WORDS);
         let words = rows.len() as u64 + self.cameras.iter().map(|c| list_words(c.place.blocks)).sum::<u64>();
@@ -64,7 +69,7 @@ impl Rig {
 
     /// Records that the ids of rows are written.
     pub(super) fn record_update(&self, commands: vk::CommandBuffer, ids: &EventIds) {
-        let buffer = self.event_ids.as_ref().expect("`prepare_event_ids` has made it");
+        let buffer = self.event_ids.as_ref().expect("`place_event_ids` has made it");
         let bytes: &[u8] = cast_slice(&ids.rows);
         for (number, part) in bytes.chunks(MOST_UPDATED).enumerate() {
             let offset = (number * MOST_UPDATED) as u64;

@@ -101,6 +101,7 @@ impl Rig {
         share: Share,
     ) -> Result<(), EngineError> {
         self.check_ready()?;
+        self.check_form(what)?;
         let elements = self.elements(what);
         let all = share.all.max(share.before + elements);
         if all * what.element_bytes() > target.bytes() || all > u64::from(u32::MAX) {
@@ -115,7 +116,7 @@ impl Rig {
         }
         let mut slices = self.slices(what, share.before);
         let ids = match what {
-            Representation::EventIds => Some(self.prepare_event_ids(&mut slices)?),
+            Representation::EventIds => Some(self.place_event_ids(&mut slices)?),
             _ => None,
         };
         let most_events = slices.iter().map(|slice| slice.events).max().unwrap_or(0);
@@ -186,6 +187,7 @@ impl Rig {
 
     /// A representation of the last tick's packets in host memory, as bytes; empty if it has no elements.
     pub fn represent_to_host(&mut self, what: Representation) -> Result<Vec<u8>, EngineError> {
+        self.check_form(what)?;
         let bytes = self.elements(what) * what.element_bytes();
         if bytes == 0 {
             return Ok(Vec::new());
@@ -195,6 +197,11 @@ impl Rig {
         let sums = device.allocate("representation", bytes, none, MemoryLocation::GpuOnly)?;
         self.represent(what, &sums, Share::default())?;
         read_back(&device, &[Part { buffer: &sums, offset: 0, bytes }])
+    }
+
+    /// Whether a representation can be had.
+    fn check_form(&self, what: Representation) -> Result<(), EngineError> {
+        if what == Representation::EventIds { self.check_event_ids() } else { Ok(()) }
     }
 
     fn slices(&self, what: Representation, before: u64) -> Vec<Slice> {

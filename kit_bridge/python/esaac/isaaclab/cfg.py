@@ -8,7 +8,7 @@ from isaaclab.sensors import CameraCfg
 from isaaclab.utils import configclass
 from isaaclab_newton.renderers import NewtonWarpRendererCfg
 
-EVENT_TYPES = ("events", "event_frame", "voxel_grid")
+EVENT_TYPES = ("events", "event_ids", "event_frame", "voxel_grid")
 """Outputs that are made of events; all others are images of the renderer."""
 
 
@@ -32,18 +32,20 @@ class EventCameraCfg(CameraCfg):
     * `events`: int64 `(n, 4)`: x, y [px], t_ns, p (0 OFF, 1 ON), one environment's events after the other's, each
       sorted by time. Environment i has rows `events_offsets[i]` to `events_offsets[i + 1]`.
     * `events_offsets`: int64 `(num_envs + 1,)`.
+    * `event_ids`: int64 `(n,)`, the body that each of `events` shows when it is sent: 0 for what is static, i + 1 for body
+      i of its environment in Newton's order, -1 where no path tells it. At a silhouette it is the body in front.
     * `event_frame`: int32 `(num_envs, height, width, 2)`, the number of OFF and of ON events.
     * `voxel_grid`: float32 `(num_envs, height, width, voxel_bins)`, +1 and -1 for each event, split between the two
       nearest of the bins in time.
 
     Each is there as `.torch` and `.warp`, on the simulation's device. `event_frame` and `voxel_grid` keep their
-    memory; `events` is new with each frame.
+    memory; `events` and what goes with it is new with each frame.
     """
 
     class_type: type | str = "esaac.isaaclab.camera:EventCamera"
 
     data_types: list[str] = ["events", "event_frame"]
-    """Which of `events`, `event_frame` and `voxel_grid`; and images, as of any camera. `rgb_hdr` is what the events
+    """Which of `events`, `event_ids`, `event_frame` and `voxel_grid`; and images, as of any camera. `rgb_hdr` is what the events
     are made of."""
 
     renderer_cfg: EventRendererCfg = EventRendererCfg()

@@ -188,7 +188,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let zeros = vec![0; t_ns.len()];
         let sign = vec![1; t_ns.len()];
-        let events = EventColumns { x: zeros.clone(), y: zeros, t_ns: t_ns.to_vec(), sign };
+        let events = EventColumns { x: zeros.clone(), y: zeros, t_ns: t_ns.to_vec(), sign, ids: None };
         let sensor = SensorModel { width: 1, height: 1, ..SensorModel::default() };
         let mut file = std::fs::File::create(folder.path().join(name)).unwrap();
         match name {
