@@ -109,14 +109,17 @@ uint instance_at(Camera cam, Geometry geo, Slice slice, uvec2 at, Moment moment)
     if (own.own == NO_SURFACE) {
         return NO_INSTANCE;
     }
-    const uint owned = own.own == TWO_SURFACES ? 2u : 1u;
-    for (uint c = 0u; c < owned; ++c) {
-        consider(cam, geo, ray, moment, own_candidate_at(own, c, moment.alpha), found);
-    }
     Words lists = Words(slice.lists);
     const uvec2 block = at / BLOCK_PX;
     const uint list = (block.y * cam.blocks_x + block.x) * EVENT_IDS_LIST_WORDS;
     const uint listed = lists.v[list];
+    const uint owned = own.own == TWO_SURFACES ? 2u : 1u;
+    if (owned + listed == 1u) {
+        return own.start.instance;
+    }
+    for (uint c = 0u; c < owned; ++c) {
+        consider(cam, geo, ray, moment, own_candidate_at(own, c, moment.alpha), found);
+    }
     for (uint c = 0u; c < listed; ++c) {
         const uint entry = lists.v[list + 1u + c];
         const uint pixel = entry & ~PASSING_KEY;

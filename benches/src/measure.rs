@@ -98,6 +98,11 @@ impl<'l> Stand<'l> {
         &self.rig
     }
 
+    /// The rig, for what else is measured of it.
+    pub(crate) fn rig_mut(&mut self) -> &mut Rig {
+        &mut self.rig
+    }
+
     /// The driver's statistics on the kernels of the last run.
     pub fn kernel_statistics(&self) -> Result<Vec<(&'static str, KernelStatistics)>> {
         Ok(self.rig.kernel_statistics()?)

@@ -23,6 +23,8 @@ def use() -> None:
         aps: esaac.ApsFrame | None = camera.aps
         last: esaac.Packet | None = camera.last_packet
         camera.voxel_grid(bins=5)
+        with esaac.EventWriter("events.npz", sensor) as events:
+            events.write(packet, camera.event_ids())
         state: bytes = camera.save()
         camera.restore(state)
     lens = esaac.Intrinsics.from_matrix(np.eye(3), half_pixel_centres=True)

@@ -11,6 +11,7 @@ mod light;
 mod memory;
 mod readout;
 mod real_sensor;
+mod representations;
 mod scale;
 mod sensors;
 mod stability;

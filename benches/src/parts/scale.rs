@@ -1,5 +1,6 @@
 //! Time against the amount of work: cameras, pixels, sub-steps, events, motion, noise, moving share of the image.
 
+use super::representations;
 use super::sensors::{clean, noisy, stages};
 use crate::amount::Amount;
 use crate::cells;
@@ -82,7 +83,14 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
             laboratory.rows(READABLE, readable_cases(laboratory), |case| until_readable(laboratory, case))?;
         show_readable(&mut document, &readable);
     }
-    Ok(Outcome { figures: serde_json::json!({ "sweeps": sweeps, "readable": readable }), document })
+    let mut represented = Vec::new();
+    if laboratory.wants(representations::NAME) {
+        represented = representations::measure(laboratory)?;
+        representations::show(&mut document, &represented);
+    }
+    let figures =
+        serde_json::json!({ "sweeps": sweeps, "readable": readable, "representations": represented });
+    Ok(Outcome { figures, document })
 }
 
 /// Name of the sweep over readable packets, for `--only`.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from esaac import Packet, SensorModel
+from esaac import Array, Packet, SensorModel
 
 SUFFIXES: tuple[str, ...]
 EVT3_SIDE_PX: int
@@ -17,7 +17,7 @@ class EventWriter:
     path: pathlib.Path
     sensor: SensorModel
     def __init__(self, path: str | os.PathLike[str], sensor: SensorModel) -> None: ...
-    def write(self, packet: Packet) -> None: ...
+    def write(self, packet: Packet, ids: Array | None = None) -> None: ...
     def close(self, path: str | os.PathLike[str] | None = None) -> None: ...
     @property
     def closed(self) -> bool: ...
@@ -34,6 +34,7 @@ def save(
     t_ns: NDArray[np.integer[Any]],
     p: NDArray[np.integer[Any] | np.bool_],
     *,
+    ids: NDArray[np.integer[Any]] | None = None,
     sensor: SensorModel,
 ) -> None: ...
 def load_dsec(

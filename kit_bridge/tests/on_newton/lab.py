@@ -39,7 +39,7 @@ def event_camera(prim, offset, **more):
         "width": WIDTH,
         "height": HEIGHT,
         "sensor": "dvs128",
-        "data_types": ["events", "event_frame", "voxel_grid", "rgb_hdr"],
+        "data_types": ["events", "event_ids", "event_frame", "voxel_grid", "rgb_hdr"],
         "parameters": {"contrast_on": 0.15, "contrast_off": 0.15},
         "spawn": PinholeCameraCfg(focal_length=18.0, clipping_range=(0.01, 30.0)),
     }

@@ -45,6 +45,10 @@ def test_every_environment_sends_events_along_its_path(env):
     frame, grid = (output[name].torch for name in ("event_frame", "voxel_grid"))
     assert frame.shape == (lab.ENVS, lab.HEIGHT, lab.WIDTH, 2) and grid.shape[-1] == 5
     assert frame.sum(dim=(1, 2, 3)).tolist() == [len(events) for events in packet]
+    ids = output["event_ids"].torch
+    assert ids.dtype == torch.int64 and ids.shape == (sum(map(len, packet)),)
+    bodies = env.scene["still"]._bodies._of_world.shape[1]
+    assert ids.min() >= 0 and 0 < ids.max() <= bodies
     on = torch.stack([events[:, 3].sum() for events in packet])
     assert frame[..., 1].sum(dim=(1, 2)).tolist() == on.tolist()
     for name in ("still", "mounted"):

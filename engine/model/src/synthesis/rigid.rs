@@ -102,8 +102,8 @@
 //! pixel's own surfaces and all of its block. One is there if in a key frame, at its position, the pixels that belong to it
 //! weigh more than [`EVENT_ID_WEIGHT`] bilinearly; more than half a pixel outside the image it is not. Of those that are
 //! there the one of the largest `w` along the pixel's ray at `a` counts; if none is, the farthest of all. So events of a
-//! silhouette are those of what is in front, whose motion sends them. A pixel without a candidate tells nothing. An event
-//! that a sensor stamps late counts at its stamp.
+//! silhouette are those of what is in front, whose motion sends them. A single candidate needs no such look, and a pixel
+//! without a surface of its own tells nothing. An event that a sensor stamps late counts at its stamp.
 //!
 //! **Without a path.** A pixel that shows no surface in either key frame has no candidates and no path; so has an unseen
 //! one without a background nearby. It follows its motion vector as by `motion`, in the half-pel frames below. Without a

@@ -2,6 +2,7 @@
 
 use crate::harness::{Frames, assert_error, run};
 use serde_json::Value;
+use std::io::Read;
 
 /// Size of the frames.
 const SMALL: [&str; 4] = ["--width", "48", "--height", "36"];
@@ -129,4 +130,34 @@ fn fast_motion_that_nothing_tells_is_warned_of() {
     assert!(!error.contains("warning"), "{error}");
     let (report, _) = simulate(&still, &["--synthesis", "none"]);
     assert_eq!(report["input_check"], Value::Null);
+}
+
+#[test]
+fn instances_of_events_are_written_beside_them_and_what_lacks_them_is_told() {
+    let posed = rendered("bounce", "3");
+    simulate(&posed, &["--event-ids"]);
+    let file = std::fs::File::open(posed.file("events.npz")).unwrap();
+    let mut archive = zip::ZipArchive::new(file).unwrap();
+    let mut column = |name: &str| {
+        let mut bytes = Vec::new();
+        archive.by_name(name).unwrap().read_to_end(&mut bytes).unwrap();
+        let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        bytes.split_off(start)
+    };
+    let ids: Vec<i64> = column("id.npy").chunks(8).map(|b| i64::from_le_bytes(b.try_into().unwrap())).collect();
+    assert_eq!(8 * ids.len(), column("t.npy").len());
+    let of = |wanted: i64| ids.iter().filter(|&&id| id == wanted).count();
+    // The ball, and the wall behind it.
+    let ball = ids.iter().copied().find(|&id| id > 0).unwrap();
+    assert!(of(ball) > 100 && of(0) > 100 && of(ball) + of(0) == ids.len(), "{} and {}", of(ball), of(0));
+
+    let refused = |frames: &Frames, name: &str, arguments: &[&str], parts: &[&str]| {
+        let out = frames.file_argument(name);
+        let head = ["simulate", frames.argument(), "--out", &out, "--event-ids"];
+        assert_error(&[&head, arguments].concat(), parts);
+        assert!(!frames.file(name).exists());
+    };
+    refused(&posed, "a.raw", &[], &["cannot write ids", "a.raw: .npz alone"]);
+    refused(&posed, "a.npz", &["--synthesis", "linear"], &["needs synthesis `rigid`, and this is `linear`"]);
+    refused(&posed, "a.npz", &["--id-channel", "nothing"], &["nothing"]);
 }

@@ -18,6 +18,9 @@ impl Rigid<'_> {
             return None;
         }
         let of_block = &self.listed[y / BLOCK_PX * size.0.div_ceil(BLOCK_PX) + x / BLOCK_PX];
+        if let ([alone], []) = (&own[..], &of_block[..]) {
+            return Some(alone.start.id);
+        }
         // The inverse depth of each candidate that has a path, and whether it is there.
         let here: Vec<(f64, bool, u32)> = own
             .into_iter()

@@ -1,0 +1,112 @@
+"""The instance of each event: which camera, which memory, which file, and when it is refused."""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import FRAME_NS, bars
+from test_rigid import BODIES, CAMERA, FRAMES, IMAGES, LENS, SENSOR, TIMES_NS, camera
+
+import esaac
+
+POSES = esaac.Poses(TIMES_NS, CAMERA, BODIES)
+
+
+def step(cam, index):
+    hdr, depth, ids = IMAGES[index]
+    return cam.step(hdr, t_ns=index * FRAME_NS, depth=depth, ids=ids, poses=POSES)
+
+
+def near(index, event_x, event_y):
+    """Ids of the frame's pixels at most three pixels from events."""
+    ids = np.pad(IMAGES[index][2], 3, mode="edge")
+    around = [ids[event_y + 3 + dy, event_x + 3 + dx] for dx in range(-3, 4) for dy in range(-3, 4)]
+    return np.stack(around, axis=1)
+
+
+def test_each_event_has_the_id_of_what_its_pixel_shows():
+    cam = camera()
+    assert len(step(cam, 0)) == 0 and cam.event_ids().shape == (0,)
+    events = 0
+    for index in range(1, FRAMES):
+        packet = step(cam, index)
+        ids = cam.event_ids()
+        assert ids.dtype == np.int64 and ids.shape == (len(packet),)
+        assert set(ids) == {0, 1}
+        # The box and the wall move less than three pixels in an interval.
+        x, y = np.asarray(packet.x, np.int64), np.asarray(packet.y, np.int64)
+        around = np.concatenate([near(index - 1, x, y), near(index, x, y)], axis=1)
+        assert (around == ids[:, None]).any(axis=1).all()
+        events += len(packet)
+    assert events > 500
+
+
+def test_rigs_and_environments_have_those_of_their_cameras():
+    sensor = esaac.SensorModel("dvs128", synthesis="rigid", **SENSOR)
+    alone, rig = camera(), esaac.Rig([sensor] * 2, intrinsics=[LENS] * 2)
+    with esaac.TiledEventCamera(sensor, 2, intrinsics=LENS) as envs:
+        for index in range(FRAMES):
+            (hdr, depth, ids), t_ns = IMAGES[index], index * FRAME_NS
+            step(alone, index)
+            rig.step([(hdr, None, depth, ids)] * 2, t_ns, poses=[POSES] * 2)
+            hdr, depth, ids = (np.stack([image] * 2) for image in IMAGES[index])
+            both = envs.step(hdr, t_ns=t_ns, depth=depth, ids=ids, poses=POSES)
+            expected = alone.event_ids()
+            first, second = rig.event_ids()
+            together = envs.event_ids()
+            for actual in (first, second, *np.split(together, both.offsets[1:-1])):
+                np.testing.assert_array_equal(actual, expected)
+    assert len(expected) > 100
+
+
+def test_what_is_not_known_is_refused():
+    cam = esaac.EventCamera("dvs128", synthesis="auto", **SENSOR)
+    with pytest.raises(esaac.ArgumentError, match="no frame has been stepped yet"):
+        cam.event_ids()
+    for index in range(2):
+        cam.step(*bars(40, 24, index), t_ns=index * FRAME_NS)
+    with pytest.raises(esaac.ArgumentError, match="camera 0 has synthesis `motion`, expected `rigid`"):
+        cam.event_ids()
+    cam = camera()
+    step(cam, 0)
+    step(cam, 1)
+    cam.reset()
+    with pytest.raises(esaac.ArgumentError, match="ask right after a step"):
+        cam.event_ids()
+    assert len(step(cam, 2)) == 0
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_files_keep_them(tmp_path, suffix):
+    cam, path, expected = camera(), tmp_path / f"events{suffix}", []
+    with esaac.EventWriter(path, cam.sensor) as events:
+        for index in range(FRAMES):
+            events.write(step(cam, index), ids=cam.event_ids())
+            expected.append(cam.event_ids())
+    expected = np.concatenate(expected)
+    if suffix == ".npz":
+        actual = np.load(path)["id"]
+    else:
+        with h5py.File(path) as file:
+            actual = file["events/id"][:]
+    assert actual.dtype == np.int64 and len(actual) > 500
+    np.testing.assert_array_equal(actual, expected)
+
+
+def test_files_refuse_those_that_they_cannot_keep(tmp_path):
+    cam = camera()
+    step(cam, 0)
+    packet = step(cam, 1)
+    ids = cam.event_ids()
+    writer = esaac.EventWriter(tmp_path / "events.raw", cam.sensor)
+    with pytest.raises(esaac.ArgumentError, match="events.raw has no place for ids"):
+        writer.write(packet, ids)
+    writer = esaac.EventWriter(tmp_path / "events.npz", cam.sensor)
+    with pytest.raises(esaac.ArgumentError, match=f"expected {len(packet)} integers"):
+        writer.write(packet, ids[1:])
+    with pytest.raises(esaac.ArgumentError, match="float64"):
+        writer.write(packet, ids * 1.0)
+    writer.write(packet, ids)
+    with pytest.raises(esaac.ArgumentError, match="for all of a file or for none"):
+        writer.write(step(cam, 2))
+    writer.close()
+    np.testing.assert_array_equal(np.load(tmp_path / "events.npz")["id"], ids)
