@@ -9,6 +9,7 @@ mod device;
 mod dlpack;
 mod engine;
 mod error;
+mod flow;
 mod form;
 mod half_done;
 mod image;
@@ -114,6 +115,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<texture::CudaTexture>()?;
     module.add_function(wrap_pyfunction!(device::devices, module)?)?;
     module.add_function(wrap_pyfunction!(ros::check_ros_names, module)?)?;
+    module.add_function(wrap_pyfunction!(flow::flow, module)?)?;
     module.add_function(wrap_pyfunction!(lux_per_unit, module)?)?;
     module.add_function(wrap_pyfunction!(run_command, module)?)?;
     module.add_function(wrap_pyfunction!(save_evt3, module)?)?;

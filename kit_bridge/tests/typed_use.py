@@ -30,6 +30,8 @@ def use() -> None:
     lens = esaac.Intrinsics.from_matrix(np.eye(3), half_pixel_centres=True)
     times_ns, places = np.array([0, 1]), np.zeros((2, 7))
     poses = esaac.Poses(times_ns, places, places[:, None], ids={1: 0, 2: None}, order="wxyz", axes="ros")
+    displaced = esaac.flow(frame[..., 0], intrinsics=lens, poses=poses, from_ns=0, to_ns=1)
+    count += int(displaced.shape[0])
     recorder = esaac.PoseRecorder(ids=[0, 1], limit=100)
     recorder.record(0, places[0], places)
     recorder.clear()

@@ -18,6 +18,7 @@ from esaac.errors import (
     SynthesisWarning,
 )
 from esaac.files import EventWriter
+from esaac.optical_flow import flow
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
 __all__ = [
@@ -48,6 +49,7 @@ __all__ = [
     "__version__",
     "devices",
     "files",
+    "flow",
     "lux_per_unit",
     "still",
 ]

@@ -307,6 +307,24 @@ class _Cameras:
         Raises `ArgumentError` for a state that is damaged, of another version's format, or of other cameras. It names
         the first parameter that differs. The cameras then go on as before."""
 
+def flow(
+    depth: Array,
+    ids: Array | None = None,
+    *,
+    intrinsics: Intrinsics | Sequence[float],
+    poses: Poses | PoseRecorder,
+    from_ns: int,
+    to_ns: int,
+) -> NDArray[np.float32]:
+    """Optical flow by the poses: the displacement until `to_ns` of what each pixel shows at `from_ns`, columns and rows
+    [px, y down], float32 `(height, width, 2)`. Both times may be any that the poses reach, so that it fits events between
+    them; `to_ns` may be the earlier one.
+
+    `depth` and `ids` are of the image at `from_ns`, `(height, width)` or `(cameras, height, width)`, as for `step`. Not a
+    number where there is no path: without depth, or poses of the id, or where the camera does not see the point any more.
+    That something comes to lie before it is not looked for. Computed on the host. Wrong shapes, and poses that do not reach
+    both times, raise `FrameError`."""
+
 def lux_per_unit(
     scene_unit: Literal["luminance", "radiance"],
     f_number: float,

@@ -22,6 +22,7 @@
 //! not, which mistake explains the difference.
 
 pub mod conventions;
+mod flow;
 mod lens;
 mod pose;
 mod root;
