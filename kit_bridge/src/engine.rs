@@ -12,7 +12,7 @@ use crate::poses::{self, GivenLens, GivenPoses, Moving};
 use crate::process::OwnProcess;
 use crate::saved::NamedFormat;
 use crate::sensor::PySensor;
-use crate::state::{Events, Packets, State};
+use crate::state::{Events, Form, Packets, State};
 use crate::{device, form, image, report, saved};
 use esaac_engine::{Device, Representation};
 use esaac_model::physical::LightReport;
@@ -425,6 +425,16 @@ impl Engine {
         let before = std::mem::replace(&mut *lock(&self.last), packets);
         // Dropping may run Python code, so the lock is free by now.
         drop(before);
+    }
+
+    /// A representation of the last step's packets.
+    fn form_of(&self, py: Python<'_>, what: Representation) -> PyResult<Form> {
+        let inner = self.inner.get()?;
+        let form = py.detach(|| {
+            let side = if self.packets == Packets::Cuda { Some(inner.side()?) } else { None };
+            inner.with(|state| state.form(what, side.as_ref()))
+        })?;
+        Ok(form)
     }
 
     fn images(

@@ -35,7 +35,9 @@ pub fn flow<'py>(
         let mut vectors = Vec::with_capacity(2 * depth.len());
         for (camera, scene) in scenes.into_iter().flatten().enumerate() {
             let part = camera * pixels..(camera + 1) * pixels;
-            scene.check_span(first_ns, last_ns).map_err(|error: MotionError| Fault::Frame(error.to_string()))?;
+            scene
+                .check_span(first_ns, last_ns)
+                .map_err(|error: MotionError| Fault::Frame(error.to_string()))?;
             let flow = scene.flow(&depth[part.clone()], ids.map(|ids| &ids[part]), width, from_ns, to_ns);
             vectors.extend(flow.into_iter().flatten());
         }

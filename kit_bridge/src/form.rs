@@ -25,12 +25,18 @@ pub fn arrays(
             let start = end;
             end += what.element_bytes() as usize * shape.iter().product::<usize>();
             match form {
-                Form::Cuda(block) => Ok(Py::new(py, Tensor::new(block, start as u64, kind, shape))?.into_any()),
+                Form::Cuda(block) => {
+                    Ok(Py::new(py, Tensor::new(block, start as u64, kind, shape))?.into_any())
+                }
                 Form::Host(bytes) => {
                     let bytes = &bytes[start..end];
                     let flat = match kind {
-                        Kind::I64 => bytemuck::pod_collect_to_vec::<u8, i64>(bytes).into_pyarray(py).into_any(),
-                        Kind::F32 => bytemuck::pod_collect_to_vec::<u8, f32>(bytes).into_pyarray(py).into_any(),
+                        Kind::I64 => {
+                            bytemuck::pod_collect_to_vec::<u8, i64>(bytes).into_pyarray(py).into_any()
+                        }
+                        Kind::F32 => {
+                            bytemuck::pod_collect_to_vec::<u8, f32>(bytes).into_pyarray(py).into_any()
+                        }
                         _ => bytemuck::pod_collect_to_vec::<u8, i32>(bytes).into_pyarray(py).into_any(),
                     };
                     Ok(flat.call_method1("reshape", (shape,))?.unbind())

@@ -77,13 +77,7 @@ pub(super) fn show(document: &mut Document, rows: &[Row]) {
     );
     let head = cells!["representation", "cameras", "million events", "us", "ns an event"];
     let row = |r: &Row| {
-        cells![
-            r.what,
-            r.cameras,
-            short(r.million_events),
-            short(r.us),
-            short(1e-3 * r.us / r.million_events)
-        ]
+        cells![r.what, r.cameras, short(r.million_events), short(r.us), short(1e-3 * r.us / r.million_events)]
     };
     document.table(&std::iter::once(head).chain(rows.iter().map(row)).collect::<Vec<_>>());
 }

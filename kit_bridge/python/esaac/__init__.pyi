@@ -299,8 +299,8 @@ class _Cameras:
         sub-steps for a lamp's flicker. A step warns with `LightWarning`, once for each camera and kind. Empty before
         the first frame."""
     def save(self) -> bytes:
-        """The state that the next step depends on. In the first intervals of a camera with poses and motion vectors the
-        comparison of both begins anew after `restore`, and may find a mistake some intervals later."""
+        """The state that the next step depends on. In the first intervals of a camera with poses and motion vectors
+        the comparison of both begins anew after `restore`, and may find a mistake some intervals later."""
     def restore(self, state: bytes) -> None:
         """Continues from a state that cameras with the same sensors and lenses have saved.
 
@@ -316,14 +316,14 @@ def flow(
     from_ns: int,
     to_ns: int,
 ) -> NDArray[np.float32]:
-    """Optical flow by the poses: the displacement until `to_ns` of what each pixel shows at `from_ns`, columns and rows
-    [px, y down], float32 `(height, width, 2)`. Both times may be any that the poses reach, so that it fits events between
-    them; `to_ns` may be the earlier one.
+    """Optical flow by the poses: the displacement until `to_ns` of what each pixel shows at `from_ns`, columns and
+    rows [px, y down], float32 `(height, width, 2)`. Both times may be any that the poses reach, so that it fits
+    events between them; `to_ns` may be the earlier one.
 
-    `depth` and `ids` are of the image at `from_ns`, `(height, width)` or `(cameras, height, width)`, as for `step`. Not a
-    number where there is no path: without depth, or poses of the id, or where the camera does not see the point any more.
-    That something comes to lie before it is not looked for. Computed on the host. Wrong shapes, and poses that do not reach
-    both times, raise `FrameError`."""
+    `depth` and `ids` are of the image at `from_ns`, `(height, width)` or `(cameras, height, width)`, as for `step`.
+    Not a number where there is no path: without depth, or poses of the id, or where the camera does not see the point
+    any more. That something comes to lie before it is not looked for. Computed on the host. Wrong shapes, and poses
+    that do not reach both times, raise `FrameError`."""
 
 def lux_per_unit(
     scene_unit: Literal["luminance", "radiance"],
@@ -403,9 +403,10 @@ class EventCamera(_Cameras):
         """Events of the last step in bins of time: float32 `(bins, height, width)`. Each event adds +1 or -1, split
         between the two nearest bins."""
     def event_ids(self) -> Array:
-        """The id of the instance that each event of the last step shows when it is sent: int64 `(events,)`, in the order
-        of the packet; -1 where no path tells it. At a silhouette it is that of what is in front. Ids are those of `ids`
-        and `poses`; 0 is the static world. Needs synthesis `rigid`, right after the step; else an `ArgumentError`."""
+        """The id of the instance that each event of the last step shows when it is sent: int64 `(events,)`, in the
+        order of the packet; -1 where no path tells it. At a silhouette it is that of what is in front. Ids are those
+        of `ids` and `poses`; 0 is the static world. Needs synthesis `rigid`, right after the step; else an
+        `ArgumentError`."""
     @property
     def aps(self) -> ApsFrame | None: ...
     @property

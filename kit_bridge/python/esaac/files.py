@@ -58,17 +58,15 @@ class EventWriter:
         self._closed = self._warned = False
 
     def write(self, packet, ids=None):
-        """Adds a packet. Its events may be on the host or on a device. `ids` is what the camera's `event_ids()` gives for
-        it: with all packets or with none, and only `.npz` and HDF5 have a place for it."""
+        """Adds a packet. Its events may be on the host or on a device. `ids` is what the camera's `event_ids()` gives
+        for it: with all packets or with none, and only `.npz` and HDF5 have a place for it."""
         if self._closed:
             raise ArgumentError(f"{self.path} is written and closed")
         if packet.offsets is not None:
             raise ArgumentError("this packet is of several cameras; write packet[i], a file a camera")
         _check_ids(self.path, ids)
         if self._with_ids not in (None, ids is not None):
-            raise ArgumentError(
-                "ids are given for some packets, expected them for all of a file or for none"
-            )
+            raise ArgumentError("ids are given for some packets, expected them for all of a file or for none")
         self._with_ids = ids is not None
         if not len(packet):
             return
@@ -129,8 +127,8 @@ class EventWriter:
 def save(path, x, y, t_ns, p, *, ids=None, sensor):
     """Writes events, in order of time, as `path`'s suffix says. The file appears whole or not at all.
 
-    `p` is 0 or False (OFF) and 1 or True (ON), or -1 and 1. The file has what its format has. `ids` is the instance that
-    each event shows: `id` in an `.npz`, `events/id` in HDF5.
+    `p` is 0 or False (OFF) and 1 or True (ON), or -1 and 1. The file has what its format has. `ids` is the instance
+    that each event shows: `id` in an `.npz`, `events/id` in HDF5.
     """
     path = _checked(path)
     _check_size(path, sensor)

@@ -190,8 +190,13 @@ fn lists_that_say_too_little_or_something_impossible_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let sensor = SensorModel { width: 2, height: 1, ..known() };
     let file = std::fs::File::create(folder.path().join("a.npz")).unwrap();
-    let columns =
-        EventColumns { x: vec![0, 1], y: vec![0, 0], t_ns: vec![0, 2_000_000_000], sign: vec![1, -1], ids: None };
+    let columns = EventColumns {
+        x: vec![0, 1],
+        y: vec![0, 0],
+        t_ns: vec![0, 2_000_000_000],
+        sign: vec![1, -1],
+        ids: None,
+    };
     write_npz(file, &columns, &sensor.to_toml()).unwrap();
     let list = |text: &str| {
         let path = folder.path().join("list.toml");

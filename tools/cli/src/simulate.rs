@@ -234,7 +234,10 @@ fn check_event_ids(sensor: &SensorModel, folder: &FrameFolder) -> Result<()> {
         "--event-ids needs synthesis `rigid`, and this is `{}`: give depth, ids and poses",
         sensor.synthesis.name()
     );
-    ensure!(folder.layout.ids.is_some(), "--event-ids needs instance ids, and the frames have no channel of them");
+    ensure!(
+        folder.layout.ids.is_some(),
+        "--event-ids needs instance ids, and the frames have no channel of them"
+    );
     Ok(())
 }
 

@@ -158,7 +158,8 @@ mod tests {
 
     #[test]
     fn members_hold_header_and_little_endian_data() {
-        let columns = EventColumns { x: vec![258], y: vec![7], t_ns: vec![-2], sign: vec![-1], ids: Some(vec![9]) };
+        let columns =
+            EventColumns { x: vec![258], y: vec![7], t_ns: vec![-2], sign: vec![-1], ids: Some(vec![9]) };
         let mut bytes = Cursor::new(Vec::new());
         write_npz(&mut bytes, &columns, "a = 1").unwrap();
         let mut archive = zip::ZipArchive::new(bytes).unwrap();

@@ -50,7 +50,8 @@ impl Rig {
             // A quarter more, so that a few more instances need no new one.
             let bytes = (4 * words + words).next_multiple_of(4);
             let usage = vk::BufferUsageFlags::empty();
-            self.event_ids = Some(self.device.allocate("event_ids", bytes, usage, MemoryLocation::GpuOnly)?);
+            self.event_ids =
+                Some(self.device.allocate("event_ids", bytes, usage, MemoryLocation::GpuOnly)?);
         }
         let base = self.event_ids.as_ref().expect("made above").address();
         let (mut ids, mut lists) = (base, base + 4 * rows.len() as u64);

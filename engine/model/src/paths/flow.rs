@@ -56,7 +56,9 @@ mod tests {
             for (pixel, (actual, expected)) in actual.iter().zip(expected).enumerate() {
                 match expected {
                     None => assert!(actual.iter().all(|a| a.is_nan()), "{pixel}: {actual:?}"),
-                    Some(e) => assert!((0..2).all(|i| (actual[i] - e[i]).abs() < 1e-6), "{pixel}: {actual:?}"),
+                    Some(e) => {
+                        assert!((0..2).all(|i| (actual[i] - e[i]).abs() < 1e-6), "{pixel}: {actual:?}")
+                    }
                 }
             }
         };

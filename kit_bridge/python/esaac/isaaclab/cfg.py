@@ -32,8 +32,8 @@ class EventCameraCfg(CameraCfg):
     * `events`: int64 `(n, 4)`: x, y [px], t_ns, p (0 OFF, 1 ON), one environment's events after the other's, each
       sorted by time. Environment i has rows `events_offsets[i]` to `events_offsets[i + 1]`.
     * `events_offsets`: int64 `(num_envs + 1,)`.
-    * `event_ids`: int64 `(n,)`, the body that each of `events` shows when it is sent: 0 for what is static, i + 1 for body
-      i of its environment in Newton's order, -1 where no path tells it. At a silhouette it is the body in front.
+    * `event_ids`: int64 `(n,)`, the body that each of `events` shows when it is sent: 0 for what is static, i + 1 for
+      body i of its environment in Newton's order, -1 where no path tells it. At a silhouette it is the body in front.
     * `event_frame`: int32 `(num_envs, height, width, 2)`, the number of OFF and of ON events.
     * `voxel_grid`: float32 `(num_envs, height, width, voxel_bins)`, +1 and -1 for each event, split between the two
       nearest of the bins in time.
@@ -45,8 +45,8 @@ class EventCameraCfg(CameraCfg):
     class_type: type | str = "esaac.isaaclab.camera:EventCamera"
 
     data_types: list[str] = ["events", "event_frame"]
-    """Which of `events`, `event_ids`, `event_frame` and `voxel_grid`; and images, as of any camera. `rgb_hdr` is what the events
-    are made of."""
+    """Which of `events`, `event_ids`, `event_frame` and `voxel_grid`; and images, as of any camera. `rgb_hdr` is what
+    the events are made of."""
 
     renderer_cfg: EventRendererCfg = EventRendererCfg()
 

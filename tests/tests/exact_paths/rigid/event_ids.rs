@@ -71,7 +71,8 @@ fn ids_are_the_oracles() {
 fn in_front(scene: &Scene, x: u16, y: u16, t_ns: i64) -> i64 {
     let view = scene.view(t_ns as f64 * 1e-9);
     let places = [-0.45, -0.15, 0.15, 0.45];
-    let samples = places.iter().flat_map(|dy| places.map(|dx| view.sample(f64::from(x) + dx, f64::from(y) + dy)));
+    let samples =
+        places.iter().flat_map(|dy| places.map(|dx| view.sample(f64::from(x) + dx, f64::from(y) + dy)));
     samples.min_by_key(|sample| sample.object).map_or(-1, |sample| i64::from(sample.instance))
 }
 

@@ -144,7 +144,8 @@ fn instances_of_events_are_written_beside_them_and_what_lacks_them_is_told() {
         let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
         bytes.split_off(start)
     };
-    let ids: Vec<i64> = column("id.npy").chunks(8).map(|b| i64::from_le_bytes(b.try_into().unwrap())).collect();
+    let ids: Vec<i64> =
+        column("id.npy").chunks(8).map(|b| i64::from_le_bytes(b.try_into().unwrap())).collect();
     assert_eq!(8 * ids.len(), column("t.npy").len());
     let of = |wanted: i64| ids.iter().filter(|&&id| id == wanted).count();
     // The ball, and the wall behind it.
