@@ -415,6 +415,31 @@ def test_depth_ids_and_poses_of_every_library_give_the_same_bits(record):
             assert_same(rigid_frames(place, record, given), expected)
 
 
+@pytest.mark.parametrize("count", [1, 3, 300])
+def test_labels_lie_on_the_device_and_are_those_that_the_host_would_have(count):
+    import test_rigid as of
+
+    sensor = esaac.SensorModel("dvs128", synthesis="rigid", **of.SENSOR)
+    poses = esaac.Poses(of.TIMES_NS, np.stack([of.CAMERA] * count, axis=1), of.BODIES)
+    alone = of.camera(device="cuda:0")
+    options = {"intrinsics": of.LENS, "device": "cuda:0", "packets": "cuda"}
+    with esaac.TiledEventCamera(sensor, count, **options) as envs:
+        for index, (hdr, depth, ids) in enumerate(of.IMAGES):
+            t_ns = index * FRAME_NS
+            alone.step(
+                hdr, t_ns=t_ns, depth=depth, ids=ids, poses=esaac.Poses(of.TIMES_NS, of.CAMERA, of.BODIES)
+            )
+            hdr, depth, ids = (
+                cuda(np.stack([image] * count)) for image in (hdr, depth, ids.astype(np.int32))
+            )
+            packet = envs.step(hdr, t_ns=t_ns, depth=depth, ids=ids, poses=poses)
+            labels = torch.from_dlpack(envs.event_ids())
+            assert labels.is_cuda and labels.dtype == torch.int64 and len(labels) == len(packet)
+            expected = np.tile(alone.event_ids(), count)
+            np.testing.assert_array_equal(labels.cpu().numpy(), expected)
+    assert len(expected) > 100 * count and set(expected) == {0, 1}
+
+
 def test_depth_on_the_host_beside_colour_on_the_device_is_told():
     import test_rigid as of
 
