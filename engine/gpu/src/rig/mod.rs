@@ -399,6 +399,14 @@ impl Rig {
                 }
             }
         }
+        if let Some(buffer) = &self.event_ids {
+            uses.push(MemoryUse {
+                camera: None,
+                purpose: "event_ids".to_owned(),
+                bytes: buffer.bytes(),
+                on_host: false,
+            });
+        }
         uses
     }
 

@@ -208,13 +208,16 @@ fn ids_that_cannot_be_had_are_refused_and_the_rig_goes_on() {
         assert!(error.to_string().contains(expected), "{error}");
     };
     refused(&mut rig, "no step since");
+    let takes_memory = |rig: &Rig| rig.memory().iter().any(|each| each.purpose == "event_ids");
     for index in 0..2 {
         let t_ns = upload(&mut rig, &rendered, index);
         rig.step(&[t_ns]).expect("a tick");
+        assert!(!takes_memory(&rig), "nobody has asked yet");
         assert_eq!(ids(&mut rig).is_empty(), index == 0);
     }
     // Poses of the same instances are for the next step; those of one more change what the device knows.
     let before = ids(&mut rig);
+    assert!(takes_memory(&rig));
     rig.set_scene(0, rendered.scene.clone()).expect("the same");
     assert_eq!(ids(&mut rig), before);
     let mut more = rendered.scene.clone();
