@@ -65,10 +65,11 @@ class EventWriter:
         if packet.offsets is not None:
             raise ArgumentError("this packet is of several cameras; write packet[i], a file a camera")
         _check_ids(self.path, ids)
-        if self._with_ids not in (None, ids is not None):
+        with_ids = ids is not None
+        if self._with_ids not in (None, with_ids):
             raise ArgumentError("ids are given for some packets, expected them for all of a file or for none")
-        self._with_ids = ids is not None
         if not len(packet):
+            self._with_ids = with_ids
             return
         part = _columns(*map(_host, (packet.x, packet.y, packet.t_ns, packet.p)), self.sensor)
         part.append(_ids_column(None if ids is None else _host(ids), len(packet)))
@@ -80,7 +81,7 @@ class EventWriter:
             )
         begin_ns = first_ns if self._first_ns is None else self._first_ns
         _check_times(self.path, begin_ns, last_ns)
-        self._first_ns, self._last_ns = begin_ns, last_ns
+        self._first_ns, self._last_ns, self._with_ids = begin_ns, last_ns, with_ids
         self._parts.append(part)
         self._events += len(packet)
 
