@@ -11,12 +11,7 @@ BUFFER(writeonly, SLOT_BIN_STORAGE, uvec2, bin_storage);
 BUFFER(writeonly, SLOT_OVERFLOW, uvec2, overflow);
 BUFFER(writeonly, SLOT_APS, uint16_t, aps);
 BUFFER(writeonly, SLOT_SAMPLES, int, samples_out);
-BUFFER(readonly, SLOT_SURFACES, uvec2, surfaces);
-BUFFER(readonly, SLOT_SLOPES, uint, slopes);
-BUFFER(readonly, SLOT_POSES, vec4, poses);
-BUFFER(readonly, SLOT_PATHS, vec4, paths);
-BUFFER(readonly, SLOT_REPRESENTATIVES, uint, representatives);
-BUFFER(readonly, SLOT_PASSING, uint, passing);
+#include "surface_bindings.glsl"
 BUFFER(readonly, SLOT_MEETINGS, uint, meetings);
 #ifdef READS_LEVELS
 BUFFER(readonly, SLOT_LEVELS, uint, levels);

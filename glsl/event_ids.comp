@@ -29,9 +29,7 @@ struct Moment {
 };
 
 Moment moment_of(Slice slice, uint offset_ns) {
-    // A floored time stamp may lie before the interval, a deferred one belongs to it.
-    const uint since_ns = min(offset_ns - min(offset_ns, slice.base_to_start_ns), slice.interval_ns);
-    const float alpha = float(since_ns) / float(slice.interval_ns);
+    const float alpha = float(since_start_ns(slice, offset_ns)) / float(slice.interval_ns);
     const float place = alpha * float(POSE_INSTANTS - 1u);
     const uint instant = min(uint(place), POSE_INSTANTS - 2u);
     return Moment(alpha, instant, place - float(instant));

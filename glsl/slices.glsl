@@ -10,6 +10,12 @@ layout(buffer_reference, std430) readonly buffer Slices { Slice v[]; };
 layout(buffer_reference, std430) buffer Ints { int v[]; };
 layout(buffer_reference, std430) buffer Words { uint v[]; };
 
+// Time of an event from the interval's start on. A floored time stamp may lie before the interval, a deferred one belongs to
+// it.
+uint since_start_ns(Slice slice, uint offset_ns) {
+    return min(offset_ns - min(offset_ns, slice.base_to_start_ns), slice.interval_ns);
+}
+
 Slice slice_of_workgroup() {
     return Slices(push.slices).v[gl_WorkGroupID.y];
 }

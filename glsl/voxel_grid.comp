@@ -30,10 +30,7 @@ void main() {
     }
     for (uint e = gl_GlobalInvocationID.x; e < slice.events; e += stride) {
         const uint from = slice.event_base + e;
-        const uint t = event_t[from];
-        // A floored time stamp may lie before the interval, a deferred one belongs to it.
-        const uint since_ns = min(t - min(t, slice.base_to_start_ns), slice.interval_ns);
-        const uint64_t scaled = uint64_t(since_ns) * uint64_t(push.bins - 1u) << VOTE_FRACTION_BITS;
+        const uint64_t scaled = uint64_t(since_start_ns(slice, event_t[from])) * uint64_t(push.bins - 1u) << VOTE_FRACTION_BITS;
         const uint place = uint(scaled / uint64_t(slice.interval_ns));
         const uint bin = place >> VOTE_FRACTION_BITS;
         const int second = int(place & uint(VOTE - 1));
