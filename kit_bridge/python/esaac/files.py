@@ -18,6 +18,9 @@ from esaac.errors import ArgumentError
 
 SUFFIXES = (".npz", ".h5", ".hdf5", ".aedat4", ".raw")
 
+ID_SUFFIXES = (".npz", ".h5", ".hdf5")
+"""Formats that have a place for the instance of each event."""
+
 EVT3_SIDE_PX = 2048
 """A coordinate of EVT3 has 11 bits."""
 
@@ -218,8 +221,8 @@ def _check_size(path, sensor):
 
 def _check_ids(path, ids):
     """Raises if instances of events are given that a format has no place for."""
-    if ids is not None and path.suffix in (".aedat4", ".raw"):
-        raise ArgumentError(f"{path.name} has no place for ids, expected .npz or .h5")
+    if ids is not None and path.suffix not in ID_SUFFIXES:
+        raise ArgumentError(f"{path.name} has no place for ids, expected one of {', '.join(ID_SUFFIXES)}")
 
 
 def _ids_column(ids, count):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from esaac import Array, Packet, SensorModel
 
 SUFFIXES: tuple[str, ...]
+ID_SUFFIXES: tuple[str, ...]
 EVT3_SIDE_PX: int
 EVT3_END_US: int
 HDF5_SPAN_US: int
