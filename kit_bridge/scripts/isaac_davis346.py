@@ -12,14 +12,15 @@ import argparse
 import math
 import pathlib
 
-from isaacsim import SimulationApp
-
 PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 PARSER.add_argument("--seconds", type=float, default=5.0)
 PARSER.add_argument("--record", default="out", help="folder for recordings; files that are there stay")
 PARSER.add_argument("--event-ids", action="store_true", help="record which prim each event shows")
 PARSER.add_argument("--no-ros", action="store_true", help="do not publish to ROS 2")
 ARGUMENTS = PARSER.parse_args()
+
+# After the arguments: `--help` does not need it.
+from isaacsim import SimulationApp
 
 APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
 

@@ -13,8 +13,6 @@ import argparse
 import pathlib
 import random
 
-from isaacsim import SimulationApp
-
 PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 PARSER.add_argument("--out", type=pathlib.Path, default=pathlib.Path("dataset"))
 PARSER.add_argument("--recordings", type=int, default=20)
@@ -23,6 +21,9 @@ PARSER.add_argument("--sensor", default="davis346")
 PARSER.add_argument("--event-ids", action="store_true", help="record which prim each event shows")
 PARSER.add_argument("--seed", type=int, default=0)
 ARGUMENTS = PARSER.parse_args()
+
+# After the arguments: `--help` does not need it.
+from isaacsim import SimulationApp
 
 APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
 
