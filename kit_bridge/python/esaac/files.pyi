@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esaac import Array, Packet, SensorModel
+from esaac.recordings import Events as Events
+from esaac.recordings import load as load
+from esaac.recordings import load_dsec as load_dsec
 
 SUFFIXES: tuple[str, ...]
 ID_SUFFIXES: tuple[str, ...]
@@ -38,6 +41,3 @@ def save(
     ids: NDArray[np.integer[Any]] | None = None,
     sensor: SensorModel,
 ) -> None: ...
-def load_dsec(
-    path: str | os.PathLike[str],
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.int64], NDArray[Any]]: ...
