@@ -11,6 +11,16 @@ import argparse
 import math
 import pathlib
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out"))
+PARSER.add_argument("--frames", type=int, default=8)
+PARSER.add_argument("--samples", type=int, default=16)
+PARSER.add_argument("--size", type=int, nargs=2, default=(160, 120), metavar=("WIDTH", "HEIGHT"))
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import bpy
 import numpy as np
 
@@ -93,12 +103,7 @@ def read_passes(path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out"))
-    parser.add_argument("--frames", type=int, default=8)
-    parser.add_argument("--samples", type=int, default=16)
-    parser.add_argument("--size", type=int, nargs=2, default=(160, 120), metavar=("WIDTH", "HEIGHT"))
-    arguments = parser.parse_args()
+    arguments = PARSER.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     rate_hz, (width, height) = 30, arguments.size
     scene = build(width, height, rate_hz, arguments.samples)

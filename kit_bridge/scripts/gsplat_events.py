@@ -12,6 +12,21 @@ Needs `torch` and `gsplat`, which draws on NVIDIA GPUs. The tests put another re
 import argparse
 import pathlib
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--splats", help="a PLY file")
+PARSER.add_argument("--path", help="nerfstudio's transforms.json")
+PARSER.add_argument("--dataparser", help="dataparser_transforms.json, if nerfstudio trained the splats")
+PARSER.add_argument("--rate", type=float, default=30.0, help="frames a second")
+PARSER.add_argument("--seconds", type=float, default=0.5, help="of shaking")
+PARSER.add_argument("--size", type=int, nargs=2, default=(346, 260), help="columns and rows, of shaking")
+PARSER.add_argument("--device", default="cuda:0")
+PARSER.add_argument("--contrast", type=float, default=0.2)
+PARSER.add_argument("--out", type=pathlib.Path, help="a recording: .npz, or .h5 with h5py")
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import numpy as np
 import torch
 from gsplat import rasterization
@@ -127,17 +142,7 @@ def run(splats, path, pose_hz, frame_hz, **options):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--splats", help="a PLY file")
-    parser.add_argument("--path", help="nerfstudio's transforms.json")
-    parser.add_argument("--dataparser", help="dataparser_transforms.json, if nerfstudio trained the splats")
-    parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
-    parser.add_argument("--seconds", type=float, default=0.5, help="of shaking")
-    parser.add_argument("--size", type=int, nargs=2, default=(346, 260), help="columns and rows, of shaking")
-    parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("--contrast", type=float, default=0.2)
-    parser.add_argument("--out", type=pathlib.Path, help="a recording: .npz, or .h5 with h5py")
-    given = parser.parse_args(arguments)
+    given = PARSER.parse_args(arguments)
     splats = read_splats(given.splats, given.device) if given.splats else own_scene(given.device)
     if given.path:
         path, pose_hz = CameraPath.read(given.path, dataparser=given.dataparser), given.rate

@@ -12,20 +12,22 @@ import argparse
 import math
 import pathlib
 
-from isaacsim import SimulationApp
-
 PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 PARSER.add_argument("--seconds", type=float, default=5.0)
 PARSER.add_argument("--record", default="out", help="folder for recordings; files that are there stay")
+PARSER.add_argument("--event-ids", action="store_true", help="record which prim each event shows")
 PARSER.add_argument("--no-ros", action="store_true", help="do not publish to ROS 2")
 ARGUMENTS = PARSER.parse_args()
+
+# After the arguments: `--help` does not need it.
+from isaacsim import SimulationApp
 
 APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
 
 # Kit's modules are there once the application is.
 import omni.kit.app
 import omni.timeline
-from pxr import Gf, Sdf, UsdGeom, UsdLux
+from pxr import Gf, Sdf, UsdGeom, UsdLux, UsdPhysics
 
 EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
 
@@ -41,15 +43,19 @@ def build(stage):
             cube.AddTranslateOp().Set(Gf.Vec3d(0.5 * i, 0.5 * j, 0.1 * ((3 * i + 5 * j) % 4)))
             shade = 0.1 + 0.2 * ((i * i + 2 * j * j) % 5)
             cube.CreateDisplayColorAttr([Gf.Vec3f(shade, shade * 0.8, 1 - shade)])
+    if ARGUMENTS.event_ids:
+        # Labels need poses, which are recorded at each step of physics.
+        UsdPhysics.Scene.Define(stage, "/physics")
     camera = UsdGeom.Camera.Define(stage, "/World/davis")
     camera.CreateFocalLengthAttr(18.0)
     camera.CreateHorizontalApertureAttr(20.955)
     place = camera.AddTranslateOp()
     prim = camera.GetPrim()
+    labels = ["event_ids"] if ARGUMENTS.event_ids else []
     for name, kind, value in (
         ("sensor", Sdf.ValueTypeNames.Token, "davis346"),
         ("profile", Sdf.ValueTypeNames.Token, "noisy"),
-        ("outputs", Sdf.ValueTypeNames.TokenArray, ["events", "aps", "rgb", "depth"]),
+        ("outputs", Sdf.ValueTypeNames.TokenArray, ["events", "aps", "rgb", "depth", *labels]),
         ("publish", Sdf.ValueTypeNames.Bool, not ARGUMENTS.no_ros),
         ("topic", Sdf.ValueTypeNames.String, "/davis"),
     ):

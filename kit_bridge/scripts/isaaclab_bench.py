@@ -13,6 +13,22 @@ import json
 import resource
 import time
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--envs", type=int, default=64)
+PARSER.add_argument("--size", type=int, default=64, help="width and height of each camera, pixels")
+PARSER.add_argument("--device", default="cuda:0", help="cuda:N or cpu")
+PARSER.add_argument("--steps", type=int, default=60)
+PARSER.add_argument("--warmup", type=int, default=10)
+PARSER.add_argument("--check-steps", type=int, default=0)
+PARSER.add_argument("--antialiasing", type=int, default=3)
+PARSER.add_argument("--profile", default="noisy", choices=["clean", "noisy", "paper"])
+PARSER.add_argument("--no-graph", action="store_true", help="physics without a CUDA graph")
+PARSER.add_argument("--json", help="a file for the result")
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import isaaclab.envs.mdp as mdp
 import isaaclab.sim as sim_utils
 import torch
@@ -218,18 +234,7 @@ def measure(env, given):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--envs", type=int, default=64)
-    parser.add_argument("--size", type=int, default=64, help="width and height of each camera, pixels")
-    parser.add_argument("--device", default="cuda:0", help="cuda:N or cpu")
-    parser.add_argument("--steps", type=int, default=60)
-    parser.add_argument("--warmup", type=int, default=10)
-    parser.add_argument("--check-steps", type=int, default=0)
-    parser.add_argument("--antialiasing", type=int, default=3)
-    parser.add_argument("--profile", default="noisy", choices=["clean", "noisy", "paper"])
-    parser.add_argument("--no-graph", action="store_true", help="physics without a CUDA graph")
-    parser.add_argument("--json", help="a file for the result")
-    given = parser.parse_args()
+    given = PARSER.parse_args()
     cfg = configured(given)
     with launch_simulation(cfg, {"headless": True, "device": given.device}):
         env = ManagerBasedEnv(cfg)

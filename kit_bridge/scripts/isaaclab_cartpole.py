@@ -16,6 +16,20 @@ import pathlib
 import tempfile
 import time
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--envs", type=int, default=512)
+PARSER.add_argument("--device", default="cuda:0", help="cuda:N or cpu")
+PARSER.add_argument("--input", default="events", choices=["events", "frames"])
+PARSER.add_argument("--iterations", type=int, default=200)
+PARSER.add_argument("--rollout", type=int, default=32, help="steps of each environment in an iteration")
+PARSER.add_argument("--episode-s", type=float, default=5.0)
+PARSER.add_argument("--seed", type=int, default=1)
+PARSER.add_argument("--json", help="a file for the learning curve")
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 # RSL-RL imports GitPython, which needs no git here.
 os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
 
@@ -297,16 +311,7 @@ def judged(env, wrapped, runner):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--envs", type=int, default=512)
-    parser.add_argument("--device", default="cuda:0", help="cuda:N or cpu")
-    parser.add_argument("--input", default="events", choices=["events", "frames"])
-    parser.add_argument("--iterations", type=int, default=200)
-    parser.add_argument("--rollout", type=int, default=32, help="steps of each environment in an iteration")
-    parser.add_argument("--episode-s", type=float, default=5.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", help="a file for the learning curve")
-    given = parser.parse_args()
+    given = PARSER.parse_args()
     torch.manual_seed(given.seed)
     with tempfile.TemporaryDirectory() as folder:
         robot = pathlib.Path(folder) / "cartpole.usd"

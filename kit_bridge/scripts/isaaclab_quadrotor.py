@@ -16,6 +16,22 @@ import pathlib
 import tempfile
 import time
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--envs", type=int, default=1)
+PARSER.add_argument("--seconds", type=float, default=2.0)
+PARSER.add_argument("--device", default="cuda:0", help="cuda:N or cpu")
+PARSER.add_argument("--sensor", default="davis346")
+PARSER.add_argument("--size", type=int, nargs=2, help="columns and rows, if other than the sensor's")
+PARSER.add_argument("--profile", default="noisy", choices=["clean", "noisy", "paper"])
+PARSER.add_argument("--seed", type=int, default=1)
+PARSER.add_argument("--out", type=pathlib.Path, default=pathlib.Path("flight"), help="a folder")
+PARSER.add_argument("--no-ros", action="store_true", help="only record")
+PARSER.add_argument("--wait", metavar="TOPIC", help="fly once this topic has a subscriber")
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import isaaclab.sim as sim_utils
 import torch
 from isaaclab.app import launch_simulation
@@ -213,18 +229,7 @@ def srgb_bytes(linear):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--envs", type=int, default=1)
-    parser.add_argument("--seconds", type=float, default=2.0)
-    parser.add_argument("--device", default="cuda:0", help="cuda:N or cpu")
-    parser.add_argument("--sensor", default="davis346")
-    parser.add_argument("--size", type=int, nargs=2, help="columns and rows, if other than the sensor's")
-    parser.add_argument("--profile", default="noisy", choices=["clean", "noisy", "paper"])
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("flight"), help="a folder")
-    parser.add_argument("--no-ros", action="store_true", help="only record")
-    parser.add_argument("--wait", metavar="TOPIC", help="fly once this topic has a subscriber")
-    given = parser.parse_args()
+    given = PARSER.parse_args()
     sensor = esaac.SensorModel(given.sensor, profile=given.profile)
     if given.size:
         sensor = sensor.replace(width=given.size[0], height=given.size[1])

@@ -8,6 +8,16 @@ chooses what draws: `egl` (a GPU, or Mesa's software driver) or `osmesa`.
 
 import argparse
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--seconds", type=float, default=0.5)
+PARSER.add_argument("--width", type=int, default=160)
+PARSER.add_argument("--height", type=int, default=120)
+PARSER.add_argument("--out", help="a recording: .npz, or .h5 with h5py")
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import mujoco
 
 import esaac
@@ -40,12 +50,7 @@ SCENE = """
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=0.5)
-    parser.add_argument("--width", type=int, default=160)
-    parser.add_argument("--height", type=int, default=120)
-    parser.add_argument("--out", help="a recording: .npz, or .h5 with h5py")
-    given = parser.parse_args(arguments)
+    given = PARSER.parse_args(arguments)
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
     data.qvel[:6] = 1.5, 0, 2.5, 2, 3, 1

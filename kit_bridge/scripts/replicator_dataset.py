@@ -2,7 +2,9 @@
 
     ./python.sh kit_bridge/scripts/replicator_dataset.py --out dataset/ --recordings 20
 
-Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. A recording that is there already ends the script.
+Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. A recording that is there already ends the script. With
+`--event-ids` each event has the id of the prim that it shows (`events/id`), and `NNNN/ids.json` says which prim each
+id is.
 
 Not run where this project is built: there is no Isaac Sim.
 """
@@ -11,21 +13,23 @@ import argparse
 import pathlib
 import random
 
-from isaacsim import SimulationApp
-
 PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 PARSER.add_argument("--out", type=pathlib.Path, default=pathlib.Path("dataset"))
 PARSER.add_argument("--recordings", type=int, default=20)
 PARSER.add_argument("--frames", type=int, default=120)
 PARSER.add_argument("--sensor", default="davis346")
+PARSER.add_argument("--event-ids", action="store_true", help="record which prim each event shows")
 PARSER.add_argument("--seed", type=int, default=0)
 ARGUMENTS = PARSER.parse_args()
+
+# After the arguments: `--help` does not need it.
+from isaacsim import SimulationApp
 
 APP = SimulationApp({"headless": True, "multi_gpu": False, "anti_aliasing": 0})
 
 import omni.kit.app
 import omni.timeline
-from pxr import Gf, Sdf, UsdGeom, UsdLux
+from pxr import Gf, Sdf, UsdGeom, UsdLux, UsdPhysics
 
 EXTENSIONS = pathlib.Path(__file__).resolve().parents[1] / "exts"
 
@@ -42,10 +46,15 @@ def shuffle(stage, draw):
         at = Gf.Vec3d(draw.uniform(-2, 2), draw.uniform(-1.5, 1.5), draw.uniform(-3, 0))
         speed = Gf.Vec3d(*(draw.gauss(0, 0.6) for _ in range(3)))
         moving.append((cube.AddTranslateOp(), at, speed))
+    if ARGUMENTS.event_ids:
+        # Labels need poses, which are recorded at each step of physics.
+        UsdPhysics.Scene.Define(stage, "/scene/physics")
     camera = UsdGeom.Camera.Define(stage, "/scene/camera")
     camera.AddTranslateOp().Set(Gf.Vec3d(0, 0, 4))
     prim = camera.GetPrim()
     prim.CreateAttribute("esaac:sensor", Sdf.ValueTypeNames.Token).Set(ARGUMENTS.sensor)
+    if ARGUMENTS.event_ids:
+        prim.CreateAttribute("esaac:outputs", Sdf.ValueTypeNames.TokenArray).Set(["events", "event_ids"])
     overrides = f"seed = {draw.getrandbits(31)}\ncontrast_on = {draw.uniform(0.1, 0.3):.3f}"
     prim.CreateAttribute("esaac:overrides", Sdf.ValueTypeNames.String).Set(overrides)
     return moving
@@ -82,6 +91,8 @@ def main():
         APP.update()
         bridge.detach()
         recorder.path.rename(folder / "events.h5")
+        if recorder.ids_path is not None:
+            recorder.ids_path.rename(folder / "ids.json")
         (folder / "sensor.toml").write_text(feed.spec.sensor.to_toml())
         print(f"{folder}: {feed.frames} frames, {feed.events} events")
 

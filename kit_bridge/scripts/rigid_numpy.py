@@ -9,6 +9,13 @@ at 960 Hz. Motion vectors are never computed.
 
 import argparse
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--seconds", type=float, default=0.5)
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import numpy as np
 
 import esaac
@@ -134,9 +141,7 @@ def f1(events, truth, within_ns=1_000_000):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=0.5)
-    seconds = parser.parse_args().seconds
+    seconds = PARSER.parse_args().seconds
     truth, _ = run(TRUTH_HZ, seconds, "linear")
     print(f"{TRUTH_HZ} Hz, colour: {len(truth[0])} events, taken for the truth")
     for synthesis, given in (("linear", "colour"), ("rigid", "colour, depth, ids, poses")):

@@ -13,6 +13,14 @@ import argparse
 import pathlib
 import time
 
+PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+PARSER.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out"))
+PARSER.add_argument("--frames", type=int, default=90)
+
+if __name__ == "__main__":
+    # `--help` needs none of the packages below.
+    PARSER.parse_args()
+
 import cupy as cp
 import numpy as np
 import sapien
@@ -122,10 +130,7 @@ def picture(path, colours, frames):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out"))
-    parser.add_argument("--frames", type=int, default=90)
-    arguments = parser.parse_args()
+    arguments = PARSER.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
 
     scene, bodies = scene_of()

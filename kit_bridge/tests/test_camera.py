@@ -111,8 +111,11 @@ def test_event_frames_and_voxel_grids_count_the_last_packet():
         np.add.at(expected[b], (packet.y, packet.x), sign * np.maximum(0, 1 - abs(place - b)))
     np.testing.assert_allclose(grid, expected, atol=1e-3)
     np.testing.assert_array_equal(cam.voxel_grid(1)[0], expected.sum(0).round().astype(np.float32))
-    with pytest.raises(esaac.ArgumentError, match="0 bins"):
-        cam.voxel_grid(0)
+    for bins in (0, -1, 257, 2.5, None):
+        with pytest.raises(
+            esaac.ArgumentError, match=f"bins is {bins}, expected a whole number from 1 to 256"
+        ):
+            cam.voxel_grid(bins)
 
 
 def test_a_saved_run_goes_on_as_one():

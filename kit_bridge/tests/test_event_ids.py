@@ -41,6 +41,19 @@ def test_each_event_has_the_id_of_what_its_pixel_shows():
     assert events > 500
 
 
+def test_what_is_static_may_have_an_id_of_its_own():
+    expected, cam = camera(), camera()
+    poses = esaac.Poses(TIMES_NS, CAMERA, BODIES, ids={1: 0, 70_000: -1})
+    for index in range(FRAMES):
+        hdr, depth, ids = IMAGES[index]
+        wall = np.where(ids == 0, np.uint32(70_000), ids)
+        packet = cam.step(hdr, t_ns=index * FRAME_NS, depth=depth, ids=wall, poses=poses)
+        np.testing.assert_array_equal(packet.t_ns, step(expected, index).t_ns)
+        labels = expected.event_ids()
+        np.testing.assert_array_equal(cam.event_ids(), np.where(labels == 0, 70_000, labels))
+    assert {1, 70_000} == set(cam.event_ids())
+
+
 def test_rigs_and_environments_have_those_of_their_cameras():
     sensor = esaac.SensorModel("dvs128", synthesis="rigid", **SENSOR)
     alone, rig = camera(), esaac.Rig([sensor] * 2, intrinsics=[LENS] * 2)
@@ -75,6 +88,18 @@ def test_what_is_not_known_is_refused():
     assert len(step(cam, 2)) == 0
 
 
+def test_ids_may_be_any_that_32_bits_hold():
+    expected, far = camera(), camera()
+    poses = esaac.Poses(TIMES_NS, CAMERA, BODIES, ids={4_000_000_000: 0})
+    for index in range(FRAMES):
+        hdr, depth, ids = IMAGES[index]
+        step(expected, index)
+        many = np.where(ids == 1, np.uint32(4_000_000_000), ids)
+        far.step(hdr, t_ns=index * FRAME_NS, depth=depth, ids=many, poses=poses)
+        np.testing.assert_array_equal(far.event_ids(), expected.event_ids() * 4_000_000_000)
+    assert 4_000_000_000 in far.event_ids()
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
 def test_files_keep_them(tmp_path, suffix):
     cam, path, expected = camera(), tmp_path / f"events{suffix}", []
@@ -105,8 +130,18 @@ def test_files_refuse_those_that_they_cannot_keep(tmp_path):
         writer.write(packet, ids[1:])
     with pytest.raises(esaac.ArgumentError, match="float64"):
         writer.write(packet, ids * 1.0)
-    writer.write(packet, ids)
+    with pytest.raises(esaac.ArgumentError, match=rf"ids are int64 \(\), expected {len(packet)} integers"):
+        writer.write(packet, 5)
+    with pytest.raises(esaac.ArgumentError, match="packet is a ndarray, expected an esaac.Packet"):
+        writer.write(ids)
+    writer.write(packet, ids.tolist())
     with pytest.raises(esaac.ArgumentError, match="for all of a file or for none"):
         writer.write(step(cam, 2))
     writer.close()
     np.testing.assert_array_equal(np.load(tmp_path / "events.npz")["id"], ids)
+    with pytest.raises(esaac.ArgumentError, match="ids have 9223372036854775808, expected at most"):
+        beyond = np.array([1 << 63], np.uint64)
+        esaac.files.save(tmp_path / "one.npz", [1], [2], [5], [1], ids=beyond, sensor=cam.sensor)
+    with pytest.raises(esaac.ArgumentError, match="sensor is a str, expected a SensorModel"):
+        esaac.files.save(tmp_path / "one.npz", [1], [2], [5], [1], sensor="dvs128")
+    assert not (tmp_path / "one.npz").exists()

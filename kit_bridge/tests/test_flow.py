@@ -70,3 +70,22 @@ def test_there_is_none_without_a_path_and_wrong_arguments_are_named():
         flow(0, FRAME_NS, ids=ids[:, :3])
     with pytest.raises(esaac.FrameError, match="1 cameras, expected 2"):
         flow(0, FRAME_NS, ids=np.stack([ids] * 2), depth=np.stack([depth] * 2))
+    with pytest.raises(esaac.FrameError, match="ids are 4294967296 to 4294967297, expected 0 to 4294967295"):
+        flow(0, FRAME_NS, ids=ids.astype(np.int64) + (1 << 32))
+    with pytest.raises(esaac.ArgumentError, match="poses are a NoneType, expected esaac.Poses or"):
+        esaac.flow(depth, ids, intrinsics=LENS, poses=None, from_ns=0, to_ns=FRAME_NS)
+    with pytest.raises(esaac.ArgumentError, match="intrinsics are None, expected Intrinsics or"):
+        esaac.flow(depth, ids, intrinsics=None, poses=POSES, from_ns=0, to_ns=FRAME_NS)
+    with pytest.raises(TypeError, match="to_ns is 0.1, expected an integer, nanoseconds"):
+        flow(0, 0.1)
+
+
+def test_ids_of_any_integers_are_the_same():
+    ids = IMAGES[0][2]
+    expected = flow(0, FRAME_NS)
+    for dtype in (np.uint8, np.int16, np.uint16, np.int32, np.int64, np.uint64):
+        np.testing.assert_array_equal(flow(0, FRAME_NS, ids=ids.astype(dtype)), expected)
+    # A number that 16 bits do not hold.
+    far = esaac.Poses(TIMES_NS, CAMERA, BODIES, ids={4_000_000_000: 0})
+    many = np.where(ids == 1, np.uint32(4_000_000_000), ids)
+    np.testing.assert_array_equal(flow(0, FRAME_NS, far, many), expected)

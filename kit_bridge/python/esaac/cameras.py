@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from esaac._native import Engine, SensorModel
-from esaac.checks import index_of, indices_of, nanoseconds
+from esaac.checks import bins_of, index_of, indices_of, nanoseconds
 from esaac.errors import ArgumentError, InputWarning, LightWarning, PoseWarning, SynthesisWarning
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
@@ -234,7 +234,7 @@ class EventCamera(_Cameras):
         return self._engine.form(None)[0]
 
     def voxel_grid(self, bins=5):
-        return self._engine.form(bins)[0]
+        return self._engine.form(bins_of(bins))[0]
 
     def event_ids(self):
         return self._engine.event_ids()[0]
@@ -352,7 +352,7 @@ class Rig(_Several):
         return self._engine.form(None)
 
     def voxel_grids(self, bins=5):
-        return self._engine.form(bins)
+        return self._engine.form(bins_of(bins))
 
     def event_ids(self):
         return self._engine.event_ids()
@@ -415,7 +415,7 @@ class TiledEventCamera(_Several):
         return self._engine.form(None)[0]
 
     def voxel_grids(self, bins=5):
-        return self._engine.form(bins)[0]
+        return self._engine.form(bins_of(bins))[0]
 
     def event_ids(self):
         return self._engine.event_ids()[0]

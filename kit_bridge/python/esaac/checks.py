@@ -12,17 +12,32 @@ from esaac.errors import ArgumentError
 
 _LEAST_NS, _MOST_NS = -(1 << 63), (1 << 63) - 1
 
+MOST_BINS = 256
+"""The engine makes no more for each pixel."""
 
-def nanoseconds(t_ns: Any) -> int:
-    """A time as an int. A float is refused: it is seconds, most often."""
+
+def nanoseconds(t_ns: Any, name: str = "t_ns") -> int:
+    """A time as an int; `name` is its name in errors. A float is refused: it is seconds, most often."""
     try:
         time = operator.index(t_ns)
     except TypeError:
         expected = "expected an integer, nanoseconds: round(seconds * 1e9)"
-        raise TypeError(f"t_ns is {t_ns!r}, {expected}") from None
+        raise TypeError(f"{name} is {t_ns!r}, {expected}") from None
     if not _LEAST_NS <= time <= _MOST_NS:
-        raise ArgumentError(f"t_ns is {time}, expected {_LEAST_NS} to {_MOST_NS} ns")
+        raise ArgumentError(f"{name} is {time}, expected {_LEAST_NS} to {_MOST_NS} ns")
     return time
+
+
+def bins_of(bins: Any) -> int:
+    """The number of bins of a voxel grid."""
+    expected = f"expected a whole number from 1 to {MOST_BINS}"
+    try:
+        count = operator.index(bins)
+    except TypeError:
+        raise ArgumentError(f"bins is {bins!r}, {expected}") from None
+    if not 1 <= count <= MOST_BINS:
+        raise ArgumentError(f"bins is {count}, {expected}")
+    return count
 
 
 def index_of(given: Any, count: int, what: str) -> int:

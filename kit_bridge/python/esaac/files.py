@@ -1,5 +1,5 @@
-"""Writes events to files. The suffix chooses the format: `.npz` (as `esaac simulate` writes it), `.h5` (layout of the
-DSEC data set), `.aedat4` or `.raw` (EVT3).
+"""Files of events: `EventWriter` and `save` write them, `load` reads them back. The suffix chooses the format: `.npz`
+(as `esaac simulate` writes it), `.h5` (layout of the DSEC data set), `.aedat4` or `.raw` (EVT3).
 
 HDF5 needs `h5py`, AEDAT4 needs `faery`. Both are optional: `pip install esaac[hdf5,aedat4]`.
 """
@@ -13,10 +13,16 @@ import warnings
 
 import numpy as np
 
-from esaac._native import SensorModel, save_evt3, save_npz
+from esaac._native import Packet, SensorModel, save_evt3, save_npz
 from esaac.errors import ArgumentError
+from esaac.recordings import Events, h5py_library, load, load_dsec
+
+__all__ = ["ID_SUFFIXES", "SUFFIXES", "EventWriter", "Events", "load", "load_dsec", "save"]
 
 SUFFIXES = (".npz", ".h5", ".hdf5", ".aedat4", ".raw")
+
+ID_SUFFIXES = (".npz", ".h5", ".hdf5")
+"""Formats that have a place for the instance of each event."""
 
 EVT3_SIDE_PX = 2048
 """A coordinate of EVT3 has 11 bits."""
@@ -46,8 +52,7 @@ class EventWriter:
     """
 
     def __init__(self, path, sensor):
-        if not isinstance(sensor, SensorModel):
-            raise ArgumentError(f"sensor is a {type(sensor).__name__}, expected a SensorModel")
+        _check_sensor(sensor)
         self.path = _checked(path)
         # Better to fail before the simulation than after it.
         _check_size(self.path, sensor)
@@ -62,6 +67,8 @@ class EventWriter:
         for it: with all packets or with none, and only `.npz` and HDF5 have a place for it."""
         if self._closed:
             raise ArgumentError(f"{self.path} is written and closed")
+        if not isinstance(packet, Packet):
+            raise ArgumentError(f"packet is a {type(packet).__name__}, expected an esaac.Packet")
         if packet.offsets is not None:
             raise ArgumentError("this packet is of several cameras; write packet[i], a file a camera")
         _check_ids(self.path, ids)
@@ -131,6 +138,7 @@ def save(path, x, y, t_ns, p, *, ids=None, sensor):
     `p` is 0 or False (OFF) and 1 or True (ON), or -1 and 1. The file has what its format has. `ids` is the instance
     that each event shows: `id` in an `.npz`, `events/id` in HDF5.
     """
+    _check_sensor(sensor)
     path = _checked(path)
     _check_size(path, sensor)
     _check_ids(path, ids)
@@ -151,15 +159,6 @@ def save(path, x, y, t_ns, p, *, ids=None, sensor):
             _save_dsec(partial, *columns, ids, sensor)
 
 
-def load_dsec(path):
-    """Reads what `save` wrote as `.h5`, or a file of the DSEC data set: x, y, t_ns, p."""
-    with _h5py().File(path, "r") as file:
-        events = file["events"]
-        offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
-        t_ns = (events["t"][:].astype(np.int64) + offset_us) * 1000
-        return events["x"][:], events["y"][:], t_ns, events["p"][:]
-
-
 def _save_dsec(path, x, y, t_ns, p, ids, sensor):
     t_us = t_ns // 1000
     offset_us = int(t_us[0]) if len(t_us) else 0
@@ -169,7 +168,7 @@ def _save_dsec(path, x, y, t_ns, p, ids, sensor):
     index = np.searchsorted(relative, np.arange(last_ms + 1) * 1000).astype(np.uint64)
     # In memory first: HDF5 ends the process when a disk is full.
     image = io.BytesIO()
-    with _h5py().File(image, "w") as file:
+    with h5py_library().File(image, "w") as file:
         columns = {"x": x, "y": y, "t": relative.astype(np.uint32), "p": p, "id": ids}
         for name, column in columns.items():
             if column is None:
@@ -203,8 +202,13 @@ def _checked(path):
     path = pathlib.Path(path)
     if path.suffix not in SUFFIXES:
         raise ArgumentError(f"{path.name} ends in `{path.suffix}`, expected one of {', '.join(SUFFIXES)}")
-    {".h5": _h5py, ".hdf5": _h5py, ".aedat4": _faery}.get(path.suffix, bool)()
+    {".h5": h5py_library, ".hdf5": h5py_library, ".aedat4": _faery}.get(path.suffix, bool)()
     return path
+
+
+def _check_sensor(sensor):
+    if not isinstance(sensor, SensorModel):
+        raise ArgumentError(f"sensor is a {type(sensor).__name__}, expected a SensorModel")
 
 
 def _check_size(path, sensor):
@@ -218,8 +222,8 @@ def _check_size(path, sensor):
 
 def _check_ids(path, ids):
     """Raises if instances of events are given that a format has no place for."""
-    if ids is not None and path.suffix in (".aedat4", ".raw"):
-        raise ArgumentError(f"{path.name} has no place for ids, expected .npz or .h5")
+    if ids is not None and path.suffix not in ID_SUFFIXES:
+        raise ArgumentError(f"{path.name} has no place for ids, expected one of {', '.join(ID_SUFFIXES)}")
 
 
 def _ids_column(ids, count):
@@ -227,8 +231,12 @@ def _ids_column(ids, count):
     if ids is None:
         return None
     ids = np.asarray(ids)
-    if ids.shape != (count,) or ids.dtype.kind not in "iu":
+    # An empty list has no type that tells anything.
+    if ids.shape != (count,) or (ids.dtype.kind not in "iu" and count):
         raise ArgumentError(f"ids are {ids.dtype} {ids.shape}, expected {count} integers, one for each event")
+    most = np.iinfo(np.int64).max
+    if count and ids.max() > most:
+        raise ArgumentError(f"ids have {ids.max()}, expected at most {most}")
     return np.ascontiguousarray(ids, np.int64)
 
 
@@ -308,16 +316,8 @@ def _appearing(path):
 
 def _host(array):
     """The array on the host. Mapped packets are copied: the camera wants their memory back."""
-    array = array.numpy() if hasattr(array, "numpy") else array
+    array = np.asarray(array.numpy() if hasattr(array, "numpy") else array)
     return array if array.flags.writeable else array.copy()
-
-
-def _h5py():
-    try:
-        import h5py
-    except ImportError as error:
-        raise ImportError("HDF5 files need h5py: pip install esaac[hdf5]") from error
-    return h5py
 
 
 def _faery():

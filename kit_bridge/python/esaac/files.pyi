@@ -7,8 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esaac import Array, Packet, SensorModel
+from esaac.recordings import Events as Events
+from esaac.recordings import load as load
+from esaac.recordings import load_dsec as load_dsec
 
 SUFFIXES: tuple[str, ...]
+ID_SUFFIXES: tuple[str, ...]
 EVT3_SIDE_PX: int
 EVT3_END_US: int
 HDF5_SPAN_US: int
@@ -37,6 +41,3 @@ def save(
     ids: NDArray[np.integer[Any]] | None = None,
     sensor: SensorModel,
 ) -> None: ...
-def load_dsec(
-    path: str | os.PathLike[str],
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.int64], NDArray[Any]]: ...

@@ -4,11 +4,14 @@ import numpy as np
 
 from esaac import _native
 from esaac.checks import nanoseconds
-from esaac.errors import FrameError
-from esaac.poses import Intrinsics, PoseRecorder, on_host
+from esaac.errors import ArgumentError, FrameError
+from esaac.poses import Intrinsics, PoseRecorder, Poses, on_host
+
+MOST_ID = 0xFFFFFFFF
 
 
 def flow(depth, ids=None, *, intrinsics, poses, from_ns, to_ns):
+    """Displacements of what each pixel shows, from one time to another. See `__init__.pyi`."""
     depth = np.ascontiguousarray(on_host(depth), np.float32)
     if depth.ndim not in (2, 3):
         raise FrameError(
@@ -21,9 +24,16 @@ def flow(depth, ids=None, *, intrinsics, poses, from_ns, to_ns):
             raise FrameError(
                 f"ids have shape {ids.shape} and dtype {ids.dtype}, expected {depth.shape} integers"
             )
+        # Narrow signed integers are what some renderers have for unsigned ones.
+        if ids.dtype.itemsize > 4 and ids.size and not 0 <= ids.min() <= ids.max() <= MOST_ID:
+            raise FrameError(f"ids are {ids.min()} to {ids.max()}, expected 0 to {MOST_ID}")
         ids = np.ascontiguousarray(ids.reshape(images.shape), np.uint32)
-    from_ns, to_ns = nanoseconds(from_ns), nanoseconds(to_ns)
+    from_ns, to_ns = nanoseconds(from_ns, "from_ns"), nanoseconds(to_ns, "to_ns")
     if isinstance(poses, PoseRecorder):
         poses = poses.spanning(min(from_ns, to_ns), max(from_ns, to_ns))
-    lens = Intrinsics.of(intrinsics).told()
-    return _native.flow(lens, poses, images, ids, from_ns, to_ns).reshape(*depth.shape, 2)
+    elif not isinstance(poses, Poses):
+        raise ArgumentError(f"poses are a {type(poses).__name__}, expected esaac.Poses or esaac.PoseRecorder")
+    lens = Intrinsics.of(intrinsics)
+    if lens is None:
+        raise ArgumentError("intrinsics are None, expected Intrinsics or (fx, fy, cx, cy)")
+    return _native.flow(lens.told(), poses, images, ids, from_ns, to_ns).reshape(*depth.shape, 2)

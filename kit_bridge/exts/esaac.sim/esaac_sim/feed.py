@@ -1,6 +1,7 @@
 """One camera of the stage: takes the frames of its render product and hands the events to its sinks."""
 
 import collections
+import threading
 import time
 
 import esaac
@@ -14,6 +15,7 @@ FRAMES_WITHOUT_POSES = 10
 """So many frames mode `auto` waits for the first physics step."""
 
 FORMS = {
+    "event_ids": lambda camera: camera.event_ids(),
     "event_frame": lambda camera: camera.event_frame(),
     "voxel_grid": lambda camera: camera.voxel_grid(),
     "aps": lambda camera: camera.aps,
@@ -22,7 +24,11 @@ FORMS = {
 
 
 class Feed:
-    """Steps an event camera with a writer's data, and counts frames, events and faults."""
+    """Steps an event camera with a writer's data, and counts frames, events and faults.
+
+    `packet` and `forms` are those of the last frame. `instances` says what the ids of `forms["event_ids"]` are:
+    `{7: {"prim": "/cube", "semantics": {"class": ["box"]}}}`. An id means the same prim as long as the feed lives.
+    """
 
     def __init__(self, spec, device=None, transforms=None):
         self.spec = spec
@@ -42,7 +48,10 @@ class Feed:
         self._without_poses = 0
         self.packet = None
         self.frame = None
-        self.forms = {}
+        self.forms, self.instances = {}, {}
+        self._labels = {}
+        # The renderer's thread steps the camera; the window changes its sensor.
+        self._lock = threading.RLock()
         self.latency_ms = 0.0
         self._last_ns = None
         self._recent = collections.deque(maxlen=RATE_WINDOW)
@@ -50,6 +59,10 @@ class Feed:
     def write(self, data):
         """The writer calls this on the renderer's thread. The arrays are valid until it returns; `step` has read them
         by then."""
+        with self._lock:
+            self._write(data)
+
+    def _write(self, data):
         spec, sensor = self.spec, self.spec.sensor
         try:
             frame = frame_of(
@@ -81,6 +94,7 @@ class Feed:
         started = time.perf_counter()
         try:
             packet = self._step(frame)
+            forms = {name: form(self.camera) for name, form in FORMS.items() if name in spec.outputs}
         except FrameUnusable as unusable:
             self.unusable += 1
             self.message = str(unusable)
@@ -94,8 +108,8 @@ class Feed:
         self.frames += 1
         self.events += len(packet)
         self.dropped += packet.dropped
-        self.packet = packet
-        self.forms = {name: form(self.camera) for name, form in FORMS.items() if name in self.spec.outputs}
+        self.packet, self.forms = packet, forms
+        self._labels = frame.labels
         self.message = self._warning() or "running"
         self._recent.append((started, len(packet)))
         self.frame = frame
@@ -107,12 +121,16 @@ class Feed:
     def _step(self, frame):
         if self._recorder is not None:
             if not len(self._recorder) and not self._gives_up_poses():
+                needing = "; `event_ids` of esaac:outputs needs them" if self.spec.with_ids else ""
                 raise FrameUnusable(
-                    "no poses yet: physics has not stepped. Does the stage have a physics scene?"
+                    f"no poses yet: physics has not stepped. Does the stage have a physics scene?{needing}"
                 )
         if self._recorder is not None:
             since_ns = frame.t_ns if self._last_ns is None else self._last_ns
-            self._recorder.ids = self._transforms.table(frame.labels, since_ns)
+            frame.ids, frame.labels = self._transforms.instances.settle(frame.ids, frame.labels)
+            self._describe(frame.labels)
+            # Kit lists what a frame shows. Events come of the frame before as well.
+            self._recorder.ids = self._transforms.table({**self._labels, **frame.labels}, since_ns)
         return self.camera.step(
             frame.hdr,
             frame.motion,
@@ -122,11 +140,17 @@ class Feed:
             poses=self._recorder,
         )
 
+    def _describe(self, labels):
+        """Keeps what is new among the ids of a frame."""
+        for number in labels.keys() - self.instances.keys() if self.spec.with_ids else ():
+            if told := self._transforms.instances.described(number):
+                self.instances[number] = told
+
     def _gives_up_poses(self):
         """Whether the camera goes on without poses: mode `auto`, if physics does not step."""
         self._without_poses += 1
         # The first frame that is stepped decides.
-        undecided = self.camera.synthesis is None and self.spec.sensor.synthesis == "auto"
+        undecided = self.camera.synthesis is None and not self.spec.needs_poses
         if undecided and self._without_poses > FRAMES_WITHOUT_POSES:
             self._recorder = None
         return self._recorder is None
@@ -176,8 +200,9 @@ class Feed:
 
     def change(self, **parameters):
         """Changes the sensor while it runs; a wrong value raises `esaac.SensorError` and changes nothing."""
-        self.camera.sensor = self.camera.sensor.replace(**parameters)
-        self._tell("changed", self.camera.sensor)
+        with self._lock:
+            self.camera.sensor = self.camera.sensor.replace(**parameters)
+            self._tell("changed", self.camera.sensor)
 
     def close(self):
         """Closes the sinks and the camera, each of them even if another fails; then raises `CloseError`. Sinks that

@@ -13,6 +13,8 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdPhysics
 
 import esaac
 
+from .instances import Instances
+
 STATIC_WORLD = -1
 
 MOST_AHEAD_S = 0.1
@@ -32,13 +34,15 @@ def recorded(spec, stage, transforms=None):
     try:
         return spec, transforms or Transforms(stage), None
     except PosesUnusable as unusable:
-        if not is_auto:
+        if spec.with_ids:
+            raise PosesUnusable(f"{unusable}; `event_ids` of esaac:outputs needs poses") from unusable
+        if spec.needs_poses:
             raise
         return dataclasses.replace(spec, with_geometry=False), transforms, str(unusable)
 
 
 class Transforms:
-    """Records poses of a stage until it is closed."""
+    """Records poses of a stage until it is closed. `instances` knows its prims by their ids."""
 
     def __init__(self, stage):
         try:
@@ -46,6 +50,7 @@ class Transforms:
             from omni.physx import get_physx_interface
         except ImportError as error:
             raise PosesUnusable(f"poses need {error.name}, which is not enabled") from error
+        self.instances = Instances(stage)
         self._stage, self._unit_m = stage, UsdGeom.GetStageMetersPerUnit(stage)
         self._clock, self._physics = SimulationManager, get_physx_interface()
         self._bodies, self._recorders, self._last_ns = {}, {}, None

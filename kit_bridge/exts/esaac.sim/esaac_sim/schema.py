@@ -16,7 +16,7 @@ from . import ticks
 
 API = "EsaacEventCameraAPI"
 PREFIX = "esaac:"
-OUTPUTS = ("events", "event_frame", "voxel_grid", "aps", "rgb", "depth")
+OUTPUTS = ("events", "event_ids", "event_frame", "voxel_grid", "aps", "rgb", "depth")
 
 _DEFAULTS = {
     "enabled": True,
@@ -59,6 +59,16 @@ class CameraSpec:
     """Whether depth and instance ids are asked of it, and poses recorded."""
     tick_rate_hz: float
     """How often the stage says that it is drawn; 0 is every frame."""
+
+    @property
+    def with_ids(self):
+        """Whether each event is labelled with the id of what it shows."""
+        return "event_ids" in self.outputs
+
+    @property
+    def needs_poses(self):
+        """Whether it sends no events without poses. Else mode `auto` does without them."""
+        return self.sensor.synthesis == "rigid" or self.with_ids
 
     @property
     def intrinsics(self):
@@ -122,9 +132,12 @@ def spec_of(prim):
             raise SchemaError(f"{path}: {error}") from error
     sensor = _sensor(prim, path, outputs)
     focal_px = _focal_px(prim, sensor.width)
-    if sensor.synthesis == "rigid" and not focal_px:
-        raise SchemaError(f"{path} has no horizontal aperture, which mode `rigid` needs")
-    return CameraSpec(
+    if "event_ids" in outputs and sensor.synthesis not in ("rigid", "auto"):
+        raise SchemaError(
+            f"{path}.esaac:outputs has `event_ids`, which needs mode `rigid` or `auto`, but the mode is "
+            f"`{sensor.synthesis}`"
+        )
+    spec = CameraSpec(
         path=path,
         sensor=sensor,
         outputs=outputs,
@@ -139,6 +152,10 @@ def spec_of(prim):
         with_geometry=sensor.synthesis in ("rigid", "auto") and focal_px > 0,
         tick_rate_hz=_tick_rate_hz(prim),
     )
+    if spec.needs_poses and not focal_px:
+        needing = "`event_ids` of esaac:outputs" if spec.with_ids else "mode `rigid`"
+        raise SchemaError(f"{path} has no horizontal aperture, which {needing} needs")
+    return spec
 
 
 def _tick_rate_hz(prim):

@@ -5,6 +5,8 @@ import pathlib
 
 import esaac
 
+from . import id_table
+
 
 class Recorder:
     """Writes a camera's events to files when the run ends.
@@ -12,6 +14,9 @@ class Recorder:
     The first file has the camera's name. If there is such a file already, or another recorder is going to write it,
     a number follows: `camera.npz`, `camera_2.npz` and so on. Nothing is overwritten. Where the timeline is rewound or
     jumps, the camera begins anew and what follows goes into another file, as it does where the sensor is changed.
+
+    If `esaac:outputs` has `event_ids`, each event has the id of what it shows, and `camera.ids.json` beside the file
+    says which prim each id is. Only `.npz` and `.h5` have a place for ids; others raise `esaac.ArgumentError`.
 
     Recorders that share a set `claimed` do not choose each other's names. `log` has `info`, which is told the names.
 
@@ -24,6 +29,12 @@ class Recorder:
     def __init__(self, folder, spec, suffix=".npz", claimed=None, log=None):
         self._folder, self._spec, self._suffix = pathlib.Path(folder), spec, suffix
         self._sensor, self._log = spec.sensor, log
+        self._instances = {}
+        if spec.with_ids and suffix not in esaac.files.ID_SUFFIXES:
+            raise esaac.ArgumentError(
+                f"{spec.path}.esaac:outputs has `event_ids`, for which a recording as {suffix} has no place, "
+                f"expected one of {', '.join(esaac.files.ID_SUFFIXES)}"
+            )
         self._claimed = set() if claimed is None else claimed
         self._folder.mkdir(parents=True, exist_ok=True)
         self._writers = []
@@ -31,7 +42,11 @@ class Recorder:
 
     def __call__(self, feed, packet):
         self._used = True
-        self._writers[-1].write(packet)
+        if self._spec.with_ids:
+            self._instances = feed.instances
+            self._writers[-1].write(packet, feed.forms["event_ids"])
+        else:
+            self._writers[-1].write(packet)
 
     def restart(self):
         """The camera was reset."""
@@ -46,6 +61,11 @@ class Recorder:
     def path(self):
         return self._writers[0].path
 
+    @property
+    def ids_path(self):
+        """The table of ids beside the first file, or None where events have none."""
+        return id_table.beside(self.path) if self._spec.with_ids else None
+
     def __len__(self):
         return sum(map(len, self._writers))
 
@@ -59,11 +79,18 @@ class Recorder:
 
     def _save(self, writer, folder, own):
         path = writer.path
-        if folder is not None or path.exists():
+        if folder is not None or self._taken(path):
             path = self._free(pathlib.Path(folder or self._folder), own)
         count = len(writer)
-        writer.close(path)
-        self._tell(f"{count} events are saved as {path}")
+        # First the table: without it the events stay, and can be saved again.
+        table = id_table.write(path, self._spec.path, self._instances) if self._spec.with_ids else None
+        try:
+            writer.close(path)
+        except BaseException:
+            if table is not None:
+                table.unlink()
+            raise
+        self._tell(f"{count} events are saved as {path}" + (f", their ids as {table}" if table else ""))
 
     def _begin(self):
         """Another file, if there are events in the last one."""
@@ -80,8 +107,12 @@ class Recorder:
         stem = self._spec.path.strip("/").replace("/", "_")
         for number in itertools.count(1):
             path = folder / (stem + (f"_{number}" if number > 1 else "") + self._suffix)
-            if path.absolute() not in self._claimed - {own} and not path.exists():
+            if path.absolute() not in self._claimed - {own} and not self._taken(path):
                 return path
+
+    def _taken(self, path):
+        """Whether another file is in the place of a recording or of its table."""
+        return path.exists() or (self._spec.with_ids and id_table.beside(path).exists())
 
     def _tell(self, text):
         if self._log is not None:

@@ -195,8 +195,9 @@ def _drawn(product, stage):
         light = _light(stage, cube)
         hdr[ys, xs] = np.sqrt(light) if faults.gamma else light
         depth[ys, xs] = z
-        ids[ys, xs] = len(labels) + 6
-        labels[str(len(labels) + 6)] = cube
+        if rgb[ys, xs].size:  # F14
+            ids[ys, xs] = len(labels) + 6
+            labels[str(len(labels) + 6)] = cube
         rgb[ys, xs, :3] = (200, 100, 50)
         before = product.before.get(cube, centre)
         moved = (before[0] - centre[0], before[1] - centre[1])  # F3

@@ -1,0 +1,166 @@
+"""Recordings that are read back: whole or in part, with labels and without, ours and DSEC's; and what is none."""
+
+import dataclasses
+
+import h5py
+import numpy as np
+import pytest
+
+import esaac
+from esaac import files
+
+SENSOR = esaac.SensorModel("dvs128", width=40, height=24)
+RANDOM = np.random.default_rng(3)
+COUNT = 4000
+START_NS = 7_000_123_000
+COLUMNS = {
+    "x": RANDOM.integers(0, 40, COUNT).astype(np.uint16),
+    "y": RANDOM.integers(0, 24, COUNT).astype(np.uint16),
+    # Whole microseconds, as HDF5 has them, with a gap of 20 ms and many events at once.
+    "t_ns": START_NS
+    + np.sort(RANDOM.integers(0, 30_000, COUNT)) * 1000
+    + (np.arange(COUNT) > 2500) * 20_000_000,
+    "p": RANDOM.integers(0, 2, COUNT).astype(np.uint8),
+    "ids": RANDOM.choice([-1, 0, 7, 70_000, 4_000_000_000], COUNT),
+}
+SUFFIXES = (".npz", ".h5")
+
+
+def written(path, columns=COLUMNS, **more):
+    files.save(path, **columns, sensor=SENSOR, **more)
+    return path
+
+
+def assert_columns(actual, expected):
+    for name, column in expected.items():
+        assert getattr(actual, name).dtype == column.dtype
+        np.testing.assert_array_equal(getattr(actual, name), column)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_was_written_is_read_back(tmp_path, suffix):
+    events = files.load(written(tmp_path / f"events{suffix}"))
+    assert_columns(events, COLUMNS)
+    assert len(events) == COUNT and events.sensor == SENSOR
+    # It can be written again as it is.
+    columns = {field.name: getattr(events, field.name) for field in dataclasses.fields(events)}
+    files.save(tmp_path / f"again{suffix}", **columns)
+    assert_columns(files.load(tmp_path / f"again{suffix}"), COLUMNS)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("ids", [None, []])
+def test_an_empty_recording_and_one_without_labels_are_read_back(tmp_path, suffix, ids):
+    events = files.load(
+        written(tmp_path / f"none{suffix}", {name: [] for name in ("x", "y", "t_ns", "p")}, ids=ids)
+    )
+    assert len(events) == 0 and (events.ids is None) == (ids is None)
+    assert ids is None or events.ids.dtype == np.int64
+    assert len(files.load(tmp_path / f"none{suffix}", from_ns=5, to_ns=10)) == 0
+    one = {name: column[:1] for name, column in COLUMNS.items()}
+    assert_columns(files.load(written(tmp_path / f"one{suffix}", one)), one)
+
+
+def part(from_ns, to_ns):
+    t_ns = COLUMNS["t_ns"]
+    kept = np.ones(COUNT, bool) if from_ns is None else t_ns >= from_ns
+    kept &= True if to_ns is None else t_ns < to_ns
+    return {name: column[kept] for name, column in COLUMNS.items()}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_part_is_what_lies_in_its_interval(tmp_path, suffix):
+    path = written(tmp_path / f"events{suffix}")
+    last_ns = int(COLUMNS["t_ns"][-1])
+    times = [None, 0, START_NS, last_ns, last_ns + 1, 2 * last_ns, int(COLUMNS["t_ns"][1234])]
+    times += RANDOM.integers(START_NS - 3_000_000, last_ns + 3_000_000, 12).tolist()
+    # On the borders of the index's milliseconds.
+    times += [START_NS // 1_000_000 * 1_000_000 + 1_000_000 * k for k in (0, 3, 45)]
+    begin_ns = int(COLUMNS["t_ns"][0])
+    times += [begin_ns + 1_000_000 * k for k in (1, 2, 33)]
+    seen = set()
+    for from_ns in times:
+        for to_ns in times:
+            expected = part(from_ns, to_ns)
+            assert_columns(files.load(path, from_ns=from_ns, to_ns=to_ns), expected)
+            seen.add(len(expected["x"]))
+    assert 0 in seen and COUNT in seen and len(seen) > 50
+
+
+def test_of_hdf5_no_more_is_read_than_a_part_takes(tmp_path, monkeypatch):
+    path, read = written(tmp_path / "events.h5"), []
+    get = h5py.Dataset.__getitem__
+
+    def counted(dataset, index):
+        rows = get(dataset, index)
+        read.append((dataset.name, np.size(rows)))
+        return rows
+
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", counted)
+    from_ns = START_NS + 5_000_000
+    events = files.load(path, from_ns=from_ns, to_ns=from_ns + 2_000_000)
+    near = part(from_ns - 1_000_000, from_ns + 3_000_000)
+    of_columns = [count for name, count in read if name.startswith("/events/")]
+    assert len(of_columns) == 5 and 0 < len(events) < COUNT / 10
+    assert max(of_columns) <= len(near["x"])
+
+
+@pytest.mark.parametrize("index", ["whole", "short", "none"])
+def test_files_of_dsec_are_read_whatever_their_index(tmp_path, index):
+    path = tmp_path / "dsec.h5"
+    with h5py.File(path, "w") as file:
+        relative_us = (COLUMNS["t_ns"] - START_NS) // 1000
+        for name, column in (
+            ("x", COLUMNS["x"]),
+            ("y", COLUMNS["y"]),
+            ("p", COLUMNS["p"]),
+            ("t", relative_us),
+        ):
+            file[f"events/{name}"] = column.astype(np.uint32) if name == "t" else column
+        file["t_offset"] = np.int64(START_NS // 1000)
+        if index != "none":
+            rows = np.searchsorted(relative_us, np.arange(51 if index == "whole" else 12) * 1000)
+            file["ms_to_idx"] = rows.astype(np.uint64)
+    events = files.load(path)
+    assert events.ids is None and events.sensor is None
+    for from_ns, to_ns in (
+        (None, None),
+        (START_NS + 9_500_000, START_NS + 41_000_000),
+        (START_NS + 45_000_000, None),
+    ):
+        expected = part(from_ns, to_ns)
+        del expected["ids"]
+        assert len(expected["x"]) > 50
+        assert_columns(files.load(path, from_ns=from_ns, to_ns=to_ns), expected)
+    for actual, name in zip(files.load_dsec(path), ("x", "y", "t_ns", "p")):
+        np.testing.assert_array_equal(actual, COLUMNS[name])
+
+
+def test_what_is_no_recording_is_told(tmp_path):
+    for name in ("events.raw", "events.aedat4"):
+        files.save(tmp_path / name, [1], [2], [5000], [1], sensor=SENSOR)
+        with pytest.raises(esaac.ArgumentError, match=rf"{name}, expected one of .npz, .h5, .hdf5; .*faery"):
+            files.load(tmp_path / name)
+    for name in ("wrong.npz", "wrong.h5"):
+        with pytest.raises(FileNotFoundError, match=name):
+            files.load(tmp_path / name)
+        (tmp_path / name).write_text("no events")
+        with pytest.raises(esaac.ArgumentError, match=f"{name} is no "):
+            files.load(tmp_path / name)
+    np.savez(tmp_path / "other.npz", x=[1], t=[2])
+    with pytest.raises(esaac.ArgumentError, match="other.npz has t, x, expected also y, p"):
+        files.load(tmp_path / "other.npz")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["image"] = [1]
+    with pytest.raises(esaac.ArgumentError, match="other.h5 has no events, expected x, y, t, p"):
+        files.load(tmp_path / "other.h5")
+    path = written(tmp_path / "events.npz")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-200])
+    with pytest.raises(esaac.ArgumentError, match="events.npz is no .npz archive, or not a whole one"):
+        files.load(path)
+    path.write_bytes(whole[:500] + bytes(100) + whole[600:])
+    with pytest.raises(esaac.ArgumentError, match="events.npz is damaged: .*CRC"):
+        files.load(path)
+    with pytest.raises(TypeError, match="to_ns is 0.5, expected an integer, nanoseconds"):
+        files.load(written(path), to_ns=0.5)
