@@ -5,7 +5,7 @@
 //! way. So [`by_error`] the way is shorter, down to what the bend of the texture needs: along motion vectors
 //! [`needed_motion_px`], along exact paths [`needed_on_way_px`].
 
-use crate::{SensorModel, SubstepPolicy, Synthesis, Taps};
+use crate::{Intensity, SensorModel, SubstepPolicy, Synthesis, Taps};
 
 /// Side of a block, pixels. The pixels of a block share one sub-step count and are skipped together.
 pub const BLOCK_PX: u32 = 8;
@@ -52,12 +52,17 @@ pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, inte
 }
 
 /// Whether sub-steps follow how far levels bend along their motion. The level between two frames must be the texture of
-/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], with taps that see as much as the bend.
+/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], with taps that see as much as the bend. Along exact
+/// paths a mosaic stays by speed: to find the bends of three planes costs more than the sub-steps that they save.
 #[must_use]
 pub fn by_error(sensor: &SensorModel) -> bool {
     sensor.substep_error_ns > 0
         && sensor.substep_policy == SubstepPolicy::Adaptive
-        && matches!(sensor.synthesis, Synthesis::Motion | Synthesis::Rigid)
+        && match sensor.synthesis {
+            Synthesis::Motion => true,
+            Synthesis::Rigid => sensor.intensity != Intensity::BayerRggb,
+            _ => false,
+        }
         && sensor.taps == Taps::Cubic
 }
 
@@ -248,6 +253,7 @@ mod tests {
             SensorModel { substep_policy: SubstepPolicy::Fixed, ..sensor.clone() },
             SensorModel { synthesis: Synthesis::Linear, ..sensor.clone() },
             SensorModel { taps: Taps::Bilinear, ..sensor.clone() },
+            SensorModel { synthesis: Synthesis::Rigid, intensity: Intensity::BayerRggb, ..sensor.clone() },
         ] {
             assert!(!by_error(&other));
         }

@@ -321,14 +321,10 @@ fn by_error(substep_error_ns: u32) -> SensorModel {
 
 #[test]
 fn substeps_by_error_are_the_oracles_and_fewer_than_by_speed() {
-    for (kind, policy, intensity) in [
-        (SceneKind::Flight, None, Intensity::Luminance),
-        (SceneKind::Shake, Some(KernelPolicy::gpu()), Intensity::BayerRggb),
-    ] {
+    for (kind, policy) in [(SceneKind::Flight, None), (SceneKind::Shake, Some(KernelPolicy::gpu()))] {
         let rendered = Rendered::of(kind, LARGE, 3);
-        let sensor = |error_ns| SensorModel { intensity, ..by_error(error_ns) };
-        check_frames(&sensor(300_000), &[(kind, rendered.clone())], policy, false);
-        let of = |error_ns| run(&sensor(error_ns), &rendered, RigOptions { policy, ..keep() }, false);
+        check_frames(&by_error(300_000), &[(kind, rendered.clone())], policy, false);
+        let of = |error_ns| run(&by_error(error_ns), &rendered, RigOptions { policy, ..keep() }, false);
         let [some, most] = [of(300_000), of(0)];
         let events = |steps: &[Step]| steps.iter().flat_map(|step| step.events.clone()).collect::<Vec<_>>();
         let apart = compare(LARGE, events(&most), events(&some));
