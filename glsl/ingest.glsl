@@ -32,8 +32,13 @@ const uint CACHE_X = TILE_WIDTH_PX + (HALF_PEL ? APRON_PX : 0u);
 const uint CACHE_Y = BLOCK_PX + (HALF_PEL ? APRON_PX : 0u);
 const uint CACHE_PIXELS = CACHE_X * CACHE_Y;
 
+// Colour components whose levels the cache holds, from `first_component()` on: those that the workgroup takes. Where
+// sub-steps are by error it holds all, but only the workgroup of the first component fills in the others, and only so far as
+// bends need them.
+const uint CACHED_COMPONENTS = SUBSTEPS_BY_ERROR ? CHANNELS : COMPONENTS;
+
 // Beyond the image the cache repeats the border pixels. Levels lie component by component.
-shared float cached_level[COMPONENTS * CACHE_PIXELS];
+shared float cached_level[CACHED_COMPONENTS * CACHE_PIXELS];
 shared vec2 cached_motion[CACHE_PIXELS];
 shared uint any_change;
 
@@ -208,11 +213,16 @@ vec2 to_usable(vec2 m, out bool usable) {
     return vec2(floatBitsToUint(m.x) == INVALID_BIT ? 0.0 : m.x, m.y);
 }
 
+// Level of a colour component in the previous frame.
+float level_before(Camera cam, uint channel, ivec2 at) {
+    return is_first(cam) ? cam.log_dark
+                         : load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + frame_word(cam, HALF_PEL, at));
+}
+
 // Loads a further colour component of a pixel of the tile or its apron.
 void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, vec3 colour, bool invalid) {
-    const uint word = frame_word(cam, HALF_PEL, clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1));
-    const float before =
-        is_first(cam) ? cam.log_dark : load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + word);
+    const ivec2 clamped_at = clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1);
+    const float before = level_before(cam, channel, clamped_at);
     const float level = invalid ? before : log_intensity_of(cam, colour, channel);
     if (HALF_PEL) {
         cached_level[channel * CACHE_PIXELS + cached] = level;
@@ -221,7 +231,7 @@ void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, v
         }
     }
     if (own && !HALF_PEL) {
-        planes[frame_of(cam, cam.frame_slot, channel) + word] = level;
+        planes[frame_of(cam, cam.frame_slot, channel) + frame_word(cam, HALF_PEL, clamped_at)] = level;
     }
 }
 
@@ -264,6 +274,12 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
     }
     [[unroll]] for (uint further = 1u; further < COMPONENTS; ++further) {
         load_component(cam, further, cached, at, own, colour, invalid);
+    }
+    if (CACHED_COMPONENTS > COMPONENTS && channel == 0u && is_beside_anchor(in_tile)) {
+        [[unroll]] for (uint further = COMPONENTS; further < CACHED_COMPONENTS; ++further) {
+            cached_level[further * CACHE_PIXELS + cached] =
+                invalid ? level_before(cam, further, clamped_at) : log_intensity_of(cam, colour, further);
+        }
     }
     if (notes && invalid) {
         add_invalid_pixel(cam, at, reference, stats);

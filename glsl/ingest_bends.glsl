@@ -11,13 +11,8 @@ void begin_bends(uint in_tile) {
     block_slope[in_tile] = 0u;
 }
 
-// Bend and slope of the level at `in_tile` along its vector; for synthesis `rigid` the largest, for a pixel of motion.
-vec2 bend_and_slope(ivec2 in_tile) {
-    const uint centre = cache_index(tile_origin + in_tile);
-    const vec2 m = RIGID ? vec2(0.0) : cached_motion[centre];
-    if (m.x == NOWHERE_PX) {
-        return vec2(0.0);
-    }
+// Bend and slope of the level in the cache at `centre` along `m`; for synthesis `rigid` the largest, for a pixel of motion.
+vec2 bend_and_slope_at(uint centre, vec2 m) {
     const uint above = centre - CACHE_X;
     const uint below = centre + CACHE_X;
     const float left = cached_level[centre - 1u];
@@ -32,6 +27,21 @@ vec2 bend_and_slope(ivec2 in_tile) {
         return vec2(0.5 * largest, length(first));
     }
     return abs(vec2(dot(second, m * m) + 2.0 * mixed * m.x * m.y, dot(first, m)));
+}
+
+// The same of the level at `in_tile` along its vector: the largest of all colour components, as what is there may pass
+// pixels of every colour.
+vec2 bend_and_slope(ivec2 in_tile) {
+    const uint centre = cache_index(tile_origin + in_tile);
+    const vec2 m = RIGID ? vec2(0.0) : cached_motion[centre];
+    if (m.x == NOWHERE_PX) {
+        return vec2(0.0);
+    }
+    vec2 largest = vec2(0.0);
+    [[unroll]] for (uint k = 0u; k < CACHED_COMPONENTS; ++k) {
+        largest = max(largest, bend_and_slope_at(k * CACHE_PIXELS + centre, m));
+    }
+    return largest;
 }
 
 // Notes a bend and a slope of a block.

@@ -120,7 +120,11 @@ fn the_gpus_kernels_agree_with_the_oracle() {
     ] {
         check_against_oracle(&sensor, &sequence, &gpu_steps(&sensor, &sequence, POLICY));
     }
-    for sensor in [noisy(), SensorModel { synthesis: Synthesis::Linear, flicker_depth: 0.5, ..sensor() }] {
+    for sensor in [
+        noisy(),
+        SensorModel { intensity: bayer, ..sensor() },
+        SensorModel { synthesis: Synthesis::Linear, flicker_depth: 0.5, ..sensor() },
+    ] {
         check_against_oracle(&sensor, &sequence, &gpu_steps(&sensor, &sequence, DENSE));
     }
 }

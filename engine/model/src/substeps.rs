@@ -52,15 +52,18 @@ pub fn substep_count(sensor: &SensorModel, motion_px: f64, change_log: f64, inte
 }
 
 /// Whether sub-steps follow how far levels bend along their motion. The level between two frames must be the texture of
-/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], in the one plane that a pixel sees, with taps that
-/// see as much as the bend.
+/// the frames: that of [`Synthesis::Motion`] or [`Synthesis::Rigid`], with taps that see as much as the bend. Along exact
+/// paths a mosaic stays by speed: to find the bends of three planes costs more than the sub-steps that they save.
 #[must_use]
 pub fn by_error(sensor: &SensorModel) -> bool {
     sensor.substep_error_ns > 0
         && sensor.substep_policy == SubstepPolicy::Adaptive
-        && matches!(sensor.synthesis, Synthesis::Motion | Synthesis::Rigid)
+        && match sensor.synthesis {
+            Synthesis::Motion => true,
+            Synthesis::Rigid => sensor.intensity != Intensity::BayerRggb,
+            _ => false,
+        }
         && sensor.taps == Taps::Cubic
-        && sensor.intensity != Intensity::BayerRggb
 }
 
 /// What the pixels of a block of a frame show at most.
@@ -87,7 +90,8 @@ pub struct BlockActivity {
 /// L_xx = L(x-1, y) - 2 L(x, y) + L(x+1, y)
 /// L_xy = (L(x+1, y+1) - L(x-1, y+1) - L(x+1, y-1) + L(x-1, y-1)) / 4
 /// ```
-/// for pixels with a valid vector. Beyond the image the frame repeats its border. Of `n` sub-steps each is off by up to
+/// for pixels with a valid vector. Beyond the image the frame repeats its border. Under a mosaic the largest of all colours
+/// count, since what a block shows may pass pixels of each. Of `n` sub-steps each is off by up to
 /// `bend / (8 n^2)`. That may be what a slope passes in `substep_error_ns`, or [`SUBSTEP_LEVEL_ERROR`].
 #[must_use]
 pub fn needed_motion_px(sensor: &SensorModel, block: BlockActivity, interval_ns: u32) -> f64 {
@@ -249,7 +253,7 @@ mod tests {
             SensorModel { substep_policy: SubstepPolicy::Fixed, ..sensor.clone() },
             SensorModel { synthesis: Synthesis::Linear, ..sensor.clone() },
             SensorModel { taps: Taps::Bilinear, ..sensor.clone() },
-            SensorModel { intensity: Intensity::BayerRggb, ..sensor.clone() },
+            SensorModel { synthesis: Synthesis::Rigid, intensity: Intensity::BayerRggb, ..sensor.clone() },
         ] {
             assert!(!by_error(&other));
         }

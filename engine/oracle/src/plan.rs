@@ -171,9 +171,10 @@ pub fn needs(sensor: &SensorModel, before: Option<&Image>, frame: &Image, interv
     needed_motion(sensor, before, frame, interval_ns).map(Needs::Motion)
 }
 
-/// Log intensity of a frame's one plane.
-fn logs(sensor: &SensorModel, image: &Image) -> Vec<f64> {
-    image.planes(sensor.intensity)[0].iter().map(|s| (s + sensor.log_offset).ln()).collect()
+/// Log intensity of a frame's planes.
+fn logs(sensor: &SensorModel, image: &Image) -> Vec<Vec<f64>> {
+    let log = |plane: Vec<f64>| plane.iter().map(|s| (s + sensor.log_offset).ln()).collect();
+    image.planes(sensor.intensity).into_iter().map(log).collect()
 }
 
 /// First differences of a frame's levels at a pixel, along x and y, and second ones, `xx`, `xy` and `yy`. Beyond the
@@ -198,12 +199,14 @@ fn block_of(pixel: usize, width: usize) -> usize {
 
 /// Texture of each block, as kernels keep it.
 fn textures(sensor: &SensorModel, frame: &Image) -> Vec<BlockTexture> {
-    let (levels, (blocks_x, blocks_y)) = (logs(sensor, frame), blocks(sensor));
+    let (blocks_x, blocks_y) = blocks(sensor);
     let mut textures = vec![BlockTexture::default(); blocks_x * blocks_y];
-    for pixel in 0..levels.len() {
-        let (first, second) = differences(&levels, (frame.width, frame.height), pixel);
-        let block = &mut textures[block_of(pixel, frame.width)];
-        *block = block.max(BlockTexture::of_pixel(first, second));
+    for levels in logs(sensor, frame) {
+        for pixel in 0..levels.len() {
+            let (first, second) = differences(&levels, (frame.width, frame.height), pixel);
+            let block = &mut textures[block_of(pixel, frame.width)];
+            *block = block.max(BlockTexture::of_pixel(first, second));
+        }
     }
     textures.into_iter().map(BlockTexture::kept).collect()
 }
@@ -222,15 +225,18 @@ fn needed_motion(
     for (pixel, &[dx, dy]) in motion.iter().enumerate() {
         let block = &mut activity[block_of(pixel, frame.width)];
         if let Some(before) = &before {
-            block.change_log = block.change_log.max((own[pixel] - before[pixel]).abs());
+            let plane = plane_of(sensor.intensity, pixel % frame.width, pixel / frame.width);
+            block.change_log = block.change_log.max((own[plane][pixel] - before[plane][pixel]).abs());
         }
         if !is_usable([dx, dy]) {
             continue;
         }
-        let ([x, y], [xx, xy, yy]) = differences(&own, (frame.width, frame.height), pixel);
         block.motion_px = block.motion_px.max(dx.hypot(dy));
-        block.bend_log = block.bend_log.max((xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy).abs());
-        block.slope_log = block.slope_log.max((x * dx + y * dy).abs());
+        for levels in &own {
+            let ([x, y], [xx, xy, yy]) = differences(levels, (frame.width, frame.height), pixel);
+            block.bend_log = block.bend_log.max((xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy).abs());
+            block.slope_log = block.slope_log.max((x * dx + y * dy).abs());
+        }
     }
     Some(activity.into_iter().map(|block| needed_motion_px(sensor, block, interval_ns)).collect())
 }

@@ -10,7 +10,7 @@ use esaac_layout::{
 };
 use esaac_model::paths::Projection;
 use esaac_model::substeps::by_error;
-use esaac_model::{IdFormat, Intensity, MotionFormat, Pixel, Timestamps};
+use esaac_model::{IdFormat, MotionFormat, Pixel, Timestamps};
 
 /// Constants and options that determine which kernels run for a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,9 +58,7 @@ pub(super) fn permutation(
     let geometry = camera.config.geometry.filter(|_| is_rigid(sensor));
     let fisheye = geometry.is_some_and(|geometry| geometry.lens.projection() == Projection::Fisheye);
     let physical = is_physical(sensor);
-    // A mosaic has more sub-steps, whose levels take more memory than is near.
-    let dense_queue_per_px =
-        dense_queue_per_px.filter(|_| !physical && sensor.intensity != Intensity::BayerRggb);
+    let dense_queue_per_px = dense_queue_per_px.filter(|_| !physical);
     let (leaks, has_noise) = match sensor.pixel {
         Pixel::Log => (sensor.leak_rate_hz > 0.0, sensor.shot_noise_rate_hz > 0.0),
         Pixel::Physical => {
