@@ -29,8 +29,8 @@ const REFRACTORY: f64 = 0.1;
 const MISMATCH_LOG: f64 = 0.012;
 const LEAK_HZ: f64 = 0.05;
 const DARK: f64 = 1.6;
-/// Largest root mean square of the differences, in their errors. Fits of ten seeds have .25 to .43; one that stops before
-/// the squares are least has .9 and more, with the second pole a quarter off.
+/// Largest root mean square of the differences, in their errors. Fits of ten seeds have .23 to .51. A search that stops
+/// before the squares are least has .9 and more, with the second pole a quarter off.
 const MISFIT: f64 = 0.6;
 /// Both ends of the second pole's interval are apart by less than this factor if flicker of several hundred Hz tells it, by
 /// more if only dim light does.
@@ -104,11 +104,10 @@ fn second_pole(fit: &PhysicalFit, known: &SensorModel) -> (bool, f64) {
     ((least_hz..=most_hz).contains(&known.second_pole_hz), most_hz / least_hz)
 }
 
-/// Records the sensor with this seed and checks the fit. Returns the recordings too.
-fn recover(seed: u64) -> (SensorModel, Exposures, PhysicalFit) {
-    let known = SensorModel { seed, ..known() };
+/// Records the sensor and checks the fit. Returns the recordings too.
+fn recover(known: &SensorModel) -> (Exposures, PhysicalFit) {
     let folder = tempfile::tempdir().unwrap();
-    record(folder.path(), &known, &lights());
+    record(folder.path(), known, &lights());
     let exposures = read_exposures(&folder.path().join("list.toml")).unwrap();
     let guess = preset_with_physical_pixel("hd").expect("listed");
     let fit = fit_physical(&DEVICE, &exposures, &guess, |_, _| {}).unwrap();
@@ -119,11 +118,11 @@ fn recover(seed: u64) -> (SensorModel, Exposures, PhysicalFit) {
         (actual / expected - 1.0).abs() <= bound
     };
     let pole = |s: &SensorModel| s.response_e_per_lux_s / s.photoreceptor_charge_e;
-    let (inside, apart) = second_pole(&fit, &known);
+    let (inside, apart) = second_pole(&fit, known);
     let holds = [
         share("contrast_on", found.contrast_on, known.contrast_on, THRESHOLD),
         share("contrast_off", found.contrast_off, known.contrast_off, THRESHOLD),
-        share("response over charge", pole(found), pole(&known), SPEED),
+        share("response over charge", pole(found), pole(known), SPEED),
         share("second_pole_hz", found.second_pole_hz, known.second_pole_hz, SPEED),
         share("charge", found.photoreceptor_charge_e, known.photoreceptor_charge_e, CHARGE),
         share("refractory_ns", found.refractory_ns.into(), known.refractory_ns.into(), REFRACTORY),
@@ -139,18 +138,15 @@ fn recover(seed: u64) -> (SensorModel, Exposures, PhysicalFit) {
     assert_eq!(fit.remarks, [""; 0]);
     assert_eq!(SensorModel::from_toml(&found.to_toml()).as_ref(), Ok(found));
     assert_silent();
-    (known, exposures, fit)
+    (exposures, fit)
 }
 
+/// With the recordings of this seed a search that stops too early is a quarter off in the second pole. Without fast flicker the
+/// interval of the second pole is wide, and still holds it.
 #[test]
-fn a_known_physical_pixel_is_recovered_from_its_recordings() {
-    recover(77);
-}
-
-/// The same of other pixels. Without fast flicker the interval of the second pole is wide, and still holds it.
-#[test]
-fn other_pixels_are_recovered_and_dim_light_alone_tells_the_second_pole_less_well() {
-    let (known, mut exposures, whole) = recover(1);
+fn a_known_physical_pixel_is_recovered_from_its_recordings_and_dim_ones_tell_less() {
+    let known = SensorModel { seed: 1, ..known() };
+    let (mut exposures, whole) = recover(&known);
     exposures.all.retain(|exposure| match exposure.flicker {
         Some(flicker) => flicker.hz < 100.0,
         None => exposure.lux < 1.0,

@@ -47,7 +47,7 @@ impl Residuals for Fit<'_> {
         };
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(points.len());
         let results: Vec<_> = std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..threads).map(|_| scope.spawn(&work)).collect();
+            let threads: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
             threads.into_iter().map(|thread| thread.join().expect("a simulation panicked")).collect()
         });
         let mut done = results.into_iter().collect::<Result<Vec<_>>>()?.concat();

@@ -1,8 +1,8 @@
 //! The search for the parameters at which simulated rates agree with recorded ones.
 //!
 //! Rates rise in steps: a pixel in fast flicker sends a whole number of events a period, so a rate may stay where it is
-//! while a parameter moves, and slopes hold near the place only where they were measured. So slopes are measured anew until the squares
-//! stop to fall, and each try in between corrects them by what it has shown (Broyden's rule).
+//! while a parameter moves. Slopes therefore hold only near the place where they were measured. Each try corrects them by
+//! what it has shown (Broyden's rule), and they are measured anew until the squares no longer fall.
 
 use super::least_squares::{Step, solve};
 use anyhow::Result;
@@ -10,8 +10,8 @@ use anyhow::Result;
 /// Times that slopes are measured at most.
 pub const ROUNDS: usize = 8;
 
-/// Tries with the slopes of one round.
-const TRIES: usize = 3;
+/// Tries with the slopes of one round. A try is one simulation, slopes are one for each parameter.
+const TRIES: usize = 5;
 
 /// A step that lowers the sum of squares by less, of residuals in their errors, is not worth a simulation.
 const GAIN: f64 = 1.0;
