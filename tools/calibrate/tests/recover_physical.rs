@@ -1,7 +1,9 @@
 //! A physical pixel of known parameters is recovered from its own recordings under known light. The engine makes the
 //! recordings and does the fit.
 
-use esaac_calibrate::physical::{Flicker, Light, Shape, expose, fit_physical, fit_scene, read_exposures};
+use esaac_calibrate::physical::{
+    Exposures, Flicker, Light, PhysicalFit, Shape, expose, fit_physical, fit_scene, read_exposures,
+};
 use esaac_formats::event_file::{EventColumns, write_npz};
 use esaac_model::presets::preset_with_physical_pixel;
 use esaac_model::{Pixel, Polarity, SensorModel};
@@ -27,6 +29,12 @@ const REFRACTORY: f64 = 0.1;
 const MISMATCH_LOG: f64 = 0.012;
 const LEAK_HZ: f64 = 0.05;
 const DARK: f64 = 1.6;
+/// Largest root mean square of the differences, in their errors. Fits of ten seeds have .23 to .51. A search that stops
+/// before the squares are least has .9 and more, with the second pole a quarter off.
+const MISFIT: f64 = 0.6;
+/// Both ends of the second pole's interval are apart by less than this factor if flicker of several hundred Hz tells it, by
+/// more if only dim light does.
+const TOLD: f64 = 1.6;
 
 /// Unlike the first guess in every parameter.
 fn known() -> SensorModel {
@@ -43,8 +51,6 @@ fn known() -> SensorModel {
         second_pole_hz: 500.0,
         dark_lux: 0.08,
         leak_rate_hz: 0.15,
-        // One set of recordings tells the poles better than another: with seed 77 the second one is a quarter off.
-        seed: 79,
         ..preset_with_physical_pixel("hd").expect("listed")
     }
 }
@@ -91,11 +97,17 @@ fn record(folder: &Path, sensor: &SensorModel, lights: &[Light]) {
     std::fs::write(folder.join("list.toml"), list).expect("written");
 }
 
-#[test]
-fn a_known_physical_pixel_is_recovered_from_its_recordings() {
-    let known = known();
+/// Says whether a fit's interval of the second pole holds the known one, and by which factor its ends are apart.
+fn second_pole(fit: &PhysicalFit, known: &SensorModel) -> (bool, f64) {
+    let [least_hz, most_hz] =
+        [fit.second_pole.least_hz, fit.second_pole.most_hz].map(|hz| hz.expect("an end of the interval"));
+    ((least_hz..=most_hz).contains(&known.second_pole_hz), most_hz / least_hz)
+}
+
+/// Records the sensor and checks the fit. Returns the recordings too.
+fn recover(known: &SensorModel) -> (Exposures, PhysicalFit) {
     let folder = tempfile::tempdir().unwrap();
-    record(folder.path(), &known, &lights());
+    record(folder.path(), known, &lights());
     let exposures = read_exposures(&folder.path().join("list.toml")).unwrap();
     let guess = preset_with_physical_pixel("hd").expect("listed");
     let fit = fit_physical(&DEVICE, &exposures, &guess, |_, _| {}).unwrap();
@@ -106,29 +118,51 @@ fn a_known_physical_pixel_is_recovered_from_its_recordings() {
         (actual / expected - 1.0).abs() <= bound
     };
     let pole = |s: &SensorModel| s.response_e_per_lux_s / s.photoreceptor_charge_e;
+    let (inside, apart) = second_pole(&fit, known);
     let holds = [
         share("contrast_on", found.contrast_on, known.contrast_on, THRESHOLD),
         share("contrast_off", found.contrast_off, known.contrast_off, THRESHOLD),
-        share("response over charge", pole(found), pole(&known), SPEED),
+        share("response over charge", pole(found), pole(known), SPEED),
         share("second_pole_hz", found.second_pole_hz, known.second_pole_hz, SPEED),
         share("charge", found.photoreceptor_charge_e, known.photoreceptor_charge_e, CHARGE),
         share("refractory_ns", found.refractory_ns.into(), known.refractory_ns.into(), REFRACTORY),
         share("dark_lux", found.dark_lux, known.dark_lux, DARK - 1.0),
         (found.contrast_mismatch - known.contrast_mismatch).abs() <= MISMATCH_LOG,
         (found.leak_rate_hz - known.leak_rate_hz).abs() <= LEAK_HZ,
+        inside && apart < TOLD,
+        fit.misfit < MISFIT,
     ];
     println!("mismatch {} and {}", found.contrast_mismatch, known.contrast_mismatch);
     println!("leak {} and {}", found.leak_rate_hz, known.leak_rate_hz);
     assert!(holds.into_iter().all(|holds| holds), "{holds:?}");
-    assert!(fit.misfit < 2.5, "{}", fit.misfit);
+    assert_eq!(fit.remarks, [""; 0]);
     assert_eq!(SensorModel::from_toml(&found.to_toml()).as_ref(), Ok(found));
+    assert_silent();
+    (exposures, fit)
+}
+
+/// With the recordings of this seed a search that stops too early is a quarter off in the second pole. Without fast flicker the
+/// interval of the second pole is wide, and still holds it.
+#[test]
+fn a_known_physical_pixel_is_recovered_from_its_recordings_and_dim_ones_tell_less() {
+    let known = SensorModel { seed: 1, ..known() };
+    let (mut exposures, whole) = recover(&known);
+    exposures.all.retain(|exposure| match exposure.flicker {
+        Some(flicker) => flicker.hz < 100.0,
+        None => exposure.lux < 1.0,
+    });
+    assert_eq!(exposures.all.len(), 4);
+    let fit = fit_physical(&DEVICE, &exposures, &whole.sensor, |_, _| {}).unwrap();
+    println!("{fit:#?}");
+    let (inside, apart) = second_pole(&fit, &known);
+    assert!(inside && apart > TOLD, "{:?}", fit.second_pole);
     assert_silent();
 }
 
 /// Steps in dim and in bright light tell both poles, without a flicker as fast as these.
 #[test]
 fn both_poles_are_recovered_from_steps() {
-    let known = known();
+    let known = SensorModel { seed: 79, ..known() };
     let folder = tempfile::tempdir().unwrap();
     let light = |(lux, hz, depth, shape): (f64, f64, f64, Shape)| {
         let flicker = Some(Flicker { hz, depth, shape });
@@ -154,6 +188,9 @@ fn both_poles_are_recovered_from_steps() {
         assert!((ratio - 1.0).abs() <= bound, "{at}: {ratio}");
         assert!((of(&guess)[at] / of(&known)[at] - 1.0).abs() > 0.05, "{at}: the guess was unlike it");
     }
+    assert!(fit.misfit < MISFIT, "{}", fit.misfit);
+    let (inside, apart) = second_pole(&fit, &known);
+    assert!(inside && apart < TOLD, "{:?}", fit.second_pole);
     assert_silent();
 }
 

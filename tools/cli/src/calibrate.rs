@@ -5,7 +5,7 @@ use crate::outcome::Outcome;
 use crate::sensors::pixel_named;
 use crate::{characterise, device_choice, output_file, stderr};
 use anyhow::{Result, bail, ensure};
-use esaac_calibrate::physical::{PhysicalFit, fit_physical, fit_scene, read_exposures};
+use esaac_calibrate::physical::{PhysicalFit, SecondPole, fit_physical, fit_scene, read_exposures};
 use esaac_calibrate::{Fit, fit};
 use esaac_formats::recording::aedat4;
 use esaac_model::presets::LOG_OFFSET_HDR;
@@ -32,7 +32,7 @@ pub struct CalibrateArguments {
     /// Focal-plane light of the frames' full scale, lux, for a physical pixel from a recording with APS frames
     #[arg(long, value_name = "LUX")]
     pub white_lux: Option<f64>,
-    /// First guess of a physical pixel; what the recordings do not tell stays near it
+    /// First guess of a physical pixel, at which the search begins
     #[arg(long, value_name = "NAME|FILE.toml", default_value = "hd")]
     pub guess: String,
 }
@@ -187,7 +187,8 @@ fn physical_text(fit: &PhysicalFit) -> String {
         ("dark_lux", s.dark_lux, "lux"),
         ("leak_rate_hz", s.leak_rate_hz, "Hz"),
     ] {
-        text.push_str(&format!("{name:24} {value:.4} {unit}\n"));
+        let range = if name == "second_pole_hz" { second_pole_range(fit.second_pole) } else { String::new() };
+        text.push_str(&format!("{name:24} {value:.4} {unit}{range}\n"));
     }
     text.push_str("\nevents of a pixel and second (of a period, if it flickers), recorded and simulated:\n");
     for of in &fit.exposures {
@@ -205,6 +206,16 @@ fn physical_text(fit: &PhysicalFit) -> String {
         text.push_str(&format!("note: {remark}\n"));
     }
     text
+}
+
+/// How well the recordings tell the second pole, after its value.
+fn second_pole_range(pole: SecondPole) -> String {
+    match (pole.least_hz, pole.most_hz) {
+        (Some(least_hz), Some(most_hz)) => format!(" (95%: {least_hz:.0} to {most_hz:.0} Hz)"),
+        (Some(least_hz), None) => format!(" (not determined: at least {least_hz:.0} Hz)"),
+        (None, Some(most_hz)) => format!(" (not determined: at most {most_hz:.0} Hz)"),
+        (None, None) => " (not determined)".to_owned(),
+    }
 }
 
 fn text(fit: &Fit) -> String {
@@ -232,6 +243,15 @@ mod tests {
     fn arguments(file: &str, pixel: Option<Pixel>, white_lux: Option<f64>) -> CalibrateArguments {
         let (recording, out) = (file.into(), "a.toml".into());
         CalibrateArguments { recording, out, log_offset: 0.01, pixel, white_lux, guess: "hd".into() }
+    }
+
+    #[test]
+    fn a_second_pole_that_is_not_determined_is_not_shown_as_if_it_were() {
+        let range = |least_hz, most_hz| second_pole_range(SecondPole { least_hz, most_hz });
+        assert_eq!(range(Some(450.0), Some(560.0)), " (95%: 450 to 560 Hz)");
+        assert_eq!(range(Some(450.0), None), " (not determined: at least 450 Hz)");
+        assert_eq!(range(None, Some(560.0)), " (not determined: at most 560 Hz)");
+        assert_eq!(range(None, None), " (not determined)");
     }
 
     #[test]

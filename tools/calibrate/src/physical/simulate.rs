@@ -26,10 +26,10 @@ const MOST_STEPS: i64 = 2;
 const STEP_NS: f64 = 1e3;
 const GROWTH: f64 = 1.5;
 
-/// Periods of a flicker that are counted at most.
-const MOST_PERIODS: i64 = 8;
+/// Periods of a flicker that a fit counts at most: each is like the one before, and pixels tell more than periods do.
+const MOST_PERIODS: f64 = 4.0;
 
-/// Records one flicker or still light for its time, at most.
+/// Records one flicker, in whole periods, or still light for its time; long still light and steps not to the end.
 ///
 /// `size_px` are columns and rows of the simulated sensor. Burn-in and settling come before and are left out.
 pub fn expose(
@@ -59,10 +59,12 @@ pub struct Light {
 }
 
 impl Light {
-    /// That of an exposure.
+    /// That of an exposure, for as long as a fit needs it.
     #[must_use]
     pub fn of(exposure: &Exposure, burn_in_s: f64) -> Self {
-        Light { lux: exposure.lux, flicker: exposure.flicker, burn_in_s, seconds: exposure.seconds }
+        let longest_s = exposure.flicker.map_or(f64::INFINITY, |flicker| MOST_PERIODS / flicker.hz);
+        let seconds = exposure.seconds.min(longest_s);
+        Light { lux: exposure.lux, flicker: exposure.flicker, burn_in_s, seconds }
     }
 }
 
@@ -119,7 +121,7 @@ fn steps(
     light: &Light,
     flicker: Flicker,
 ) -> Result<Exposure> {
-    let periods = ((light.seconds * flicker.hz) as i64).clamp(1, MOST_STEPS);
+    let periods = ((light.seconds * flicker.hz + 1e-6) as i64).clamp(1, MOST_STEPS);
     let mut light_box = LightBox::new(device, sensor, size_px, 4)?;
     let mut exposure = named(light, size_px, periods as f64 / flicker.hz);
     let half_ns = 0.5e9 / flicker.hz;
@@ -150,7 +152,8 @@ fn swing(
     light: &Light,
     flicker: Flicker,
 ) -> Result<Exposure> {
-    let periods = ((light.seconds * flicker.hz) as i64).clamp(1, MOST_PERIODS);
+    // What a product of seconds and hertz lacks of a whole number is rounding.
+    let periods = ((light.seconds * flicker.hz + 1e-6) as i64).max(1);
     // Intervals last at most a second.
     let per_period = PER_PERIOD.max((1.1 / flicker.hz).ceil() as i64);
     let mut light_box = LightBox::new(device, sensor, size_px, 4)?;

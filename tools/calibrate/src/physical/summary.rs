@@ -14,11 +14,17 @@ pub struct Summary {
     pub off: f64,
     /// Events in all.
     pub events: f64,
+    /// Standard deviation of both rates by the choice of pixels and by chance, as a share. Pixels differ in how much noise they
+    /// send by more than the square root of their count says.
+    pub rate_error: f64,
     /// Spread of the pixels' counts that is the same in both halves of the exposure, as a share of the count: thresholds
     /// that differ.
     pub spread: f64,
-    /// Time between two events of a pixel that one in a thousand falls short of, nanoseconds; infinite with fewer.
+    /// Time between two events of a pixel that one in a hundred falls short of, nanoseconds; infinite with less than a
+    /// thousand.
     pub short_gap_ns: f64,
+    /// Standard deviation of its sampling, as a share.
+    pub short_gap_error: f64,
     /// Median time from a step up to a pixel's first ON event, nanoseconds; infinite without steps, or if not even half of the
     /// pixels answer.
     pub rise_ns: f64,
@@ -45,20 +51,38 @@ impl Summary {
         }
         let units = exposure.flicker.map_or(exposure.seconds, |flicker| exposure.seconds * flicker.hz);
         let [off, on] = on_off.map(|events| events / (units * exposure.pixels as f64));
+        let sums: Vec<f64> = counts.iter().map(|c| c[0] + c[1]).collect();
+        let rate_error = error_of_mean(&sums);
         let mean = |half: usize| counts.iter().map(|c| c[half]).sum::<f64>() / counts.len() as f64;
         let means = [mean(0), mean(1)];
         let product: f64 = counts.iter().map(|c| (c[0] - means[0]) * (c[1] - means[1])).sum();
         let covariance = product / counts.len() as f64;
         let spread = (covariance / (means[0] * means[1]).max(1e-9)).max(0.0).sqrt();
         gaps_ns.sort_unstable();
-        let short_gap_ns = match gaps_ns.len() {
-            0..1000 => f64::INFINITY,
-            count => gaps_ns[count / 1000] as f64,
+        let (short_gap_ns, short_gap_error) = match gaps_ns.len() {
+            0..1000 => (f64::INFINITY, 0.0),
+            count => {
+                // The number of gaps below a time has a deviation of its square root.
+                let rank = count / 100;
+                let deviation = (rank as f64).sqrt().ceil() as usize;
+                let [low, middle, high] =
+                    [rank - deviation, rank, rank + deviation].map(|rank| gaps_ns[rank].max(1) as f64);
+                (middle, 0.5 * (high / low).ln())
+            }
         };
         let [rise_ns, fall_ns] = [Polarity::On, Polarity::Off].map(|polarity| latency_ns(exposure, polarity));
         let events = exposure.events.len() as f64;
-        Summary { on, off, events, spread, short_gap_ns, rise_ns, fall_ns }
+        Summary { on, off, events, rate_error, spread, short_gap_ns, short_gap_error, rise_ns, fall_ns }
     }
+}
+
+/// Standard deviation of the mean of these counts, as a share of it.
+fn error_of_mean(counts: &[f64]) -> f64 {
+    let number = counts.len() as f64;
+    let mean = counts.iter().sum::<f64>() / number;
+    let variance = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>() / number;
+    // Even if all pixels send alike, one event more or less among all of them is chance.
+    (variance.max(1.0 / number) / number).sqrt() / mean.max(1.0 / number)
 }
 
 /// Median time from steps to the first events of this polarity, nanoseconds.
