@@ -5,6 +5,7 @@ use crate::sensors::{self, Input};
 use esaac_engine::{KernelPolicy, LevelsFirst, PacketPlace, Resting, RigOptions};
 use esaac_model::{HdrFormat, IdFormat, MotionFormat, SensorModel, Synthesis};
 use esaac_scene::SceneKind;
+use std::fmt::{self, Display, Formatter};
 
 /// Images that are drawn into a frame, or that a frame lacks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,8 +43,11 @@ pub struct CameraCase {
     pub number: u32,
     pub sensor: SensorModel,
     pub scene: SceneKind,
-    /// Time of the scene at time 0, nanoseconds: how much later the rig's clock is than the scene's.
+    /// When the scene begins, nanoseconds.
     pub epoch_ns: i64,
+    /// How fast the scene's clock is. Scenes move by whole and half pixels in a usual interval, so that at their own pace
+    /// roundings would decide.
+    pub pace: f64,
     pub hdr: HdrFormat,
     pub motion: Option<MotionFormat>,
     pub geometry: Option<GeometryOf>,
@@ -56,6 +60,11 @@ impl CameraCase {
 
     pub fn size_px(&self) -> (u32, u32) {
         (self.sensor.width, self.sensor.height)
+    }
+
+    /// Time of the scene, nanoseconds.
+    pub fn scene_ns(&self, t_ns: i64) -> i64 {
+        ((t_ns - self.epoch_ns) as f64 * self.pace).round() as i64
     }
 
     /// A sensor with the synthesis that `auto` is for this camera.
@@ -231,6 +240,46 @@ impl Case {
     }
 }
 
+/// For each camera and each tick what is in it. Of sensors only what is not as in `davis346`.
+impl Display for Case {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        for (number, camera) in self.cameras.iter().enumerate() {
+            let CameraCase { number: drawn, sensor, scene, epoch_ns, pace, hdr, motion, geometry } = camera;
+            writeln!(
+                out,
+                "camera {number}: number {drawn}, {scene:?}, {hdr:?}, motion {motion:?}, {geometry:?}, pace {pace:.3}"
+            )?;
+            writeln!(out, "  from {epoch_ns} ns on; {}", parameters(sensor, &SensorModel::default()))?;
+        }
+        let mut sensors: Vec<&SensorModel> = self.cameras.iter().map(|camera| &camera.sensor).collect();
+        for (index, tick) in self.ticks.iter().enumerate() {
+            writeln!(out, "tick {index}:")?;
+            for change in &tick.changes {
+                match change {
+                    Change::Sensor(camera, sensor) => {
+                        let before = std::mem::replace(&mut sensors[*camera], sensor);
+                        writeln!(out, "  camera {camera} changes: {}", parameters(sensor, before))?;
+                    }
+                    other => writeln!(out, "  {other:?}")?,
+                }
+            }
+            for (camera, frame) in tick.frames.iter().enumerate() {
+                writeln!(out, "  camera {camera}: {frame:?}")?;
+            }
+        }
+        writeln!(out, "{:?}\n{:?}", self.saving, self.options)?;
+        writeln!(out, "another run, cameras alone: {}, {:?}", self.other_alone, self.other_options)
+    }
+}
+
+/// Parameters of a sensor that another one does not have.
+fn parameters(sensor: &SensorModel, other: &SensorModel) -> String {
+    let table = |sensor: &SensorModel| toml::Table::try_from(sensor).expect("a sensor is a table");
+    let other = table(other);
+    let all = table(sensor).into_iter().filter(|(name, value)| other.get(name) != Some(value));
+    all.map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ")
+}
+
 /// A sensor whose packets are what its pixels send.
 pub fn plain(sensor: &SensorModel) -> SensorModel {
     let plain = SensorModel { max_events_per_interval: 0, ..sensor.clone() };
@@ -262,6 +311,7 @@ fn camera(dice: &mut Dice, number: u32) -> CameraCase {
         sensor: sensors::sensor(dice, (width, height), Input { motion, geometry }, Some(synthesis)),
         scene: dice.own.pick(scenes),
         epoch_ns: dice.own.pick(&EPOCHS_NS),
+        pace: dice.own.between(0.5, 1.5),
         hdr: dice.shared.pick(&[HdrFormat::F32x4, HdrFormat::F32x4, HdrFormat::F16x4, HdrFormat::Srgb8x4]),
         motion: motion
             .then(|| dice.shared.pick(&[MotionFormat::F32x2, MotionFormat::F16x2, MotionFormat::F32x4])),

@@ -2,7 +2,7 @@
 
 use crate::case::{CameraCase, Case, FrameAt, Spoils};
 use esaac_engine::{CameraConfig, FrameBytes, GeometryConfig};
-use esaac_model::paths::{Intrinsics, PoseTrack, SceneMotion};
+use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::random::philox4x32_10;
 use esaac_model::{DepthFormat, HdrFormat, IdFormat, MotionFormat, SensorModel};
 use esaac_oracle::Frame as OracleFrame;
@@ -84,22 +84,31 @@ fn view(case: &Case, number: usize) -> View {
     let (width, height) = camera.size_px();
     let scene = camera.scene.scene(width, height);
     let at: Vec<Option<FrameAt>> = case.ticks.iter().map(|tick| tick.frames[number]).collect();
-    let own_ns: Vec<i64> = at.iter().flatten().map(|frame| frame.t_ns - camera.epoch_ns).collect();
-    let mut poses = scene.scene_motion(&pose_times_ns(&own_ns));
-    let mut lens = *poses.lens();
+    let frames_ns: Vec<i64> = at.iter().flatten().map(|frame| frame.t_ns).collect();
+    let times_ns = pose_times_ns(&frames_ns);
+    let seconds = |t_ns: i64| camera.scene_ns(t_ns) as f64 * 1e-9;
+    let track = |pose_at: &dyn Fn(f64) -> Pose| {
+        let poses = times_ns.iter().map(|&t_ns| pose_at(seconds(t_ns))).collect();
+        PoseTrack::new(times_ns.clone(), poses).expect("ascending times")
+    };
+    let mut lens = scene.intrinsics();
     if camera.geometry.is_some_and(|geometry| geometry.fisheye) {
         let focal_px = 0.37 * f64::from(width);
         let (x_px, y_px) = (0.48 * f64::from(width), 0.49 * f64::from(height));
         lens = Intrinsics::fisheye(focal_px, 0.97 * focal_px, x_px, y_px).expect("a lens");
     }
-    poses = shifted(&poses, lens, camera.epoch_ns);
+    let mut poses = SceneMotion::new(lens, track(&|t_s| scene.camera_pose(t_s)));
+    for id in scene.instances() {
+        let known = |t_s| scene.instance_pose(id, t_s).expect("an id of this scene");
+        poses.insert(id, track(&known)).expect("one id");
+    }
     let motion = camera.motion.unwrap_or(MotionFormat::F32x2);
     let mut previous_ns = None;
     let frames = (0..)
         .zip(&at)
         .map(|(tick, frame)| {
             let FrameAt { t_ns, spoils } = (*frame)?;
-            let scene_ns = t_ns - camera.epoch_ns;
+            let scene_ns = camera.scene_ns(t_ns);
             let Frame { hdr, motion, depth, ids } =
                 render_cpu(&scene, scene_ns, previous_ns, camera.hdr, motion);
             previous_ns = Some(scene_ns);
@@ -123,18 +132,6 @@ fn pose_times_ns(frames_ns: &[i64]) -> Vec<i64> {
     // Intervals of some nanoseconds have fewer.
     times_ns.dedup();
     if times_ns.is_empty() { vec![0] } else { times_ns }
-}
-
-fn shifted(scene: &SceneMotion, lens: Intrinsics, by_ns: i64) -> SceneMotion {
-    let track = |track: &PoseTrack| {
-        let times_ns = track.times_ns().iter().map(|t_ns| t_ns + by_ns).collect();
-        PoseTrack::new(times_ns, track.poses().to_vec()).expect("ascending times")
-    };
-    let mut shifted = SceneMotion::new(lens, track(scene.camera()));
-    for id in scene.ids() {
-        shifted.insert(id, track(scene.instance(id).expect("an id of this scene"))).expect("one id");
-    }
-    shifted
 }
 
 fn ids_as(ids: &[u8], camera: &CameraCase) -> Vec<u8> {

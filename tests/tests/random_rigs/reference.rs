@@ -5,10 +5,11 @@ use crate::images::View;
 use esaac_model::packet::Event;
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::substep_end_ns;
-use esaac_model::{Pixel, SensorModel};
+use esaac_model::{Pixel, SensorModel, Synthesis};
 use esaac_oracle::cross::PixelConstants;
 use esaac_oracle::ingest::{Image, ingest, plane_of};
 use esaac_oracle::{Interval, Oracle};
+use esaac_scene::SceneKind;
 use esaac_tests::agreement::Stretch;
 
 /// A frame of a run.
@@ -107,9 +108,32 @@ fn first_log(view: &View, first: &Taken, pixel: usize) -> f64 {
     (image.planes(sensor.intensity)[plane][pixel] * light + sensor.log_offset).ln()
 }
 
-/// Whether the oracle foretells the events of a run one by one: noise of physical pixels has other draws there.
-pub fn foretells_events(run: &Run) -> bool {
-    run.iter().all(|taken| taken.sensor.pixel == Pixel::Log || taken.sensor.noise_gain == 0.0)
+/// Frames closer together than this show motions that positions in single precision do not tell from none.
+const CLOSEST_NS: i64 = 1_000;
+
+/// In longer intervals surfaces move by hundreds of pixels, and positions are exact to so much less.
+const LONGEST_NS: i64 = 110_000_000;
+
+/// The same along exact paths, whose bodies turn besides.
+const LONGEST_RIGID_NS: i64 = 40_000_000;
+
+/// Whether levels in a run are the oracle's but for roundings. They are not where surfaces are followed over too short an
+/// interval, or over a long one. Nor does a ball that bounces follow the paths that the engine draws
+/// through the poses of 33 instants: they are smooth.
+pub fn foretells_light(view: &View, run: &Run) -> bool {
+    let mut intervals_ns = run.windows(2).map(|pair| (pair[1].t_ns - pair[0].t_ns, &pair[1].sensor));
+    intervals_ns.all(|(interval_ns, sensor)| match sensor.synthesis {
+        Synthesis::Rigid => {
+            view.case.scene != SceneKind::Bounce && (CLOSEST_NS..=LONGEST_RIGID_NS).contains(&interval_ns)
+        }
+        Synthesis::Motion | Synthesis::Paper => (CLOSEST_NS..=LONGEST_NS).contains(&interval_ns),
+        _ => true,
+    })
+}
+
+/// Whether pixels have noise whose draws in the oracle are others.
+pub fn has_noise(run: &Run) -> bool {
+    run.iter().any(|taken| taken.sensor.pixel == Pixel::Physical && taken.sensor.noise_gain > 0.0)
 }
 
 /// A sensor without noise of physical pixels, which the oracle needs minutes for, and no event of which is compared.
