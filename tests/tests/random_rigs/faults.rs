@@ -14,7 +14,7 @@ fn case(has_bus: bool) -> Case {
         let sensors = case.sensors(0);
         let camera = &case.cameras[0];
         let frames_ns = || case.ticks.iter().filter_map(|tick| tick.frames[0]).map(|frame| frame.t_ns);
-        let length_ns = frames_ns().last().unwrap_or(0) - frames_ns().next().unwrap_or(0);
+        let length_ns = frames_ns().next_back().unwrap_or(0) - frames_ns().next().unwrap_or(0);
         case.cameras.len() == 1
             && case.ticks.iter().all(|tick| tick.changes.is_empty())
             // So that it has events.

@@ -152,7 +152,7 @@ fn word(pixel: usize, tick: u32, what: u32) -> u32 {
 fn spoil(images: &mut Images, spoils: Spoils, camera: &CameraCase, tick: u32) {
     let pixels = camera.sensor.pixels();
     let struck = |what: u32, one_in: u32| {
-        (0..pixels).filter(move |&pixel| one_in > 0 && word(pixel, tick, what) % one_in == 0)
+        (0..pixels).filter(move |&pixel| one_in > 0 && word(pixel, tick, what).is_multiple_of(one_in))
     };
     for pixel in struck(0, spoils.colour_one_in) {
         let bad = [f64::NAN, f64::INFINITY, -1.0, f64::NEG_INFINITY][word(pixel, tick, 10) as usize % 4];

@@ -22,8 +22,8 @@ use judge::{Kind, Tallies, judge};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
-/// Seeds of the ordinary run.
-const SEEDS: &str = "0..8";
+/// Seeds of the ordinary run, with kernels that do not take long to compile.
+const SEEDS: &str = "0,12,16,21,24,1004,1006,1010,1014";
 
 /// Seeds as `3`, `3..9` (3 to 8), or several of these with commas.
 fn seeds(text: &str) -> Vec<u64> {
