@@ -19,6 +19,7 @@ import time
 
 LONGEST_FIRST = (
     "gpu_against_oracle",
+    "random_rigs",
     "invariants",
     "gpu_policy",
     "process",

@@ -187,7 +187,7 @@ step "dependencies" check_dependencies
 step "suites" env ESAAC_VALIDATION=calls RUST_TEST_THREADS=1 tools/suites.py
 step "documentation tests" cargo test --workspace --locked --doc
 # The layer makes dispatches serial. The kernels of GPUs run side by side only without it.
-step "suites, without the layer" tools/suites.py --suite gpu_policy --suite packets --suite resting --suite stages
+step "suites, without the layer" tools/suites.py --suite gpu_policy --suite packets --suite random_rigs --suite resting --suite stages
 # Each access of a shader within its buffer. What the layer writes into a kernel takes the software driver a minute and more
 # to compile, and several for kernels of `rigid` and of layers, which no test runs here.
 watched=(none motion_cubic

@@ -61,10 +61,10 @@ impl Agreement {
 
 type PixelEvents = Vec<Vec<(i64, Polarity)>>;
 
-fn by_pixel(sensor: &SensorModel, events: &[Event]) -> PixelEvents {
-    let mut pixels = vec![Vec::new(); sensor.pixels()];
+fn by_pixel((width_px, height_px): (u32, u32), events: &[Event]) -> PixelEvents {
+    let mut pixels = vec![Vec::new(); width_px as usize * height_px as usize];
     for e in events {
-        pixels[usize::from(e.y) * sensor.width as usize + usize::from(e.x)].push((e.t_ns, e.polarity));
+        pixels[usize::from(e.y) * width_px as usize + usize::from(e.x)].push((e.t_ns, e.polarity));
     }
     pixels
 }
@@ -73,10 +73,80 @@ fn polarities(events: &[(i64, Polarity)]) -> impl Iterator<Item = Polarity> + '_
     events.iter().map(|e| e.1)
 }
 
-/// Whether two streams of a pixel have the same polarities, and the same times within the tolerance.
-fn same_times(sensor: &SensorModel, a: &[(i64, Polarity)], b: &[(i64, Polarity)]) -> bool {
-    let tolerance_ns = TIME_TOLERANCE_NS as u64 + u64::from(sensor.timestamp_quantum_ns - 1);
-    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.1 == b.1 && a.0.abs_diff(b.0) <= tolerance_ns)
+/// A stretch of time in which a pixel's log intensity, together with its leak, is linear.
+pub struct Stretch {
+    /// Start, nanoseconds.
+    pub start_ns: i64,
+    /// End, nanoseconds.
+    pub end_ns: i64,
+    /// Slope, nepers per nanosecond.
+    pub slope_per_ns: f64,
+}
+
+/// How an event's stamp follows from when it happened. Where a sensor changes during a run, the widest of all.
+#[derive(Clone, Copy, Debug)]
+pub struct Stamps {
+    /// Shortest and longest latency, nanoseconds.
+    latency_ns: (i64, i64),
+    /// How far the jitter and the flooring may move a stamp, nanoseconds.
+    spread_ns: i64,
+    quantum_ns: u32,
+    refractory_ns: u32,
+    /// Whether events set the reference from the level of an instant.
+    sets_anew: bool,
+    /// Whether stamps are the ends of sub-steps.
+    at_sample: bool,
+}
+
+impl Stamps {
+    /// Stamps of a run with these sensors, one after the other.
+    #[must_use]
+    pub fn of<'a>(sensors: impl IntoIterator<Item = &'a SensorModel>) -> Self {
+        let mut stamps = Stamps {
+            latency_ns: (i64::MAX, 0),
+            spread_ns: 0,
+            quantum_ns: 1,
+            refractory_ns: 0,
+            sets_anew: false,
+            at_sample: false,
+        };
+        for sensor in sensors {
+            let latency_ns = i64::from(sensor.latency_ns);
+            let spread_ns =
+                jitter_bound_ns(sensor.latency_jitter_ns) + i64::from(sensor.timestamp_quantum_ns);
+            stamps.latency_ns.0 = stamps.latency_ns.0.min(latency_ns);
+            stamps.latency_ns.1 = stamps.latency_ns.1.max(latency_ns);
+            stamps.spread_ns = stamps.spread_ns.max(spread_ns);
+            stamps.quantum_ns = stamps.quantum_ns.max(sensor.timestamp_quantum_ns);
+            stamps.refractory_ns = stamps.refractory_ns.max(sensor.refractory_ns);
+            stamps.sets_anew |= sensor.refractory_ns > 0 || sensor.shot_noise_rate_hz > 0.0;
+            stamps.at_sample |= sensor.timestamps == Timestamps::AtSample;
+        }
+        stamps
+    }
+
+    /// Whether two streams of a pixel have the same polarities, and the same times within the tolerance.
+    fn same_times(&self, a: &[(i64, Polarity)], b: &[(i64, Polarity)]) -> bool {
+        let tolerance_ns = TIME_TOLERANCE_NS as u64 + u64::from(self.quantum_ns - 1);
+        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.1 == b.1 && a.0.abs_diff(b.0) <= tolerance_ns)
+    }
+}
+
+/// What a stream of events is compared with.
+pub struct Reference<'a> {
+    /// Columns and rows.
+    pub size_px: (u32, u32),
+    /// How stamps follow from times.
+    pub stamps: Stamps,
+    /// How far a log intensity may be from the reference's, nepers.
+    pub level_tolerance_log: f64,
+    /// The events.
+    pub events: &'a [Event],
+    /// The stretches of a pixel's log intensity, in order of time.
+    pub stretches: &'a dyn Fn(usize) -> Vec<Stretch>,
+    /// Events of runs with thresholds moved by the tolerance; see [`perturbations`]. They are asked for once, and only if a
+    /// pixel differs.
+    pub perturbed: &'a dyn Fn() -> Vec<Vec<Event>>,
 }
 
 /// Compares a run of the engine with the oracle on the same frames.
@@ -95,39 +165,104 @@ pub fn compare_streams(
     intervals: &[Interval],
     engine: &[Event],
 ) -> Agreement {
-    let expected = by_pixel(sensor, &oracle_events(intervals));
-    let actual = by_pixel(sensor, engine);
-    let light = Light::new(sensor, camera, sequence, intervals);
-    let mut got = Agreement { pixels: sensor.pixels(), ..Agreement::default() };
-    let perturbed = LazyCell::new(|| perturbed_runs(sensor, camera, sequence));
-    for pixel in 0..sensor.pixels() {
-        let (expected, actual) = (&expected[pixel], &actual[pixel]);
-        got.events += expected.len();
-        if polarities(expected).eq(polarities(actual)) {
-            let late_before = got.late.len();
-            light.compare_times(pixel, expected, actual, &mut got);
-            // With time stamps at samples, a tie moves an event to the next sample.
-            if sensor.timestamps == Timestamps::AtSample
-                && got.late.len() > late_before
-                && perturbed.iter().any(|run| same_times(sensor, &run[pixel], actual))
-            {
-                got.late.truncate(late_before);
-                got.differing += 1;
+    let light = Light { sensor, camera, sequence, intervals };
+    let run = |moved: &SensorModel| oracle_events(&oracle(moved, camera, sequence));
+    let perturbed = || perturbations(LEVEL_TOLERANCE_LOG).map(|moved| run(&moved.of(sensor))).collect();
+    Reference {
+        size_px: (sensor.width, sensor.height),
+        stamps: Stamps::of([sensor]),
+        level_tolerance_log: LEVEL_TOLERANCE_LOG,
+        events: &oracle_events(intervals),
+        stretches: &|pixel| light.stretches(pixel),
+        perturbed: &perturbed,
+    }
+    .compare(engine)
+}
+
+impl Reference<'_> {
+    /// Compares a stream of the engine with the reference.
+    #[must_use]
+    pub fn compare(&self, engine: &[Event]) -> Agreement {
+        let expected = by_pixel(self.size_px, self.events);
+        let actual = by_pixel(self.size_px, engine);
+        let mut got = Agreement { pixels: expected.len(), ..Agreement::default() };
+        let perturbed: LazyCell<Vec<PixelEvents>, _> =
+            LazyCell::new(|| (self.perturbed)().iter().map(|run| by_pixel(self.size_px, run)).collect());
+        for (pixel, (expected, actual)) in expected.iter().zip(&actual).enumerate() {
+            got.events += expected.len();
+            if polarities(expected).eq(polarities(actual)) {
+                let late_before = got.late.len();
+                self.compare_times(pixel, expected, actual, &mut got);
+                // With time stamps at samples, a tie moves an event to the next sample.
+                if self.stamps.at_sample
+                    && got.late.len() > late_before
+                    && perturbed.iter().any(|run| self.stamps.same_times(&run[pixel], actual))
+                {
+                    got.late.truncate(late_before);
+                    got.differing += 1;
+                }
+                continue;
             }
-            continue;
+            got.differing += 1;
+            if !perturbed.iter().any(|run| polarities(&run[pixel]).eq(polarities(actual))) {
+                got.unexplained.push(format!(
+                    "pixel ({}, {}): oracle {}, engine {}",
+                    pixel % self.size_px.0 as usize,
+                    pixel / self.size_px.0 as usize,
+                    show(expected),
+                    show(actual)
+                ));
+            }
         }
-        got.differing += 1;
-        if !perturbed.iter().any(|run| polarities(&run[pixel]).eq(polarities(actual))) {
-            got.unexplained.push(format!(
-                "pixel ({}, {}): oracle {}, engine {}",
-                pixel % sensor.width as usize,
-                pixel / sensor.width as usize,
-                show(expected),
-                show(actual)
-            ));
+        got
+    }
+
+    /// Compares event times. A crossing moves by the level's error over its slope. If the reference is set from the
+    /// level of an instant (refractory period, shot noise), the error at that instant adds to the error of the level
+    /// from then on.
+    fn compare_times(
+        &self,
+        pixel: usize,
+        expected: &[(i64, Polarity)],
+        actual: &[(i64, Polarity)],
+        got: &mut Agreement,
+    ) {
+        if expected.is_empty() {
+            return;
+        }
+        let Stamps { latency_ns, spread_ns, refractory_ns, .. } = self.stamps;
+        let stretches = (self.stretches)(pixel);
+        // Flooring moves the stamps of two neighbouring times apart by at most one quantum.
+        let quantum_ns = f64::from(self.stamps.quantum_ns - 1);
+        let mut level_error = self.level_tolerance_log;
+        for (e, a) in expected.iter().zip(actual) {
+            let error_ns = (e.0 - a.0).abs() as f64;
+            let (earliest_ns, latest_ns) = (e.0 - latency_ns.1 - spread_ns, e.0 - latency_ns.0 + spread_ns);
+            let around = |from_ns: i64, to_ns: i64| {
+                stretches.iter().filter(move |s| s.start_ns <= to_ns && s.end_ns >= from_ns)
+            };
+            let near = around(earliest_ns, latest_ns);
+            let slope = near.map(|s| s.slope_per_ns.abs()).fold(f64::INFINITY, f64::min);
+            let allowed_ns = TIME_TOLERANCE_NS + quantum_ns + level_error / slope;
+            got.timed += 1;
+            got.prompt += usize::from(error_ns <= TIME_TOLERANCE_NS + quantum_ns);
+            if error_ns > allowed_ns {
+                got.late.push(format!(
+                    "pixel {pixel}: oracle {}, engine {}, allowed {allowed_ns:.0} ns; of {} and {}",
+                    e.0,
+                    a.0,
+                    show(expected),
+                    show(actual)
+                ));
+            }
+            if self.stamps.sets_anew {
+                let until_ns = latest_ns + i64::from(refractory_ns);
+                let steepest =
+                    around(earliest_ns, until_ns).map(|s| s.slope_per_ns.abs()).fold(0.0, f64::max);
+                level_error = self.level_tolerance_log + steepest * error_ns.max(1.0);
+            }
         }
     }
-    got
 }
 
 fn show(events: &[(i64, Polarity)]) -> String {
@@ -135,27 +270,30 @@ fn show(events: &[(i64, Polarity)]) -> String {
     events.iter().map(one).collect::<Vec<_>>().join(" ")
 }
 
-/// Runs the oracle with thresholds moved by the tolerance: each of ON and OFF up, down or not at all. If such a run
-/// gives another sequence, some level came within the tolerance of a threshold: a tie.
-fn perturbed_runs(sensor: &SensorModel, camera: u32, sequence: &Sequence) -> Vec<PixelEvents> {
-    let moves = [-LEVEL_TOLERANCE_LOG, 0.0, LEVEL_TOLERANCE_LOG];
-    let pairs = moves.into_iter().flat_map(|on| moves.into_iter().map(move |off| (on, off)));
-    pairs
-        .filter(|&pair| pair != (0.0, 0.0))
-        .map(|(on, off)| {
-            let contrast_on = sensor.contrast_on + on;
-            let contrast_off = sensor.contrast_off + off;
-            let moved = SensorModel { contrast_on, contrast_off, ..sensor.clone() };
-            by_pixel(sensor, &oracle_events(&oracle(&moved, camera, sequence)))
-        })
-        .collect()
+/// Thresholds moved by the tolerance of a level.
+#[derive(Clone, Copy, Debug)]
+pub struct Perturbation {
+    on_log: f64,
+    off_log: f64,
 }
 
-/// A stretch of time in which a pixel's log intensity is linear.
-struct Stretch {
-    start_ns: i64,
-    end_ns: i64,
-    slope_per_ns: f64,
+impl Perturbation {
+    /// A sensor with these thresholds.
+    #[must_use]
+    pub fn of(&self, sensor: &SensorModel) -> SensorModel {
+        let contrast_on = sensor.contrast_on + self.on_log;
+        let contrast_off = sensor.contrast_off + self.off_log;
+        SensorModel { contrast_on, contrast_off, ..sensor.clone() }
+    }
+}
+
+/// Each of the thresholds ON and OFF up, down or not at all, but not neither. If a run of the oracle with such thresholds
+/// gives another sequence, some level came within the tolerance of a threshold: a tie.
+pub fn perturbations(tolerance_log: f64) -> impl Iterator<Item = Perturbation> {
+    let moves = [-tolerance_log, 0.0, tolerance_log];
+    let pairs =
+        moves.into_iter().flat_map(move |on_log| moves.map(move |off_log| Perturbation { on_log, off_log }));
+    pairs.filter(|moved| (moved.on_log, moved.off_log) != (0.0, 0.0))
 }
 
 /// Log intensity of every pixel over time, according to the oracle.
@@ -166,11 +304,7 @@ struct Light<'a> {
     intervals: &'a [Interval],
 }
 
-impl<'a> Light<'a> {
-    fn new(sensor: &'a SensorModel, camera: u32, sequence: &'a Sequence, intervals: &'a [Interval]) -> Self {
-        Light { sensor, camera, sequence, intervals }
-    }
-
+impl Light<'_> {
     fn first_log(&self, pixel: usize) -> f64 {
         let width = self.sensor.width as usize;
         let weights = weights(self.sensor.intensity, (pixel % width) as u32, (pixel / width) as u32);
@@ -199,56 +333,5 @@ impl<'a> Light<'a> {
             }
         }
         stretches
-    }
-
-    /// Compares event times. A crossing moves by the level's error over its slope. If the reference is set from the
-    /// level of an instant (refractory period, shot noise), the error at that instant adds to the error of the level
-    /// from then on.
-    fn compare_times(
-        &self,
-        pixel: usize,
-        expected: &[(i64, Polarity)],
-        actual: &[(i64, Polarity)],
-        got: &mut Agreement,
-    ) {
-        if expected.is_empty() {
-            return;
-        }
-        let sensor = self.sensor;
-        let stretches = self.stretches(pixel);
-        let sets_anew = sensor.refractory_ns > 0 || sensor.shot_noise_rate_hz > 0.0;
-        let spread_ns = jitter_bound_ns(sensor.latency_jitter_ns) + i64::from(sensor.timestamp_quantum_ns);
-        let latency_ns = i64::from(sensor.latency_ns);
-        // Flooring moves the stamps of two neighbouring times apart by at most one quantum.
-        let quantum_ns = f64::from(sensor.timestamp_quantum_ns - 1);
-        let mut level_error = LEVEL_TOLERANCE_LOG;
-        for (e, a) in expected.iter().zip(actual) {
-            let error_ns = (e.0 - a.0).abs() as f64;
-            let happened_ns = e.0 - latency_ns;
-            let around = |from_ns: i64, to_ns: i64| {
-                stretches.iter().filter(move |s| s.start_ns <= to_ns && s.end_ns >= from_ns)
-            };
-            let near = around(happened_ns - spread_ns, happened_ns + spread_ns);
-            let slope = near.map(|s| s.slope_per_ns.abs()).fold(f64::INFINITY, f64::min);
-            let allowed_ns = TIME_TOLERANCE_NS + quantum_ns + level_error / slope;
-            got.timed += 1;
-            got.prompt += usize::from(error_ns <= TIME_TOLERANCE_NS + quantum_ns);
-            if error_ns > allowed_ns {
-                got.late.push(format!(
-                    "pixel {pixel}: oracle {}, engine {}, allowed {allowed_ns:.0} ns; of {} and {}",
-                    e.0,
-                    a.0,
-                    show(expected),
-                    show(actual)
-                ));
-            }
-            if sets_anew {
-                let until_ns = happened_ns + i64::from(sensor.refractory_ns) + spread_ns;
-                let steepest = around(happened_ns - spread_ns, until_ns)
-                    .map(|s| s.slope_per_ns.abs())
-                    .fold(0.0, f64::max);
-                level_error = LEVEL_TOLERANCE_LOG + steepest * error_ns.max(1.0);
-            }
-        }
     }
 }

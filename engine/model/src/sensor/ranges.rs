@@ -107,6 +107,9 @@ impl SensorModel {
         check("aps_start_ns", self.aps_start_ns, "0 to 1000000000", self.aps_start_ns <= 1_000_000_000)?;
         check("aps_gain", self.aps_gain, "1e-6 to 1e6", within(self.aps_gain, 1e-6, 1e6))?;
         check("aps_bits", self.aps_bits, "1 to 16", (1..=16).contains(&self.aps_bits))?;
+        // Sensor files and saved rigs are TOML, which has no larger numbers.
+        let most_seed = i64::MAX as u64;
+        check("seed", self.seed, "0 to 9223372036854775807", self.seed <= most_seed)?;
         Ok(())
     }
 }

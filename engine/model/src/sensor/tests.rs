@@ -67,6 +67,13 @@ fn every_parameter_of_the_physical_pixel_is_one_of_the_sensor() {
     assert!(error.contains("leak_rate_hz"), "only a physical pixel leaks to OFF: {error}");
 }
 
+/// TOML has no larger numbers. A sensor with a larger seed could neither be written nor be part of a saved rig.
+#[test]
+fn the_largest_seed_can_be_written() {
+    let sensor = SensorModel { seed: i64::MAX as u64, ..SensorModel::default() };
+    assert_eq!(SensorModel::from_toml(&sensor.to_toml()), Ok(sensor));
+}
+
 #[test]
 fn a_blur_wider_than_the_apron_names_the_largest() {
     let wide = SensorModel { psf_sigma_px: 2.5, ..SensorModel::default() };
@@ -109,6 +116,7 @@ fn out_of_range_names_the_parameter() {
         (SensorModel { readout_row_ns: 0.0, ..with_bus(ReadoutKind::Rows) }, "readout_row_ns"),
         (SensorModel { readout_row_ns: f64::INFINITY, ..base.clone() }, "readout_row_ns"),
         (SensorModel { readout_cap_events: 5, ..base.clone() }, "readout_cap_events"),
+        (SensorModel { seed: 1 << 63, ..base.clone() }, "seed"),
         (SensorModel { readout_cap_period_ns: 0, ..with_bus(ReadoutKind::Fifo) }, "readout_cap_period_ns"),
     ] {
         match sensor.validate() {

@@ -1,0 +1,382 @@
+//! Judges a case: the engine against the oracle, against itself, and by what holds of any packet.
+
+use crate::case::{Case, Change};
+use crate::findings::Findings;
+use crate::images::{View, views};
+use crate::play::{Played, Steps, play, play_alone, same};
+use crate::reference::{Run, Taken, events, foretells_light, has_noise, runs, stretches, without_noise};
+use crate::{behind, images};
+use esaac_model::packet::Event;
+use esaac_model::{Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis, q24_to_log};
+use esaac_oracle::stamp::{base_ns, watermark_ns};
+use esaac_tests::agreement::{Agreement, LEVEL_TOLERANCE_LOG, Reference, Stamps, perturbations};
+use esaac_tests::run::Step;
+
+/// How a run is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A log pixel, one surface in each pixel: every difference must be explained.
+    Plain,
+    /// A log pixel whose surfaces are told apart by tests of depth and of motion, which fall the other way by rounding here
+    /// and there.
+    Surfaces,
+    /// A physical pixel without noise: the engine's photoreceptor is an approximation.
+    Physical,
+}
+
+impl Kind {
+    pub const ALL: [Kind; 3] = [Kind::Plain, Kind::Surfaces, Kind::Physical];
+
+    /// How a run with this sensor is compared.
+    pub fn of_sensor(sensor: &SensorModel) -> Kind {
+        match (sensor.pixel, sensor.synthesis) {
+            (Pixel::Physical, _) => Kind::Physical,
+            (_, Synthesis::Rigid | Synthesis::Auto) => Kind::Surfaces,
+            (_, Synthesis::Motion) if sensor.layers != 1 => Kind::Surfaces,
+            _ => Kind::Plain,
+        }
+    }
+
+    /// Largest share of pixels, over all cases, with another sequence of polarities.
+    fn most_differing(self) -> f64 {
+        match self {
+            // A requirement.
+            Kind::Plain | Kind::Surfaces => 1e-4,
+            Kind::Physical => 5e-3,
+        }
+    }
+
+    /// Largest share of levels, over all cases, that are far from the oracle's.
+    fn most_far(self) -> f64 {
+        match self {
+            Kind::Plain => 0.0,
+            Kind::Surfaces | Kind::Physical => 2e-4,
+        }
+    }
+
+    /// Pixels, events or levels of one run that may differ of so many. What differs in a run lies together, so that the share
+    /// over all cases is smaller.
+    fn most_in_a_run(self, of: usize) -> usize {
+        match self {
+            Kind::Plain => 0,
+            Kind::Surfaces | Kind::Physical => 3 + of / 200,
+        }
+    }
+
+    /// Whether the differences over all cases are few enough. One pixel may differ, however few there are.
+    pub fn allows(self, tally: Tally) -> bool {
+        let most = |share: f64, of: usize| (share * of as f64).ceil() as usize;
+        tally.differing <= most(self.most_differing(), tally.pixels)
+            && tally.far <= most(self.most_far(), tally.levels)
+    }
+}
+
+/// How often engine and oracle differ.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tally {
+    pub runs: usize,
+    pub pixels: usize,
+    pub differing: usize,
+    pub events: usize,
+    /// Log intensities.
+    pub levels: usize,
+    pub far: usize,
+}
+
+impl Tally {
+    pub fn add(&mut self, other: Tally) {
+        self.runs += other.runs;
+        self.pixels += other.pixels;
+        self.differing += other.differing;
+        self.events += other.events;
+        self.levels += other.levels;
+        self.far += other.far;
+    }
+}
+
+/// By kind.
+pub type Tallies = [Tally; 3];
+
+/// The runs of a case on the engine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunOf {
+    /// All of it.
+    Whole,
+    /// Without what is refused, with other options.
+    Again,
+    /// Without a bus and a cap, for the oracle.
+    Plain,
+}
+
+/// Runs a case in every way that it has, and judges the results. `spoil` may change them first: tests of the judge do.
+pub fn judge(case: &Case, spoil: &dyn Fn(RunOf, &mut Steps), findings: &mut Findings) -> Tallies {
+    let views = views(case);
+    let all: Vec<&View> = views.iter().collect();
+    let mut whole = play(case, &all, case.options, true, findings);
+    spoil(RunOf::Whole, &mut whole.steps);
+    let quiet = case.without_refusals();
+    let mut again = match case.other_alone {
+        true => play_alone(&quiet, &all, case.other_options, findings),
+        false => play(&quiet, &all, case.other_options, false, findings),
+    };
+    spoil(RunOf::Again, &mut again.steps);
+    for (tick, (expected, actual)) in whole.steps.iter().zip(&again.steps).enumerate() {
+        same(&format!("tick {tick}, another run"), expected, actual, findings);
+    }
+    let plain = quiet.without_bus_and_cap();
+    let plain_steps = if plain == quiet {
+        whole.steps.clone()
+    } else {
+        let Played { mut steps, .. } = play(&plain, &all, case.options, false, findings);
+        spoil(RunOf::Plain, &mut steps);
+        (0..views.len()).for_each(|camera| behind::check(&quiet, camera, &steps, &whole.steps, findings));
+        steps
+    };
+    let mut tallies = Tallies::default();
+    for (camera, view) in views.iter().enumerate() {
+        check_packets(case, camera, &whole.steps, findings);
+        check_poses(view, camera, &whole, findings);
+        let runs = runs(&plain, view, camera, without_noise);
+        for run in &runs {
+            let kind = kind(run);
+            let tally = against_oracle((&plain, camera), view, (run, kind), &plain_steps, findings);
+            tallies[kind as usize].add(tally);
+        }
+    }
+    tallies
+}
+
+/// Poses of the scenes are right. Nothing must doubt them, as then the engine follows vectors that the oracle does not.
+fn check_poses(view: &View, camera: usize, played: &Played, findings: &mut Findings) {
+    if view.case.geometry.is_some() {
+        let (synthesis, warning) = (played.synthesis[camera], &played.warnings[camera]);
+        findings.check(warning.is_none(), || format!("camera {camera}: {synthesis:?}, {warning:?}"));
+    }
+}
+
+/// What holds of every packet of a camera, whatever it sees.
+fn check_packets(case: &Case, camera: usize, steps: &Steps, findings: &mut Findings) {
+    let of = &case.cameras[camera];
+    let mut sensor = of.resolved(&of.sensor);
+    let (mut last_ns, mut sequence, mut complete_ns) = (None, 0, i64::MIN);
+    for (index, tick) in case.ticks.iter().enumerate() {
+        for change in &tick.changes {
+            match change {
+                Change::Reset(number) if *number == camera => last_ns = None,
+                Change::Sensor(number, next) if *number == camera => {
+                    let next = of.resolved(next);
+                    if sensor.change_to(&next).resets_frames {
+                        last_ns = None;
+                    }
+                    sensor = next;
+                }
+                _ => {}
+            }
+        }
+        let (Some(frame), Some(Step { packet, diagnostics, .. })) =
+            (tick.frames[camera], &steps[index][camera])
+        else {
+            continue;
+        };
+        let mut check = |holds: bool, what: &str| {
+            findings.check(holds, || {
+                let times_ns = || packet.iter().map(|event| event.t_ns);
+                let span = (times_ns().min(), times_ns().max(), packet.base_ns, packet.watermark_ns);
+                format!("tick {index}, camera {camera}, at {} ns: {what}: {span:?}", frame.t_ns)
+            });
+        };
+        let start_ns = last_ns.unwrap_or(frame.t_ns);
+        check(packet.is_sorted(), "events are not in order");
+        check(packet.sequence == sequence, "packets are not counted");
+        check((packet.width_px, packet.height_px) == of.size_px(), "a packet of another size");
+        check(packet.base_ns == base_ns(&sensor, start_ns), "another base");
+        check(packet.watermark_ns == watermark_ns(&sensor, frame.t_ns), "another watermark");
+        check(last_ns.is_some() || packet.is_empty(), "events before a camera is armed");
+        let in_image =
+            |event: Event| u32::from(event.x) < of.sensor.width && u32::from(event.y) < of.sensor.height;
+        check(packet.iter().all(in_image), "events beside the image");
+        // A packet may only hold what no packet before it was said to be complete up to.
+        let in_time = |event: Event| event.t_ns > complete_ns && event.t_ns <= frame.t_ns;
+        check(packet.iter().all(in_time), "events of another time");
+        check(packet.dropped == diagnostics.dropped_events, "dropped events are counted twice");
+        let cap = sensor.max_events_per_interval as usize;
+        check(cap == 0 || packet.len() <= cap, "more events than the cap");
+        (last_ns, sequence, complete_ns) = (Some(frame.t_ns), sequence + 1, packet.watermark_ns);
+    }
+}
+
+fn kind(run: &Run) -> Kind {
+    let kinds = || run.iter().map(|taken| Kind::of_sensor(&taken.sensor));
+    if kinds().any(|kind| kind == Kind::Physical) {
+        Kind::Physical
+    } else if kinds().any(|kind| kind == Kind::Surfaces) {
+        Kind::Surfaces
+    } else {
+        Kind::Plain
+    }
+}
+
+/// How far a level may be from the oracle's, nepers.
+fn level_tolerance_log(kind: Kind, run: &Run, view: &images::View) -> f64 {
+    let is_rigid = run.iter().any(|taken| taken.sensor.synthesis == Synthesis::Rigid);
+    match (kind, view.case.geometry) {
+        (_, Some(geometry)) if is_rigid && geometry.fisheye => 1e-3,
+        _ if is_rigid => 1e-4,
+        _ => LEVEL_TOLERANCE_LOG,
+    }
+}
+
+/// Compares a run of a camera with the oracle's.
+fn against_oracle(
+    (case, camera): (&Case, usize),
+    view: &View,
+    (run, kind): (&Run, Kind),
+    steps: &Steps,
+    findings: &mut Findings,
+) -> Tally {
+    let what = |taken: &Taken| format!("tick {}, camera {camera}, {kind:?}", taken.tick);
+    let step =
+        |taken: &Taken| steps[taken.tick][camera].as_ref().expect("a camera with a frame has a result");
+    let tolerance_log = level_tolerance_log(kind, run, view);
+    let is_foretold = foretells_light(view, run);
+    let mut tally = Tally { runs: 1, ..Tally::default() };
+    for taken in run {
+        let (step, interval) = (step(taken), &taken.interval);
+        let (got, expected) = (step.diagnostics, interval.diagnostics);
+        let substeps: u64 = interval.substeps_per_block.iter().map(|&n| u64::from(n)).sum();
+        let mut same = |actual: u64, expected: u64, of: &str| {
+            findings
+                .check(actual == expected, || format!("{}: {actual} {of}, expected {expected}", what(taken)));
+        };
+        same(got.invalid_pixels, expected.invalid_pixels, "invalid pixels");
+        same(got.invalid_motion, expected.invalid_motion_px, "invalid vectors");
+        same(got.unarmed_pixels, expected.unarmed_pixels, "unarmed pixels");
+        same(got.substeps + got.skipped_blocks * of_a_still_block(&taken.sensor), substeps, "sub-steps");
+        same(got.without_depth, expected.without_path.depth, "pixels without depth");
+        same(got.without_poses, expected.without_path.poses, "pixels without poses");
+        same(got.without_lens, expected.without_path.lens, "pixels without a ray");
+        if !is_foretold {
+            continue;
+        }
+        let unseen = expected.unseen_samples;
+        findings.check(got.unseen_samples.abs_diff(unseen) <= unseen / 50 + 40, || {
+            format!("{}: {} unseen samples, expected {unseen}", what(taken), got.unseen_samples)
+        });
+        check_aps(&what(taken), taken, step, kind, findings);
+        if let Some(levels_q24) = &step.substeps_q24 {
+            let far = far_levels(taken, levels_q24, tolerance_log, &mut tally);
+            let levels = substeps as usize * 64;
+            findings.check(far.0 <= kind.most_in_a_run(levels), || {
+                format!("{}: {} of {levels} levels are far: {:?}", what(taken), far.0, far.1)
+            });
+        }
+    }
+    if !is_foretold || has_noise(run) {
+        return tally;
+    }
+    let actual: Vec<Event> = run.iter().flat_map(|taken| step(taken).packet.iter()).collect();
+    tally.pixels += view.case.sensor.pixels();
+    let expected = events(run);
+    tally.events += expected.len();
+    if kind == Kind::Physical {
+        let polarities = |events: &[Event]| by_pixel(&view.case.sensor, events);
+        let (actual, expected) = (polarities(&actual), polarities(&expected));
+        tally.differing += actual.iter().zip(&expected).filter(|(a, b)| a != b).count();
+        findings.check(tally.differing <= kind.most_in_a_run(tally.pixels), || {
+            format!("{}: {} of {} pixels differ", what(&run[0]), tally.differing, tally.pixels)
+        });
+        return tally;
+    }
+    let perturbed = || {
+        let of = |moved: &dyn Fn(&SensorModel) -> SensorModel| {
+            let moved = runs(case, view, camera, moved);
+            let same = moved.iter().find(|other| other[0].tick == run[0].tick).expect("the same run");
+            events(same)
+        };
+        perturbations(tolerance_log).map(|moved| of(&|sensor| moved.of(sensor))).collect()
+    };
+    let Agreement { differing, unexplained, late, .. } = Reference {
+        size_px: view.case.size_px(),
+        stamps: Stamps::of(run.iter().map(|taken| &taken.sensor)),
+        level_tolerance_log: tolerance_log,
+        events: &expected,
+        stretches: &|pixel| stretches(view, run, pixel),
+        perturbed: &perturbed,
+    }
+    .compare(&actual);
+    tally.differing += differing;
+    let most = kind.most_in_a_run(tally.pixels);
+    findings.check(unexplained.len() <= most, || {
+        let (count, first) = (unexplained.len(), unexplained[..unexplained.len().min(3)].join("\n  "));
+        format!("{}: {count} pixels differ without a tie:\n  {first}", what(&run[0]))
+    });
+    findings.check(late.len() <= kind.most_in_a_run(tally.events), || {
+        let (count, first) = (late.len(), late[..late.len().min(3)].join("\n  "));
+        format!("{}: {count} events at another time:\n  {first}", what(&run[0]))
+    });
+    tally
+}
+
+/// Sub-steps that the oracle has in a block in which nothing moves or changes, and that the engine may skip.
+fn of_a_still_block(sensor: &SensorModel) -> u64 {
+    let fixed = sensor.substep_policy == SubstepPolicy::Fixed && sensor.synthesis != Synthesis::None;
+    if fixed { sensor.substeps.into() } else { 1 }
+}
+
+fn by_pixel(sensor: &SensorModel, events: &[Event]) -> Vec<Vec<Polarity>> {
+    let mut pixels = vec![Vec::new(); sensor.pixels()];
+    for event in events {
+        pixels[usize::from(event.y) * sensor.width as usize + usize::from(event.x)].push(event.polarity);
+    }
+    pixels
+}
+
+/// How exact a position is in single precision, pixels. At the image's border a frame fades out within a pixel, and in that
+/// pixel the level may go from black to white.
+const POSITION_TOLERANCE_PX: f64 = 4e-6;
+
+/// Levels that are far from the oracle's: how many, and the first of them (pixel, sub-step, both levels).
+fn far_levels(
+    taken: &Taken,
+    levels_q24: &[Vec<i32>],
+    tolerance_log: f64,
+    tally: &mut Tally,
+) -> (usize, Vec<(usize, usize, f64, f64)>) {
+    let (mut count, mut far) = (0, Vec::new());
+    // The first frame of a run has no sub-steps.
+    if taken.interval.substeps_per_block.is_empty() {
+        return (count, far);
+    }
+    let samples = taken.interval.samples.as_ref().expect("runs keep samples");
+    let dark_level = taken.sensor.dark_level();
+    for pixel in 0..taken.sensor.pixels() {
+        let logs = samples.at(pixel).iter().map(|sample| (sample + dark_level).ln());
+        let span = logs.clone().fold(f64::NEG_INFINITY, f64::max) - logs.fold(f64::INFINITY, f64::min);
+        let tolerance_log = tolerance_log + POSITION_TOLERANCE_PX * span;
+        for (index, (sample, levels)) in samples.at(pixel).iter().zip(&levels_q24[1..]).enumerate() {
+            let (expected, actual) = ((sample + dark_level).ln(), q24_to_log(levels[pixel]));
+            tally.levels += 1;
+            if (actual - expected).abs() > tolerance_log {
+                tally.far += 1;
+                count += 1;
+                if far.len() < 3 {
+                    far.push((pixel, index, expected, actual));
+                }
+            }
+        }
+    }
+    (count, far)
+}
+
+/// One count of sixteen bits is near the precision of an intensity in single precision.
+fn check_aps(what: &str, taken: &Taken, step: &Step, kind: Kind, findings: &mut Findings) {
+    let (expected, actual) = (&taken.interval.aps, step.aps.as_ref().map(|aps| &aps.pixels));
+    findings.check(expected.is_some() == actual.is_some(), || {
+        format!("{what}: an APS frame {}, expected {}", actual.is_some(), expected.is_some())
+    });
+    let (Some(expected), Some(actual)) = (expected, actual) else { return };
+    let tolerance = 1 << taken.sensor.aps_bits.saturating_sub(14);
+    let off = expected.iter().zip(actual).filter(|(a, b)| a.abs_diff(**b) > tolerance).count();
+    let most = kind.most_in_a_run(taken.sensor.pixels());
+    findings.check(off <= most, || format!("{what}: {off} pixels of the APS frame differ"));
+}
