@@ -3,7 +3,7 @@
 use crate::case::{Case, Change, Refusal};
 use crate::findings::Findings;
 use crate::images::View;
-use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, Rig, RigOptions};
+use esaac_engine::{CameraConfig, FrameBytes, KernelPolicy, KernelSet, Rig, RigOptions};
 use esaac_model::{SensorModel, Synthesis};
 use esaac_tests::device::DEVICE;
 use esaac_tests::run::Step;
@@ -33,11 +33,16 @@ fn rig(views: &[&View], sensors: &[SensorModel], options: RigOptions) -> Rig {
     rig
 }
 
+/// GPUs run their own kernels alone: those of the software driver are for no other device.
+///
 /// The software driver silently ends all loops of a thread after 65 535 rounds, as many as a bus takes for some ten thousand
 /// events with the kernels of GPUs. There it serves them as the driver's own policy does.
 fn on_this_device(policy: KernelPolicy) -> KernelPolicy {
     if DEVICE.info().kind != "software" {
-        return policy;
+        return match policy.kernels {
+            KernelSet::Gpu => policy,
+            KernelSet::SoftwareDriver => KernelPolicy { resting: policy.resting, ..KernelPolicy::gpu() },
+        };
     }
     let software = KernelPolicy::software_driver();
     KernelPolicy {

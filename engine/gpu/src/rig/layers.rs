@@ -11,6 +11,7 @@ use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use esaac_layout::Counters;
+use esaac_model::synthesis::is_usable;
 use esaac_model::synthesis::layers::layers_for_scene;
 use esaac_model::synthesis::layers::pairs::Pairs;
 use glam::DVec2;
@@ -58,7 +59,7 @@ impl CameraState {
         let vectors: Vec<[f32; 2]> =
             (0..width * height).map(|pixel| format.decode(own, pixel).map(|v| v as f32)).collect();
         let vector = |x: usize, y: usize| Some(DVec2::from(vectors[y * width + x].map(f64::from)));
-        let pairs = Pairs::new((width, height), |x, y| vector(x, y).filter(|v| v.is_finite()));
+        let pairs = Pairs::new((width, height), |x, y| vector(x, y).filter(|v| is_usable([v.x, v.y])));
         self.layers_for_scene = layers_for_scene(1, pairs.meeting_blocks(), self.place.blocks.into());
     }
 }

@@ -22,6 +22,7 @@ pub use mistake::Mistake;
 pub use trust::Trust;
 
 use super::{ImagePoint, NoPath, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use crate::synthesis::is_usable;
 use glam::DVec2;
 use mistake::{BODY, CAMERA, SIGNS, UNITS};
 use std::collections::BTreeMap;
@@ -196,15 +197,16 @@ struct Sample {
 }
 
 impl ConventionCheck {
-    /// Takes pixels of a frame: evenly spread, some of each instance. A frame whose vectors are all 0 says nothing:
-    /// renderers have none for their first frame.
+    /// Takes pixels of a frame with [usable](is_usable) vectors: evenly spread, some of each instance. A frame whose vectors
+    /// are all 0 says nothing: renderers have none for their first frame.
     pub fn add(&mut self, frame: &KeyFrame<'_>) {
-        if frame.motion_px.iter().all(|vector| *vector == [0.0; 2]) {
+        let says_something = |vector: &[f32; 2]| *vector != [0.0; 2] && is_usable(vector.map(f64::from));
+        if !frame.motion_px.iter().any(says_something) {
             return;
         }
         let usable = |i: usize| {
             let (depth_m, vector) = (frame.depth_m[i], frame.motion_px[i]);
-            depth_m > 0.0 && depth_m.is_finite() && vector.iter().all(|v| v.is_finite())
+            depth_m > 0.0 && depth_m.is_finite() && is_usable(vector.map(f64::from))
         };
         let mut pixels: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for i in (0..frame.depth_m.len()).filter(|&i| usable(i)) {

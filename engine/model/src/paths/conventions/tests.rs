@@ -374,7 +374,7 @@ fn pixels_that_cannot_be_compared_are_left_out_or_counted() {
         }
         assert_eq!(check.report(&sequence.scene), None, "{depth_m}");
     }
-    for vector in [[f32::NAN, 0.0], [0.0, 0.0]] {
+    for vector in [[f32::NAN, 0.0], [1e30, 0.0], [0.0, 0.0]] {
         let mut sequence = right();
         change_vectors(&mut sequence, |_| vector);
         let (t_ns, depth, ids, motion) = &sequence.frames[0];
