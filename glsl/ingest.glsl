@@ -144,6 +144,16 @@ uint frame_of(Camera cam, uint frame_slot, uint channel) {
     return cam.plane_base + (frame_slot * CHANNELS + channel) * cam.frame_words;
 }
 
+// Level of a colour component in the previous frame, of which a camera's first has none.
+float previous_level(Camera cam, uint channel, ivec2 at) {
+    return load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + frame_word(cam, HALF_PEL, at));
+}
+
+// The same; dark before a camera's first frame.
+float level_before(Camera cam, uint channel, ivec2 at) {
+    return is_first(cam) ? cam.log_dark : previous_level(cam, channel, at);
+}
+
 // Statistics of a block's pixels; words of `blocks`.
 struct BlockStats {
     uint motion;
@@ -164,7 +174,7 @@ void add_pixel(Camera cam, ivec2 at, vec3 colour, float level, float before, int
     float change = abs(level - before);
     bool changed = floatBitsToUint(before) != floatBitsToUint(level);
     for (uint c = 1u; c < CHANNELS; ++c) {
-        const float other_before = load_plane(frame_of(cam, 1u - cam.frame_slot, c) + frame_word(cam, HALF_PEL, at));
+        const float other_before = previous_level(cam, c, at);
         const float other = log_intensity_of(cam, colour, c);
         if (c == own) {
             change = abs(other - other_before);
@@ -213,12 +223,6 @@ vec2 to_usable(vec2 m, out bool usable) {
     return vec2(floatBitsToUint(m.x) == INVALID_BIT ? 0.0 : m.x, m.y);
 }
 
-// Level of a colour component in the previous frame.
-float level_before(Camera cam, uint channel, ivec2 at) {
-    return is_first(cam) ? cam.log_dark
-                         : load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + frame_word(cam, HALF_PEL, at));
-}
-
 // Loads a further colour component of a pixel of the tile or its apron.
 void load_component(Camera cam, uint channel, uint cached, ivec2 at, bool own, vec3 colour, bool invalid) {
     const ivec2 clamped_at = clamp(at, ivec2(0), ivec2(cam.width, cam.height) - 1);
@@ -255,7 +259,7 @@ void load_tile_pixel(Camera cam, uint channel, ivec2 in_tile, bool of_tile, inou
     float before = cam.log_dark;
     int reference = 0;
     if (!is_first(cam)) {
-        before = load_plane(frame_of(cam, 1u - cam.frame_slot, channel) + frame_word(cam, HALF_PEL, clamped_at));
+        before = previous_level(cam, channel, clamped_at);
         if (notes) {
             reference = int(load_state(cam, pixel, STATE_REFERENCE));
         }
