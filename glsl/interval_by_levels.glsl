@@ -76,7 +76,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
         }
         // Shot noise follows the steady light.
         const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
-        w = begin_walk(cam, pixel, first_q24, frames_q24, cam.interval_ns / n, p);
+        w = begin_walk(cam, pixel, first_q24, frames_q24, p);
         at = Place(0u, 0u, 0u, false, 0u, w.from_level);
     }
     if (walks_on(w.ordinal)) {

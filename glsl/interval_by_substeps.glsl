@@ -60,7 +60,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     const Geometry geo = geometry_of(cam);
     // Shot noise follows the steady light.
     const ivec2 frames_q24 = ivec2(to_q24(s.log_previous), to_q24(s.log_current));
-    Walk w = begin_walk(cam, pixel, first_q24, frames_q24, each.whole_ns, p);
+    Walk w = begin_walk(cam, pixel, first_q24, frames_q24, p);
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }

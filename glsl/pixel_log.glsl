@@ -168,9 +168,8 @@ void suppress_shots(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     }
 }
 
-// Begins a walk. `level` is that at the interval's start, `frame_levels` are those of both frames, `first_end` is the end
-// of the first sub-step.
-Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, uint first_end, inout PixelState p) {
+// Begins a walk. `level` is that at the interval's start, `frame_levels` are those of both frames.
+Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, inout PixelState p) {
     Walk w;
     w.start = 0u;
     w.from_level = level;
@@ -193,18 +192,18 @@ Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, uint firs
             w.held_until = uint(min(p.held_until_ns - cam.start_ns, int64_t(0xfffffffeu)));
         }
     }
-    // After a change of parameters the level may lie beyond a threshold from the start.
-    bool settles = cam.no_skip != 0u && w.held_until == 0u;
+    // After a change of parameters the level may lie beyond a threshold from the start. A pixel that is looked at in samples
+    // sees it in the next one.
+    bool settles = !AT_SAMPLE && cam.no_skip != 0u && w.held_until == 0u;
     while (settles && walks_on(w.ordinal)) {
         const bool rises = level - p.reference >= p.on_q24;
         settles = rises || p.reference - level >= p.off_q24;
         if (settles) {
             p.reference += rises ? p.on_q24 : -p.off_q24;
-            const uint now = AT_SAMPLE ? first_end : 1u;
-            emit(now, rises, w.ordinal);
+            emit(1u, rises, w.ordinal);
             w.ordinal += 1u;
             if (EFFECT_REFRACTORY) {
-                w.held_until = now + cam.refractory_ns;
+                w.held_until = 1u + cam.refractory_ns;
                 settles = false;
             }
         }

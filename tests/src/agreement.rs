@@ -6,7 +6,7 @@ use esaac_model::intensity::weights;
 use esaac_model::packet::Event;
 use esaac_model::random::{PixelKey, jitter_bound_ns};
 use esaac_model::substeps::substep_end_ns;
-use esaac_model::{Polarity, SensorModel, Timestamps};
+use esaac_model::{Polarity, SensorModel};
 use esaac_oracle::Interval;
 use esaac_oracle::cross::PixelConstants;
 use std::cell::LazyCell;
@@ -26,8 +26,7 @@ pub struct Agreement {
     pub pixels: usize,
     /// Events of the oracle.
     pub events: usize,
-    /// Pixels with another sequence of polarities. With time stamps at samples, also pixels with an event that a tie
-    /// moved to another sample.
+    /// Pixels with another sequence of polarities, or with an event that a tie moved to another sample or crossing.
     pub differing: usize,
     /// Descriptions of differing pixels that no tie explains: no level comes within [`LEVEL_TOLERANCE_LOG`] of a
     /// threshold.
@@ -94,8 +93,6 @@ pub struct Stamps {
     refractory_ns: u32,
     /// Whether events set the reference from the level of an instant.
     sets_anew: bool,
-    /// Whether stamps are the ends of sub-steps.
-    at_sample: bool,
 }
 
 impl Stamps {
@@ -108,7 +105,6 @@ impl Stamps {
             quantum_ns: 1,
             refractory_ns: 0,
             sets_anew: false,
-            at_sample: false,
         };
         for sensor in sensors {
             let latency_ns = i64::from(sensor.latency_ns);
@@ -120,16 +116,17 @@ impl Stamps {
             stamps.quantum_ns = stamps.quantum_ns.max(sensor.timestamp_quantum_ns);
             stamps.refractory_ns = stamps.refractory_ns.max(sensor.refractory_ns);
             stamps.sets_anew |= sensor.refractory_ns > 0 || sensor.shot_noise_rate_hz > 0.0;
-            stamps.at_sample |= sensor.timestamps == Timestamps::AtSample;
         }
         stamps
     }
+}
 
-    /// Whether two streams of a pixel have the same polarities, and the same times within the tolerance.
-    fn same_times(&self, a: &[(i64, Polarity)], b: &[(i64, Polarity)]) -> bool {
-        let tolerance_ns = TIME_TOLERANCE_NS as u64 + u64::from(self.quantum_ns - 1);
-        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.1 == b.1 && a.0.abs_diff(b.0) <= tolerance_ns)
-    }
+/// How the times of a pixel's events compare.
+#[derive(Default)]
+struct Times {
+    timed: usize,
+    prompt: usize,
+    late: Vec<String>,
 }
 
 /// What a stream of events is compared with.
@@ -144,9 +141,9 @@ pub struct Reference<'a> {
     pub events: &'a [Event],
     /// The stretches of a pixel's log intensity, in order of time.
     pub stretches: &'a dyn Fn(usize) -> Vec<Stretch>,
-    /// Events of runs with thresholds moved by the tolerance; see [`perturbations`]. They are asked for once, and only if a
-    /// pixel differs.
-    pub perturbed: &'a dyn Fn() -> Vec<Vec<Event>>,
+    /// Events of a run with moved thresholds; see [`perturbations`]. Each is asked for once at most, and only if a pixel
+    /// differs.
+    pub perturbed: &'a dyn Fn(Perturbation) -> Vec<Event>,
 }
 
 /// Compares a run of the engine with the oracle on the same frames.
@@ -167,7 +164,7 @@ pub fn compare_streams(
 ) -> Agreement {
     let light = Light { sensor, camera, sequence, intervals };
     let run = |moved: &SensorModel| oracle_events(&oracle(moved, camera, sequence));
-    let perturbed = || perturbations(LEVEL_TOLERANCE_LOG).map(|moved| run(&moved.of(sensor))).collect();
+    let perturbed = |moved: Perturbation| run(&moved.of(sensor));
     Reference {
         size_px: (sensor.width, sensor.height),
         stamps: Stamps::of([sensor]),
@@ -186,25 +183,30 @@ impl Reference<'_> {
         let expected = by_pixel(self.size_px, self.events);
         let actual = by_pixel(self.size_px, engine);
         let mut got = Agreement { pixels: expected.len(), ..Agreement::default() };
-        let perturbed: LazyCell<Vec<PixelEvents>, _> =
-            LazyCell::new(|| (self.perturbed)().iter().map(|run| by_pixel(self.size_px, run)).collect());
+        let perturbed: Vec<LazyCell<PixelEvents, _>> = perturbations(self.level_tolerance_log)
+            .map(|moved| LazyCell::new(move || by_pixel(self.size_px, &(self.perturbed)(moved))))
+            .collect();
         for (pixel, (expected, actual)) in expected.iter().zip(&actual).enumerate() {
             got.events += expected.len();
-            if polarities(expected).eq(polarities(actual)) {
-                let late_before = got.late.len();
-                self.compare_times(pixel, expected, actual, &mut got);
-                // With time stamps at samples, a tie moves an event to the next sample.
-                if self.stamps.at_sample
-                    && got.late.len() > late_before
-                    && perturbed.iter().any(|run| self.stamps.same_times(&run[pixel], actual))
-                {
-                    got.late.truncate(late_before);
+            let same = |run: &[(i64, Polarity)]| polarities(run).eq(polarities(actual));
+            if same(expected) {
+                let times = self.compare_times(pixel, expected, actual);
+                // A tie moves an event to another sample, or to another crossing of the same threshold.
+                let is_tie = |run: &LazyCell<PixelEvents, _>| {
+                    let run = &run[pixel];
+                    same(run) && self.compare_times(pixel, run, actual).late.is_empty()
+                };
+                got.timed += times.timed;
+                got.prompt += times.prompt;
+                if !times.late.is_empty() && perturbed.iter().any(is_tie) {
                     got.differing += 1;
+                } else {
+                    got.late.extend(times.late);
                 }
                 continue;
             }
             got.differing += 1;
-            if !perturbed.iter().any(|run| polarities(&run[pixel]).eq(polarities(actual))) {
+            if !perturbed.iter().any(|run| same(&run[pixel])) {
                 got.unexplained.push(format!(
                     "pixel ({}, {}): oracle {}, engine {}",
                     pixel % self.size_px.0 as usize,
@@ -220,15 +222,10 @@ impl Reference<'_> {
     /// Compares event times. A crossing moves by the level's error over its slope. If the reference is set from the
     /// level of an instant (refractory period, shot noise), the error at that instant adds to the error of the level
     /// from then on.
-    fn compare_times(
-        &self,
-        pixel: usize,
-        expected: &[(i64, Polarity)],
-        actual: &[(i64, Polarity)],
-        got: &mut Agreement,
-    ) {
+    fn compare_times(&self, pixel: usize, expected: &[(i64, Polarity)], actual: &[(i64, Polarity)]) -> Times {
+        let mut got = Times::default();
         if expected.is_empty() {
-            return;
+            return got;
         }
         let Stamps { latency_ns, spread_ns, refractory_ns, .. } = self.stamps;
         let stretches = (self.stretches)(pixel);
@@ -259,9 +256,11 @@ impl Reference<'_> {
                 let until_ns = latest_ns + i64::from(refractory_ns);
                 let steepest =
                     around(earliest_ns, until_ns).map(|s| s.slope_per_ns.abs()).fold(0.0, f64::max);
-                level_error = self.level_tolerance_log + steepest * error_ns.max(1.0);
+                // Two times that are a quantum apart may have one stamp.
+                level_error = self.level_tolerance_log + steepest * (error_ns + quantum_ns).max(1.0);
             }
         }
+        got
     }
 }
 
@@ -287,13 +286,18 @@ impl Perturbation {
     }
 }
 
-/// Each of the thresholds ON and OFF up, down or not at all, but not neither. If a run of the oracle with such thresholds
-/// gives another sequence, some level came within the tolerance of a threshold: a tie.
+/// Each of the thresholds ON and OFF up, down or not at all, but not neither, by the tolerance and by less. If a run of the
+/// oracle with such thresholds gives another sequence, some level came within the tolerance of a threshold: a tie. Each
+/// event moves the reference by its threshold, so that over hundreds of events only small moves leave all but the tie as
+/// they are.
 pub fn perturbations(tolerance_log: f64) -> impl Iterator<Item = Perturbation> {
-    let moves = [-tolerance_log, 0.0, tolerance_log];
-    let pairs =
-        moves.into_iter().flat_map(move |on_log| moves.map(move |off_log| Perturbation { on_log, off_log }));
-    pairs.filter(|moved| (moved.on_log, moved.off_log) != (0.0, 0.0))
+    [1.0, 0.1, 0.01].into_iter().flat_map(move |part| {
+        let moves = [-part * tolerance_log, 0.0, part * tolerance_log];
+        let pairs = moves
+            .into_iter()
+            .flat_map(move |on_log| moves.map(move |off_log| Perturbation { on_log, off_log }));
+        pairs.filter(|moved| (moved.on_log, moved.off_log) != (0.0, 0.0))
+    })
 }
 
 /// Log intensity of every pixel over time, according to the oracle.

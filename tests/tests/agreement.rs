@@ -88,6 +88,68 @@ fn a_tie_is_explained_and_a_miss_is_not() {
     assert_eq!((miss.differing, miss.unexplained.len()), (1, 1));
 }
 
+/// One pixel that passes through these levels, nepers, with straight lines between.
+fn through(sensor: &SensorModel, levels_log: &[f64]) -> Sequence {
+    gray(sensor, &times(0, levels_log.len()), |frame, _| intensity_of(sensor, levels_log[frame]))
+}
+
+fn one_pixel() -> SensorModel {
+    SensorModel { width: 1, height: 1, synthesis: Synthesis::None, ..SensorModel::default() }
+}
+
+#[test]
+fn a_tie_may_move_an_event_to_the_next_crossing() {
+    // The level comes to the threshold, goes back, and comes again.
+    let peaks = |beyond: f64| {
+        let sensor = one_pixel();
+        let on = sensor.contrast_on;
+        let frames = through(&sensor, &[0.0, on + beyond, 0.5 * on, 1.2 * on]);
+        let intervals = oracle(&sensor, 0, &frames);
+        let mut events = oracle_events(&intervals);
+        assert_eq!(events.len(), 1);
+        let (start_ns, end_ns) = (frames.frames[2].t_ns, frames.frames[3].t_ns);
+        events[0].t_ns = start_ns + (end_ns - start_ns) * 5 / 7;
+        compare_streams(&sensor, 0, &frames, &intervals, &events)
+    };
+    let tie = peaks(0.5 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((tie.differing, tie.late.len()), (1, 0), "{tie:?}");
+    let miss = peaks(2.0 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((miss.differing, miss.late.len()), (0, 1), "{miss:?}");
+}
+
+#[test]
+fn a_tie_is_explained_after_hundreds_of_events() {
+    // 200 events OFF and 300 ON. Thresholds that are moved by the whole tolerance move the reference by a millineper and more
+    // meanwhile. The levels that follow pass a threshold, and do not come to another, by half of that. The last is the tie.
+    let after = |beyond: f64| {
+        let contrast = 1.0 / 32.0;
+        let sensor = SensorModel { contrast_on: contrast, contrast_off: contrast, ..one_pixel() };
+        let level = |thresholds: f64, beyond_log: f64| 3.0 + thresholds * contrast + beyond_log;
+        let frames = through(
+            &sensor,
+            &[
+                level(0.0, 0.0),
+                level(-200.5, 0.0),
+                level(100.5, 0.0),
+                level(101.0, 5e-4),
+                level(99.5, 0.0),
+                level(101.0, -5e-4),
+                level(99.5, 0.0),
+                level(99.0, -beyond),
+            ],
+        );
+        let intervals = oracle(&sensor, 0, &frames);
+        let mut events = oracle_events(&intervals);
+        assert_eq!(events.len(), 503);
+        events.pop();
+        compare_streams(&sensor, 0, &frames, &intervals, &events)
+    };
+    let tie = after(0.2 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((tie.differing, tie.unexplained.len()), (1, 0), "{tie:?}");
+    let miss = after(80.0 * LEVEL_TOLERANCE_LOG);
+    assert_eq!((miss.differing, miss.unexplained.len()), (1, 1), "{miss:?}");
+}
+
 #[test]
 fn a_tie_at_a_sample_is_explained_and_another_sample_is_not() {
     // The level at the end of the second of four sub-steps is `beyond` the threshold.

@@ -70,22 +70,57 @@ fn a_level_that_comes_back_onto_a_threshold_sends_its_event() {
 fn a_threshold_that_is_moved_onto_the_level_sends_its_event_at_once() {
     for swing in [0.3, -0.3] {
         for last in [0.35 * swing, 0.0] {
-            moved_threshold(swing, last);
+            for (who, first, second, got) in moved_threshold(&pixel_row(1), swing, last) {
+                assert_eq!(got.len(), 2, "{who}, to {last}: {got:?}");
+                assert_eq!(got[0].0, first, "{who}, to {last}");
+                assert_eq!(got[1], (second, 2 * MILLISECOND_NS + 1), "{who}, to {last}");
+            }
         }
     }
     assert_silent();
 }
 
+/// The same with stamps at samples: what the light has left by the next sample sends nothing.
+#[test]
+fn a_threshold_that_is_moved_onto_the_level_counts_at_the_next_sample() {
+    let base = SensorModel { timestamps: Timestamps::AtSample, ..pixel_row(1) };
+    for swing in [0.3, -0.3] {
+        for (last, is_sent) in [(0.35 * swing, false), (0.0, true)] {
+            for (who, first, second, got) in moved_threshold(&base, swing, last) {
+                let mut expected = vec![(first, MILLISECOND_NS)];
+                expected.extend(is_sent.then_some((second, 3 * MILLISECOND_NS)));
+                assert_eq!(got, expected, "{who}, to {last}");
+            }
+        }
+    }
+    // A shot event before that sample sets the reference to the light: such pixels have no crossing there.
+    let width = 2_000;
+    let noisy = SensorModel { width, shot_noise_rate_hz: 50.0, white_level: 1e6, ..base };
+    for (who, .., got) in moved_threshold(&noisy, 0.3, 0.0) {
+        let count = |from_ns, to_ns| got.iter().filter(|event| (from_ns..to_ns).contains(&event.1)).count();
+        let (noise, crossings) =
+            (count(2 * MILLISECOND_NS, 3 * MILLISECOND_NS), count(3 * MILLISECOND_NS, i64::MAX));
+        assert!(noise > 50, "{who}: {noise} shot events");
+        assert!(crossings > 0 && crossings + noise <= width as usize, "{who}: {crossings} and {noise}");
+    }
+    assert_silent();
+}
+
+type SignsAndTimes = Vec<(Polarity, i64)>;
+
 /// The light goes to `swing` and back, then to `last`. The threshold of the way back is out of reach at first, and is
-/// moved onto the level before the last interval.
-fn moved_threshold(swing: f64, last: f64) {
-    let base = pixel_row(1);
+/// moved onto the level before the last interval. Returns who sent which events, and the polarities of both crossings.
+fn moved_threshold(
+    base: &SensorModel,
+    swing: f64,
+    last: f64,
+) -> [(&'static str, Polarity, Polarity, SignsAndTimes); 2] {
     let (first, second, wide) = if swing > 0.0 {
         (Polarity::On, Polarity::Off, SensorModel { contrast_off: 0.3, ..base.clone() })
     } else {
         (Polarity::Off, Polarity::On, SensorModel { contrast_on: 0.3, ..base.clone() })
     };
-    let frames = levels(&base, &[0.0, swing, 0.0, last]);
+    let frames = levels(base, &[0.0, swing, 0.0, last]);
     let mut rig = Rig::new(&DEVICE, &[camera(&wide, 0, &frames)]).expect("a rig");
     let mut oracle = Oracle::new(wide, 0).expect("a valid sensor");
     let (mut by_engine, mut by_oracle) = (Vec::new(), Vec::new());
@@ -99,12 +134,8 @@ fn moved_threshold(swing: f64, last: f64) {
         by_engine.extend(rig.step(&[frame.t_ns]).expect("a frame in time").packets[0].iter());
         by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
     }
-    for (who, got) in [("engine", by_engine), ("oracle", by_oracle)] {
-        let got = signs_and_times(&got);
-        assert_eq!(got.len(), 2, "{who}, to {last}: {got:?}");
-        assert_eq!(got[0].0, first, "{who}, to {last}");
-        assert_eq!(got[1], (second, 2 * MILLISECOND_NS + 1), "{who}, to {last}");
-    }
+    [("engine", by_engine), ("oracle", by_oracle)]
+        .map(|(who, events)| (who, first, second, signs_and_times(&events)))
 }
 
 /// A hold that ends exactly with an interval sets the reference to the light of that instant.

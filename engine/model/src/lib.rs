@@ -31,8 +31,9 @@
 //! event lies in `(s_{i-1}, s_i]`: `t = s_{i-1} + ceil(f dt)`, where `dt` is the length of the sub-step and `f` the
 //! crossing's fraction of it ([`Timestamps::Interpolated`]), or `t = s_i` ([`Timestamps::AtSample`]). If a changed
 //! parameter leaves `L` at or beyond a threshold at the start of a sub-step, the event happens 1 ns after that start
-//! (at `s_i` with [`Timestamps::AtSample`]). `C_on` and `C_off` may vary from pixel to pixel: they are drawn once from
-//! `N(C, contrast_mismatch)`, and drawn again until they lie in `[0.1 C, 1.9 C]` ([`random::threshold_log`]).
+//! (with [`Timestamps::AtSample`] at `s_i`, if `L` still is there). `C_on` and `C_off` may vary from pixel to pixel: they
+//! are drawn once from `N(C, contrast_mismatch)`, and drawn again until they lie in `[0.1 C, 1.9 C]`
+//! ([`random::threshold_log`]).
 //!
 //! ## 5. Refractory period
 //! After an event at `t` the pixel is held until `t + refractory_ns`, which may lie in a later interval. At that

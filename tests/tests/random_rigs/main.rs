@@ -11,6 +11,7 @@ mod faults;
 mod findings;
 mod images;
 mod judge;
+mod levels;
 mod play;
 mod reference;
 mod sensors;

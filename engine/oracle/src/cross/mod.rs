@@ -236,8 +236,11 @@ impl Substep<'_> {
     }
 
     /// The event due at the sub-step's start, if the level is already at or beyond a threshold there. A changed
-    /// parameter can cause that.
+    /// parameter can cause that. A pixel that is looked at in samples sees it in the next one.
     fn crossed_before(&self, state: &PixelState) -> Option<Happening> {
+        if self.sensor.timestamps == Timestamps::AtSample {
+            return None;
+        }
         let distance = self.level(0).minus_split(state.reference).value();
         let polarity = self.reached(distance)?;
         Some(Happening { at_ns: self.event_ns(0.0), polarity })
