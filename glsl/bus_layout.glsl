@@ -6,7 +6,7 @@ const uint HEAD_FREE = 0u; // when the bus is free, picoseconds from the start o
 const uint HEAD_PERIOD = 1u; // the rate controller's period
 const uint HEAD_SERVED = 2u; // events served in it
 const uint HEAD_SERVICES = 3u; // services that wait
-const uint HEAD_NEXT = 4u; // the packet's next event
+const uint HEAD_NEXT = 4u; // once `readout` has begun with a packet, its next event plus 1; else 0
 const uint HEAD_WAITING = 5u; // events that wait for their row
 const uint HEAD_FREE_OTHER = 6u; // when the bus is free, of an interval of frame slot 1
 

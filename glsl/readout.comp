@@ -78,7 +78,7 @@ void main() {
     loops = 0u;
     free_ps = bus[at_free(cam.frame_slot)];
     uint services_waiting = uint(bus[at_head(HEAD_SERVICES)]);
-    uint first = uint(bus[at_head(HEAD_NEXT)]);
+    uint first = max(uint(bus[at_head(HEAD_NEXT)]), 1u) - 1u;
     const int64_t since_epoch_ns = source.start_ns - source.epoch_ns;
     const bool in_gathered = lies_in_gathered(counted);
     const bool passes_over = APART && readout.cap_events == 0u;
@@ -126,7 +126,7 @@ void main() {
     if (lane == 0u) {
         bus[at_free(is_last ? 1u - cam.frame_slot : cam.frame_slot)] = free_ps;
         bus[at_head(HEAD_SERVICES)] = int64_t(services_waiting);
-        bus[at_head(HEAD_NEXT)] = is_last ? 0l : int64_t(first);
+        bus[at_head(HEAD_NEXT)] = is_last ? 0l : int64_t(first) + 1l;
         bus[at_head(HEAD_WAITING)] = int64_t(count_waiting);
         counters[counter].lost += count_lost;
         counters[counter].capped += count_capped;

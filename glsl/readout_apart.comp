@@ -8,7 +8,7 @@
 // others to `readout`.
 //
 // x over stretches, y over cameras. A rate controller counts all events of a period, so that its chunks are never served
-// side by side.
+// side by side. Nothing is done once `readout` has begun with a packet.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -122,7 +122,7 @@ void main() {
     cam = cameras[readout.outlet_row];
     loops = 0u;
     const Counters counted = counters[2u * source.slot + source.frame_slot];
-    if (!is_ready(counted) || readout.cap_events != 0u
+    if (!is_ready(counted) || readout.cap_events != 0u || bus[at_head(HEAD_NEXT)] != 0l
         || counters[2u * cam.slot + cam.frame_slot].progress == READOUT_DONE) {
         return;
     }

@@ -345,6 +345,9 @@ void main() {
         return;
     }
     const bool heavy = is_heavy(all, counted.overflow) && !again;
+    if (is_served) {
+        take_places(outlet);
+    }
     if (deferred != 0u && !again) {
         gather_deferred(cam, counted.overflow, all.packet);
     }

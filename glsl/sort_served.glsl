@@ -124,7 +124,18 @@ void load_tile(Camera cam, uint first_bin, uint length) {
     barrier();
 }
 
-// Loads what is carried over, and tells `readout` that it takes the places of its pixels.
+// Tells `readout`, which may have to serve the tick, whose places are taken by what `sort` has carried over from the last
+// one. Where that was `readout`, it knows them.
+void take_places(Camera outlet) {
+    const uint last = 2u * outlet.slot + 1u - outlet.frame_slot;
+    if (gl_WorkGroupID.x == 0u && gl_LocalInvocationID.x < min(counters[last].deferred, MOST_CARRIED)) {
+        const uvec2 event = gathered[outlet.event_base + counters[last].packet + gl_LocalInvocationID.x];
+        const int64_t left_ns = int64_t(event.x - outlet.previous_interval_ns);
+        bus[at_pixel((event.y & ~DEFERRED) >> 1)] = outlet.start_ns - outlet.epoch_ns + left_ns;
+    }
+}
+
+// Loads what is carried over.
 void load_carried(Camera outlet, uint carried, uint place) {
     const uint lane = gl_LocalInvocationID.x;
     if (lane >= carried) {
@@ -137,9 +148,6 @@ void load_carried(Camera outlet, uint carried, uint place) {
     carried_keys[lane] = uvec2(stamp_offset(outlet, left_ns), tag);
     if (left_ns > outlet.interval_ns) {
         gives_up = true;
-    }
-    if (gl_WorkGroupID.x == 0u) {
-        bus[at_pixel(tag >> 1)] = outlet.start_ns - outlet.epoch_ns + int64_t(left_ns);
     }
 }
 

@@ -125,9 +125,9 @@ fn check(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Se
     all
 }
 
-/// Chunks of a packet one after the other, as on the software driver; side by side; and as on GPUs, where the whole packet is
-/// served at once if events hardly wait.
-fn orders() -> [RigOptions; 3] {
+/// Chunks of a packet one after the other, as on the software driver; side by side; as on GPUs, where the whole packet is
+/// served at once if events hardly wait; and the same with a submission for each chunk.
+fn orders() -> [RigOptions; 4] {
     let kernels = policy();
     let software = KernelPolicy::software_driver();
     let one_by_one = KernelPolicy {
@@ -141,7 +141,8 @@ fn orders() -> [RigOptions; 3] {
     let gpu = KernelPolicy::gpu();
     let side_by_side = KernelPolicy {
         readout_threads: gpu.readout_threads,
-        readout_rounds: gpu.readout_rounds,
+        // The software driver ends longer loops.
+        readout_rounds: software.readout_rounds,
         readout_dispatches: gpu.readout_dispatches,
         readout_light: false,
         readout_apart: gpu.readout_apart,
@@ -153,13 +154,14 @@ fn orders() -> [RigOptions; 3] {
         group_bins: gpu.group_bins,
         ..side_by_side
     };
-    [one_by_one, side_by_side, at_once]
+    let chunk_by_chunk = KernelPolicy { readout_rounds: 1, ..at_once };
+    [one_by_one, side_by_side, at_once, chunk_by_chunk]
         .map(|policy| RigOptions { policy: Some(policy), ..RigOptions::default() })
 }
 
-/// The last of [`orders`].
+/// The third of [`orders`].
 fn at_once() -> RigOptions {
-    let [_, _, at_once] = orders();
+    let [_, _, at_once, _] = orders();
     at_once
 }
 
@@ -174,7 +176,7 @@ fn random_streams_from_idle_to_tenfold_overload_are_served_as_by_a_queue() {
         .flat_map(|kind| loads.map(|event_ns| sensor(kind, event_ns)))
         .map(|sensor| (sensor.clone(), random(&sensor, 5, 5.0)))
         .collect();
-    let [_, _, runs] = orders().map(|options| check(&cameras, options));
+    let [.., runs] = orders().map(|options| check(&cameras, options));
     let lost = |run: &Vec<Served>| run.iter().map(|s| s.lost).sum::<u64>();
     for of_kind in runs.chunks(loads.len()) {
         assert_eq!(lost(&of_kind[0]), 0, "an idle bus loses nothing");
@@ -537,6 +539,28 @@ fn packets_behind_a_bus_are_the_same_wherever_they_lie() {
     }
     drop((owned, in_place, on_device));
     assert_silent();
+}
+
+/// A pixel's event is on its way when an interval ends in which events hardly wait. The next one, in which they do, begins
+/// before it has left.
+#[test]
+fn a_place_that_is_taken_when_a_quiet_interval_ends_is_taken_in_a_crowded_one() {
+    let bus =
+        SensorModel { contrast_on: 0.005, contrast_mismatch: 0.0, ..sensor(ReadoutKind::Fifo, 200_000.0) };
+    let frames = gray(&bus, &times(0, 3), |frame, pixel| {
+        // Pixel 0 comes to its threshold 40 us before the second frame, and leaves 160 us after it. Then ten pixels rise by a
+        // threshold each 120 us.
+        let first = if pixel == 0 { 1.0 / (1.0 - 40.0 / 33_333.0) } else { 0.0 };
+        let rises = if pixel < 10 { 277.0 } else { 0.0 };
+        let thresholds = [0.0, first, first + rises][frame];
+        intensity_of(&bus, thresholds * bus.contrast_on - 1.0)
+    });
+    for options in orders() {
+        let all = check(&[(bus.clone(), frames.clone())], options);
+        let [quiet, crowded] = [&all[0][1], &all[0][2]];
+        assert_eq!((quiet.events.len(), quiet.waiting), (0, 1));
+        assert!(crowded.lost > 500, "{}", crowded.lost);
+    }
 }
 
 #[test]

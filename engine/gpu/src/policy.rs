@@ -73,9 +73,9 @@ pub struct KernelPolicy {
     /// Dispatches of `readout` in a submission. If it needs more, it costs another submission.
     pub readout_dispatches: u32,
     /// Whether `sort` serves ticks in which events hardly wait for a bus, and `readout` has a submission of its own for the
-    /// others. Then it must not leave any rest.
+    /// others.
     pub readout_light: bool,
-    /// Whether `readout` serves chunks side by side, where the bus is idle in between. Then it must not leave any rest.
+    /// Whether `readout` serves chunks side by side, where the bus is idle in between.
     pub readout_apart: bool,
     /// Most events that a thread strides over when the event buffers are full.
     pub events_per_thread: u32,
@@ -119,7 +119,8 @@ impl KernelPolicy {
             many_bins: 1 << 13,
             summed_reads: 1 << 25,
             readout_threads: READOUT_THREADS,
-            readout_rounds: u32::MAX,
+            // A few hundredths of a second on a fast GPU. Drivers give a device up that does not end a dispatch in seconds.
+            readout_rounds: 1 << 20,
             readout_dispatches: 1,
             readout_light: true,
             readout_apart: true,

@@ -35,8 +35,7 @@ fn rig(views: &[&View], sensors: &[SensorModel], options: RigOptions) -> Rig {
 
 /// GPUs run their own kernels alone: those of the software driver are for no other device.
 ///
-/// The software driver silently ends all loops of a thread after 65 535 rounds, as many as a bus takes for some ten thousand
-/// events with the kernels of GPUs. There it serves them as the driver's own policy does.
+/// The software driver silently ends all loops of a thread after 65 535 rounds, so that a bus must leave its rest earlier.
 fn on_this_device(policy: KernelPolicy) -> KernelPolicy {
     if DEVICE.info().kind != "software" {
         return match policy.kernels {
@@ -44,15 +43,7 @@ fn on_this_device(policy: KernelPolicy) -> KernelPolicy {
             KernelSet::SoftwareDriver => KernelPolicy { resting: policy.resting, ..KernelPolicy::gpu() },
         };
     }
-    let software = KernelPolicy::software_driver();
-    KernelPolicy {
-        readout_threads: software.readout_threads,
-        readout_rounds: software.readout_rounds,
-        readout_dispatches: software.readout_dispatches,
-        readout_light: software.readout_light,
-        readout_apart: software.readout_apart,
-        ..policy
-    }
+    KernelPolicy { readout_rounds: KernelPolicy::software_driver().readout_rounds, ..policy }
 }
 
 /// Plays a case from the beginning to the end. Then, if `saves`, it goes back to where it was saved, and must go on as it

@@ -44,8 +44,9 @@ pub(super) trait TickDevice {
     fn retry(&mut self, retry: &Retry) -> Result<(), EngineError>;
     /// Sorts heavy packets, which `sort` leaves unsorted, and waits.
     fn merge(&mut self, merge: &Merge) -> Result<(), EngineError>;
-    /// Lets `readout` go on for these cameras, whose packets are sorted, and waits.
-    fn readout(&mut self, cameras: &[usize]) -> Result<(), EngineError>;
+    /// Lets `readout` go on for these cameras, whose packets are sorted, and waits. The first time in a tick all that it
+    /// has to go on for are among them.
+    fn readout(&mut self, cameras: &[usize], is_first: bool) -> Result<(), EngineError>;
 }
 
 /// What a retry needs.
@@ -232,8 +233,8 @@ pub(super) fn finish(device: &mut impl TickDevice, in_tick: Vec<bool>) -> Result
                 return Err(EngineError::Endless(readouts));
             }
             State::Readout(cameras) => {
+                device.readout(&cameras, readouts == 0)?;
                 readouts += 1;
-                device.readout(&cameras)?;
                 State::Outlets
             }
             State::Done => return Ok(progress.end),
@@ -284,7 +285,7 @@ mod tests {
         Wait,
         Retry(Retry),
         Merge(Merge),
-        Readout(Vec<usize>),
+        Readout(Vec<usize>, bool),
     }
 
     /// Counts what a script says, submission after submission, and fails at one call.
@@ -326,8 +327,8 @@ mod tests {
             let mut outlets = self.outlets.borrow_mut();
             if camera == 0 && !outlets.is_empty() { Some(outlets.remove(0)) } else { None }
         }
-        fn readout(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
-            self.call(Call::Readout(cameras.to_vec()))
+        fn readout(&mut self, cameras: &[usize], is_first: bool) -> Result<(), EngineError> {
+            self.call(Call::Readout(cameras.to_vec(), is_first))
         }
         fn retry(&mut self, retry: &Retry) -> Result<(), EngineError> {
             self.submissions += 1;
@@ -419,8 +420,8 @@ mod tests {
         let merge = |outlets| {
             Call::Merge(Merge { cameras: vec![0], most_events: 900, passes: 1, sorts_bins: true, outlets })
         };
-        let readout = || Call::Readout(vec![0]);
-        assert_eq!(fake.calls, [Call::Wait, merge(false), readout(), readout(), merge(true)]);
+        let readout = |is_first| Call::Readout(vec![0], is_first);
+        assert_eq!(fake.calls, [Call::Wait, merge(false), readout(true), readout(false), merge(true)]);
     }
 
     #[test]

@@ -53,14 +53,19 @@ impl Rig {
     }
 
     /// Lets `readout` go on for the cameras that have a time in `t_ns`. Their packets are sorted, by `merge` if they are
-    /// heavy.
-    pub(super) fn continue_readout(&mut self, t_ns: &[Option<i64>]) -> Result<(), EngineError> {
+    /// heavy. `is_first`: for the first time in a tick, in which all take part for which it has to go on.
+    pub(super) fn continue_readout(
+        &mut self,
+        t_ns: &[Option<i64>],
+        is_first: bool,
+    ) -> Result<(), EngineError> {
         self.prepare_rows(t_ns);
         self.submit_apart(|rig, commands| {
             record_barrier(&rig.device, commands);
             // SAFETY: as for the commands in `submit_apart`; the kernels stay within what their cameras' rows give them.
             unsafe {
-                if rig.pipelines.policy.readout_light {
+                // Else the tick's first submission has brought back what was deferred.
+                if rig.pipelines.policy.readout_light && is_first {
                     rig.record_deferred_of_outlets(commands, rig.outlets());
                     record_barrier(&rig.device, commands);
                 }

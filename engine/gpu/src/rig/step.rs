@@ -277,9 +277,9 @@ impl TickDevice for RigTick<'_> {
             .then(|| self.rig.arena.buffer(layout::REPORT).read::<Counters>(slot, 1)[0])
     }
 
-    fn readout(&mut self, cameras: &[usize]) -> Result<(), EngineError> {
+    fn readout(&mut self, cameras: &[usize], is_first: bool) -> Result<(), EngineError> {
         let times_ns = self.times_of(cameras.iter().copied());
-        self.rig.continue_readout(&times_ns)
+        self.rig.continue_readout(&times_ns, is_first)
     }
 }
 
