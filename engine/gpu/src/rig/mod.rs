@@ -120,6 +120,8 @@ struct CameraState {
     /// Rows of instances; the poses of the next steps.
     instances: Instances,
     scene: Option<SceneMotion>,
+    /// Whether the device still has what the last tick knew of its paths, and the host which instances they are of.
+    has_paths: bool,
     /// The synthesis that was asked for.
     asked: Synthesis,
     /// Whether its poses predict its motion vectors.
@@ -195,8 +197,6 @@ pub struct Rig {
     slices: Option<Buffer>,
     /// What `event_ids` reads besides: ids of rows, and lists of blocks.
     event_ids: Option<Buffer>,
-    /// Whether the device still has what the last tick knew of paths, and the host which instances they are of.
-    has_paths: bool,
     pipelines: Pipelines,
     recordings: Recordings,
     /// The table of cameras, as the next submission reads it.
@@ -298,7 +298,6 @@ impl Rig {
             arena,
             slices: None,
             event_ids: None,
-            has_paths: false,
         };
         rig.clear()?;
         Ok(rig)
@@ -482,6 +481,7 @@ impl CameraState {
             inputs: Addresses::default(),
             instances: Instances::new(),
             scene: None,
+            has_paths: false,
             asked: config.sensor.synthesis,
             check: PoseCheck::default(),
             light: Illuminances::default(),
@@ -531,6 +531,7 @@ impl CameraState {
         self.check = PoseCheck::default();
         // No surface names a row any more. A scene has no more instances than there were rows.
         self.instances = Instances::new();
+        self.has_paths = false;
         self.apply_trust();
     }
 }

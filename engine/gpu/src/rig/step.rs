@@ -99,7 +99,7 @@ impl Rig {
         let KernelPolicy { resting, rest_together, .. } = self.pipelines.policy;
         self.rest.follow(RestLoad::of(&self.cameras, &end, rest_together), resting);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
-        self.has_paths = true;
+        self.cameras.iter_mut().for_each(|camera| camera.has_paths = true);
         let results = &self.results;
         profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());
         Ok(Tick::of(self))
