@@ -134,6 +134,8 @@ struct CameraState {
     vectors_span: bool,
     last_ns: Option<i64>,
     last_interval_ns: u32,
+    /// Start of the last interval. A reset keeps it: there is still the packet of that interval.
+    last_start_ns: i64,
     epoch_ns: i64,
     /// Tiles with more sub-steps than this are first in the order of `cross`: somewhat more than the mean of the last
     /// tick.
@@ -489,6 +491,7 @@ impl CameraState {
             vectors_span: true,
             last_ns: None,
             last_interval_ns: 0,
+            last_start_ns: 0,
             epoch_ns: 0,
             many_substeps: 0,
             frame_slot: 0,

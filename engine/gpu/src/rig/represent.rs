@@ -212,14 +212,13 @@ impl Rig {
             .zip(&self.results.packets)
             .zip(&self.results.events)
             .map(|((camera, packet), &events)| {
-                let start_ns = camera.last_ns.unwrap_or(0) - i64::from(camera.last_interval_ns);
                 let slice = Slice {
                     base_ns: packet.base_ns,
                     event_base: camera.packet_base(),
                     events,
                     width: camera.config.sensor.width,
                     pixels: camera.place.pixels,
-                    base_to_start_ns: u32::try_from(start_ns - packet.base_ns).unwrap_or(0),
+                    base_to_start_ns: u32::try_from(camera.last_start_ns - packet.base_ns).unwrap_or(0),
                     interval_ns: camera.last_interval_ns.max(1),
                     first: first as u32,
                     events_before,

@@ -289,7 +289,8 @@ impl CameraState {
         self.may_be_unarmed = counters.unarmed_pixels > 0;
         let busy_blocks = self.place.blocks - counters.skipped_blocks.min(self.place.blocks);
         self.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
-        self.last_interval_ns = self.last_ns.map_or(0, |last| (t_ns - last) as u32);
+        self.last_start_ns = self.last_ns.unwrap_or(t_ns);
+        self.last_interval_ns = (t_ns - self.last_start_ns) as u32;
         self.longest_interval_ns = self.longest_interval_ns.max(self.last_interval_ns);
         match self.last_ns {
             None => self.epoch_ns = t_ns,
