@@ -223,12 +223,10 @@ impl Engine {
         lock(&self.last).iter().map(|packet| packet.clone_ref(py)).collect()
     }
 
+    /// Event frames, or voxel grids of so many bins, which `esaac/checks.py` has checked: of all cameras in one array, or of
+    /// each in one.
     fn form(&self, py: Python<'_>, bins: Option<u32>) -> PyResult<Vec<Py<PyAny>>> {
         let what = bins.map_or(Representation::EventFrame, |bins| Representation::VoxelGrid { bins });
-        if bins.is_some_and(|bins| !(1..=256).contains(&bins)) {
-            let message = format!("{} bins, expected 1 to 256", bins.unwrap_or(0));
-            return Err(Fault::Argument(message).into());
-        }
         let form = self.form_of(py, what)?;
         let planes = bins.unwrap_or(2) as usize;
         let of_camera = |&(width, height): &(u32, u32)| vec![planes, height as usize, width as usize];

@@ -298,6 +298,11 @@ impl State {
         if self.banks.is_empty() {
             return Err(Fault::Argument("no frame has been stepped yet".to_owned()));
         }
+        if what == Representation::EventIds && !self.banks.iter().any(|bank| bank.rig.knows_event_ids()) {
+            let why = "the instances that events show are not known: there was no step since all cameras were reset, or \
+                       since poses, a sensor or a state were set; expected a step right before";
+            return Err(Fault::Argument(why.to_owned()));
+        }
         if self.packets == Packets::Cuda {
             let side = side.expect("packets on a device come with its side");
             return Ok(Form::Cuda(self.form_on_cuda(what, side)?));

@@ -111,11 +111,13 @@ def test_event_frames_and_voxel_grids_count_the_last_packet():
         np.add.at(expected[b], (packet.y, packet.x), sign * np.maximum(0, 1 - abs(place - b)))
     np.testing.assert_allclose(grid, expected, atol=1e-3)
     np.testing.assert_array_equal(cam.voxel_grid(1)[0], expected.sum(0).round().astype(np.float32))
-    for bins in (0, -1, 257, 2.5, None):
-        with pytest.raises(
-            esaac.ArgumentError, match=f"bins is {bins}, expected a whole number from 1 to 256"
-        ):
-            cam.voxel_grid(bins)
+    rig = esaac.Rig(["dvs128"])
+    with esaac.TiledEventCamera("dvs128", 2, width=40, height=24) as envs:
+        for grid in (cam.voxel_grid, rig.voxel_grids, envs.voxel_grids):
+            for bins in (0, -1, 257, 2.5, None):
+                expected = f"bins is {bins}, expected a whole number from 1 to 256"
+                with pytest.raises(esaac.ArgumentError, match=expected):
+                    grid(bins)
 
 
 def test_a_saved_run_goes_on_as_one():

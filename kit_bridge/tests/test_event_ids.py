@@ -71,6 +71,51 @@ def test_rigs_and_environments_have_those_of_their_cameras():
     assert len(expected) > 100
 
 
+def test_a_reset_of_some_cameras_leaves_the_ids_of_the_others():
+    sensor = esaac.SensorModel("dvs128", synthesis="rigid", **SENSOR)
+    rig = esaac.Rig([sensor] * 3, intrinsics=[LENS] * 3)
+    together = esaac.Poses(TIMES_NS, np.stack([CAMERA] * 3, axis=1), BODIES)
+    with esaac.TiledEventCamera(sensor, 3, intrinsics=LENS) as envs:
+        for index in range(3):
+            (hdr, depth, ids), t_ns = IMAGES[index], index * FRAME_NS
+            rig.step([(hdr, None, depth, ids)] * 3, t_ns, poses=[POSES] * 3)
+            hdr, depth, ids = (np.stack([image] * 3) for image in IMAGES[index])
+            envs.step(hdr, t_ns=t_ns, depth=depth, ids=ids, poses=together)
+        each, all_ids, packet = rig.event_ids(), envs.event_ids(), envs.last_packet
+        rig.reset(1)
+        envs.reset([1])
+        for number, (actual, expected) in enumerate(zip(rig.event_ids(), each)):
+            assert len(expected) > 50 and set(expected) == {0, 1}
+            np.testing.assert_array_equal(actual, np.full_like(expected, -1) if number == 1 else expected)
+        expected = all_ids.copy()
+        expected[packet.offsets[1] : packet.offsets[2]] = -1
+        np.testing.assert_array_equal(envs.event_ids(), expected)
+        # The packet is that of the last step nevertheless.
+        assert len(rig.last_packets[1]) == len(each[1]) and len(packet) == len(all_ids)
+        rig.reset()
+        envs.reset()
+        for cameras in (rig, envs):
+            with pytest.raises(esaac.ArgumentError, match="since all cameras were reset"):
+                cameras.event_ids()
+
+
+def test_a_reset_of_many_environments_leaves_the_ids_of_the_others():
+    # More than one of the engine's rigs takes, and all that the first of them has are reset.
+    count, first = 258, 256
+    small = {**SENSOR, "synthesis": "rigid"}
+    together = esaac.Poses(TIMES_NS, np.stack([CAMERA] * count, axis=1), BODIES)
+    with esaac.TiledEventCamera("dvs128", count, intrinsics=LENS, **small) as envs:
+        for index in range(2):
+            hdr, depth, ids = (np.stack([image] * count) for image in IMAGES[index])
+            packet = envs.step(hdr, t_ns=index * FRAME_NS, depth=depth, ids=ids, poses=together)
+        expected = envs.event_ids()
+        envs.reset(range(first))
+        end = packet.offsets[first]
+        assert len(expected) - end > 50 and set(expected[end:]) == {0, 1}
+        expected[:end] = -1
+        np.testing.assert_array_equal(envs.event_ids(), expected)
+
+
 def test_what_is_not_known_is_refused():
     cam = esaac.EventCamera("dvs128", synthesis="auto", **SENSOR)
     with pytest.raises(esaac.ArgumentError, match="no frame has been stepped yet"):
@@ -83,7 +128,9 @@ def test_what_is_not_known_is_refused():
     step(cam, 0)
     step(cam, 1)
     cam.reset()
-    with pytest.raises(esaac.ArgumentError, match="ask right after a step"):
+    with pytest.raises(
+        esaac.ArgumentError, match="since all cameras were reset.*expected a step right before"
+    ):
         cam.event_ids()
     assert len(step(cam, 2)) == 0
 

@@ -30,7 +30,8 @@ def use() -> None:
     part: esaac.files.Events = esaac.files.load("events.h5", from_ns=0, to_ns=1000)
     if part.ids is not None and part.sensor is not None:
         esaac.files.save("part.npz", part.x, part.y, part.t_ns, part.p, ids=part.ids, sensor=part.sensor)
-    count += len(part) + len(esaac.files.load_dsec("events.h5")[0])
+    size_px: tuple[int, int] | None = part.size_px
+    count += len(size_px or ()) + len(part) + len(esaac.files.load_dsec("events.h5")[0])
     lens = esaac.Intrinsics.from_matrix(np.eye(3), half_pixel_centres=True)
     times_ns, places = np.array([0, 1]), np.zeros((2, 7))
     poses = esaac.Poses(times_ns, places, places[:, None], ids={1: 0, 2: None}, order="wxyz", axes="ros")

@@ -97,6 +97,30 @@ fn packets_of_all_cameras_are_gathered_one_after_the_other_in_full() {
 }
 
 #[test]
+fn a_reset_leaves_those_of_the_last_tick() {
+    let sequences: Vec<Sequence> = SIZES.into_iter().map(sequence).collect();
+    let configs: Vec<_> = (0..)
+        .zip(SIZES.into_iter().zip(&sequences))
+        .map(|(number, (size, frames))| {
+            // The packet's base is the start of the interval in whole quanta, so before it.
+            camera(&SensorModel { timestamp_quantum_ns: 7_000_000, ..sensor(size) }, number, frames)
+        })
+        .collect();
+    let mut rig = Rig::new(&DEVICE, &configs).expect("a rig");
+    for index in 0..FRAMES {
+        step(&mut rig, &sequences, index);
+    }
+    let kinds = [Representation::Gathered, Representation::EventFrame, Representation::VoxelGrid { bins: 5 }];
+    let all = |rig: &mut Rig| kinds.map(|what| rig.represent_to_host(what).expect("its bytes"));
+    let before = all(&mut rig);
+    assert!(rig.elements(Representation::Gathered) > 100);
+    rig.reset_some(&[0, 2]).expect("a reset");
+    assert_eq!(all(&mut rig), before);
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
 fn packets_kept_on_the_device_are_those_that_the_host_would_have() {
     let (mut host, sequences) = rig_of_three(RigOptions::default());
     // Buffers that are too small at first, so that they grow on the device.

@@ -405,8 +405,8 @@ class EventCamera(_Cameras):
     def event_ids(self) -> Array:
         """The id of the instance that each event of the last step shows when it is sent: int64 `(events,)`, in the
         order of the packet; -1 where no path tells it. At a silhouette it is that of what is in front. Ids are those
-        of `ids` and `poses`; 0 is the static world. Needs synthesis `rigid`, right after the step; else an
-        `ArgumentError`."""
+        of `ids` and `poses`; 0 is the static world. Needs synthesis `rigid`, and no reset nor another sensor or state
+        since the step; else an `ArgumentError`."""
     @property
     def aps(self) -> ApsFrame | None: ...
     @property
@@ -466,7 +466,9 @@ class Rig(_Cameras):
     def event_frames(self) -> list[Array]: ...
     def voxel_grids(self, bins: int = 5) -> list[Array]: ...
     def event_ids(self) -> list[Array]:
-        """As `EventCamera.event_ids`, of each camera. All must have synthesis `rigid`."""
+        """As `EventCamera.event_ids`, of each camera. All must have synthesis `rigid`. Of a camera that was reset, or
+        got another sensor, since the step all are -1, as many as its packet of that step has events. If that is so of
+        all cameras, `ArgumentError`."""
     @property
     def aps(self) -> list[ApsFrame | None]: ...
     @property
@@ -540,7 +542,9 @@ class TiledEventCamera(_Cameras):
     def voxel_grids(self, bins: int = 5) -> Array:
         """float32 `(num_envs, bins, height, width)`."""
     def event_ids(self) -> Array:
-        """As `EventCamera.event_ids`, of the events of all environments in the order of the packet."""
+        """As `EventCamera.event_ids`, of the events of all environments in the order of the packet. Those of an
+        environment that was reset, or got another sensor, since the step are -1. If that is so of all environments,
+        `ArgumentError`."""
     @property
     def aps(self) -> list[ApsFrame | None]: ...
     @property

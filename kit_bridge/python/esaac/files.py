@@ -1,7 +1,7 @@
 """Files of events: `EventWriter` and `save` write them, `load` reads them back. The suffix chooses the format: `.npz`
 (as `esaac simulate` writes it), `.h5` (layout of the DSEC data set), `.aedat4` or `.raw` (EVT3).
 
-HDF5 needs `h5py`, AEDAT4 needs `faery`. Both are optional: `pip install esaac[hdf5,aedat4]`.
+HDF5 needs `h5py`, and to write AEDAT4 needs `faery`. Both are optional: `pip install esaac[hdf5,aedat4]`.
 """
 
 import contextlib
@@ -324,5 +324,5 @@ def _faery():
     try:
         import faery
     except ImportError as error:
-        raise ImportError("AEDAT4 files need faery: pip install esaac[aedat4]") from error
+        raise ImportError("AEDAT4 files need faery to be written: pip install esaac[aedat4]") from error
     return faery

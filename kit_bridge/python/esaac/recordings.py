@@ -1,4 +1,4 @@
-"""Reads recordings back: `.npz`, as the command and `files.save` write it, and HDF5 in the layout of DSEC."""
+"""Reads recordings: `.npz`, as the command and `files.save` write it, HDF5 in DSEC's layout, EVT3 and AEDAT 4."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import dataclasses
 import os
 import pathlib
 import zipfile
+import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from esaac._native import SensorModel
+from esaac._native import SensorModel, load_aedat4, load_evt3
 from esaac.checks import nanoseconds
-from esaac.errors import ArgumentError
+from esaac.claims import check_array, check_dataset, check_member
+from esaac.errors import ArgumentError, EsaacError
 
-SUFFIXES = (".npz", ".h5", ".hdf5")
+SUFFIXES = (".npz", ".h5", ".hdf5", ".raw", ".aedat4")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +32,9 @@ class Events:
     ids: NDArray[np.int64] | None
     """The instance that each event shows; None if the recording has none."""
     sensor: SensorModel | None
-    """None if the recording names none, as those of the DSEC data set."""
+    """None if the recording names none, as those of the DSEC data set and of real cameras."""
+    size_px: tuple[int, int] | None = None
+    """Columns and rows of the sensor; None if the recording does not tell them, as those of the DSEC data set."""
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -39,15 +43,16 @@ class Events:
 def load(path: str | os.PathLike[str], *, from_ns: int | None = None, to_ns: int | None = None) -> Events:
     """Reads a recording, or its events from `from_ns` on and before `to_ns`. Of an HDF5 file only their part is read.
 
-    A file that is no recording raises `ArgumentError`."""
+    A file that is no recording, is damaged, or claims more than it holds raises `ArgumentError`."""
     path = pathlib.Path(path)
     if path.suffix not in SUFFIXES:
-        others = "; `faery.events_stream_from_file` reads .aedat4 and .raw"
-        raise ArgumentError(f"{path.name}, expected one of {', '.join(SUFFIXES)}{others}")
+        raise ArgumentError(f"{path.name}, expected one of {', '.join(SUFFIXES)}")
     first_ns = None if from_ns is None else nanoseconds(from_ns, "from_ns")
     end_ns = None if to_ns is None else nanoseconds(to_ns, "to_ns")
     if path.suffix == ".npz":
         return _cut(_load_npz(path), first_ns, end_ns)
+    if path.suffix in (".raw", ".aedat4"):
+        return _load_native(path, first_ns, end_ns)
     return _cut(_load_hdf5(path, first_ns, end_ns), first_ns, end_ns)
 
 
@@ -69,17 +74,39 @@ def h5py_library() -> Any:
 
 
 def _load_npz(path: pathlib.Path) -> Events:
-    if path.exists() and not zipfile.is_zipfile(path):
-        raise ArgumentError(f"{path.name} is no .npz archive, or not a whole one")
     try:
-        with np.load(path) as file:
-            _check_columns(path, file.keys(), "xytp")
-            x, y, t_ns, p = (file[name] for name in "xytp")
-            ids = file["id"] if "id" in file else None
-            sensor = SensorModel.from_toml(str(file["sensor"])) if "sensor" in file else None
+        with zipfile.ZipFile(path) as archive:
+            members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+            _check_columns(path, members, "xytp")
+
+            def column(name: str, kinds: str = "iub", axes: int = 1) -> NDArray[Any]:
+                member = members[name]
+                check_member(path, member)
+                with archive.open(member) as stream:
+                    check_array(path, member, stream, kinds, axes)
+                with archive.open(member) as stream:
+                    return np.lib.format.read_array(stream, allow_pickle=False)
+
+            x, y, t_ns, p = (column(name) for name in "xytp")
+            ids = column("id") if "id" in members else None
+            sensor = SensorModel.from_toml(str(column("sensor", "U", 0))) if "sensor" in members else None
     except zipfile.BadZipFile as error:
+        damaged = f"{path.name} is damaged: {error}"
+        none = f"{path.name} is no .npz archive, or not a whole one"
+        raise ArgumentError(damaged if zipfile.is_zipfile(path) else none) from error
+    except EsaacError:
+        raise
+    except (EOFError, RuntimeError, ValueError, zlib.error) as error:
         raise ArgumentError(f"{path.name} is damaged: {error}") from error
-    return Events(x, y, t_ns, (p == 1).astype(np.uint8), ids, sensor)
+    _check_lengths(path, [x, y, t_ns, p] if ids is None else [x, y, t_ns, p, ids])
+    return Events(x, y, t_ns, (p == 1).astype(np.uint8), ids, sensor, _size_px(sensor))
+
+
+def _load_native(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> Events:
+    """The events of an interval of a file that the native part reads."""
+    read = load_evt3 if path.suffix == ".raw" else load_aedat4
+    size_px, columns = read(path, first_ns, end_ns)
+    return Events(*columns, ids=None, sensor=None, size_px=size_px)
 
 
 def _load_hdf5(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> Events:
@@ -87,18 +114,45 @@ def _load_hdf5(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> 
     library = h5py_library()
     if path.exists() and not library.is_hdf5(path):
         raise ArgumentError(f"{path.name} is no HDF5 file")
-    with library.File(path, "r") as file:
-        events = file.get("events", {})
-        _check_columns(path, events.keys(), "xytp")
-        offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
-        first, end = 0, len(events["t"])
-        if "ms_to_idx" in file:
-            first, end = _rows(file["ms_to_idx"], end, offset_us, first_ns, end_ns)
-        columns = {name: events[name][first:end] for name in "xytp"}
-        t_ns = (columns["t"].astype(np.int64) + offset_us) * 1000
-        ids = events["id"][first:end] if "id" in events else None
-        sensor = SensorModel.from_toml(file.attrs["sensor"]) if "sensor" in file.attrs else None
-    return Events(columns["x"], columns["y"], t_ns, columns["p"], ids, sensor)
+    try:
+        with library.File(path, "r") as file:
+            return _of_hdf5(path, file, first_ns, end_ns)
+    except EsaacError:
+        raise
+    except (KeyError, OSError, RuntimeError, ValueError) as error:
+        # An error of the system has its number: the file is not there, or may not be read.
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise ArgumentError(f"{path.name} is damaged: {error}") from error
+
+
+def _of_hdf5(path: pathlib.Path, file: Any, first_ns: int | None, end_ns: int | None) -> Events:
+    events = file.get("events", {})
+    _check_columns(path, events.keys() if hasattr(events, "keys") else (), "xytp")
+    names = [name for name in ("x", "y", "t", "p", "id") if name in events]
+    for name in names:
+        check_dataset(path, events[name], f"events/{name}")
+    _check_lengths(path, [events[name] for name in names])
+    offset_us = _t_offset_us(path, file["t_offset"]) if "t_offset" in file else 0
+    first, end = 0, len(events["t"])
+    if "ms_to_idx" in file:
+        check_dataset(path, file["ms_to_idx"], "ms_to_idx")
+        first, end = _rows(file["ms_to_idx"], end, offset_us, first_ns, end_ns)
+    columns = {name: events[name][first:end] for name in names}
+    t_ns = (columns["t"].astype(np.int64) + offset_us) * 1000
+    sensor = SensorModel.from_toml(file.attrs["sensor"]) if "sensor" in file.attrs else None
+    x, y, p = (columns[name] for name in "xyp")
+    return Events(x, y, t_ns, p, columns.get("id"), sensor, _size_px(sensor))
+
+
+def _t_offset_us(path: pathlib.Path, offset: Any) -> int:
+    if getattr(offset, "shape", None) not in ((), (1,)):
+        raise ArgumentError(f"{path.name}: t_offset is {offset!r}, expected one number")
+    return int(np.ravel(offset[()])[0])
+
+
+def _size_px(sensor: SensorModel | None) -> tuple[int, int] | None:
+    return None if sensor is None else (sensor.width, sensor.height)
 
 
 def _rows(
@@ -132,3 +186,11 @@ def _check_columns(path: pathlib.Path, names: Any, expected: str) -> None:
         raise ArgumentError(f"{path.name} has {', '.join(sorted(names))}, expected also {missing}")
     if missing:
         raise ArgumentError(f"{path.name} has no events, expected {missing}")
+
+
+def _check_lengths(path: pathlib.Path, columns: list[Any]) -> None:
+    lengths = [len(column) for column in columns]
+    if min(lengths) < max(lengths):
+        raise ArgumentError(
+            f"{path.name} has columns of {min(lengths)} to {max(lengths)} events, expected all of one length"
+        )

@@ -88,6 +88,53 @@ fn more_events_than_a_file_may_hold_are_an_error() {
     assert!(error.contains(&format!("events in a file of {} bytes", bomb.len())), "{error}");
 }
 
+/// One packet alone could fill the memory too, before its events are counted.
+#[test]
+fn a_packet_that_unpacks_to_far_more_than_it_has_is_an_error() {
+    let empty = Recording { events: Vec::new(), frames: Vec::new(), ..recording() };
+    let mut bytes = Vec::new();
+    write(&mut bytes, &empty, &[], Compression::Zstd).unwrap();
+    // Blocks of 128 KiB that repeat a zero (RFC 8878), the largest that there are.
+    let block = |last: u32| (last | 1 << 1 | 0x2_0000 << 3).to_le_bytes();
+    let mut packed = vec![0x28, 0xb5, 0x2f, 0xfd, 0, 7 << 3];
+    for last in [0; 1000].into_iter().chain([1]) {
+        packed.extend(&block(last)[..3]);
+        packed.push(0);
+    }
+    bytes.extend(0_i32.to_le_bytes());
+    bytes.extend((packed.len() as i32).to_le_bytes());
+    bytes.extend(&packed);
+    let error = read(&bytes).unwrap_err().to_string();
+    assert!(error.contains(&format!("{} bytes that unpack to more than", packed.len())), "{error}");
+}
+
+#[test]
+fn events_alone_are_read_whatever_the_frames_are() {
+    let recording = recording();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.aedat4");
+    let mut bytes = file(&recording, Compression::None);
+    // The length of a frame's pixels lies before the first of them.
+    let mut other = recording.clone();
+    other.frames[0].pixels[0] = 1.0;
+    let differs = bytes.iter().zip(&file(&other, Compression::None)).position(|(a, b)| a != b).unwrap();
+    let length_at = differs - 4;
+    assert_eq!(bytes[length_at..differs], (37_u32 * 23).to_le_bytes(), "the number of the frame's pixels");
+    bytes[length_at] -= 1;
+    std::fs::write(&path, &bytes).unwrap();
+    assert!(aedat4::read(&path).unwrap_err().to_string().contains("a frame of 850 bytes, expected 851"));
+    let expected = Recording { frames: Vec::new(), ..recording };
+    assert_eq!(aedat4::read_events(&path).unwrap(), expected);
+}
+
+#[test]
+fn events_of_the_same_time_stay_in_the_order_of_the_file() {
+    let event = |t_ns, x| Event { t_ns, x, y: 0, polarity: Polarity::On };
+    let unordered = vec![event(5000, 9), event(5000, 2), event(2000, 7), event(5000, 4)];
+    let read = read(&file(&Recording { events: unordered, ..recording() }, Compression::None)).unwrap();
+    assert_eq!(read.events, [event(2000, 7), event(5000, 9), event(5000, 2), event(5000, 4)]);
+}
+
 #[test]
 fn what_is_written_is_read_back_in_every_compression() {
     let recording = recording();
@@ -126,6 +173,11 @@ fn broken_files_are_errors_with_a_reason() {
     assert!(error(b"#!AER-DAT2.0\r\n").contains("not an AEDAT 4 file"));
     assert!(error(&good[..20]).contains("header ends beyond the file"));
     assert!(error(&good[..good.len() - 1]).contains("ends beyond the file"));
+    // The position where packets end: -1, as nothing follows them.
+    let position_at = good.windows(8).position(|bytes| bytes == [0xff; 8]).unwrap();
+    let mut short = good.clone();
+    short[position_at..position_at + 8].copy_from_slice(&(good.len() as i64 + 1).to_le_bytes());
+    assert!(error(&short).contains(&format!("packets end at byte {}", good.len() + 1)));
     let header_bytes = u32::from_le_bytes(good[14..18].try_into().unwrap()) as usize;
     let packets = 18 + header_bytes;
     let mut scrambled = good.clone();

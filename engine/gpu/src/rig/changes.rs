@@ -66,6 +66,7 @@ impl Rig {
         state.config.sensor = sensor;
         state.asked = asked;
         state.changed = true;
+        state.has_paths = false;
         state.holds_until_ns = held_ns.max(state.holds_until_ns);
         if effects.resets_frames {
             state.forget();
@@ -127,13 +128,16 @@ impl Rig {
         writes: Vec<Write>,
         zeroed: &[usize],
     ) -> Result<(), EngineError> {
-        self.has_paths = false;
         geometry::follow_cameras(&mut places);
         let before = self.places();
         let planned: Option<Move> =
             if places == before { None } else { Some(self.arena.plan(&self.device, &before, places)?) };
         if planned.is_none() && writes.is_empty() && zeroed.is_empty() {
             return Ok(());
+        }
+        if planned.is_some() || !zeroed.is_empty() {
+            // These are buffers of all cameras. A write is of a camera, which its caller knows.
+            self.forget_paths();
         }
         let writes = Writes::new(&self.device, writes)?;
         let device = &self.device;

@@ -4,8 +4,10 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use super::Rig;
+use super::represent::Representation;
 use super::sensor::is_rigid;
 use crate::error::EngineError;
+use crate::memory::Buffer;
 use ash::vk;
 use bytemuck::cast_slice;
 use esaac_layout::{EVENT_IDS_LIST_WORDS, Slice};
@@ -21,11 +23,24 @@ pub(super) struct EventIds {
     rows: Vec<u32>,
     /// Tiles of the camera that has most.
     pub tiles: u32,
+    /// Parts of the target for cameras whose paths are not known any more: offsets and sizes in bytes.
+    unknown: Vec<[u64; 2]>,
 }
 
 impl Rig {
-    /// [`EngineError::NoEventIds`] if a camera does not follow instances, or if what the last tick knew of them has been
-    /// replaced.
+    /// Whether [`Representation::EventIds`] can tell instances of the last tick's events:
+    /// not before the first tick, nor once every camera was reset or has other poses, another sensor or state.
+    #[must_use]
+    pub fn knows_event_ids(&self) -> bool {
+        self.cameras.iter().any(|camera| camera.has_paths)
+    }
+
+    /// Notes that what the last tick knew of paths is being replaced, for all cameras.
+    pub(super) fn forget_paths(&mut self) {
+        self.cameras.iter_mut().for_each(|camera| camera.has_paths = false);
+    }
+
+    /// [`EngineError::NoEventIds`] if a camera does not follow instances.
     pub(super) fn check_event_ids(&self) -> Result<(), EngineError> {
         for (number, camera) in self.cameras.iter().enumerate() {
             if !is_rigid(&camera.config.sensor) {
@@ -34,14 +49,11 @@ impl Rig {
                 return Err(EngineError::NoEventIds(why));
             }
         }
-        if !self.has_paths {
-            let why = "there was no step since poses, a sensor or a state were set; ask right after a step";
-            return Err(EngineError::NoEventIds(why.to_owned()));
-        }
         Ok(())
     }
 
-    /// Makes room for `event_ids`, and tells each camera's slice where its part is.
+    /// Makes room for `event_ids`, and tells each camera's slice where its part is. The kernels leave out cameras whose
+    /// paths are not known.
     pub(super) fn place_event_ids(&mut self, slices: &mut [Slice]) -> Result<EventIds, EngineError> {
         let rows: Vec<u32> = self.cameras.iter().flat_map(|camera| camera.instances.ids()).collect();
         let list_words = |blocks: u32| u64::from(blocks) * u64::from(EVENT_IDS_LIST_WORDS);
@@ -55,7 +67,15 @@ impl Rig {
         }
         let base = self.event_ids.as_ref().expect("made above").address();
         let (mut ids, mut lists) = (base, base + 4 * rows.len() as u64);
+        let mut unknown = Vec::new();
         for (camera, slice) in self.cameras.iter().zip(slices) {
+            if !camera.has_paths {
+                let events = std::mem::take(&mut slice.events);
+                if events > 0 {
+                    let bytes_of_id = Representation::EventIds.element_bytes();
+                    unknown.push([slice.events_before, events].map(|count| bytes_of_id * u64::from(count)));
+                }
+            }
             let row = self.parameters.iter().position(|row| row.slot == camera.place.slot);
             slice.row = row.expect("every camera has a row") as u32;
             let lens = camera.config.geometry.map(|geometry| geometry.lens.projection());
@@ -65,11 +85,11 @@ impl Rig {
             lists += 4 * list_words(camera.place.blocks);
         }
         let tiles = self.cameras.iter().map(|camera| camera.place.tiles).max().unwrap_or(0);
-        Ok(EventIds { rows, tiles })
+        Ok(EventIds { rows, tiles, unknown })
     }
 
-    /// Records that the ids of rows are written.
-    pub(super) fn record_update(&self, commands: vk::CommandBuffer, ids: &EventIds) {
+    /// Records that the ids of rows are written, and -1 into the parts of `target` that are not known.
+    pub(super) fn record_update(&self, commands: vk::CommandBuffer, ids: &EventIds, target: &Buffer) {
         let buffer = self.event_ids.as_ref().expect("`place_event_ids` has made it");
         let bytes: &[u8] = cast_slice(&ids.rows);
         for (number, part) in bytes.chunks(MOST_UPDATED).enumerate() {
@@ -77,6 +97,10 @@ impl Rig {
             // SAFETY: `commands` is being recorded; the buffer is alive and has room for all rows. Parts are of whole words
             // and as large as an update may be at most.
             unsafe { self.device.raw().cmd_update_buffer(commands, buffer.raw(), offset, part) };
+        }
+        for &[offset, bytes] in &ids.unknown {
+            // SAFETY: `commands` is being recorded; the target is alive and has room for the ids of all events, whole words.
+            unsafe { self.device.raw().cmd_fill_buffer(commands, target.raw(), offset, bytes, u32::MAX) };
         }
     }
 }

@@ -120,6 +120,8 @@ struct CameraState {
     /// Rows of instances; the poses of the next steps.
     instances: Instances,
     scene: Option<SceneMotion>,
+    /// Whether the device still has what the last tick knew of its paths, and the host which instances they are of.
+    has_paths: bool,
     /// The synthesis that was asked for.
     asked: Synthesis,
     /// Whether its poses predict its motion vectors.
@@ -132,6 +134,8 @@ struct CameraState {
     vectors_span: bool,
     last_ns: Option<i64>,
     last_interval_ns: u32,
+    /// Start of the last interval. A reset keeps it: there is still the packet of that interval.
+    last_start_ns: i64,
     epoch_ns: i64,
     /// Tiles with more sub-steps than this are first in the order of `cross`: somewhat more than the mean of the last
     /// tick.
@@ -195,8 +199,6 @@ pub struct Rig {
     slices: Option<Buffer>,
     /// What `event_ids` reads besides: ids of rows, and lists of blocks.
     event_ids: Option<Buffer>,
-    /// Whether the device still has what the last tick knew of paths, and the host which instances they are of.
-    has_paths: bool,
     pipelines: Pipelines,
     recordings: Recordings,
     /// The table of cameras, as the next submission reads it.
@@ -298,7 +300,6 @@ impl Rig {
             arena,
             slices: None,
             event_ids: None,
-            has_paths: false,
         };
         rig.clear()?;
         Ok(rig)
@@ -482,6 +483,7 @@ impl CameraState {
             inputs: Addresses::default(),
             instances: Instances::new(),
             scene: None,
+            has_paths: false,
             asked: config.sensor.synthesis,
             check: PoseCheck::default(),
             light: Illuminances::default(),
@@ -489,6 +491,7 @@ impl CameraState {
             vectors_span: true,
             last_ns: None,
             last_interval_ns: 0,
+            last_start_ns: 0,
             epoch_ns: 0,
             many_substeps: 0,
             frame_slot: 0,
@@ -531,6 +534,7 @@ impl CameraState {
         self.check = PoseCheck::default();
         // No surface names a row any more. A scene has no more instances than there were rows.
         self.instances = Instances::new();
+        self.has_paths = false;
         self.apply_trust();
     }
 }

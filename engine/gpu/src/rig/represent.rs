@@ -25,8 +25,9 @@ pub enum Representation {
     EventFrame,
     /// The id of the instance that each event's pixel shows at the event's time, i64, camera after camera in the order of
     /// [`Representation::Gathered`]; -1 where no path tells it. What counts is in
-    /// [`esaac_model::synthesis::rigid`], "The instance of an event". For cameras with synthesis `rigid`, until the next
-    /// frame's poses are set.
+    /// [`esaac_model::synthesis::rigid`], "The instance of an event". All cameras must have synthesis `rigid`. It is -1 also
+    /// for the events of a camera that has been reset since, or has other poses, another sensor or state: see
+    /// [`Rig::knows_event_ids`].
     EventIds,
     /// Votes of +1 (ON) or -1 (OFF), split between the two nearest time bins, f32, `[camera][bin][row][column]` (Zhu et
     /// al., CVPR 2019); see `voxel_grid.comp`.
@@ -93,7 +94,7 @@ impl Rig {
 
     /// Writes a representation of the last tick's packets into `target`, and waits. Cameras without an interval in that
     /// tick have no events. [`EngineError::OutOfMemory`] if `target` is too small, or for 2^32 elements and more;
-    /// [`EngineError::NoEventIds`] if [`Representation::EventIds`] cannot be had.
+    /// [`EngineError::NoEventIds`] for [`Representation::EventIds`] if a camera's synthesis is not `rigid`.
     pub fn represent(
         &mut self,
         what: Representation,
@@ -156,7 +157,7 @@ impl Rig {
                 }
             }
             if let Some(ids) = &ids {
-                self.record_update(commands, ids);
+                self.record_update(commands, ids, target);
             }
             record_barrier_from_transfer(&self.device, commands);
             if let Some(ids) = &ids {
@@ -211,14 +212,13 @@ impl Rig {
             .zip(&self.results.packets)
             .zip(&self.results.events)
             .map(|((camera, packet), &events)| {
-                let start_ns = camera.last_ns.unwrap_or(0) - i64::from(camera.last_interval_ns);
                 let slice = Slice {
                     base_ns: packet.base_ns,
                     event_base: camera.packet_base(),
                     events,
                     width: camera.config.sensor.width,
                     pixels: camera.place.pixels,
-                    base_to_start_ns: u32::try_from(start_ns - packet.base_ns).unwrap_or(0),
+                    base_to_start_ns: u32::try_from(camera.last_start_ns - packet.base_ns).unwrap_or(0),
                     interval_ns: camera.last_interval_ns.max(1),
                     first: first as u32,
                     events_before,

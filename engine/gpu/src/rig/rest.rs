@@ -186,7 +186,7 @@ impl Rig {
         }
         let permutations = self.permutations();
         self.need_kernels(&permutations, true, false)?;
-        self.has_paths = false;
+        self.forget_paths();
         self.bind_current();
         self.prepare_rows(&vec![None; self.cameras.len()]);
         let order = order(&permutations);

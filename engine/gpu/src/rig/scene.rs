@@ -152,7 +152,7 @@ impl Rig {
             self.change(places, Vec::new(), &[])?;
         }
         for (camera, new) in instances {
-            self.has_paths = false;
+            self.cameras[camera].has_paths = false;
             self.cameras[camera].instances = new;
         }
         let mut past = Vec::with_capacity(scenes.len());

@@ -99,7 +99,7 @@ impl Rig {
         let KernelPolicy { resting, rest_together, .. } = self.pipelines.policy;
         self.rest.follow(RestLoad::of(&self.cameras, &end, rest_together), resting);
         self.results.submit_to_packet_ns = started.elapsed().as_nanos() as u64;
-        self.has_paths = true;
+        self.cameras.iter_mut().for_each(|camera| camera.has_paths = true);
         let results = &self.results;
         profile::tick(&results.events, &results.packets, results.submit_to_packet_ns, || self.memory());
         Ok(Tick::of(self))
@@ -289,7 +289,8 @@ impl CameraState {
         self.may_be_unarmed = counters.unarmed_pixels > 0;
         let busy_blocks = self.place.blocks - counters.skipped_blocks.min(self.place.blocks);
         self.many_substeps = (counters.substeps + counters.substeps / 4) / busy_blocks.max(1);
-        self.last_interval_ns = self.last_ns.map_or(0, |last| (t_ns - last) as u32);
+        self.last_start_ns = self.last_ns.unwrap_or(t_ns);
+        self.last_interval_ns = (t_ns - self.last_start_ns) as u32;
         self.longest_interval_ns = self.longest_interval_ns.max(self.last_interval_ns);
         match self.last_ns {
             None => self.epoch_ns = t_ns,

@@ -125,7 +125,7 @@ impl Rig {
         }
         let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|(t_ns, _)| t_ns)).collect();
         self.results.clear();
-        self.has_paths = false;
+        self.forget_paths();
         self.end_rest()?;
         self.make_room_for_layers()?;
         self.next_packet_set()?;

@@ -25,6 +25,7 @@ class Bridge:
         self.unsaved = []
         self._attached, self._before, self._publisher = [], None, None
         self._transforms = self._every_frame = None
+        self._tested_geometry = False
         self._claimed = set()
         self.stage = None
 
@@ -37,14 +38,16 @@ class Bridge:
         return bool(self._attached)
 
     async def self_test(self, app, stage):
-        """Checks what the renderer draws, once; plays the timeline for that. False if somebody stopped it meanwhile:
-        then the next call tests again."""
-        if self.checks or not self.setting("self_test", True):
+        """Checks what the renderer draws; plays the timeline for that. Once, and once more when a camera first needs
+        depth and ids. False if somebody stopped the timeline meanwhile: then the next call tests again."""
+        with_geometry = any(spec.with_geometry for spec in schema.cameras(stage)[0])
+        tested = self.checks and self._tested_geometry >= with_geometry
+        if tested or not self.setting("self_test", True):
             return True
         before = exposure.pin(self.settings)
         try:
             device = self.setting("device", None) or None
-            self.checks = await self_test.run(app, stage, self.wants_texture, device)
+            self.checks = await self_test.run(app, stage, self.wants_texture, device, with_geometry)
         except TimelineStopped as stopped:
             self.log.warn(f"self-test given up: {stopped}")
             return False
@@ -53,6 +56,7 @@ class Bridge:
             self.checks = [self_test.Check("self-test", False, failed, disables="texture")]
         finally:
             exposure.restore(self.settings, before)
+        self._tested_geometry = with_geometry
         for check in self.checks:
             (self.log.info if check.holds else self.log.warn)(f"self-test, {check.name}: {check.message}")
         return True
@@ -95,6 +99,13 @@ class Bridge:
                 f"{ticks.ATTRIBUTE} is {spec.tick_rate_hz:g}, and the self-test saw that the renderer keeps to it, "
                 "so images may be old ones; set it to 0"
             )
+        if "geometry" in off and spec.with_geometry:
+            failed = "the renderer's depth or instance ids failed the self-test"
+            if spec.needs_poses:
+                needing = "`event_ids` of esaac:outputs" if spec.with_ids else "mode `rigid`"
+                raise esaac.DeviceError(f"{failed}, and {needing} needs them")
+            self.problems.append(f"{spec.path}: {failed}, so mode `auto` does without poses")
+            spec = _replaced(spec, with_geometry=False)
         if "motion" in off and spec.sensor.synthesis in ("motion", "paper"):
             self.problems.append(
                 f"{spec.path}: the renderer's motion vectors failed the self-test, so mode `linear` is used"

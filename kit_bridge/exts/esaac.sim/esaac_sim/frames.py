@@ -60,21 +60,22 @@ def seconds(entry):
 def frame_of(data, width, height, needs_motion=True, outputs=(), texture=None, needs_geometry=False):
     """Colour, motion and time of a writer's data, checked, depth and ids if they are needed, and `rgb` and `depth` if
     `outputs` names them. Colour comes from the texture, if there is one."""
-    hdr = texture.image(width, height) if texture else _image(data, HDR, height, width)
+    hdr = texture.image(width, height) if texture else image_of(data, HDR, height, width)
     # Isaac Sim 6 leaves out the two channels that say nothing.
-    motion = _image(data, MOTION, height, width, channels=((4,), (2,))) if needs_motion else None
-    rgb = _image(data, RGB, height, width) if "rgb" in outputs else None
+    motion = image_of(data, MOTION, height, width, channels=((4,), (2,))) if needs_motion else None
+    rgb = image_of(data, RGB, height, width) if "rgb" in outputs else None
     wants_depth = needs_geometry or "depth" in outputs
-    depth = _image(data, DEPTH, height, width, channels=((),)) if wants_depth else None
-    ids = _beside(_image(data, IDS, height, width, channels=((),)), depth) if needs_geometry else None
+    depth = image_of(data, DEPTH, height, width, channels=((),)) if wants_depth else None
+    ids = _beside(image_of(data, IDS, height, width, channels=((),)), depth) if needs_geometry else None
     entry = find(data, TIME)
     if entry is None:
         raise FrameUnusable(f"no {TIME} among {sorted(data)}")
-    t_ns, labels = round(seconds(entry) * 1e9), _labels(data) if needs_geometry else {}
+    t_ns, labels = round(seconds(entry) * 1e9), labels_of(data) if needs_geometry else {}
     return Frame(hdr=hdr, motion=motion, t_ns=t_ns, rgb=rgb, depth=depth, ids=ids, labels=labels)
 
 
-def _labels(data):
+def labels_of(data):
+    """What each id of an image is."""
     entry = find(data, IDS)
     info = entry.get("info", {}) if isinstance(entry, dict) else {}
     if "idToLabels" not in info:
@@ -91,7 +92,8 @@ def _beside(array, other):
     return warp.array(array, device=other.device)
 
 
-def _image(data, name, height, width, channels=((4,),)):
+def image_of(data, name, height, width, channels=((4,),)):
+    """The array of an annotator, of this size and one of these numbers of channels."""
     array = payload(find(data, name))
     if array is None:
         raise FrameUnusable(f"no {name} among {sorted(data)}")

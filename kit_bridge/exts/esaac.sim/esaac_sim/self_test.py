@@ -2,8 +2,9 @@
 
 A renderer's documentation does not say everything: the sign of motion vectors, say. So a cube moves at a known speed
 before a known camera. `run` draws it. `judge` compares what was drawn with what geometry says, and needs no Kit. A
-failed check switches off what depends on it: wrong motion vectors the synthesis `motion`, a wrong clock
-publishing. All events depend on the light, so if that is not linear each camera has a problem, and runs.
+failed check switches off what depends on it: wrong motion vectors the synthesis `motion`, wrong depth or ids
+poses, a wrong clock publishing. All events depend on the light, so if that is not linear each camera has a problem,
+and runs.
 """
 
 import dataclasses
@@ -14,6 +15,9 @@ import numpy as np
 
 from .frames import HDR, MOTION, TIME, FrameUnusable, find, payload, seconds
 
+ROOT = "/EsaacSelfTest"
+CUBE = f"{ROOT}/cube"
+"""Paths of prims."""
 SIZE_PX = (128, 96)
 """Columns and rows."""
 FOCAL_MM, APERTURE_MM = 24.0, 20.955
@@ -68,8 +72,9 @@ def cube_px():
     return rows, columns
 
 
-def judge(frames):
-    """Checks of a list of writer's data. The first frames may be empty, and motion of the first is not trusted."""
+def judge(frames, with_geometry=False):
+    """Checks of a list of writer's data, of depth and ids too `with_geometry`. The first frames may be empty, and
+    motion of the first is not trusted."""
     if not frames:
         seen = (
             "Replicator handed out no frames while the timeline played: is its capture on play switched off?"
@@ -84,6 +89,11 @@ def judge(frames):
     if len(drawn) < 4:
         seen = f"{len(drawn)} of {len(frames)} frames could be read" + (f": {notes[-1]}" if notes else "")
         return [Check("frames", False, seen, disables="everything")]
+    geometry = []
+    if with_geometry:
+        from . import self_test_geometry
+
+        geometry = self_test_geometry.checks(frames)
     return [
         Check("frames", True, f"{len(drawn)} of {len(frames)} frames; {len(notes)} empty at the start"),
         _motion(drawn),
@@ -91,6 +101,7 @@ def judge(frames):
         _clock(drawn),
         _rate(drawn),
         _memory(frames),
+        *geometry,
     ]
 
 
@@ -174,15 +185,16 @@ def disabled(checks):
     return {check.disables for check in checks if not check.holds and check.disables}
 
 
-async def run(app, stage, with_texture=False, device=None):
-    """Draws the scene below a root of its own and judges it. Afterwards root and timeline are as before.
+async def run(app, stage, with_texture=False, device=None, with_geometry=False):
+    """Draws the scene below a root of its own and judges it: depth and ids too `with_geometry`. Afterwards root and
+    timeline are as before.
 
     Raises `TimelineStopped` if somebody stops the timeline meanwhile: then nothing is known of the renderer.
     """
     from .self_test_scene import SelfTestScene
     from .timeline import playing
 
-    scene = SelfTestScene(stage)
+    scene = SelfTestScene(stage, with_geometry)
     twins = None
     try:
         if with_texture:
@@ -193,7 +205,7 @@ async def run(app, stage, with_texture=False, device=None):
             for index in range(FRAMES + 2):
                 scene.move(index)
                 await app.next_update_async()
-        checks = judge(scene.frames[-FRAMES:])
+        checks = judge(scene.frames[-FRAMES:], with_geometry)
         return checks + ([twins.check()] if twins else [])
     finally:
         scene.remove()

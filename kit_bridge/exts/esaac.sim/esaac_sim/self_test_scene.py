@@ -7,7 +7,6 @@ from . import self_test as the
 from .ticks import ATTRIBUTE, EveryFrame
 from .writer import EsaacEventWriter
 
-ROOT = "/EsaacSelfTest"
 DEPTH_M = -1000.0
 """Far below the user's scene, so that neither is seen in the other's images."""
 
@@ -15,28 +14,28 @@ DEPTH_M = -1000.0
 class SelfTestScene:
     """Prims, a render product, and a writer that collects copies of its data."""
 
-    def __init__(self, stage):
+    def __init__(self, stage, with_geometry):
         self.stage, self.frames, self.twins = stage, [], None
         unit = UsdGeom.GetStageMetersPerUnit(stage) or 1.0
         self.metre = 1.0 / unit
-        UsdGeom.Xform.Define(stage, ROOT)
-        camera = UsdGeom.Camera.Define(stage, f"{ROOT}/camera")
+        UsdGeom.Xform.Define(stage, the.ROOT)
+        camera = UsdGeom.Camera.Define(stage, f"{the.ROOT}/camera")
         camera.CreateFocalLengthAttr(the.FOCAL_MM)
         camera.CreateHorizontalApertureAttr(the.APERTURE_MM)
         camera.CreateVerticalApertureAttr(the.APERTURE_MM * the.SIZE_PX[1] / the.SIZE_PX[0])
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * self.metre, 100.0 * self.metre))
         camera.AddTranslateOp().Set(self._at(0, 0, 0))
         camera.GetPrim().CreateAttribute(ATTRIBUTE, Sdf.ValueTypeNames.Float).Set(the.TICK_HZ)
-        self.every_frame = EveryFrame(stage, [f"{ROOT}/camera"])
-        cube = UsdGeom.Cube.Define(stage, f"{ROOT}/cube")
+        self.every_frame = EveryFrame(stage, [f"{the.ROOT}/camera"])
+        cube = UsdGeom.Cube.Define(stage, the.CUBE)
         cube.CreateSizeAttr(the.CUBE_M * self.metre)
         self.place = cube.AddTranslateOp()
         self.glow = self._material(cube)
         self.move(0)
-        self.product = rep.create.render_product(f"{ROOT}/camera", the.SIZE_PX)
+        self.product = rep.create.render_product(f"{the.ROOT}/camera", the.SIZE_PX)
         rep.WriterRegistry.register(EsaacEventWriter)
         self.writer = rep.writers.get("EsaacEventWriter")
-        self.writer.initialize(sink=self._keep)
+        self.writer.initialize(sink=self._keep, with_depth=with_geometry, with_ids=with_geometry)
         self.writer.attach([self.product])
 
     def move(self, index):
@@ -51,7 +50,7 @@ class SelfTestScene:
         self.writer.detach()
         self.product.destroy()
         self.every_frame.restore()
-        self.stage.RemovePrim(ROOT)
+        self.stage.RemovePrim(the.ROOT)
 
     def _keep(self, data):
         if self.twins:
@@ -63,8 +62,8 @@ class SelfTestScene:
         return Gf.Vec3d(x * self.metre, (y + DEPTH_M) * self.metre, z * self.metre)
 
     def _material(self, cube):
-        material = UsdShade.Material.Define(self.stage, f"{ROOT}/glow")
-        shader = UsdShade.Shader.Define(self.stage, f"{ROOT}/glow/shader")
+        material = UsdShade.Material.Define(self.stage, f"{the.ROOT}/glow")
+        shader = UsdShade.Shader.Define(self.stage, f"{the.ROOT}/glow/shader")
         shader.SetSourceAsset(Sdf.AssetPath("OmniPBR.mdl"), "mdl")
         shader.SetSourceAssetSubIdentifier("OmniPBR", "mdl")
         shader.CreateInput("diffuse_color_constant", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(0, 0, 0))
@@ -79,5 +78,7 @@ class SelfTestScene:
 
 
 def _copied(value):
-    value = value["data"] if isinstance(value, dict) and "data" in value else value
+    if isinstance(value, dict) and "data" in value:
+        # Beside the image there is what its ids are.
+        return {**value, "data": _copied(value["data"])}
     return value.numpy().copy() if hasattr(value, "numpy") else value

@@ -199,15 +199,63 @@ fn ids_are_those_of_the_poses_and_unknown_without() {
 }
 
 #[test]
-fn ids_that_cannot_be_had_are_refused_and_the_rig_goes_on() {
+fn what_is_done_to_a_camera_leaves_the_ids_of_the_others() {
+    let (mut rig, rendered) = different_cameras();
+    let step = |rig: &mut Rig, index: usize| -> (Vec<usize>, Vec<i64>) {
+        for (number, rendered) in rendered.iter().enumerate() {
+            rig.upload(number, &rendered.frames[index].bytes()).expect("a frame");
+        }
+        let t_ns = rendered[0].frames[index].t_ns;
+        let packets = rig.step(&[t_ns; 3]).expect("a tick").packets;
+        let ends = packets.iter().scan(0, |end, packet| {
+            *end += packet.len();
+            Some(*end)
+        });
+        (ends.collect(), ids(rig))
+    };
+    let known = |rig: &mut Rig, (ends, before): &(Vec<usize>, Vec<i64>), known: [bool; 3]| {
+        let mut expected = before.clone();
+        let mut start = 0;
+        for (&end, known) in ends.iter().zip(known) {
+            assert!(end - start > 100 && before[start..end].iter().any(|&id| id != -1));
+            if !known {
+                expected[start..end].fill(-1);
+            }
+            start = end;
+        }
+        assert_eq!(ids(rig), expected);
+        assert_eq!(rig.knows_event_ids(), known.contains(&true));
+    };
+    step(&mut rig, 0);
+    let all = step(&mut rig, 1);
+    rig.reset(1).expect("a reset");
+    known(&mut rig, &all, [true, false, true]);
+    // Poses of the same instances are for the next step; other instances are another matter.
+    rig.set_scene(2, rendered[2].scene.clone()).expect("the same");
+    known(&mut rig, &all, [true, false, true]);
+    let old = &rendered[2].scene;
+    let still = SceneMotion::new(*old.lens(), old.camera().clone());
+    rig.set_scene(2, still).expect("fewer");
+    known(&mut rig, &all, [true, false, false]);
+    rig.reset(0).expect("a reset");
+    known(&mut rig, &all, [false; 3]);
+    rig.set_scene(2, rendered[2].scene.clone()).expect("poses");
+    let all = step(&mut rig, 2);
+    assert_eq!(all.0, [0, 0, all.1.len()], "those that were reset have seen one frame");
+    assert!(rig.knows_event_ids());
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn ids_that_cannot_be_had_are_told_and_the_rig_goes_on() {
     let rendered = Rendered::of(SceneKind::Bounce, SIZE, FRAMES);
     let mut rig = rendered.rig(&sensor(), RigOptions::default());
-    let refused = |rig: &mut Rig, expected: &str| {
-        let error = rig.represent_to_host(Representation::EventIds).unwrap_err();
-        assert!(matches!(error, EngineError::NoEventIds(_)), "{error}");
-        assert!(error.to_string().contains(expected), "{error}");
+    let unknown = |rig: &mut Rig, events: usize| {
+        assert!(!rig.knows_event_ids());
+        assert_eq!(ids(rig), vec![-1; events]);
     };
-    refused(&mut rig, "no step since");
+    unknown(&mut rig, 0);
     let takes_memory = |rig: &Rig| rig.memory().iter().any(|each| each.purpose == "event_ids");
     for index in 0..2 {
         let t_ns = upload(&mut rig, &rendered, index);
@@ -223,16 +271,19 @@ fn ids_that_cannot_be_had_are_refused_and_the_rig_goes_on() {
     let mut more = rendered.scene.clone();
     more.insert(500, PoseTrack::still(Pose::IDENTITY)).expect("one more");
     rig.set_scene(0, more).expect("one more");
-    refused(&mut rig, "no step since");
+    unknown(&mut rig, before.len());
     let t_ns = upload(&mut rig, &rendered, 2);
-    assert!(rig.step(&[t_ns]).expect("a tick").packets[0].len() > 100);
-    assert!(!ids(&mut rig).is_empty());
+    let events = rig.step(&[t_ns]).expect("a tick").packets[0].len();
+    assert!(events > 100 && rig.knows_event_ids());
+    assert!(ids(&mut rig).iter().any(|&id| id != -1));
     rig.reset(0).expect("a reset");
-    refused(&mut rig, "no step since");
+    unknown(&mut rig, events);
     drop(rig);
     let linear = SensorModel { synthesis: Synthesis::Linear, ..sensor() };
     let mut rig = Rig::new(&DEVICE, &[rendered.camera(&linear)]).expect("a rig");
-    refused(&mut rig, "camera 0 has synthesis `linear`, expected `rigid`");
+    let error = rig.represent_to_host(Representation::EventIds).unwrap_err();
+    assert!(matches!(error, EngineError::NoEventIds(_)), "{error}");
+    assert!(error.to_string().contains("camera 0 has synthesis `linear`, expected `rigid`"), "{error}");
     drop(rig);
     assert_silent();
 }

@@ -22,12 +22,17 @@ const EVENT_BYTES: usize = 16;
 /// Largest unpacked packet. A larger one is broken.
 const LARGEST_PACKET: u64 = 1 << 30;
 
-/// Most bytes of events for each byte of a file: no recording is compressed so well. A file that claims more would fill the
+/// Most unpacked bytes for each byte of a file: no recording is compressed so well. A file that claims more would fill the
 /// memory.
-const MOST_EVENT_BYTES: usize = 1000;
+const MOST_PER_BYTE: usize = 1000;
 
-/// Bytes of events that any file may have.
-const FEW_EVENT_BYTES: usize = 1 << 24;
+/// Bytes that any file may unpack to.
+const FEW_BYTES: usize = 1 << 24;
+
+/// Most bytes that so many bytes of a file may unpack to.
+fn most_unpacked(packed_bytes: usize) -> usize {
+    FEW_BYTES.saturating_add(packed_bytes.saturating_mul(MOST_PER_BYTE))
+}
 
 /// Content of a stream.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -49,12 +54,21 @@ struct Header {
 
 /// Reads events and frames of a file. A file that cannot be read, is broken or is none of the format is an error.
 pub fn read(path: &Path) -> Result<Recording, RecordingError> {
-    let bytes = std::fs::read(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
-    parse(&bytes).map_err(|reason| RecordingError::Format { path: path.to_owned(), reason })
+    read_wanted(path, true)
 }
 
-/// Reads events and frames of a file's bytes.
-fn parse(bytes: &[u8]) -> Result<Recording, Broken> {
+/// As [`read`], but passes over frames, whatever their format.
+pub fn read_events(path: &Path) -> Result<Recording, RecordingError> {
+    read_wanted(path, false)
+}
+
+fn read_wanted(path: &Path, with_frames: bool) -> Result<Recording, RecordingError> {
+    let bytes = std::fs::read(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
+    parse(&bytes, with_frames).map_err(|reason| RecordingError::Format { path: path.to_owned(), reason })
+}
+
+/// Reads events, and frames if they are wanted, of a file's bytes.
+fn parse(bytes: &[u8], with_frames: bool) -> Result<Recording, Broken> {
     if !bytes.starts_with(MAGIC) {
         return Err("not an AEDAT 4 file: expected it to begin with `#!AER-DAT4.0`".to_owned());
     }
@@ -77,22 +91,22 @@ fn parse(bytes: &[u8]) -> Result<Recording, Broken> {
         match kind {
             Kind::Events => {
                 let unpacked = unpack(packed, header.compression).map_err(broken)?;
-                read_events(&unpacked, &mut recording).map_err(broken)?;
-                let most = FEW_EVENT_BYTES.saturating_add(bytes.len().saturating_mul(MOST_EVENT_BYTES));
-                if recording.events.len().saturating_mul(EVENT_BYTES) > most {
+                append_events(&unpacked, &mut recording).map_err(broken)?;
+                if recording.events.len().saturating_mul(EVENT_BYTES) > most_unpacked(bytes.len()) {
                     let events = recording.events.len();
                     return Err(broken(format!("{events} events in a file of {} bytes", bytes.len())));
                 }
             }
-            Kind::Frames => {
+            Kind::Frames if with_frames => {
                 let unpacked = unpack(packed, header.compression).map_err(broken)?;
                 read_frame(&unpacked, &mut recording).map_err(broken)?;
             }
-            Kind::Other => {}
+            Kind::Frames | Kind::Other => {}
         }
         at += 8 + packed.len();
     }
-    recording.events.sort_unstable();
+    // Events of the same time stay in the file's order.
+    recording.events.sort_by_key(|event| event.t_ns);
     recording.frames.sort_by_key(|frame| frame.start_ns);
     Ok(recording)
 }
@@ -133,8 +147,13 @@ fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
         streams.insert(number, kind);
     }
     let size = size.ok_or("the header has no stream of events with a size of 1 to 16384 px")?;
-    let end =
-        usize::try_from(position).ok().filter(|end| (1..=file_bytes).contains(end)).unwrap_or(file_bytes);
+    // A writer that ended early has put no table behind the packets.
+    let end = usize::try_from(position).ok().filter(|&end| end > 0).unwrap_or(file_bytes);
+    if end > file_bytes {
+        return Err(format!(
+            "packets end at byte {end}, as the header says, and the file has {file_bytes} bytes"
+        ));
+    }
     Ok(Header { compression, streams, name, size, end })
 }
 
@@ -142,8 +161,9 @@ fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
 /// frame format.
 fn unpack(packed: &[u8], compression: i32) -> Result<Vec<u8>, Broken> {
     let mut unpacked = Vec::new();
+    let most = LARGEST_PACKET.min(most_unpacked(packed.len()) as u64);
     let read = |reader: &mut dyn Read, unpacked: &mut Vec<u8>| {
-        reader.take(LARGEST_PACKET + 1).read_to_end(unpacked).map_err(|e| e.to_string())
+        reader.take(most + 1).read_to_end(unpacked).map_err(|e| e.to_string())
     };
     match compression {
         0 => unpacked.extend_from_slice(packed),
@@ -156,13 +176,13 @@ fn unpack(packed: &[u8], compression: i32) -> Result<Vec<u8>, Broken> {
         }
         other => return Err(format!("compression {other}, expected 0 to 4")),
     }
-    if unpacked.len() as u64 > LARGEST_PACKET {
-        return Err(format!("it unpacks to more than {LARGEST_PACKET} bytes"));
+    if compression != 0 && unpacked.len() as u64 > most {
+        return Err(format!("{} bytes that unpack to more than {most}", packed.len()));
     }
     Ok(unpacked)
 }
 
-fn read_events(unpacked: &[u8], recording: &mut Recording) -> Result<(), Broken> {
+fn append_events(unpacked: &[u8], recording: &mut Recording) -> Result<(), Broken> {
     let table = Table::root(unpacked, true)?;
     for event in table.vector(0, EVENT_BYTES)?.chunks_exact(EVENT_BYTES) {
         let (x, y) = (i16::at(event, 8)?, i16::at(event, 10)?);

@@ -9,6 +9,7 @@ pub fn read(path: &Path) -> Result<Recording, RecordingError> {
     let bytes = std::fs::read(path).map_err(|source| RecordingError::Io { path: path.to_owned(), source })?;
     let Evt3File { size_px: [width_px, height_px], mut events } = read_file(&bytes)
         .map_err(|error| RecordingError::Format { path: path.to_owned(), reason: error.to_string() })?;
-    events.sort_unstable();
+    // The lower half of a time may go back within an upper half. Events of the same time stay in the file's order.
+    events.sort_by_key(|event| event.t_ns);
     Ok(Recording { width_px, height_px, events, ..Recording::default() })
 }

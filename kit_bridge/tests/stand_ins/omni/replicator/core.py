@@ -30,6 +30,10 @@ NO_FAULTS = {
     "suffix": True,
     "motion_channels": 4,
     "keeps_rate": False,
+    "inverse_depth": False,
+    "holes": False,
+    "one_id": False,
+    "no_labels": False,
 }
 faults = types.SimpleNamespace(**NO_FAULTS)
 """What the renderer gets wrong; tests set it."""
@@ -158,6 +162,13 @@ def _data(product, stage, frame):
     product.hdr = hdr
     suffix = f"-{product.path.rsplit('/', 1)[1]}" if faults.suffix else ""  # F1
     seconds = 0.0 if faults.stopped_clock else frame / RATE_HZ  # F5
+    if faults.inverse_depth:
+        depth = 1 / depth
+    if faults.holes:
+        depth = np.where(np.indices(depth.shape)[-1] % 8 == 0, np.float32(np.nan), depth)
+    if faults.one_id:
+        ids = np.full_like(ids, max(map(int, labels)))
+    segmentation = {} if faults.no_labels else {"info": {"idToLabels": labels}}
     of = lambda array: wp.array(np.squeeze(array), device=DEVICE)  # F2
     vectors = of(motion)
     if motion.size and faults.motion_channels == 2:
@@ -167,7 +178,7 @@ def _data(product, stage, frame):
         f"motion_vectors{suffix}": vectors,
         f"distance_to_image_plane{suffix}": of(depth),
         f"rgb{suffix}": of(rgb),
-        f"instance_id_segmentation{suffix}": {"data": of(ids), "info": {"idToLabels": labels}},  # F14
+        f"instance_id_segmentation{suffix}": {"data": of(ids), **segmentation},  # F14
         f"IsaacReadSimulationTime{suffix}": {"simulationTime": seconds},
     }
 
