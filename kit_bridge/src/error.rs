@@ -68,9 +68,11 @@ impl From<InteropError> for Fault {
 impl From<PublishError> for Fault {
     fn from(error: PublishError) -> Self {
         match error {
-            PublishError::Plan(_) | PublishError::NoCamera { .. } | PublishError::BaseBeforeZero { .. } => {
-                Fault::Argument(error.to_string())
-            }
+            PublishError::Plan(_)
+            | PublishError::NoCamera { .. }
+            | PublishError::BaseBeforeZero { .. }
+            | PublishError::NoEventIds { .. }
+            | PublishError::IdCount { .. } => Fault::Argument(error.to_string()),
             other => Fault::Ros(other.to_string()),
         }
     }

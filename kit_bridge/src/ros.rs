@@ -8,8 +8,8 @@ use crate::sensor::PySensor;
 use esaac_model::paths::{Intrinsics, LensError};
 use esaac_ros::qos::QosError;
 use esaac_ros::{
-    BagWriter, CameraPlan, CameraStatus, CycloneTransport, NetworkOptions, Policy, QosChange, RigOptions,
-    RigPublisher, Sinks, Split, names,
+    BagWriter, CameraPlan, CameraStatus, CycloneTransport, Instance, NetworkOptions, Policy, QosChange,
+    RigOptions, RigPublisher, Sinks, Split, names,
 };
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -32,8 +32,12 @@ struct Camera {
     rgb: bool,
     depth: bool,
     imu: bool,
+    event_ids: bool,
     frame_id: Option<String>,
 }
+
+/// Id, name and labels of an instance. A label is a kind and a text.
+type Named = (i64, String, Vec<(String, String)>);
 
 /// The options of `esaac.ros.Publisher`.
 #[derive(FromPyObject)]
@@ -109,6 +113,13 @@ impl RosPublisher {
         self.with(py, move |publisher| Ok(publisher.set_sensor(camera, &sensor)?))
     }
 
+    /// Publishes which instances a camera's ids are.
+    fn set_instances(&self, py: Python<'_>, camera: usize, instances: Vec<Named>) -> PyResult<()> {
+        let instance = |(id, name, labels)| Instance { id, name, labels };
+        let instances = instances.into_iter().map(instance).collect();
+        self.with(py, move |publisher| Ok(publisher.set_instances(camera, instances)?))
+    }
+
     /// Shows what is known of a camera on `/diagnostics`: names and values, and warnings.
     fn set_status(
         &self,
@@ -182,6 +193,7 @@ impl Camera {
             image: self.rgb,
             depth: self.depth,
             imu: self.imu,
+            event_ids: self.event_ids,
             split,
             frame_id: self.frame_id,
         })

@@ -39,6 +39,7 @@ type Sample = (i64, [f64; 3], [f64; 3]);
 pub struct Part<'py> {
     camera: usize,
     events: Option<Events<'py>>,
+    ids: Option<PyReadonlyArray1<'py, i64>>,
     aps: Option<Aps<'py>>,
     rgb: Option<PyReadonlyArray3<'py, u8>>,
     depth: Option<PyReadonlyArray2<'py, f32>>,
@@ -49,6 +50,7 @@ pub struct Part<'py> {
 pub struct Borrowed<'a> {
     camera: usize,
     events: Option<PacketView<'a>>,
+    ids: Option<&'a [i64]>,
     aps: Option<ApsImage<'a>>,
     rgb: Option<&'a [u8]>,
     depth: Option<&'a [f32]>,
@@ -66,6 +68,7 @@ impl Part<'_> {
             (self.rgb.is_some(), plan.image, "rgb"),
             (self.depth.is_some(), plan.depth, "depth"),
             (!self.imu.is_empty(), plan.imu, "imu"),
+            (self.ids.is_some(), plan.event_ids, "event_ids"),
             (self.aps.is_some(), plan.sensor.aps_exposure_ns > 0, "aps"),
         ] {
             if given && !announced {
@@ -82,6 +85,7 @@ impl Part<'_> {
         Ok(Borrowed {
             camera: self.camera,
             events: self.events.as_ref().map(|events| events.view(plan)).transpose()?,
+            ids: self.ids.as_ref().map(|ids| flat("ids", ids.as_slice())).transpose()?,
             aps,
             rgb: self.rgb.as_ref().map(|rgb| image(plan, "rgb", rgb, &[3])).transpose()?,
             depth: self.depth.as_ref().map(|depth| image(plan, "depth", depth, &[])).transpose()?,
@@ -153,16 +157,20 @@ impl Aps<'_> {
 }
 
 impl Borrowed<'_> {
-    /// Fails if the publisher's event message cannot hold the events.
+    /// Fails if the publisher's event message cannot hold the events, or if there is not an id for each.
     pub fn check(&self, publisher: &RigPublisher) -> Result<(), Fault> {
-        let base_ns = self.events.as_ref().map_or(0, |events| events.base_ns);
-        Ok(publisher.check_base(self.camera, base_ns)?)
+        let (base_ns, events) = self.events.as_ref().map_or((0, 0), |events| (events.base_ns, events.len()));
+        publisher.check_base(self.camera, base_ns)?;
+        Ok(publisher.check_ids(self.camera, events, self.ids.map(<[i64]>::len))?)
     }
 
     /// Adds this part to a tick's messages.
     pub fn add(&self, tick: &mut TickMessages<'_>) {
         if let Some(events) = &self.events {
-            tick.events(self.camera, events);
+            match self.ids {
+                Some(ids) => tick.events_with_ids(self.camera, events, ids),
+                None => tick.events(self.camera, events),
+            };
         }
         if let Some(aps) = &self.aps {
             tick.aps(self.camera, aps);

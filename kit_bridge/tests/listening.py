@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 HERE = pathlib.Path(__file__).parent
-LATCHED = ("/tf_static", "/sensor")
+LATCHED = ("/tf_static", "/sensor", "/instances")
 
 
 def python():
@@ -71,6 +71,14 @@ def recorded(path):
 
 def stamp_ns(message):
     return message["header"]["stamp"]["sec"] * 10**9 + message["header"]["stamp"]["nanosec"]
+
+
+def assert_ids(messages, ids, packets):
+    """For each message of packets there is one of its events' ids."""
+    assert len(messages) == len(packets) == len(ids)
+    for message, expected, packet in zip(messages, ids, packets):
+        np.testing.assert_array_equal(np.array(message["ids"], np.int64), expected)
+        assert (message["header"], message["sequence"]) == (packet["header"], packet["sequence"])
 
 
 def assert_packets(messages, packets, sensor):

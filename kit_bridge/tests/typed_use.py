@@ -53,10 +53,13 @@ def use() -> None:
     rig.reset(1)
     with esaac.EventWriter("events.npz", sensor) as events:
         events.write(packets[0])
-    told = ros.Camera("davis", sensor, focal_px=300.0, rgb=True, depth=True, imu=True, frame_id="sim_camera")
+    told = ros.Camera(
+        "davis", sensor, focal_px=300.0, rgb=True, depth=True, imu=True, frame_id="sim_camera", event_ids=True
+    )
     with ros.Publisher([told], events="evt3", qos={"all": "best_effort"}, record="run.mcap") as publisher:
         sample = ros.Imu(0, (0.0, 0.0, 0.1), (0.0, 0.0, 9.81))
-        publisher.publish(0, {"davis": ros.Frame(packet, aps, frame, frame, [sample])})
+        publisher.publish(0, {"davis": ros.Frame(packet, aps, frame, frame, [sample], camera.event_ids())})
+        publisher.set_instances("davis", {1: ros.Instance("/box", {"class": ["box"]}), 2: "/wall"})
         publisher.set_sensor("davis", sensor)
         publisher.set_status("davis", camera.statistics, camera.light_warnings[0])
         lines: list[str] = publisher.notices() + list(publisher.topics)

@@ -15,7 +15,8 @@ macro_rules! texts {
 const TEXTS: &[(&str, &str)] = texts! {
     "builtin_interfaces": "Time", in "definitions/builtin_interfaces";
     "diagnostic_msgs": "DiagnosticArray" "DiagnosticStatus" "KeyValue", in "definitions/diagnostic_msgs";
-    "esaac_msgs": "Event" "EventPacket" "PackedEventPacket" "SensorModel", in "esaac_msgs";
+    "esaac_msgs": "Event" "EventIds" "EventPacket" "Instance" "Instances" "PackedEventPacket" "SensorModel",
+        in "esaac_msgs";
     "event_camera_msgs": "EventPacket", in "definitions/event_camera_msgs";
     "geometry_msgs": "Quaternion" "Transform" "TransformStamped" "Vector3", in "definitions/geometry_msgs";
     "rmw_dds_common": "Gid" "NodeEntitiesInfo" "ParticipantEntitiesInfo", in "definitions/rmw_dds_common";
@@ -41,6 +42,10 @@ pub enum MessageType {
     EventPacket,
     /// `event_camera_msgs/msg/EventPacket`.
     EventCameraPacket,
+    /// `esaac_msgs/msg/EventIds`.
+    EventIds,
+    /// `esaac_msgs/msg/Instances`.
+    Instances,
     /// `esaac_msgs/msg/SensorModel`.
     SensorModel,
     /// `sensor_msgs/msg/Image`.
@@ -59,10 +64,12 @@ pub enum MessageType {
 
 impl MessageType {
     /// All types.
-    pub const ALL: [MessageType; 10] = [
+    pub const ALL: [MessageType; 12] = [
         MessageType::PackedEventPacket,
         MessageType::EventPacket,
         MessageType::EventCameraPacket,
+        MessageType::EventIds,
+        MessageType::Instances,
         MessageType::SensorModel,
         MessageType::Image,
         MessageType::CameraInfo,
@@ -79,6 +86,8 @@ impl MessageType {
             MessageType::PackedEventPacket => "esaac_msgs/msg/PackedEventPacket",
             MessageType::EventPacket => "esaac_msgs/msg/EventPacket",
             MessageType::EventCameraPacket => "event_camera_msgs/msg/EventPacket",
+            MessageType::EventIds => "esaac_msgs/msg/EventIds",
+            MessageType::Instances => "esaac_msgs/msg/Instances",
             MessageType::SensorModel => "esaac_msgs/msg/SensorModel",
             MessageType::Image => "sensor_msgs/msg/Image",
             MessageType::CameraInfo => "sensor_msgs/msg/CameraInfo",

@@ -137,6 +137,7 @@ mod tests {
             image: false,
             depth: false,
             imu: false,
+            event_ids: false,
             split: Split::default(),
             frame_id: None,
         };

@@ -54,6 +54,8 @@ pub struct CameraPlan {
     pub depth: bool,
     /// Whether IMU samples of it are published.
     pub imu: bool,
+    /// Whether the instance that each of its events shows is published, with a table of instances.
+    pub event_ids: bool,
     /// Division of its packets.
     pub split: Split,
     /// Its optical frame. By default the words of its namespace and `optical_frame`.
@@ -148,6 +150,8 @@ pub(crate) struct CameraTopics {
     pub aps: Option<(usize, usize)>,
     pub depth: Option<(usize, usize)>,
     pub imu: Option<usize>,
+    pub event_ids: Option<usize>,
+    pub instances: Option<usize>,
     pub optical_frame: String,
     pub body_frame: String,
 }
@@ -264,6 +268,12 @@ impl Layout<'_> {
             imu: camera
                 .imu
                 .then(|| self.add(&namespace, "imu", MessageType::Imu, Qos::sensor_data(IMU_SAMPLES))),
+            event_ids: camera
+                .event_ids
+                .then(|| self.add(&namespace, "event_ids", MessageType::EventIds, Qos::sensor_data(PACKETS))),
+            instances: camera
+                .event_ids
+                .then(|| self.add(&namespace, "instances", MessageType::Instances, Qos::latched())),
             optical_frame,
             body_frame,
         })
@@ -277,9 +287,17 @@ mod tests {
 
     fn camera(name: &str) -> CameraPlan {
         let sensor = SensorModel { aps_exposure_ns: 1, ..SensorModel::default() };
-        let split = Split::default();
-        let name = name.to_owned();
-        CameraPlan { name, sensor, lens: None, image: true, depth: true, imu: true, split, frame_id: None }
+        CameraPlan {
+            name: name.to_owned(),
+            sensor,
+            lens: None,
+            image: true,
+            depth: true,
+            imu: true,
+            event_ids: true,
+            split: Split::default(),
+            frame_id: None,
+        }
     }
 
     #[test]
@@ -293,13 +311,16 @@ mod tests {
         let names: Vec<&str> = plan.topics.iter().map(|topic| topic.name.as_str()).collect();
         let expected = "/clock /diagnostics /tf_static /esaac/left/image_raw /esaac/left/camera_info \
              /esaac/left/aps/image_raw /esaac/left/aps/camera_info /esaac/left/depth/image_raw \
-             /esaac/left/depth/camera_info /esaac/left/events /esaac/left/sensor /esaac/left/imu";
+             /esaac/left/depth/camera_info /esaac/left/events /esaac/left/sensor /esaac/left/imu \
+             /esaac/left/event_ids /esaac/left/instances";
         assert_eq!(names, expected.split_whitespace().collect::<Vec<_>>());
         let topics = &plan.cameras[0];
         assert_eq!(plan.topics[topics.events].type_name, "event_camera_msgs/msg/EventPacket");
         assert_eq!(topics.optical_frame, "esaac_left_optical_frame");
         assert!(plan.topics.iter().all(|topic| topic.qos.depth == 3));
         assert_eq!(plan.topics[topics.imu.unwrap()].qos.reliability, Reliability::BestEffort);
+        let without = CameraPlan { event_ids: false, ..camera("left") };
+        assert_eq!(Plan::new(&[without], &options).unwrap().topics.len(), plan.topics.len() - 2);
         options.sim_time = false;
         assert_eq!(Plan::new(&[camera("left")], &options).unwrap().clock, None);
         let frames = |frame_id: &str| {

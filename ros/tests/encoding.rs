@@ -12,6 +12,7 @@ use esaac_ros::encode::{
     sensor_model,
 };
 use esaac_ros::events::{self, EventFormat, PacketHead};
+use esaac_ros::labels::{self, Instance};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -455,6 +456,37 @@ fn packed_and_plain_packets() {
             let fields = ["t_ns", "x", "y", "polarity"].map(|field| actual.whole(field));
             let polarity = i128::from(event.polarity == Polarity::On);
             assert_eq!(fields, [event.t_ns.into(), event.x.into(), event.y.into(), polarity]);
+        }
+    }
+}
+
+#[test]
+fn ids_of_events_and_what_they_are() {
+    let ids = [-1, 0, i64::MAX, i64::MIN, 4_000_000_000];
+    let labels = [("class".to_owned(), "box".to_owned()), (String::new(), "wide".to_owned())];
+    for frame_id in FRAME_IDS {
+        for count in [0, 1, 5] {
+            let mut out = vec![1; 99];
+            labels::event_ids(&mut out, header(frame_id), 41, &ids[..count]);
+            let got = decoded(MessageType::EventIds, &out);
+            check_header(&got, "header", frame_id);
+            assert_eq!(got.whole("sequence"), 41);
+            assert_eq!(got.wholes("ids"), ids[..count].iter().map(|&id| id.into()).collect::<Vec<i128>>());
+        }
+        let instance =
+            |id: i64, labels: &[_]| Instance { id, name: frame_id.to_owned(), labels: labels.to_vec() };
+        let table = [instance(-1, &[]), instance(7, &labels), instance(1 << 40, &labels[..1])];
+        let mut out = Vec::new();
+        labels::instances(&mut out, header(frame_id), &table);
+        let got = decoded(MessageType::Instances, &out);
+        check_header(&got, "header", frame_id);
+        assert_eq!(got.list("instances").len(), table.len());
+        for (actual, expected) in got.list("instances").iter().zip(&table) {
+            assert_eq!((actual.whole("id"), actual.text("name")), (expected.id.into(), frame_id));
+            let texts = |field: &str| actual.list(field).to_vec();
+            let (kinds, labels): (Vec<_>, Vec<_>) =
+                expected.labels.iter().cloned().map(|(k, l)| (Value::Text(k), Value::Text(l))).unzip();
+            assert_eq!((texts("kinds"), texts("labels")), (kinds, labels));
         }
     }
 }

@@ -28,6 +28,20 @@ def nanoseconds(t_ns: Any, name: str = "t_ns") -> int:
     return time
 
 
+def ids_column(ids: Any, count: int, name: str = "ids") -> np.ndarray[Any, Any]:
+    """Instances of `count` events as int64, copied only if they are not so yet; `name` is their name in errors."""
+    ids = np.asarray(ids)
+    # An empty list has no type that tells anything.
+    if ids.shape != (count,) or (ids.dtype.kind not in "iu" and count):
+        raise ArgumentError(
+            f"{name} are {ids.dtype} {ids.shape}, expected {count} integers, one for each event"
+        )
+    most = np.iinfo(np.int64).max
+    if count and ids.dtype.kind == "u" and ids.max() > most:
+        raise ArgumentError(f"{name} have {ids.max()}, expected at most {most}")
+    return np.ascontiguousarray(ids, np.int64)
+
+
 def bins_of(bins: Any) -> int:
     """The number of bins of a voxel grid."""
     expected = f"expected a whole number from 1 to {MOST_BINS}"

@@ -14,6 +14,7 @@ import warnings
 import numpy as np
 
 from esaac._native import Packet, SensorModel, save_evt3, save_npz
+from esaac.checks import ids_column
 from esaac.errors import ArgumentError
 from esaac.recordings import Events, h5py_library, load, load_dsec
 
@@ -79,7 +80,7 @@ class EventWriter:
             self._with_ids = with_ids
             return
         part = _columns(*map(_host, (packet.x, packet.y, packet.t_ns, packet.p)), self.sensor)
-        part.append(_ids_column(None if ids is None else _host(ids), len(packet)))
+        part.append(None if ids is None else ids_column(_host(ids), len(packet)))
         first_ns, last_ns = int(part[2][0]), int(part[2][-1])
         if self._last_ns is not None and first_ns < self._last_ns:
             raise ArgumentError(
@@ -143,7 +144,8 @@ def save(path, x, y, t_ns, p, *, ids=None, sensor):
     _check_size(path, sensor)
     _check_ids(path, ids)
     columns = _columns(x, y, t_ns, p, sensor)
-    ids = _ids_column(ids, len(columns[2]))
+    if ids is not None:
+        ids = ids_column(ids, len(columns[2]))
     if len(columns[2]):
         _check_times(path, int(columns[2][0]), int(columns[2][-1]))
     if path.suffix == ".npz":
@@ -224,20 +226,6 @@ def _check_ids(path, ids):
     """Raises if instances of events are given that a format has no place for."""
     if ids is not None and path.suffix not in ID_SUFFIXES:
         raise ArgumentError(f"{path.name} has no place for ids, expected one of {', '.join(ID_SUFFIXES)}")
-
-
-def _ids_column(ids, count):
-    """Instances of events as the formats have them: int64."""
-    if ids is None:
-        return None
-    ids = np.asarray(ids)
-    # An empty list has no type that tells anything.
-    if ids.shape != (count,) or (ids.dtype.kind not in "iu" and count):
-        raise ArgumentError(f"ids are {ids.dtype} {ids.shape}, expected {count} integers, one for each event")
-    most = np.iinfo(np.int64).max
-    if count and ids.max() > most:
-        raise ArgumentError(f"ids have {ids.max()}, expected at most {most}")
-    return np.ascontiguousarray(ids, np.int64)
 
 
 def _check_times(path, first_ns, last_ns):

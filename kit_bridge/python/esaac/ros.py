@@ -8,10 +8,10 @@ import os
 import numpy as np
 
 from esaac._native import RosPublisher, SensorModel, check_ros_names
-from esaac.checks import nanoseconds
+from esaac.checks import ids_column, nanoseconds
 from esaac.errors import ArgumentError, RosError
 
-__all__ = ["Camera", "Frame", "Imu", "Publisher", "RosError", "check_names"]
+__all__ = ["Camera", "Frame", "Imu", "Instance", "Publisher", "RosError", "check_names"]
 
 check_names = check_ros_names
 
@@ -28,6 +28,7 @@ class Camera:
     depth: bool = False
     imu: bool = False
     frame_id: object = None
+    event_ids: bool = False
 
     def __post_init__(self):
         if isinstance(self.sensor, str):
@@ -54,6 +55,15 @@ class Frame:
     rgb: object = None
     depth: object = None
     imu: tuple = ()
+    ids: object = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Instance:
+    """A thing that events show."""
+
+    name: str
+    labels: dict = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +101,7 @@ class _Events:
 class _Part:
     camera: int
     events: object
+    ids: object
     aps: object
     rgb: object
     depth: object
@@ -161,6 +172,18 @@ class Publisher:
     def set_sensor(self, name, sensor):
         self._publisher.set_sensor(self._number(name), sensor)
 
+    def set_instances(self, name, instances):
+        told = []
+        for number, instance in instances.items():
+            if isinstance(instance, str):
+                instance = Instance(instance)
+            if not isinstance(instance, Instance):
+                raise ArgumentError(
+                    f"instance {number} of `{name}` is a {type(instance).__name__}, expected a ros.Instance or a name"
+                )
+            told.append((int(number), instance.name, _labels(number, instance.labels)))
+        self._publisher.set_instances(self._number(name), told)
+
     def set_status(self, name, values=None, warnings=()):
         if isinstance(warnings, str):
             raise TypeError(f"warnings is the text {warnings!r}, expected a list of texts")
@@ -208,6 +231,7 @@ class Publisher:
         return _Part(
             camera=self._number(name),
             events=None if frame.packet is None else _events(frame.packet),
+            ids=None if frame.ids is None else _ids(frame, name),
             aps=aps,
             rgb=rgb,
             depth=None if frame.depth is None else _image_of_depth(frame.depth),
@@ -237,6 +261,27 @@ def _events(packet):
         height=packet.height,
         host_copies=0 if mapped else 1,
     )
+
+
+def _ids(frame, name):
+    """Ids of a frame's events, where they are if that is the host."""
+    if frame.packet is None:
+        raise ArgumentError(
+            f"ids of `{name}` are given without a packet, expected the packet of their events"
+        )
+    return ids_column(_host(frame.ids), len(frame.packet), f"ids of `{name}`")
+
+
+def _labels(number, labels):
+    """Pairs of kind and label; a kind may have several."""
+    pairs = []
+    for kind, several in labels.items():
+        if isinstance(several, str):
+            raise ArgumentError(
+                f"labels `{kind}` of instance {number} is the text {several!r}, expected a list of texts"
+            )
+        pairs += [(kind, label) for label in several]
+    return pairs
 
 
 def _offsets(t_ns, base_ns):

@@ -6,7 +6,8 @@
         publisher.publish(t_ns, {"davis": ros.Frame(packet, aps=camera.aps, rgb=image)})
 
 Topics, messages, stamps and quality of service are those of `esaac demo`. Each camera has, below `/NAMESPACE/NAME`,
-`events`, `sensor`, `imu` and the images `aps/image_raw`, `image_raw` and `depth/image_raw` with their `camera_info`.
+`events`, `sensor`, `imu`, the images `aps/image_raw`, `image_raw` and `depth/image_raw` with their `camera_info`, and
+`event_ids` and `instances`, which say what each event shows.
 All share `/clock`, `/tf_static` and `/diagnostics`. An embedded Cyclone DDS sends. `ROS_DOMAIN_ID`,
 `ROS_LOCALHOST_ONLY`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_DISTRO` and `CYCLONEDDS_URI` work as in ROS.
 
@@ -15,7 +16,7 @@ Sending happens on a thread of its own, without the interpreter's lock.
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Literal, Union
 
@@ -31,7 +32,7 @@ class Camera:
 
     Without `focal_px` (one number or x and y) its `camera_info` says that it is not calibrated. `centre_px` is the
     middle of the image by default, where (0, 0) is the centre of the first pixel. `frame_id` comes from the name by
-    default.
+    default. With `event_ids` each `ros.Frame` with a packet should have `ids`.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Camera:
     depth: bool = False
     imu: bool = False
     frame_id: str | None = None
+    event_ids: bool = False
 
 @dataclass(frozen=True)
 class Imu:
@@ -56,8 +58,9 @@ class Frame:
     """A camera's data at one time.
 
     `packet`: of this camera; of a `TiledEventCamera` it is `packet[i]`. `rgb`: uint8 `(height, width, 3 or 4)`.
-    `depth`: metres along the view axis, `(height, width)`; infinite, NaN or not positive if there is nothing. Arrays
-    on a device are copied to the host.
+    `depth`: metres along the view axis, `(height, width)`; infinite, NaN or not positive if there is nothing. `ids`:
+    what `camera.event_ids()` gives for the packet, one for each event; of a `TiledEventCamera` it is
+    `ids[packet.offsets[i] : packet.offsets[i + 1]]`. Arrays on a device are copied to the host.
     """
 
     packet: Packet | None = None
@@ -65,6 +68,15 @@ class Frame:
     rgb: Any = None
     depth: Any = None
     imu: Iterable[Imu] = ()
+    ids: Any = None
+
+@dataclass(frozen=True)
+class Instance:
+    """A thing that events show: for example the path of its prim, and lists of labels by their kind, such as
+    `{"class": ["box"]}`."""
+
+    name: str
+    labels: Mapping[str, Iterable[str]] = field(default_factory=dict)
 
 class Publisher:
     """Publishes cameras, records them, or both.
@@ -101,9 +113,15 @@ class Publisher:
     def topics(self) -> dict[str, str]:
         """Each topic's type, by the topic's name."""
     def publish(self, t_ns: int, frames: Mapping[str, Frame]) -> None:
-        """Sends cameras' data of time `t_ns`, by name. A call may have some of the cameras only."""
+        """Sends cameras' data of time `t_ns`, by name. A call may have some of the cameras only.
+
+        A packet of a camera with `event_ids` that comes without `ids` is sent without them, and a notice says so.
+        """
     def set_sensor(self, name: str, sensor: SensorModel) -> None:
         """Publishes a camera's parameters again after they have changed."""
+    def set_instances(self, name: str, instances: Mapping[int, Instance | str]) -> None:
+        """Publishes with the next `publish` which instance each of a camera's ids is, if that has changed: a
+        `ros.Instance`, or its name alone. The camera must have `event_ids`. Give all instances, each time."""
     def set_status(
         self, name: str, values: Mapping[str, object] | None = None, warnings: Iterable[str] = ()
     ) -> None:

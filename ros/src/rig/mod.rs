@@ -2,6 +2,7 @@
 //! and hands the tick over to the publisher's thread.
 
 mod clock;
+mod labels;
 mod tick;
 
 pub use tick::{ApsImage, TickMessages};
@@ -17,6 +18,7 @@ use crate::worker::{self, UnsentStates, Worker};
 use clock::StampClock;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use esaac_model::{PacketView, SensorModel};
+use labels::Labels;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use thiserror::Error;
@@ -52,6 +54,22 @@ pub enum PublishError {
         /// Base of the packet.
         actual: i64,
     },
+    /// Ids or instances of a camera that has no topics for them.
+    #[error("camera `{camera}` has ids or instances, expected none: it was announced without event_ids")]
+    NoEventIds {
+        /// Camera.
+        camera: String,
+    },
+    /// Ids that are not one for each event.
+    #[error("camera `{camera}` has {actual} ids, expected {expected}, one for each event")]
+    IdCount {
+        /// Camera.
+        camera: String,
+        /// Events.
+        expected: usize,
+        /// Ids.
+        actual: usize,
+    },
     /// The system gives no thread.
     #[error("no thread for the publisher: {0}")]
     Thread(std::io::Error),
@@ -77,6 +95,7 @@ struct CameraState {
     last_ns: Option<i64>,
     /// Whether the user knows that its packets cannot be sent.
     is_refused: bool,
+    labels: Labels,
 }
 
 /// Publishes a rig.
@@ -136,6 +155,7 @@ impl RigPublisher {
                 sensor_is_stale: true,
                 last_ns: None,
                 is_refused: false,
+                labels: Labels::default(),
             })
             .collect();
         Ok(RigPublisher {
@@ -206,6 +226,7 @@ impl RigPublisher {
             tick.frames();
         }
         tick.sensors();
+        tick.instances();
         tick
     }
 

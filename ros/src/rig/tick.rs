@@ -3,6 +3,7 @@
 use super::RigPublisher;
 use crate::encode::{self, Header, Image, Imu};
 use crate::events::{self, PacketHead};
+use crate::labels;
 use crate::payload::{self, Hold, Payload, Release};
 use crate::plan::CameraTopics;
 use crate::qos::Durability;
@@ -27,7 +28,7 @@ pub struct ApsImage<'a> {
 /// When a sample leaves within its tick. Events go first, and images last, so that nothing waits behind them.
 #[derive(Clone, Copy)]
 enum Turn {
-    /// Clock and events.
+    /// Clock, and events with their ids.
     First,
     Small,
     Images,
@@ -36,8 +37,8 @@ enum Turn {
 /// The messages of one tick.
 #[must_use = "nothing is sent before `send`"]
 pub struct TickMessages<'a> {
-    publisher: &'a mut RigPublisher,
-    stamp_ns: i64,
+    pub(super) publisher: &'a mut RigPublisher,
+    pub(super) stamp_ns: i64,
     /// By [`Turn`].
     samples: [Vec<Outgoing>; 3],
     hold: Hold,
@@ -64,7 +65,7 @@ impl<'a> TickMessages<'a> {
     }
 
     /// Adds a message that must arrive. It stays with the publisher until a tick is sent.
-    fn add_state(&mut self, topic: usize, encode: impl FnOnce(&mut Vec<u8>)) {
+    pub(super) fn add_state(&mut self, topic: usize, encode: impl FnOnce(&mut Vec<u8>)) {
         let state = self.encode(topic, self.stamp_ns, encode);
         self.publisher.states.retain(|older| older.topic != topic);
         self.publisher.states.push(state);
@@ -99,14 +100,29 @@ impl<'a> TickMessages<'a> {
         }
     }
 
-    /// A camera's events, in one message or in parts, encoded straight from the packet's memory.
+    /// A camera's events, in one message or in parts, encoded straight from the packet's memory. A camera that was
+    /// announced with ids gives a notice: use [`TickMessages::events_with_ids`].
     pub fn events(&mut self, camera: usize, packet: &PacketView<'_>) -> &mut Self {
+        self.events_and_ids(camera, packet, None)
+    }
+
+    /// The same, with the instance that each event shows, as [`CameraPlan::event_ids`](crate::CameraPlan::event_ids)
+    /// announces them. Each message of events is followed by one of its ids, encoded straight from `ids`. Ids that are not
+    /// one for each event are not sent, with a notice ([`RigPublisher::check_ids`]); the events are.
+    pub fn events_with_ids(&mut self, camera: usize, packet: &PacketView<'_>, ids: &[i64]) -> &mut Self {
+        self.events_and_ids(camera, packet, Some(ids))
+    }
+
+    fn events_and_ids(&mut self, camera: usize, packet: &PacketView<'_>, ids: Option<&[i64]>) -> &mut Self {
         let plan = Arc::clone(&self.publisher.plan);
         let Some(topics) = plan.cameras.get(camera) else { return self };
         if !self.publisher.admits(camera, packet) {
-            self.publisher.statistics.count_failed(topics.events);
+            for topic in [Some(topics.events), topics.event_ids].into_iter().flatten() {
+                self.publisher.statistics.count_failed(topic);
+            }
             return self;
         }
+        let mut ids = self.publisher.admitted_ids(camera, packet.len(), ids);
         let (format, split) = (self.publisher.options.events, self.publisher.cameras[camera].plan.split);
         let clock = &self.publisher.clock;
         let shifted = PacketView {
@@ -131,6 +147,12 @@ impl<'a> TickMessages<'a> {
                 events::encode(out, format, &head, part)
             });
             self.publisher.statistics.count_encoded(began.elapsed());
+            if let Some((topic, left)) = &mut ids {
+                let own = left.split_off(..part.len()).expect("an id for each event of the packet");
+                self.add_sample(Turn::First, *topic, stamp_ns, |out| {
+                    labels::event_ids(out, header, sequence, own)
+                });
+            }
         }
         self
     }

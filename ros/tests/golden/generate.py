@@ -170,6 +170,21 @@ def evt3(count):
     return camera_packet("abc", "evt3", 0, struct.pack(f"<{len(words)}H", *words))
 
 
+def event_ids(frame_id, ids):
+    return make(
+        "esaac_msgs/EventIds", header=header(frame_id), sequence=(1 << 33) + 5, ids=np.array(ids, dtype=np.int64)
+    )
+
+
+def instances(named):
+    several = [
+        make("esaac_msgs/Instance", id=number, name=name, kinds=[kind for kind, _ in labels],
+             labels=[label for _, label in labels])
+        for number, name, labels in named
+    ]
+    return make("esaac_msgs/Instances", header=header("abc"), instances=several)
+
+
 MESSAGES = {
     "clock": make("rosgraph_msgs/Clock", clock=time(1, 2)),
     "image rgb8": image("abc", "rgb8", 3, 2, 3),
@@ -181,6 +196,11 @@ MESSAGES = {
     "transforms 2": transforms([("left_link", "left_optical_frame"), ("b", "a")]),
     "diagnostics": diagnostics(),
     "sensor_model": sensor_model(),
+    "event_ids 0": event_ids("abc", []),
+    "event_ids 3": event_ids("abcdef", [-1, 0, 4_000_000_000]),
+    "instances 0": instances([]),
+    "instances 3": instances([(-5, "", []), (7, "/World/box", [("class", "box"), ("class", "toy"), ("room", "")]),
+                              (1 << 40, "ab", [("k", "v")])]),
     **{f"{name} {count}": of(count) for name, of in [("packed", packed), ("plain", plain), ("mono", mono), ("evt3", evt3)]
        for count in (0, 1, 2, 5)},
 }

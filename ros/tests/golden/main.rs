@@ -7,6 +7,7 @@ use esaac_model::{PARAMETERS, Packet, Polarity, SensorModel};
 use esaac_ros::EventFormat;
 use esaac_ros::encode::{self, Header, Image, Imu, Status};
 use esaac_ros::events::{self, PacketHead};
+use esaac_ros::labels::{self, Instance};
 
 const STAMP_NS: i64 = 12_345_678_901;
 
@@ -108,6 +109,29 @@ fn a_sensor_with_a_different_value_in_every_field_is_as_golden() {
     check("sensor_model", |out| encode::sensor_model(out, header("optical"), &sensor));
 }
 
+#[test]
+fn ids_of_events_are_as_golden() {
+    let ids = [-1, 0, 4_000_000_000];
+    check("event_ids 0", |out| labels::event_ids(out, header("abc"), (1 << 33) + 5, &[]));
+    check("event_ids 3", |out| labels::event_ids(out, header("abcdef"), (1 << 33) + 5, &ids));
+}
+
+#[test]
+fn instances_are_as_golden() {
+    let instance = |id: i64, name: &str, labels: &[(&str, &str)]| Instance {
+        id,
+        name: name.to_owned(),
+        labels: labels.iter().map(|&(kind, label)| (kind.to_owned(), label.to_owned())).collect(),
+    };
+    let several = [
+        instance(-5, "", &[]),
+        instance(7, "/World/box", &[("class", "box"), ("class", "toy"), ("room", "")]),
+        instance(1 << 40, "ab", &[("k", "v")]),
+    ];
+    check("instances 0", |out| labels::instances(out, header("abc"), &[]));
+    check("instances 3", |out| labels::instances(out, header("abc"), &several));
+}
+
 /// The first `count` events of `generate.py`.
 fn packet(count: usize) -> Packet {
     const BASE_NS: i64 = 8_192_000;
@@ -164,5 +188,5 @@ fn evt3_packets_are_as_golden() {
 #[test]
 fn every_golden_message_is_compared() {
     let text = include_str!("messages.txt");
-    assert_eq!(text.lines().count(), 10 + 4 * 4, "add a test for the new message");
+    assert_eq!(text.lines().count(), 14 + 4 * 4, "add a test for the new message");
 }

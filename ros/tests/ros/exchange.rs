@@ -4,7 +4,7 @@
 use crate::{WIRE_COPIES, open, world};
 use esaac_model::Packet;
 use esaac_ros::{
-    BagReader, CameraPlan, EventFormat, Payload, Policy, RigOptions, RigPublisher, Sinks, Split,
+    BagReader, CameraPlan, EventFormat, Instance, Payload, Policy, RigOptions, RigPublisher, Sinks, Split,
 };
 use std::path::Path;
 
@@ -14,12 +14,20 @@ const INTERVAL_NS: i64 = 33_333_333;
 fn cameras() -> Vec<CameraPlan> {
     let mut wide = world::camera("wide", 37, 23);
     wide.sensor.aps_bits = 10;
-    vec![world::camera("left", 32, 24), wide]
+    vec![CameraPlan { event_ids: true, ..world::camera("left", 32, 24) }, wide]
+}
+
+/// An instance with two labels of a kind and one of another.
+fn instance(id: i64) -> Instance {
+    let labels = [("class", "box"), ("class", "toy"), ("room", "")];
+    let labels = labels.map(|(kind, label)| (kind.to_owned(), label.to_owned())).to_vec();
+    Instance { id, name: format!("/World/{id}"), labels }
 }
 
 /// Publishes `TICKS` ticks of `cameras`; returns the packets, and copies of a message on its way to the wire.
 fn run(mut rig: RigPublisher, cameras: &[CameraPlan]) -> (Vec<Packet>, u32) {
     let mut sent = Vec::new();
+    rig.set_instances(0, vec![instance(7), instance(0)]).expect("a camera with ids");
     for tick in 0..TICKS {
         let (start, end) = (tick * INTERVAL_NS, (tick + 1) * INTERVAL_NS);
         // The second packet is empty.
@@ -122,6 +130,14 @@ fn contents(answer: &serde_json::Value, format: EventFormat, sent: &[Packet]) {
         }
         EventFormat::Evt3 => assert_eq!(events["encoding"], "evt3"),
     }
+    let ids = first("/esaac/left/event_ids");
+    assert_eq!((&ids["header"], &ids["ids"]), (&events["header"], &serde_json::json!(world::ids(packet))));
+    assert_eq!(answer["/esaac/left/event_ids"]["last"]["sequence"], TICKS - 1);
+    let instance = &first("/esaac/left/instances")["instances"][1];
+    assert_eq!((&instance["id"], &instance["name"]), (&7.into(), &"/World/7".into()));
+    assert_eq!(instance["kinds"], serde_json::json!(["class", "class", "room"]));
+    assert_eq!(instance["labels"], serde_json::json!(["box", "toy", ""]));
+    assert_eq!(answer["/esaac/wide/event_ids"], serde_json::Value::Null, "only where it is asked for");
     let image = first("/esaac/left/image_raw");
     assert_eq!((&image["encoding"], &image["step"]), (&"rgb8".into(), &(32 * 3).into()));
     assert_eq!(first("/esaac/left/aps/image_raw")["encoding"], "mono8");
@@ -174,7 +190,7 @@ fn a_packet_in_slices_of_a_960th_second_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
     let split = Split { slice_ns: 1_041_667, max_bytes: 0 };
-    let cameras = vec![CameraPlan { split, ..world::camera("left", 32, 24) }];
+    let cameras = vec![CameraPlan { split, event_ids: true, ..world::camera("left", 32, 24) }];
     let options = RigOptions { policy: Policy::Lossless, ..RigOptions::default() };
     let sinks = Sinks { transport: Some(open(world::domain())), bag: Some(world::bag(&path)) };
     let (sent, _) = run(world::rig(&cameras, &options, sinks), &cameras);
@@ -182,5 +198,7 @@ fn a_packet_in_slices_of_a_960th_second_is_whole() {
     let events = &answer["/esaac/left/events"];
     assert_eq!(events["recorded"], TICKS * 32);
     assert_eq!(events["last"]["sequence"], TICKS * 32 - 1);
+    let ids = &answer["/esaac/left/event_ids"];
+    assert_eq!((&ids["recorded"], &ids["last"]["header"]), (&events["recorded"], &events["last"]["header"]));
     assert_eq!(events["last"]["watermark_ns"], sent[TICKS as usize - 1].watermark_ns);
 }

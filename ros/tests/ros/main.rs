@@ -3,6 +3,7 @@
 
 mod bad_input;
 mod bags;
+mod event_ids;
 mod exchange;
 mod faults;
 mod graph;

@@ -57,12 +57,21 @@ pub fn transport(domain: u32) -> CycloneTransport {
     CycloneTransport::open(network(domain)).expect("loopback is there")
 }
 
-/// A camera with all outputs.
+/// A camera with all outputs but ids.
 pub fn camera(name: &str, width: u32, height: u32) -> CameraPlan {
     let sensor = SensorModel { width, height, aps_exposure_ns: 1, aps_bits: 8, ..SensorModel::default() };
     let lens = Some(Intrinsics::pinhole(300.0, 301.0, 172.5, 129.5).unwrap());
-    let (name, split) = (name.to_owned(), esaac_ros::Split::default());
-    CameraPlan { name, sensor, lens, image: true, depth: true, imu: true, split, frame_id: None }
+    CameraPlan {
+        name: name.to_owned(),
+        sensor,
+        lens,
+        image: true,
+        depth: true,
+        imu: true,
+        event_ids: false,
+        split: esaac_ros::Split::default(),
+        frame_id: None,
+    }
 }
 
 /// Publishes `cameras` to `sinks`.
@@ -105,6 +114,11 @@ pub fn packet(plan: &CameraPlan, start_ns: i64, end_ns: i64, events: u32, seed: 
     packet
 }
 
+/// Ids for the events of a packet: unknown ones, the static world's, and some that take more than 32 bits.
+pub fn ids(packet: &Packet) -> Vec<i64> {
+    (0..packet.len() as i64).map(|i| [-1, 0, 7, 5_000_000_000 + i][i as usize % 4]).collect()
+}
+
 /// One tick of every camera with everything that it has: events of `packets`, random images, IMU samples.
 pub fn publish(rig: &mut RigPublisher, cameras: &[CameraPlan], packets: &[Packet], imu_samples: i64) {
     let (start_ns, end_ns) = (packets[0].base_ns, packets[0].watermark_ns);
@@ -121,7 +135,11 @@ pub fn publish(rig: &mut RigPublisher, cameras: &[CameraPlan], packets: &[Packet
                 specific_force_m_s2: [0.0, 0.5, 9.81],
             })
             .collect();
-        tick.events(number, &packet.view());
+        if plan.event_ids {
+            tick.events_with_ids(number, &packet.view(), &ids(packet));
+        } else {
+            tick.events(number, &packet.view());
+        }
         let bits = plan.sensor.aps_bits;
         tick.aps(number, &ApsImage { pixels: &levels, bits, bayer: number % 2 == 1, t_ns: end_ns });
         tick.rgb(number, |out| out.extend((0..pixels * 3).map(|i| (i * 7) as u8)));

@@ -161,7 +161,7 @@ fn publish(ros: &mut RosOutput, sensors: &[SensorModel], tick: &ServiceTick<'_>)
     for t_ns in times_ns {
         ros.tick(t_ns, |out| {
             for camera in cameras().filter(|&c| tick.t_ns[c] == Some(t_ns) && !tick.first[c]) {
-                ros::add_camera(out, camera, &sensors[camera], &tick.tick);
+                ros::add_camera(out, camera, &sensors[camera], &tick.tick, None);
             }
         });
     }

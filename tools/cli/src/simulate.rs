@@ -61,7 +61,8 @@ pub struct SimulateArguments {
     /// Channel of instance ids, uint32 [default: id, if the folder has poses]
     #[arg(long, value_name = "NAME")]
     pub id_channel: Option<String>,
-    /// Also write the instance that each event shows (array `id` of .npz); needs ids, depth and poses
+    /// Also write the instance that each event shows (array `id` of .npz), and publish it where ROS 2 is on; needs ids, depth
+    /// and poses
     #[arg(long)]
     pub event_ids: bool,
     /// Simulate at the wall clock's speed, so that you can watch
@@ -123,13 +124,15 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
 
     let lens = folder.scene.as_ref().map(|scene| *scene.motion.lens());
     let depth = folder.layout.depth.is_some();
-    let camera = CameraPlan { image: true, depth, ..ros::camera("camera_0".to_owned(), &sensor, lens) };
+    let event_ids = arguments.event_ids;
+    let camera =
+        CameraPlan { image: true, depth, event_ids, ..ros::camera("camera_0".to_owned(), &sensor, lens) };
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
     let mut input_check = InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion);
     let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
-    let asked = Asked { sensor: &sensor, event_ids: arguments.event_ids };
+    let asked = Asked { sensor: &sensor, event_ids };
     let (record, memory) =
         simulate(&device, &source, &asked, &mut kernels, &mut ros, pace, &mut input_check)?;
     device_choice::check_validation(&device)?;
@@ -285,21 +288,25 @@ fn simulate(
         if index > 0 {
             record.add_tick(&tick)?;
         }
+        let ids: Option<Vec<i64>> = match event_ids && index > 0 {
+            true => Some(cast_to_vec(&rig.represent_to_host(Representation::EventIds)?)),
+            false => None,
+        };
+        let tick = rig.last_tick();
         ros.tick(folder.time_ns(index), |out| {
             let colours = || (0..sensor.pixels()).map(|i| layout.hdr.decode(frame.hdr, i).map(|v| v as f32));
             let exposure =
                 *exposure.get_or_insert_with(|| colour::exposure(colours().map(colour::luminance)));
             if index > 0 {
-                ros::add_camera(out, 0, &sensors[0], &tick);
+                ros::add_camera(out, 0, &sensors[0], &tick, ids.as_deref());
             }
             out.rgb(0, |pixels| pixels.extend(colours().flat_map(|c| colour::tone_map(c, exposure))));
             if let Some((depth_m, scene)) = images.depth.as_deref().zip(folder.scene.as_ref()) {
                 out.depth(0, &ros::depth_along_axis(scene.motion.lens(), depth_m, sensor.width));
             }
         });
-        if event_ids && index > 0 {
-            let ids = rig.represent_to_host(Representation::EventIds)?;
-            record.cameras[0].add_ids(&cast_to_vec(&ids));
+        if let Some(ids) = ids {
+            record.cameras[0].add_ids(&ids);
         }
         ros.show_cameras(&record, &rig)?;
         progress.inc(1);

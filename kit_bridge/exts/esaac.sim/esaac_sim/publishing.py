@@ -29,7 +29,13 @@ def _camera(spec):
         depth="depth" in spec.outputs,
         imu=bool(spec.imu),
         frame_id=spec.frame_id,
+        event_ids=spec.with_ids,
     )
+
+
+def _instances(feed):
+    """What the ids of a feed are."""
+    return {number: ros.Instance(told["prim"], told["semantics"]) for number, told in feed.instances.items()}
 
 
 def _status(camera):
@@ -42,7 +48,11 @@ def _status(camera):
 
 
 class Sink:
-    """Publishes a feed's events and images. It is called while the renderer's memory is still valid."""
+    """Publishes a feed's events and images. It is called while the renderer's memory is still valid.
+
+    If `esaac:outputs` has `event_ids`, it publishes what each event shows, and the table of ids whenever a prim is
+    new in it.
+    """
 
     name = "publisher"
 
@@ -50,6 +60,7 @@ class Sink:
         self._publisher, self._name, self._log = publisher, _name(spec), log
         self._with_depth = "depth" in spec.outputs
         self._imu = Imu(spec.imu) if spec.imu else None
+        self._with_ids, self._instances = spec.with_ids, 0
         self._status_s = -STATUS_S
 
     def __call__(self, feed, packet):
@@ -59,9 +70,14 @@ class Sink:
         samples = self._imu.samples() if self._imu else ()
         # The first frame ends no interval, so it has no events to publish.
         packet = packet if feed.frames > 1 else None
+        ids = feed.forms["event_ids"] if self._with_ids and packet is not None else None
+        # Prims are added to the table, and none is taken out or changed.
+        if self._instances != len(feed.instances):
+            self._publisher.set_instances(self._name, _instances(feed))
+            self._instances = len(feed.instances)
         self._publisher.publish(
             frame.t_ns,
-            {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=depth, imu=samples)},
+            {self._name: ros.Frame(packet, aps=aps, rgb=frame.rgb, depth=depth, imu=samples, ids=ids)},
         )
         for notice in self._publisher.notices():
             self._log.warn(notice)

@@ -100,7 +100,7 @@ impl Collected {
         self.ros.tick(t_ns, |out| {
             for (camera, sensor) in self.sensors.iter().enumerate() {
                 if let Some(samples) = &samples {
-                    ros::add_camera(out, camera, sensor, tick);
+                    ros::add_camera(out, camera, sensor, tick, None);
                     out.imu(camera, samples);
                 }
                 out.rgb(camera, |pixels| pixels.extend_from_slice(&rgb));

@@ -14,7 +14,17 @@ const IMU_RATE_HZ: f64 = 1000.0;
 #[must_use]
 pub fn camera(name: String, sensor: &SensorModel, lens: Option<Intrinsics>) -> CameraPlan {
     let (sensor, split) = (sensor.clone(), Split::default());
-    CameraPlan { name, sensor, lens, image: false, depth: false, imu: false, split, frame_id: None }
+    CameraPlan {
+        name,
+        sensor,
+        lens,
+        image: false,
+        depth: false,
+        imu: false,
+        event_ids: false,
+        split,
+        frame_id: None,
+    }
 }
 
 /// Depth along the optical axis, metres, from depth as `lens` measures it. A fisheye's is NaN at 90 degrees from the axis and
@@ -33,9 +43,19 @@ pub fn depth_along_axis<'a>(lens: &Intrinsics, depth_m: &'a [f32], width_px: u32
     Cow::Owned(depth_m.iter().enumerate().map(along_axis).collect())
 }
 
-/// Adds a camera's packet and APS frame to a tick's messages.
-pub fn add_camera(out: &mut TickMessages<'_>, camera: usize, sensor: &SensorModel, tick: &Tick<'_>) {
-    out.events(camera, &tick.view(camera));
+/// Adds a camera's packet and APS frame to a tick's messages; `ids` are those of the packet's events, for a camera that was
+/// announced with them.
+pub fn add_camera(
+    out: &mut TickMessages<'_>,
+    camera: usize,
+    sensor: &SensorModel,
+    tick: &Tick<'_>,
+    ids: Option<&[i64]>,
+) {
+    match ids {
+        Some(ids) => out.events_with_ids(camera, &tick.view(camera), ids),
+        None => out.events(camera, &tick.view(camera)),
+    };
     if let Some(aps) = &tick.aps[camera] {
         let bayer = sensor.intensity == Intensity::BayerRggb;
         let pixels = tick.aps_pixels(camera);

@@ -1,6 +1,7 @@
 //! Which synthesis `esaac simulate` takes, what it says about it, and when it warns of the frames.
 
 use crate::harness::{Frames, assert_error, run};
+use esaac_ros::BagReader;
 use serde_json::Value;
 use std::io::Read;
 
@@ -135,7 +136,8 @@ fn fast_motion_that_nothing_tells_is_warned_of() {
 #[test]
 fn instances_of_events_are_written_beside_them_and_what_lacks_them_is_told() {
     let posed = rendered("bounce", "3");
-    simulate(&posed, &["--event-ids"]);
+    let recording = posed.file_argument("run.mcap");
+    simulate(&posed, &["--event-ids", "--record", &recording]);
     let file = std::fs::File::open(posed.file("events.npz")).unwrap();
     let mut archive = zip::ZipArchive::new(file).unwrap();
     let mut column = |name: &str| {
@@ -147,6 +149,15 @@ fn instances_of_events_are_written_beside_them_and_what_lacks_them_is_told() {
     let ids: Vec<i64> =
         column("id.npy").chunks(8).map(|b| i64::from_le_bytes(b.try_into().unwrap())).collect();
     assert_eq!(8 * ids.len(), column("t.npy").len());
+    // The same are published: behind header, sequence and length of each message of ids.
+    let (mut bag, mut published) = (BagReader::open(recording.as_ref()).unwrap(), Vec::new());
+    while let Some(message) = bag.next_message().unwrap() {
+        if bag.topics()[message.topic].name == "/esaac/camera_0/event_ids" {
+            published
+                .extend(message.bytes[68..].chunks(8).map(|b| i64::from_le_bytes(b.try_into().unwrap())));
+        }
+    }
+    assert_eq!(published, ids);
     let of = |wanted: i64| ids.iter().filter(|&&id| id == wanted).count();
     // The ball, and the wall behind it.
     let ball = ids.iter().copied().find(|&id| id > 0).unwrap();
