@@ -117,8 +117,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(device::devices, module)?)?;
     module.add_function(wrap_pyfunction!(ros::check_ros_names, module)?)?;
     module.add_function(wrap_pyfunction!(flow::flow, module)?)?;
-    module.add_function(wrap_pyfunction!(recordings::load_aedat4, module)?)?;
-    module.add_function(wrap_pyfunction!(recordings::load_evt3, module)?)?;
+    module.add_function(wrap_pyfunction!(recordings::load_recording, module)?)?;
     module.add_function(wrap_pyfunction!(lux_per_unit, module)?)?;
     module.add_function(wrap_pyfunction!(run_command, module)?)?;
     module.add_function(wrap_pyfunction!(save_evt3, module)?)?;

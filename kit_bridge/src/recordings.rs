@@ -1,13 +1,13 @@
 //! Reads the recordings of cameras' makers, EVT3 and AEDAT 4, for `esaac/recordings.py`.
 
 use crate::error::Fault;
-use esaac_formats::recording::{Recording, RecordingError, aedat4, evt3};
+use esaac_formats::recording::{RecordingError, aedat4, evt3};
 use esaac_model::Polarity;
 use esaac_model::packet::Event;
 use numpy::PyArray1;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Columns and rows of the sensor.
 type SizePx = (u32, u32);
@@ -20,36 +20,17 @@ type Columns<'py> = (
     Bound<'py, PyArray1<u8>>,
 );
 
-/// The events of an EVT3 file from `from_ns` on and before `to_ns`; None is no limit.
+/// The events of an EVT3 (`.raw`) or AEDAT 4 file from `from_ns` on and before `to_ns`; None is no limit.
 #[pyfunction]
-pub fn load_evt3(
+pub fn load_recording(
     py: Python<'_>,
     path: PathBuf,
     from_ns: Option<i64>,
     to_ns: Option<i64>,
 ) -> PyResult<(SizePx, Columns<'_>)> {
-    load(py, &path, evt3::read, from_ns, to_ns)
-}
-
-/// The same of an AEDAT 4 file.
-#[pyfunction]
-pub fn load_aedat4(
-    py: Python<'_>,
-    path: PathBuf,
-    from_ns: Option<i64>,
-    to_ns: Option<i64>,
-) -> PyResult<(SizePx, Columns<'_>)> {
-    load(py, &path, aedat4::read_events, from_ns, to_ns)
-}
-
-fn load<'py>(
-    py: Python<'py>,
-    path: &Path,
-    read: fn(&Path) -> Result<Recording, RecordingError>,
-    from_ns: Option<i64>,
-    to_ns: Option<i64>,
-) -> PyResult<(SizePx, Columns<'py>)> {
-    let recording = py.detach(|| read(path)).map_err(|error| exception(py, error))?;
+    let is_evt3 = path.extension().is_some_and(|suffix| suffix == "raw");
+    let read = if is_evt3 { evt3::read } else { aedat4::read_events };
+    let recording = py.detach(|| read(&path)).map_err(|error| exception(py, error))?;
     let events = part(&recording.events, from_ns, to_ns);
     let columns = (
         PyArray1::from_iter(py, events.iter().map(|event| event.x)),

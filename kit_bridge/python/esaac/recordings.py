@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from esaac._native import SensorModel, load_aedat4, load_evt3
+from esaac._native import SensorModel, load_recording
 from esaac.checks import nanoseconds
 from esaac.claims import check_array, check_dataset, check_member
 from esaac.errors import ArgumentError, EsaacError
@@ -104,8 +104,7 @@ def _load_npz(path: pathlib.Path) -> Events:
 
 def _load_native(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> Events:
     """The events of an interval of a file that the native part reads."""
-    read = load_evt3 if path.suffix == ".raw" else load_aedat4
-    size_px, columns = read(path, first_ns, end_ns)
+    size_px, columns = load_recording(path, first_ns, end_ns)
     return Events(*columns, ids=None, sensor=None, size_px=size_px)
 
 

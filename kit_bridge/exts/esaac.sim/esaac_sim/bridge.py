@@ -102,8 +102,7 @@ class Bridge:
         if "geometry" in off and spec.with_geometry:
             failed = "the renderer's depth or instance ids failed the self-test"
             if spec.needs_poses:
-                needing = "`event_ids` of esaac:outputs" if spec.with_ids else "mode `rigid`"
-                raise esaac.DeviceError(f"{failed}, and {needing} needs them")
+                raise esaac.DeviceError(f"{failed}, and {spec.needing_poses} needs them")
             self.problems.append(f"{spec.path}: {failed}, so mode `auto` does without poses")
             spec = _replaced(spec, with_geometry=False)
         if "motion" in off and spec.sensor.synthesis in ("motion", "paper"):

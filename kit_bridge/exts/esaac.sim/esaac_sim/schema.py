@@ -71,6 +71,11 @@ class CameraSpec:
         return self.sensor.synthesis == "rigid" or self.with_ids
 
     @property
+    def needing_poses(self):
+        """What of such a camera needs poses, as messages call it."""
+        return "`event_ids` of esaac:outputs" if self.with_ids else "mode `rigid`"
+
+    @property
     def intrinsics(self):
         """Its lens; the centre of the first pixel is half a pixel from the corner."""
         middle = self.sensor.width / 2, self.sensor.height / 2
@@ -153,8 +158,7 @@ def spec_of(prim):
         tick_rate_hz=_tick_rate_hz(prim),
     )
     if spec.needs_poses and not focal_px:
-        needing = "`event_ids` of esaac:outputs" if spec.with_ids else "mode `rigid`"
-        raise SchemaError(f"{path} has no horizontal aperture, which {needing} needs")
+        raise SchemaError(f"{path} has no horizontal aperture, which {spec.needing_poses} needs")
     return spec
 
 
