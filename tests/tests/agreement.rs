@@ -34,6 +34,15 @@ fn against(spoil: impl FnOnce(&mut Vec<Event>)) -> Agreement {
     compare_streams(&sensor, 0, &frames, &intervals, &events)
 }
 
+/// One pixel that passes through these levels, nepers, with straight lines between.
+fn through(sensor: &SensorModel, levels_log: &[f64]) -> Sequence {
+    gray(sensor, &times(0, levels_log.len()), |frame, _| intensity_of(sensor, levels_log[frame]))
+}
+
+fn one_pixel() -> SensorModel {
+    SensorModel { width: 1, height: 1, synthesis: Synthesis::None, ..SensorModel::default() }
+}
+
 #[test]
 fn a_stream_agrees_with_itself() {
     let got = against(|_| ());
@@ -73,11 +82,8 @@ fn one_late_event_is_found() {
 #[test]
 fn a_tie_is_explained_and_a_miss_is_not() {
     let rise = |beyond: f64| {
-        let sensor =
-            SensorModel { width: 1, height: 1, synthesis: Synthesis::None, ..SensorModel::default() };
-        let frames = gray(&sensor, &times(0, 2), |frame, _| {
-            intensity_of(&sensor, if frame == 0 { 0.0 } else { sensor.contrast_on + beyond })
-        });
+        let sensor = one_pixel();
+        let frames = through(&sensor, &[0.0, sensor.contrast_on + beyond]);
         let intervals = oracle(&sensor, 0, &frames);
         assert_eq!(oracle_events(&intervals).len(), 1);
         compare_streams(&sensor, 0, &frames, &intervals, &[])
@@ -86,15 +92,6 @@ fn a_tie_is_explained_and_a_miss_is_not() {
     assert_eq!((tie.differing, tie.unexplained.len()), (1, 0));
     let miss = rise(2.0 * LEVEL_TOLERANCE_LOG);
     assert_eq!((miss.differing, miss.unexplained.len()), (1, 1));
-}
-
-/// One pixel that passes through these levels, nepers, with straight lines between.
-fn through(sensor: &SensorModel, levels_log: &[f64]) -> Sequence {
-    gray(sensor, &times(0, levels_log.len()), |frame, _| intensity_of(sensor, levels_log[frame]))
-}
-
-fn one_pixel() -> SensorModel {
-    SensorModel { width: 1, height: 1, synthesis: Synthesis::None, ..SensorModel::default() }
 }
 
 #[test]
@@ -155,13 +152,11 @@ fn a_tie_at_a_sample_is_explained_and_another_sample_is_not() {
     // The level at the end of the second of four sub-steps is `beyond` the threshold.
     let rise = |beyond: f64| {
         let sensor = SensorModel {
-            width: 1,
-            height: 1,
             synthesis: Synthesis::Linear,
             substeps: 4,
             substep_policy: SubstepPolicy::Fixed,
             timestamps: Timestamps::AtSample,
-            ..SensorModel::default()
+            ..one_pixel()
         };
         let light = |log: f64| intensity_of(&sensor, log);
         let half = light(sensor.contrast_on + beyond);
