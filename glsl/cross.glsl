@@ -300,7 +300,15 @@ void cross_sub_tile(
             const uint units = active_pixel && may_rest() ? rest_units(cam, p, to_q24(s.log_current)) : 0u;
             store_state(cam, pixel, STATE_REST, rest_word(cam, rest, units));
         }
-        if (active_pixel) {
+        bool is_overrun = false;
+#ifdef PHYSICAL
+        is_overrun = active_pixel && p.silent;
+        if (is_overrun) {
+            arm_pixel_after(cam, pixel, to_q24(lit_at_end(cam, s.log_current)), p.events);
+            atomicAdd(counters[counter].overrun_pixels, 1u);
+        }
+#endif
+        if (active_pixel && !is_overrun) {
             store_pixel(cam, pixel, p);
         } else if (before.reference == ARMING) {
             arm_pixel(cam, pixel, to_q24(lit_at_end(cam, s.log_current)));

@@ -30,6 +30,9 @@ void emit(uint at_ns, bool on, uint ordinal) {
 
 void begin_events() {}
 
+// Slots refuse no event: a pixel with more than it has slots for is walked again.
+void emit_refused() {}
+
 // Appends the `count` events in the pixel's slots to the queue.
 void end_events(uint count) {
     if (WALKS_AGAIN) {

@@ -64,6 +64,7 @@ void fire(Camera cam, uint t, bool on, float noise, float slope, inout PixelStat
         p.reference += on ? p.on_q24 : -p.off_q24;
         w.renews = true;
     }
+    p.silent = w.ordinal >= MOST_PIXEL_EVENTS;
 }
 
 // Ends the hold at time t: the reference is what the pixel shows, with the noise of the moment. `fresh` is what is new in

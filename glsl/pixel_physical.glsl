@@ -38,7 +38,7 @@ struct PixelState {
     // Hazard left, Q27; while the pixel is held, the slope of the noise at its event, in its standard deviations.
     uint clock;
     uint events;
-    // Whether it never had a valid colour.
+    // Whether it sends no more: it never had a valid colour, or has sent MOST_PIXEL_EVENTS in this interval.
     bool silent;
     // Whether it has passed the interval without a walk.
     bool passed;

@@ -31,12 +31,12 @@ float drive_per_s(Camera cam, int level_q24) {
     return exp(clamp(rate_log, LEAST_RATE_LOG, MOST_RATE_LOG));
 }
 
-// Arms a settled pixel: its reference is its level with the noise of the moment.
-void arm_pixel(Camera cam, uint pixel, int log_q24) {
+// Arms a settled pixel that has sent `events`: its reference is its level with the noise of the moment.
+void arm_pixel_after(Camera cam, uint pixel, int log_q24, uint events) {
     const Physical physical = physicals[cam.slot];
     const int level = own_level(cam, log_q24, factors_log(cam, pixel).x);
     const float sigma = sigma_log(physical.variance, drive_per_s(cam, level), physical.second_per_s);
-    const float noise = sigma * normal_from_words(draw(cam, pixel, STREAM_RELEASE, 0u));
+    const float noise = sigma * normal_from_words(draw(cam, pixel, STREAM_RELEASE, events));
     store_state(cam, pixel, STATE_REFERENCE, uint(level + to_q24(noise)));
     store_state(cam, pixel, STATE_FRACTION, 0u);
     store_state(cam, pixel, STATE_EXCESS, 0u);
@@ -44,6 +44,10 @@ void arm_pixel(Camera cam, uint pixel, int log_q24) {
     store_state(cam, pixel, STATE_NOISE, floatBitsToUint(noise));
     store_state(cam, pixel, STATE_PHASE, 0u);
     store_state(cam, pixel, STATE_RELEASE, 0u);
-    store_state(cam, pixel, STATE_CLOCK, exponential_q27(draw(cam, pixel, STREAM_CLOCK, 0u).x));
-    store_state(cam, pixel, STATE_EVENTS, 0u);
+    store_state(cam, pixel, STATE_CLOCK, exponential_q27(draw(cam, pixel, STREAM_CLOCK, events).x));
+    store_state(cam, pixel, STATE_EVENTS, events);
+}
+
+void arm_pixel(Camera cam, uint pixel, int log_q24) {
+    arm_pixel_after(cam, pixel, log_q24, 0u);
 }

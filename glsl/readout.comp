@@ -6,7 +6,8 @@
 // thread. When services end is a scan (bus_scan.glsl). Which events are lost, and which service each of the others has
 // (bus_fates.glsl), depends on that, and that on it. So both are repeated until nothing changes: an event's fate depends
 // on events before it only, so what results is the queue's answer, the only one. A chunk has few rounds, unless it has
-// long chains of losses.
+// long chains of losses. After a chunk that has lost most of its events, the next one leaves out those that are lost for
+// certain (bus_undecided.glsl).
 //
 // Chunks that `readout_apart` has served are passed over: the bus is idle before and after them.
 //
@@ -23,6 +24,7 @@
 const bool SIDE_BY_SIDE = false;
 
 #include "readout.glsl"
+#include "bus_undecided.glsl"
 
 shared uint nearest;
 
@@ -84,9 +86,11 @@ void main() {
     const bool passes_over = APART && readout.cap_events == 0u;
     bool is_last = false;
     bool again = true;
+    bool is_overloaded = false;
+    uint lost_before = 0u;
     while (again) {
         sync();
-        uint end = min(first + gl_WorkGroupSize.x, counted.packet);
+        uint limit = counted.packet;
         if (passes_over) {
             const uint stretch = find_stretch(first, counted.packet, true);
             if (stretch != NONE) {
@@ -95,24 +99,35 @@ void main() {
                     // All up to the next that are not served.
                     const uint after = find_stretch(first + 1u, counted.packet, false);
                     first = after == NONE ? counted.packet : uint(bus[at_idle(after)]);
-                    end = min(first + gl_WorkGroupSize.x, counted.packet);
                     is_last = first == counted.packet;
                     again = !is_last;
                     continue;
                 }
-                end = min(end, served_from);
+                limit = served_from;
             }
         }
+        uint end = min(first + gl_WorkGroupSize.x, limit);
+        uint taken = end - first;
+        uint e = first + lane;
+        if (is_overloaded) {
+            end = find_undecided(
+                in_gathered, source.event_base, first, limit, services_waiting, since_epoch_ns, taken);
+            if (lane == 0u) {
+                count_lost += end - first - taken;
+            }
+            e = undecided[lane];
+        }
         is_last = end == counted.packet;
-        const uint e = first + lane;
-        const bool is_event = e < end;
+        const bool is_event = lane < taken;
         const uvec2 event = is_event ? read_event(in_gathered, source.event_base + e) : uvec2(0u);
         const uint next_ns = is_last ? 0u : read_event(in_gathered, source.event_base + end).x;
         services_waiting = serve_chunk(event, is_event, services_waiting, since_epoch_ns, is_last, next_ns);
-        first = end;
         atomicMax(most_loops, loops);
         barrier();
         again = !is_last && most_loops < MOST_ROUNDS;
+        is_overloaded = 2u * (count_lost - lost_before) > end - first;
+        lost_before = count_lost;
+        first = end;
     }
     if (is_last) {
         // What waits counts from the next interval's start.

@@ -135,7 +135,7 @@ void write_report(Camera cam, Counters counted, Sums sums_of_bins, uint deferred
         counters[counter].heavy = counted.heavy;
         counters[2u * cam.slot + 1u - cam.frame_slot] =
             Counters(0u, 0xffffffffu, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
-                     0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+                     0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
     }
 }
 

@@ -514,6 +514,45 @@ fn a_small_buffer_and_a_full_queue_lose_nothing() {
     }
 }
 
+/// Thresholds so small that a flash sends more events than a pixel may in an interval: those up to that are sent, the pixel is
+/// armed anew, and the next interval is that of a fresh one.
+#[test]
+fn a_pixel_with_too_many_events_is_counted_and_armed_anew() {
+    for refractory_ns in [0, 100] {
+        let sensor = SensorModel {
+            width: 3,
+            height: 1,
+            contrast_on: 1e-3,
+            contrast_off: 1e-3,
+            refractory_ns,
+            dark_lux: 1.0,
+            substeps: 4,
+            ..sensor()
+        };
+        let sequence = gray(&sensor, &times(0, 4), |frame, pixel| {
+            let lux = [10.0, if pixel % 7 == 0 { 1.5e4 } else { 11.0 }, 1e4, 1.2e4][frame];
+            lux as f32
+        });
+        let expected = oracle(&sensor, 0, &sequence);
+        let overrun = expected.iter().map(|interval| interval.diagnostics.overrun_pixels);
+        let overrun: Vec<u64> = overrun.collect();
+        let seventh = sensor.pixels().div_ceil(7) as u64;
+        assert_eq!(overrun, [0, seventh, sensor.pixels() as u64 - seventh, 0]);
+        let runs = [RigOptions::default(), gpu()].map(|options| engine_with(&sensor, &sequence, options));
+        assert_eq!(packets(&runs[0]), packets(&runs[1]));
+        for (step, expected) in runs[0].iter().zip(&expected) {
+            assert_eq!(step.diagnostics.overrun_pixels, expected.diagnostics.overrun_pixels);
+            let counts =
+                |events: Vec<Event>| by_pixel(&sensor, &events).iter().map(Vec::len).collect::<Vec<_>>();
+            let [got, expected] =
+                [&step.packet, &expected.packet].map(|packet| counts(packet.iter().collect()));
+            // A hundredth of a neper, the photoreceptor's bound, is as much as ten of these thresholds.
+            let apart = got.iter().zip(&expected).filter(|(a, b)| a.abs_diff(**b) > 10).count();
+            assert_eq!(apart, 0, "{got:?} and {expected:?}");
+        }
+    }
+}
+
 #[test]
 fn pixels_without_light_start_late_and_then_as_the_oracles() {
     let sensor = SensorModel { substeps: 64, ..quiet() };

@@ -255,6 +255,7 @@ fn declarations() -> String {
         ("TRAJECTORY_STEPS", esaac_model::synthesis::TRAJECTORY_STEPS.to_string()),
         ("LOG_SCALE", format!("{:.1}", f64::from(1_u32 << esaac_model::LOG_FRACTION_BITS))),
         ("HAZARD_FRACTION_BITS", esaac_model::random::HAZARD_FRACTION_BITS.to_string()),
+        ("MOST_PIXEL_EVENTS", format!("{}u", esaac_model::physical::MOST_EVENTS)),
         ("UNARMED", "(-2147483647 - 1)".to_owned()),
         ("ARMING", "(-2147483647)".to_owned()),
         ("STREAM_SHOT_OFF", (esaac_model::random::Stream::ShotOff as u32).to_string() + "u"),

@@ -425,6 +425,8 @@ gpu_struct! {
         unseen_samples: u32,
         /// Blocks that pairs of motions that meet pass.
         meeting_blocks: u32,
+        /// Physical pixels that would have sent more events than a pixel may.
+        overrun_pixels: u32,
         /// Events lost because their pixel had one waiting for the bus. An outlet's, as the next three.
         lost: u32,
         /// Events dropped by the rate controller.

@@ -33,6 +33,8 @@ pub struct Diagnostics {
     pub invalid_motion_px: u64,
     /// Pixels without a valid value so far.
     pub unarmed_pixels: u64,
+    /// Physical pixels that would have sent more events than a pixel may.
+    pub overrun_pixels: u64,
     /// Events deferred to a later packet.
     pub deferred_events: u64,
     /// Events that the sensor lost because their pixel had one waiting for the bus.
@@ -359,7 +361,7 @@ impl Oracle {
                 let key = self.key(pixel);
                 if let Some(physical) = &mut self.physical {
                     let draws = &physical.draws[pixel];
-                    let state = PhysicalState::arm(&physical.pixel, draws, key, intensity);
+                    let state = PhysicalState::arm(&physical.pixel, draws, key, intensity, 0);
                     physical.states[pixel] = Some(state);
                     continue;
                 }
@@ -443,14 +445,16 @@ impl Oracle {
                 let Some(state) = &mut physical.states[pixel] else { continue };
                 let span = Span { key, epoch_ns, start_ns, interval_ns, samples: &samples, frames };
                 let (draws, requests) = (&physical.draws[pixel], &mut self.run.requests);
-                physical::walk(sensor, &physical.pixel, draws, state, &span, &mut |crossing| {
-                    requests.push(Event {
-                        t_ns: stamp::delayed_ns(sensor, key, crossing.index, crossing.t_ns),
-                        y: y as u16,
-                        x: x as u16,
-                        polarity: crossing.polarity,
+                let is_overrun =
+                    physical::walk(sensor, &physical.pixel, draws, state, &span, &mut |crossing| {
+                        requests.push(Event {
+                            t_ns: stamp::delayed_ns(sensor, key, crossing.index, crossing.t_ns),
+                            y: y as u16,
+                            x: x as u16,
+                            polarity: crossing.polarity,
+                        });
                     });
-                });
+                interval.diagnostics.overrun_pixels += u64::from(is_overrun);
                 continue;
             }
             if let Some(state) = &mut self.run.pixels[pixel] {

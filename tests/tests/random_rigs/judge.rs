@@ -255,6 +255,12 @@ fn against_oracle(
         if !is_foretold {
             continue;
         }
+        if !has_noise(run) {
+            findings.check(got.overrun_pixels == expected.overrun_pixels, || {
+                let [got, expected] = [got.overrun_pixels, expected.overrun_pixels];
+                format!("{}: {got} pixels with too many events, expected {expected}", what(taken))
+            });
+        }
         let unseen = expected.unseen_samples;
         findings.check(got.unseen_samples.abs_diff(unseen) <= unseen / 50 + 40, || {
             format!("{}: {} unseen samples, expected {unseen}", what(taken), got.unseen_samples)

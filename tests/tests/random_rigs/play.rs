@@ -122,6 +122,7 @@ pub fn same(what: &str, expected: &[Option<Step>], actual: &[Option<Step>], find
                 d.invalid_pixels,
                 d.invalid_motion,
                 d.unarmed_pixels,
+                d.overrun_pixels,
                 d.deferred_events,
                 d.dropped_events,
                 d.lost_events,

@@ -7,6 +7,7 @@ mod queue;
 use esaac_engine::{KernelPolicy, PacketPlace, Representation, RigOptions};
 use esaac_model::physical::MAX_DRAIN_PS;
 use esaac_model::presets::preset;
+use esaac_model::random::philox4x32_10;
 use esaac_model::{Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
 use esaac_tests::device::assert_silent;
@@ -113,6 +114,28 @@ fn long_chains_of_losses_are_served_as_by_a_queue() {
         .collect();
     let runs = check(&cameras, RigOptions::default());
     assert!(runs.iter().any(|run| run.iter().map(|s| s.lost).sum::<u64>() > 500));
+}
+
+/// A few pixels send nearly all events, many times more than a bus serves.
+#[test]
+fn what_few_pixels_send_too_much_is_served_as_by_a_queue() {
+    let cameras: Vec<_> = KINDS
+        .into_iter()
+        .flat_map(|kind| [40_000.0].map(|event_ns| sensor(kind, event_ns)))
+        .map(|sensor| {
+            let sensor = SensorModel { contrast_on: 0.002, contrast_off: 0.002, ..sensor };
+            let frames = gray(&sensor, &times(-50_000_001, 3), |frame, pixel| {
+                let most = if pixel % 401 < 2 { 2000.0 } else { 1.5 };
+                let [word, ..] = philox4x32_10([pixel as u32, frame as u32, 0, 0], [7, 0]);
+                intensity_of(&sensor, f64::from(word) / f64::from(u32::MAX) * most * sensor.contrast_on - 1.0)
+            });
+            (sensor, frames)
+        })
+        .collect();
+    for options in orders() {
+        let lost = check(&cameras, options).iter().map(|run| run.iter().map(|s| s.lost).sum::<u64>()).min();
+        assert!(lost.is_some_and(|lost| lost > 2_000), "{lost:?} events lost at the least");
+    }
 }
 
 /// The bus takes just as long for a pixel's first event as the second comes after it, or a picosecond less. Both events

@@ -274,6 +274,7 @@ mod tests {
         without_lens: 0,
         unseen_samples: 0,
         meeting_blocks: 0,
+        overrun_pixels: 0,
         lost: 0,
         capped: 0,
         waiting: 0,

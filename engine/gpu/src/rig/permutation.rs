@@ -58,7 +58,6 @@ pub(super) fn permutation(
     let geometry = camera.config.geometry.filter(|_| is_rigid(sensor));
     let fisheye = geometry.is_some_and(|geometry| geometry.lens.projection() == Projection::Fisheye);
     let physical = is_physical(sensor);
-    let dense_queue_per_px = dense_queue_per_px.filter(|_| !physical);
     let (leaks, has_noise) = match sensor.pixel {
         Pixel::Log => (sensor.leak_rate_hz > 0.0, sensor.shot_noise_rate_hz > 0.0),
         Pixel::Physical => {

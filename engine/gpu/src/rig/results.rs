@@ -20,6 +20,9 @@ pub struct Diagnostics {
     pub skipped_blocks: u64,
     /// Sub-steps, summed over blocks.
     pub substeps: u64,
+    /// Physical pixels that would have sent more events than a pixel may in an interval
+    /// ([`MOST_EVENTS`](esaac_model::physical::MOST_EVENTS)). They send no more in it, and are armed anew at its end.
+    pub overrun_pixels: u64,
     /// Events that are deferred to a later packet.
     pub deferred_events: u64,
     /// Events dropped because of the sensor's limit per interval.
@@ -141,6 +144,7 @@ impl Results {
             unarmed_pixels: counters.unarmed_pixels.into(),
             skipped_blocks: counters.skipped_blocks.into(),
             substeps: counters.substeps.into(),
+            overrun_pixels: counters.overrun_pixels.into(),
             deferred_events: counters.deferred.into(),
             dropped_events: packet.dropped,
             lost_events: counters.lost.into(),

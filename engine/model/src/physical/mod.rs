@@ -44,6 +44,9 @@
 //! ([`noise::release_log`]), and `R = y + n_r`. Without a refractory period `R` moves by exactly one threshold and
 //! `n_r = n_e`. An event's time is rounded as in the crate's section 4.
 //!
+//! A pixel sends at most [`MOST_EVENTS`] events in an interval. One that would send more, as where the noise is as large
+//! as the thresholds, sends no more in this interval. At its end it is armed anew, and counted.
+//!
 //! ## 5. Leak
 //! `dR/dt = -C_on (leak_rate_hz f_l 2^((T - 25 C) / 8.8 K) + leak_per_lux_hz E)` with the nominal `C_on` and one
 //! log-normal draw `f_l` a pixel. The rate has a sign: below 0 the pixel drifts to OFF events.
@@ -79,6 +82,9 @@ pub const REFERENCE_TEMPERATURE_C: f64 = 25.0;
 /// Warming that doubles dark current and leak, kelvin: an activation energy of .67 eV at 25 C, between the .6 eV of
 /// generation in the depletion region and the band gap.
 pub const DOUBLING_K: f64 = 8.8;
+
+/// Most events that a pixel sends in an interval.
+pub const MOST_EVENTS: u32 = 4096;
 
 macro_rules! physical_pixel {
     ($($name:ident = $default:expr, $unit:literal, $about:literal;)*) => {

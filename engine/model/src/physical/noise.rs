@@ -128,8 +128,8 @@ impl Renewal {
 
 /// Noise of a pixel that is armed, nepers: a draw from the stationary law.
 #[must_use]
-pub fn armed_log(key: PixelKey, sigma_log: f64) -> f64 {
-    sigma_log * normal_from_words(draw(key, Stream::Release, 0))
+pub fn armed_log(key: PixelKey, events: u32, sigma_log: f64) -> f64 {
+    sigma_log * normal_from_words(draw(key, Stream::Release, events))
 }
 
 /// The noise at an event.

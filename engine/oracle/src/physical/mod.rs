@@ -11,7 +11,7 @@ use esaac_model::physical::noise::{
     AtEvent, Renewal, armed_log, correlation, forgotten, hazard_per_s, release_log, sigma_log,
 };
 use esaac_model::physical::photoreceptor::{Drive, Photoreceptor, phi};
-use esaac_model::physical::{PhysicalDraws, PhysicalPixel};
+use esaac_model::physical::{MOST_EVENTS, PhysicalDraws, PhysicalPixel};
 use esaac_model::random::PixelKey;
 use esaac_model::substeps::substep_end_ns;
 use esaac_model::{Polarity, SensorModel, Timestamps};
@@ -52,9 +52,15 @@ pub struct PhysicalState {
 }
 
 impl PhysicalState {
-    /// Arms a settled pixel at its first valid intensity.
+    /// Arms a settled pixel, which has sent `events` so far.
     #[must_use]
-    pub fn arm(pixel: &PhysicalPixel, draws: &PhysicalDraws, key: PixelKey, intensity: f64) -> Self {
+    pub fn arm(
+        pixel: &PhysicalPixel,
+        draws: &PhysicalDraws,
+        key: PixelKey,
+        intensity: f64,
+        events: u32,
+    ) -> Self {
         let seen = intensity + pixel.dark_intensity(draws.dark_factor);
         let sigma = sigma_log(
             pixel.photoreceptor_charge_e,
@@ -62,7 +68,7 @@ impl PhysicalState {
             pixel.drive_per_s(seen),
             pixel.second_pole_per_s(),
         );
-        let noise_log = if pixel.noise_gain > 0.0 { armed_log(key, sigma) } else { 0.0 };
+        let noise_log = if pixel.noise_gain > 0.0 { armed_log(key, events, sigma) } else { 0.0 };
         PhysicalState {
             reference_log: seen.ln() + noise_log,
             photoreceptor: Photoreceptor::default(),
@@ -70,8 +76,8 @@ impl PhysicalState {
             noise_log,
             phases: [0.0; 2],
             held: None,
-            clock: Renewal::draw(key, 0).clock,
-            events: 0,
+            clock: Renewal::draw(key, events).clock,
+            events,
         }
     }
 
@@ -87,7 +93,8 @@ impl PhysicalState {
     }
 }
 
-/// Walks a pixel through an interval and emits its events in time order.
+/// Walks a pixel through an interval and emits its events in time order. Returns whether it would have sent more than
+/// [`MOST_EVENTS`]; it is armed anew then.
 pub fn walk(
     sensor: &SensorModel,
     pixel: &PhysicalPixel,
@@ -95,7 +102,8 @@ pub fn walk(
     state: &mut PhysicalState,
     span: &Span<'_>,
     emit: &mut dyn FnMut(Crossing),
-) {
+) -> bool {
+    let events_before = state.events;
     let substeps = (span.samples.len() - 1) as u32;
     let end_ns = |i| substep_end_ns(span.interval_ns, i, substeps);
     let dark = pixel.dark_intensity(draws.dark_factor);
@@ -126,11 +134,17 @@ pub fn walk(
             response: Response::solve(state.photoreceptor, &drive),
             drive,
         };
-        substep.walk(state, emit);
+        substep.walk(state, events_before, emit);
+        if state.events.wrapping_sub(events_before) >= MOST_EVENTS {
+            let last = span.samples[substeps as usize];
+            *state = PhysicalState::arm(pixel, draws, span.key, last, state.events);
+            return true;
+        }
         state.photoreceptor = substep.response.end();
         state.level_log = to.ln();
         first = last;
     }
+    false
 }
 
 /// Why and when the next event happens.
@@ -185,7 +199,7 @@ struct Substep<'a> {
 }
 
 impl Substep<'_> {
-    fn walk(&self, state: &mut PhysicalState, emit: &mut dyn FnMut(Crossing)) {
+    fn walk(&self, state: &mut PhysicalState, events_before: u32, emit: &mut dyn FnMut(Crossing)) {
         let mut now_ns = 0.0;
         let mut watch =
             Watch { since_ns: 0.0, since_phase: 0.0, renewal: Renewal::draw(self.key, state.events) };
@@ -208,6 +222,9 @@ impl Substep<'_> {
             };
             emit(Crossing { t_ns: stamp_ns, polarity: happening.polarity, index: state.events });
             self.fire(state, &mut watch, happening, t_ns);
+            if state.events.wrapping_sub(events_before) >= MOST_EVENTS {
+                return;
+            }
         }
         let end_ns = self.duration_ns as f64;
         state.phases = self.phases(state, &watch, end_ns, &self.point(end_ns));
