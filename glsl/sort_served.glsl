@@ -366,7 +366,7 @@ void serve_tile(Camera cam, Camera outlet, uint first_bin, uint base, uvec2 own,
     const int64_t start_ps = bus[at_free(outlet.frame_slot)];
     const int64_t bin_ps = int64_t(cam.bin_width) * 1000l;
     // As many events as come in a bin are served in no more time than the bin lasts.
-    const bool is_light = readout.cap_events == 0u && cam.bin_rows == 1u && cam.bin_samples == 0u
+    const bool is_light = readout.cap_events == 0u && cam.bin_rows == 1u && !bin_samples(cam)
         && carried <= MOST_CARRIED && bus[at_head(HEAD_SERVICES)] == 0l && start_ps <= bin_ps
         && int64_t(sum_largest) * service_ps <= bin_ps;
     if (!is_light) {

@@ -73,8 +73,8 @@ impl FromStr for EventFormat {
 /// How a packet is divided into messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Split {
-    /// Time that a message covers, nanoseconds from the packet's base on. A slice without events is a message
-    /// too. 0: no limit.
+    /// Time that a message covers, nanoseconds from the packet's base on, or from where the packet before ended. A slice
+    /// without events is a message too. 0: no limit.
     pub slice_ns: u32,
     /// Most bytes of a message's events, but at least one event. 0: no limit.
     pub max_bytes: u32,
@@ -83,12 +83,26 @@ pub struct Split {
 impl Split {
     /// Divides a packet into one or more parts, in order of time. Together they are the whole packet.
     pub fn parts<'a>(self, packet: &PacketView<'a>, format: EventFormat) -> Vec<PacketView<'a>> {
+        self.parts_after(None, packet, format)
+    }
+
+    /// The same of a packet before which packets are complete up to `complete_ns`. Its base may lie before that where the
+    /// sensor's time stamps have become coarser: no slice ends there, so that time does not go back.
+    pub(crate) fn parts_after<'a>(
+        self,
+        complete_ns: Option<i64>,
+        packet: &PacketView<'a>,
+        format: EventFormat,
+    ) -> Vec<PacketView<'a>> {
+        let from_ns = complete_ns
+            .filter(|&ns| ns <= packet.watermark_ns)
+            .map_or(packet.base_ns, |ns| ns.max(packet.base_ns));
         let mut parts = Vec::new();
         let most = match self.max_bytes {
             0 => usize::MAX,
             bytes => (bytes as usize / format.event_bytes()).max(1),
         };
-        for (range, end_ns) in self.slices(packet) {
+        for (range, end_ns) in self.slices(from_ns, packet) {
             let mut start = range.start;
             loop {
                 let end = range.end.min(start.saturating_add(most));
@@ -112,10 +126,10 @@ impl Split {
         parts
     }
 
-    /// Events and end of each slice of time.
-    fn slices(self, packet: &PacketView<'_>) -> Vec<(Range<usize>, i64)> {
+    /// Events and end of each slice of time from `from_ns` on.
+    fn slices(self, from_ns: i64, packet: &PacketView<'_>) -> Vec<(Range<usize>, i64)> {
         let slice_ns = i64::from(self.slice_ns);
-        let span_ns = packet.watermark_ns - packet.base_ns;
+        let span_ns = packet.watermark_ns - from_ns;
         if slice_ns == 0 {
             return vec![(0..packet.len(), packet.watermark_ns)];
         }
@@ -124,12 +138,12 @@ impl Split {
         let mut start = 0;
         (1..=count)
             .map(|k| {
-                let offset_ns = span_ns * k / count;
+                let end_ns = from_ns + span_ns * k / count;
                 let end = match k == count {
                     true => packet.len(),
-                    false => packet.t_offset_ns.partition_point(|&t| i64::from(t) <= offset_ns),
+                    false => packet.t_offset_ns.partition_point(|&t| packet.base_ns + i64::from(t) <= end_ns),
                 };
-                (std::mem::replace(&mut start, end)..end, packet.base_ns + offset_ns)
+                (std::mem::replace(&mut start, end)..end, end_ns)
             })
             .collect()
     }
@@ -254,6 +268,20 @@ mod tests {
         assert_eq!(ends_of(100), [(0, 1033), (0, 1066), (0, 1100)]);
         assert_eq!(ends_of(110), [(0, 1027), (0, 1055), (0, 1082), (0, 1110)]);
         assert_eq!([ends_of(30), ends_of(7)], [[(0, 1030)], [(0, 1007)]]);
+    }
+
+    #[test]
+    fn no_slice_ends_before_what_the_packet_before_is_complete_up_to() {
+        let packet = packet(&[41, 41, 70, 90], 100);
+        let split = Split { slice_ns: 20, ..Split::default() };
+        let after = |complete_ns| {
+            let parts = split.parts_after(complete_ns, &packet.view(), EventFormat::Packed);
+            parts.iter().map(|part| (part.len(), part.watermark_ns)).collect::<Vec<_>>()
+        };
+        assert_eq!(after(Some(40)), [(2, 60), (1, 80), (1, 100)]);
+        assert_eq!(after(Some(100)), [(4, 100)]);
+        let all = [(0, 20), (0, 40), (2, 60), (1, 80), (1, 100)];
+        assert_eq!([after(None), after(Some(-1)), after(Some(101))], [&all[..]; 3], "a clock that went back");
     }
 
     #[test]

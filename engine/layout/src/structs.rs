@@ -47,6 +47,8 @@ gpu_struct! {
         previous_interval_ns: u32,
         /// Time from the packet's base to the interval's start.
         base_to_start_ns: u32,
+        /// Earliest time stamp, from the packet's base on: packets before are complete up to the nanosecond before it.
+        first_stamp_ns: u32,
         /// Columns.
         width: u32,
         /// Rows.
@@ -81,14 +83,12 @@ gpu_struct! {
         bin_base: u32,
         /// Bins of the packet; one more counts deferred events.
         bin_count: u32,
-        /// Nanoseconds of a time step; unused with `bin_samples`.
+        /// Nanoseconds of a time step; 0 if the ends of sub-steps are the only event times, each a time step of its own.
         bin_width: u32,
         /// Bins of a time step, each a range of pixels in row-major order.
         bin_rows: u32,
         /// Pixels of such a range.
         bin_row_px: u32,
-        /// Number of sub-steps if their ends are the only event times, each a time step of its own; else 0.
-        bin_samples: u32,
         /// First element in the event buffers.
         event_base: u32,
         /// Events that fit the camera's part of the event buffers.

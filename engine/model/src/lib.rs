@@ -64,6 +64,10 @@
 //! the quantum that contains `t_k + 1`, because later events may still be floored into that quantum. A packet's times
 //! count from `t_{k-1}`, floored to a quantum.
 //!
+//! The quantum may become coarser between two packets. A watermark never goes back, and no event is stamped at or before
+//! the last watermark: where flooring leads there, the stamp is the nanosecond after it. A reset keeps the last watermark; a
+//! first frame before it begins a new clock, which forgets it.
+//!
 //! ## 8. Random numbers ([`random`])
 //! Philox4x32-10 with key `seed` and counter `(event index, stream, pixel, camera)`.
 //!

@@ -19,7 +19,7 @@ use esaac_model::packet::Event;
 use esaac_model::paths::SceneMotion;
 use esaac_model::physical::{PhysicalDraws, PhysicalPixel};
 use esaac_model::random::PixelKey;
-use esaac_model::substeps::{quantise_ns, substep_end_ns};
+use esaac_model::substeps::substep_end_ns;
 use esaac_model::synthesis::is_usable;
 use esaac_model::synthesis::layers::layers_for_scene;
 use esaac_model::{FrameError, Packet, Pixel, SensorError, SensorModel, Synthesis};
@@ -135,6 +135,8 @@ struct Run {
     /// Events that leave the bus after the interval, at the time that they do.
     deferred: Vec<Event>,
     sequence: u64,
+    /// Watermark of the last packet.
+    watermark_ns: Option<i64>,
 }
 
 impl Run {
@@ -151,6 +153,7 @@ impl Run {
             queue: Queue::new(sensor.readout_model()),
             deferred: Vec::new(),
             sequence: 0,
+            watermark_ns: None,
         }
     }
 }
@@ -288,9 +291,10 @@ impl Oracle {
         self.constants = constants;
     }
 
-    /// Forgets every frame; the next one arms the camera. Packets keep counting.
+    /// Forgets every frame; the next one arms the camera. Packets keep counting, and stay complete up to their watermarks.
     pub fn reset(&mut self) {
-        self.run = Run { sequence: self.run.sequence, ..Run::new(&self.sensor) };
+        let Run { sequence, watermark_ns, .. } = self.run;
+        self.run = Run { sequence, watermark_ns, ..Run::new(&self.sensor) };
         if let Some(old) = self.physical.take() {
             self.physical = Some(Physical::new(&self.sensor, self.camera, old.pixel));
         }
@@ -299,13 +303,14 @@ impl Oracle {
     fn advance(&mut self, t_ns: i64, ingested: Ingested, between: &Between<'_>) -> Interval {
         let Ingested { image, valid } = ingested;
         let (epoch_ns, start_ns) = self.run.times_ns.unwrap_or((t_ns, t_ns));
+        let complete_ns = stamp::complete_before(self.run.watermark_ns, t_ns);
         let mut interval = Interval {
             packet: Packet {
                 sequence: self.run.sequence,
                 width_px: self.sensor.width,
                 height_px: self.sensor.height,
                 base_ns: stamp::base_ns(&self.sensor, start_ns),
-                watermark_ns: stamp::watermark_ns(&self.sensor, t_ns),
+                watermark_ns: stamp::watermark_ns(&self.sensor, t_ns, complete_ns),
                 ..Packet::default()
             },
             aps: None,
@@ -343,6 +348,7 @@ impl Oracle {
         self.run.times_ns = Some((epoch_ns, t_ns));
         self.run.image = image;
         self.run.sequence += 1;
+        self.run.watermark_ns = Some(interval.packet.watermark_ns);
         interval
     }
 
@@ -477,10 +483,10 @@ impl Oracle {
         interval.diagnostics.lost_events = served.lost;
         interval.diagnostics.capped_events = served.capped;
         self.run.deferred.extend(served.events);
-        let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
+        let complete_ns = stamp::complete_before(self.run.watermark_ns, end_ns);
         let due = stamp::due(&mut self.run.deferred, end_ns)
             .into_iter()
-            .map(|event| Event { t_ns: quantise_ns(event.t_ns, quantum_ns), ..event })
+            .map(|event| Event { t_ns: stamp::stamp_ns(sensor, event.t_ns, complete_ns), ..event })
             .collect();
         sort(due, sensor.max_events_per_interval, &mut interval.packet);
         interval.diagnostics.unseen_samples = gap.unseen();

@@ -116,6 +116,7 @@ impl<'a> TickMessages<'a> {
     fn events_and_ids(&mut self, camera: usize, packet: &PacketView<'_>, ids: Option<&[i64]>) -> &mut Self {
         let plan = Arc::clone(&self.publisher.plan);
         let Some(topics) = plan.cameras.get(camera) else { return self };
+        let complete_ns = self.publisher.cameras[camera].last_ns;
         if !self.publisher.admits(camera, packet) {
             for topic in [Some(topics.events), topics.event_ids].into_iter().flatten() {
                 self.publisher.statistics.count_failed(topic);
@@ -131,7 +132,8 @@ impl<'a> TickMessages<'a> {
             ..*packet
         };
         self.publisher.statistics.count_packet(packet.host_copies);
-        let parts = split.parts(&shifted, format);
+        let complete_ns = complete_ns.map(|complete_ns| clock.stamp(complete_ns));
+        let parts = split.parts_after(complete_ns, &shifted, format);
         let last = parts.len().saturating_sub(1);
         for (number, part) in parts.iter().enumerate() {
             // The last part has the tick's stamp, even if the sensor's clock ends the packet elsewhere.

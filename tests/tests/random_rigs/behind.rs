@@ -5,9 +5,9 @@ use crate::case::{Case, Change};
 use crate::findings::Findings;
 use crate::play::Steps;
 use esaac_model::packet::Event;
-use esaac_model::substeps::quantise_ns;
 use esaac_model::{ReadoutKind, SensorModel};
 use esaac_oracle::physical::readout::Queue;
+use esaac_oracle::stamp::{complete_before, stamp_ns, watermark_ns};
 use esaac_tests::run::Step;
 
 /// A bus, what is on its way out, and the sensor that it is of.
@@ -15,6 +15,8 @@ struct Behind {
     sensor: SensorModel,
     queue: Queue,
     leaving: Vec<Event>,
+    /// Watermark of the last packet.
+    watermark_ns: Option<i64>,
 }
 
 /// What a camera sends in a tick.
@@ -30,7 +32,12 @@ struct Sent {
 impl Behind {
     fn new(sensor: &SensorModel) -> Self {
         let queue = Queue::new(sensor.readout_model());
-        Behind { sensor: sensor.clone(), queue, leaving: Vec::new() }
+        Behind { sensor: sensor.clone(), queue, leaving: Vec::new(), watermark_ns: None }
+    }
+
+    /// As [`Behind::new`]; packets stay complete up to their watermarks.
+    fn reset(&mut self, sensor: &SensorModel) {
+        *self = Behind { watermark_ns: self.watermark_ns, ..Behind::new(sensor) };
     }
 
     fn change(&mut self, sensor: SensorModel) {
@@ -40,33 +47,29 @@ impl Behind {
 
     /// What becomes of the events that pixels send up to `t_ns`.
     fn send(&mut self, step: &Step, t_ns: i64) -> Sent {
-        let arrived: Vec<Event> = step.packet.iter().collect();
-        let mut sent = Sent {
-            dropped: 0,
-            lost: 0,
-            capped: 0,
-            waiting: step.diagnostics.deferred_events,
-            events: arrived.clone(),
-        };
+        let mut events: Vec<Event> = step.packet.iter().collect();
+        let (mut lost, mut capped) = (0, 0);
+        let mut waiting = step.diagnostics.deferred_events;
         if self.sensor.readout != ReadoutKind::None {
-            let served = self.queue.serve(&arrived, t_ns);
+            let served = self.queue.serve(&events, t_ns);
             self.leaving.extend(served.events);
-            let (out, later): (Vec<Event>, Vec<Event>) =
+            (events, self.leaving) =
                 std::mem::take(&mut self.leaving).into_iter().partition(|event| event.t_ns <= t_ns);
-            self.leaving = later;
-            let quantum_ns = i64::from(self.sensor.timestamp_quantum_ns);
-            sent.events =
-                out.into_iter().map(|e| Event { t_ns: quantise_ns(e.t_ns, quantum_ns), ..e }).collect();
-            sent.events.sort_unstable();
-            (sent.lost, sent.capped) = (served.lost, served.capped);
-            sent.waiting += (self.queue.waiting() + self.leaving.len()) as u64;
+            (lost, capped) = (served.lost, served.capped);
+            waiting += (self.queue.waiting() + self.leaving.len()) as u64;
         }
-        let most = self.sensor.max_events_per_interval as usize;
-        if most > 0 && sent.events.len() > most {
-            sent.dropped = (sent.events.len() - most) as u64;
-            sent.events.truncate(most);
-        }
-        sent
+        // Without a bus as well: packets of the same sensor without its bus may have been complete up to another time.
+        let complete_ns = complete_before(self.watermark_ns, t_ns);
+        events.iter_mut().for_each(|event| event.t_ns = stamp_ns(&self.sensor, event.t_ns, complete_ns));
+        events.sort_unstable();
+        self.watermark_ns = Some(watermark_ns(&self.sensor, t_ns, complete_ns));
+        let most = match self.sensor.max_events_per_interval {
+            0 => usize::MAX,
+            most => most as usize,
+        };
+        let dropped = events.len().saturating_sub(most) as u64;
+        events.truncate(most);
+        Sent { dropped, lost, capped, waiting, events }
     }
 }
 
@@ -77,11 +80,11 @@ pub fn check(case: &Case, camera: usize, pixels: &Steps, whole: &Steps, findings
     for (index, tick) in case.ticks.iter().enumerate() {
         for change in &tick.changes {
             match change {
-                Change::Reset(number) if *number == camera => behind = Behind::new(&behind.sensor),
+                Change::Reset(number) if *number == camera => behind.reset(&behind.sensor.clone()),
                 Change::Sensor(number, sensor) if *number == camera => {
                     let sensor = of.resolved(sensor);
                     match behind.sensor.change_to(&sensor).resets_frames {
-                        true => behind = Behind::new(&sensor),
+                        true => behind.reset(&sensor),
                         false => behind.change(sensor),
                     }
                 }

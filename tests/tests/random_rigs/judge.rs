@@ -9,7 +9,7 @@ use crate::play::{Played, Steps, play, play_alone, same};
 use crate::reference::{Run, Taken, events, foretells_light, has_noise, runs, stretches, without_noise};
 use esaac_model::packet::Event;
 use esaac_model::{Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis};
-use esaac_oracle::stamp::{base_ns, watermark_ns};
+use esaac_oracle::stamp::{base_ns, complete_before, watermark_ns};
 use esaac_tests::agreement::{Agreement, Perturbation, Reference, Stamps};
 use esaac_tests::run::Step;
 
@@ -165,7 +165,8 @@ fn check_poses(view: &View, camera: usize, played: &Played, findings: &mut Findi
 fn check_packets(case: &Case, camera: usize, steps: &Steps, findings: &mut Findings) {
     let of = &case.cameras[camera];
     let mut sensor = of.resolved(&of.sensor);
-    let (mut last_ns, mut sequence, mut complete_ns) = (None, 0, i64::MIN);
+    let (mut last_ns, mut sequence, mut last_watermark_ns) = (None, 0, None);
+    let mut latest_ns = i64::MIN;
     for (index, tick) in case.ticks.iter().enumerate() {
         for change in &tick.changes {
             match change {
@@ -193,22 +194,28 @@ fn check_packets(case: &Case, camera: usize, steps: &Steps, findings: &mut Findi
             });
         };
         let start_ns = last_ns.unwrap_or(frame.t_ns);
+        let complete_ns = complete_before(last_watermark_ns, frame.t_ns);
+        if complete_ns.is_none() {
+            latest_ns = i64::MIN;
+        }
         check(packet.is_sorted(), "events are not in order");
         check(packet.sequence == sequence, "packets are not counted");
         check((packet.width_px, packet.height_px) == of.size_px(), "a packet of another size");
         check(packet.base_ns == base_ns(&sensor, start_ns), "another base");
-        check(packet.watermark_ns == watermark_ns(&sensor, frame.t_ns), "another watermark");
+        check(packet.watermark_ns == watermark_ns(&sensor, frame.t_ns, complete_ns), "another watermark");
         check(last_ns.is_some() || packet.is_empty(), "events before a camera is armed");
         let in_image =
             |event: Event| u32::from(event.x) < of.sensor.width && u32::from(event.y) < of.sensor.height;
         check(packet.iter().all(in_image), "events beside the image");
         // A packet may only hold what no packet before it was said to be complete up to.
-        let in_time = |event: Event| event.t_ns > complete_ns && event.t_ns <= frame.t_ns;
+        let in_time = |event: Event| Some(event.t_ns) > complete_ns && event.t_ns <= frame.t_ns;
         check(packet.iter().all(in_time), "events of another time");
+        check(packet.iter().all(|event| event.t_ns >= latest_ns), "events before those of an earlier packet");
         check(packet.dropped == diagnostics.dropped_events, "dropped events are counted twice");
         let cap = sensor.max_events_per_interval as usize;
         check(cap == 0 || packet.len() <= cap, "more events than the cap");
-        (last_ns, sequence, complete_ns) = (Some(frame.t_ns), sequence + 1, packet.watermark_ns);
+        (last_ns, sequence, last_watermark_ns) = (Some(frame.t_ns), sequence + 1, Some(packet.watermark_ns));
+        latest_ns = packet.iter().map(|event| event.t_ns).fold(latest_ns, i64::max);
     }
 }
 

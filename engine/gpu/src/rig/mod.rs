@@ -45,6 +45,7 @@ mod results;
 mod scene;
 mod sensor;
 mod snapshot;
+mod stamps;
 mod step;
 mod submit;
 mod synthesize;
@@ -136,6 +137,8 @@ struct CameraState {
     last_interval_ns: u32,
     /// Start of the last interval. A reset keeps it: there is still the packet of that interval.
     last_start_ns: i64,
+    /// Up to when its last packet is complete. A reset keeps it.
+    complete_ns: Option<i64>,
     epoch_ns: i64,
     /// Tiles with more sub-steps than this are first in the order of `cross`: somewhat more than the mean of the last
     /// tick.
@@ -492,6 +495,7 @@ impl CameraState {
             last_ns: None,
             last_interval_ns: 0,
             last_start_ns: 0,
+            complete_ns: None,
             epoch_ns: 0,
             many_substeps: 0,
             frame_slot: 0,

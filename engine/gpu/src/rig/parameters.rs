@@ -23,7 +23,6 @@ struct Bins {
     width: u32,
     rows: u32,
     row_px: u32,
-    samples: u32,
 }
 
 /// Whether all events of a packet have the end of a sub-step as their time. A log pixel's shots have their own times, and so
@@ -40,18 +39,18 @@ fn only_at_samples(sensor: &SensorModel, quantum: u32, any_wait: bool) -> bool {
 
 fn bins(sensor: &SensorModel, quantum: u32, span_ns: u32, place: &Place, any_wait: bool) -> Bins {
     let (bin_count, pixels) = (place.bin_count, place.pixels);
-    let by_rows = |steps: u32, width: u32, samples: u32| {
+    let by_rows = |steps: u32, width: u32| {
         let rows = (bin_count / steps).max(1);
-        Bins { width, rows, row_px: pixels.div_ceil(rows).max(1), samples }
+        Bins { width, rows, row_px: pixels.div_ceil(rows).max(1) }
     };
     let quanta = span_ns / quantum + 1;
     if only_at_samples(sensor, quantum, any_wait) && sensor.substeps < bin_count {
-        by_rows(sensor.substeps + 1, 1, sensor.substeps)
+        by_rows(sensor.substeps + 1, 0)
     } else if quanta <= bin_count {
-        by_rows(quanta, quantum, 0)
+        by_rows(quanta, quantum)
     } else {
         let width = (span_ns / bin_count + 1).next_multiple_of(quantum);
-        Bins { width, rows: 1, row_px: pixels, samples: 0 }
+        Bins { width, rows: 1, row_px: pixels }
     }
 }
 
@@ -86,6 +85,7 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         interval_ns,
         previous_interval_ns: camera.last_interval_ns,
         base_to_start_ns,
+        first_stamp_ns: t_ns.map_or(0, |t_ns| camera.first_stamp_ns(base_ns, t_ns)),
         width: sensor.width,
         height: sensor.height,
         pixels: place.pixels,
@@ -106,7 +106,6 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
         bin_width: bins.width,
         bin_rows: bins.rows,
         bin_row_px: bins.row_px,
-        bin_samples: bins.samples,
         event_base: place.event_base,
         event_capacity: place.event_capacity,
         aps_base: place.aps_base,
@@ -142,10 +141,11 @@ pub(super) fn camera_row(camera: &CameraState, t_ns: Option<i64>, arena: &Arena)
 }
 
 /// The row of a camera's outlet in the table of cameras. `camera_row` is the camera's own.
-pub(super) fn outlet_row(camera: &CameraState, camera_row: &Camera) -> Camera {
+pub(super) fn outlet_row(camera: &CameraState, t_ns: Option<i64>, camera_row: &Camera) -> Camera {
     let (sensor, outlet) = (&camera.config.sensor, &camera.outlet);
     let quantum_ns = sensor.timestamp_quantum_ns;
-    let base_to_start_ns = camera_row.start_ns.rem_euclid(i64::from(quantum_ns)) as u32;
+    let base_ns = quantise_ns(camera_row.start_ns, i64::from(quantum_ns));
+    let base_to_start_ns = (camera_row.start_ns - base_ns) as u32;
     let mut place = *outlet;
     place.pixels = camera.place.pixels;
     // An event leaves at any time, and not at the end of a sub-step.
@@ -154,13 +154,13 @@ pub(super) fn outlet_row(camera: &CameraState, camera_row: &Camera) -> Camera {
     Camera {
         slot: outlet.slot,
         base_to_start_ns,
+        first_stamp_ns: t_ns.map_or(0, |t_ns| camera.first_stamp_ns(base_ns, t_ns)),
         timestamp_quantum_ns: quantum_ns,
         bin_base: outlet.bin_base,
         bin_count: outlet.bin_count,
         bin_width: bins.width,
         bin_rows: bins.rows,
         bin_row_px: bins.row_px,
-        bin_samples: bins.samples,
         bin_storage_base: outlet.bin_storage_base,
         bin_capacity: outlet.bin_capacity,
         event_base: outlet.event_base,

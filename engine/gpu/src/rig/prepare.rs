@@ -76,7 +76,7 @@ impl Rig {
         self.parameters
             .extend(order.iter().map(|&camera| camera_row(&self.cameras[camera], t_ns[camera], &self.arena)));
         if self.cameras.iter().any(|camera| camera.place.has_bus) {
-            self.prepare_readouts(&order);
+            self.prepare_readouts(&order, t_ns);
         }
         self.arena.table(layout::CAMERAS).write(0, &self.parameters);
     }
@@ -92,14 +92,14 @@ impl Rig {
     }
 
     /// Adds the rows of outlets to the table of cameras, in the order of their cameras, and fills the table of readouts.
-    fn prepare_readouts(&mut self, order: &[usize]) {
+    fn prepare_readouts(&mut self, order: &[usize], t_ns: &[Option<i64>]) {
         let mut readouts = vec![layout::Readout::default(); self.cameras.len()];
         for (position, &camera) in order.iter().enumerate() {
             let state = &self.cameras[camera];
             let outlet = has_bus(&state.config.sensor).then_some(self.parameters.len() as u32);
             readouts[state.place.slot as usize] = readout_row(state, &self.parameters[position], outlet);
             if outlet.is_some() {
-                let row = outlet_row(state, &self.parameters[position]);
+                let row = outlet_row(state, t_ns[camera], &self.parameters[position]);
                 self.parameters.push(row);
             }
         }

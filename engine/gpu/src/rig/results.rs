@@ -126,12 +126,10 @@ impl Results {
         regrown: u64,
     ) {
         let sensor = &camera.config.sensor;
-        let quantum_ns = i64::from(sensor.timestamp_quantum_ns);
         let start_ns = camera.last_ns.unwrap_or(t_ns);
         let packet = &mut self.packets[number];
-        // The next event is after t_ns; its stamp may be floored to the start of the quantum that contains t_ns + 1.
-        packet.watermark_ns = quantise_ns(t_ns + 1, quantum_ns) - 1;
-        packet.base_ns = quantise_ns(start_ns, quantum_ns);
+        packet.watermark_ns = camera.watermark_ns(t_ns);
+        packet.base_ns = quantise_ns(start_ns, i64::from(sensor.timestamp_quantum_ns));
         packet.sequence = camera.sequence;
         let is_interval = camera.last_ns.is_some();
         let found = if is_interval { counters.packet } else { 0 };

@@ -44,6 +44,7 @@ struct CameraHeader {
     camera: u32,
     last_ns: Option<i64>,
     last_interval_ns: u32,
+    complete_ns: Option<i64>,
     epoch_ns: i64,
     frame_slot: u32,
     frames: u64,
@@ -70,7 +71,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 15;
+const VERSION: u32 = 16;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
@@ -103,6 +104,7 @@ impl Rig {
                 camera: c.config.camera,
                 last_ns: c.last_ns,
                 last_interval_ns: c.last_interval_ns,
+                complete_ns: c.complete_ns,
                 epoch_ns: c.epoch_ns,
                 frame_slot: c.frame_slot,
                 frames: c.frames,
@@ -148,6 +150,7 @@ impl Rig {
         for (c, saved) in self.cameras.iter_mut().zip(header.cameras) {
             c.last_ns = saved.last_ns;
             c.last_interval_ns = saved.last_interval_ns;
+            c.complete_ns = saved.complete_ns;
             c.epoch_ns = saved.epoch_ns;
             c.frame_slot = saved.frame_slot;
             c.frames = saved.frames;

@@ -299,6 +299,7 @@ impl CameraState {
                 self.note_meetings(counters);
             }
         }
+        self.complete_ns = Some(self.watermark_ns(t_ns));
         self.last_ns = Some(t_ns);
         self.deferred_events = counters.deferred;
         self.frame_slot = 1 - self.frame_slot;

@@ -1,5 +1,7 @@
 //! The contract of packets: order, completeness, and the same stream however buffers, bins and batches are arranged.
 
+mod quantum;
+
 use esaac_engine::{
     FrameInput, InputBuffers, KernelPolicy, LevelsFirst, MemoryLocation, Rig, RigOptions, SubmitHooks,
 };
