@@ -156,7 +156,7 @@ Own own_surface(Camera cam, Geometry geo, ivec2 at) {
 }
 
 // Whether the pixel `offset` away continues a pixel's surface: its inverse depth is that of the surface there, to what
-// LEAST_MOTION_PX of motion would tell apart.
+// LEAST_MOTION_PX of motion would tell apart. A pixel at infinity, where that is nothing, continues only others there.
 bool continues_at(Camera cam, Geometry geo, ivec2 at, Own own, ivec2 offset) {
     const ivec2 near = clamp(at + offset, ivec2(0), ivec2(cam.width, cam.height) - 1);
     const uint cached = surface_index(near);
@@ -168,7 +168,8 @@ bool continues_at(Camera cam, Geometry geo, ivec2 at, Own own, ivec2 offset) {
         : dot3(own.plane, ray_of(geo, vec2(near)));
     const float inverse_depth = cached_inverse_depth[cached];
     const bool continues = abs(inverse_depth - expected) * LEAST_MOTION_PX <= BELONG_PX * inverse_depth;
-    return cached_instance[cached] == own.instance && continues;
+    const bool ends_before = inverse_depth == 0.0 && own.inverse_depth != 0.0;
+    return cached_instance[cached] == own.instance && continues && !ends_before;
 }
 
 // Which of the 5x5 pixels around do.

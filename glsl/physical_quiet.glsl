@@ -4,6 +4,10 @@
 // Distance of a turn from a threshold, nepers, within which a part ends at the turn.
 const float TURN_MARGIN_LOG = 0.003;
 
+// Times that a crossing is made better at most, and how near it is good enough, Q24.
+const uint MOST_TRIES = 6u;
+const float NEAR_Q24 = 4.0;
+
 // Whether the output turns so near a threshold that the cubic cannot tell whether it reaches it. A part that begins at such
 // a turn may turn again at once, by rounding: that decides nothing.
 bool turn_decides(Part part, PixelState p) {
@@ -14,21 +18,40 @@ bool turn_decides(Part part, PixelState p) {
     return nepers(min(abs(above - p.on_q24), abs(above + p.off_q24))) < TURN_MARGIN_LOG;
 }
 
-// When a stretch crosses `level`, which it does if it `rises` or falls. The straight line's crossing is made better once, on
-// the part's cubic.
+// When a stretch crosses `level`, which it does if it `rises` or falls: where the straight line through its ends does, and
+// on a bow nearer and nearer by straight lines between the instants found on both sides. What an instant is off moves the
+// reference that a release sets, and with it all events that follow.
 uint quiet_crossing(Part part, uint start, uint end, int from, int to, int level, bool rises) {
     const int sign = rises ? 1 : -1;
-    const int to_go = sign * (level - from);
-    const uint at = time_in_substep(start, end, float(to_go), float(sign * (to - from)));
-    if (part.from_bow == 0.0 && part.to_bow == 0.0) {
-        return at;
+    uint low = start;
+    uint high = end;
+    float below = float(sign * (level - from));
+    float above = float(sign * (to - level));
+    const uint tries = part.from_bow == 0.0 && part.to_bow == 0.0 ? 0u : MOST_TRIES;
+    uint at = time_in_substep(low, high, below, max(below + above, 1.0));
+    bool was_low = false;
+    for (uint i = 0u; i < tries && at < high; ++i) {
+        const float rest = float(sign * (level - output_at(part, at)));
+        if (abs(rest) <= NEAR_Q24) {
+            break;
+        }
+        // A side that stays weighs half, so that the other one moves too.
+        const bool is_low = rest > 0.0;
+        if (is_low) {
+            low = at;
+            below = rest;
+        } else {
+            high = at;
+            above = -rest;
+        }
+        if (i != 0u && is_low == was_low) {
+            above *= is_low ? 0.5 : 1.0;
+            below *= is_low ? 1.0 : 0.5;
+        }
+        was_low = is_low;
+        at = time_in_substep(low, high, below, max(below + above, 1.0));
     }
-    const int there = output_at(part, at);
-    const int rest = sign * (level - there);
-    if (rest > 0) {
-        return at == end ? at : time_in_substep(at, end, float(rest), max(float(sign * (to - there)), 1.0));
-    }
-    return time_in_substep(start, at, float(to_go), max(float(sign * (there - from)), 1.0));
+    return at;
 }
 
 // Watches the pixel over the next stretch of the part, up to an event if there is one. Returns whether the part is over.

@@ -141,8 +141,9 @@ pub struct Reference<'a> {
     pub events: &'a [Event],
     /// The stretches of a pixel's log intensity, in order of time.
     pub stretches: &'a dyn Fn(usize) -> Vec<Stretch>,
-    /// Events of a run with moved thresholds; see [`perturbations`]. Each is asked for once at most, and only if a pixel
-    /// differs.
+    /// What may be moved so that a tie falls the other way; see [`perturbations`].
+    pub perturbations: Vec<Perturbation>,
+    /// Events of a run in which that is moved. Each is asked for once at most, and only if a pixel differs.
     pub perturbed: &'a dyn Fn(Perturbation) -> Vec<Event>,
 }
 
@@ -171,6 +172,7 @@ pub fn compare_streams(
         level_tolerance_log: LEVEL_TOLERANCE_LOG,
         events: &oracle_events(intervals),
         stretches: &|pixel| light.stretches(pixel),
+        perturbations: perturbations(LEVEL_TOLERANCE_LOG).collect(),
         perturbed: &perturbed,
     }
     .compare(engine)
@@ -183,9 +185,9 @@ impl Reference<'_> {
         let expected = by_pixel(self.size_px, self.events);
         let actual = by_pixel(self.size_px, engine);
         let mut got = Agreement { pixels: expected.len(), ..Agreement::default() };
-        let perturbed: Vec<LazyCell<PixelEvents, _>> = perturbations(self.level_tolerance_log)
-            .map(|moved| LazyCell::new(move || by_pixel(self.size_px, &(self.perturbed)(moved))))
-            .collect();
+        let run = |moved: Perturbation| by_pixel(self.size_px, &(self.perturbed)(moved));
+        let perturbed: Vec<LazyCell<PixelEvents, _>> =
+            self.perturbations.iter().map(|&moved| LazyCell::new(move || run(moved))).collect();
         for (pixel, (expected, actual)) in expected.iter().zip(&actual).enumerate() {
             got.events += expected.len();
             let same = |run: &[(i64, Polarity)]| polarities(run).eq(polarities(actual));
@@ -269,11 +271,14 @@ fn show(events: &[(i64, Polarity)]) -> String {
     events.iter().map(one).collect::<Vec<_>>().join(" ")
 }
 
-/// Thresholds moved by the tolerance of a level.
-#[derive(Clone, Copy, Debug)]
+/// What events follow from, moved by as much as it is exact to: thresholds or motion vectors.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Perturbation {
     on_log: f64,
     off_log: f64,
+    /// By how much motion vectors are moved, pixels, if they are. What a position in single precision cannot tell from rest is
+    /// rest then.
+    pub vectors_px: Option<[f64; 2]>,
 }
 
 impl Perturbation {
@@ -293,11 +298,20 @@ impl Perturbation {
 pub fn perturbations(tolerance_log: f64) -> impl Iterator<Item = Perturbation> {
     [1.0, 0.1, 0.01].into_iter().flat_map(move |part| {
         let moves = [-part * tolerance_log, 0.0, part * tolerance_log];
-        let pairs = moves
-            .into_iter()
-            .flat_map(move |on_log| moves.map(move |off_log| Perturbation { on_log, off_log }));
+        let pairs = moves.into_iter().flat_map(move |on_log| {
+            moves.map(move |off_log| Perturbation { on_log, off_log, vectors_px: None })
+        });
         pairs.filter(|moved| (moved.on_log, moved.off_log) != (0.0, 0.0))
     })
+}
+
+/// Vectors moved by as much as a position is exact to, in each of eight directions and not at all. They say where a level is
+/// read, through steps that multiply an error where vectors differ. A level that such a move changes much is one on a steep
+/// edge, or a tie of positions: from cell to cell of samples the range changes that a level is clamped to.
+pub fn moved_vectors(exact_px: f64) -> impl Iterator<Item = Perturbation> {
+    let moves = [0.0, -exact_px, exact_px];
+    let pairs = moves.into_iter().flat_map(move |across| moves.map(move |down| [across, down]));
+    pairs.map(|by_px| Perturbation { vectors_px: Some(by_px), ..Perturbation::default() })
 }
 
 /// Log intensity of every pixel over time, according to the oracle.

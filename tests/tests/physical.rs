@@ -213,6 +213,39 @@ fn in_the_light_of_a_lamp_pixels_follow_the_oracle() {
     assert_silent();
 }
 
+/// In dim light that jumps and then stays, a pixel sends many events in one part of the walk, which bends. Each holds the
+/// pixel for a microsecond, and what its instant is off moves the reference of all that follow.
+#[test]
+fn events_of_a_pixel_that_settles_in_the_dark_are_the_oracles() {
+    let sensor = SensorModel {
+        contrast_on: 0.09,
+        contrast_off: 0.06,
+        contrast_mismatch: 0.01,
+        refractory_ns: 1_255,
+        second_pole_hz: 10_000.0,
+        substeps: 8,
+        ..sensor()
+    };
+    let sequence = gray(&sensor, &times(0, 6), |frame, pixel| {
+        let phase = (pixel as f64 * 0.37).sin();
+        [0.6, 2.9, 0.7, 0.7, 0.2, 0.2][frame] * (0.5 * phase).exp() as f32
+    });
+    let mut total = Agreement::default();
+    let own = engine(&sensor, &sequence);
+    total.add(&sensor, &events(&own), &oracle_events(&oracle(&sensor, 0, &sequence)));
+    let apart_ns = [0.5, 0.9, 0.99].map(|share| total.apart_ns(share));
+    println!(
+        "{} of {} pixels differ, {} events, {apart_ns:?} ns apart",
+        total.differing,
+        total.pixels,
+        total.apart_ns.len()
+    );
+    assert!(total.apart_ns.len() > 20 * total.pixels, "many events");
+    assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
+    assert!(apart_ns[1] < 10_000 && apart_ns[2] < 20_000, "{apart_ns:?}");
+    assert_silent();
+}
+
 /// What a rig tells of the light: the median of frames at fixed places in the run, the same in every run.
 #[test]
 fn the_light_is_looked_at_and_told() {

@@ -4,6 +4,7 @@ use crate::case::Case;
 use crate::findings::Findings;
 use crate::judge::{Kind, RunOf, judge};
 use crate::play::Steps;
+use esaac_engine::RigOptions;
 use esaac_model::{Packet, ReadoutKind};
 use esaac_scene::SceneKind;
 use esaac_tests::device::assert_silent;
@@ -77,6 +78,20 @@ fn an_event_that_is_lost_moved_or_flipped_in_every_run_is_found() {
     let late = |packet: &mut Packet| packet.t_offset_ns.iter_mut().for_each(|t_ns| *t_ns += 1_000_000_000);
     assert_found(judged(&case, &ALL, late), "events of another time");
     assert_found(judged(&case, &ALL, |packet| packet.watermark_ns += 1), "another watermark");
+    assert_silent();
+}
+
+#[test]
+fn a_level_that_is_off_in_every_run_is_found() {
+    let case = Case { options: RigOptions { keep_substeps: true, ..case(false).options }, ..case(false) };
+    let mut findings = Findings::default();
+    let spoil = |_, steps: &mut Steps| {
+        let step = steps.iter_mut().flatten().flatten().next_back().expect("a frame");
+        // At the end of the first sub-step, by a thousandth of a neper.
+        step.substeps_q24.as_mut().expect("levels are kept")[1][0] += 16_777;
+    };
+    judge(&case, &spoil, &mut findings);
+    assert_found(findings.text(), "1 of");
     assert_silent();
 }
 

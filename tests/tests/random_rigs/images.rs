@@ -15,6 +15,7 @@ const POSES_AN_INTERVAL: i64 = 32;
 const UNKNOWN_ID: u16 = 51_966;
 
 /// A frame.
+#[derive(Clone)]
 pub struct Images {
     pub t_ns: i64,
     pub hdr: Vec<u8>,
@@ -24,6 +25,7 @@ pub struct Images {
 }
 
 /// What one camera sees, tick by tick.
+#[derive(Clone)]
 pub struct View {
     pub case: CameraCase,
     pub lens: Intrinsics,
@@ -62,6 +64,20 @@ impl View {
         }
     }
 
+    /// The same with all vectors moved, for the oracle.
+    pub fn with_moved_vectors(&self, by_px: [f64; 2]) -> View {
+        let Some(format) = self.case.motion else { return self.clone() };
+        let pixels = self.case.sensor.pixels();
+        let moved = |images: &Images| {
+            let vectors = (0..pixels).map(|pixel| moved(format.decode(&images.motion, pixel), by_px));
+            let motion = vectors.flatten().flat_map(f32::to_le_bytes).collect();
+            Images { motion, ..images.clone() }
+        };
+        let frames = self.frames.iter().map(|images| images.as_ref().map(moved)).collect();
+        let case = CameraCase { motion: Some(MotionFormat::F32x2), ..self.case.clone() };
+        View { case, lens: self.lens, poses: self.poses.clone(), frames }
+    }
+
     /// Frame of a tick for the oracle.
     pub fn oracle_frame<'a>(&self, images: &'a Images) -> OracleFrame<'a> {
         OracleFrame {
@@ -72,6 +88,26 @@ impl View {
             ids: self.has_ids().map(|format| (format, &images.ids[..])),
         }
     }
+}
+
+/// Length along an axis, pixels, that is lost in the last bit of a position in single precision.
+const LOST_PX: f64 = 1e-8;
+
+/// A vector moved by so much, or by its last bit where that is more. Along an axis along which it does not move it stays at
+/// rest: there a position is exact.
+fn moved(vector_px: [f64; 2], by_px: [f64; 2]) -> [f32; 2] {
+    [0, 1].map(|axis| {
+        let (from, to) = (vector_px[axis] as f32, (vector_px[axis] + by_px[axis]) as f32);
+        if vector_px[axis].abs() < LOST_PX {
+            0.0
+        } else if to != from || by_px[axis] == 0.0 || !from.is_finite() {
+            to
+        } else if by_px[axis] > 0.0 {
+            from.next_up()
+        } else {
+            from.next_down()
+        }
+    })
 }
 
 /// Renders what all cameras see.
@@ -194,4 +230,16 @@ fn spoil(images: &mut Images, spoils: Spoils, camera: &CameraCase, tick: u32) {
 /// Puts a value into a row of values of its size.
 fn put<const BYTES: usize>(row: &mut [u8], index: usize, value: &[u8; BYTES]) {
     row[index * BYTES..(index + 1) * BYTES].copy_from_slice(value);
+}
+
+#[test]
+fn moved_vectors_are_others_but_for_those_at_rest_and_invalid_ones() {
+    let by_px = [4e-6, -4e-6];
+    assert_eq!(moved([0.0, -0.0], by_px), [0.0, 0.0]);
+    assert_eq!(moved([4e-16, 0.5], by_px), [0.0, 0.5 - 4e-6]);
+    assert_eq!(moved([-4e-16, 0.5], [0.0, 0.0]), [0.0, 0.5]);
+    // The last bit of so long a vector is more.
+    assert_eq!(moved([900.0, -900.0], by_px), [900.0_f32.next_up(), (-900.0_f32).next_down()]);
+    let invalid = moved([f64::NAN, f64::INFINITY], by_px);
+    assert!(invalid[0].is_nan() && invalid[1] == f32::INFINITY);
 }

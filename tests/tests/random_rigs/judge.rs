@@ -4,14 +4,17 @@ use crate::behind;
 use crate::case::{Case, Change};
 use crate::findings::Findings;
 use crate::images::{View, views};
-use crate::levels::{check_aps, far_levels, level_tolerance_log};
+use crate::levels::{POSITION_PX, check_aps, far_levels, level_tolerance_log};
 use crate::play::{Played, Steps, play, play_alone, same};
-use crate::reference::{Run, Taken, events, foretells_light, has_noise, runs, stretches, without_noise};
+use crate::reference::{
+    Run, Taken, events, follows_vectors, foretells_light, has_noise, runs, stretches, without_noise,
+};
 use esaac_model::packet::Event;
 use esaac_model::{Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis};
 use esaac_oracle::stamp::{base_ns, complete_before, watermark_ns};
-use esaac_tests::agreement::{Agreement, Perturbation, Reference, Stamps};
+use esaac_tests::agreement::{Agreement, Perturbation, Reference, Stamps, moved_vectors, perturbations};
 use esaac_tests::run::Step;
+use std::cell::LazyCell;
 
 /// How a run is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -243,8 +246,22 @@ fn against_oracle(
         |taken: &Taken| steps[taken.tick][camera].as_ref().expect("a camera with a frame has a result");
     let tolerance_log = level_tolerance_log(kind, run, view);
     let is_foretold = foretells_light(view, run);
+    let same_run = |view: &View, moved: Perturbation| {
+        let moved = runs(case, view, camera, |sensor| moved.of(sensor));
+        moved.into_iter().find(|other| other[0].tick == run[0].tick).expect("the same run")
+    };
+    let perturbed = |moved: Perturbation| match moved.vectors_px {
+        None => same_run(view, moved),
+        Some(by_px) => same_run(&view.with_moved_vectors(by_px), moved),
+    };
+    let vectors: Vec<Perturbation> = match kind == Kind::Plain && follows_vectors(view, run) {
+        true => moved_vectors(POSITION_PX).collect(),
+        false => Vec::new(),
+    };
+    let with_moved_vectors: LazyCell<Vec<Run>, _> =
+        LazyCell::new(|| vectors.iter().copied().map(perturbed).collect());
     let mut tally = Tally { runs: 1, ..Tally::default() };
-    for taken in run {
+    for (place, taken) in run.iter().enumerate() {
         let (step, interval) = (step(taken), &taken.interval);
         let (got, expected) = (step.diagnostics, interval.diagnostics);
         let substeps: u64 = interval.substeps_per_block.iter().map(|&n| u64::from(n)).sum();
@@ -274,7 +291,8 @@ fn against_oracle(
         });
         check_aps(&what(taken), taken, step, kind, findings);
         if let Some(levels_q24) = &step.substeps_q24 {
-            let far = far_levels(taken, levels_q24, tolerance_log, &mut tally);
+            let far =
+                far_levels((taken, place), levels_q24, tolerance_log, &|| &with_moved_vectors, &mut tally);
             let levels = substeps as usize * 64;
             findings.check(far.0 <= kind.most_in_a_run(levels), || {
                 format!("{}: {} of {levels} levels are far: {:?}", what(taken), far.0, far.1)
@@ -298,17 +316,14 @@ fn against_oracle(
         });
         return tally;
     }
-    let perturbed = |moved: Perturbation| {
-        let moved = runs(case, view, camera, |sensor| moved.of(sensor));
-        events(moved.iter().find(|other| other[0].tick == run[0].tick).expect("the same run"))
-    };
     let Agreement { differing, unexplained, late, .. } = Reference {
         size_px: view.case.size_px(),
         stamps: Stamps::of(run.iter().map(|taken| &taken.sensor)),
         level_tolerance_log: tolerance_log,
         events: &expected,
         stretches: &|pixel| stretches(view, run, pixel),
-        perturbed: &perturbed,
+        perturbations: perturbations(tolerance_log).chain(vectors.iter().copied()).collect(),
+        perturbed: &|moved| events(&perturbed(moved)),
     }
     .compare(&actual);
     tally.differing += differing;

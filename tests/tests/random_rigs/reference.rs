@@ -131,6 +131,12 @@ pub fn foretells_light(view: &View, run: &Run) -> bool {
     })
 }
 
+/// Whether levels in a run are read where motion vectors lead to.
+pub fn follows_vectors(view: &View, run: &Run) -> bool {
+    let follows = |taken: &Taken| matches!(taken.sensor.synthesis, Synthesis::Motion | Synthesis::Paper);
+    view.case.motion.is_some() && run.iter().any(follows)
+}
+
 /// Whether pixels have noise whose draws in the oracle are others.
 pub fn has_noise(run: &Run) -> bool {
     run.iter().any(|taken| taken.sensor.pixel == Pixel::Physical && taken.sensor.noise_gain > 0.0)

@@ -27,7 +27,8 @@
 //! pixel is **nearer** than the surface if its `w` is larger, or else **farther**.
 //!
 //! A pixel **continues** the surface of another one of its key frame if both have the same instance and `|w - m . r| `
-//! [`LEAST_MOTION_PX`]` <= `[`BELONG_PX`]` w`, with `m` of the other. This is known before the motion that follows the
+//! [`LEAST_MOTION_PX`]` <= `[`BELONG_PX`]` w`, with `m` of the other. A pixel at infinity continues only others there: of a
+//! plane that comes to `w = 0` just at it, rounding would decide. This is known before the motion that follows the
 //! key frame. A pixel is **pure** if the 3x3 pixels around it continue its surface, and **inner** if the 5x5 do.
 //!
 //! **Candidates.** A pixel reads the surfaces that may show in its 8x8 block during the interval, and its own two.

@@ -1,6 +1,7 @@
 //! Compares what `ingest` and `paths` prepare for synthesis `rigid` with the oracle: poses, surfaces, lists of blocks,
 //! half-pel frames.
 
+use super::input::changed;
 use super::still::behind_a_post;
 use esaac_engine::{KernelPolicy, Rig, RigOptions};
 use esaac_layout::{PASSING_ENTRIES, PASSING_HEAD_WORDS, REPRESENTATIVE_WORDS};
@@ -208,6 +209,42 @@ fn surfaces_and_their_bits_are_the_oracles() {
         println!("{kind:?}: {differing} of {bits} bits differ, {inner} pixels are inner");
         assert!(f64::from(differing) <= DIFFERING_SHARE * bits as f64, "{kind:?}: {differing}");
         assert!(inner > 0 && inner < found.len(), "{kind:?}: both kinds of pixels");
+    }
+    assert_silent();
+}
+
+/// A plane that falls to an inverse depth of 0 just where a pixel at infinity is ends before that.
+#[test]
+fn what_is_at_infinity_continues_no_nearer_surface() {
+    let rendered = Rendered::of(SceneKind::Shake, SIZE, 2);
+    let depths_m = |pixel: usize| match pixel % SIZE.0 as usize % 9 {
+        // The slope of the inverse depth at the second is all of it.
+        0 => Some(2.55),
+        1 => Some(12.0),
+        2 => Some(f32::INFINITY),
+        // At infinity, either way.
+        3 => Some(0.0),
+        // Half of it.
+        5 => Some(4.0),
+        6 => Some(8.0),
+        7 | 8 => Some(f32::INFINITY),
+        _ => None,
+    };
+    let frames = rendered.frames.iter().map(|frame| {
+        changed(frame, |pixel, depth, id| (*depth, *id) = (depths_m(pixel).unwrap_or(*depth), 0))
+    });
+    let rendered = Rendered { frames: frames.collect(), ..rendered.clone() };
+    let planes = planes(&rendered, &sensor());
+    let oracle = oracle(&rendered, &planes, &sensor());
+    for policy in [None, Some(KernelPolicy::gpu())] {
+        let found = surface_words(&run_by(&rendered, &sensor(), policy), 1);
+        for (pixel, [_, word]) in found.iter().enumerate() {
+            let [expected, known] = expected_bits(oracle.key(1), pixel);
+            assert_eq!((word >> 16) & known, expected, "pixel {pixel}");
+        }
+        let is_right = |word: u32| word & (1 << (16 + 4)) != 0;
+        let row = &found[10 * SIZE.0 as usize..][..9];
+        assert_eq!([1, 2, 6, 7].map(|x: usize| is_right(row[x][1])), [false, true, false, true]);
     }
     assert_silent();
 }

@@ -99,14 +99,16 @@ impl Surfaces {
     }
 
     /// Whether pixel `b` continues the surface that pixel `a` shows: its inverse depth is that of the surface there, to
-    /// what [`LEAST_MOTION_PX`] of motion would tell apart.
+    /// what [`LEAST_MOTION_PX`] of motion would tell apart. At infinity that is nothing: a pixel there continues only others
+    /// there.
     #[must_use]
     pub fn continues(&self, a: usize, b: usize) -> bool {
         let (Ok(own), Ok(other), Some(ray)) = (self.elements[a], self.elements[b], self.rays[b]) else {
             return false;
         };
         let behind = (other.inverse_depth - own.plane.dot(ray)).abs();
-        own.id == other.id && behind * LEAST_MOTION_PX <= BELONG_PX * other.inverse_depth
+        let ends_before = other.inverse_depth == 0.0 && own.inverse_depth != 0.0;
+        own.id == other.id && !ends_before && behind * LEAST_MOTION_PX <= BELONG_PX * other.inverse_depth
     }
 
     /// Whether the pixels up to `reach` around `centre`, clamped to the image, continue the surface of pixel `of`.
