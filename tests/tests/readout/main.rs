@@ -7,13 +7,14 @@ mod queue;
 use esaac_engine::{KernelPolicy, PacketPlace, Representation, RigOptions};
 use esaac_model::physical::MAX_DRAIN_PS;
 use esaac_model::presets::preset;
-use esaac_model::random::philox4x32_10;
 use esaac_model::{Packet, ReadoutKind, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_scene::SceneKind;
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{crowded, gray, intensity_of, scene, times};
 use esaac_tests::run::{Step, engine_of_many, events, oracle, oracle_events, ran_again, rig, step, steps};
-use queue::{SIZE, Served, at_once, check, few, orders, queued, random, sensor, served, without_bus};
+use queue::{
+    SIZE, Served, at_once, check, few, orders, queued, random, random_by_pixel, sensor, served, without_bus,
+};
 
 const KINDS: [ReadoutKind; 2] = [ReadoutKind::Fifo, ReadoutKind::Rows];
 
@@ -119,19 +120,11 @@ fn long_chains_of_losses_are_served_as_by_a_queue() {
 /// A few pixels send nearly all events, many times more than a bus serves.
 #[test]
 fn what_few_pixels_send_too_much_is_served_as_by_a_queue() {
-    let cameras: Vec<_> = KINDS
-        .into_iter()
-        .flat_map(|kind| [40_000.0].map(|event_ns| sensor(kind, event_ns)))
-        .map(|sensor| {
-            let sensor = SensorModel { contrast_on: 0.002, contrast_off: 0.002, ..sensor };
-            let frames = gray(&sensor, &times(-50_000_001, 3), |frame, pixel| {
-                let most = if pixel % 401 < 2 { 2000.0 } else { 1.5 };
-                let [word, ..] = philox4x32_10([pixel as u32, frame as u32, 0, 0], [7, 0]);
-                intensity_of(&sensor, f64::from(word) / f64::from(u32::MAX) * most * sensor.contrast_on - 1.0)
-            });
-            (sensor, frames)
-        })
-        .collect();
+    let cameras = KINDS.map(|kind| {
+        let sensor = SensorModel { contrast_on: 0.002, contrast_off: 0.002, ..sensor(kind, 40_000.0) };
+        let frames = random_by_pixel(&sensor, 3, |pixel| if pixel % 401 < 2 { 2000.0 } else { 1.5 });
+        (sensor, frames)
+    });
     for options in orders() {
         let lost = check(&cameras, options).iter().map(|run| run.iter().map(|s| s.lost).sum::<u64>()).min();
         assert!(lost.is_some_and(|lost| lost > 2_000), "{lost:?} events lost at the least");

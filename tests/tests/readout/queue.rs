@@ -37,9 +37,14 @@ pub fn without_bus(sensor: &SensorModel) -> SensorModel {
 
 /// Pixels that go to a new random level with each frame, a few thresholds away: times without any order.
 pub fn random(sensor: &SensorModel, frames: usize, thresholds: f64) -> Sequence {
+    random_by_pixel(sensor, frames, |_| thresholds)
+}
+
+/// The same where each pixel goes as many thresholds away at most as `thresholds` says.
+pub fn random_by_pixel(sensor: &SensorModel, frames: usize, thresholds: impl Fn(usize) -> f64) -> Sequence {
     gray(sensor, &times(-50_000_001, frames), |frame, pixel| {
         let [word, ..] = philox4x32_10([pixel as u32, frame as u32, 0, 0], [7, 0]);
-        let level = f64::from(word) / f64::from(u32::MAX) * thresholds * sensor.contrast_on;
+        let level = f64::from(word) / f64::from(u32::MAX) * thresholds(pixel) * sensor.contrast_on;
         intensity_of(sensor, level - 1.0)
     })
 }
