@@ -18,16 +18,18 @@ import sys
 import time
 
 LONGEST_FIRST = (
-    "gpu_against_oracle",
-    "random_rigs",
-    "invariants",
-    "gpu_policy",
-    "process",
-    "stages",
     "exact_paths",
-    "packets",
-    "faults",
-    "tumble",
+    "process",
+    "physical",
+    "gpu_against_oracle",
+    "layers",
+    "gpu_policy",
+    "reload",
+    "random_rigs",
+    "resting",
+    "recover_physical",
+    "readout",
+    "stages",
 )
 """Suites that begin first, so that none of them is left alone at the end."""
 

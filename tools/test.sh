@@ -24,10 +24,33 @@ step() {
     times+=("$(printf '%5d s  %s' $((SECONDS - started)) "$name")")
 }
 
-print_times() {
+# side_by_side FUNCTION...: runs functions at the same time, each in a shell of its own. What one says is shown once it
+# has ended.
+side_by_side() {
+    local name folder failed=""
+    local -A running=()
+    folder=$(mktemp -d)
+    for name in "$@"; do
+        "$name" >"$folder/$name" 2>&1 &
+        running[$name]=$!
+    done
+    for name in "$@"; do
+        wait "${running[$name]}" || failed+=" $name"
+        cat "$folder/$name"
+    done
+    rm -r "$folder"
+    [ -z "$failed" ] || fail "failed:$failed"
+}
+
+# Times of the steps; whoever interrupts this leaves nothing behind that runs.
+at_exit() {
+    local running
+    running=$(jobs -p)
+    # One a word.
+    [ -z "$running" ] || kill $running 2>/dev/null || true
     [ ${#times[@]} -eq 0 ] || printf '%s\n' "Time of each step that passed:" "${times[@]}" "$(printf '%5d s  in all' $SECONDS)" >&2
 }
-trap print_times EXIT
+trap at_exit EXIT
 
 set_up() {
     set_up_packages tests
@@ -76,8 +99,9 @@ validate_kernels() {
     say "$count kernels are valid"
 }
 
-# The wheel, as a user has it, in an environment that has nothing else of this repository.
-test_python() {
+# The wheel, as a user has it, in an environment that has nothing else of this repository. What it is made of was
+# compiled for the suites.
+make_wheel() {
     local environment wheels
     environment="$(realpath "$target")/python" wheels="$(realpath "$target")/wheels"
     rm -rf "$wheels"
@@ -90,7 +114,12 @@ test_python() {
     "$environment/bin/mypy" --strict kit_bridge/tests/typed_use.py kit_bridge/tests/typed_isaac.py
     "$environment/bin/hadolint" docker/Dockerfile
     "$environment/bin/check-jsonschema" --builtin-schema vendor.compose-spec docker/compose.yaml
-    (cd kit_bridge && "$environment/bin/python" -m pytest --quiet)
+}
+
+test_python() {
+    local python
+    python="$(realpath "$target")/python/bin/python"
+    (cd kit_bridge && "$python" -m pytest --quiet)
 }
 
 # Event cameras in Isaac Lab and Newton, in an environment of their own. Isaac Lab is for Python 3.12 alone.
@@ -206,8 +235,9 @@ if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then
     step "feature zenoh" test_zenoh
 fi
 step "feature rclrs" test_rclrs
-step "Python package" test_python
-step "Isaac Lab" test_isaac_lab
+step "Python wheel" make_wheel
+# Half of the time of each is one thread's.
+step "Python package, Isaac Lab" side_by_side test_python test_isaac_lab
 # Links, the book, and every command of the README and the guide.
 step "documents" tools/docs.sh
 step "spirv-val" validate_kernels

@@ -25,6 +25,10 @@ const MANY_PIXELS: u64 = 200_000;
 /// One sub-tile in so many, left to another submission, makes a rig dense too.
 const LEFT_SHARE: u64 = 32;
 
+/// So does any sub-tile that is left in so many ticks in a row. Where a second run in the same submission could take it, that
+/// has begun by then.
+const LEFT_TICKS: u32 = 4;
+
 /// Such a rig is no longer dense once it has a quarter less events than it had then: what would be left is not seen in a
 /// dense one.
 const STILL_CROWDED: [u64; 2] = [3, 4];
@@ -47,7 +51,10 @@ pub(super) fn dense_queue_per_px(pixels_of_rig: u64) -> u32 {
 pub(super) struct Density {
     /// Of a dense rig: the events a pixel and tick, in [`PARTS`], below which it no longer is.
     sparse_below: Option<u64>,
+    /// Ticks in a row with enough or few enough events for a change.
     ticks: u32,
+    /// Ticks in a row that left a sub-tile, of a rig that is not dense.
+    left_ticks: u32,
 }
 
 impl Density {
@@ -70,10 +77,13 @@ impl Density {
             None => events >= dense * pixels || load.left * LEFT_SHARE > load.sub_tiles,
         };
         self.ticks = if changes { self.ticks + 1 } else { 0 };
-        if self.ticks == TICKS {
+        let leaves = self.sparse_below.is_none() && load.left > 0;
+        self.left_ticks = if leaves { self.left_ticks + 1 } else { 0 };
+        if self.ticks == TICKS || self.left_ticks == LEFT_TICKS {
             let [share, of] = STILL_CROWDED;
             let sparse_below = (PARTS * events * share / (of * pixels.max(1))).min(PARTS * sparse);
-            *self = Density { sparse_below: self.sparse_below.is_none().then_some(sparse_below), ticks: 0 };
+            let sparse_below = self.sparse_below.is_none().then_some(sparse_below);
+            *self = Density { sparse_below, ticks: 0, left_ticks: 0 };
         }
     }
 }
@@ -116,11 +126,27 @@ mod tests {
             density.follow(load);
             density.levels_first(LevelsFirst::WherePaid)
         };
-        assert!([(40, 3), (40, 2), (40, 3)].map(|(hundreds, left)| after(hundreds, left)) == [false; 3]);
+        let seldom = [(40, 3), (40, 2), (40, 0), (40, 3)];
+        assert!(seldom.map(|(hundreds, left)| after(hundreds, left)) == [false; 4]);
         assert!(after(40, 3), "two ticks in a row");
         assert!([31, 29, 31, 29].map(|hundreds| after(hundreds, 0)) == [true; 4]);
         assert!(!after(29, 0));
         assert!([false, true] == [after(40, 64), after(40, 64)]);
+    }
+
+    #[test]
+    fn a_rig_that_leaves_any_sub_tile_four_times_in_a_row_is_dense() {
+        let mut density = Density::default();
+        let mut after = |hundreds: u64, left| {
+            let load = Load { pixels: 1000, sub_tiles: 640, events: 100 * hundreds, left, ..Load::default() };
+            density.follow(load);
+            density.levels_first(LevelsFirst::WherePaid)
+        };
+        assert!([1, 1, 1, 0, 1, 1, 1].map(|left| after(4, left)) == [false; 7]);
+        assert!(after(4, 1), "four ticks in a row");
+        assert!([1; 9].map(|left| after(4, left)) == [true; 9], "what a dense rig leaves does not count");
+        assert!([true, false] == [after(2, 1), after(2, 1)], "until it has a quarter less events");
+        assert!([1; 4].map(|left| after(2, left)) == [false, false, false, true]);
     }
 
     #[test]

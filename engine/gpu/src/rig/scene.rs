@@ -75,10 +75,13 @@ impl Instances {
             };
         }
         let named: HashSet<u32> = self.ids().into_iter().collect();
+        // Rows before it are taken: none becomes free meanwhile, and each is looked at once.
+        let mut next = 0;
         for id in scene.ids().filter(|&id| trust.follows(id) && !named.contains(&id)) {
-            let free = |row: &Row| matches!(row, Row::Left { frames: then, .. } if *then < frames);
-            match rows.iter().position(free) {
-                Some(row) => rows[row] = Row::Posed(id),
+            let is_taken = |row: &&Row| !matches!(row, Row::Left { frames: then, .. } if *then < frames);
+            next += rows[next..].iter().take_while(is_taken).count();
+            match rows.get_mut(next) {
+                Some(row) => *row = Row::Posed(id),
                 None => rows.push(Row::Posed(id)),
             }
         }
@@ -257,5 +260,22 @@ mod tests {
         assert_eq!((none.known(), none.ids()), (&[[0, NO_ROW]][..], vec![0, 4]));
         assert_eq!(posed(&none), [false, false]);
         assert_eq!(none.with(&scene, &Trust::All, 2), all);
+    }
+
+    #[test]
+    fn rows_of_those_that_left_are_taken_in_order_once_no_surface_names_them() {
+        let still = || PoseTrack::still(Pose::IDENTITY);
+        let lens = Intrinsics::pinhole(20.0, 20.0, 7.5, 7.5).unwrap();
+        let of = |ids: &[u32]| {
+            let mut scene = SceneMotion::new(lens, still());
+            ids.iter().for_each(|&id| scene.insert(id, still()).unwrap());
+            scene
+        };
+        let first = Instances::new().with(&of(&[3, 5, 7]), &Trust::All, 0);
+        let left = first.with(&of(&[5]), &Trust::All, 1);
+        let at_once = left.with(&of(&[5, 8]), &Trust::All, 1);
+        assert_eq!(at_once.ids(), [0, 3, 5, 7, 8], "the last frame may show 3 and 7");
+        let later = left.with(&of(&[1, 5, 8, 9, 10]), &Trust::All, 2);
+        assert_eq!(later.ids(), [0, 1, 5, 8, 9, 10]);
     }
 }
