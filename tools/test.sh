@@ -222,7 +222,7 @@ step "suites, without the layer" tools/suites.py --suite gpu_policy --suite pack
 watched=(none motion_cubic
     a_queue_that_overflows_loses_nothing_on_a_gpu bins_that_are_summed_in_chunks_sort_the_same_packets
     ingest_holds_and_counts_invalid_pixels invalid_vectors_are_counted_and_blended
-    behind_a_lens_pixels_send_the_oracles_events it_follows_motion_vectors_as_the_log_pixel_does
+    behind_a_lens_pixels_send_the_oracles_events log_pixel::it_follows_motion_vectors_as_the_log_pixel_does
     crowded_bins_are_split_and_lose_nothing
     packets_behind_a_bus_are_the_same_wherever_they_lie
     packets_of_all_cameras_are_gathered_one_after_the_other_in_full event_frames_and_voxel_grids_are_the_oracles)
