@@ -254,8 +254,9 @@ fn against_oracle(
         None => same_run(view, moved),
         Some(by_px) => same_run(&view.with_moved_vectors(by_px), moved),
     };
-    let vectors: Vec<Perturbation> = match kind == Kind::Plain && follows_vectors(view, run) {
-        true => moved_vectors(POSITION_PX).collect(),
+    // A vector moves a position by the part of the interval that has passed, or by the part that is left.
+    let vectors: Vec<Perturbation> = match follows_vectors(view, run) {
+        true => moved_vectors(2.0 * POSITION_PX).collect(),
         false => Vec::new(),
     };
     let with_moved_vectors: LazyCell<Vec<Run>, _> =
