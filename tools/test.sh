@@ -30,10 +30,13 @@ side_by_side() {
     local name folder failed=""
     local -A running=()
     folder=$(mktemp -d)
+    # Each is a group of processes, which `at_exit` can stop as a whole.
+    set -m
     for name in "$@"; do
-        "$name" >"$folder/$name" 2>&1 &
+        "$name" </dev/null >"$folder/$name" 2>&1 &
         running[$name]=$!
     done
+    set +m
     for name in "$@"; do
         wait "${running[$name]}" || failed+=" $name"
         cat "$folder/$name"
@@ -44,10 +47,10 @@ side_by_side() {
 
 # Times of the steps; whoever interrupts this leaves nothing behind that runs.
 at_exit() {
-    local running
-    running=$(jobs -p)
-    # One a word.
-    [ -z "$running" ] || kill $running 2>/dev/null || true
+    local group
+    for group in $(jobs -p); do
+        kill -- "-$group" 2>/dev/null || true
+    done
     [ ${#times[@]} -eq 0 ] || printf '%s\n' "Time of each step that passed:" "${times[@]}" "$(printf '%5d s  in all' $SECONDS)" >&2
 }
 trap at_exit EXIT
