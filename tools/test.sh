@@ -111,6 +111,12 @@ make_wheel() {
     (cd kit_bridge && "$environment/bin/maturin" build --profile dev --locked --quiet --out "$wheels")
     "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps \
         "$wheels"/esaac-*.whl
+}
+
+# Style and types of what is written in Python, and the files of containers.
+check_python() {
+    local environment
+    environment="$(realpath "$target")/python"
     "$environment/bin/ruff" check --config kit_bridge/pyproject.toml kit_bridge tools docs/book
     "$environment/bin/ruff" format --config kit_bridge/pyproject.toml --check kit_bridge tools docs/book
     # The types of the package, against a program that uses all of it.
@@ -239,6 +245,7 @@ if [ -n "${ESAAC_TEST_ZENOH:-}" ]; then
 fi
 step "feature rclrs" test_rclrs
 step "Python wheel" make_wheel
+step "Python style and types, containers" check_python
 # Half of the time of each is one thread's.
 step "Python package, Isaac Lab" side_by_side test_python test_isaac_lab
 # Links, the book, and every command of the README and the guide.

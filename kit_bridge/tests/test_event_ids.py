@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import FRAME_NS, bars
-from test_rigid import BODIES, CAMERA, FRAMES, IMAGES, LENS, SENSOR, TIMES_NS, camera
+from rigid_scene import BODIES, CAMERA, FRAMES, IMAGES, LENS, SENSOR, TIMES_NS, camera
 
 import esaac
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import FRAME_NS
-from test_rigid import BODIES, CAMERA, HEIGHT, IMAGES, LENS, TIMES_NS, WIDTH, scene
+from rigid_scene import BODIES, CAMERA, HEIGHT, IMAGES, LENS, TIMES_NS, WIDTH, scene
 
 import esaac
 

@@ -1,26 +1,24 @@
 """Poses that do not predict the motion vectors: what is said of them, and what `auto` follows."""
 
-import pathlib
-import sys
 import warnings
 
 import numpy as np
 import pytest
 from conftest import FRAME_NS, assert_same, join
+from rigid_scene import (
+    BODIES,
+    CAMERA,
+    FRAMES,
+    HEIGHT,
+    IMAGES,
+    LENS,
+    STEPS,
+    TIMES_NS,
+    WIDTH,
+    scene,
+)
 
 import esaac
-
-sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "scripts"))
-
-import rigid_numpy as scene
-
-WIDTH, HEIGHT = 40, 24
-FRAMES, STEPS = 4, 8
-LENS = esaac.Intrinsics(scene.FOCAL_PX, scene.FOCAL_PX, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
-TIMES_NS = np.arange(-STEPS, (FRAMES + 1) * STEPS) * FRAME_NS // STEPS
-CAMERA = np.stack([scene.camera_pose(t) for t in TIMES_NS * 1e-9])
-BODIES = np.stack([scene.box_pose(t) for t in TIMES_NS * 1e-9])[:, None]
-IMAGES = [scene.render(index * FRAME_NS * 1e-9, WIDTH, HEIGHT, samples=1) for index in range(FRAMES)]
 
 
 def vectors(index):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import FRAME_NS
 from listening import assert_ids, assert_packets, domain, listening, recorded
+from rigid_scene import BODIES, CAMERA, FRAMES, IMAGES, LENS, SENSOR, TIMES_NS, camera
 from test_event_ids import step
-from test_rigid import BODIES, CAMERA, FRAMES, IMAGES, LENS, SENSOR, TIMES_NS, camera
 
 import esaac
 from esaac import ros

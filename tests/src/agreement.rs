@@ -58,9 +58,12 @@ impl Agreement {
     }
 }
 
-type PixelEvents = Vec<Vec<(i64, Polarity)>>;
+/// Times and polarities of each pixel's events, row by row.
+pub type PixelEvents = Vec<Vec<(i64, Polarity)>>;
 
-fn by_pixel((width_px, height_px): (u32, u32), events: &[Event]) -> PixelEvents {
+/// Events of each pixel of an image with so many columns and rows, in the order in which they are given.
+#[must_use]
+pub fn by_pixel((width_px, height_px): (u32, u32), events: &[Event]) -> PixelEvents {
     let mut pixels = vec![Vec::new(); width_px as usize * height_px as usize];
     for e in events {
         pixels[usize::from(e.y) * width_px as usize + usize::from(e.x)].push((e.t_ns, e.polarity));
@@ -68,7 +71,8 @@ fn by_pixel((width_px, height_px): (u32, u32), events: &[Event]) -> PixelEvents 
     pixels
 }
 
-fn polarities(events: &[(i64, Polarity)]) -> impl Iterator<Item = Polarity> + '_ {
+/// Polarities of a pixel's events.
+pub fn polarities(events: &[(i64, Polarity)]) -> impl Iterator<Item = Polarity> + '_ {
     events.iter().map(|e| e.1)
 }
 

@@ -385,7 +385,7 @@ class _Plain:
 
 def rigid_frames(place, record, given):
     """Events of a camera whose depth, ids and poses come by `place`, through a recorder or at once."""
-    import test_rigid as of
+    import rigid_scene as of
 
     cam, packets, taken = of.camera(device="cuda:0", packets="cuda"), [], 0
     recorder = esaac.PoseRecorder(ids={1: 0})
@@ -406,7 +406,7 @@ def rigid_frames(place, record, given):
 @pytest.mark.parametrize("record", [False, True])
 def test_depth_ids_and_poses_of_every_library_give_the_same_bits(record):
     import cupy
-    import test_rigid as of
+    import rigid_scene as of
     import warp as wp
 
     expected = of.run(of.camera(device="cuda:0"))
@@ -417,7 +417,7 @@ def test_depth_ids_and_poses_of_every_library_give_the_same_bits(record):
 
 @pytest.mark.parametrize("count", [1, 3, 300])
 def test_labels_lie_on_the_device_and_are_those_that_the_host_would_have(count):
-    import test_rigid as of
+    import rigid_scene as of
 
     sensor = esaac.SensorModel("dvs128", synthesis="rigid", **of.SENSOR)
     poses = esaac.Poses(of.TIMES_NS, np.stack([of.CAMERA] * count, axis=1), of.BODIES)
@@ -441,7 +441,7 @@ def test_labels_lie_on_the_device_and_are_those_that_the_host_would_have(count):
 
 
 def test_depth_on_the_host_beside_colour_on_the_device_is_told():
-    import test_rigid as of
+    import rigid_scene as of
 
     hdr, depth, ids = of.IMAGES[0]
     poses = esaac.Poses(of.TIMES_NS, of.CAMERA, of.BODIES)

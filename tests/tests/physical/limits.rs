@@ -1,11 +1,12 @@
 //! Physical pixels in rigs that repeat, grow, change and are reset, with too many events, and without light.
 
-use super::{Agreement, by_pixel, gpu, noisy, packets, quiet, sensor, waves, words};
+use super::{Agreement, SIZE, gpu, noisy, packets, quiet, sensor, waves, words};
 use esaac_engine::RigOptions;
 use esaac_layout::PhysicalWord;
 use esaac_model::packet::Event;
 use esaac_model::physical::MOST_EVENTS;
 use esaac_model::{Pixel, SensorModel};
+use esaac_tests::agreement::by_pixel;
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{FRAME_NS, Sequence, gray, times};
 use esaac_tests::run::{Step, engine, engine_with, events, oracle, oracle_events, rig, steps};
@@ -76,8 +77,9 @@ fn a_pixel_with_too_many_events_is_counted_and_armed_anew() {
         assert_eq!(packets(&runs[0]), packets(&runs[1]));
         for (step, expected) in runs[0].iter().zip(&expected) {
             assert_eq!(step.diagnostics.overrun_pixels, expected.diagnostics.overrun_pixels);
-            let counts =
-                |events: Vec<Event>| by_pixel(&sensor, &events).iter().map(Vec::len).collect::<Vec<_>>();
+            let counts = |events: Vec<Event>| {
+                by_pixel((sensor.width, sensor.height), &events).iter().map(Vec::len).collect::<Vec<_>>()
+            };
             let [got, expected] =
                 [&step.packet, &expected.packet].map(|packet| counts(packet.iter().collect()));
             // A hundredth of a neper, the photoreceptor's bound, is as much as ten of these thresholds.
@@ -178,9 +180,9 @@ fn no_light_breaks_a_noisy_pixel() {
     assert_silent();
     // A pixel cannot send more often than its refractory period allows.
     let seconds = 11.0 * FRAME_NS as f64 * 1e-9;
-    for (pixel, events) in by_pixel(&sensor, &events(&got)).iter().enumerate() {
+    for (pixel, events) in by_pixel(SIZE, &events(&got)).iter().enumerate() {
         assert!(events.len() as f64 <= seconds / 0.0007 + 1.0, "pixel {pixel}: {} events", events.len());
-        let gaps = events.windows(2).map(|pair| pair[1].1 - pair[0].1);
+        let gaps = events.windows(2).map(|pair| pair[1].0 - pair[0].0);
         assert!(gaps.min().is_none_or(|gap_ns| gap_ns >= 700_000), "pixel {pixel}");
     }
 }

@@ -10,6 +10,7 @@ use esaac_model::packet::Event;
 use esaac_model::presets::preset;
 use esaac_model::{Packet, Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use esaac_oracle::Oracle;
+use esaac_tests::agreement::{by_pixel, polarities};
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{Sequence, gray, times};
 use esaac_tests::run::{Step, engine, engine_with, events, oracle, oracle_events, rig, step, steps};
@@ -65,16 +66,6 @@ fn waves(sensor: &SensorModel, lux: f64, frames: usize) -> Sequence {
     })
 }
 
-/// Events of each pixel, in order of time.
-fn by_pixel(sensor: &SensorModel, events: &[Event]) -> Vec<Vec<(Polarity, i64)>> {
-    let mut pixels = vec![Vec::new(); sensor.pixels()];
-    for event in events {
-        let pixel = usize::from(event.y) * sensor.width as usize + usize::from(event.x);
-        pixels[pixel].push((event.polarity, event.t_ns));
-    }
-    pixels
-}
-
 /// How far engine and oracle agree.
 #[derive(Debug, Default)]
 struct Agreement {
@@ -87,10 +78,11 @@ struct Agreement {
 
 impl Agreement {
     fn add(&mut self, sensor: &SensorModel, engine: &[Event], oracle: &[Event]) {
-        for (engine, oracle) in by_pixel(sensor, engine).iter().zip(by_pixel(sensor, oracle)) {
+        let [engine, oracle] = [engine, oracle].map(|events| by_pixel((sensor.width, sensor.height), events));
+        for (engine, oracle) in engine.iter().zip(&oracle) {
             self.pixels += 1;
-            if engine.iter().map(|e| e.0).eq(oracle.iter().map(|e| e.0)) {
-                self.apart_ns.extend(engine.iter().zip(&oracle).map(|(e, o)| (e.1 - o.1).abs()));
+            if polarities(engine).eq(polarities(oracle)) {
+                self.apart_ns.extend(engine.iter().zip(oracle).map(|(e, o)| (e.0 - o.0).abs()));
             } else {
                 self.differing += 1;
             }

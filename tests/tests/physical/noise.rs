@@ -1,8 +1,9 @@
 //! The physical pixel's noise: as often, and as steep, as the oracle's, whose hazard is exact.
 
-use super::{by_pixel, noisy, waves};
+use super::{noisy, waves};
 use esaac_model::packet::Event;
 use esaac_model::{Polarity, SensorModel};
+use esaac_tests::agreement::by_pixel;
 use esaac_tests::frames::{Sequence, gray};
 use esaac_tests::run::{engine, events, oracle, oracle_events};
 use std::f64::consts::TAU;
@@ -24,11 +25,11 @@ struct Counted {
 
 fn count(sensor: &SensorModel, events: &[Event], seconds: usize) -> Counted {
     let (mut count, mut pairs, mut opposite) = (0, 0, 0);
-    for pixel in by_pixel(sensor, events) {
-        let late: Vec<_> = pixel.iter().filter(|event| event.1 > 2_000_000_000).collect();
+    for pixel in by_pixel((sensor.width, sensor.height), events) {
+        let late: Vec<_> = pixel.iter().filter(|event| event.0 > 2_000_000_000).collect();
         count += late.len();
         pairs += late.windows(2).count();
-        opposite += late.windows(2).filter(|pair| pair[0].0 != pair[1].0).count();
+        opposite += late.windows(2).filter(|pair| pair[0].1 != pair[1].1).count();
     }
     let rate_hz = count as f64 / ((seconds - 2) * sensor.pixels()) as f64;
     Counted { events: count, rate_hz, opposite: opposite as f64 / pairs.max(1) as f64 }

@@ -10,9 +10,11 @@ use crate::reference::{
     Run, Taken, events, follows_vectors, foretells_light, has_noise, runs, stretches, without_noise,
 };
 use esaac_model::packet::Event;
-use esaac_model::{Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis};
+use esaac_model::{Pixel, SensorModel, SubstepPolicy, Synthesis};
 use esaac_oracle::stamp::{base_ns, complete_before, watermark_ns};
-use esaac_tests::agreement::{Agreement, Perturbation, Reference, Stamps, moved_vectors, perturbations};
+use esaac_tests::agreement::{
+    Agreement, Perturbation, Reference, Stamps, by_pixel, moved_vectors, perturbations, polarities,
+};
 use esaac_tests::run::Step;
 use std::cell::LazyCell;
 
@@ -308,9 +310,9 @@ fn against_oracle(
     let expected = events(run);
     tally.events += expected.len();
     if kind == Kind::Physical {
-        let polarities = |events: &[Event]| by_pixel(&view.case.sensor, events);
-        let (actual, expected) = (polarities(&actual), polarities(&expected));
-        tally.differing += actual.iter().zip(&expected).filter(|(a, b)| a != b).count();
+        let [actual, expected] = [&actual, &expected].map(|events| by_pixel(view.case.size_px(), events));
+        tally.differing +=
+            actual.iter().zip(&expected).filter(|(a, b)| polarities(a).ne(polarities(b))).count();
         let most = kind.most_in_a_run(tally.pixels) + kind.ties(tally);
         findings.check(tally.differing <= most, || {
             format!("{}: {} of {} pixels differ", what(&run[0]), tally.differing, tally.pixels)
@@ -344,12 +346,4 @@ fn against_oracle(
 fn of_a_still_block(sensor: &SensorModel) -> u64 {
     let fixed = sensor.substep_policy == SubstepPolicy::Fixed && sensor.synthesis != Synthesis::None;
     if fixed { sensor.substeps.into() } else { 1 }
-}
-
-fn by_pixel(sensor: &SensorModel, events: &[Event]) -> Vec<Vec<Polarity>> {
-    let mut pixels = vec![Vec::new(); sensor.pixels()];
-    for event in events {
-        pixels[usize::from(event.y) * sensor.width as usize + usize::from(event.x)].push(event.polarity);
-    }
-    pixels
 }

@@ -100,6 +100,19 @@ mod tests {
         })
     }
 
+    /// The same for small rigs after ticks with so many hundreds of events and sub-tiles that are left.
+    fn after_leaving<const N: usize>(
+        density: &mut Density,
+        sub_tiles: u64,
+        ticks: [(u64, u64); N],
+    ) -> [bool; N] {
+        ticks.map(|(hundreds, left)| {
+            let load = Load { pixels: 1000, sub_tiles, events: 100 * hundreds, left, ..Load::default() };
+            density.follow(load);
+            density.levels_first(LevelsFirst::WherePaid)
+        })
+    }
+
     #[test]
     fn a_rig_is_dense_after_two_dense_ticks_and_until_two_sparse_ones() {
         let mut density = Density::default();
@@ -121,32 +134,27 @@ mod tests {
     #[test]
     fn a_rig_in_which_sub_tiles_are_left_is_dense_until_it_has_a_quarter_less_events() {
         let mut density = Density::default();
-        let mut after = |hundreds: u64, left| {
-            let load = Load { pixels: 1000, sub_tiles: 64, events: 100 * hundreds, left, ..Load::default() };
-            density.follow(load);
-            density.levels_first(LevelsFirst::WherePaid)
-        };
-        let seldom = [(40, 3), (40, 2), (40, 0), (40, 3)];
-        assert!(seldom.map(|(hundreds, left)| after(hundreds, left)) == [false; 4]);
-        assert!(after(40, 3), "two ticks in a row");
-        assert!([31, 29, 31, 29].map(|hundreds| after(hundreds, 0)) == [true; 4]);
-        assert!(!after(29, 0));
-        assert!([false, true] == [after(40, 64), after(40, 64)]);
+        let mut after = |ticks| after_leaving(&mut density, 64, ticks);
+        assert_eq!(after([(40, 3), (40, 2), (40, 0), (40, 3)]), [false; 4]);
+        assert_eq!(after([(40, 3), (31, 0), (29, 0), (31, 0)]), [true; 4], "two ticks in a row");
+        assert_eq!(after([(29, 0), (29, 0), (40, 64), (40, 64)]), [true, false, false, true]);
     }
 
     #[test]
     fn a_rig_that_leaves_any_sub_tile_four_times_in_a_row_is_dense() {
         let mut density = Density::default();
-        let mut after = |hundreds: u64, left| {
-            let load = Load { pixels: 1000, sub_tiles: 640, events: 100 * hundreds, left, ..Load::default() };
-            density.follow(load);
-            density.levels_first(LevelsFirst::WherePaid)
-        };
-        assert!([1, 1, 1, 0, 1, 1, 1].map(|left| after(4, left)) == [false; 7]);
-        assert!(after(4, 1), "four ticks in a row");
-        assert!([1; 9].map(|left| after(4, left)) == [true; 9], "what a dense rig leaves does not count");
-        assert!([true, false] == [after(2, 1), after(2, 1)], "until it has a quarter less events");
-        assert!([1; 4].map(|left| after(2, left)) == [false, false, false, true]);
+        let seldom = [1, 1, 1, 0, 1, 1, 1].map(|left| (4, left));
+        assert_eq!(after_leaving(&mut density, 640, seldom), [false; 7]);
+        let mut after =
+            |ticks: [u64; 4]| after_leaving(&mut density, 640, ticks.map(|hundreds| (hundreds, 1)));
+        assert_eq!(
+            after([4; 4]),
+            [true; 4],
+            "four ticks in a row, and what a dense rig leaves does not count"
+        );
+        assert_eq!(after([4; 4]), [true; 4]);
+        assert_eq!(after([4, 4, 2, 2]), [true, true, true, false], "until it has a quarter less events");
+        assert_eq!(after([2; 4]), [false, false, false, true]);
     }
 
     #[test]
