@@ -1,21 +1,23 @@
 // The stretches of a physical pixel without noise. All levels are in fixed point: without lag they are the log-intensity
 // pixel's bits.
 
-// Distance of a turn from a threshold, nepers, within which a part ends at the turn.
+// Distance of a turn from a threshold, nepers, within which a part ends at the turn: of a cubic, and of a part that settles.
 const float TURN_MARGIN_LOG = 0.003;
+const float SETTLING_MARGIN_LOG = 0.0002;
 
 // Times that a crossing is made better at most, and how near it is good enough, Q24.
 const uint MOST_TRIES = 6u;
 const float NEAR_Q24 = 4.0;
 
-// Whether the output turns so near a threshold that the cubic cannot tell whether it reaches it. A part that begins at such
+// Whether the output turns so near a threshold that the part's form cannot tell whether it reaches it. A part that begins at such
 // a turn may turn again at once, by rounding: that decides nothing.
 bool turn_decides(Part part, PixelState p) {
     if (part.turn == part.end || part.turn - part.start < (part.end - part.start) / 16u) {
         return false;
     }
     const int above = output_at(part, part.turn) - p.reference;
-    return nepers(min(abs(above - p.on_q24), abs(above + p.off_q24))) < TURN_MARGIN_LOG;
+    const float margin = part.turns.y != 0.0 ? SETTLING_MARGIN_LOG : TURN_MARGIN_LOG;
+    return nepers(min(abs(above - p.on_q24), abs(above + p.off_q24))) < margin;
 }
 
 // When a stretch crosses `level`, which it does if it `rises` or falls: where the straight line through its ends does, and
@@ -27,7 +29,7 @@ uint quiet_crossing(Part part, uint start, uint end, int from, int to, int level
     uint high = end;
     float below = float(sign * (level - from));
     float above = float(sign * (to - level));
-    const uint tries = part.from_bow == 0.0 && part.to_bow == 0.0 ? 0u : MOST_TRIES;
+    const uint tries = part.bow == vec2(0.0) ? 0u : MOST_TRIES;
     uint at = time_in_substep(low, high, below, max(below + above, 1.0));
     bool was_low = false;
     for (uint i = 0u; i < tries && at < high; ++i) {

@@ -32,8 +32,8 @@ bool pass_interval(Camera cam, uint pixel, int level, inout PixelState p) {
     w.part.per_ns = 1.0 / span_ns;
     w.part.turn = cam.interval_ns;
     w.part.from = w.to_level;
-    w.part.from_bow = 0.0;
-    w.part.to_bow = 0.0;
+    w.part.bow = vec2(0.0);
+    w.part.turns = vec2(0.0);
     w.part.from_sigma = w.drive.sigma;
     w.part.turned = charge;
     w.part.leaked = EFFECT_LEAK ? leak(cam, duration_s, charge, w.dark_leak, after) : 0;

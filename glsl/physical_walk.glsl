@@ -96,20 +96,21 @@ void begin_part(Camera cam, inout PixelState p, inout Walk w) {
     const int level = w.level;
     w.parts += 1u;
     uint end = w.end;
+    bool settles = false;
     if (w.parts < MAX_PARTS) {
-        end = part_end(cam, start, end, nepers(w.to_level - level), p, w.drive);
+        end = part_end(cam, start, end, nepers(w.to_level - level), p, w.drive, settles);
     }
     const PixelState p_before = p;
     const Drive drive_before = w.drive;
     w.level = end == w.end ? w.to_level : level_at(level, w.to_level, start, w.end, end);
-    w.part = next_part(cam, start, end, level, w.level, w.dark_leak, p, w.drive);
+    w.part = next_part(cam, start, end, level, w.level, settles, w.dark_leak, p, w.drive);
     if (!EFFECT_SHOT && turn_decides(w.part, p)) {
         // The part ends there instead.
         p = p_before;
         w.drive = drive_before;
         const uint turn = w.part.turn;
         w.level = level_at(level, w.to_level, start, w.end, turn);
-        w.part = next_part(cam, start, turn, level, w.level, w.dark_leak, p, w.drive);
+        w.part = next_part(cam, start, turn, level, w.level, settles, w.dark_leak, p, w.drive);
     }
     w.now = start;
 }
