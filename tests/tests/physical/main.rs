@@ -3,6 +3,7 @@
 mod limits;
 mod log_pixel;
 mod noise;
+mod speed;
 
 use esaac_engine::{KernelPolicy, RigOptions};
 use esaac_layout::PhysicalWord;

@@ -1,0 +1,106 @@
+//! Pixels without noise whose stages are slow or fast beside the light, against the oracle.
+
+use super::{Agreement, gpu, packets, sensor};
+use esaac_model::SensorModel;
+use esaac_tests::device::assert_silent;
+use esaac_tests::frames::{Sequence, gray, times};
+use esaac_tests::run::{engine, engine_with, events, oracle, oracle_events};
+
+/// Runs both and compares them.
+fn against_oracle(sensor: &SensorModel, sequence: &Sequence) -> Agreement {
+    let own = engine(sensor, sequence);
+    assert_eq!(packets(&own), packets(&engine_with(sensor, sequence, gpu())), "both sets of kernels");
+    let mut total = Agreement::default();
+    total.add(sensor, &events(&own), &oracle_events(&oracle(sensor, 0, sequence)));
+    println!(
+        "{} of {} pixels differ, {} events, {:?} ns apart",
+        total.differing,
+        total.pixels,
+        total.apart_ns.len(),
+        [0.5, 0.99].map(|share| total.apart_ns(share))
+    );
+    total
+}
+
+/// Light that falls by four decades and stays there. Each pixel falls from another level.
+fn fall(sensor: &SensorModel) -> Sequence {
+    gray(sensor, &times(0, 7), |frame, pixel| {
+        let bright = 20.0 * (1.0 + 0.5 * (pixel as f32 * 0.37).sin());
+        [1.0, 1.0, 1.0, 0.0001, 0.0001, 0.0001, 0.0001][frame] * bright
+    })
+}
+
+/// The output is then far above the light, and the first stage is much faster than its time constant in the dark: a part
+/// of that length would overshoot by hundreds of nepers.
+#[test]
+fn a_pixel_that_falls_into_the_dark_sends_the_oracles_events() {
+    for substeps in [2, 32] {
+        let sensor = SensorModel {
+            contrast_on: 0.11,
+            contrast_off: 0.2,
+            contrast_mismatch: 0.03,
+            refractory_ns: 1_262,
+            height: 6,
+            dark_lux: 0.01,
+            second_pole_hz: 70_000.0,
+            substeps,
+            ..sensor()
+        };
+        let sequence = fall(&sensor);
+        let total = against_oracle(&sensor, &sequence);
+        assert!(total.apart_ns.len() > 10 * total.pixels, "many events");
+        assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
+        assert!(total.apart_ns(0.99) < 10_000, "{} ns", total.apart_ns(0.99));
+        // A little noise changes when they come, but not how many: all are OFF.
+        let noisy = SensorModel { noise_gain: 0.01, ..sensor };
+        let quiet = total.apart_ns.len();
+        let noisy = events(&engine(&noisy, &sequence)).len();
+        println!("with noise: {noisy} events, without {quiet}");
+        assert!(noisy.abs_diff(quiet) < quiet / 50, "{noisy} events, {quiet}");
+    }
+    assert_silent();
+}
+
+/// In bright light the first stage is far faster than the second, so that all bends are the second one's. Light whose slope
+/// changes from frame to frame.
+#[test]
+fn a_slow_second_stage_is_followed_after_each_change_of_slope() {
+    let sensor = SensorModel {
+        height: 6,
+        contrast_on: 0.012,
+        contrast_off: 0.011,
+        second_pole_hz: 20_000.0,
+        substeps: 16,
+        ..sensor()
+    };
+    let sequence = gray(&sensor, &times(0, 6), |frame, pixel| {
+        let phase = pixel as f64 * 0.37;
+        (30_000.0 * (0.9 * (1.9 * frame as f64 + phase).sin()).exp()) as f32
+    });
+    let total = against_oracle(&sensor, &sequence);
+    assert!(total.apart_ns.len() > 100 * total.pixels, "many events");
+    assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
+    assert!(total.apart_ns(0.5) < 500 && total.apart_ns(0.99) < 2_000, "as exact as the closed form");
+}
+
+/// The leak that light drives grows with it, by a factor of e in a frame: no straight line.
+#[test]
+fn a_leak_by_light_follows_the_light() {
+    let sensor = SensorModel {
+        height: 6,
+        contrast_on: 0.15,
+        contrast_off: 0.19,
+        refractory_ns: 100_000,
+        leak_per_lux_hz: 0.2,
+        second_pole_hz: 25_000.0,
+        substeps: 1,
+        ..sensor()
+    };
+    let sequence = gray(&sensor, &times(0, 5), |frame, pixel| {
+        (2_000.0 * (frame as f64 * 0.9 + (pixel as f64 * 0.37).sin()).exp()) as f32
+    });
+    let total = against_oracle(&sensor, &sequence);
+    assert!(total.apart_ns.len() > 30 * total.pixels, "many events");
+    assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
+    assert!(total.apart_ns(0.99) < 4_000, "{} ns", total.apart_ns(0.99));
+}
