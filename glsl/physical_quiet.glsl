@@ -9,8 +9,8 @@ const float SETTLING_MARGIN_LOG = 0.0002;
 const uint MOST_TRIES = 6u;
 const float NEAR_Q24 = 4.0;
 
-// Whether the output turns so near a threshold that the part's form cannot tell whether it reaches it. A part that begins at such
-// a turn may turn again at once, by rounding: that decides nothing.
+// Whether the output turns so near a threshold that the part's form cannot tell whether it reaches it. A part that begins at
+// such a turn may turn again at once, by rounding: that decides nothing.
 bool turn_decides(Part part, PixelState p) {
     if (part.turn == part.end || part.turn - part.start < (part.end - part.start) / 16u) {
         return false;
