@@ -1,6 +1,6 @@
 //! Pixels without noise whose stages are slow or fast beside the light, against the oracle.
 
-use super::{Agreement, gpu, packets, sensor};
+use super::{Agreement, gpu, packets, quiet, sensor};
 use esaac_model::SensorModel;
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{Sequence, gray, times};
@@ -105,4 +105,24 @@ fn a_leak_by_light_follows_the_light() {
     assert!(total.apart_ns.len() > 30 * total.pixels, "many events");
     assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
     assert!(total.apart_ns(0.99) < 4_000, "{} ns", total.apart_ns(0.99));
+}
+
+/// Darkness, noon, and flashes of five decades, in one sub-step or several. Beyond six decades light counts as a millionth of
+/// what the first stage shows.
+#[test]
+fn pixels_send_the_oracles_events_in_flashes() {
+    for substeps in [1, 4, 32] {
+        let sensor = SensorModel { height: 4, dark_lux: 0.01, leak_per_lux_hz: 0.0, substeps, ..quiet() };
+        let sequence = gray(&sensor, &times(0, 12), |frame, pixel| match (pixel % 4, frame % 3) {
+            (0, _) => 0.0,
+            (1, _) => 1e6,
+            (2, 1) | (3, 0) => 1e3,
+            _ => 1e-6,
+        });
+        let total = against_oracle(&sensor, &sequence);
+        assert!(total.apart_ns.len() > 10 * total.pixels, "many events");
+        assert!(total.differing <= total.pixels / 100, "{} pixels", total.differing);
+        assert!(total.apart_ns(0.99) < 30_000, "{} ns", total.apart_ns(0.99));
+    }
+    assert_silent();
 }
