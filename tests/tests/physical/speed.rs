@@ -1,26 +1,10 @@
 //! Pixels without noise whose stages are slow or fast beside the light, against the oracle.
 
-use super::{Agreement, gpu, packets, quiet, sensor};
+use super::{against_oracle, quiet, sensor};
 use esaac_model::SensorModel;
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{Sequence, gray, times};
-use esaac_tests::run::{engine, engine_with, events, oracle, oracle_events};
-
-/// Runs both and compares them.
-fn against_oracle(sensor: &SensorModel, sequence: &Sequence) -> Agreement {
-    let own = engine(sensor, sequence);
-    assert_eq!(packets(&own), packets(&engine_with(sensor, sequence, gpu())), "both sets of kernels");
-    let mut total = Agreement::default();
-    total.add(sensor, &events(&own), &oracle_events(&oracle(sensor, 0, sequence)));
-    println!(
-        "{} of {} pixels differ, {} events, {:?} ns apart",
-        total.differing,
-        total.pixels,
-        total.apart_ns.len(),
-        [0.5, 0.99].map(|share| total.apart_ns(share))
-    );
-    total
-}
+use esaac_tests::run::{engine, events};
 
 /// Light that falls by four decades within `fall_ns` and stays there. Each pixel falls from another level.
 fn fall(sensor: &SensorModel, fall_ns: i64) -> Sequence {
@@ -83,6 +67,7 @@ fn a_slow_second_stage_is_followed_after_each_change_of_slope() {
     assert!(total.apart_ns.len() > 100 * total.pixels, "many events");
     assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
     assert!(total.apart_ns(0.5) < 500 && total.apart_ns(0.99) < 2_000, "as exact as the closed form");
+    assert_silent();
 }
 
 /// The leak that light drives grows with it, by a factor of e in a frame: no straight line.
@@ -105,6 +90,7 @@ fn a_leak_by_light_follows_the_light() {
     assert!(total.apart_ns.len() > 30 * total.pixels, "many events");
     assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
     assert!(total.apart_ns(0.99) < 4_000, "{} ns", total.apart_ns(0.99));
+    assert_silent();
 }
 
 /// Darkness, noon, and flashes of five decades, in one sub-step or several. Beyond six decades light counts as a millionth of
