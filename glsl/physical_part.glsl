@@ -22,7 +22,7 @@ const float STEEP_TURN = 4.0;
 const float MOST_CHARGE = 1e30;
 // Stands for any number of time constants.
 const float LONGEST_TURN = 1e30;
-// Most of a leak in one part, nepers.
+// Most of a leak in one part, nepers, so that levels stay within their bits.
 const float MOST_LEAK_LOG = 32.0;
 
 struct Part {
@@ -118,18 +118,28 @@ float leak_parts(Camera cam, float charge, float change) {
         : 0.0;
 }
 
-// End of the part that begins at `start`, so that it is short enough for its form, and whether it `settles`. `change` is
-// that of the level up to `end`.
-uint part_end(Camera cam, uint start, uint end, float change, PixelState p, Drive drive, out bool settles) {
+// Time in which the reference leaks no more than a part may, ns. `per_s` is the most that the light drives.
+float longest_leak_ns(Camera cam, float per_s, float dark_leak) {
+    const float fall_per_s = abs(fma(physicals[cam.slot].light_q24_per_charge, per_s, dark_leak));
+    return EFFECT_LEAK ? (MOST_LEAK_LOG * LOG_SCALE * 1e9) / max(fall_per_s, 1.0) : LONGEST_TURN;
+}
+
+// End of the part that begins at `start`, so that it is short enough for its form and its leak, and whether it `settles`.
+// `change` is that of the level up to `end`, `dark_leak` is Q24 a second.
+uint part_end(
+    Camera cam, uint start, uint end, float change, float dark_leak, PixelState p, Drive drive, out bool settles
+) {
     const float rest_ns = float(end - start);
     const float rest_s = rest_ns * 1e-9;
     // Time constants of both stages up to `end`, the first one's at its present rate.
     const float first = drive.per_s * rest_s;
     const float second = physicals[cam.slot].second_per_s * rest_s;
-    const float leaks = leak_parts(cam, first * exp(max(change, 0.0)), change);
+    const float growth = exp(max(change, 0.0));
+    const float leaks = leak_parts(cam, first * growth, change);
+    const float leak_ns = longest_leak_ns(cam, drive.per_s * growth, dark_leak);
     settles = !EFFECT_SHOT && stages_settle(drive, change, first, second);
     if (settles) {
-        return cut(start, end, rest_ns, max(settling_parts(change, first), leaks));
+        return cut(start, end, leak_ns, max(settling_parts(change, first), leaks));
     }
     // How far the second stage is from where it settles.
     const float second_s = 1.0 / physicals[cam.slot].second_per_s;
@@ -139,7 +149,7 @@ uint part_end(Camera cam, uint start, uint end, float change, PixelState p, Driv
     const float most_bend = fma(abs(drive.behind), first, 2.0 * abs(change)) * min(first, second);
     if (EFFECT_SHOT && max(abs(change) * (BEND_LOG / MAX_CHANGE_LOG), second_bend) <= BEND_LOG
         && abs(drive.behind) <= FAR_BEHIND_LOG && most_bend <= BEND_LOG * first * first) {
-        return end;
+        return cut(start, end, leak_ns, 1.0);
     }
     const float per_first = 1.0 / first;
     // Where the first stage would settle in light that goes on changing like this, about.
@@ -150,8 +160,8 @@ uint part_end(Camera cam, uint start, uint end, float change, PixelState p, Driv
     const float far_turn = p.excess < 0.0 ? FALLING_TURN * (1.0 + p.excess) : 0.5;
     const float first_turn = abs(drive.behind) > FAR_BEHIND_LOG ? far_turn : longest_turn(first_bend);
     const float second_turn = longest_turn(second_bend);
-    const float most_ns = min(first_turn * per_first * rest_ns, second_turn * second_s * 1e9);
-    return cut(start, end, most_ns, max(abs(change) * (1.0 / MAX_CHANGE_LOG), leaks));
+    const float turn_ns = min(first_turn * per_first * rest_ns, second_turn * second_s * 1e9);
+    return cut(start, end, min(turn_ns, leak_ns), max(abs(change) * (1.0 / MAX_CHANGE_LOG), leaks));
 }
 
 // Lowers the reference by what leaks away in `duration_s` and by the charge that the light drives in it. Returns the

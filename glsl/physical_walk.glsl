@@ -98,7 +98,7 @@ void begin_part(Camera cam, inout PixelState p, inout Walk w) {
     uint end = w.end;
     bool settles = false;
     if (w.parts < MAX_PARTS) {
-        end = part_end(cam, start, end, nepers(w.to_level - level), p, w.drive, settles);
+        end = part_end(cam, start, end, nepers(w.to_level - level), w.dark_leak, p, w.drive, settles);
     }
     const PixelState p_before = p;
     const Drive drive_before = w.drive;

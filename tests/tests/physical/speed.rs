@@ -93,6 +93,34 @@ fn a_leak_by_light_follows_the_light() {
     assert_silent();
 }
 
+/// A long interval is one part for a pixel in still light, and levels have bits for some nepers only. Still light, then light
+/// that grows.
+#[test]
+fn all_of_a_fast_leak_comes_in_a_long_interval() {
+    for leak_per_lux_hz in [0.4, -0.4] {
+        let sensor = SensorModel {
+            height: 1,
+            contrast_on: 0.15,
+            contrast_off: 0.19,
+            leak_per_lux_hz,
+            substeps: 1,
+            ..sensor()
+        };
+        let sequence = gray(&sensor, &[0, 800_000_000, 1_400_000_000], |frame, pixel| {
+            [4_000.0, 4_000.0, 6_000.0][frame] * (1.0 + 0.3 * (pixel as f32 * 0.37).sin())
+        });
+        let total = against_oracle(&sensor, &sequence);
+        assert!(total.apart_ns.len() > 1_000 * total.pixels, "many events");
+        assert!(total.differing <= 1, "{} pixels", total.differing);
+        assert!(total.apart_ns(0.99) < 4_000, "{} ns", total.apart_ns(0.99));
+        let (quiet, noisy) = (total.apart_ns.len(), SensorModel { noise_gain: 0.01, ..sensor });
+        let noisy = events(&engine(&noisy, &sequence)).len();
+        println!("with noise: {noisy} events, without {quiet}");
+        assert!(noisy.abs_diff(quiet) < quiet / 50, "{noisy} events, {quiet}");
+    }
+    assert_silent();
+}
+
 /// Darkness, noon, and flashes of five decades, in one sub-step or several. Beyond six decades light counts as a millionth of
 /// what the first stage shows.
 #[test]
