@@ -209,7 +209,7 @@ impl Hub {
         let hello = *hello(&message)?;
         let version = received.version()?;
         guest.socket.speak(version);
-        let claim = self.shared.claims.take(hello.camera as usize, guest.connection, guest.peer)?;
+        let claim = self.claim(hello.camera as usize, guest)?;
         let terms = self.shared.terms[claim.camera()].clone();
         let agreement = agree(version, &hello, &terms)?;
         let session = Session::new(&terms, agreement);
@@ -232,6 +232,19 @@ impl Hub {
         self.offer(guest, &terms, agreement, ring.described(), fds)?;
         link(&mut state, guest, claim, agreement, session, ring);
         Ok(false)
+    }
+
+    /// Gives a camera to a guest. A HELLO may overtake the goodbye of the camera's last producer, which was sent first, on
+    /// another socket. So nobody is refused before the holder has been heard.
+    fn claim(&self, camera: usize, guest: &Guest) -> Result<Claim, InteropError> {
+        let take = || self.shared.claims.take(camera, guest.connection, guest.peer);
+        match take() {
+            Err(error) if error.code() == ErrorCode::Taken => {
+                self.shared.hear_holder(camera);
+                take()
+            }
+            outcome => outcome,
+        }
     }
 
     /// Sends a guest the description of its ring, and closes this process's ends of `fds`.

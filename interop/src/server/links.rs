@@ -18,6 +18,10 @@ use std::time::Instant;
 /// Most messages that are read from one connection before the next connection's turn.
 const MAX_TURN: usize = 32;
 
+/// Most such turns of a producer whose camera another one wants. A socket's queue holds fewer messages, so a goodbye that
+/// lies in it is read.
+const MAX_HOLDER_TURNS: usize = 16;
+
 /// A frame that was announced by FRAME and is not stepped yet.
 pub(super) struct Pending {
     pub(super) notice: FrameNotice,
@@ -185,6 +189,19 @@ impl Shared {
             }
         }
         true
+    }
+
+    /// Reads what a camera's producer has sent so far.
+    pub(super) fn hear_holder(&self, camera: usize) {
+        let mut state = self.lock();
+        let Some(id) = state.links.iter().find(|link| link.camera() == camera).map(|link| link.id) else {
+            return;
+        };
+        for _ in 0..MAX_HOLDER_TURNS {
+            if !self.hear(&mut state, id) {
+                break;
+            }
+        }
     }
 
     /// Drops frames that newer ones replace, and links that cannot go on.
