@@ -108,7 +108,7 @@ impl Client {
             },
             ..Hello::default()
         };
-        let socket = Socket::connect(path, version)?;
+        let socket = Socket::connect(path, version, timeout)?;
         tell(&socket, timeout, &Message::Hello(hello))?;
         let received = socket.receive_within(timeout, "the engine's answer")?;
         let offer = match received.message()? {

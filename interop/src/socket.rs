@@ -145,16 +145,26 @@ impl Socket {
         let _ = self.version.set(version);
     }
 
-    /// Connects to the engine, to speak this version.
-    pub(crate) fn connect(path: &Path, version: Version) -> Result<Self, InteropError> {
-        let fd = new_socket()?;
-        connect(&fd, &address(path)?).map_err(|error| match error {
-            Errno::NOENT => fault(path, "there is none; start `esaac serve` first".to_owned()),
-            Errno::CONNREFUSED => fault(path, "nobody serves there any more".to_owned()),
-            Errno::ACCESS => fault(path, "it belongs to another user".to_owned()),
-            Errno::AGAIN => fault(path, "the engine has too many connections to answer".to_owned()),
-            error => fault(path, error.to_string()),
-        })?;
+    /// Connects to the engine, to speak this version. While more connections wait for the engine than the system
+    /// queues, it tries again, until `limit` is over.
+    pub(crate) fn connect(path: &Path, version: Version, limit: Duration) -> Result<Self, InteropError> {
+        let (fd, address, started) = (new_socket()?, address(path)?, Instant::now());
+        while let Err(error) = connect(&fd, &address) {
+            let reason = match error {
+                // The system tells nobody when there is room again.
+                Errno::AGAIN if started.elapsed() < limit => {
+                    std::thread::sleep(CROWDED);
+                    continue;
+                }
+                Errno::INTR => continue,
+                Errno::AGAIN => format!("the engine had too many connections to answer for {limit:?}"),
+                Errno::NOENT => "there is none; start `esaac serve` first".to_owned(),
+                Errno::CONNREFUSED => "nobody serves there any more".to_owned(),
+                Errno::ACCESS => "it belongs to another user".to_owned(),
+                error => error.to_string(),
+            };
+            return Err(fault(path, reason));
+        }
         let socket = Socket::new(fd);
         socket.speak(version);
         Ok(socket)
@@ -266,6 +276,9 @@ impl Socket {
 /// Before the next look when the kernel has no memory for one.
 const SHORTAGE: Duration = Duration::from_millis(10);
 
+/// Before the next try to connect to an engine whose queue of connections is full.
+const CROWDED: Duration = Duration::from_millis(5);
+
 /// Waits until one of `fds` can be read or is closed, and says which.
 pub(crate) fn wait_readable(fds: &[BorrowedFd<'_>], limit: Duration) -> Result<Vec<bool>, InteropError> {
     wait_ready(fds, PollFlags::IN, limit)
@@ -292,8 +305,9 @@ pub(crate) struct Listener {
 }
 
 impl Listener {
-    /// Makes the socket, for this user alone. It replaces the file that a dead engine has left at `path`.
-    pub(crate) fn bind(path: &Path) -> Result<Self, InteropError> {
+    /// Makes the socket, for this user alone, with a queue for so many connections that nobody has answered yet. It
+    /// replaces the file that a dead engine has left at `path`.
+    pub(crate) fn bind(path: &Path, queue: usize) -> Result<Self, InteropError> {
         let address = address(path)?;
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -317,7 +331,8 @@ impl Listener {
         let listener = Listener { fd, path: path.to_owned() };
         // The socket does not listen yet, so nobody can have connected before this.
         rustix::fs::chmod(path, Mode::RUSR | Mode::WUSR).map_err(|error| fault(path, error.to_string()))?;
-        listen(&listener.fd, 16).map_err(|error| fault(path, error.to_string()))?;
+        let queue = i32::try_from(queue).unwrap_or(i32::MAX);
+        listen(&listener.fd, queue).map_err(|error| fault(path, error.to_string()))?;
         Ok(listener)
     }
 
@@ -383,13 +398,33 @@ mod tests {
         assert_eq!(AcceptError::of(Errno::AGAIN), AcceptError::Nobody);
     }
 
+    #[test]
+    fn as_many_connect_at_once_as_the_queue_holds_and_more_wait() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("crowded.sock");
+        let listener = Listener::bind(&path, 40).unwrap();
+        let connect = |limit| Socket::connect(&path, Version::NEWEST, limit);
+        // The system queues one more than it is told to.
+        let _waiting: Vec<Socket> = (0..=40).map(|_| connect(Duration::ZERO).unwrap()).collect();
+        let limit = Duration::from_millis(20);
+        let error = connect(limit).err().expect("the queue is full").to_string();
+        assert!(error.contains("too many connections to answer for 20ms"), "{error}");
+        std::thread::scope(|scope| {
+            let late = scope.spawn(|| connect(Duration::from_secs(20)));
+            std::thread::sleep(limit);
+            assert!(!late.is_finished(), "the queue is still full");
+            assert!(matches!(listener.accept().unwrap(), Accepted::One(..)));
+            late.join().unwrap().unwrap();
+        });
+    }
+
     /// The kernel gives a process number 0 to one that the asker's container does not see.
     #[test]
     fn a_peer_outside_of_the_container_is_accepted() {
         const SOCKET: &str = "ESAAC_TEST_CONTAINED_SOCKET";
         let own = rustix::process::geteuid();
         if let Some(path) = std::env::var_os(SOCKET) {
-            let listener = Listener::bind(Path::new(&path)).unwrap();
+            let listener = Listener::bind(Path::new(&path), 1).unwrap();
             assert_eq!(wait_readable(&[listener.as_fd()], Duration::from_secs(20)).unwrap(), [true]);
             let Accepted::One(_, peer) = listener.accept().unwrap() else { panic!("nobody came") };
             assert_eq!(peer, Credentials { user: own.as_raw(), process: 0 });
@@ -414,7 +449,8 @@ mod tests {
             .spawn()
             .unwrap();
         let started = Instant::now();
-        while Socket::connect(&path, Version::NEWEST).is_err() && started.elapsed() < Duration::from_secs(20)
+        while Socket::connect(&path, Version::NEWEST, Duration::ZERO).is_err()
+            && started.elapsed() < Duration::from_secs(20)
         {
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -326,11 +326,16 @@ fn link(state: &mut State, guest: &Guest, claim: Claim, agreement: Agreement, se
     state.changed = true;
 }
 
+/// Most connections that may be without a ring at a time. As many may wait to be accepted.
+pub(super) fn most_guests(cameras: usize) -> usize {
+    2 * cameras + 8
+}
+
 /// Whether a new connection may say something: it must be this user's, and there must not be too many
 /// that have no ring yet.
 fn admit(peer: Credentials, guests: usize, cameras: usize) -> Result<(), InteropError> {
     let (user, own) = (peer.user, rustix::process::geteuid().as_raw());
-    let most = 2 * cameras + 8;
+    let most = most_guests(cameras);
     let refused = |code, text| Err(InteropError::Refused { code, text });
     if user != own {
         refused(ErrorCode::User, format!("user {user}, expected {own}"))

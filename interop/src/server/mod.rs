@@ -22,7 +22,7 @@ use crate::wire::{self, FrameNotice};
 use claims::Claims;
 use esaac_engine::{CameraConfig, Device};
 use esaac_model::Synthesis;
-use hub::Hub;
+use hub::{Hub, most_guests};
 use links::{Shared, State, ring};
 use notices::Notices;
 use rustix::event::{EventfdFlags, eventfd};
@@ -225,7 +225,7 @@ impl Server {
                 timelines: options.timelines & support.timelines(),
             })
             .collect();
-        let listener = Listener::bind(path)?;
+        let listener = Listener::bind(path, most_guests(cameras.len()))?;
         let bell = || {
             eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
                 .map_err(InteropError::system("eventfd"))
