@@ -7,7 +7,7 @@ use crate::error::InteropError;
 use crate::wire::{ErrorCode, MAX_BYTES, MAX_FDS, Message, Version};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
-use rustix::fs::{FileType, Mode};
+use rustix::fs::{FileType, Mode, Stat};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, ReturnFlags, SendAncillaryBuffer,
@@ -302,6 +302,30 @@ fn wait_ready(fds: &[BorrowedFd<'_>], what: PollFlags, limit: Duration) -> Resul
 pub(crate) struct Listener {
     fd: OwnedFd,
     path: PathBuf,
+    file: FileId,
+}
+
+/// Tells a socket's file from another one that has come to its path since. The system gives the number to no other file
+/// while the socket is open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct FileId {
+    device: u64,
+    inode: u64,
+}
+
+impl FileId {
+    fn of(stat: &Stat) -> Self {
+        FileId { device: stat.st_dev, inode: stat.st_ino }
+    }
+
+    /// Removes the file, unless another one is at `path`.
+    fn unlink(self, path: &Path) -> rustix::io::Result<()> {
+        match rustix::fs::lstat(path) {
+            Ok(stat) if FileId::of(&stat) == self => rustix::fs::unlink(path),
+            Ok(_) | Err(Errno::NOENT) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
 }
 
 impl Listener {
@@ -328,7 +352,8 @@ impl Listener {
         clear_way(path, &address)?;
         let fd = new_socket()?;
         bind(&fd, &address).map_err(|error| fault(path, error.to_string()))?;
-        let listener = Listener { fd, path: path.to_owned() };
+        let stat = rustix::fs::lstat(path).map_err(|error| fault(path, error.to_string()))?;
+        let listener = Listener { fd, path: path.to_owned(), file: FileId::of(&stat) };
         // The socket does not listen yet, so nobody can have connected before this.
         rustix::fs::chmod(path, Mode::RUSR | Mode::WUSR).map_err(|error| fault(path, error.to_string()))?;
         let queue = i32::try_from(queue).unwrap_or(i32::MAX);
@@ -364,7 +389,8 @@ impl Listener {
 
 impl Drop for Listener {
     fn drop(&mut self) {
-        let _ = rustix::fs::unlink(&self.path);
+        // Who ends has nobody to tell; the next engine replaces what is left.
+        let _ = self.file.unlink(&self.path);
     }
 }
 
@@ -375,7 +401,9 @@ fn clear_way(path: &Path, address: &SocketAddrUnix) -> Result<(), InteropError> 
         return Err(fault(path, "there is a file of this name that is no socket".to_owned()));
     }
     match connect(&new_socket()?, address) {
-        Err(Errno::CONNREFUSED) => rustix::fs::unlink(path).map_err(|error| fault(path, error.to_string())),
+        Err(Errno::CONNREFUSED) => {
+            FileId::of(&stat).unlink(path).map_err(|error| fault(path, error.to_string()))
+        }
         _ => Err(fault(path, "another engine serves there; choose another path".to_owned())),
     }
 }
@@ -416,6 +444,19 @@ mod tests {
             assert!(matches!(listener.accept().unwrap(), Accepted::One(..)));
             late.join().unwrap().unwrap();
         });
+    }
+
+    #[test]
+    fn an_engine_that_ends_leaves_the_socket_of_another_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("engine.sock");
+        let old = Listener::bind(&path, 1).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let new = Listener::bind(&path, 1).unwrap();
+        drop(old);
+        Socket::connect(&path, Version::NEWEST, Duration::ZERO).unwrap();
+        drop(new);
+        assert!(!path.exists(), "an engine removes its own");
     }
 
     /// The kernel gives a process number 0 to one that the asker's container does not see.
