@@ -10,6 +10,9 @@ use thiserror::Error;
 /// Time between two polls for notices.
 const NOTICES: Duration = Duration::from_secs(1);
 
+/// Longest sleep between two looks whether to stop.
+const NAP: Duration = Duration::from_millis(50);
+
 /// Lowest speed. A recording of all times that its format has then still ends at a time that a clock has.
 const LEAST_RATE: f64 = 1e-6;
 
@@ -83,18 +86,13 @@ pub fn replay(
             transport.advertise(topic)?;
             replayed.topics.push((topic.name.clone(), topic.type_name.clone(), 0));
         }
-        let (began, first_ns) = *start.get_or_insert_with(|| {
-            std::thread::sleep(options.delay);
-            (Instant::now(), message.log_ns)
-        });
+        let (began, first_ns) = *start.get_or_insert_with(|| (Instant::now(), message.log_ns));
         let since_ns = message.log_ns.saturating_sub(first_ns);
         replayed.recorded_ns = replayed.recorded_ns.max(since_ns);
-        let due = began + wait(since_ns, options.rate);
-        while let wait @ 1.. = due.saturating_duration_since(Instant::now()).as_nanos() {
-            if stop() {
-                break;
-            }
-            std::thread::sleep(Duration::from_nanos(wait.min(50_000_000) as u64));
+        let due = options.delay.saturating_add(wait(since_ns, options.rate));
+        let left = || due.saturating_sub(began.elapsed());
+        while !left().is_zero() && !stop() {
+            std::thread::sleep(left().min(NAP));
         }
         if stop() {
             break;

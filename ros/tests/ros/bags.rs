@@ -177,6 +177,21 @@ fn a_recording_is_sent_again_byte_by_byte_with_its_timing() {
 }
 
 #[test]
+fn a_replay_can_be_stopped_before_its_first_message() {
+    let cameras = vec![world::camera("left", 32, 24)];
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
+    ticks(&mut rig, &cameras, 0..1);
+    rig.finish().2.unwrap();
+    let options = ReplayOptions { delay: 2 * world::PATIENCE, ..ReplayOptions::default() };
+    let (bag, mut transport) = (BagReader::open(&path).unwrap(), world::transport(world::domain()));
+    let started = Instant::now();
+    let stop = || started.elapsed() > Duration::from_millis(100);
+    let replayed = replay(bag, &mut transport, options, stop, |_| ()).unwrap();
+    assert_eq!(replayed.sent, 0);
+    assert!(started.elapsed() < world::PATIENCE, "{:?}", started.elapsed());
+}
+
+#[test]
 fn a_disk_that_is_full_at_the_start_is_an_error_at_the_start() {
     // A device that has no room, ever. One that fills up later is the command line's test.
     let sinks = Sinks { transport: None, bag: Some(world::bag(Path::new("/dev/full"))) };
