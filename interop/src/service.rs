@@ -123,7 +123,7 @@ impl Service {
         limit: Duration,
         look: impl FnMut(&Ready),
     ) -> Result<Option<ServiceTick<'_>>, InteropError> {
-        let ready = {
+        let mut ready = {
             let _zone = zone!("wait for frames");
             self.server.wait(limit)?
         };
@@ -131,33 +131,28 @@ impl Service {
             return Ok(None);
         }
         ready.iter().for_each(look);
-        let stepped = self.step_ready(&ready);
+        let stepped = self.step_ready(&mut ready);
         let _zone = zone!("release");
         for frame in &ready {
-            match &stepped {
-                Ok((t_ns, _)) if t_ns[frame.camera].is_none() => {}
-                Ok(_) => {
-                    self.server.release(frame, Outcome::Stepped)?;
-                    self.last_ns[frame.camera] = Some(frame.t_ns);
-                    self.warn_of_poses(frame.camera)?;
-                }
-                Err(_) => {
-                    self.server.release(frame, Outcome::Dropped)?;
-                    self.broken[frame.camera] = true;
-                }
+            if stepped.is_ok() {
+                self.server.release(frame, Outcome::Stepped)?;
+                self.last_ns[frame.camera] = Some(frame.t_ns);
+                self.warn_of_poses(frame.camera)?;
+            } else {
+                self.server.release(frame, Outcome::Dropped)?;
+                self.broken[frame.camera] = true;
             }
         }
         let (t_ns, first) = stepped?;
         Ok(Some(ServiceTick { tick: self.rig.last_tick(), t_ns, first }))
     }
 
-    /// Steps the rig with frames, and returns each camera's time, `None` if its producer was turned away, and for which
-    /// cameras the frame is the first.
-    fn step_ready(&mut self, ready: &[Ready]) -> Result<(Vec<Option<i64>>, Vec<bool>), InteropError> {
+    /// Steps the rig with frames, and returns each camera's time, and for which cameras the frame is the first. Takes frames
+    /// whose producers were turned away out of `ready`.
+    fn step_ready(&mut self, ready: &mut Vec<Ready>) -> Result<(Vec<Option<i64>>, Vec<bool>), InteropError> {
         let first = self.ingest(ready)?;
-        let taken: Vec<&Ready> = ready.iter().filter(|frame| first[frame.camera].is_some()).collect();
         let mut frames = vec![None; self.rig.len()];
-        for frame in &taken {
+        for frame in &*ready {
             let inputs = frame.slot().inputs();
             let inputs = match &self.stand_ins[frame.camera] {
                 Some(stand_in) if inputs.depth.is_none() => stand_in.complete(inputs),
@@ -165,9 +160,9 @@ impl Service {
             };
             frames[frame.camera] = Some(FrameInput { t_ns: frame.t_ns, inputs: Some(inputs) });
         }
-        step(&mut self.rig, &taken, &frames)?;
+        step(&mut self.rig, ready, &frames)?;
         let t_ns = frames.iter().map(|frame| frame.map(|frame| frame.t_ns)).collect();
-        Ok((t_ns, first.into_iter().map(Option::unwrap_or_default).collect()))
+        Ok((t_ns, first))
     }
 
     /// Says what is new about a camera's poses.
@@ -181,12 +176,13 @@ impl Service {
         Ok(())
     }
 
-    /// Resets the cameras that start anew and hands over poses. Returns for each camera whether its frame is the first; `None`
-    /// if it has none, or its producer was turned away.
-    fn ingest(&mut self, ready: &[Ready]) -> Result<Vec<Option<bool>>, InteropError> {
+    /// Resets the cameras that start anew and hands over poses. Returns for each camera whether it has a frame that is its
+    /// first. A frame whose producer is turned away leaves `ready`: it is counted already, and nobody waits for its slot.
+    fn ingest(&mut self, ready: &mut Vec<Ready>) -> Result<Vec<bool>, InteropError> {
         let _zone = zone!("ingest");
-        let mut first = vec![None; self.rig.len()];
-        for frame in ready {
+        let mut first = vec![false; self.rig.len()];
+        let mut index = 0;
+        while let Some(frame) = ready.get(index) {
             let camera = frame.camera;
             let gap = |last: i64| frame.t_ns.saturating_sub(last) > MAX_INTERVAL_NS;
             let anew = frame.first || std::mem::take(&mut self.broken[camera]);
@@ -196,9 +192,12 @@ impl Service {
                 self.last_ns[camera] = None;
             }
             match self.hand_over_poses(frame) {
-                Ok(()) => first[camera] = Some(self.last_ns[camera].is_none()),
+                Ok(()) => {
+                    first[camera] = self.last_ns[camera].is_none();
+                    index += 1;
+                }
                 Err(InteropError::Engine(error)) if !matches!(error, EngineError::Lost { .. }) => {
-                    self.server.turn_away(frame, &InteropError::Engine(error));
+                    self.server.turn_away(&ready.remove(index), &InteropError::Engine(error));
                 }
                 Err(error) => return Err(error),
             }
@@ -232,7 +231,7 @@ impl Service {
 /// Steps a rig with frames that are there: takes their buffers over and hands them back. The submission
 /// neither waits for nor signals a timeline that a producer can set: the server has seen that the frames are
 /// written, and signals that they are read once the device is done.
-fn step(rig: &mut Rig, ready: &[&Ready], frames: &[Option<FrameInput<'_>>]) -> Result<(), InteropError> {
+fn step(rig: &mut Rig, ready: &[Ready], frames: &[Option<FrameInput<'_>>]) -> Result<(), InteropError> {
     let before: Vec<_> = ready.iter().map(|frame| frame.slot().acquire()).collect();
     let after: Vec<_> = ready.iter().map(|frame| frame.slot().release()).collect();
     let hooks = SubmitHooks { before: &before, after: &after, ..SubmitHooks::default() };

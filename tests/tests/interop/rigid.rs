@@ -1,5 +1,6 @@
 //! Depth, instance ids and poses over the link give the events that they give in one process, bit for bit.
 
+use crate::shortage::fails;
 use esaac_engine::Rig;
 use esaac_interop::wire::{
     ErrorCode, MEMORY_BROUGHT, MEMORY_EXPORTED, MEMORY_HOST, MEMORY_IMAGES, TIMELINE_CARRIED,
@@ -8,6 +9,7 @@ use esaac_interop::{CameraTerms, Gives, Planes, ProducerOptions, ServerOptions, 
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::{IdFormat, Packet, Synthesis};
 use esaac_tests::device::{DEVICE, assert_device_silent, assert_silent};
+use esaac_tests::drivers::in_a_process_of_its_own;
 use esaac_tests::exact::{FRAMES, Run, SIZE, config};
 use esaac_tests::interop::{Place, Uploader, other_device, trusting, until};
 use std::time::Duration;
@@ -101,20 +103,24 @@ fn poses_of_dropped_frames_are_not_lost() {
     assert_silent();
 }
 
-/// A rig whose camera has another lens than the server told the producer refuses its poses. That ends this link alone.
-#[test]
-fn poses_that_the_rig_refuses_end_their_own_link() {
-    let run = Run::default();
-    let expected = run.alone(&[0, 1, 2, 3]);
+/// A service of two cameras. The rig's camera 1 has another lens than the server tells the producer.
+fn refusing_camera_1(run: &Run, place: &Place) -> Service {
     let config = run.config(IdFormat::U32);
     let mut other = config.clone();
     other.camera = 1;
     let lens = Intrinsics::pinhole(50.0, 50.0, 20.0, 20.0).unwrap();
     other.geometry.as_mut().unwrap().lens = lens;
-    let place = Place::default();
     let terms: [CameraTerms; 2] = [(&config).into(), (&config).into()];
     let rig = Rig::new(&DEVICE, &[config, other]).unwrap();
-    let mut service = Service::open(rig, &place.path(), &terms, ServerOptions::default()).unwrap();
+    Service::open(rig, &place.path(), &terms, ServerOptions::default()).unwrap()
+}
+
+/// A rig whose camera has another lens than the server told the producer refuses its poses. That ends this link alone.
+#[test]
+fn poses_that_the_rig_refuses_end_their_own_link() {
+    let (run, place) = (Run::default(), Place::default());
+    let expected = run.alone(&[0, 1, 2, 3]);
+    let mut service = refusing_camera_1(&run, &place);
     let device = other_device();
     let connect = |camera| Uploader::connect(&device, &place.path(), &options(camera, MEMORY_HOST)).unwrap();
     let (mut served, mut refused) = (connect(0), connect(1));
@@ -134,6 +140,33 @@ fn poses_that_the_rig_refuses_end_their_own_link() {
     assert!(notices.contains("camera 1: the poses are those of a camera with"), "{notices}");
     assert!(!notices.contains("camera 1: camera 1"), "{notices}");
     assert_eq!(served.producer.finish().unwrap(), (FRAMES as u64, 0));
+    drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+#[test]
+fn a_frame_that_is_refused_in_a_tick_that_fails_is_counted_once() {
+    let name = "rigid::a_frame_that_is_refused_in_a_tick_that_fails_is_counted_once";
+    if !in_a_process_of_its_own(name, None) {
+        return;
+    }
+    let (run, place) = (Run::default(), Place::default());
+    let mut service = refusing_camera_1(&run, &place);
+    let device = other_device();
+    let connect = |camera| Uploader::connect(&device, &place.path(), &options(camera, MEMORY_HOST)).unwrap();
+    let (mut served, mut refused) = (connect(0), connect(1));
+    // So that the device has taken room for the poses before it fails.
+    send(&run, &mut served, 0, IdFormat::U32);
+    assert!(service.tick(60 * SECOND).unwrap().is_some());
+    send(&run, &mut refused, 0, IdFormat::U32);
+    send(&run, &mut served, 1, IdFormat::U32);
+    until("the frames", || service.counts().iter().map(|counts| counts.frames).eq([2, 1]));
+    fails(&mut service);
+    let counts = service.counts();
+    assert_eq!([counts[0].dropped, counts[0].abandoned, counts[0].lost], [1, 0, 0]);
+    assert_eq!([counts[1].dropped, counts[1].abandoned, counts[1].lost], [0, 1, 1]);
+    assert_eq!(served.producer.finish().unwrap(), (1, 1));
     drop(service);
     assert_device_silent(&device);
     assert_silent();

@@ -133,7 +133,7 @@ fn a_rig_of_32_cameras_with_16_slots_needs_few_descriptors() {
 }
 
 /// A tick whose submission the queue does not take.
-fn fails(service: &mut Service) {
+pub fn fails(service: &mut Service) {
     let hook = |point| (point == FaultPoint::Submit).then_some(vk::Result::ERROR_OUT_OF_HOST_MEMORY);
     DEVICE.set_faults(Some(Arc::new(hook)));
     assert!(matches!(service.tick(10 * SECOND), Err(InteropError::Engine(_))));
