@@ -50,6 +50,11 @@ impl StampClock {
         self.restarted = true;
     }
 
+    /// Whether a stamp is older than the clock.
+    pub fn is_past(&self, stamp_ns: i64) -> bool {
+        self.last_stamp_ns.is_some_and(|last_ns| stamp_ns < last_ns)
+    }
+
     /// Whether there has been no tick yet.
     pub fn is_new(&self) -> bool {
         self.last_stamp_ns.is_none()

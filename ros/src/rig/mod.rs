@@ -93,6 +93,8 @@ struct CameraState {
     sensor_is_stale: bool,
     /// End of its last packet in simulation time.
     last_ns: Option<i64>,
+    /// Whether the clock is this camera's time too: it has reached the clock since it began, and goes on.
+    holds_clock: bool,
     /// Whether the user knows that its packets cannot be sent.
     is_refused: bool,
     labels: Labels,
@@ -154,6 +156,7 @@ impl RigPublisher {
                 sequence: 0,
                 sensor_is_stale: true,
                 last_ns: None,
+                holds_clock: false,
                 is_refused: false,
                 labels: Labels::default(),
             })
@@ -235,7 +238,33 @@ impl RigPublisher {
     /// a notice: its stamps go back, and `/clock` does not.
     pub fn restart(&mut self) {
         self.clock.restart();
-        self.cameras.iter_mut().for_each(|camera| camera.last_ns = None);
+        for camera in &mut self.cameras {
+            (camera.last_ns, camera.holds_clock) = (None, false);
+        }
+    }
+
+    /// One camera begins anew with a frame at `t_ns`, which comes with the next tick: its time may go back. Stamps and
+    /// `/clock` go back with it if no other camera goes on from where the clock is; else the clock stays, and this camera is
+    /// behind.
+    pub fn begin_camera(&mut self, camera: usize, t_ns: i64) -> Result<(), PublishError> {
+        self.end_camera(camera)?;
+        let is_behind = self.clock.is_past(self.clock.stamp(t_ns));
+        if is_behind && self.cameras.iter().any(|camera| camera.holds_clock) {
+            return Ok(());
+        }
+        if is_behind {
+            self.clock.restart();
+        }
+        self.cameras[camera].holds_clock = true;
+        Ok(())
+    }
+
+    /// A camera has no more frames until it begins anew. The clock no longer waits for it.
+    pub fn end_camera(&mut self, camera: usize) -> Result<(), PublishError> {
+        self.check_camera(camera)?;
+        let state = &mut self.cameras[camera];
+        (state.last_ns, state.holds_clock) = (None, false);
+        Ok(())
     }
 
     /// Whether a camera's packet can be sent. Gives notices of what is wrong with its time.

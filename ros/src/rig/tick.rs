@@ -117,6 +117,7 @@ impl<'a> TickMessages<'a> {
         let plan = Arc::clone(&self.publisher.plan);
         let Some(topics) = plan.cameras.get(camera) else { return self };
         let complete_ns = self.publisher.cameras[camera].last_ns;
+        self.publisher.cameras[camera].holds_clock |= !self.publisher.clock.is_past(self.stamp_ns);
         if !self.publisher.admits(camera, packet) {
             for topic in [Some(topics.events), topics.event_ids].into_iter().flatten() {
                 self.publisher.statistics.count_failed(topic);

@@ -227,6 +227,59 @@ fn a_simulation_that_is_reset_goes_back_in_its_stamps_and_on_in_the_recording() 
     assert!(times.is_sorted(), "{times:?}");
 }
 
+/// Publishes a tick in which one camera alone has a packet, of the interval of that number.
+fn publish_one(rig: &mut RigPublisher, cameras: &[CameraPlan], camera: usize, interval: i64) {
+    let (t0_ns, t1_ns) = (interval * INTERVAL_NS, (interval + 1) * INTERVAL_NS);
+    let packet = world::packet(&cameras[camera], t0_ns, t1_ns, 300, interval as u32);
+    let mut tick = rig.tick(t1_ns);
+    tick.events(camera, &packet.view());
+    tick.send();
+}
+
+/// Recorded stamps of `/clock`, in intervals.
+fn clock_of(path: &Path) -> Vec<i64> {
+    let mut bag = BagReader::open(path).unwrap();
+    let mut stamps = Vec::new();
+    while let Some(message) = bag.next_message().unwrap() {
+        if bag.topics()[message.topic].name == "/clock" {
+            // After the encapsulation's four bytes: seconds and nanoseconds.
+            let word = |at: usize| i32::from_le_bytes(message.bytes[at..at + 4].try_into().unwrap());
+            stamps.push((i64::from(word(4)) * 1_000_000_000 + i64::from(word(8))) / INTERVAL_NS);
+        }
+    }
+    stamps
+}
+
+#[test]
+fn the_clock_goes_back_only_where_no_camera_goes_on() {
+    let cameras = ["left", "right"].map(|name| world::camera(name, 32, 24)).to_vec();
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
+    let begin = |rig: &mut RigPublisher, camera| {
+        rig.begin_camera(camera, 0).unwrap();
+        rig.tick(0).send();
+    };
+    begin(&mut rig, 0);
+    (0..5).for_each(|interval| publish_one(&mut rig, &cameras, 0, interval));
+    // One that joins late is behind, and so is one that begins anew while the other goes on.
+    begin(&mut rig, 1);
+    (0..5).for_each(|interval| publish_one(&mut rig, &cameras, 1, interval));
+    begin(&mut rig, 0);
+    publish_one(&mut rig, &cameras, 0, 0);
+    publish_one(&mut rig, &cameras, 1, 5);
+    // The other begins anew too: nobody is left at the clock's time.
+    begin(&mut rig, 1);
+    publish_one(&mut rig, &cameras, 0, 1);
+    // One that has ended holds the clock no longer.
+    rig.end_camera(0).unwrap();
+    begin(&mut rig, 1);
+    let (summary, notices, recorded) = rig.finish();
+    recorded.unwrap();
+    assert_eq!(clock_of(&path), [0, 1, 2, 3, 4, 5, 6, 0, 2, 0]);
+    assert_eq!((summary.time_resets, summary.unannounced_resets, notices.len()), (2, 0, 0), "{notices:?}");
+    let error = world::rig(&cameras, &lossless(), Sinks::default()).begin_camera(2, 0).unwrap_err();
+    assert_eq!(error.to_string(), "camera 2, expected a number below 2");
+}
+
 #[test]
 fn a_camera_that_goes_back_without_a_restart_is_told() {
     let cameras = vec![world::camera("left", 32, 24)];

@@ -69,6 +69,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let (mut first_ns, mut last_ns, mut intervals) = (None, 0, 0);
     while !(interrupt.came() || arguments.once && is_over(&service)) {
         ros.change_sensors(service.rig_mut(), &mut sensors);
+        end_cameras(&mut ros, &service)?;
         let mut starts = Vec::new();
         if let Some(tick) = service.tick(LOOK)? {
             let mut is_interval = false;
@@ -84,7 +85,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
                     first_ns = Some(first_ns.map_or(*t_ns, |first: i64| first.min(*t_ns)));
                 }
             }
-            publish(&mut ros, &sensors, &tick);
+            publish(&mut ros, &sensors, &tick)?;
             // A first frame ends no interval.
             if is_interval {
                 record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
@@ -150,10 +151,12 @@ fn published(plan: &RigPlan) -> Vec<CameraPlan> {
 }
 
 /// Packets and APS frames of the cameras that had a frame, those of one time together.
-fn publish(ros: &mut RosOutput, sensors: &[SensorModel], tick: &ServiceTick<'_>) {
+fn publish(ros: &mut RosOutput, sensors: &[SensorModel], tick: &ServiceTick<'_>) -> Result<()> {
     let cameras = || (0..sensors.len()).filter(|&camera| tick.t_ns[camera].is_some());
-    if cameras().any(|camera| tick.first[camera]) {
-        ros.restart();
+    for camera in cameras().filter(|&camera| tick.first[camera]) {
+        if let Some(t_ns) = tick.t_ns[camera] {
+            ros.begin_camera(camera, t_ns)?;
+        }
     }
     let mut times_ns: Vec<i64> = tick.t_ns.iter().flatten().copied().collect();
     times_ns.sort_unstable();
@@ -165,6 +168,18 @@ fn publish(ros: &mut RosOutput, sensors: &[SensorModel], tick: &ServiceTick<'_>)
             }
         });
     }
+    Ok(())
+}
+
+/// Tells the publisher which cameras nobody feeds: a producer that is gone keeps no time.
+fn end_cameras(ros: &mut RosOutput, service: &Service) -> Result<()> {
+    if !ros.is_open() {
+        return Ok(());
+    }
+    let fed = |counts: &LinkCounts| counts.connections > counts.finished + counts.lost;
+    let counts = service.counts();
+    let mut idle = counts.iter().enumerate().filter(|(_, counts)| !fed(counts));
+    idle.try_for_each(|(camera, _)| ros.end_camera(camera))
 }
 
 /// Whether every camera has had a producer, and none is there any more.

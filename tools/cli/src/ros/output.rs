@@ -149,11 +149,16 @@ impl RosOutput {
         Ok(())
     }
 
-    /// Allows the simulation's time to go back with the next tick.
-    pub fn restart(&mut self) {
-        if let Some(publisher) = &mut self.publisher {
-            publisher.restart();
-        }
+    /// Allows a camera's time to go back with the next tick, to its first frame's.
+    pub fn begin_camera(&mut self, camera: usize, t_ns: i64) -> Result<()> {
+        let Some(publisher) = &mut self.publisher else { return Ok(()) };
+        Ok(publisher.begin_camera(camera, t_ns)?)
+    }
+
+    /// Notes that a camera has nobody who feeds it: its time holds the others' no longer.
+    pub fn end_camera(&mut self, camera: usize) -> Result<()> {
+        let Some(publisher) = &mut self.publisher else { return Ok(()) };
+        Ok(publisher.end_camera(camera)?)
     }
 
     /// Sends what waits, and closes the recording.

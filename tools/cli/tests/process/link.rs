@@ -275,6 +275,35 @@ fn a_killed_renderer_leaves_the_engine_and_other_cameras_as_they_were() {
 }
 
 #[test]
+fn a_camera_that_joins_late_leaves_the_clock_to_the_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("run.mcap");
+    let engine = Engine::start(&["--record", text(&recording)]);
+    let mut first = engine.renderer(&["--camera", "0", "--frames", "1000000"]);
+    engine.wait_until_it_says("camera 0: first frame");
+    for _ in 0..2 {
+        let late = engine.renderer(&["--camera", "1", "--frames", "4"]);
+        let (code, _, error) = finish(late.wait_with_output().unwrap());
+        assert_eq!(code, 0, "{error}");
+    }
+    assert!(first.try_wait().unwrap().is_none(), "camera 0 goes on");
+    signal(&engine.child, "-TERM");
+    let (report, log) = engine.end();
+    first.wait().unwrap();
+    assert_eq!(log.matches("camera 1: first frame").count(), 2, "{log}");
+    assert_eq!(report["ros"]["time_resets"], 0, "{report}");
+    let mut bag = esaac_ros::BagReader::open(&recording).unwrap();
+    let mut clock = Vec::new();
+    while let Some(message) = bag.next_message().unwrap() {
+        if bag.topics()[message.topic].name == "/clock" {
+            // After the encapsulation's four bytes: seconds and nanoseconds.
+            clock.push([4, 8].map(|at| u32::from_le_bytes(message.bytes[at..at + 4].try_into().unwrap())));
+        }
+    }
+    assert!(clock.len() > 2 && clock.is_sorted(), "{clock:?}");
+}
+
+#[test]
 fn a_killed_engine_ends_the_renderer_with_an_error() {
     let mut engine = Engine::start(&[]);
     let renderer = engine.renderer(&["--frames", "1000000"]);
