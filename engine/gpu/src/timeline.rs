@@ -63,7 +63,10 @@ impl Timeline {
             return Err(EngineError::TimelineValue { expected_above: current, actual: value });
         }
         let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
-        // SAFETY: the semaphore is alive; the value is above its own. The driver refuses one that breaks the other rules.
+        // SAFETY: the semaphore is alive, and the value was above its own a moment ago. That no submission signals a lower
+        // value, and that nobody signals in between, is the caller's part. Vulkan does not promise that a driver notices. A
+        // process that shares the semaphore can break that part, and no check here can prevent it: the window is the time
+        // between the two calls.
         unsafe { self.device.raw().signal_semaphore(&info) }.call("vkSignalSemaphore")
     }
 
