@@ -11,9 +11,9 @@ use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::{device_choice, output_file, report, stderr};
 use anyhow::Result;
-use esaac_engine::{CameraConfig, Rig};
+use esaac_engine::{CameraConfig, EngineError, Rig};
 use esaac_formats::event_file::write_npz;
-use esaac_interop::{LinkCounts, ServerOptions, Service, ServiceTick};
+use esaac_interop::{InteropError, LinkCounts, ServerOptions, Service, ServiceTick};
 use esaac_model::SensorModel;
 use esaac_ros::CameraPlan;
 use std::path::PathBuf;
@@ -64,40 +64,16 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let cameras = counted(plan.cameras.len() as u64, "camera");
     stderr::line(format_args!("{cameras} at {}", arguments.socket.display()));
 
-    let mut record = RunRecord::new(plan.cameras.len());
-    let mut had_frame = vec![false; plan.cameras.len()];
-    let (mut first_ns, mut last_ns, mut intervals) = (None, 0, 0);
-    while !(interrupt.came() || arguments.once && is_over(&service)) {
-        ros.change_sensors(service.rig_mut(), &mut sensors);
-        end_cameras(&mut ros, &service)?;
-        let mut starts = Vec::new();
-        if let Some(tick) = service.tick(LOOK)? {
-            let mut is_interval = false;
-            for (camera, t_ns) in tick.t_ns.iter().enumerate() {
-                had_frame[camera] |= t_ns.is_some();
-                if let (Some(t_ns), false) = (t_ns, tick.first[camera]) {
-                    is_interval = true;
-                    record.add_camera(camera, &tick.tick, arguments.out.is_some())?;
-                    last_ns = last_ns.max(*t_ns);
-                } else if let Some(t_ns) = t_ns {
-                    record.begin_anew(camera);
-                    starts.push(format!("camera {camera}: first frame, of {t_ns} ns"));
-                    first_ns = Some(first_ns.map_or(*t_ns, |first: i64| first.min(*t_ns)));
-                }
-            }
-            publish(&mut ros, &sensors, &tick)?;
-            // A first frame ends no interval.
-            if is_interval {
-                record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
-                record.forget_old_timings(TIMINGS);
-                intervals += 1;
-            }
+    let mut gathered = Gathered::new(plan.cameras.len(), arguments.out.is_some());
+    let mut serve = || -> Result<()> {
+        while !(interrupt.came() || arguments.once && is_over(&service)) {
+            turn(&mut service, &mut ros, &mut sensors, &mut gathered)?;
         }
-        ros.show_cameras(&record, service.rig())?;
-        starts.into_iter().for_each(|line| service.server().say(line));
-        print_notices(&service);
-    }
-    ros.show_cameras_now(&record, service.rig())?;
+        Ok(())
+    };
+    // Whatever ends the service, what it has gathered is written.
+    let mut outcomes = vec![serve()];
+    outcomes.push(ros.show_cameras_now(&gathered.record, service.rig()));
     print_notices(&service);
     let connections = service.server().connections();
     if connections.refused + connections.not_accepted > 0 {
@@ -111,31 +87,143 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
         sensor.synthesis = synthesis;
     }
     let memory = MemoryReport::of(service.rig());
-    record.take_light(service.rig())?;
+    outcomes.push(gathered.record.take_light(service.rig()));
     drop(service);
-    device_choice::check_validation(&device)?;
+    outcomes.push(device_choice::check_validation(&device));
 
     let (files, unfed): (Vec<_>, Vec<_>) =
-        files.iter().enumerate().partition(|&(camera, _)| had_frame[camera]);
+        files.iter().enumerate().partition(|&(camera, _)| gathered.had_frame[camera]);
     for (camera, file) in unfed {
         stderr::line(format_args!("camera {camera} had no frame: {} is not written", file.display()));
     }
     for &(camera, file) in &files {
-        let (events, sensor) = (&record.cameras[camera].events, sensors[camera].to_toml());
-        output_file::write(file, |out| write_npz(out, events, &sensor))?;
+        let (events, sensor) = (&gathered.record.cameras[camera].events, sensors[camera].to_toml());
+        outcomes.push(output_file::write(file, |out| write_npz(out, events, &sensor)));
     }
+    let published = ros.finish();
+    outcomes.push(published.recorded);
+    first_error(outcomes)?;
     let info = device_choice::report(device.info());
-    let mut report = Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &record);
-    report.intervals = intervals;
-    report.simulated_ns = first_ns.map_or(0, |first| (last_ns - first).max(0));
+    let mut report =
+        Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &gathered.record);
+    report.intervals = gathered.intervals;
+    report.simulated_ns = gathered.span.length_ns();
     report.set_memory(memory);
     report.link = link;
-    let published = ros.finish();
-    published.recorded?;
     report.ros = published.summary;
     report.files = files.iter().map(|(_, file)| file.display().to_string()).collect();
     report.warn_of_waiting();
     report.outcome(common.json)
+}
+
+/// Steps the cameras whose frames are there, if any.
+fn turn(
+    service: &mut Service,
+    ros: &mut RosOutput,
+    sensors: &mut [SensorModel],
+    gathered: &mut Gathered,
+) -> Result<()> {
+    ros.change_sensors(service.rig_mut(), sensors);
+    end_cameras(ros, service)?;
+    let lines = match service.tick(LOOK) {
+        Ok(None) => Vec::new(),
+        Ok(Some(tick)) => {
+            let starts = gathered.add(&tick)?;
+            publish(ros, sensors, &tick)?;
+            starts
+        }
+        // The step is lost, and not the rig: its cameras start anew with their next frames.
+        Err(InteropError::Engine(error)) if !matches!(error, EngineError::Lost { .. }) => {
+            vec![format!("a step failed and its frames are dropped: {error}")]
+        }
+        Err(error) => return Err(error.into()),
+    };
+    ros.show_cameras(&gathered.record, service.rig())?;
+    lines.into_iter().for_each(|line| service.server().say(line));
+    print_notices(service);
+    Ok(())
+}
+
+/// What a service has gathered so far.
+struct Gathered {
+    record: RunRecord,
+    keeps_events: bool,
+    /// By camera.
+    had_frame: Vec<bool>,
+    intervals: usize,
+    span: Span,
+}
+
+impl Gathered {
+    fn new(cameras: usize, keeps_events: bool) -> Self {
+        Gathered {
+            record: RunRecord::new(cameras),
+            keeps_events,
+            had_frame: vec![false; cameras],
+            intervals: 0,
+            span: Span::default(),
+        }
+    }
+
+    /// Adds a tick. Returns lines for the log.
+    fn add(&mut self, tick: &ServiceTick<'_>) -> Result<Vec<String>> {
+        let mut starts = Vec::new();
+        let mut is_interval = false;
+        for (camera, &t_ns) in tick.t_ns.iter().enumerate() {
+            let Some(t_ns) = t_ns else { continue };
+            self.had_frame[camera] = true;
+            if tick.first[camera] {
+                self.record.begin_anew(camera);
+                self.span.begin(t_ns);
+                starts.push(format!("camera {camera}: first frame, of {t_ns} ns"));
+            } else {
+                is_interval = true;
+                self.record.add_camera(camera, &tick.tick, self.keeps_events)?;
+                self.span.go_on(t_ns);
+            }
+        }
+        // A first frame ends no interval.
+        if is_interval {
+            self.record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
+            self.record.forget_old_timings(TIMINGS);
+            self.intervals += 1;
+        }
+        Ok(starts)
+    }
+}
+
+/// Simulated time, from the earliest first frame to the latest end of an interval.
+#[derive(Default)]
+struct Span {
+    first_ns: Option<i64>,
+    last_ns: Option<i64>,
+}
+
+impl Span {
+    /// A camera's first frame.
+    fn begin(&mut self, t_ns: i64) {
+        self.first_ns = Some(self.first_ns.map_or(t_ns, |first_ns| first_ns.min(t_ns)));
+    }
+
+    /// A camera's later frame.
+    fn go_on(&mut self, t_ns: i64) {
+        self.last_ns = self.last_ns.max(Some(t_ns));
+    }
+
+    /// 0 without an interval. Producers say the times, so the difference may be more than a number holds.
+    fn length_ns(&self) -> i64 {
+        self.first_ns
+            .zip(self.last_ns)
+            .map_or(0, |(first_ns, last_ns)| last_ns.saturating_sub(first_ns).max(0))
+    }
+}
+
+/// The first error of all that was tried. The others are told at once.
+fn first_error(outcomes: Vec<Result<()>>) -> Result<()> {
+    let mut errors = outcomes.into_iter().filter_map(Result::err);
+    let first = errors.next();
+    errors.for_each(|error| stderr::line(format_args!("another error: {error:#}")));
+    first.map_or(Ok(()), Err)
 }
 
 fn print_notices(service: &Service) {
@@ -194,4 +282,77 @@ fn output_files(arguments: &ServeArguments, cameras: usize) -> Result<Vec<PathBu
     let files: Vec<PathBuf> = (0..cameras).map(|camera| out.join(format!("camera_{camera}.npz"))).collect();
     files.iter().try_for_each(|file| output_file::check(file))?;
     Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_engine::ash::vk;
+    use esaac_engine::{Device, DeviceChoice, FaultPoint, Validation};
+    use esaac_interop::ProducerOptions;
+    use esaac_tests::interop::{Place, Uploader, flight, other_device};
+    use std::sync::Arc;
+
+    #[test]
+    fn a_step_that_fails_does_not_end_the_service_and_a_lost_rig_does() {
+        let sensor = SensorModel { width: 12, height: 9, ..SensorModel::default() };
+        let sequence = flight(&sensor);
+        let config = esaac_tests::run::camera(&sensor, 0, &sequence);
+        // Its own, because the faults are the device's.
+        let device = Device::open(DeviceChoice::Best, Validation::Off).unwrap();
+        let rig = Rig::new(&device, std::slice::from_ref(&config)).unwrap();
+        let place = Place::default();
+        let terms = [(&config).into()];
+        let mut service = Service::open(rig, &place.path(), &terms, ServerOptions::default()).unwrap();
+        let producer = ProducerOptions::default();
+        let mut producer = Uploader::connect(&other_device(), &place.path(), &producer).unwrap();
+        let (mut ros, mut sensors) = (RosOutput::default(), [sensor]);
+        let mut gathered = Gathered::new(1, true);
+        let mut frames = sequence.frames.iter().zip((0..).map(|index| index * 10_000_000));
+        let mut one_frame = |fault: Option<(FaultPoint, vk::Result)>| {
+            let (frame, t_ns) = frames.next().unwrap();
+            producer.send(frame, t_ns).unwrap();
+            if let Some((at, result)) = fault {
+                device.set_faults(Some(Arc::new(move |point| (point == at).then_some(result))));
+            }
+            let before = service.counts()[0];
+            let done = |counts: LinkCounts| counts.stepped + counts.dropped;
+            let mut outcome = Ok(());
+            while outcome.is_ok() && done(service.counts()[0]) == done(before) {
+                outcome = turn(&mut service, &mut ros, &mut sensors, &mut gathered);
+            }
+            device.set_faults(None);
+            outcome
+        };
+        let refused = Some((FaultPoint::Submit, vk::Result::ERROR_OUT_OF_HOST_MEMORY));
+        for fault in [None, None, refused, None, None] {
+            one_frame(fault).unwrap();
+        }
+        let lost = one_frame(Some((FaultPoint::Submit, vk::Result::ERROR_DEVICE_LOST)));
+        assert!(lost.unwrap_err().to_string().contains("takes no more steps"));
+        assert_eq!((gathered.intervals, gathered.span.length_ns()), (2, 40_000_000));
+        assert!(!gathered.record.cameras[0].events.is_empty());
+    }
+
+    #[test]
+    fn a_span_is_from_the_first_frame_to_the_last_wherever_zero_is() {
+        let span = |begins: &[i64], ends: &[i64]| {
+            let mut span = Span::default();
+            begins.iter().for_each(|&t_ns| span.begin(t_ns));
+            ends.iter().for_each(|&t_ns| span.go_on(t_ns));
+            span.length_ns()
+        };
+        assert_eq!(span(&[-500, -400], &[-300, -200]), 300);
+        assert_eq!(span(&[-500], &[100]), 600);
+        assert_eq!((span(&[], &[]), span(&[-500], &[])), (0, 0));
+        assert_eq!(span(&[i64::MIN], &[i64::MAX]), i64::MAX);
+    }
+
+    #[test]
+    fn the_first_error_is_the_one_that_is_returned() {
+        let outcome = |text: &'static str| Err(anyhow::anyhow!(text));
+        assert!(first_error(vec![Ok(()), Ok(())]).is_ok());
+        let error = first_error(vec![Ok(()), outcome("no device"), outcome("no disk")]).unwrap_err();
+        assert_eq!(error.to_string(), "no device");
+    }
 }

@@ -86,11 +86,17 @@ impl Engine {
             .unwrap()
     }
 
-    /// Its report once it has ended.
-    fn end(self) -> (serde_json::Value, String) {
+    /// Its exit code, output and log once it has ended.
+    fn ends_with(self) -> (i32, String, String) {
         let (code, out, _) = finish(self.child.wait_with_output().unwrap());
         self.reader.join().unwrap();
-        let error = self.log.lock().unwrap().clone();
+        let log = self.log.lock().unwrap().clone();
+        (code, out, log)
+    }
+
+    /// Its report once it has ended.
+    fn end(self) -> (serde_json::Value, String) {
+        let (code, out, error) = self.ends_with();
         assert_eq!(code, 0, "{error}");
         (serde_json::from_str(&out).unwrap_or_else(|e| panic!("{e}: {out}{error}")), error)
     }
@@ -172,6 +178,21 @@ fn a_service_ends_by_itself_once_all_is_done() {
         assert!(out.path().join(format!("camera_{camera}.npz")).metadata().unwrap().len() > 1000);
         assert!(report["cameras"][camera]["events"].as_u64().unwrap() > 100, "{report}");
     }
+}
+
+#[test]
+fn a_file_that_cannot_be_written_keeps_no_other_from_being_written() {
+    let out = tempfile::tempdir().unwrap();
+    let engine = Engine::start(&["--once", "--out", text(out.path())]);
+    // It could be written when the service looked.
+    let files = ["camera_0.npz", "camera_1.npz"].map(|name| out.path().join(name));
+    std::fs::create_dir(&files[0]).unwrap();
+    let (code, _, error) = finish(engine.renderer(&["--frames", "5"]).wait_with_output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    let (code, _, log) = engine.ends_with();
+    assert_eq!(code, 1, "{log}");
+    assert!(log.contains("error: cannot write") && log.contains("camera_0.npz"), "{log}");
+    assert!(files[1].metadata().unwrap().len() > 1000);
 }
 
 #[test]
