@@ -145,9 +145,10 @@ impl OneShot {
 /// The commands must not be pending anywhere else.
 #[derive(Clone, Copy, Default)]
 pub struct SubmitHooks<'a> {
-    /// Commands that run before the submission's own.
+    /// Commands that run before the submission's own. In a step that looks at its frames first (see
+    /// [`Rig::submit_frames`](crate::Rig::submit_frames)), before the first look, and no more after.
     pub before: &'a [&'a Commands],
-    /// Commands that run after the submission's own.
+    /// Commands that run after the submission's own: of a step, when nothing of it reads the frames any more.
     pub after: &'a [&'a Commands],
     /// Timelines and the values that they must reach before anything runs.
     pub waits: &'a [(&'a crate::timeline::Timeline, u64)],
@@ -155,7 +156,14 @@ pub struct SubmitHooks<'a> {
     pub signals: &'a [(&'a crate::timeline::Timeline, u64)],
 }
 
-impl SubmitHooks<'_> {
+impl<'a> SubmitHooks<'a> {
+    /// Takes out what comes before the first of several submissions. The rest is for the last.
+    pub(crate) fn take_first(&mut self) -> SubmitHooks<'a> {
+        let SubmitHooks { before, waits, .. } = *self;
+        (self.before, self.waits) = (&[], &[]);
+        SubmitHooks { before, waits, ..SubmitHooks::default() }
+    }
+
     /// The commands of the hooks, in the order in which they run.
     fn commands(&self) -> impl Iterator<Item = &Commands> {
         self.before.iter().chain(self.after).copied()

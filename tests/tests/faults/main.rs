@@ -5,6 +5,7 @@
 mod driver;
 mod halves;
 mod held;
+mod hooks;
 mod limits;
 mod looks;
 mod lost;

@@ -57,7 +57,7 @@ impl Rig {
     pub(super) fn check_conventions(
         &mut self,
         frames: &[Option<Given<'_>>],
-        hooks: &SubmitHooks<'_>,
+        hooks: &mut SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
         let take = |camera: &mut CameraState, given: &Given<'_>, bytes: &mut &[u8]| {
             camera.compare(given.t_ns, bytes)

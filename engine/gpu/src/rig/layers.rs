@@ -69,7 +69,7 @@ impl Rig {
     pub(super) fn look_for_meetings(
         &mut self,
         frames: &[Option<Given<'_>>],
-        hooks: &SubmitHooks<'_>,
+        hooks: &mut SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
         let take =
             |camera: &mut CameraState, _: &Given<'_>, bytes: &mut &[u8]| camera.note_first_vectors(bytes);

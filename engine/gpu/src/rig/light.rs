@@ -50,7 +50,7 @@ impl Rig {
     pub(super) fn look_at_light(
         &mut self,
         frames: &[Option<Given<'_>>],
-        hooks: &SubmitHooks<'_>,
+        hooks: &mut SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
         let take = |camera: &mut CameraState, _: &Given<'_>, bytes: &mut &[u8]| camera.add_light(bytes);
         self.look_at_frames(frames, hooks, CameraState::light_parts, take)

@@ -17,11 +17,12 @@ pub(super) struct Given<'a> {
 
 impl Rig {
     /// Reads parts of a tick's frames back: those that `parts` names, none for a camera that is not looked at. `take` gets
-    /// each of the other cameras with its frame, and takes its bytes off those that are left.
+    /// each of the other cameras with its frame, and takes its bytes off those that are left. What `hooks` have before a first
+    /// submission is taken out of them, if this is the step's first.
     pub(super) fn look_at_frames(
         &mut self,
         frames: &[Option<Given<'_>>],
-        hooks: &SubmitHooks<'_>,
+        hooks: &mut SubmitHooks<'_>,
         parts: impl for<'a> Fn(&'a CameraState, &Given<'a>) -> Vec<Part<'a>>,
         take: impl Fn(&mut CameraState, &Given<'_>, &mut &[u8]),
     ) -> Result<(), EngineError> {
@@ -38,9 +39,7 @@ impl Rig {
         if looked.is_empty() {
             return Ok(());
         }
-        // The hooks' timelines are signalled by the tick.
-        let hooks = SubmitHooks { signals: &[], ..*hooks };
-        let bytes = match read_back_after(&self.device, &all_parts, &hooks) {
+        let bytes = match read_back_after(&self.device, &all_parts, hooks) {
             Ok(bytes) => bytes,
             Err(error) => return Err(if error.leaves_work() { self.lose(error) } else { error }),
         };

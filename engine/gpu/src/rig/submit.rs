@@ -40,8 +40,9 @@ impl Rig {
     ///
     /// Errors are those of a refused step: nothing has happened, no timeline is signalled, and the same step may be tried
     /// again. [`EngineError::Lost`] if the device is gone. Three kinds of frames are looked at on the host before they are
-    /// submitted, so that the call waits for the timelines of `hooks` and reads a part of the frame back: those whose poses
-    /// are checked against motion vectors, some of cameras with physical pixels, and some of those with layers.
+    /// submitted: those whose poses are checked against motion vectors, some of cameras with physical pixels, and some of
+    /// those with layers. Then the call waits for the timelines of `hooks`, runs the commands before the step and reads a part
+    /// of the frame back. If the step is refused after that, these commands have run, and run again with the next try.
     pub fn submit_frames(
         &mut self,
         frames: &[Option<FrameInput<'_>>],
@@ -115,9 +116,12 @@ impl Rig {
         lent: impl Iterator<Item = InputBuffers<'a>>,
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
-        self.check_conventions(given, hooks)?;
-        self.look_at_light(given, hooks)?;
-        self.look_for_meetings(given, hooks)?;
+        // Commands that are refused are so before the first look runs some of them.
+        hooks.check()?;
+        let mut left = *hooks;
+        self.check_conventions(given, &mut left)?;
+        self.look_at_light(given, &mut left)?;
+        self.look_for_meetings(given, &mut left)?;
         for (camera, frame) in self.cameras.iter_mut().zip(frames) {
             if let Some((_, addresses)) = frame {
                 camera.inputs = *addresses;
@@ -132,7 +136,7 @@ impl Rig {
         self.prepare(&t_ns)?;
         let started = Instant::now();
         let Rig { device, timing, recordings, arena, .. } = self;
-        if let Err(error) = timing.submit(device, &recordings.ring[arena.current()].tick, hooks) {
+        if let Err(error) = timing.submit(device, &recordings.ring[arena.current()].tick, &left) {
             // A device that is gone has lost the cameras' state. Otherwise nothing runs.
             return Err(if error.is_device_lost() { self.lose(error) } else { error });
         }

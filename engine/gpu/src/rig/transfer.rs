@@ -84,14 +84,14 @@ pub(super) struct Part<'a> {
 
 /// Reads parts back, and waits; returns their bytes one after the other.
 pub(super) fn read_back(device: &Arc<Device>, parts: &[Part<'_>]) -> Result<Vec<u8>, EngineError> {
-    read_back_after(device, parts, &SubmitHooks::default())
+    read_back_after(device, parts, &mut SubmitHooks::default())
 }
 
-/// As [`read_back`], with hooks around each submission.
+/// As [`read_back`]. The first submission takes out what `hooks` have before a first one.
 pub(super) fn read_back_after(
     device: &Arc<Device>,
     parts: &[Part<'_>],
-    hooks: &SubmitHooks<'_>,
+    hooks: &mut SubmitHooks<'_>,
 ) -> Result<Vec<u8>, EngineError> {
     let mut bytes = Vec::new();
     let mut rest = parts;
@@ -113,7 +113,7 @@ pub(super) fn read_back_after(
 fn read_batch(
     device: &Arc<Device>,
     parts: &[Part<'_>],
-    hooks: &SubmitHooks<'_>,
+    hooks: &mut SubmitHooks<'_>,
     bytes: &mut Vec<u8>,
 ) -> Result<(), EngineError> {
     let sum: u64 = parts.iter().map(|part| part.bytes).sum();
@@ -122,7 +122,7 @@ fn read_batch(
     }
     let usage = vk::BufferUsageFlags::empty();
     let staging = device.allocate("download", sum, usage, MemoryLocation::GpuToCpu)?;
-    device.run_once_with(hooks, |commands| {
+    device.run_once_with(&hooks.take_first(), |commands| {
         let mut dst_offset = 0;
         for part in parts.iter().filter(|part| part.bytes > 0) {
             let region = [vk::BufferCopy { src_offset: part.offset, dst_offset, size: part.bytes }];
