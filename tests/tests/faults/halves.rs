@@ -225,6 +225,37 @@ fn a_refused_first_half_leaves_the_rig_as_it_was() {
 }
 
 #[test]
+fn after_a_refused_step_the_last_tick_is_empty() {
+    let _alone = alone();
+    let frames = &sequences()[0].frames[..2];
+    let mut rig = rig();
+    let (none, late_ns) = (SubmitHooks::default(), frames[1].t_ns);
+    let next = frames.iter().map(buffer).collect::<Vec<_>>();
+    let steps: [(&str, fn(&mut Rig, &Buffer, i64) -> Result<(), EngineError>); 3] = [
+        ("a time that is past", |rig, hdr, t_ns| {
+            rig.submit_frames(&input(t_ns, hdr), &SubmitHooks::default())
+        }),
+        ("too few frames", |rig, _, _| rig.submit_frames(&[], &SubmitHooks::default())),
+        ("tiles of a time that is past", |rig, hdr, t_ns| {
+            let tiles = InputBuffers { hdr, motion: None, depth: None, ids: None };
+            rig.submit_tiles(&[Some(t_ns)], tiles, &SubmitHooks::default())
+        }),
+    ];
+    for (what, step) in steps {
+        rig.reset(0).expect("a camera");
+        for (frame, hdr) in frames.iter().zip(&next) {
+            rig.step_frames(&input(frame.t_ns, hdr), &none).expect("a frame in time");
+        }
+        assert!(rig.last_tick().events[0] > 0);
+        step(&mut rig, &next[1], late_ns).expect_err(what);
+        let tick = rig.last_tick();
+        assert_eq!((tick.events[0], tick.packets[0].len()), (0, 0), "{what}");
+    }
+    drop((rig, next));
+    assert_silent();
+}
+
+#[test]
 fn each_half_reports_what_fails_in_it() {
     let _alone = alone();
     let is_lost = |result: Result<(), EngineError>| matches!(result, Err(EngineError::Lost { .. }));

@@ -48,8 +48,7 @@ impl Rig {
         frames: &[Option<FrameInput<'_>>],
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
-        self.check_ready()?;
-        self.check_count(frames.len())?;
+        self.begin(frames.len())?;
         let mut inputs = Vec::new();
         for (number, (camera, frame)) in self.cameras.iter().zip(frames).enumerate() {
             inputs.push(match frame {
@@ -76,8 +75,7 @@ impl Rig {
         tiles: InputBuffers<'_>,
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
-        self.check_ready()?;
-        self.check_count(t_ns.len())?;
+        self.begin(t_ns.len())?;
         let mut inputs = Vec::new();
         for ((number, camera), t_ns) in self.cameras.iter().enumerate().zip(t_ns) {
             inputs.push(match *t_ns {
@@ -103,7 +101,10 @@ impl Rig {
         self.submitted.is_some() && self.timing.is_done()
     }
 
-    fn check_count(&self, actual: usize) -> Result<(), EngineError> {
+    /// Begins a step with frames of this number of cameras: from here on there is no last tick, also if the step is refused.
+    fn begin(&mut self, actual: usize) -> Result<(), EngineError> {
+        self.check_ready()?;
+        self.results.clear();
         let expected = self.cameras.len();
         if actual == expected { Ok(()) } else { Err(FrameError::Count { expected, actual }.into()) }
     }
@@ -128,7 +129,6 @@ impl Rig {
             }
         }
         let t_ns: Vec<Option<i64>> = frames.iter().map(|frame| frame.map(|(t_ns, _)| t_ns)).collect();
-        self.results.clear();
         self.forget_paths();
         self.end_rest()?;
         self.make_room_for_layers()?;
