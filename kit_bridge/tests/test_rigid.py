@@ -165,7 +165,7 @@ def test_a_saved_run_goes_on_as_one(expected):
     assert_same(join(packets + [step(second, index) for index in range(2, FRAMES)]), expected)
     with pytest.raises(esaac.ArgumentError, match="with depth, expected cameras made with intrinsics="):
         camera(intrinsics=None).restore(state)
-    with pytest.raises(esaac.ArgumentError, match="format b'ESAACPY1', expected b'ESAACPY4'"):
+    with pytest.raises(esaac.ArgumentError, match="format b'ESAACPY1', expected b'ESAACPY5'"):
         second.restore(b"ESAACPY1" + state[8:])
 
 

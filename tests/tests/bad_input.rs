@@ -276,8 +276,8 @@ fn saved_states_that_do_not_fit() {
         ("a header without end", &endless, &["truncated"]),
         ("a broken header", &flipped, &["saved state"]),
         ("another version", &version, &["version", "2", "expected"]),
-        ("a truncated body", &saved[..saved.len() - 5], &["bytes", "expected"]),
-        ("a longer body", &longer, &["bytes", "expected"]),
+        ("a truncated body", &saved[..saved.len() - 5], &["damaged", "CRC-32", "expected"]),
+        ("a longer body", &longer, &["damaged", "CRC-32", "expected"]),
     ];
     for (what, bytes, words) in bad {
         println!("{what}");

@@ -1,6 +1,7 @@
 """Cameras: one (`EventCamera`), several of different sensors (`Rig`), many alike (`TiledEventCamera`)."""
 
 import dataclasses
+import itertools
 import json
 import warnings
 import zlib
@@ -13,9 +14,9 @@ from esaac.checks import bins_of, index_of, indices_of, nanoseconds
 from esaac.errors import ArgumentError, InputWarning, LightWarning, PoseWarning, SynthesisWarning
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
-# A saved state: these eight bytes, of which the last is the version; length and CRC-32 of what follows; length of the
-# header; the header, JSON; the banks' states.
-_MAGIC = b"ESAACPY4"
+# A saved state: these eight bytes, of which the last is the version; length and CRC-32 of the header; the header, which
+# is JSON; the banks' states, which have checksums of their own.
+_MAGIC = b"ESAACPY5"
 _BEGIN = len(_MAGIC) + 8 + 4
 
 # The engine's kinds of warnings.
@@ -118,27 +119,23 @@ class _Cameras:
         parts = self._engine.save()
         banks = parts.pop("banks")
         header = json.dumps({**parts, "banks": [len(bank) for bank in banks]}).encode()
-        body = [len(header).to_bytes(8, "little"), header, *banks]
-        checksum = 0
-        for part in body:
-            checksum = zlib.crc32(part, checksum)
-        length = sum(map(len, body))
-        return b"".join([_MAGIC, length.to_bytes(8, "little"), checksum.to_bytes(4, "little"), *body])
+        length, checksum = len(header).to_bytes(8, "little"), zlib.crc32(header).to_bytes(4, "little")
+        return b"".join([_MAGIC, length, checksum, header, *banks])
 
     def restore(self, state):
         """Continues from a state that cameras with the same sensors have saved."""
-        body = _checked_body(state)
-        end = 8 + int.from_bytes(body[:8], "little")
+        header, rest = _checked_header(state)
         try:
-            header = json.loads(bytes(body[8:end]))
-            banks = []
-            for length in header["banks"]:
-                banks.append(bytes(body[end : end + length]))
-                end += length
+            header = json.loads(bytes(header))
+            lengths = header["banks"]
+            ends = [sum(lengths[:bank]) for bank in range(len(lengths) + 1)]
             formats = [tuple(plane and tuple(plane) for plane in planes) for planes in header["formats"]]
             times, left_out = (header["last_ns"], header["first_ns"]), header["left_out"]
         except (ValueError, KeyError, TypeError) as error:
             raise ArgumentError(f"saved state that cannot be read: {error!r}") from error
+        if len(rest) != ends[-1]:
+            raise ArgumentError(f"saved state has {len(rest)} bytes of rigs, expected {ends[-1]}")
+        banks = [bytes(rest[begin:end]) for begin, end in itertools.pairwise(ends)]
         self._engine.restore(formats, times, left_out, banks)
 
     def _all_aps(self):
@@ -152,8 +149,8 @@ def _listed(t_ns):
     return list(t_ns) if isinstance(t_ns, Iterable) and not isinstance(t_ns, str) else t_ns
 
 
-def _checked_body(state):
-    """What a saved state has behind its length and checksum, which must be right."""
+def _checked_header(state):
+    """The header of a saved state, whose checksum is right, and what is behind it."""
     try:
         state = memoryview(state).cast("B")
     except TypeError:
@@ -163,14 +160,14 @@ def _checked_body(state):
         raise ArgumentError("this is no saved state of cameras")
     if magic != _MAGIC:
         raise ArgumentError(f"saved state of format {magic!r}, expected {_MAGIC!r}")
-    body = state[_BEGIN:]
-    length = int.from_bytes(state[len(_MAGIC) : _BEGIN - 4], "little")
-    if len(body) != length:
-        raise ArgumentError(f"saved state of {len(state)} bytes, expected {_BEGIN + length}")
-    checksum, expected = zlib.crc32(body), int.from_bytes(state[_BEGIN - 4 : _BEGIN], "little")
+    end = _BEGIN + int.from_bytes(state[len(_MAGIC) : _BEGIN - 4], "little")
+    header = state[_BEGIN:end]
+    checksum, expected = zlib.crc32(header), int.from_bytes(state[_BEGIN - 4 : _BEGIN], "little")
     if checksum != expected:
-        raise ArgumentError(f"saved state is damaged: its CRC-32 is {checksum:08x}, expected {expected:08x}")
-    return body
+        raise ArgumentError(
+            f"saved state is damaged: its header's CRC-32 is {checksum:08x}, expected {expected:08x}"
+        )
+    return header, state[end:]
 
 
 def _check_poses(poses):

@@ -1,9 +1,11 @@
-//! States that are saved by a rig whose buffers have grown.
+//! States that are saved by a rig whose buffers have grown, and states that are damaged.
 
 use crate::driver::{Driver, rig_of, undisturbed};
-use crate::operations::{Operation, flashing, operations};
+use crate::operations::{Operation, delayed, flashing, operations, sequences};
+use esaac_engine::{EngineError, Rig, RigOptions};
 use esaac_model::{Intensity, SensorModel};
 use esaac_tests::device::{alone, assert_silent};
+use esaac_tests::run;
 
 #[test]
 fn a_state_saved_after_planes_have_grown_is_taken_up_by_any_rig_of_its_sensors() {
@@ -36,5 +38,73 @@ fn a_state_saved_after_planes_have_grown_is_taken_up_by_any_rig_of_its_sensors()
     grown.set_sensor(0, flashing()).expect("planes that stay");
     grown.restore(&saved).expect("the state of a rig whose planes have not");
     drop((driver, grown));
+    assert_silent();
+}
+
+/// A rig whose events wait for later packets, and its state.
+fn waiting() -> (Rig, Vec<u8>) {
+    let sequence = &sequences()[1];
+    let mut rig = run::rig(&delayed(), sequence, RigOptions::default());
+    let deferred = |index| run::step(&mut rig, sequence, index).diagnostics.deferred_events;
+    assert!((0..3).map(deferred).last() > Some(10));
+    let saved = rig.save().expect("a state");
+    (rig, saved)
+}
+
+#[test]
+fn a_state_with_a_damaged_byte_is_refused_and_changes_nothing() {
+    let _alone = alone();
+    let (mut rig, saved) = waiting();
+    let expected = run::step(&mut rig, &sequences()[1], 3).packet;
+    let header_bytes = u64::from_le_bytes(saved[8..16].try_into().expect("eight bytes")) as usize;
+    rig.restore(&saved).expect("its own state");
+    // All of the header, and of the events at the end; each part of the pixels' state between them.
+    let all_of = |index: &usize| *index < 16 + header_bytes || *index + 1000 > saved.len();
+    let damaged = (0..saved.len()).filter(|index| all_of(index) || index % 37 == 0);
+    let mut flipped = saved.clone();
+    for index in damaged {
+        flipped[index] ^= 1 << (index % 8);
+        let refused = rig.restore(&flipped);
+        assert!(matches!(refused, Err(EngineError::Snapshot(_))), "byte {index}: {refused:?}");
+        flipped[index] = saved[index];
+    }
+    assert!(run::step(&mut rig, &sequences()[1], 3).packet == expected && expected.len() > 10);
+    drop(rig);
+    assert_silent();
+}
+
+/// The CRC-32 of a saved state, bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0, |crc, &byte| {
+        (0..8)
+            .fold(crc ^ u32::from(byte), |crc: u32, _| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
+    })
+}
+
+#[test]
+fn a_state_that_claims_more_waiting_events_than_it_has_is_refused() {
+    let _alone = alone();
+    let (mut rig, saved) = waiting();
+    let header_bytes = u64::from_le_bytes(saved[8..16].try_into().expect("eight bytes")) as usize;
+    let (header, body) = saved[16..saved.len() - 4].split_at(header_bytes);
+    let header = std::str::from_utf8(header).expect("JSON");
+    let key = "\"deferred_events\":";
+    let (before, after) = header.split_once(key).expect("a number of events");
+    let (own, after) = after.split_at(after.find(',').expect("more follows"));
+    let sealed = |events: &str| {
+        let header = format!("{before}{key}{events}{after}");
+        let mut bytes = saved[..8].to_vec();
+        bytes.extend((header.len() as u64).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend(body);
+        bytes.extend(crc32(&bytes).to_le_bytes());
+        bytes
+    };
+    assert!(sealed(own) == saved);
+    for events in ["0", "4294967295"] {
+        let refused = rig.restore(&sealed(events)).expect_err("other events than there are").to_string();
+        assert!(refused.contains("bytes of buffers, expected"), "{refused}");
+    }
+    drop(rig);
     assert_silent();
 }

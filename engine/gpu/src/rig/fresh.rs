@@ -9,9 +9,18 @@ use esaac_model::{Pixel, SensorModel};
 
 /// The write that sets both of a camera's sets of counters to their initial values.
 pub(super) fn fresh_counters(place: &Place) -> Write {
-    let fresh = [Counters { emitted_fit: u32::MAX, ..Counters::default() }; 2];
+    counters([only_deferred(0); 2], place)
+}
+
+/// The write of both sets of a camera's or an outlet's counters.
+pub(super) fn counters(sets: [Counters; 2], place: &Place) -> Write {
     let offset = place.first_element(layout::COUNTERS) * size_of::<Counters>() as u64;
-    Write { slot: layout::COUNTERS, offset, bytes: cast_slice(&fresh).to_vec() }
+    Write { slot: layout::COUNTERS, offset, bytes: cast_slice(&sets).to_vec() }
+}
+
+/// Counters of an empty packet, with deferred events behind it.
+pub(super) fn only_deferred(deferred: u32) -> Counters {
+    Counters { deferred, emitted_fit: u32::MAX, ..Counters::default() }
 }
 
 /// The writes that make a camera's bus free, and nothing wait behind it; none if it has room for no bus.

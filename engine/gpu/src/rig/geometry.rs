@@ -136,7 +136,6 @@ impl Place {
     /// shrink.
     pub(super) fn kept_elements(&self, slot: usize, sensor: &SensorModel) -> u64 {
         match slot {
-            layout::COUNTERS => 2,
             layout::PLANES => 2 * u64::from(plane_words(sensor)),
             layout::SURFACES | layout::SLOPES | layout::REPRESENTATIVES if !is_rigid(sensor) => 0,
             layout::BUS if !has_bus(sensor) => 0,

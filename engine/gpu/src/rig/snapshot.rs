@@ -1,6 +1,7 @@
 //! Saving and restoring a rig's state: a run that is saved, restored and continued gives the same events as a run
 //! without interruption.
 
+use super::fresh::{counters, only_deferred};
 use super::geometry::Place;
 use super::rest::PassedIntervals;
 use super::scene::Instances;
@@ -14,13 +15,13 @@ use esaac_model::paths::{Projection, STATIC_WORLD};
 use esaac_model::synthesis::layers::MAX_LAYERS;
 use serde::{Deserialize, Serialize};
 
-/// Buffers that outlive a tick. A saved state holds the part of each that the sensors need.
-const KEPT: [usize; 9] = [
+/// Buffers that outlive a tick. A saved state holds the part of each that the sensors need. Of the counters it holds the
+/// numbers of events that wait, in its header: kernels index by the others.
+const KEPT: [usize; 8] = [
     layout::PLANES,
     layout::MOTION,
     layout::STATE,
     layout::BLOCKS,
-    layout::COUNTERS,
     layout::SURFACES,
     layout::SLOPES,
     layout::REPRESENTATIVES,
@@ -31,6 +32,9 @@ const KEPT: [usize; 9] = [
 const DEFERRED_BYTES: u64 = BINDINGS[layout::GATHERED].stride as u64;
 
 const MAGIC: &[u8; 8] = b"ESAACRIG";
+
+/// Bytes at the end: the CRC-32 of all before them.
+const CHECKSUM_BYTES: usize = size_of::<u32>();
 
 #[derive(Serialize, Deserialize)]
 struct Header {
@@ -71,7 +75,7 @@ fn lens_bits(geometry: &GeometryConfig) -> (bool, [u64; 4]) {
     (geometry.lens.projection() == Projection::Fisheye, numbers.map(f64::to_bits))
 }
 
-const VERSION: u32 = 16;
+const VERSION: u32 = 17;
 
 impl Rig {
     /// Saves everything that the next tick depends on but its input (images and poses), as bytes for `restore`.
@@ -127,11 +131,14 @@ impl Rig {
         bytes.extend(header);
         let parts: Vec<Part<'_>> = KEPT.iter().flat_map(|&slot| self.parts(slot)).chain(deferred).collect();
         bytes.extend(read_back(&self.device, &parts)?);
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
         Ok(bytes)
     }
 
     /// Restores a saved state into a rig with the same cameras and sensors. [`EngineError::Snapshot`] if they differ or
     /// the bytes are damaged. On an error the rig's state has not changed.
+    ///
+    /// A checksum finds damage, not intent: of bytes that somebody has made up, only what the header says is checked.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EngineError> {
         self.check_ready()?;
         let (header, body) = read_header(bytes)?;
@@ -273,23 +280,12 @@ impl Rig {
         }
         // A running rig has deferred events behind the last packet. A restored one has them first, so the counters must
         // say that the last packet is empty.
-        let counters = writes.iter_mut().filter(|write| write.slot == layout::COUNTERS);
-        for (write, saved) in counters.zip(&header.cameras) {
-            let mut sets: Vec<Counters> = bytemuck::pod_collect_to_vec(&write.bytes);
-            if saved.deferred_events > 0 {
-                sets[1 - saved.frame_slot as usize] = only_deferred(saved.deferred_events);
-            }
-            write.bytes = bytemuck::cast_slice(&sets).to_vec();
-        }
         for (c, saved) in self.cameras.iter().zip(&header.cameras) {
-            let mut sets = [only_deferred(0); 2];
-            sets[1 - saved.frame_slot as usize] = only_deferred(saved.leaving_events);
-            let offset = c.outlet.first_element(layout::COUNTERS) * size_of::<Counters>() as u64;
-            writes.push(Write {
-                slot: layout::COUNTERS,
-                offset,
-                bytes: bytemuck::cast_slice(&sets).to_vec(),
-            });
+            for (place, events) in [(&c.place, saved.deferred_events), (&c.outlet, saved.leaving_events)] {
+                let mut sets = [only_deferred(0); 2];
+                sets[1 - saved.frame_slot as usize] = only_deferred(events);
+                writes.push(counters(sets, place));
+            }
         }
         writes
     }
@@ -301,11 +297,6 @@ impl CameraState {
         let saved = Instances::restored(saved);
         self.scene.as_ref().map_or(saved.clone(), |scene| saved.with(scene, trust, frames))
     }
-}
-
-/// Counters of an empty packet, with deferred events behind it.
-fn only_deferred(deferred: u32) -> Counters {
-    Counters { deferred, emitted_fit: u32::MAX, ..Counters::default() }
 }
 
 /// The first lines in which two sensors' files differ: a parameter, with its value in each.
@@ -324,7 +315,7 @@ fn bad(what: String) -> EngineError {
     EngineError::Snapshot(what)
 }
 
-/// The header of a saved state, and the bytes after it.
+/// The header of a saved state, and the buffers' bytes after it.
 fn read_header(bytes: &[u8]) -> Result<(Header, &[u8]), EngineError> {
     let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| bad("not a saved rig".to_owned()))?;
     let (length, rest) =
@@ -336,5 +327,11 @@ fn read_header(bytes: &[u8]) -> Result<(Header, &[u8]), EngineError> {
     if header.version != VERSION {
         return Err(bad(format!("version {}, expected {VERSION}", header.version)));
     }
-    Ok((header, body))
+    let (sealed, checksum) = bytes.split_at(bytes.len() - CHECKSUM_BYTES.min(body.len()));
+    let actual = crc32fast::hash(sealed);
+    if checksum != actual.to_le_bytes() {
+        let expected: String = checksum.iter().rev().map(|byte| format!("{byte:02x}")).collect();
+        return Err(bad(format!("damaged: its CRC-32 is {actual:08x}, expected {expected}")));
+    }
+    Ok((header, &body[..body.len() - CHECKSUM_BYTES]))
 }
