@@ -3,11 +3,7 @@
 use crate::error::InteropError;
 use crate::wire::{MAX_SAMPLES, Sample, Track};
 use esaac_model::MAX_INTERVAL_NS;
-use esaac_model::paths::{Pose, PoseTrack, SceneMotion};
-
-/// Samples on either side of an interval that the poses within depend on: a sample's velocity comes from up to five
-/// samples, of which it may be the first or the last.
-const REACH: usize = 4;
+use esaac_model::paths::{NEIGHBOURS, Pose, PoseTrack, SceneMotion};
 
 /// The poses that came with a frame, and the interval that they are for.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,7 +84,7 @@ fn part(track: &PoseTrack, from_ns: i64, to_ns: i64) -> Vec<Sample> {
     let times_ns = track.times_ns();
     let before = times_ns.partition_point(|&t_ns| t_ns <= from_ns).saturating_sub(1);
     let after = times_ns.partition_point(|&t_ns| t_ns < to_ns);
-    let range = before.saturating_sub(REACH)..(after + 1 + REACH).min(times_ns.len());
+    let range = before.saturating_sub(NEIGHBOURS)..(after + 1 + NEIGHBOURS).min(times_ns.len());
     let sample = |(&t_ns, pose): (&i64, &Pose)| {
         let ([x, y, z], [qx, qy, qz, qw]) = (pose.translation_m().to_array(), pose.rotation().to_array());
         Sample { t_ns, xyz_qxyzw: [x, y, z, qx, qy, qz, qw] }
@@ -133,7 +129,7 @@ mod tests {
                 [(0, length_ms * MS), (0, MS), (MS / 3, MS / 2), (length_ms * MS - 7, length_ms * MS)]
             {
                 let sent = track(&part(&whole, from, to));
-                assert!(sent.times_ns().len() as i64 <= (to - from) / MS + 3 + 2 * REACH as i64);
+                assert!(sent.times_ns().len() as i64 <= (to - from) / MS + 3 + 2 * NEIGHBOURS as i64);
                 for k in 0..=64 {
                     let t_ns = from + (to - from) * k / 64;
                     assert_eq!(sent.at(t_ns).unwrap(), whole.at(t_ns).unwrap(), "{length_ms} {t_ns}");

@@ -38,6 +38,7 @@ use esaac_formats::event_file::{EventColumns, write_npz};
 use esaac_model::Polarity;
 use esaac_model::evt3;
 use esaac_model::packet::Event;
+use esaac_model::paths::NEIGHBOURS;
 use esaac_model::physical::light::{LENS_TRANSMISSION, Lens, SceneUnit};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
@@ -108,6 +109,7 @@ fn lux_per_unit(
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("POSE_NEIGHBOURS", NEIGHBOURS)?;
     module.add_class::<engine::Engine>()?;
     module.add_class::<packet::PyPacket>()?;
     module.add_class::<ros::RosPublisher>()?;

@@ -74,10 +74,20 @@ def test_a_recorder_hands_out_what_spans_each_interval_and_forgets_the_rest(expe
         # The simulator's memory is its own again.
         body[:] = np.nan
         packets.append(cam.step(hdr, t_ns=index * FRAME_NS, depth=depth, ids=ids, poses=recorder))
-        assert len(recorder) == 5
+        # Two substeps after the frame, the one at it and four before it.
+        assert len(recorder) == min(7, taken)
     assert_same(join(packets), expected)
     recorder.clear()
     assert len(recorder) == 0
+
+
+def test_a_recorder_hands_out_all_that_the_velocities_at_the_ends_come_from():
+    recorder = esaac.PoseRecorder()
+    for step in range(11):
+        recorder.record(step * 1_000_000, CAMERA[0], BODIES[0])
+    # At a track's end a velocity comes from four samples on one side.
+    poses = recorder.spanning(9_000_000, 10_000_000)
+    assert poses.times_ns.tolist() == [step * 1_000_000 for step in range(5, 11)]
 
 
 def test_a_recorder_is_bounded_and_forgives_clocks_of_floats():
@@ -86,7 +96,7 @@ def test_a_recorder_is_bounded_and_forgives_clocks_of_floats():
         recorder.record(step * 1_000_000 + 3, CAMERA[0], BODIES[0])
     assert len(recorder) == 20
     poses = recorder.spanning(190_000_000, 199_000_900)
-    assert poses.times_ns[[0, -1]].tolist() == [187_000_003, 199_000_900] and len(poses) == 13
+    assert poses.times_ns[[0, -1]].tolist() == [185_000_003, 199_000_900] and len(poses) == 15
     for span in ((179_000_000, 190_000_000), (190_000_000, 199_002_000)):
         with pytest.raises(
             esaac.FrameError, match="recorded from 180000003 to 199000003 ns, expected them to span"

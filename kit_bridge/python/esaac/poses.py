@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 
+from esaac._native import POSE_NEIGHBOURS
 from esaac.checks import nanoseconds
 from esaac.errors import ArgumentError, FrameError
 from esaac.matrices import poses_of
@@ -19,8 +20,8 @@ _AXES = {
 }
 _ORDERS = {"xyzw": (0, 1, 2, 3, 4, 5, 6), "wxyz": (0, 1, 2, 4, 5, 6, 3)}
 
-# Samples beyond the ends of an interval from which velocities at its ends come.
-_MARGIN = 2
+# Samples beyond either end of an interval that the poses within depend on.
+MARGIN = POSE_NEIGHBOURS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,8 +108,8 @@ class PoseRecorder:
     """Keeps the poses of physics steps until the frames that need them have been stepped. See `__init__.pyi`."""
 
     def __init__(self, *, ids=None, order="xyzw", axes="usd", limit=1024, tolerance_ns=1000):
-        if limit < 2 * _MARGIN + 1:
-            raise ArgumentError(f"limit is {limit}, expected at least {2 * _MARGIN + 1}")
+        if limit < 2 * MARGIN + 1:
+            raise ArgumentError(f"limit is {limit}, expected at least {2 * MARGIN + 1}")
         self.ids, self.order, self.axes, self.tolerance_ns = ids, order, axes, tolerance_ns
         self._samples = collections.deque(maxlen=limit)
 
@@ -142,8 +143,8 @@ class PoseRecorder:
             raise FrameError(
                 f"poses are recorded from {times[0]} to {times[-1]} ns, expected them to span {from_ns} to {to_ns} ns"
             )
-        first = max(int(np.searchsorted(times, from_ns, "right")) - 1 - _MARGIN, 0)
-        last = int(np.searchsorted(times, to_ns, "left")) + _MARGIN
+        first = max(int(np.searchsorted(times, from_ns, "right")) - 1 - MARGIN, 0)
+        last = int(np.searchsorted(times, to_ns, "left")) + MARGIN
         chosen = samples[first : last + 1]
         _bring([sample for sample in chosen if not sample.on_host])
         bodies = None if chosen[-1].bodies is None else _bodies([sample.bodies for sample in chosen])
@@ -151,7 +152,7 @@ class PoseRecorder:
         return Poses(times[first : last + 1], camera, bodies, ids=self.ids, order=self.order, axes=self.axes)
 
     def forget_before(self, t_ns):
-        keep = sum(sample.t_ns <= t_ns for sample in self._samples) - 1 - _MARGIN
+        keep = sum(sample.t_ns <= t_ns for sample in self._samples) - 1 - MARGIN
         for _ in range(keep):
             self._samples.popleft()
 

@@ -11,6 +11,9 @@ from typing import Any, Literal, Union
 import numpy as np
 from numpy.typing import NDArray
 
+MARGIN: int
+"""Samples beyond either end of an interval that the poses within depend on."""
+
 Array = Any
 """An array of any library, on the host or on a CUDA device."""
 

@@ -32,7 +32,7 @@ pub mod turn;
 pub use lens::{DepthKind, ImagePoint, Intrinsics, LensError, Projection};
 pub use pose::{Pose, PoseError, RIGID_TOLERANCE};
 pub use root::{ROOT_SEED, ROOT_STEPS, square_root};
-pub use track::{Curve, PoseTimes, PoseTrack, Segment, TrackError, TrackMemory};
+pub use track::{Curve, NEIGHBOURS, PoseTimes, PoseTrack, Segment, TrackError, TrackMemory};
 
 use glam::DVec2;
 use thiserror::Error;

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from esaac.on_warp.substeps import SubstepLog
+from esaac.poses import MARGIN
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,7 @@ class Mounts:
         moved = (self._before != self._places).any(axis=1) & (self._since < steps[-1])
         if moved.any():
             since = self._since[moved]
-            ago = np.maximum(steps[:, None] - since, -SubstepLog.MARGIN)
+            ago = np.maximum(steps[:, None] - since, -MARGIN)
             share = ago / (steps[-1] - since)
             cameras[:, moved] = _between(self._before[moved], self._places[moved], share[..., None])
         on = self._bodies >= 0

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from esaac.errors import ArgumentError, FrameError
-from esaac.poses import Poses
+from esaac.poses import MARGIN, Poses
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,9 +63,6 @@ class SubstepLog:
 
     State k is that after k substeps, so the present one is not in it.
     """
-
-    # Samples before an interval, from which the velocity at its start comes.
-    MARGIN = 2
 
     def __init__(
         self,
@@ -167,7 +164,7 @@ class SubstepLog:
 
     def _start(self, first: int, now: int) -> int:
         # A Python number: Warp takes no other in a slice.
-        return int(max(first - self.MARGIN, now - self._limit, 0))
+        return int(max(first - MARGIN, now - self._limit, 0))
 
     def _rows(self, start: int, end: int) -> Any:
         return self._log[start:end].numpy()[:, : self._model.body_count]

@@ -25,6 +25,7 @@ mod velocity;
 
 pub use segment::{Curve, Segment};
 pub use times::PoseTimes;
+pub use velocity::NEIGHBOURS;
 
 use super::pose::Pose;
 use super::turn::{rotation_vector, rotation_vector_rate};

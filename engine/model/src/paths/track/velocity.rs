@@ -9,8 +9,10 @@ use glam::DVec3;
 /// 25 Hz several times as exact at 240 samples a second; the design notes have the figures.
 const REACH: usize = 2;
 
-/// Most neighbours that a velocity comes from.
-const NEIGHBOURS: usize = 2 * REACH;
+/// Most samples of a track that the velocity at one of them comes from, besides itself. At a track's end all of them are on
+/// one side. So whoever takes a part of a track takes as many samples beyond either end of an interval, and poses within are
+/// those of the whole track.
+pub const NEIGHBOURS: usize = 2 * REACH;
 
 /// Samples that are closer than this share of what a velocity spans are taken for one: a frame's pose beside that of a
 /// simulation's step, some nanoseconds apart. The rounding of such poses would be divided by next to no time.
