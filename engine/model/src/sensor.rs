@@ -152,6 +152,9 @@ impl SensorModel {
     }
 
     /// The sensor as TOML, every parameter written out.
+    ///
+    /// # Panics
+    /// If `seed` is beyond TOML's whole numbers, which `validate` refuses.
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("a flat struct of numbers and strings is TOML")
@@ -162,6 +165,9 @@ impl SensorModel {
     ///
     /// # Errors
     /// `SensorError::Unknown` for a name that no parameter has, `SensorError::Value` for text that cannot be parsed.
+    ///
+    /// # Panics
+    /// As [`SensorModel::to_toml`].
     pub fn set(&mut self, parameter: &str, value: &str) -> Result<(), SensorError> {
         let key = parameter.replace('-', "_");
         let mut table = toml::Table::try_from(&*self).expect("a sensor is a table");
