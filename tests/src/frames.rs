@@ -44,14 +44,6 @@ impl Sequence {
         }
     }
 
-    /// The same frames without motion.
-    #[must_use]
-    pub fn without_motion(mut self) -> Self {
-        self.motion = None;
-        self.frames.iter_mut().for_each(|frame| frame.motion = None);
-        self
-    }
-
     /// The first `count` frames.
     #[must_use]
     pub fn first(mut self, count: usize) -> Self {
@@ -109,12 +101,6 @@ pub fn gray(sensor: &SensorModel, times_ns: &[i64], intensity: impl Fn(usize, us
 #[must_use]
 pub fn intensity_of(sensor: &SensorModel, log: f64) -> f32 {
     (log.exp() - sensor.log_offset) as f32
-}
-
-/// A number as the bytes of an f16.
-#[must_use]
-pub fn half_bytes(value: f64) -> [u8; 2] {
-    half::f16::from_f64(value).to_le_bytes()
 }
 
 /// Every pixel crosses some six thresholds of .9 in each interval, at times of its own, most of them while it is dark (by

@@ -202,12 +202,6 @@ impl Buffer {
         &self.name
     }
 
-    /// Whether the host can [read](Buffer::read) and [write](Buffer::write) it.
-    #[must_use]
-    pub fn is_mapped(&self) -> bool {
-        self.mapped().is_some()
-    }
-
     /// Whether it lies in host memory rather than the device's own.
     #[must_use]
     pub fn on_host(&self) -> bool {
