@@ -14,8 +14,8 @@ from esaac.checks import bins_of, index_of, indices_of, nanoseconds
 from esaac.errors import ArgumentError, InputWarning, LightWarning, PoseWarning, SynthesisWarning
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
-# A saved state: these eight bytes, of which the last is the version; length and CRC-32 of the header; the header, which
-# is JSON; the banks' states, which have checksums of their own.
+# A saved state: these eight bytes, of which the last is the version; length and CRC-32 of the header; the header, as
+# JSON; the banks' states, which have checksums of their own.
 _MAGIC = b"ESAACPY5"
 _BEGIN = len(_MAGIC) + 8 + 4
 
