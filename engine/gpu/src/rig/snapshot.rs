@@ -6,7 +6,7 @@ use super::geometry::Place;
 use super::rest::PassedIntervals;
 use super::scene::Instances;
 use super::sensor::has_bus;
-use super::transfer::{Part, Write, read_back};
+use super::transfer::{Part, Write, Writes, read_back};
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::{self as layout, BINDINGS, Counters};
@@ -191,6 +191,17 @@ impl Rig {
             None => Part { buffer, offset: 0, bytes: buffer.bytes() },
         };
         Ok(bytemuck::pod_collect_to_vec(&read_back(&self.device, &[part])?))
+    }
+
+    /// Makes a camera's next tick count its events from a number on, for tests.
+    #[doc(hidden)]
+    pub fn count_events_from(&self, camera: usize, emitted: u32) -> Result<(), EngineError> {
+        self.check_ready()?;
+        let camera = self.camera(camera)?;
+        let set = u64::from(2 * camera.place.slot + camera.frame_slot);
+        let bytes = bytemuck::bytes_of(&Counters { emitted, ..only_deferred(0) }).to_vec();
+        let write = Write { slot: layout::COUNTERS, offset: set * size_of::<Counters>() as u64, bytes };
+        Writes::new(&self.device, vec![write])?.run(&self.device, &self.arena)
     }
 
     /// Every camera's part of a buffer that outlives a tick.
