@@ -1,10 +1,12 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
+use crate::frame_channels::{AskedChannels, FrameChannels};
 use crate::frame_numbers::{gap_warning, natural};
+use crate::motion_convention::{MotionConvention, VerticalAxis};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
 use esaac_formats::exr_frame::{
-    ChannelNames, DEPTH_CHANNEL, FrameHeader, FrameImages, FrameLayout, ID_CHANNEL, read_frame, read_header,
+    FrameHeader, FrameImages, FrameLayout, channel_names, read_frame, read_header,
 };
 use esaac_formats::frame_time::frame_time_ns;
 use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
@@ -25,16 +27,12 @@ pub struct FolderOptions {
     pub pattern: Option<String>,
     /// Rate; without one `sequence.json`'s `key_rate_hz`, else [`DEFAULT_RATE_HZ`].
     pub rate_hz: Option<f64>,
-    /// Channels.
-    pub names: ChannelNames,
-    /// Whether motion channels were named, so that their absence is an error.
-    pub motion_named: bool,
-    /// Factors that turn the motion into the engine's convention.
-    pub motion_factors: [f32; 2],
-    /// Channel of depth that was named, so that its absence is an error. Without one [`DEPTH_CHANNEL`], if it is there.
-    pub depth: Option<String>,
-    /// Channel of instance ids that was named. Without one [`ID_CHANNEL`], if it is there.
-    pub ids: Option<String>,
+    /// Channels that were named, so that their absence is an error.
+    pub channels: AskedChannels,
+    /// Meaning of motion vectors; without one [`MotionConvention::Blender`] for Blender's vector pass, else the default.
+    pub motion_convention: Option<MotionConvention>,
+    /// Direction of a motion vector's y.
+    pub motion_y: Option<VerticalAxis>,
 }
 
 /// A folder whose headers have been checked.
@@ -71,18 +69,25 @@ impl FrameFolder {
             rate_hz.is_finite() && (1.0..=1e6).contains(&rate_hz),
             "key frame rate is {rate_hz} Hz, expected 1 to 1000000"
         );
+        let asked = &options.channels;
+        let there = channel_names(&paths[0])?;
+        let of_first = || paths[0].display().to_string();
+        let channels = FrameChannels::new(&there, asked).with_context(of_first)?;
         let headers: Vec<FrameHeader> =
-            paths.iter().map(|path| read_header(path, &options.names)).collect::<Result<_>>()?;
+            paths.iter().map(|path| read_header(path, &channels.names)).collect::<Result<_>>()?;
         let first = headers[0].clone();
         for (path, header) in paths.iter().zip(&headers) {
             agree(&paths[0], &first, path, header)?;
         }
         let listed = first.channels.join(", ");
-        if options.motion_named && !first.has_motion {
-            let names = options.names.motion.join("` and `");
+        if asked.motion.is_some() && !first.has_motion {
+            let names = channels.names.motion.join("` and `");
             bail!("{}: no motion channels `{names}`; it has: {listed}", paths[0].display());
         }
-        let mut layout = FrameLayout::new(&first, &options.names, options.motion_factors);
+        let implied =
+            if channels.has_vector_pass() { MotionConvention::Blender } else { MotionConvention::default() };
+        let motion_factors = options.motion_convention.unwrap_or(implied).factors(options.motion_y);
+        let mut layout = FrameLayout::new(&first, &channels.names, motion_factors);
         if headers.iter().any(|h| !h.half_colour) {
             layout.hdr = esaac_model::HdrFormat::F32x4;
         }
@@ -91,12 +96,19 @@ impl FrameFolder {
         let scene = FolderScene::read(folder, sequence.as_ref(), &keys)?;
         // Depth and ids are of use with poses only.
         let wanted = scene.is_some();
-        layout.depth = channel("depth", options.depth.as_deref(), DEPTH_CHANNEL, &paths, &headers, wanted)?;
-        layout.ids = channel("id", options.ids.as_deref(), ID_CHANNEL, &paths, &headers, wanted)?;
+        if wanted || asked.depth.is_some() {
+            let name = channels.depth().with_context(of_first)?;
+            layout.depth = channel("depth", name, asked.depth.is_some(), &paths, &headers)?;
+        }
+        let mut id_channel = String::new();
+        if wanted || asked.ids.is_some() {
+            id_channel = channels.ids().with_context(of_first)?;
+            layout.ids = channel("id", id_channel.clone(), asked.ids.is_some(), &paths, &headers)?;
+        }
         if let Some(scene) = scene.as_ref().filter(|scene| scene.motion.ids().next().is_some()) {
             ensure!(
                 layout.ids.is_some(),
-                "{} has poses of instances, but the frames have no channel `{ID_CHANNEL}` that tells where they are; \
+                "{} has poses of instances, but the frames have no channel `{id_channel}` that tells where they are; \
                  they have: {listed}",
                 scene.file.display()
             );
@@ -164,25 +176,23 @@ fn list(folder: &Path, pattern: Option<&str>) -> Result<(Vec<PathBuf>, Vec<Strin
     Ok((paths, names))
 }
 
-/// The channel of `what`: the one named, else the usual one if `wanted` and there. All frames must have it, or none.
+/// The channel of `what`, if it is there or `must` be. All frames must have it, or none.
 fn channel(
     what: &str,
-    named: Option<&str>,
-    usual: &str,
+    name: String,
+    must: bool,
     paths: &[PathBuf],
     headers: &[FrameHeader],
-    wanted: bool,
 ) -> Result<Option<String>> {
-    let name = named.unwrap_or(usual);
-    let has = |header: &FrameHeader| header.channels.iter().any(|channel| channel == name);
-    if named.is_none() && !(wanted && headers.iter().any(has)) {
+    let has = |header: &FrameHeader| header.channels.contains(&name);
+    if !must && !headers.iter().any(has) {
         return Ok(None);
     }
     if let Some(i) = headers.iter().position(|header| !has(header)) {
         let listed = headers[i].channels.join(", ");
         bail!("{}: no {what} channel `{name}`; it has: {listed}", paths[i].display());
     }
-    Ok(Some(name.to_owned()))
+    Ok(Some(name))
 }
 
 fn agree(first_path: &Path, first: &FrameHeader, path: &Path, header: &FrameHeader) -> Result<()> {

@@ -23,6 +23,7 @@ pub mod device_choice;
 pub mod devices;
 pub mod doctor;
 mod event_output;
+pub mod frame_channels;
 pub mod frame_folder;
 pub mod frame_numbers;
 pub mod interrupt;

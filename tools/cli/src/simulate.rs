@@ -2,6 +2,7 @@
 
 use crate::arguments::CommonArguments;
 use crate::event_output::EventOutput;
+use crate::frame_channels::AskedChannels;
 use crate::frame_folder::{FolderOptions, FrameFolder};
 use crate::interrupt::{self, Interrupt};
 use crate::kernel_source::{KernelArguments, KernelSource};
@@ -20,7 +21,7 @@ use crate::{colour, device_choice, output_file, pixel_notes, progress, report, s
 use anyhow::{Result, ensure};
 use bytemuck::{cast_slice, pod_collect_to_vec as cast_to_vec};
 use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Representation, Rig};
-use esaac_formats::exr_frame::{ChannelNames, FrameLayout};
+use esaac_formats::exr_frame::FrameLayout;
 use esaac_model::input::InputCheck;
 use esaac_model::paths::SceneMotion;
 use esaac_model::{DepthFormat, IdFormat, SensorModel, Synthesis};
@@ -43,22 +44,22 @@ pub struct SimulateArguments {
     /// Names of the key frames; may contain *, ? and [...] [default: key_*.exr, else *.exr]
     #[arg(long, value_name = "PATTERN")]
     pub frames: Option<String>,
-    /// Channels of linear red, green and blue
-    #[arg(long, value_name = "R,G,B", default_value = "R,G,B")]
-    pub colour_channels: NameList<3>,
-    /// Channels of motion [default: motion.X,motion.Y]
+    /// Channels of linear red, green and blue, by whole names or their ends after a dot [default: R,G,B, else Blender's]
+    #[arg(long, value_name = "R,G,B")]
+    pub colour_channels: Option<NameList<3>>,
+    /// Channels of motion [default: motion.X,motion.Y, else Blender's]
     #[arg(long, value_name = "X,Y")]
     pub motion_channels: Option<NameList<2>>,
-    /// Meaning of a motion vector
-    #[arg(long, value_enum, default_value = "previous")]
-    pub motion_convention: MotionConvention,
+    /// Meaning of a motion vector [default: blender for Blender's vector pass, else previous]
+    #[arg(long, value_enum)]
+    pub motion_convention: Option<MotionConvention>,
     /// Direction of a motion vector's y [default: follows from the convention]
     #[arg(long, value_enum)]
     pub motion_y: Option<VerticalAxis>,
-    /// Channel of depth, metres [default: depth.Z, if the folder has poses]
+    /// Channel of depth, metres [default: depth.Z, else Blender's, if the folder has poses]
     #[arg(long, value_name = "NAME")]
     pub depth_channel: Option<String>,
-    /// Channel of instance ids, uint32 [default: id, if the folder has poses]
+    /// Channel of instance ids, whole numbers [default: id, else Blender's, if the folder has poses]
     #[arg(long, value_name = "NAME")]
     pub id_channel: Option<String>,
     /// Also write the instance that each event shows (array `id` of .npz), and publish it where ROS 2 is on; needs ids, depth
@@ -175,18 +176,17 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
 
 impl SimulateArguments {
     fn folder_options(&self) -> FolderOptions {
-        let motion = self.motion_channels.clone();
         FolderOptions {
             pattern: self.frames.clone(),
             rate_hz: self.rate,
-            names: ChannelNames {
-                colour: self.colour_channels.0.clone(),
-                motion: motion.map_or_else(|| ChannelNames::default().motion, |names| names.0),
+            channels: AskedChannels {
+                colour: self.colour_channels.clone().map(|names| names.0),
+                motion: self.motion_channels.clone().map(|names| names.0),
+                depth: self.depth_channel.clone(),
+                ids: self.id_channel.clone(),
             },
-            motion_named: self.motion_channels.is_some(),
-            motion_factors: self.motion_convention.factors(self.motion_y),
-            depth: self.depth_channel.clone(),
-            ids: self.id_channel.clone(),
+            motion_convention: self.motion_convention,
+            motion_y: self.motion_y,
         }
     }
 }
@@ -326,7 +326,7 @@ fn flags_of_frames(
     has_motion: bool,
 ) -> Vec<(&'static str, &'static str)> {
     let (no_poses, no_motion) = ("the folder has no poses", "the frames have no motion vectors");
-    let turns = arguments.motion_convention != MotionConvention::default();
+    let turns = arguments.motion_convention.is_some_and(|asked| asked != MotionConvention::default());
     [
         (!has_poses && arguments.depth_channel.is_some(), "depth-channel", no_poses),
         (!has_poses && arguments.id_channel.is_some(), "id-channel", no_poses),

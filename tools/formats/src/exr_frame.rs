@@ -12,6 +12,9 @@ pub const DEPTH_CHANNEL: &str = "depth.Z";
 /// Channel of instance ids, unless another is named.
 pub const ID_CHANNEL: &str = "id";
 
+/// From this depth on a file means a background at infinity: Cycles writes it where a ray hits nothing.
+pub const BACKGROUND_DEPTH: f32 = 1e10;
+
 /// Names of the channels to read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChannelNames {
@@ -74,10 +77,16 @@ pub struct FrameImages {
     pub hdr: Vec<u8>,
     /// Motion image: previous position = position + motion, pixels, y down.
     pub motion: Option<Vec<u8>>,
-    /// Depth, as the file has it.
+    /// Depth, as the file has it; infinite from [`BACKGROUND_DEPTH`] on.
     pub depth: Option<Vec<f32>>,
     /// Instance ids.
     pub ids: Option<Vec<u32>>,
+}
+
+/// Names of all channels of a file, in its order.
+pub fn channel_names(path: &Path) -> Result<Vec<String>> {
+    let meta = MetaData::read_from_file(path, false).map_err(|e| unreadable(path, e))?;
+    Ok(meta.headers.iter().flat_map(|h| h.channels.list.iter()).map(|c| c.name.to_string()).collect())
 }
 
 /// Reads and checks a header without reading pixels. Fails, with the file's name, if the file cannot be read, has deep
@@ -135,7 +144,7 @@ pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
 }
 
 /// Decodes a file's images as `layout` says. Fails, with the file's name, if a channel is missing or has another size, or
-/// if ids are no integers.
+/// if ids are no whole numbers.
 pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
     let image = exr::prelude::read_all_flat_layers_from_file(path).map_err(|e| unreadable(path, e))?;
     let pixels = layout.width_px as usize * layout.height_px as usize;
@@ -175,19 +184,36 @@ pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
     };
     let depth = match &layout.depth {
         None => None,
-        Some(name) => Some(channel(name)?.values_as_f32().collect()),
+        Some(name) => {
+            let at_infinity = |depth| if depth >= BACKGROUND_DEPTH { f32::INFINITY } else { depth };
+            Some(channel(name)?.values_as_f32().map(at_infinity).collect())
+        }
     };
     let ids = match &layout.ids {
         None => None,
         Some(name) => match channel(name)? {
             FlatSamples::U32(ids) => Some(ids.clone()),
-            // Ids as floats would be blended where two surfaces meet.
-            FlatSamples::F16(_) | FlatSamples::F32(_) => {
-                bail!("{}: channel `{name}` holds floats, expected ids as uint32", path.display())
-            }
+            // Blender's are floats. Blended where two surfaces meet, they would be fractions.
+            floats => Some(
+                floats
+                    .values_as_f32()
+                    .map(whole_id)
+                    .collect::<Result<_>>()
+                    .with_context(|| format!("{}: channel `{name}`", path.display()))?,
+            ),
         },
     };
     Ok(FrameImages { hdr: pack_colour(colour, layout.hdr, pixels), motion, depth, ids })
+}
+
+fn whole_id(id: f32) -> Result<u32> {
+    const IDS: f32 = 4_294_967_296.0;
+    ensure!(
+        id.fract() == 0.0 && (0.0..IDS).contains(&id),
+        "{id} is no id, expected whole numbers from 0 to {}",
+        u32::MAX
+    );
+    Ok(id as u32)
 }
 
 fn pack_colour(colour: [&FlatSamples; 3], format: HdrFormat, pixels: usize) -> Vec<u8> {

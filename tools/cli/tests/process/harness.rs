@@ -4,7 +4,8 @@ use esaac_model::paths::Intrinsics;
 use esaac_ros::BagReader;
 use esaac_ros::encode::{self, Header};
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
+    LayerAttributes, Vec2, WritableImage,
 };
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -72,15 +73,33 @@ pub fn assert_lens(path: &Path, topic: &str, count: usize, size_px: (u32, u32), 
     }
 }
 
+/// How files name their channels and convey motion, depth and ids.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Writer {
+    /// As `esaac` does.
+    #[default]
+    Esaac,
+    /// As Blender 4: all passes in one part.
+    Blender4,
+    /// As Blender 5: a part for each pass.
+    Blender5,
+}
+
 /// A folder of frames in which a bright bar moves by two pixels per frame.
 pub struct Frames {
     folder: TempDir,
+    writer: Writer,
 }
 
 impl Frames {
     /// An empty folder.
     pub fn empty() -> Self {
-        Frames { folder: tempfile::tempdir().expect("a temporary folder") }
+        Frames::by(Writer::Esaac)
+    }
+
+    /// An empty folder whose files look like those of `writer`.
+    pub fn by(writer: Writer) -> Self {
+        Frames { folder: tempfile::tempdir().expect("a temporary folder"), writer }
     }
 
     /// `count` frames with colour, and with motion and depth if `motion`.
@@ -111,9 +130,25 @@ impl Frames {
 
     /// One frame of these channels.
     pub fn write_channels(&self, name: &str, size: (usize, usize), list: Vec<AnyChannel<FlatSamples>>) {
-        let channels = AnyChannels::sort(list.into_iter().collect());
-        let layer = Layer::new(size, LayerAttributes::default(), Encoding::FAST_LOSSLESS, channels);
-        Image::from_layer(layer).write().to_file(self.file(name)).expect("the frame is written");
+        let parts = match self.writer {
+            Writer::Esaac => vec![list],
+            Writer::Blender4 => vec![list.into_iter().map(|c| blender(c, "IndexOB.X")).collect()],
+            Writer::Blender5 => list.into_iter().map(|c| vec![blender(c, "Object Index.X")]).collect(),
+        };
+        self.write_parts(name, size, parts);
+    }
+
+    /// One frame of parts with these channels.
+    pub fn write_parts(&self, name: &str, size: (usize, usize), parts: Vec<Vec<AnyChannel<FlatSamples>>>) {
+        let layer = |(number, list): (usize, Vec<AnyChannel<FlatSamples>>)| {
+            let attributes = LayerAttributes::named(&*format!("part {number}"));
+            let channels = AnyChannels::sort(list.into_iter().collect());
+            Layer::new(size, attributes, Encoding::FAST_LOSSLESS, channels)
+        };
+        let layers: Vec<_> = parts.into_iter().enumerate().map(layer).collect();
+        let window = IntegerBounds::from_dimensions(Vec2(size.0, size.1));
+        let image = Image::from_layers(ImageAttributes::new(window), layers);
+        image.write().to_file(self.file(name)).expect("the frame is written");
     }
 
     /// The folder.
@@ -145,4 +180,17 @@ pub fn colour(index: usize, (width, height): (usize, usize)) -> Vec<AnyChannel<F
     };
     let colour: Vec<half::f16> = (0..width * height).map(bar).collect();
     ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F16(colour.clone()))).to_vec()
+}
+
+/// A channel as Blender has it: y up, a background of 1e10, ids as floats.
+fn blender(channel: AnyChannel<FlatSamples>, index_pass: &str) -> AnyChannel<FlatSamples> {
+    let samples = || channel.sample_data.values_as_f32();
+    let (pass, samples) = match channel.name.to_string().as_str() {
+        "motion.X" => ("Vector.X".to_owned(), FlatSamples::F32(samples().collect())),
+        "motion.Y" => ("Vector.Y".to_owned(), FlatSamples::F32(samples().map(|y| -y).collect())),
+        "depth.Z" => ("Depth.Z".to_owned(), FlatSamples::F32(samples().map(|z| z.min(1e10)).collect())),
+        "id" => (index_pass.to_owned(), FlatSamples::F32(samples().collect())),
+        colour => (format!("Combined.{colour}"), channel.sample_data.clone()),
+    };
+    AnyChannel::new(&*format!("ViewLayer.{pass}"), samples)
 }

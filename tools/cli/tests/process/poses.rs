@@ -1,6 +1,8 @@
 //! `esaac simulate` on folders with poses, depth and ids.
 
-use crate::harness::{Frames, HEIGHT, WIDTH, assert_error, assert_lens, colour, recorded_messages, run};
+use crate::harness::{
+    Frames, HEIGHT, WIDTH, Writer, assert_error, assert_lens, colour, recorded_messages, run,
+};
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use exr::prelude::{AnyChannel, FlatSamples};
 use glam::{DQuat, DVec2, DVec3};
@@ -41,7 +43,11 @@ struct Posed {
 
 impl Posed {
     fn new(factor: f32) -> Self {
-        let posed = Posed { frames: Frames::empty(), sequence: sequence() };
+        Posed::by(Writer::Esaac, factor)
+    }
+
+    fn by(writer: Writer, factor: f32) -> Self {
+        let posed = Posed { frames: Frames::by(writer), sequence: sequence() };
         (0..KEYS).for_each(|k| posed.write_key(k, factor, Some(BODY)));
         posed.describe();
         posed
@@ -65,7 +71,8 @@ impl Posed {
             let vector = (end.pixel_px - pixel_px).as_vec2() * factor;
             x.push(vector.x);
             y.push(vector.y);
-            depth.push(depth_m as f32);
+            // The sky, in the first row.
+            depth.push(if i < WIDTH { f32::INFINITY } else { depth_m as f32 });
             ids.push(here);
         }
         let mut list = colour(k, (WIDTH, HEIGHT));
@@ -331,7 +338,10 @@ fn channels_that_are_missing_or_of_a_wrong_type_are_named() {
     let posed = Posed::new(1.0);
     posed.error(&["--depth-channel", "Z"], &["key_0000.exr", "no depth channel `Z`", "depth.Z"]);
     posed.error(&["--id-channel", "IndexOB"], &["no id channel `IndexOB`", "depth.Z, id"]);
-    posed.error(&[&["--id-channel", "depth.Z"], &QUICK[..]].concat(), &["`depth.Z` holds floats", "uint32"]);
+    posed.error(
+        &[&["--id-channel", "depth.Z"], &QUICK[..]].concat(),
+        &["key_000", "channel `depth.Z`", "is no id", "whole numbers"],
+    );
     posed.write_key(2, 1.0, None);
     posed.error(&[], &["key_0002.exr", "no id channel `id`"]);
     (0..KEYS).for_each(|k| posed.write_key(k, 1.0, None));
@@ -364,4 +374,65 @@ fn a_wrong_transforms_json_is_named() {
     let both = still(&transforms());
     let posed = Posed { sequence: sequence(), ..both };
     posed.error(&[], &["sequence.json", "transforms.json", "expected one of them"]);
+}
+
+/// What `esaac simulate` reports of poses, and the events it writes.
+fn poses_and_events(posed: &Posed, arguments: &[&str]) -> (Value, Vec<u8>) {
+    let (mut report, error) = posed.simulate(arguments);
+    assert!(!error.contains("warning"), "{error}");
+    report["poses"].as_object_mut().unwrap().remove("file");
+    (report["poses"].clone(), std::fs::read(posed.frames.file("events.npz")).unwrap())
+}
+
+#[test]
+fn files_of_blender_need_no_flags() {
+    let expected = poses_and_events(&Posed::new(1.0), &[]);
+    assert_eq!(expected.0["agree"], true);
+    for writer in [Writer::Blender4, Writer::Blender5] {
+        let posed = Posed::by(writer, 1.0);
+        assert!(poses_and_events(&posed, &[]) == expected, "{writer:?}");
+        let flags = ["--motion-channels", "Vector.X,Vector.Y", "--motion-convention", "blender"];
+        assert!(poses_and_events(&posed, &flags) == expected, "{writer:?}");
+        let (report, _) = posed.simulate(&["--motion-convention", "previous"]);
+        assert_eq!(report["poses"]["agree"], false, "a convention that is asked for is followed");
+    }
+}
+
+#[test]
+fn ids_as_floats_are_whole_numbers() {
+    for (id, told) in [(1.5, "1.5"), (-1.0, "-1"), (f32::NAN, "NaN"), (4_294_967_296.0, "4294967300")] {
+        let posed = Posed::by(Writer::Blender5, 1.0);
+        let mut list = colour(2, (WIDTH, HEIGHT));
+        let mut ids = vec![7.0; WIDTH * HEIGHT];
+        ids[40] = id;
+        for name in ["motion.X", "motion.Y", "depth.Z"] {
+            list.push(AnyChannel::new(name, FlatSamples::F32(vec![1.0; WIDTH * HEIGHT])));
+        }
+        list.push(AnyChannel::new("id", FlatSamples::F32(ids)));
+        posed.frames.write_channels("key_0002.exr", (WIDTH, HEIGHT), list);
+        let name = "channel `ViewLayer.Object Index.X`";
+        posed.error(&QUICK, &["key_0002.exr", name, &format!(": {told} is no id, expected whole numbers")]);
+    }
+}
+
+#[test]
+fn of_several_view_layers_one_is_named() {
+    let frames = Frames::empty();
+    let size = (WIDTH, HEIGHT);
+    for k in 0..2 {
+        let named = |layer: &str| -> Vec<AnyChannel<FlatSamples>> {
+            let name = |c: AnyChannel<FlatSamples>| {
+                AnyChannel::new(&*format!("{layer}.Combined.{}", c.name), c.sample_data)
+            };
+            colour(k, size).into_iter().map(name).collect()
+        };
+        frames.write_parts(&format!("frame_{k:04}.exr"), size, vec![named("ViewLayer"), named("a.b")]);
+    }
+    let out = frames.file_argument("events.npz");
+    let arguments = ["simulate", frames.argument(), "--out", &out, "--synthesis", "none"];
+    let listed = "ViewLayer.Combined.R, a.b.Combined.R";
+    assert_error(&arguments, &["frame_0000.exr", "2 channels", "`Combined.R`", listed, "in full"]);
+    let channels = "a.b.Combined.R,a.b.Combined.G,a.b.Combined.B";
+    let (code, _, error) = run(&[&arguments[..], &["--colour-channels", channels]].concat());
+    assert_eq!(code, 0, "{error}");
 }
