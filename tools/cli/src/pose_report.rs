@@ -119,7 +119,7 @@ impl AgreementReport {
         let (verdict, causes, left_px) = match &found.verdict {
             Verdict::Agrees => (VerdictName::Agrees, Vec::new(), None),
             Verdict::Still => (VerdictName::Still, Vec::new(), None),
-            Verdict::Unexplained => (VerdictName::Unexplained, Vec::new(), None),
+            Verdict::Unexplained { .. } => (VerdictName::Unexplained, Vec::new(), None),
             Verdict::Mistaken { causes, left_px } => {
                 let words = |cause: &Vec<Mistake>| cause.iter().map(ToString::to_string).collect();
                 (VerdictName::Mistaken, causes.iter().map(words).collect(), Some(*left_px))

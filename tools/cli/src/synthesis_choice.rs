@@ -55,9 +55,10 @@ impl SynthesisChoice {
     /// What to tell on the standard error, if poses and vectors disagree: by how much, why, and what follows.
     #[must_use]
     pub fn warning(&self, check: &SceneCheck) -> Option<String> {
-        let disagreement = check.found.as_ref()?.disagreement()?;
+        let found = check.found.as_ref()?;
+        let disagreement = found.disagreement()?;
         let follows = match (self.asked, self.used) {
-            (Synthesis::Auto, _) => format!("; synthesis auto: {}", self.trust),
+            (Synthesis::Auto, _) => format!("; synthesis auto: {}", found.consequence(&self.trust)),
             (_, Synthesis::Rigid) => "; the poses are followed, as synthesis rigid was asked for".to_owned(),
             _ => String::new(),
         };

@@ -37,9 +37,9 @@ impl Rig {
     pub fn convention_warning(&self, camera: usize) -> Result<Option<String>, EngineError> {
         let state = self.camera(camera)?;
         let report = state.check.report().filter(|report| !report.agrees());
-        let disagreement = report.and_then(ConventionReport::disagreement);
-        Ok(disagreement.map(|text| match state.asked {
-            Synthesis::Auto => format!("{text}; synthesis auto: {}", state.trust()),
+        let disagreement = report.and_then(|report| Some((report, report.disagreement()?)));
+        Ok(disagreement.map(|(report, text)| match state.asked {
+            Synthesis::Auto => format!("{text}; synthesis auto: {}", report.consequence(state.trust())),
             _ => format!("{text}; the poses are followed, as synthesis rigid was asked for"),
         }))
     }

@@ -3,7 +3,7 @@
 //! An interval in which nothing moves says nothing and does not count. A doubt stays, so that a camera does not go to
 //! and fro between two syntheses; it is a function of the frames alone, so that runs repeat.
 
-use super::{ConventionCheck, ConventionReport, KeyFrame, Mistake, Trust, Verdict};
+use super::{ConventionCheck, ConventionReport, KeyFrame, Trust, Verdict};
 use crate::paths::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use std::collections::BTreeMap;
 
@@ -49,7 +49,7 @@ impl PoseCheck {
         self.looked += 1;
         let mut interval = ConventionCheck::default();
         interval.add(frame);
-        let Some(found) = interval.report(scene) else { return };
+        let Some(found) = interval.compare(scene, false) else { return };
         let is_still =
             found.world.iter().chain(found.instances.values()).all(|f| f.verdict == Verdict::Still);
         if is_still {
@@ -62,7 +62,7 @@ impl PoseCheck {
             Some(before) if before != *scene => joined(&before, scene, frame),
             _ => scene.clone(),
         };
-        let report = self.check.report(&poses).unwrap_or(found);
+        let report = self.check.compare(&poses, false).unwrap_or(found);
         self.trust = std::mem::take(&mut self.trust).and(report.trust());
         // Figures alone are no news.
         let is_known = self.report.as_ref().is_some_and(|before| causes(before) == causes(&report));
@@ -89,14 +89,19 @@ impl PoseCheck {
     }
 }
 
-/// What disagrees, the static world or instances, and why.
-fn causes(report: &ConventionReport) -> BTreeMap<u32, &[Vec<Mistake>]> {
+/// What disagrees, the static world or instances, and why. Which of several causes does best, and which is nearest if none
+/// explains it, changes with the figures and is no news.
+fn causes(report: &ConventionReport) -> BTreeMap<u32, Vec<String>> {
     let world = report.world.iter().map(|world| (STATIC_WORLD, world));
     let all = world.chain(report.instances.iter().map(|(&id, one)| (id, one)));
     let wrong = all.filter_map(|(id, found)| match &found.verdict {
         Verdict::Agrees | Verdict::Still => None,
-        Verdict::Mistaken { causes, .. } => Some((id, &causes[..])),
-        Verdict::Unexplained => Some((id, &[][..])),
+        Verdict::Mistaken { causes, .. } => {
+            let mut causes: Vec<String> = causes.iter().map(|cause| format!("{cause:?}")).collect();
+            causes.sort();
+            Some((id, causes))
+        }
+        Verdict::Unexplained { .. } => Some((id, Vec::new())),
     });
     wrong.collect()
 }

@@ -6,9 +6,12 @@
 //! vectors they give them.
 //!
 //! The two agree if the median error is at most [`AGREEMENT_PX`] or [`AGREEMENT_SHARE`] of the median motion. If not,
-//! every [`Mistake`] is undone in turn, alone and together with a mistake of the vectors' sign and unit. What explains
-//! the vectors with the fewest mistakes is the cause. It explains them if what is left agrees, or is a quarter of the
-//! error at most.
+//! every [`Mistake`] is undone in turn, alone and together with a mistake of the vectors' sign and unit. What makes the
+//! two agree with the fewest mistakes is the cause. If nothing does, what leaves little is
+//! told as the nearest.
+//!
+//! A static world far away may agree whatever the depth is. Then a body tells a mistake of the depth or the lens, if the
+//! static world agrees with that as well.
 //!
 //! [`Trust`] is what synthesis `auto` makes of it, and [`PoseCheck`] looks at the frames of a running camera.
 
@@ -24,7 +27,7 @@ pub use trust::Trust;
 use super::{ImagePoint, NoPath, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use crate::synthesis::is_usable;
 use glam::DVec2;
-use mistake::{BODY, CAMERA, SIGNS, UNITS};
+use mistake::{BODY, CAMERA, FACTORS, SIGNS, SURFACE, UNITS};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -34,8 +37,8 @@ pub const AGREEMENT_PX: f64 = 0.02;
 /// Median error, over the median motion, that is rounding: half floats have a thousandth.
 pub const AGREEMENT_SHARE: f64 = 0.02;
 
-/// Part of the error that may be left by an explanation that is not exact.
-const EXPLAINED_SHARE: f64 = 0.25;
+/// Part of the error that the nearest explanation may leave, if that is slight besides.
+const NEAREST_SHARE: f64 = 0.25;
 
 /// Explanations that leave this much more than the best, relatively, do as well as it.
 const TIE_SHARE: f64 = 0.5;
@@ -131,7 +134,19 @@ pub enum Verdict {
         left_px: f64,
     },
     /// They disagree, and no known mistake explains it.
-    Unexplained,
+    Unexplained {
+        /// What explains all but a slight error.
+        nearest: Option<Nearest>,
+    },
+}
+
+/// Mistakes that explain an error, but for a part that is more than rounding.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nearest {
+    /// The mistakes.
+    pub cause: Vec<Mistake>,
+    /// Median error that is left, pixels.
+    pub left_px: f64,
 }
 
 impl<'a> KeyFrame<'a> {
@@ -236,22 +251,30 @@ impl ConventionCheck {
     /// Compares what was collected with `scene`. `None` if too few pixels can be compared.
     #[must_use]
     pub fn report(&self, scene: &SceneMotion) -> Option<ConventionReport> {
+        self.compare(scene, true)
+    }
+
+    /// The report, with times that come of rates or each of its own.
+    fn compare(&self, scene: &SceneMotion, rates: bool) -> Option<ConventionReport> {
         let mut report =
             ConventionReport { world: None, instances: BTreeMap::new(), pixels_without_poses: 0 };
         // Mistakes of the camera and the vectors, found on the static world, hold for the instances too.
         let mut common: Vec<Mistake> = Vec::new();
-        let mut explanations = camera_explanations();
+        let mut explanations = camera_explanations(rates);
         if let Some(samples) = self.samples.get(&STATIC_WORLD) {
             report.world = Comparison { scene, id: STATIC_WORLD, samples }.agreement(&common, &explanations);
         }
-        let body_alone = || BODY.iter().map(|&mistake| vec![mistake]).collect();
+        if let Some(Verdict::Mistaken { causes, .. }) = report.world.as_ref().map(|world| &world.verdict) {
+            common.clone_from(&causes[0]);
+        }
         match report.world.as_ref().map(|world| &world.verdict) {
-            Some(Verdict::Agrees) => explanations = body_alone(),
-            Some(Verdict::Mistaken { causes, .. }) => {
-                common.clone_from(&causes[0]);
-                explanations = body_alone();
+            Some(Verdict::Agrees | Verdict::Mistaken { .. }) => {
+                let samples = self.samples.get(&STATIC_WORLD).expect("the samples of the verdict");
+                let world = Comparison { scene, id: STATIC_WORLD, samples };
+                let surface = SURFACE.iter().filter(|&&mistake| world.agrees_as_well(&common, mistake));
+                explanations = surface.chain(&BODY).map(|&mistake| vec![mistake]).collect();
             }
-            Some(Verdict::Still | Verdict::Unexplained) | None => {
+            Some(Verdict::Still | Verdict::Unexplained { .. }) | None => {
                 // What both have, such as a shift in time, is one explanation.
                 let of_body = with_vectors(&BODY).into_iter().filter(|one| !explanations.contains(one));
                 explanations.extend(of_body.collect::<Vec<_>>());
@@ -290,18 +313,20 @@ impl Agreement {
     /// right if the vectors' own sign, unit or frame explains all: then they predict the vectors.
     #[must_use]
     pub fn doubts_poses(&self) -> bool {
-        let slight_px = DOUBT_PX.max(DOUBT_SHARE * self.median_motion_px);
-        if self.pixels < DOUBT_PIXELS || self.median_error_px <= slight_px {
+        if self.pixels < DOUBT_PIXELS || self.median_error_px <= slight_px(self.median_motion_px) {
             return false;
         }
         match &self.verdict {
             Verdict::Agrees | Verdict::Still => false,
-            Verdict::Unexplained => true,
-            Verdict::Mistaken { causes, left_px } => {
-                let of_vectors = causes.iter().flatten().all(|mistake| mistake.is_of_vectors());
-                !of_vectors || *left_px > agreement_px(self.median_motion_px)
-            }
+            Verdict::Unexplained { .. } => true,
+            Verdict::Mistaken { .. } => !self.blames_vectors(),
         }
+    }
+
+    /// Whether the vectors' own sign, unit or frame explains all, and nothing else does as well.
+    fn blames_vectors(&self) -> bool {
+        let Verdict::Mistaken { causes, .. } = &self.verdict else { return false };
+        causes.iter().flatten().all(|mistake| mistake.is_of_vectors())
     }
 }
 
@@ -310,7 +335,13 @@ fn agreement_px(motion_px: f64) -> f64 {
     AGREEMENT_PX.max(AGREEMENT_SHARE * motion_px)
 }
 
-/// All combinations of one of `mistakes` or none with a sign and a unit of the vectors, fewest mistakes first.
+/// Median error that hardly changes an event where the median motion is this, pixels.
+fn slight_px(motion_px: f64) -> f64 {
+    DOUBT_PX.max(DOUBT_SHARE * motion_px)
+}
+
+/// All combinations of one of `mistakes` or none with a sign and a unit of the vectors, and of a sign with a factor, fewest
+/// mistakes first.
 fn with_vectors(mistakes: &[Mistake]) -> Vec<Vec<Mistake>> {
     let alone = mistakes.iter().map(std::slice::from_ref).chain([&[][..]]);
     let mut all: Vec<Vec<Mistake>> = alone
@@ -320,12 +351,19 @@ fn with_vectors(mistakes: &[Mistake]) -> Vec<Vec<Mistake>> {
         })
         .filter(|combination| !combination.is_empty())
         .collect();
+    all.extend(
+        FACTORS.iter().flat_map(|&factor| SIGNS.iter().map(move |sign| [sign, &[factor][..]].concat())),
+    );
     all.sort_by_key(Vec::len);
     all
 }
 
-fn camera_explanations() -> Vec<Vec<Mistake>> {
-    with_vectors(&CAMERA)
+/// What may be wrong with all pixels. A rate is wrong only where times come of one.
+fn camera_explanations(rates: bool) -> Vec<Vec<Mistake>> {
+    let mistakes = CAMERA.iter().chain(&SURFACE).copied();
+    let mistakes: Vec<_> =
+        mistakes.filter(|mistake| rates || !matches!(mistake, Mistake::PosesTimes(_))).collect();
+    with_vectors(&mistakes)
 }
 
 /// The samples of one instance against a scene.
@@ -367,7 +405,15 @@ impl Comparison<'_> {
         })
     }
 
-    /// The explanation with the fewest mistakes that agrees, else the best one that explains most of the error.
+    /// Whether it agrees with this mistake undone too.
+    fn agrees_as_well(&self, common: &[Mistake], mistake: Mistake) -> bool {
+        let (as_given, undone) = (self.fit(common), self.fit(&[&[mistake], common].concat()));
+        as_given
+            .zip(undone)
+            .is_some_and(|(as_given, undone)| undone.agrees() && 2 * undone.pixels >= as_given.pixels)
+    }
+
+    /// The explanation with the fewest mistakes that agrees, else the nearest.
     fn explain(&self, as_given: Fit, common: &[Mistake], explanations: &[Vec<Mistake>]) -> Verdict {
         let mut fits: Vec<(&Vec<Mistake>, Fit)> = explanations
             .iter()
@@ -378,15 +424,24 @@ impl Comparison<'_> {
             })
             .collect();
         fits.sort_by(|(_, a), (_, b)| a.error_px.total_cmp(&b.error_px));
-        let explained = |fit: &Fit| fit.error_px <= EXPLAINED_SHARE * as_given.error_px;
         // Minimum by count of mistakes keeps the first of equals, which has the least error.
         let fewest = fits.iter().filter(|(_, fit)| fit.agrees()).min_by_key(|(cause, _)| cause.len());
-        let Some(&(best, fit)) = fewest.or_else(|| fits.first().filter(|(_, fit)| explained(fit))) else {
-            return Verdict::Unexplained;
+        let Some(&(best, fit)) = fewest else {
+            let nearest = fits.iter().filter(|(_, fit)| {
+                fit.error_px <= NEAREST_SHARE * as_given.error_px && fit.error_px <= slight_px(fit.motion_px)
+            });
+            let nearest = nearest.min_by_key(|(cause, _)| cause.len());
+            let nearest =
+                nearest.map(|(cause, fit)| Nearest { cause: (*cause).clone(), left_px: fit.error_px });
+            return Verdict::Unexplained { nearest };
         };
         let limit_px = fit.error_px * (1.0 + TIE_SHARE) + 0.1 * AGREEMENT_PX;
+        // A factor of the vectors has the blame alone only if nothing else would do.
+        let by_factor = best.iter().any(|mistake| FACTORS.contains(mistake));
         let ties = fits.iter().filter(|(cause, other)| {
-            cause.len() == best.len() && other.error_px >= fit.error_px && other.error_px <= limit_px
+            let as_well = other.error_px >= fit.error_px && other.error_px <= limit_px;
+            let of_others = cause.iter().any(|mistake| !mistake.is_of_vectors());
+            cause.len() == best.len() && (as_well || by_factor && of_others && other.agrees())
         });
         Verdict::Mistaken { causes: ties.map(|(cause, _)| (*cause).clone()).collect(), left_px: fit.error_px }
     }
@@ -395,17 +450,19 @@ impl Comparison<'_> {
     fn fit(&self, mistakes: &[Mistake]) -> Option<Fit> {
         let mut relative: BTreeMap<(i64, i64), Option<Pose>> = BTreeMap::new();
         let (mut lengths, mut errors) = (Vec::new(), Vec::new());
+        let lens = mistakes.iter().fold(*self.scene.lens(), |lens, mistake| mistake.lens(lens));
         for sample in self.samples {
             let times = (sample.previous_ns, sample.t_ns);
             let motion = relative.entry(times).or_insert_with(|| self.relative(mistakes, times));
             let size_px = sample.size_px;
             let pixel_px = mistakes.iter().fold(sample.pixel_px, |p, m| m.pixel_px(p, size_px));
-            let lens = self.scene.lens();
-            let depth_m = mistakes.iter().fold(sample.depth_m, |d, m| m.depth_m(d, pixel_px, lens));
+            let depth_m = mistakes.iter().fold(sample.depth_m, |d, m| m.depth_m(d, pixel_px, &lens));
             let Some(motion) = motion else { continue };
             let (length_px, error_px) = match lens.path(pixel_px, depth_m, motion) {
                 Ok(ImagePoint { pixel_px: end_px, .. }) => {
-                    let given_px = mistakes.iter().fold(sample.vector, |v, m| m.vector_px(v, size_px));
+                    let interval_s = (sample.t_ns - sample.previous_ns) as f64 * 1e-9;
+                    let given_px =
+                        mistakes.iter().fold(sample.vector, |v, m| m.vector_px(v, size_px, interval_s));
                     ((end_px - pixel_px).length(), (end_px - pixel_px).distance(given_px))
                 }
                 // As far off as the image is large.
@@ -429,7 +486,8 @@ impl Comparison<'_> {
         let to_next = mistakes.contains(&Mistake::VectorsToNextFrame);
         let other_ns = if to_next { t_ns.checked_add(frame_ns)? } else { previous_ns };
         let at = |track: &PoseTrack, t_ns: i64| {
-            let t_ns = t_ns.checked_add(shift_ns)?;
+            let t_ns =
+                mistakes.iter().fold(t_ns, |t_ns, mistake| mistake.time_ns(t_ns)).checked_add(shift_ns)?;
             let (first_ns, last_ns) = (*track.times_ns().first()?, *track.times_ns().last()?);
             let end_ns = t_ns.clamp(first_ns, last_ns);
             track.at(if t_ns.abs_diff(end_ns) <= ROUNDING_NS { end_ns } else { t_ns }).ok()

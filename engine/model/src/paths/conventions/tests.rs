@@ -102,6 +102,10 @@ fn report(sequence: &Sequence) -> ConventionReport {
 }
 
 fn change_vectors(sequence: &mut Sequence, change: impl Fn([f32; 2]) -> [f32; 2]) {
+    change_vectors_by(sequence, change);
+}
+
+fn change_vectors_by(sequence: &mut Sequence, mut change: impl FnMut([f32; 2]) -> [f32; 2]) {
     for vector in sequence.frames.iter_mut().flat_map(|(_, _, _, motion)| motion) {
         *vector = change(*vector);
     }
@@ -154,6 +158,11 @@ fn planted(mistake: Mistake) -> Sequence {
         Mistake::VectorsNegated => change_vectors(&mut sequence, |[x, y]| [-x, -y]),
         Mistake::VectorsYUp => change_vectors(&mut sequence, |[x, y]| [x, -y]),
         Mistake::VectorsXLeft => change_vectors(&mut sequence, |[x, y]| [-x, y]),
+        Mistake::VectorsExchanged => change_vectors(&mut sequence, |[x, y]| [y, x]),
+        Mistake::VectorsPerSecond => change_vectors(&mut sequence, |[x, y]| [30.0 * x, 30.0 * y]),
+        Mistake::VectorsTimes(factor) => {
+            change_vectors(&mut sequence, |vector| vector.map(|v| v / factor as f32));
+        }
         Mistake::VectorsOfImageSize => change_vectors(&mut sequence, |[x, y]| [x / width, y / height]),
         Mistake::VectorsOfHalfSize => {
             change_vectors(&mut sequence, |[x, y]| [2.0 * x / width, 2.0 * y / height]);
@@ -176,6 +185,9 @@ fn planted(mistake: Mistake) -> Sequence {
         Mistake::PosesBehind => {
             sequence.scene = scene(lens(), |k| camera(k - 1.0), |k| ball(k - 1.0));
         }
+        Mistake::PosesTimes(factor) => {
+            sequence.scene = scene(lens(), |k| camera(k / factor), |k| ball(k / factor));
+        }
         // Columns: right, down, forward.
         Mistake::CameraOpenCv => {
             sequence.scene =
@@ -191,9 +203,19 @@ fn planted(mistake: Mistake) -> Sequence {
             sequence.scene =
                 with_camera(|pose| with_axes(pose, [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
         }
+        // Right, up, backward; those of the renderer are taken for forward, left, up.
+        Mistake::CameraReadAlongX => {
+            sequence.scene =
+                with_camera(|pose| with_axes(pose, [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]));
+        }
         Mistake::CameraInverted => sequence.scene = with_camera(|pose| pose.inverse()),
         Mistake::CameraTransposed => sequence.scene = with_camera(with_transposed_rotation),
         Mistake::CameraScalarFirst => sequence.scene = with_camera(read_scalar_first_as_last),
+        Mistake::LensOfOtherKind => {
+            let fisheye = Intrinsics::fisheye(60.0, 55.0, 31.0, 24.0).unwrap();
+            sequence = right_of(scene(fisheye, camera, ball));
+            sequence.scene = scene(lens(), camera, ball);
+        }
         Mistake::DepthOfOtherKind => change_depth(&mut sequence, |depth_m, pixel_px| {
             let point = lens().unproject(pixel_px, depth_m).unwrap();
             point.truncate().length() * depth_m
@@ -249,8 +271,8 @@ fn a_right_sequence_agrees() {
 
 #[test]
 fn each_mistake_of_vectors_camera_depth_or_time_is_the_one_named() {
-    let vectors = SIGNS.iter().chain(&UNITS).filter_map(|one| one.first());
-    for &mistake in vectors.chain(&CAMERA) {
+    let vectors = SIGNS.iter().chain(&UNITS).filter_map(|one| one.first()).chain(&FACTORS);
+    for &mistake in vectors.chain(&CAMERA).chain(&SURFACE) {
         let report = report(&planted(mistake));
         let world = report.world.as_ref().unwrap();
         let causes = mistaken(world);
@@ -285,6 +307,95 @@ fn a_mistake_of_vectors_is_named_once_for_a_body_before_a_camera_that_stands_sti
     let report = report(&sequence);
     assert_eq!(report.world.as_ref().unwrap().verdict, Verdict::Still);
     assert_eq!(mistaken(&report.instances[&BALL]), [vec![Mistake::VectorsYUp]]);
+}
+
+/// A world of hills far away, before which the ball is near; the camera turns and hardly moves.
+fn far_world(lens: Intrinsics) -> Sequence {
+    let turning = |k: f64| Pose::from_parts(camera(k).rotation(), 0.02 * camera(k).translation_m());
+    let near = |k: f64| {
+        let (forward, pose) = (turning(k).rotation() * DVec3::NEG_Z, ball(k));
+        Pose::from_parts(pose.rotation(), 2.0 * forward + 0.3 * pose.translation_m())
+    };
+    let mut sequence = right_of(scene(lens, turning, near));
+    for (t_ns, depth, ids, motion) in &mut sequence.frames {
+        for i in 40..motion.len() {
+            depth[i] = if ids[i] == BALL { 1.5 + 0.01 * (i % 17) as f32 } else { 60.0 + (i % 13) as f32 };
+            let (pixel_px, depth_m) = (pixel_px(i), f64::from(depth[i]));
+            let end = sequence.scene.path(pixel_px, depth_m, ids[i], *t_ns, *t_ns - FRAME_NS).unwrap();
+            motion[i] = (end.pixel_px - pixel_px).to_array().map(|v| v as f32);
+        }
+    }
+    sequence
+}
+
+#[test]
+fn depth_that_the_static_world_does_not_tell_is_named_by_the_body() {
+    let wide = Intrinsics::pinhole(20.0, 18.0, 31.0, 24.0).unwrap();
+    let told = |sequence: &Sequence| {
+        let report = report(sequence);
+        assert_eq!(report.world.as_ref().unwrap().verdict, Verdict::Agrees, "{report:?}");
+        assert_eq!(report.trust(), Trust::Without([BALL].into()), "{report:?}");
+        mistaken(&report.instances[&BALL]).to_vec()
+    };
+    let mut from_centre = far_world(wide);
+    change_depth(&mut from_centre, |depth_m, pixel_px| wide.ray(pixel_px).unwrap().length() * depth_m);
+    assert_eq!(told(&from_centre), [vec![Mistake::DepthOfOtherKind]]);
+    let mut twice = far_world(wide);
+    change_depth(&mut twice, |depth_m, _| 2.0 * depth_m);
+    assert_eq!(told(&twice), [vec![Mistake::DepthTimes(0.5)]]);
+    // One that would spoil the world is none: it is the ball's depth alone.
+    let mut ball_alone = far_world(lens());
+    for (_, depth, ids, _) in &mut ball_alone.frames {
+        depth.iter_mut().zip(ids).filter(|(_, id)| **id == BALL).for_each(|(depth, _)| *depth *= 1000.0);
+    }
+    let report = report(&ball_alone);
+    assert!(matches!(report.instances[&BALL].verdict, Verdict::Unexplained { .. }), "{report:?}");
+}
+
+#[test]
+fn a_factor_that_depth_or_a_rate_may_have_as_well_is_not_the_vectors_alone() {
+    // The camera goes steadily and does not turn.
+    let forward = |k: f64| Pose::from_parts(DQuat::IDENTITY, DVec3::new(0.05 * k, 0.02 * k, -0.04 * k));
+    let mut sequence = right_of(scene(lens(), forward, ball));
+    change_vectors(&mut sequence, |[x, y]| [2.0 * x, 2.0 * y]);
+    let report = report(&sequence);
+    let causes = mistaken(report.world.as_ref().unwrap());
+    let of_vectors = vec![Mistake::VectorsTimes(0.5)];
+    assert!(causes.contains(&of_vectors) && causes.len() > 1, "{causes:?}");
+    assert_eq!(report.trust(), Trust::Nothing);
+}
+
+#[test]
+fn what_leaves_more_than_rounding_is_not_likely_but_nearest() {
+    let mut sequence = planted(Mistake::VectorsNegated);
+    let mut sign = 1.0;
+    change_vectors_by(&mut sequence, |[x, y]| {
+        sign = -sign;
+        [x + 0.25 * sign, y]
+    });
+    let report = report(&sequence);
+    let Verdict::Unexplained { nearest: Some(nearest) } = &report.world.as_ref().unwrap().verdict else {
+        panic!("{report:?}");
+    };
+    assert_eq!(nearest.cause, [Mistake::VectorsNegated]);
+    let words = report.disagreement().unwrap();
+    assert!(
+        words.contains("no known mistake explains it; nearest is that the vectors' sign is flipped"),
+        "{words}"
+    );
+    assert!(!words.contains("likely"), "{words}");
+}
+
+#[test]
+fn a_slight_error_is_not_said_to_be_right() {
+    let slight = report(&planted(Mistake::DepthOfOtherKind));
+    let words = slight.consequence(&slight.trust());
+    assert!(words.starts_with("depth and poses are followed as they are, for an error so slight"), "{words}");
+    let of_vectors = report(&planted(Mistake::VectorsPerSecond));
+    assert_eq!(
+        of_vectors.consequence(&of_vectors.trust()),
+        "depth and poses are right by that and are followed"
+    );
 }
 
 #[test]
@@ -328,7 +439,7 @@ fn noise_is_unexplained() {
             (state >> 24) as f32 - 128.0
         });
     }
-    assert_eq!(report(&sequence).world.unwrap().verdict, Verdict::Unexplained);
+    assert_eq!(report(&sequence).world.unwrap().verdict, Verdict::Unexplained { nearest: None });
 }
 
 #[test]
@@ -427,14 +538,17 @@ fn checked(sequence: &Sequence) -> Vec<Trust> {
 
 #[test]
 fn each_mistake_leaves_the_poses_that_are_right() {
-    let vectors = SIGNS.iter().chain(&UNITS).filter_map(|one| one.first());
+    let vectors = SIGNS.iter().chain(&UNITS).filter_map(|one| one.first()).chain(&FACTORS);
     let own = vectors.chain(&[Mistake::VectorsToNextFrame]).copied();
     let of_vectors: Vec<Mistake> = own.collect();
-    // The other distance is told from this one, but here it moves no pixel by more than hardly.
-    let slight = report(&planted(Mistake::DepthOfOtherKind));
-    assert!(!slight.agrees() && slight.trust() == Trust::All);
-    let told = |mistake: &&Mistake| **mistake != Mistake::DepthOfOtherKind;
-    for &mistake in of_vectors.iter().chain(CAMERA.iter().filter(told)) {
+    // The other distance and the other lens are told from these, but here they move no pixel by more than hardly.
+    let slight = [Mistake::DepthOfOtherKind, Mistake::LensOfOtherKind];
+    for mistake in slight {
+        let report = report(&planted(mistake));
+        assert!(!report.agrees() && report.trust() == Trust::All, "{mistake:?}");
+    }
+    let told = |mistake: &&Mistake| !slight.contains(mistake);
+    for &mistake in of_vectors.iter().chain(CAMERA.iter().chain(&SURFACE).filter(told)) {
         let expected = if of_vectors.contains(&mistake) { Trust::All } else { Trust::Nothing };
         assert_eq!(report(&planted(mistake)).trust(), expected, "{mistake:?}");
         // Where the poses of each interval come by themselves, the next frame's are not there yet.

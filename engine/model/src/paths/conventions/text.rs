@@ -1,6 +1,6 @@
 //! A comparison in words.
 
-use super::{Agreement, ConventionReport, Verdict};
+use super::{Agreement, ConventionReport, Mistake, Nearest, Trust, Verdict};
 use std::fmt;
 
 impl ConventionReport {
@@ -11,6 +11,26 @@ impl ConventionReport {
         let disagrees = !wrong.is_empty();
         disagrees
             .then(|| format!("depth and poses do not predict the motion vectors of {}", wrong.join("; of ")))
+    }
+
+    /// What synthesis `auto` makes of it, in words, if it follows the poses that `trust` says.
+    #[must_use]
+    pub fn consequence(&self, trust: &Trust) -> String {
+        let disagrees = |found: &&Agreement| {
+            matches!(found.verdict, Verdict::Mistaken { .. } | Verdict::Unexplained { .. })
+        };
+        let mut wrong = self.world.iter().chain(self.instances.values()).filter(disagrees);
+        match trust {
+            Trust::All if wrong.all(Agreement::blames_vectors) => {
+                "depth and poses are right by that and are followed".to_owned()
+            }
+            Trust::All => {
+                "depth and poses are followed as they are, for an error so slight, or of so few pixels, is \
+                           hardly seen in the events"
+                    .to_owned()
+            }
+            Trust::Without(_) | Trust::Nothing => trust.to_string(),
+        }
     }
 
     /// The static world and the instances, with their names.
@@ -51,18 +71,28 @@ impl Agreement {
             significant(self.median_motion_px)
         );
         match &self.verdict {
-            Verdict::Unexplained => Some(format!("{apart}, and no known mistake explains it")),
+            Verdict::Unexplained { nearest: None } => {
+                Some(format!("{apart}, and no known mistake explains it"))
+            }
+            Verdict::Unexplained { nearest: Some(Nearest { cause, left_px }) } => Some(format!(
+                "{apart}, and no known mistake explains it; nearest is that {} (then {} px are left)",
+                words(cause),
+                significant(*left_px)
+            )),
             Verdict::Mistaken { causes, left_px } => {
-                let words = causes.iter().map(|cause| {
-                    let words: Vec<String> = cause.iter().map(ToString::to_string).collect();
-                    words.join(", and ")
-                });
-                let causes = words.collect::<Vec<_>>().join(", or ");
+                let causes: Vec<String> = causes.iter().map(|cause| words(cause)).collect();
+                let causes = causes.join(", or ");
                 Some(format!("{apart}; likely {causes} (then {} px are left)", significant(*left_px)))
             }
             Verdict::Agrees | Verdict::Still => None,
         }
     }
+}
+
+/// Mistakes that are made together.
+fn words(cause: &[Mistake]) -> String {
+    let words: Vec<String> = cause.iter().map(ToString::to_string).collect();
+    words.join(", and ")
 }
 
 /// A length with two significant digits. Less than a millionth is 0: it is the rounding of the files.

@@ -4,7 +4,9 @@
 //!   followed.
 //! - The static world disagrees otherwise: camera, depth or times are wrong, which concerns all pixels. No pose is
 //!   followed; each pixel follows its motion vector.
-//! - An instance alone disagrees: its poses are left out, and its pixels follow their vectors.
+//! - An instance alone disagrees: its poses are left out, and its pixels follow their vectors. So it is if the depth is
+//!   wrong and the static world hardly shows it.
+//! - What is wrong is slight, or seen by few pixels: all poses are followed.
 
 use super::ConventionReport;
 use serde::{Deserialize, Serialize};
@@ -61,7 +63,7 @@ impl ConventionReport {
 impl fmt::Display for Trust {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Trust::All => f.write_str("depth and poses are right by that and are followed"),
+            Trust::All => f.write_str("depth and poses are followed"),
             Trust::Without(ids) => {
                 let ids: Vec<String> = ids.iter().map(u32::to_string).collect();
                 let (s, their) = if ids.len() == 1 { ("", "its") } else { ("s", "their") };
