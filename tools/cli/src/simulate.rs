@@ -131,7 +131,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
-    let mut input_check = InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion);
+    let mut input_check =
+        InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion).advising(choice.advice);
     let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
     let asked = Asked { sensor: &sensor, event_ids };
     let (record, memory) =
@@ -159,13 +160,14 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     published.recorded?;
     report.ros = published.summary;
     let of_poses = check.as_ref().and_then(|check| choice.warning(check));
+    let left_out = choice.left_out.clone();
     report.synthesis = Some(choice);
     report.poses = check.map(|check| check.report);
     report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
     let of_light = camera.light_warnings.iter().cloned();
     let of_frames = folder.warning.clone();
-    for warning in of_frames.into_iter().chain(of_poses).chain(of_input).chain(of_light) {
+    for warning in of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input).chain(of_light) {
         stderr::line(format_args!("warning: {warning}"));
     }
     report.files = outputs.iter().map(|path| path.display().to_string()).collect();

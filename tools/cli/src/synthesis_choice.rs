@@ -20,6 +20,12 @@ pub struct SynthesisChoice {
     /// The poses that are followed.
     #[serde(skip)]
     pub trust: Trust,
+    /// What to tell on the standard error, if the folder's poses are left out for something that is missing.
+    #[serde(skip)]
+    pub left_out: Option<String>,
+    /// What mends events that are false for want of exact paths, if depth and poses are there and not followed.
+    #[serde(skip)]
+    pub advice: Option<&'static str>,
 }
 
 impl SynthesisChoice {
@@ -32,7 +38,12 @@ impl SynthesisChoice {
         let trust = check.filter(|_| is_auto).map_or(Trust::All, SceneCheck::trust);
         let doubted = (trust == Trust::Nothing)
             .then(|| "depth and poses do not predict them, so that the poses are left out".to_owned());
-        let (no_geometry, no_motion) = (lacks_geometry(folder).or(doubted), lacks_motion(folder));
+        let (lack, no_motion) = (lacks_geometry(folder), lacks_motion(folder));
+        let left_out = folder.scene.as_ref().filter(|_| is_auto).zip(lack.as_ref());
+        let left_out =
+            left_out.map(|(scene, lack)| format!("{}: the poses are left out: {lack}", scene.file.display()));
+        let is_wrong = lack.is_some() || check.is_some_and(|check| check.trust() == Trust::Nothing);
+        let no_geometry = lack.or(doubted);
         let used = asked.resolve(no_geometry.is_none(), no_motion.is_none());
         if let Some(lack) = no_motion.as_ref().filter(|_| used.needs_motion()) {
             return Err(FrameError::MissingMotion { camera: 0, synthesis: used.name() })
@@ -49,7 +60,13 @@ impl SynthesisChoice {
             let leaves_some_out = no_geometry.is_none() && matches!(trust, Trust::Without(_));
             if leaves_some_out { format!("{reason}; {trust}") } else { reason }
         });
-        Ok(SynthesisChoice { asked, used, reason, trust })
+        let has_both = folder.scene.is_some() && folder.layout.depth.is_some();
+        let advice = match (has_both && used != Synthesis::Rigid, is_wrong) {
+            (false, _) => None,
+            (true, true) => Some("mend depth and poses, which are there and cannot be followed"),
+            (true, false) => Some("synthesis `rigid` follows depth and poses, which are there"),
+        };
+        Ok(SynthesisChoice { asked, used, reason, trust, left_out, advice })
     }
 
     /// What to tell on the standard error, if poses and vectors disagree: by how much, why, and what follows.

@@ -45,6 +45,8 @@ pub struct InputCheck {
     hdr: HdrFormat,
     motion: Option<MotionFormat>,
     synthesis: Synthesis,
+    /// What mends it, if that is not more input.
+    advice: Option<&'static str>,
     log_offset: f64,
     checked: usize,
     last_ns: Option<i64>,
@@ -64,6 +66,7 @@ impl InputCheck {
             hdr,
             motion,
             synthesis: sensor.synthesis,
+            advice: None,
             log_offset: sensor.dark_level(),
             checked: 0,
             last_ns: None,
@@ -72,6 +75,12 @@ impl InputCheck {
             fast_px: Vec::new(),
             off_px: Vec::new(),
         }
+    }
+
+    /// The same, with what to tell in place of the advice to give more, which may be there and not be followed.
+    #[must_use]
+    pub fn advising(self, advice: Option<&'static str>) -> Self {
+        InputCheck { advice, ..self }
     }
 
     /// Whether it has seen enough and takes no more frames.
@@ -135,13 +144,15 @@ impl InputCheck {
         let fast = motion_px.filter(|px| *px > FAST_PX).map(|px| {
             format!(
                 "part of the image moves by {px:.1} px a frame or more, and blended frames show it at two places at \
-                 once, so that many events are false; give motion vectors, or depth and poses"
+                 once, so that many events are false; {}",
+                self.advice.unwrap_or("give motion vectors, or depth and poses")
             )
         });
         let off = off_parabola_px.filter(|px| *px > OFF_PARABOLA_PX).map(|px| {
             format!(
                 "what moves leaves a parabola through three frames by {px:.1} px or more, so that many events are at \
-                 wrong times and places; give depth and poses, or more frames a second"
+                 wrong times and places; {}",
+                self.advice.unwrap_or("give depth and poses, or more frames a second")
             )
         });
         Some(InputReport { motion_px, off_parabola_px, warning: fast.or(off) })

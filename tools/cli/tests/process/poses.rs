@@ -273,6 +273,24 @@ fn poses_of_some_intervals_serve_those() {
     let (report, _) = posed.simulate(&[]);
     assert_eq!(report["poses"]["intervals_spanned"], 1);
     assert_eq!(report["poses"]["agree"], true);
+    // `auto` does not follow them, and says so.
+    let (used, _, error) = with_auto(&posed, &[]);
+    assert_eq!(used, "motion");
+    assert!(
+        error.contains("warning: ") && error.contains("the poses are left out: no poses for all intervals"),
+        "{error}"
+    );
+    assert!(!error.contains("give depth and poses"), "{error}");
+}
+
+#[test]
+fn poses_whose_rate_has_few_digits_are_followed() {
+    let mut posed = Posed::new(1.0);
+    posed.sequence["pose_rate_hz"] = json!(KEY_HZ * POSES_PER_KEY as f64 + 0.0001);
+    posed.describe();
+    let (used, _, error) = with_auto(&posed, &[]);
+    assert_eq!(used, "rigid", "{error}");
+    assert!(!error.contains("left out"), "{error}");
 }
 
 #[test]
