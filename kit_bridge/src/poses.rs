@@ -239,6 +239,9 @@ impl Poses<'_> {
         table.iter().filter_map(|&(id, body)| match usize::try_from(body) {
             // The static world needs no track under its own id.
             Err(_) => (id != STATIC_WORLD).then_some(Ok((id, None))),
+            Ok(body) if self.bodies_each == 0 => Some(Err(Fault::Frame(format!(
+                "id {id} is body {body}, but the poses have no bodies: expected some, or -1 for the static world"
+            )))),
             Ok(body) if body >= self.bodies_each => {
                 let message = format!(
                     "id {id} is body {body}, expected less than {}, or -1 for the static world",

@@ -232,11 +232,19 @@ def test_poses_must_reach_the_frame_and_the_camera_waits_for_them(expected):
         ((TIMES_NS, CAMERA, BODIES), {"axes": "unity"}, "axes are `unity`, expected one of usd, opengl, ros"),
         ((TIMES_NS, CAMERA, BODIES), {"ids": {-3: 0}}, "id -3, expected 0 to 4294967295"),
         ((TIMES_NS, CAMERA, BODIES), {"ids": {1: 0.5}}, "expected a number of a body for each id"),
+        ((TIMES_NS, CAMERA, BODIES), {"ids": {7: -2}}, "id 7 is body -2, expected one from 0, or -1"),
     ],
 )
 def test_arrays_that_are_no_poses_are_named_when_they_are_given(arguments, options, message):
     with pytest.raises((esaac.FrameError, esaac.ArgumentError), match=message):
         esaac.Poses(*arguments, **options)
+
+
+def test_a_table_of_poses_without_bodies_says_that_there_are_none():
+    hdr, depth, given = IMAGES[0]
+    with pytest.raises(esaac.FrameError, match="id 7 is body 0, but the poses have no bodies"):
+        poses = esaac.Poses(TIMES_NS, CAMERA, ids={7: 0})
+        camera().step(hdr, t_ns=0, depth=depth, ids=given, poses=poses)
 
 
 @pytest.mark.parametrize(

@@ -66,12 +66,18 @@ def test_a_renderers_view_matrix_is_the_inverse_in_other_axes():
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [2 * np.eye(4), np.diag([1, 1, -1, 1]), np.full((4, 4), np.nan), pose((1, 2, 3), turn(2, 0.3)).T],
-    ids=["scaled", "mirrored", "nan", "transposed"],
+    ("wrong", "fault"),
+    [
+        (np.diag([2, 2, 2, 1]), "scaled"),
+        (2 * np.eye(4), "not affine"),
+        (np.diag([1, 1, -1, 1]), "mirrored"),
+        (np.full((4, 4), np.nan), "not finite"),
+        (pose((1, 2, 3), turn(2, 0.3)).T, "transposed"),
+        (np.eye(4) + np.eye(4, k=1) * [0, 0.5, 0, 0], "sheared"),
+    ],
 )
-def test_matrices_that_are_not_rigid_are_named(wrong):
-    with pytest.raises(esaac.FrameError, match=r"camera\[1\] is .*expected a rigid transform"):
+def test_matrices_that_are_not_rigid_are_named(wrong, fault):
+    with pytest.raises(esaac.FrameError, match=rf"camera\[1\] is {fault}.*expected a rigid transform"):
         esaac.Poses.from_matrices(TIMES_NS, np.stack([np.eye(4), wrong, np.eye(4)]))
     with pytest.raises(esaac.FrameError, match=r"camera has shape \(3, 7\)"):
         esaac.Poses.from_matrices(TIMES_NS, np.zeros((3, 7)))

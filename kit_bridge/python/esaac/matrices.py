@@ -40,9 +40,27 @@ def _check(matrices: NDArray[np.float64], name: str) -> None:
     if not rigid.all():
         first = tuple(int(index) for index in np.argwhere(~rigid)[0])
         raise FrameError(
-            f"poses: {name}{list(first)} is {matrices[first].tolist()}, expected a rigid transform: no scale, no "
+            f"poses: {name}{list(first)} is {_fault(matrices[first])}, expected a rigid transform: no scale, no "
             "mirror, translation in the last column"
         )
+
+
+def _fault(matrix: NDArray[np.float64]) -> str:
+    """What is wrong with a matrix that is not rigid."""
+    if not np.isfinite(matrix).all():
+        return f"not finite: {matrix.tolist()}"
+    turn = matrix[:3, :3]
+    if len(matrix) == 4 and np.abs(matrix[3] - (0, 0, 0, 1)).max() >= _TOLERANCE:
+        if np.abs(matrix[:, 3] - (0, 0, 0, 1)).max() < _TOLERANCE:
+            return f"transposed: its last row is {matrix[3].tolist()}"
+        return f"not affine: its last row is {matrix[3].tolist()}, and not 0, 0, 0, 1"
+    squares = turn.T @ turn
+    if np.abs(squares - np.diag(np.diag(squares))).max() >= _TOLERANCE:
+        return f"sheared: its columns are not at right angles: {turn.tolist()}"
+    sizes = np.sqrt(np.diag(squares))
+    if np.abs(sizes**2 - 1).max() >= _TOLERANCE:
+        return f"scaled: its columns have the lengths {sizes.round(6).tolist()}"
+    return "mirrored: its determinant is -1"
 
 
 def _quaternions(turns: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -316,6 +316,11 @@ def _table(ids):
             f"poses: a table of ids has shape {values.shape} and dtype {values.dtype}, expected a number of a body "
             "for each id: a dict, or an array"
         )
+    below = values < -1
+    if below.any():
+        raise FrameError(
+            f"poses: id {keys[below][0]} is body {values[below][0]}, expected one from 0, or -1 for the static world"
+        )
     wrong = (keys < 0) | (keys > 0xFFFFFFFF)
     if wrong.any():
         raise FrameError(f"poses: id {keys[wrong][0]}, expected 0 to {0xFFFFFFFF}")
