@@ -416,6 +416,12 @@ class EventCamera(_Cameras):
         `gpu_ns` is the device's time, `submit_to_packet_ns` the time from submission to packets on the host,
         `step_ns` all time below Python, and `frames_ns` the part of it until the frames lie where the engine reads
         them.
+
+        Of the frame: `invalid_pixels`, whose colour is NaN, infinite or negative (they keep their last value);
+        `invalid_motion`, whose vector is not finite (they are blended); `unarmed_pixels`, which never had a valid
+        colour (they send nothing); `skipped_blocks`, blocks of 8x8 pixels in and around which nothing changes (no
+        event is lost); `deferred_events`, which a later packet brings; `regrown`, how often the event buffers had
+        to grow (no event is lost). The guide's page on input has those of pixels without a path.
         """
 
 class Rig(_Cameras):
