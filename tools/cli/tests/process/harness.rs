@@ -182,13 +182,13 @@ pub fn colour(index: usize, (width, height): (usize, usize)) -> Vec<AnyChannel<F
     ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F16(colour.clone()))).to_vec()
 }
 
-/// A channel as Blender has it: y up, a background of 1e10, ids as floats.
+/// A channel as Blender has it: y up, ids as floats.
 fn blender(channel: AnyChannel<FlatSamples>, index_pass: &str) -> AnyChannel<FlatSamples> {
     let samples = || channel.sample_data.values_as_f32();
     let (pass, samples) = match channel.name.to_string().as_str() {
         "motion.X" => ("Vector.X".to_owned(), FlatSamples::F32(samples().collect())),
         "motion.Y" => ("Vector.Y".to_owned(), FlatSamples::F32(samples().map(|y| -y).collect())),
-        "depth.Z" => ("Depth.Z".to_owned(), FlatSamples::F32(samples().map(|z| z.min(1e10)).collect())),
+        "depth.Z" => ("Depth.Z".to_owned(), FlatSamples::F32(samples().collect())),
         "id" => (index_pass.to_owned(), FlatSamples::F32(samples().collect())),
         colour => (format!("Combined.{colour}"), channel.sample_data.clone()),
     };

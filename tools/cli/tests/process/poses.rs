@@ -71,8 +71,7 @@ impl Posed {
             let vector = (end.pixel_px - pixel_px).as_vec2() * factor;
             x.push(vector.x);
             y.push(vector.y);
-            // The sky, in the first row.
-            depth.push(if i < WIDTH { f32::INFINITY } else { depth_m as f32 });
+            depth.push(depth_m as f32);
             ids.push(here);
         }
         let mut list = colour(k, (WIDTH, HEIGHT));
@@ -354,7 +353,7 @@ fn a_transposed_pose_is_told_from_other_faults() {
 #[test]
 fn channels_that_are_missing_or_of_a_wrong_type_are_named() {
     let posed = Posed::new(1.0);
-    posed.error(&["--depth-channel", "Z"], &["key_0000.exr", "no depth channel `Z`", "depth.Z"]);
+    posed.error(&["--depth-channel", "th.Z"], &["key_0000.exr", "no depth channel `th.Z`", "depth.Z"]);
     posed.error(&["--id-channel", "IndexOB"], &["no id channel `IndexOB`", "depth.Z, id"]);
     posed.error(
         &[&["--id-channel", "depth.Z"], &QUICK[..]].concat(),
