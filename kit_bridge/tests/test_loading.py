@@ -162,3 +162,52 @@ def test_what_is_no_recording_is_told(tmp_path):
         files.load(path)
     with pytest.raises(TypeError, match="to_ns is 0.5, expected an integer, nanoseconds"):
         files.load(written(path), to_ns=0.5)
+
+
+def test_true_events_are_read_as_they_are(tmp_path):
+    """The archive of `esaac render --truth`: of each pixel in row-major order, the time since its previous event."""
+    of_pixel = {
+        (1, 0): [(5, 1), (70_005, 0)],
+        (2, 1): [(5, 0)],
+        (0, 1): [(3_000_000_000, 1), (3_000_000_001, 1)],
+    }
+    sensor = esaac.SensorModel("dvs128", width=3, height=2)
+    counts, steps, signs = [], [], []
+    for y in range(2):
+        for x in range(3):
+            events = of_pixel.get((x, y), [])
+            counts.append(len(events))
+            steps += np.diff([0, *(t for t, _ in events)]).tolist()
+            signs += [1 if p else -1 for _, p in events]
+    dt_ns = np.array(steps, np.uint32)
+    arrays = {
+        "events_of_pixel": np.array(counts, np.uint16),
+        "dt_ns_low": (dt_ns & 0xFFFF).astype(np.uint16),
+        "dt_ns_high": (dt_ns >> 16).astype(np.uint16),
+        "p": np.array(signs, np.int8),
+        "end_ns": np.int64(4_000_000_000),
+        "sensor": sensor.to_toml(),
+    }
+    np.savez_compressed(tmp_path / "truth.npz", **arrays)
+    events = files.load(tmp_path / "truth.npz")
+    expected = sorted((t, y, x, p) for (x, y), each in of_pixel.items() for t, p in each)
+    found = zip(events.t_ns.tolist(), events.y.tolist(), events.x.tolist(), events.p.tolist(), strict=True)
+    assert list(found) == expected
+    assert (events.x.dtype, events.p.dtype, events.size_px) == (np.uint16, np.uint8, (3, 2))
+    assert len(files.load(tmp_path / "truth.npz", from_ns=6, to_ns=3_000_000_001)) == 2
+    for name, array, message in (
+        ("events_of_pixel", arrays["events_of_pixel"][1:], r"has 5 pixels, expected 6 \(3 x 2\)"),
+        (
+            "events_of_pixel",
+            arrays["events_of_pixel"] + np.uint16(1),
+            "has 5 events, expected 11, the sum of",
+        ),
+        ("p", arrays["p"][1:], "columns of 4 to 5 events"),
+    ):
+        np.savez(tmp_path / "wrong.npz", **{**arrays, name: array})
+        with pytest.raises(esaac.ArgumentError, match=message):
+            files.load(tmp_path / "wrong.npz")
+    del arrays["sensor"]
+    np.savez(tmp_path / "wrong.npz", **arrays)
+    with pytest.raises(esaac.ArgumentError, match="expected also sensor"):
+        files.load(tmp_path / "wrong.npz")

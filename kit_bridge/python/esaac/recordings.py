@@ -1,4 +1,5 @@
-"""Reads recordings: `.npz`, as the command and `files.save` write it, HDF5 in DSEC's layout, EVT3 and AEDAT 4."""
+"""Reads recordings: `.npz`, as the command and `files.save` write it, HDF5 in DSEC's layout, EVT3 and AEDAT 4; and
+true events, as `esaac render --truth` writes them."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ import os
 import pathlib
 import zipfile
 import zlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,9 @@ from esaac.claims import check_array, check_dataset, check_member
 from esaac.errors import ArgumentError, EsaacError
 
 SUFFIXES = (".npz", ".h5", ".hdf5", ".raw", ".aedat4")
+
+TRUTH = ("events_of_pixel", "dt_ns_low", "dt_ns_high", "p", "sensor")
+"""Arrays of true events."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +82,8 @@ def _load_npz(path: pathlib.Path) -> Events:
     try:
         with zipfile.ZipFile(path) as archive:
             members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-            _check_columns(path, members, "xytp")
+            is_truth = TRUTH[0] in members
+            _check_columns(path, members, TRUTH if is_truth else "xytp")
 
             def column(name: str, kinds: str = "iub", axes: int = 1) -> NDArray[Any]:
                 member = members[name]
@@ -87,9 +93,11 @@ def _load_npz(path: pathlib.Path) -> Events:
                 with archive.open(member) as stream:
                     return np.lib.format.read_array(stream, allow_pickle=False)
 
+            sensor = SensorModel.from_toml(str(column("sensor", "U", 0))) if "sensor" in members else None
+            if is_truth:
+                return _of_pixels(path, sensor, *(column(name) for name in TRUTH[:4]))
             x, y, t_ns, p = (column(name) for name in "xytp")
             ids = column("id") if "id" in members else None
-            sensor = SensorModel.from_toml(str(column("sensor", "U", 0))) if "sensor" in members else None
     except zipfile.BadZipFile as error:
         damaged = f"{path.name} is damaged: {error}"
         none = f"{path.name} is no .npz archive, or not a whole one"
@@ -100,6 +108,33 @@ def _load_npz(path: pathlib.Path) -> Events:
         raise ArgumentError(f"{path.name} is damaged: {error}") from error
     _check_lengths(path, [x, y, t_ns, p] if ids is None else [x, y, t_ns, p, ids])
     return Events(x, y, t_ns, (p == 1).astype(np.uint8), ids, sensor, _size_px(sensor))
+
+
+def _of_pixels(
+    path: pathlib.Path,
+    sensor: SensorModel,
+    count: NDArray[Any],
+    dt_ns_low: NDArray[Any],
+    dt_ns_high: NDArray[Any],
+    p: NDArray[Any],
+) -> Events:
+    """True events, which come pixel by pixel with the time since the pixel's previous one."""
+    count = count.astype(np.int64)
+    if len(count) != sensor.width * sensor.height:
+        raise ArgumentError(
+            f"{path.name} has {len(count)} pixels, expected {sensor.width * sensor.height} "
+            f"({sensor.width} x {sensor.height})"
+        )
+    _check_lengths(path, [dt_ns_low, dt_ns_high, p])
+    if count.min() < 0 or count.sum() != len(p):
+        raise ArgumentError(f"{path.name} has {len(p)} events, expected {count.sum()}, the sum of all pixels")
+    t_ns = np.cumsum(dt_ns_low.astype(np.int64) | dt_ns_high.astype(np.int64) << 16)
+    before = np.cumsum(count) - count
+    t_ns -= np.repeat(np.append(0, t_ns)[before], count)
+    pixel = np.repeat(np.arange(len(count)), count)
+    order = np.lexsort((p, pixel, t_ns))
+    y, x = (part.astype(np.uint16) for part in np.divmod(pixel[order], sensor.width))
+    return Events(x, y, t_ns[order], (p[order] == 1).astype(np.uint8), None, sensor, _size_px(sensor))
 
 
 def _load_native(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> Events:
@@ -179,7 +214,7 @@ def _cut(events: Events, first_ns: int | None, end_ns: int | None) -> Events:
     return dataclasses.replace(events, **kept)
 
 
-def _check_columns(path: pathlib.Path, names: Any, expected: str) -> None:
+def _check_columns(path: pathlib.Path, names: Any, expected: Iterable[str]) -> None:
     missing = ", ".join(name for name in expected if name not in names)
     if missing and len(names):
         raise ArgumentError(f"{path.name} has {', '.join(sorted(names))}, expected also {missing}")
