@@ -87,10 +87,19 @@ pub fn read_npz(path: &Path) -> Result<(u32, u32, Vec<Event>)> {
 fn decode(file: impl Read + Seek) -> Result<(u32, u32, Vec<Event>)> {
     let mut archive = ZipArchive::new(file)?;
     let sensor = SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
-    let x = npy::read(&mut archive, ("x", "<u2"), MOST_EVENTS)?;
-    let y = npy::read(&mut archive, ("y", "<u2"), MOST_EVENTS)?;
-    let t = npy::read(&mut archive, ("t", "<i8"), MOST_EVENTS)?;
-    let signs = npy::read(&mut archive, ("p", "|i1"), MOST_EVENTS)?;
+    let (width, height) = (sensor.width, sensor.height);
+    Ok((width, height, read_columns(&mut archive, (width, height))?))
+}
+
+/// The events of an archive, in its order, of a sensor with so many columns and rows.
+pub(crate) fn read_columns(
+    archive: &mut ZipArchive<impl Read + Seek>,
+    (width, height): (u32, u32),
+) -> Result<Vec<Event>> {
+    let x = npy::read(archive, ("x", "<u2"), MOST_EVENTS)?;
+    let y = npy::read(archive, ("y", "<u2"), MOST_EVENTS)?;
+    let t = npy::read(archive, ("t", "<i8"), MOST_EVENTS)?;
+    let signs = npy::read(archive, ("p", "|i1"), MOST_EVENTS)?;
     for (name, length) in [("y", y.len()), ("t", t.len()), ("p", signs.len())] {
         ensure!(length == x.len(), "array `{name}` has {length} elements, expected {} as `x`", x.len());
     }
@@ -98,10 +107,8 @@ fn decode(file: impl Read + Seek) -> Result<(u32, u32, Vec<Event>)> {
     for (((x, y), t), [sign]) in x.into_iter().zip(y).zip(t).zip(signs) {
         let (x, y) = (u16::from_le_bytes(x), u16::from_le_bytes(y));
         ensure!(
-            u32::from(x) < sensor.width && u32::from(y) < sensor.height,
-            "an event at ({x}, {y}) on a sensor of {}x{} px",
-            sensor.width,
-            sensor.height
+            u32::from(x) < width && u32::from(y) < height,
+            "an event at ({x}, {y}) on a sensor of {width}x{height} px"
         );
         let polarity = match sign as i8 {
             1 => Polarity::On,
@@ -110,7 +117,7 @@ fn decode(file: impl Read + Seek) -> Result<(u32, u32, Vec<Event>)> {
         };
         events.push(Event { t_ns: i64::from_le_bytes(t), y, x, polarity });
     }
-    Ok((sensor.width, sensor.height, events))
+    Ok(events)
 }
 
 #[cfg(test)]

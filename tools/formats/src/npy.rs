@@ -43,6 +43,11 @@ pub(crate) fn write_text(
     write(archive, compression, (name, &format!("<U{characters}")), None, code_points)
 }
 
+/// Whether there is an array of this name.
+pub(crate) fn has(archive: &ZipArchive<impl Read + Seek>, name: &str) -> bool {
+    archive.index_for_name(&format!("{name}.npy")).is_some()
+}
+
 /// Reads an array of the given type. Fails if it has more than `most` elements.
 pub(crate) fn read<const N: usize>(
     archive: &mut ZipArchive<impl Read + Seek>,

@@ -10,9 +10,12 @@
 //! | `sensor` | text | the sensor as TOML |
 //!
 //! The halves of `dt_ns` are separate arrays because the high half is regular, and alone Deflate packs it well.
+//!
+//! A truth from elsewhere may have the columns of a recording instead ([`event_file`]), with `end_ns` and `sensor` or
+//! without ([`read_of_frames`]).
 
-use crate::npy;
 use crate::until_failure::UntilFailure;
+use crate::{event_file, npy};
 use anyhow::{Context, Result, ensure};
 use esaac_model::packet::Event;
 use esaac_model::{Polarity, SensorModel};
@@ -92,8 +95,55 @@ pub fn read(path: &Path) -> Result<TruthFile> {
     decode(std::io::BufReader::new(file)).with_context(|| format!("{} holds no true events", path.display()))
 }
 
-fn decode(file: impl Read + Seek) -> Result<TruthFile> {
+/// As [`read`], of frames with so many columns and rows whose last is at `last_ns`; also reads the columns of a recording.
+/// Without `sensor` these are of the default sensor of the frames' size, without `end_ns` they are known up to the last
+/// frame. Events later than that are left out.
+pub fn read_of_frames(path: &Path, size_px: (u32, u32), last_ns: i64) -> Result<TruthFile> {
+    let file = std::fs::File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+    decode_of_frames(std::io::BufReader::new(file), size_px, last_ns)
+        .with_context(|| format!("{} holds no true events", path.display()))
+}
+
+fn decode_of_frames(file: impl Read + Seek, size_px: (u32, u32), last_ns: i64) -> Result<TruthFile> {
     let mut archive = ZipArchive::new(file)?;
+    let has = |name: &str| npy::has(&archive, name);
+    if has("events_of_pixel") {
+        return decode_archive(archive);
+    }
+    let missing: Vec<&str> = ["x", "y", "t", "p"].into_iter().filter(|name| !has(name)).collect();
+    ensure!(
+        missing.is_empty(),
+        "it lacks {}, expected the arrays x, y, t, p, or those that `esaac render --truth` writes",
+        missing.join(", ")
+    );
+    let sensor = match has("sensor") {
+        true => SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?,
+        false => SensorModel { width: size_px.0, height: size_px.1, ..SensorModel::default() },
+    };
+    let end_ns = if npy::has(&archive, "end_ns") { read_end_ns(&mut archive)? } else { last_ns };
+    let mut events = event_file::read_columns(&mut archive, (sensor.width, sensor.height))?;
+    events.sort_unstable();
+    if let Some(first) = events.first() {
+        ensure!(
+            first.t_ns >= 0,
+            "an event at {} ns, expected 0 or later, where the first frame is",
+            first.t_ns
+        );
+    }
+    events.retain(|event| event.t_ns <= end_ns);
+    Ok(TruthFile { sensor, end_ns, events })
+}
+
+fn read_end_ns(archive: &mut ZipArchive<impl Read + Seek>) -> Result<i64> {
+    let end_ns = npy::read(archive, ("end_ns", "<i8"), 1)?;
+    Ok(i64::from_le_bytes(*end_ns.first().context("`end_ns` is empty")?))
+}
+
+fn decode(file: impl Read + Seek) -> Result<TruthFile> {
+    decode_archive(ZipArchive::new(file)?)
+}
+
+fn decode_archive(mut archive: ZipArchive<impl Read + Seek>) -> Result<TruthFile> {
     let sensor = SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
     let counts = npy::read(&mut archive, ("events_of_pixel", "<u2"), sensor.pixels())?;
     let counts: Vec<u16> = counts.into_iter().map(u16::from_le_bytes).collect();
@@ -112,8 +162,7 @@ fn decode(file: impl Read + Seek) -> Result<TruthFile> {
     for (name, length) in [("dt_ns_low", low.len()), ("dt_ns_high", high.len()), ("p", signs.len())] {
         ensure!(length == count, "`{name}` has {length} entries, expected {count}, the sum of all pixels");
     }
-    let end_ns = npy::read(&mut archive, ("end_ns", "<i8"), 1)?;
-    let end_ns = i64::from_le_bytes(*end_ns.first().context("`end_ns` is empty")?);
+    let end_ns = read_end_ns(&mut archive)?;
     let halves =
         low.into_iter().zip(high).map(|(low, high)| (u16::from_le_bytes(low), u16::from_le_bytes(high)));
     let mut entries = halves.zip(signs.into_iter().map(|[sign]| sign as i8));
@@ -171,6 +220,55 @@ mod tests {
         assert_eq!(decode(Cursor::new(written(&truth).unwrap())).unwrap(), truth);
         let empty = TruthFile { events: Vec::new(), ..truth };
         assert_eq!(decode(Cursor::new(written(&empty).unwrap())).unwrap(), empty);
+    }
+
+    /// Columns of events, as `EventColumns` writes them and NumPy does, with other arrays.
+    fn columns(t_ns: &[i64], sensor: Option<&SensorModel>, end_ns: Option<i64>) -> Cursor<Vec<u8>> {
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+        let (stored, count) = (CompressionMethod::Stored, Some(t_ns.len()));
+        let zeros = || t_ns.iter().map(|_| 0_u16.to_le_bytes());
+        npy::write(&mut archive, stored, ("x", "<u2"), count, zeros()).unwrap();
+        npy::write(&mut archive, stored, ("y", "<u2"), count, zeros()).unwrap();
+        npy::write(&mut archive, stored, ("t", "<i8"), count, t_ns.iter().map(|t| t.to_le_bytes())).unwrap();
+        npy::write(&mut archive, stored, ("p", "|i1"), count, t_ns.iter().map(|_| [1])).unwrap();
+        if let Some(sensor) = sensor {
+            npy::write_text(&mut archive, stored, "sensor", &sensor.to_toml()).unwrap();
+        }
+        if let Some(end_ns) = end_ns {
+            npy::write(&mut archive, stored, ("end_ns", "<i8"), None, [end_ns.to_le_bytes()].into_iter())
+                .unwrap();
+        }
+        archive.finish().unwrap()
+    }
+
+    #[test]
+    fn columns_of_events_are_a_truth_of_the_frames() {
+        let (size_px, last_ns) = ((3, 2), 1000);
+        let read = |file| decode_of_frames(file, size_px, last_ns);
+        let default = SensorModel { width: 3, height: 2, ..SensorModel::default() };
+        let times = |truth: &TruthFile| truth.events.iter().map(|event| event.t_ns).collect::<Vec<_>>();
+        let bare = read(columns(&[700, 5, 1001], None, None)).unwrap();
+        assert_eq!((&bare.sensor, bare.end_ns, times(&bare)), (&default, last_ns, vec![5, 700]));
+        let own = SensorModel { contrast_on: 0.3, ..default };
+        let full = read(columns(&[5, 700], Some(&own), Some(600))).unwrap();
+        assert_eq!((&full.sensor, full.end_ns, times(&full)), (&own, 600, vec![5]));
+        let compact = truth();
+        assert_eq!(read(Cursor::new(written(&compact).unwrap())).unwrap(), compact);
+    }
+
+    #[test]
+    fn what_is_no_truth_of_frames_is_told() {
+        let error = |file| format!("{:#}", decode_of_frames(file, (3, 2), 1000).unwrap_err());
+        let early = error(columns(&[-3, 5], None, None));
+        assert!(early.contains("an event at -3 ns, expected 0 or later"), "{early}");
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+        let one = || [1_i64.to_le_bytes()].into_iter();
+        npy::write(&mut archive, CompressionMethod::Stored, ("t", "<i8"), Some(1), one()).unwrap();
+        let partial = error(archive.finish().unwrap());
+        assert!(
+            partial.contains("it lacks x, y, p, expected the arrays x, y, t, p, or those that"),
+            "{partial}"
+        );
     }
 
     #[test]
