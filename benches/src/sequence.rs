@@ -1,21 +1,21 @@
 //! A rendered sequence: key frames with motion vectors and the true events of the same camera.
 //!
-//! A folder holds `key_0000.exr`, `key_0001.exr`, ..., `sequence.json` with `key_rate_hz`, and `truth.npz`
-//! ([`truth_file`]). A key frame has the channels `R G B motion.X motion.Y`; the motion of a pixel added to its position
+//! A folder holds `key_0000.exr`, `key_0001.exr`, ..., `sequence.json` with `key_rate_hz`, and `truth.npz`, compact
+//! ([`truth_file`]) or a recording's columns. A key frame has the channels `R G B motion.X motion.Y`; the motion of a pixel added to its position
 //! is its previous position, y down. With poses in `sequence.json` ([`scene_file`](esaac_formats::scene_file)) it has
 //! `depth.Z`, and `id` if something moves. `tests/data/tumble` is a sequence without poses; `esaac render --truth`
 //! writes some with poses. The example `true_events` makes `truth.npz` from frames at a high rate.
 
 use crate::scenes::StoredFrame;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use esaac_formats::exr_frame::{
     ChannelNames, DEPTH_CHANNEL, FrameHeader, FrameLayout, ID_CHANNEL, read_frame, read_header,
 };
 use esaac_formats::frame_time::frame_time_ns;
 use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use esaac_formats::truth_file::{self, TruthFile};
-use esaac_model::HdrFormat;
 use esaac_model::paths::{PoseTrack, SceneMotion, TrackError};
+use esaac_model::{HdrFormat, SensorModel};
 use std::path::{Path, PathBuf};
 
 /// A sequence's folder, with its truth read into memory.
@@ -24,12 +24,14 @@ pub struct Sequence {
     pub name: String,
     /// Sensor, true events, and the time up to which they are known.
     pub truth: TruthFile,
+    /// Format of its colour: half floats, or floats if a frame has some.
+    pub hdr: HdrFormat,
     keys: Vec<(i64, PathBuf)>,
     motion: Option<SceneMotion>,
 }
 
 impl Sequence {
-    /// Reads the rate and the truth, and lists the key frames within the truth.
+    /// Reads the rate and the truth, lists the key frames within the truth, and checks their headers.
     pub fn open(folder: &Path) -> Result<Self> {
         ensure!(folder.is_dir(), "there is no folder {}", folder.display());
         let path = folder.join(SequenceFile::NAME);
@@ -41,11 +43,18 @@ impl Sequence {
             "{}: key_rate_hz is {key_rate_hz}, expected 1 to 1000000",
             path.display()
         );
-        let truth = truth_file::read(&folder.join("truth.npz"))?;
-        let keys: Vec<(i64, PathBuf)> = (0..)
+        let mut keys: Vec<(i64, PathBuf)> = (0..)
             .map(|k| (frame_time_ns(k, key_rate_hz), folder.join(format!("key_{k:04}.exr"))))
-            .take_while(|(t_ns, path)| *t_ns <= truth.end_ns && path.is_file())
+            .take_while(|(_, path)| path.is_file())
             .collect();
+        let (last_ns, first_path) = match (keys.first(), keys.last()) {
+            (Some((_, first)), Some((last_ns, _))) => (*last_ns, first.clone()),
+            _ => bail!("{} has no key frames, expected key_0000.exr and so on", folder.display()),
+        };
+        let first = read_header(&first_path, &ChannelNames::default())?;
+        let size_px = (first.width_px, first.height_px);
+        let truth = truth_file::read_of_frames(&folder.join("truth.npz"), size_px, last_ns)?;
+        keys.retain(|(t_ns, _)| *t_ns <= truth.end_ns);
         ensure!(
             keys.len() >= 2,
             "{} has {} key frames within the truth's {} ns, expected at least 2",
@@ -53,16 +62,21 @@ impl Sequence {
             keys.len(),
             truth.end_ns
         );
+        let mut hdr = HdrFormat::F16x4;
+        for (_, path) in &keys {
+            if !checked_header(path, &truth.sensor)?.half_colour {
+                hdr = HdrFormat::F32x4;
+            }
+        }
         let name = folder.canonicalize()?.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let paths: Vec<PathBuf> = keys.iter().map(|(_, path)| path.clone()).collect();
-        let size_px = (truth.sensor.width, truth.sensor.height);
         let described = KeyFrames { paths: &paths, rate_hz: key_rate_hz, size_px };
         let motion = FolderScene::read(folder, Some(&file), &described)?.map(|scene| scene.motion);
         if let Some(motion) = &motion {
             let last_ns = keys[keys.len() - 1].0;
             motion.check_span(0, last_ns).with_context(|| path.display().to_string())?;
         }
-        Ok(Sequence { name, truth, keys, motion })
+        Ok(Sequence { name, truth, hdr, keys, motion })
     }
 
     /// The motion of what it shows, with every `step`-th of its poses. `None` if it has no poses, or if those do not
@@ -96,25 +110,14 @@ impl Sequence {
         self.keys.len() - 1
     }
 
-    /// Decodes the key frames, with colour in `hdr` and motion as f32x2; with depth as f32 and ids as u32 if there are
-    /// poses.
+    /// Decodes the key frames, with colour in `hdr` (its own format or floats) and motion as f32x2; with depth as f32 and
+    /// ids as u32 if there are poses.
     pub fn frames(&self, hdr: HdrFormat) -> Result<Vec<StoredFrame>> {
         let names = ChannelNames::default();
-        let sensor = &self.truth.sensor;
         self.keys
             .iter()
             .map(|(t_ns, path)| {
-                let header: FrameHeader = read_header(path, &names)?;
-                ensure!(
-                    (header.width_px, header.height_px) == (sensor.width, sensor.height) && header.has_motion,
-                    "{}: {}x{} px, motion {}; expected {}x{} px with motion",
-                    path.display(),
-                    header.width_px,
-                    header.height_px,
-                    header.has_motion,
-                    sensor.width,
-                    sensor.height
-                );
+                let header = checked_header(path, &self.truth.sensor)?;
                 let with_ids = header.channels.iter().any(|channel| channel == ID_CHANNEL);
                 let layout = FrameLayout {
                     hdr,
@@ -139,13 +142,30 @@ impl Sequence {
     }
 }
 
+/// The header of a key frame, which must have the sensor's size, and motion.
+fn checked_header(path: &Path, sensor: &SensorModel) -> Result<FrameHeader> {
+    let header = read_header(path, &ChannelNames::default())?;
+    ensure!(
+        (header.width_px, header.height_px) == (sensor.width, sensor.height) && header.has_motion,
+        "{}: {}x{} px, motion {}; expected {}x{} px with motion",
+        path.display(),
+        header.width_px,
+        header.height_px,
+        header.has_motion,
+        sensor.width,
+        sensor.height
+    );
+    Ok(header)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esaac_formats::event_file::{EventColumns, write_npz};
     use esaac_formats::exr_frame::FrameImages;
     use esaac_formats::exr_writer::write_frame;
     use esaac_formats::scene_file::pose_times_ns;
-    use esaac_model::{MotionFormat, SensorModel};
+    use esaac_model::MotionFormat;
     use esaac_scene::{SceneKind, render_cpu};
 
     fn tumble() -> PathBuf {
@@ -169,8 +189,8 @@ mod tests {
         }
     }
 
-    /// A scene of three frames with poses at 960 Hz.
-    fn posed() -> tempfile::TempDir {
+    /// A scene of three frames with poses at 960 Hz, with colour in `hdr`.
+    fn posed(hdr: HdrFormat) -> tempfile::TempDir {
         let scene = SceneKind::Propeller.scene(24, 18);
         let folder = tempfile::tempdir().unwrap();
         let create = |name: &str| std::fs::File::create(folder.path().join(name)).unwrap();
@@ -178,7 +198,7 @@ mod tests {
             width_px: 24,
             height_px: 18,
             names: ChannelNames::default(),
-            hdr: HdrFormat::F16x4,
+            hdr,
             motion: Some(MotionFormat::F32x2),
             motion_factors: [1.0; 2],
             depth: Some(DEPTH_CHANNEL.to_owned()),
@@ -206,7 +226,7 @@ mod tests {
 
     #[test]
     fn a_sequence_with_poses_has_depth_ids_and_as_many_poses_as_are_asked_for() {
-        let folder = posed();
+        let folder = posed(HdrFormat::F16x4);
         let sequence = Sequence::open(folder.path()).unwrap();
         assert!((sequence.pose_rate_hz().unwrap() - 960.0).abs() < 1e-3);
         let poses = |step| sequence.motion(step).map(|motion| motion.camera().poses().len());
@@ -225,6 +245,41 @@ mod tests {
     }
 
     #[test]
+    fn a_sequence_of_floats_is_read_as_floats() {
+        let folder = posed(HdrFormat::F32x4);
+        let sequence = Sequence::open(folder.path()).unwrap();
+        assert_eq!(
+            (sequence.hdr, Sequence::open(&tumble()).unwrap().hdr),
+            (HdrFormat::F32x4, HdrFormat::F16x4)
+        );
+        let frames = sequence.frames(sequence.hdr).unwrap();
+        assert!(frames.iter().all(|frame| frame.hdr.len() == 24 * 18 * 16));
+        // A single frame of half floats does not make the others so.
+        let halves = posed(HdrFormat::F16x4);
+        std::fs::copy(halves.path().join("key_0001.exr"), folder.path().join("key_0001.exr")).unwrap();
+        let sequence = Sequence::open(folder.path()).unwrap();
+        assert_eq!(sequence.hdr, HdrFormat::F32x4);
+        assert!(sequence.frames(sequence.hdr).is_ok());
+    }
+
+    #[test]
+    fn a_truth_from_elsewhere_needs_the_columns_of_events_alone() {
+        let folder = posed(HdrFormat::F16x4);
+        let path = folder.path().join("truth.npz");
+        let columns =
+            EventColumns { x: vec![3], y: vec![17], t_ns: vec![40_000_000], sign: vec![1], ids: None };
+        let write = |sensor: &SensorModel| {
+            write_npz(std::fs::File::create(&path).unwrap(), &columns, &sensor.to_toml()).unwrap();
+        };
+        write(&SensorModel { width: 24, height: 18, contrast_on: 0.3, ..SensorModel::default() });
+        let truth = Sequence::open(folder.path()).unwrap().truth;
+        assert_eq!((truth.events.len(), truth.end_ns, truth.sensor.contrast_on), (1, 66_666_667, 0.3));
+        write(&SensorModel { width: 24, height: 20, ..SensorModel::default() });
+        let error = format!("{:#}", Sequence::open(folder.path()).err().expect("another size"));
+        assert!(error.contains("key_0000.exr: 24x18 px") && error.contains("expected 24x20 px"), "{error}");
+    }
+
+    #[test]
     fn a_folder_that_is_no_sequence_is_an_error_that_says_why() {
         let error = |folder: &Path| format!("{:#}", Sequence::open(folder).err().expect("no sequence"));
         assert!(error(Path::new("/nonesuch")).contains("there is no folder /nonesuch"));
@@ -236,8 +291,11 @@ mod tests {
         describe("{\"key_rate_hz\": 0}");
         assert!(error(folder.path()).contains("key_rate_hz is 0, expected 1 to 1000000"));
         describe("{\"key_rate_hz\": 30}");
+        assert!(error(folder.path()).contains("has no key frames, expected key_0000.exr"));
+        let copy = |name: &str| std::fs::copy(tumble().join(name), folder.path().join(name)).unwrap();
+        copy("key_0000.exr");
         assert!(error(folder.path()).contains("truth.npz"));
-        std::fs::copy(tumble().join("truth.npz"), folder.path().join("truth.npz")).unwrap();
-        assert!(error(folder.path()).contains("0 key frames within the truth's 100000000 ns"));
+        copy("truth.npz");
+        assert!(error(folder.path()).contains("1 key frames within the truth's 100000000 ns"));
     }
 }

@@ -72,6 +72,11 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
          default is that of frames with motion vectors; `rigid` needs depth and poses, 960 a second unless it says \
          otherwise.",
     );
+    // What is wrong with the sequence is told before the scenes take their minutes.
+    let of_sequence = match &laboratory.options().sequence {
+        Some(folder) => Some(rendered(laboratory, &Sequence::open(folder)?)?),
+        None => None,
+    };
     let mut all = Vec::new();
     let scenes: &[SceneKind] = if laboratory.options().quick {
         &[SceneKind::Flight]
@@ -95,9 +100,8 @@ pub(crate) fn run(laboratory: &Laboratory) -> Result<Outcome> {
         show(&mut document, &figures)?;
         all.push(figures);
     }
-    match &laboratory.options().sequence {
-        Some(folder) => {
-            let figures = rendered(laboratory, &Sequence::open(folder)?)?;
+    match of_sequence {
+        Some(figures) => {
             show(&mut document, &figures)?;
             all.push(figures);
         }
@@ -111,6 +115,7 @@ fn measure(
     what: &str,
     base: &SensorModel,
     amount: Amount,
+    narrowest: HdrFormat,
     feed: impl Fn(HdrFormat) -> Result<Feed>,
     judge: impl Fn(Vec<Event>) -> Comparison + Sync,
 ) -> Result<Vec<Point>> {
@@ -119,21 +124,26 @@ fn measure(
         let sensor = SensorModel { synthesis, ..base.clone() };
         Stand::new(laboratory, &sensor, 1, formats, feed(hdr)?, RigOptions::default())
     };
-    let mut narrow = stand(HdrFormat::F16x4, base.synthesis)?;
-    let mut wide = stand(HdrFormat::F32x4, base.synthesis)?;
+    let mut narrow = stand(narrowest, base.synthesis)?;
+    // Frames of f32 have no narrower form beside which these would be a choice.
+    let mut wide = match narrowest {
+        HdrFormat::F32x4 => None,
+        _ => Some(stand(HdrFormat::F32x4, base.synthesis)?),
+    };
     // A rig that takes depth and poses of its own, so that the other choices cost what they cost without.
-    let mut posed = match feed(HdrFormat::F16x4)?.geometry() {
-        Some(_) => Some(stand(HdrFormat::F16x4, Synthesis::Rigid)?),
+    let mut posed = match feed(narrowest)?.geometry() {
+        Some(_) => Some(stand(narrowest, Synthesis::Rigid)?),
         None => None,
     };
     let choices: Vec<Choice> = choices(base, laboratory.options().quick, posed.is_some())
         .into_iter()
+        .filter(|choice| wide.is_some() || !choice.wide)
         .filter(|choice| laboratory.wants(&choice.name) || choice.is_default)
         .collect();
     let measured = laboratory.rows(what, choices, |choice| {
-        let stand = match &mut posed {
-            Some(posed) if choice.sensor.synthesis == Synthesis::Rigid => posed,
-            _ if choice.wide => &mut wide,
+        let stand = match (&mut posed, &mut wide) {
+            (Some(posed), _) if choice.sensor.synthesis == Synthesis::Rigid => posed,
+            (_, Some(wide)) if choice.wide => wide,
             _ => &mut narrow,
         };
         stand.set_sensor(&choice.sensor)?;
@@ -202,7 +212,8 @@ fn analytic(laboratory: &Laboratory, kind: SceneKind) -> Result<SceneFigures> {
     let span_ns = (0, intervals as i64 * FRAME_NS);
     let truth = Truth::of_scene(&kind.scene(width, height), &base, pixels, span_ns);
     let feed = |hdr| laboratory.feed(kind, (width, height), hdr, FRAME_NS);
-    let points = measure(laboratory, kind.name(), &base, amount, feed, |events| truth.compare(events))?;
+    let judge = |events| truth.compare(events);
+    let points = measure(laboratory, kind.name(), &base, amount, FORMATS.0, feed, judge)?;
     Ok(figures(kind.name(), (width, height), (truth.pixels(), truth.events()), points))
 }
 
@@ -227,7 +238,7 @@ fn rendered(laboratory: &Laboratory, sequence: &Sequence) -> Result<SceneFigures
     let amount = Amount { frames, warm_up: 1, passes, keep: sequence.intervals() };
     let feed = |hdr| Ok(Feed::Stored(sequence.frames(hdr)?, sequence.motion(1)));
     let judge = |events: Vec<Event>| compare(size, truth.iter().copied(), events);
-    let mut points = measure(laboratory, &sequence.name, base, amount, feed, judge)?;
+    let mut points = measure(laboratory, &sequence.name, base, amount, sequence.hdr, feed, judge)?;
     points.extend(with_fewer_poses(laboratory, sequence, amount)?);
     mark_frontier(&mut points);
     Ok(figures(&sequence.name, size, (base.pixels(), truth.len()), points))
@@ -254,7 +265,7 @@ fn with_fewer_poses(laboratory: &Laboratory, sequence: &Sequence, amount: Amount
     let rows = POSE_STEPS.into_iter().filter(|&step| laboratory.wants(&name(step)));
     let rows: Vec<_> = rows.filter_map(|step| Some((step, sequence.motion(step)?))).collect();
     let measured = laboratory.rows(&sequence.name, rows, |(step, motion)| {
-        let hdr = HdrFormat::F16x4;
+        let hdr = sequence.hdr;
         let feed = Feed::Stored(sequence.frames(hdr)?, Some(motion));
         let run =
             Stand::new(laboratory, &sensor, 1, (hdr, FORMATS.1), feed, RigOptions::default())?.run(amount)?;

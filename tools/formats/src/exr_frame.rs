@@ -143,8 +143,8 @@ pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
     })
 }
 
-/// Decodes a file's images as `layout` says. Fails, with the file's name, if a channel is missing or has another size, or
-/// if ids are no whole numbers.
+/// Decodes a file's images as `layout` says. Fails, with the file's name, if a channel is missing or has another size, if
+/// half floats are expected and colour has others, or if ids are no whole numbers.
 pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
     let image = exr::prelude::read_all_flat_layers_from_file(path).map_err(|e| unreadable(path, e))?;
     let pixels = layout.width_px as usize * layout.height_px as usize;
@@ -203,6 +203,12 @@ pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
             ),
         },
     };
+    let half_colour = colour.iter().all(|samples| matches!(samples, FlatSamples::F16(_)));
+    ensure!(
+        half_colour || layout.hdr != HdrFormat::F16x4,
+        "{}: `{r}`, `{g}` and `{b}` are not all half floats, expected half floats",
+        path.display()
+    );
     Ok(FrameImages { hdr: pack_colour(colour, layout.hdr, pixels), motion, depth, ids })
 }
 

@@ -122,6 +122,19 @@ mod tests {
     }
 
     #[test]
+    fn floats_are_no_half_floats() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key_0000.exr");
+        let file = std::fs::File::create(&path).unwrap();
+        write_frame(file, &layout(HdrFormat::F32x4), &images(HdrFormat::F32x4)).unwrap();
+        let error = format!("{:#}", read_frame(&path, &layout(HdrFormat::F16x4)).unwrap_err());
+        assert!(
+            error.contains("key_0000.exr: `R`, `G` and `B` are not all half floats, expected half"),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn images_that_do_not_fit_are_refused() {
         let refusal = |change: &dyn Fn(&mut FrameLayout, &mut FrameImages)| {
             let (mut layout, mut images) = (layout(HdrFormat::F32x4), images(HdrFormat::F32x4));
