@@ -32,7 +32,7 @@ fn of_sensor(flags: &SensorFlags, sensor: &SensorModel) -> Vec<(String, &'static
 }
 
 /// Why `sensor` does not read a parameter, if it does not.
-fn why_unread(parameter: &str, sensor: &SensorModel) -> Option<&'static str> {
+pub(crate) fn why_unread(parameter: &str, sensor: &SensorModel) -> Option<&'static str> {
     let is_physical =
         PARAMETERS.iter().any(|known| known.name == parameter && known.about.starts_with(PHYSICAL_MARK));
     let unread = match parameter {
@@ -43,6 +43,10 @@ fn why_unread(parameter: &str, sensor: &SensorModel) -> Option<&'static str> {
         "flicker_hz" | "flicker_phase_deg" => (sensor.flicker_depth == 0.0, "--flicker-depth is 0"),
         "aps_start_ns" | "aps_gain" | "aps_bits" => (sensor.aps_exposure_ns == 0, "--aps-exposure-ns is 0"),
         "substep_error_ns" => (sensor.substep_policy == SubstepPolicy::Fixed, "--substep-policy is fixed"),
+        "readout_row_ns" if sensor.readout == ReadoutKind::Fifo => (true, "it is for --readout rows alone"),
+        "readout_cap_period_ns" if sensor.readout != ReadoutKind::None => {
+            (sensor.readout_cap_events == 0, "--readout-cap-events is 0")
+        }
         "layers" => (sensor.synthesis != Synthesis::Motion, "it is for synthesis motion alone"),
         _ => (parameter.starts_with("readout_") && sensor.readout == ReadoutKind::None, "--readout is none"),
     };
@@ -75,6 +79,11 @@ mod tests {
         assert_eq!(unread(&off), ["flicker-hz", "readout-row-ns", "aps-bits"]);
         let on = ["--flicker-depth", "0.1", "--readout", "rows", "--aps-exposure-ns", "1000"];
         assert!(unread(&[&off[..], &on].concat()).is_empty());
+        let fifo = ["--readout", "fifo", "--readout-row-ns", "100", "--readout-event-ns", "5"];
+        assert_eq!(unread(&fifo), ["readout-row-ns"]);
+        let period = ["--readout", "rows", "--readout-row-ns", "5", "--readout-cap-period-ns", "9000"];
+        assert_eq!(unread(&period), ["readout-cap-period-ns"]);
+        assert!(unread(&[&period[..], &["--readout-cap-events", "10"]].concat()).is_empty());
         let substeps = ["--substep-error-ns", "10", "--layers", "3"];
         let other = ["--substep-policy", "fixed", "--synthesis", "rigid"];
         assert_eq!(unread(&[&substeps[..], &other].concat()), ["layers", "substep-error-ns"]);
