@@ -66,6 +66,14 @@ fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>, bool)> {
         let size_from = Some(format!("--sensor {given}"));
         return Ok((SensorBase::Preset(sensor), size_from, false));
     }
+    let (sensor, keys) = sensor_file(given)?;
+    let sized = keys.contains_key("width") || keys.contains_key("height");
+    let size_from = sized.then(|| format!("sensor file {given}"));
+    Ok((SensorBase::File(sensor), size_from, keys.contains_key("lux_per_unit")))
+}
+
+/// The sensor of a file, and the keys that the file has.
+pub(crate) fn sensor_file(given: &str) -> Result<(SensorModel, toml::Table)> {
     let path = Path::new(given);
     if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
@@ -74,9 +82,7 @@ fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>, bool)> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read sensor file {given}"))?;
     let sensor = SensorModel::from_toml(&text).with_context(|| given.to_owned())?;
     let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
-    let sized = keys.contains_key("width") || keys.contains_key("height");
-    let size_from = sized.then(|| format!("sensor file {given}"));
-    Ok((SensorBase::File(sensor), size_from, keys.contains_key("lux_per_unit")))
+    Ok((sensor, keys))
 }
 
 /// The flag of a parameter, without its hyphens in front.

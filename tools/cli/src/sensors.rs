@@ -1,9 +1,11 @@
-//! `esaac sensors`: lists the presets and every parameter.
+//! `esaac sensors`: lists the presets and every parameter, or those of a sensor file.
 
 use crate::outcome::Outcome;
+use crate::sensor_flags::{flag, sensor_file};
 use crate::table;
-use anyhow::{Result, bail, ensure};
-use esaac_model::physical::{PhysicalPreset, Sourced, physical_preset};
+use crate::unread_flags::why_unread;
+use anyhow::{Result, ensure};
+use esaac_model::physical::{PhysicalPreset, Sourced, assumed_note, physical_preset};
 use esaac_model::presets::{preset, preset_with_physical_pixel};
 use esaac_model::{PARAMETERS, PRESETS, Pixel, SensorModel};
 use serde::Serialize;
@@ -11,14 +13,15 @@ use serde::Serialize;
 /// Arguments of `sensors`.
 #[derive(clap::Args, Clone, Debug)]
 pub struct SensorsArguments {
-    /// Show this preset only
+    /// Show this preset or sensor file only
+    #[arg(value_name = "NAME|FILE.toml")]
     pub name: Option<String>,
-    /// Print the preset as a sensor file that you can edit
+    /// Print it as a sensor file that you can edit, with every parameter
     #[arg(long, requires = "name")]
     pub toml: bool,
-    /// Show the presets with this pixel
-    #[arg(long, value_parser = pixel_named, default_value = "log", value_name = "log|physical")]
-    pub pixel: Pixel,
+    /// Show the presets with this pixel [default: log; of a file, its own]
+    #[arg(long, value_parser = pixel_named, value_name = "log|physical")]
+    pub pixel: Option<Pixel>,
 }
 
 pub(crate) fn pixel_named(name: &str) -> Result<Pixel, String> {
@@ -48,9 +51,12 @@ struct ParameterRow {
 
 #[derive(Serialize)]
 struct PresetRow {
-    name: &'static str,
-    about: &'static str,
+    name: String,
+    about: String,
     parameters: SensorModel,
+    /// What a user of a file should know of it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    notes: Vec<String>,
     /// Sources of the physical pixel's numbers.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     sources: Vec<SourceRow>,
@@ -75,26 +81,29 @@ pub fn run(arguments: &SensorsArguments, json: bool) -> Result<Outcome> {
     Ok(Outcome::complete(text(&listing)))
 }
 
-fn listing(name: Option<&str>, pixel: Pixel) -> Result<Listing> {
-    let row = |name: &'static str, about: &'static str| match pixel {
-        Pixel::Log => {
-            PresetRow { name, about, parameters: preset(name).expect("listed"), sources: Vec::new() }
+fn listing(name: Option<&str>, pixel: Option<Pixel>) -> Result<Listing> {
+    let row = |name: &str, about: &str| {
+        let (parameters, sources) = match pixel {
+            None | Some(Pixel::Log) => (preset(name), Vec::new()),
+            Some(Pixel::Physical) => {
+                (preset_with_physical_pixel(name), sources(physical_preset(name).expect("listed")))
+            }
+        };
+        PresetRow {
+            name: name.to_owned(),
+            about: about.to_owned(),
+            parameters: parameters.expect("listed"),
+            notes: Vec::new(),
+            sources,
         }
-        Pixel::Physical => PresetRow {
-            name,
-            about,
-            parameters: preset_with_physical_pixel(name).expect("listed"),
-            sources: sources(physical_preset(name).expect("listed")),
-        },
     };
-    let presets: Vec<PresetRow> = PRESETS
+    let mut presets: Vec<PresetRow> = PRESETS
         .iter()
         .filter(|p| name.is_none_or(|name| name == p.name))
         .map(|p| row(p.name, p.about))
         .collect();
-    if presets.is_empty() {
-        let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-        bail!("unknown sensor `{}`, expected one of {}", name.unwrap_or_default(), names.join(", "));
+    if let (Some(name), true) = (name, presets.is_empty()) {
+        presets.push(of_file(name, pixel)?);
     }
     let base = match (name, presets.as_slice()) {
         (Some(_), [only]) => only.parameters.clone(),
@@ -113,6 +122,21 @@ fn listing(name: Option<&str>, pixel: Pixel) -> Result<Listing> {
     Ok(Listing { presets, parameters })
 }
 
+/// The sensor of a file, with another pixel if one is named, and what of the file does nothing or is assumed.
+fn of_file(name: &str, pixel: Option<Pixel>) -> Result<PresetRow> {
+    let (mut sensor, keys) = sensor_file(name)?;
+    sensor.pixel = pixel.unwrap_or(sensor.pixel);
+    let [values, defaults] =
+        [toml::Table::try_from(&sensor)?, toml::Table::try_from(SensorModel::default())?];
+    // A file that `--toml` has printed has every key.
+    let changed = keys.keys().filter(|key| values.get(*key) != defaults.get(*key));
+    let unread =
+        changed.filter_map(|key| Some(format!("`{key}` does nothing: {}", why_unread(key, &sensor)?)));
+    let notes = unread.chain(assumed_note(&sensor)).collect();
+    let about = format!("sensor file {name}");
+    Ok(PresetRow { name: sensor.name.clone(), about, parameters: sensor, notes, sources: Vec::new() })
+}
+
 /// The numbers of a physical pixel and its bus, and where they come from.
 fn sources(preset: &PhysicalPreset) -> Vec<SourceRow> {
     let row =
@@ -126,7 +150,7 @@ fn sources_text(preset: &PresetRow) -> String {
         let assumed = if row.assumed { "assumed" } else { "" };
         vec![row.parameter.to_owned(), row.value.to_string(), assumed.to_owned(), row.source.to_owned()]
     }));
-    let fit = physical_preset(preset.name).expect("it has sources").fit();
+    let fit = physical_preset(&preset.name).expect("it has sources").fit();
     format!("\nThe physical pixel of {}:\n\n{}\n{fit}\n", preset.name, table::render(&rows))
 }
 
@@ -134,17 +158,18 @@ fn text(listing: &Listing) -> String {
     let mut presets = vec![["sensor", "width px", "height px", "about"].map(str::to_owned).to_vec()];
     presets.extend(listing.presets.iter().map(|p| {
         let size = [p.parameters.width.to_string(), p.parameters.height.to_string()];
-        [vec![p.name.to_owned()], size.to_vec(), vec![p.about.to_owned()]].concat()
+        [vec![p.name.clone()], size.to_vec(), vec![p.about.clone()]].concat()
     }));
     let mut parameters = vec![["flag", "default", "unit", "meaning"].map(str::to_owned).to_vec()];
     parameters.extend(listing.parameters.iter().map(|p| {
-        let flag = format!("--{}", p.name.replace('_', "-"));
-        vec![flag, plain(&p.default), p.unit.to_owned(), p.about.to_owned()]
+        vec![format!("--{}", flag(p.name)), plain(&p.default), p.unit.to_owned(), p.about.to_owned()]
     }));
     let with_sources = listing.presets.iter().filter(|preset| !preset.sources.is_empty());
     let sources: String = with_sources.map(sources_text).collect();
+    let notes = listing.presets.iter().flat_map(|preset| &preset.notes);
+    let notes: String = notes.map(|note| format!("\nnote: {note}\n")).collect();
     format!(
-        "{}\nEvery parameter is a flag and a key of a sensor file (`esaac sensors NAME --toml`).\n\n{}{sources}",
+        "{}\nEvery parameter is a flag and a key of a sensor file (`esaac sensors NAME --toml`).\n\n{}{sources}{notes}",
         table::render(&presets),
         table::render(&parameters)
     )
@@ -174,9 +199,9 @@ mod tests {
     #[test]
     fn the_printed_file_is_the_preset() {
         for p in PRESETS {
-            let text = annotated_toml(&listing(Some(p.name), Pixel::Log).unwrap());
+            let text = annotated_toml(&listing(Some(p.name), Some(Pixel::Log)).unwrap());
             assert_eq!(SensorModel::from_toml(&text), Ok(preset(p.name).unwrap()), "{text}");
-            let text = annotated_toml(&listing(Some(p.name), Pixel::Physical).unwrap());
+            let text = annotated_toml(&listing(Some(p.name), Some(Pixel::Physical)).unwrap());
             let expected = preset_with_physical_pixel(p.name).unwrap();
             assert_eq!(SensorModel::from_toml(&text), Ok(expected), "{text}");
         }
@@ -184,7 +209,7 @@ mod tests {
 
     #[test]
     fn every_number_of_a_physical_pixel_has_a_source() {
-        for preset in listing(None, Pixel::Physical).unwrap().presets {
+        for preset in listing(None, Some(Pixel::Physical)).unwrap().presets {
             let values = toml::Table::try_from(&preset.parameters).unwrap();
             for row in &preset.sources {
                 let value = &values[row.parameter];
@@ -203,7 +228,7 @@ mod tests {
 
     #[test]
     fn the_table_shows_every_preset_and_parameter() {
-        let text = text(&listing(None, Pixel::Log).unwrap());
+        let text = text(&listing(None, None).unwrap());
         for name in PRESETS.iter().map(|p| p.name) {
             assert!(text.contains(name), "{name}");
         }

@@ -21,6 +21,34 @@ fn sensors_as_json_holds_presets_and_parameters() {
 }
 
 #[test]
+fn sensors_shows_a_file_and_what_is_wrong_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mine.toml");
+    let mine = path.to_str().unwrap();
+    std::fs::write(&path, "name = \"mine\"\nwidth = 64\nreadout_row_ns = 5.0\ndark_lux = 0.1\n").unwrap();
+    let (code, text, error) = run(&["sensors", mine]);
+    assert_eq!(code, 0, "{error}");
+    assert!(text.contains(&format!("sensor file {mine}")) && text.contains("mine"), "{text}");
+    assert!(text.contains("note: `readout_row_ns` does nothing: --readout is none"), "{text}");
+    assert!(text.contains("note: `dark_lux` does nothing: it is for --pixel physical alone"), "{text}");
+    let (code, text, error) = run(&["sensors", mine, "--pixel", "physical", "--json"]);
+    assert_eq!(code, 0, "{error}");
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let [sensor] = &json["presets"].as_array().unwrap()[..] else { panic!("{text}") };
+    assert_eq!((&sensor["name"], &sensor["parameters"]["width"]), (&"mine".into(), &64.into()));
+    assert_eq!(sensor["notes"].as_array().unwrap().len(), 1, "{sensor}");
+    let (code, text, error) = run(&["sensors", mine, "--toml"]);
+    assert_eq!(code, 0, "{error}");
+    let sensor = esaac_model::SensorModel::from_toml(&text).unwrap();
+    assert_eq!((sensor.width, sensor.dark_lux), (64, 0.1));
+    for (text, part) in [("contrast_on = -1.0\n", "`contrast_on` is -1"), ("contrast = 1.0\n", "contrast")] {
+        std::fs::write(&path, text).unwrap();
+        assert_error(&["sensors", mine], &["mine.toml", part]);
+    }
+    assert_error(&["sensors", "/nonesuch.toml"], &["cannot read sensor file /nonesuch.toml"]);
+}
+
+#[test]
 fn an_unknown_sensor_is_an_error() {
     assert_error(&["sensors", "davis"], &["unknown sensor `davis`", "davis240"]);
     assert_error(&["sensors", "vga", "--toml", "--json"], &["--toml and --json", "expected one"]);
