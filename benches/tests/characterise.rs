@@ -6,9 +6,9 @@ use esaac_benches::characterise::response::{LightStep, bandwidth_at, latency, la
 use esaac_benches::characterise::s_curve::{SCurve, s_curve};
 use esaac_benches::characterise::saturation::saturation_at;
 use esaac_benches::characterise::{Lab, characterise};
-use esaac_model::SensorModel;
 use esaac_model::physical::DOUBLING_K;
 use esaac_model::presets::{preset, preset_with_physical_pixel};
+use esaac_model::{ReadoutKind, SensorModel};
 use esaac_tests::device::{DEVICE, assert_silent};
 
 fn hd() -> SensorModel {
@@ -100,6 +100,40 @@ fn hd_is_as_fast_as_published_and_as_its_equations_say() {
     assert_silent();
 }
 
+/// The tick of the time stamps, jitter and the bus say when an event is told, not when its pixel sends it.
+#[test]
+fn speed_is_that_of_the_pixel() {
+    let lab = lab(64, 0, 1);
+    let told_late = SensorModel {
+        timestamp_quantum_ns: 1_000_000,
+        latency_jitter_ns: 300_000,
+        readout: ReadoutKind::Fifo,
+        readout_event_ns: 5_000.0,
+        ..hd()
+    };
+    let point = bandwidth_at(&lab, &told_late, 100.0).unwrap();
+    assert!((point.f3db_hz / point.model_hz - 1.0).abs() < 0.03, "{point:?}");
+    let gaps = refractory(&lab, &told_late).unwrap();
+    let period_us = f64::from(told_late.refractory_ns) * 1e-3;
+    assert!(gaps.iter().all(|point| point.shortest_us >= period_us), "{gaps:?}");
+    let coarse = SensorModel { latency_jitter_ns: 0, ..told_late };
+    let measured = latency_at(&lab, &coarse, &[10.0]).unwrap();
+    let point = measured.iter().find(|point| point.step == LightStep::FromDark).unwrap();
+    assert!((point.median_us / point.model_us - 1.0).abs() < 0.06, "{point:?}");
+    assert_silent();
+}
+
+/// No frequency is 0 Hz.
+#[test]
+fn a_bandwidth_that_light_below_the_dark_current_hides_is_none() {
+    let hot = SensorModel { temperature_c: 125.0, ..hd() };
+    let point = bandwidth_at(&lab(64, 0, 1), &hot, 0.01).unwrap();
+    assert!(point.f3db_hz.is_nan() && point.model_hz > 0.0, "{point:?}");
+    let json = serde_json::to_value(point).unwrap();
+    assert!(json["f3db_hz"].is_null(), "{json}");
+    assert_silent();
+}
+
 #[test]
 fn leak_and_dark_current_double_with_warmth() {
     let lab = lab(32, 0, 1);
@@ -124,6 +158,16 @@ fn leak_and_dark_current_double_with_warmth() {
 fn a_log_intensity_pixel_is_refused() {
     let error = characterise(&lab(8, 0, 1), &preset("hd").expect("listed")).unwrap_err().to_string();
     assert!(error.contains("`hd` has a log-intensity pixel"), "{error}");
+}
+
+#[test]
+fn a_bus_that_has_no_saturation_is_told_before_anything_is_measured() {
+    let sensor = SensorModel { readout_row_ns: 0.0, readout_event_ns: 0.0, ..hd() };
+    let error = format!("{:#}", characterise(&lab(8, 0, 1), &sensor).unwrap_err());
+    assert!(
+        error.contains("curve of its saturation") && error.contains("`readout_event_ns` is 0"),
+        "{error}"
+    );
 }
 
 /// One by one a bus sends at most an event a service, however many pixels ask; by row it sends more the more of a row wait.

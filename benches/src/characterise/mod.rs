@@ -11,9 +11,9 @@ mod show;
 
 pub use show::{document, plots};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use esaac_engine::Device;
-use esaac_model::{Pixel, SensorModel};
+use esaac_model::{Pixel, ReadoutKind, SensorModel};
 use indicatif::{ProgressBar, ProgressStyle};
 use noise::{LeakPoint, NoisePoint};
 use public::Published;
@@ -22,6 +22,17 @@ use s_curve::SCurve;
 use saturation::SaturationPoint;
 use serde::Serialize;
 use std::sync::Arc;
+
+/// A sensor whose events have the times at which their pixels send them, to the nanosecond: none waits for the bus.
+fn at_the_pixel(sensor: &SensorModel) -> SensorModel {
+    SensorModel {
+        timestamp_quantum_ns: 1,
+        readout: ReadoutKind::None,
+        readout_cap_events: 0,
+        max_events_per_interval: 0,
+        ..sensor.clone()
+    }
+}
 
 /// A sensor whose pixels are alike and read what they are shown: without noise, leak and delays, both thresholds the same.
 fn without_noise(sensor: &SensorModel, threshold_log: f64) -> SensorModel {
@@ -36,7 +47,7 @@ fn without_noise(sensor: &SensorModel, threshold_log: f64) -> SensorModel {
         dark_spread_log: 0.0,
         leak_rate_hz: 0.0,
         leak_per_lux_hz: 0.0,
-        ..sensor.clone()
+        ..at_the_pixel(sensor)
     }
 }
 
@@ -44,7 +55,7 @@ fn without_noise(sensor: &SensorModel, threshold_log: f64) -> SensorModel {
 pub struct Lab<'a> {
     /// The device.
     pub device: &'a Arc<Device>,
-    /// Pixels for each level of light.
+    /// Pixels for each level of light, of S-curves and noise.
     pub pixels: u32,
     /// Time before noise is counted, seconds: noise rates depend on what a pixel has sent before.
     pub burn_in_s: u32,
@@ -82,7 +93,7 @@ pub struct Characterisation {
     pub burn_in_s: u32,
     /// Time for which noise was counted, seconds.
     pub seconds: u32,
-    /// Pixels for each level of light.
+    /// Pixels for each level of light, of S-curves and noise.
     pub pixels: u32,
     /// S-curves.
     pub s_curves: Vec<SCurve>,
@@ -114,6 +125,8 @@ pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisat
         sensor.name
     );
     sensor.validate()?;
+    // Its curve comes last.
+    saturation::with_bus(sensor).validate().context("the sensor's bus, for the curve of its saturation")?;
     lab.begin("S-curve");
     let s_curves = s_curve::s_curves(lab, sensor)?;
     lab.begin("noise");

@@ -1,6 +1,6 @@
 //! Speed: bandwidth, latency and refractory period.
 
-use super::{Lab, without_noise};
+use super::{Lab, at_the_pixel, without_noise};
 use anyhow::Result;
 use esaac_calibrate::LightBox;
 use esaac_model::physical::noise::corner_hz;
@@ -20,6 +20,12 @@ const DEPTH: f64 = 0.1;
 
 /// Thresholds through which the modulation is read, as a share of its swing.
 const READING: f64 = 0.005;
+
+/// Largest such share at which events still tell the swing.
+const COARSEST_READING: f64 = 0.02;
+
+/// Lowest threshold that a sensor may have, log.
+const LOWEST_THRESHOLD_LOG: f64 = 1e-4;
 
 /// Light after a step, lux, at which latencies are measured.
 const LATENCY_LUX: [f64; 11] = [0.03, 0.1, 0.3, 1.0, 1.5, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
@@ -49,7 +55,8 @@ pub struct RefractoryPoint {
 pub struct BandwidthPoint {
     /// Light, lux.
     pub lux: f64,
-    /// Frequency at which events show the modulation of the light reduced by 3 dB, Hz.
+    /// Frequency at which events show the modulation of the light reduced by 3 dB, Hz; NaN (`null` in JSON) if they do
+    /// not tell.
     pub f3db_hz: f64,
     /// The same by the model's equation.
     pub model_hz: f64,
@@ -134,10 +141,14 @@ pub fn bandwidth_at(lab: &Lab<'_>, sensor: &SensorModel, lux: f64) -> Result<Ban
     let physical = sensor.physical_pixel();
     let dark_lux = physical.dark_lux * physical.thermal_factor();
     let swing_log = ((lux * (1.0 + DEPTH) + dark_lux) / (lux * (1.0 - DEPTH) + dark_lux)).ln();
-    let threshold_log = (READING * swing_log).max(1e-4);
-    let reader = without_noise(sensor, threshold_log);
+    let threshold_log = (READING * swing_log).max(LOWEST_THRESHOLD_LOG);
     let first_per_s = physical.drive_per_s((lux + dark_lux) / physical.lux_per_unit);
     let model_hz = corner_hz(first_per_s, physical.second_pole_per_s());
+    if threshold_log > COARSEST_READING * swing_log {
+        // The dark current drowns the light: hardly an event of it is left.
+        return Ok(BandwidthPoint { lux, f3db_hz: f64::NAN, model_hz });
+    }
+    let reader = without_noise(sensor, threshold_log);
     let mut light = LightBox::new(lab.device, &reader, (RATIOS.len() as u32, 1), 4)?;
     let step_s = 1.0 / (48.0 * model_hz);
     // Each frequency settles for two periods of its own, then two are counted.
@@ -160,18 +171,17 @@ pub fn bandwidth_at(lab: &Lab<'_>, sensor: &SensorModel, lux: f64) -> Result<Ban
     Ok(BandwidthPoint { lux, f3db_hz, model_hz })
 }
 
-/// Ratio at which the gain falls to `least`, between those that were measured; infinite if it does not.
+/// Ratio at which the gain falls to `least`, between those that were measured; NaN if it falls before or after them.
 fn falls_to(gains: &[f64], least: f64) -> f64 {
-    let Some(after) = gains.iter().position(|&gain| gain < least) else { return f64::INFINITY };
-    if after == 0 {
-        return 0.0;
-    }
+    let Some(after) = gains.iter().position(|&gain| gain < least).filter(|after| *after > 0) else {
+        return f64::NAN;
+    };
     let (high, low) = (gains[after - 1], gains[after]);
     let share = (high - least) / (high - low);
     (RATIOS[after - 1].ln() * (1.0 - share) + RATIOS[after].ln() * share).exp()
 }
 
-/// The latency against light and contrast.
+/// The latency against light and contrast, without the bus and the tick of time stamps.
 pub fn latency(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LatencyPoint>> {
     latency_at(lab, sensor, &LATENCY_LUX)
 }
@@ -179,7 +189,8 @@ pub fn latency(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LatencyPoint>>
 /// The same at each of `levels_lux`.
 pub fn latency_at(lab: &Lab<'_>, sensor: &SensorModel, levels_lux: &[f64]) -> Result<Vec<LatencyPoint>> {
     let width = LATENCY_PIXELS * LightStep::ALL.len();
-    let mut light = LightBox::new(lab.device, sensor, (width as u32, levels_lux.len() as u32), 8)?;
+    let size = (width as u32, levels_lux.len() as u32);
+    let mut light = LightBox::new(lab.device, &at_the_pixel(sensor), size, 8)?;
     let ends =
         |pixel: usize| LightStep::ALL[pixel % width / LATENCY_PIXELS].ends_lux(levels_lux[pixel / width]);
     let mut first_ns = vec![None; width * levels_lux.len()];
@@ -253,7 +264,9 @@ pub fn latency_model_us(sensor: &SensorModel, step: LightStep, lux: f64) -> f64 
 /// the next threshold, which is the shorter the brighter the light.
 pub fn refractory(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<RefractoryPoint>> {
     let size = (RISE_PIXELS as u32, RISE_LUX.len() as u32);
-    let mut light = LightBox::new(lab.device, sensor, size, 64)?;
+    // Jitter moves each event by itself, and would make gaps of any length.
+    let without_delay = SensorModel { latency_ns: 0, latency_jitter_ns: 0, ..at_the_pixel(sensor) };
+    let mut light = LightBox::new(lab.device, &without_delay, size, 64)?;
     light.show(0, |_| 0.0)?;
     let mut last_ns = [[None; RISE_PIXELS]; RISE_LUX.len()];
     let mut gaps_us = vec![Vec::new(); RISE_LUX.len()];

@@ -1,6 +1,6 @@
 //! The S-curve: which share of the pixels answers a small step of the light.
 
-use super::Lab;
+use super::{Lab, at_the_pixel};
 use anyhow::Result;
 use esaac_calibrate::LightBox;
 use esaac_model::physical::noise::{corner_hz, correlation, forgotten, hazard_per_s, sigma_log};
@@ -63,7 +63,7 @@ pub fn s_curve(lab: &Lab<'_>, sensor: &SensorModel, lux: f64) -> Result<SCurve> 
     let watched_s = WATCHED / (TAU * corner_hz(first_per_s, second_per_s));
     let sigma = sigma_log(physical.photoreceptor_charge_e, physical.noise_gain, first_per_s, second_per_s);
     let step_log = |row: usize| sensor.contrast_on * 0.05 * (row + 2) as f64;
-    let instant = SensorModel { latency_ns: 0, latency_jitter_ns: 0, ..sensor.clone() };
+    let instant = SensorModel { latency_ns: 0, latency_jitter_ns: 0, ..at_the_pixel(sensor) };
     let mut light = LightBox::new(lab.device, &instant, (lab.pixels, STEPS as u32), 16)?;
     light.show(0, |_| lux)?;
     let after = |pixel: usize| (lux + dark_lux) * step_log(pixel / width).exp() - dark_lux;

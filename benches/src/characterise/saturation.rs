@@ -16,9 +16,10 @@ const ACTIVE: [usize; 7] = [64, 128, 256, 512, 1024, 2048, 4096];
 /// What all pixels together ask for, over what the bus can do.
 const LOAD: f64 = 2.0;
 
-/// Threshold of the pixels, log; events of a pixel in an interval; intervals before events are counted, and in which they
+/// Threshold of the pixels, log, and their second pole; events of a pixel in an interval; intervals before events are counted, and in which they
 /// are.
 const THRESHOLD_LOG: f64 = 0.01;
+const SECOND_POLE_HZ: f64 = 1e6;
 const PER_INTERVAL: f64 = 8.0;
 const SETTLING: i64 = 2;
 const COUNTED: i64 = 5;
@@ -44,16 +45,35 @@ pub fn saturation(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<SaturationP
     ACTIVE.iter().map(|&active| saturation_at(lab, sensor, active)).collect()
 }
 
+/// The sensor's bus before pixels that send as many events as the light asks for. With the sensor's own thresholds,
+/// refractory period and speed these would saturate before the bus does.
+pub(super) fn with_bus(sensor: &SensorModel) -> SensorModel {
+    let readout = if sensor.readout_row_ns > 0.0 { ReadoutKind::Rows } else { ReadoutKind::Fifo };
+    SensorModel {
+        width: SIZE_PX.0,
+        height: SIZE_PX.1,
+        readout,
+        second_pole_hz: SECOND_POLE_HZ,
+        ..without_noise(sensor, THRESHOLD_LOG)
+    }
+}
+
+/// What the curve is of, for its table.
+pub(super) fn told() -> String {
+    let (width, height) = SIZE_PX;
+    format!(
+        "The curve is that of the sensor's bus, not of its pixels: of its service times, before {width}x{height} pixels whose \
+         light rises together. So that they, and not their speed, ask for more than the bus can do, they have thresholds of \
+         {THRESHOLD_LOG}, no refractory period, a second pole of {:.0} MHz, and neither noise, mismatch, leak nor delay. The \
+         rate controller is off.",
+        SECOND_POLE_HZ * 1e-6
+    )
+}
+
 /// The saturation with so many active pixels. Their light rises steadily in log, so that each sends events at the same rate
 /// and all of them at the same instants.
 pub fn saturation_at(lab: &Lab<'_>, sensor: &SensorModel, active: usize) -> Result<SaturationPoint> {
-    let readout = if sensor.readout_row_ns > 0.0 { ReadoutKind::Rows } else { ReadoutKind::Fifo };
-    let with_bus = SensorModel {
-        readout,
-        readout_cap_events: 0,
-        second_pole_hz: 1e6,
-        ..without_noise(sensor, THRESHOLD_LOG)
-    };
+    let with_bus = with_bus(sensor);
     let pixels = (SIZE_PX.0 * SIZE_PX.1) as usize;
     let rate_hz = LOAD * most_hz(&with_bus, pixels) / pixels as f64;
     let asked_hz =

@@ -1,7 +1,7 @@
 //! A characterisation as plots and text.
 
-use super::Characterisation;
 use super::response::LightStep;
+use super::{Characterisation, saturation};
 use crate::cells;
 use crate::document::{Document, short};
 use crate::plot::{Axes, Series, draw};
@@ -99,15 +99,15 @@ pub fn plots(of: &Characterisation) -> Result<Vec<(&'static str, String)>> {
     }
     add("leak", axes, series)?;
 
-    let title = format!("{name}: events that leave the sensor");
+    let title = format!("{name}: events that leave the bus");
     let axes = Axes { title: &title, x: "active pixels", y: "events a s", logarithmic: (true, true) };
-    let saturation = |hz: fn(&super::saturation::SaturationPoint) -> f64| {
+    let of_bus = |hz: fn(&super::saturation::SaturationPoint) -> f64| {
         of.saturation.iter().map(|point| (point.active as f64, hz(point))).collect()
     };
     let series = vec![
-        Series::scatter("left", saturation(|p| p.left_hz)),
-        Series::path("asked for", saturation(|p| p.asked_hz)),
-        Series::path("the bus at most", saturation(|p| p.model_hz)),
+        Series::scatter("left", of_bus(|p| p.left_hz)),
+        Series::path("asked for", of_bus(|p| p.asked_hz)),
+        Series::path("the bus at most", of_bus(|p| p.model_hz)),
     ];
     add("saturation", axes, series)?;
     Ok(plots)
@@ -122,8 +122,8 @@ fn refractory_us(of: &Characterisation) -> f64 {
 pub fn document(of: &Characterisation) -> Result<Document> {
     let mut document = Document::new(&format!("Sensor {}", of.sensor.name));
     document.say(&format!(
-        "{} pixels for each level of light. Noise is counted for {} s, {} s after the light is switched on. Light is \
-         that on the focal plane.",
+        "{} pixels for each level of light, of noise and S-curves. Noise is counted for {} s, {} s after the light is \
+         switched on. Light is that on the focal plane.",
         of.pixels, of.seconds, of.burn_in_s
     ));
     let mut table = vec![cells!["light, lux", "ON, Hz", "OFF, Hz", "published ON, OFF", "all / published"]];
@@ -171,7 +171,8 @@ pub fn document(of: &Characterisation) -> Result<Document> {
         cells![short(curve.lux), half, width, sigma, mismatch]
     }));
     document.table(&table);
-    document.heading("Saturation");
+    document.heading("Saturation of the bus");
+    document.say(&saturation::told());
     let mut table = vec![cells!["active pixels", "asked for, 1/s", "left, 1/s", "equation, 1/s", "lost"]];
     table.extend(of.saturation.iter().map(|p| {
         let lost = format!("{:.0}%", 100.0 * (1.0 - p.left_hz / p.asked_hz).max(0.0));

@@ -18,7 +18,7 @@ pub struct CharacteriseArguments {
     /// Folder for characterisation.json, characterisation.md and the plots
     #[arg(long, value_name = "DIR", default_value = "characterisation")]
     pub out: PathBuf,
-    /// Pixels for each level of light
+    /// Pixels for each level of light, of S-curves and noise
     #[arg(long, value_name = "COUNT", default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=4096))]
     pub pixels: u32,
     /// Time after which noise is counted, seconds
