@@ -153,7 +153,7 @@ pub fn characterise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Characterisat
         refractory,
         leak,
         saturation,
-        published: public::published(&sensor.name),
+        published: public::published_of(sensor),
         sensor: sensor.clone(),
     })
 }

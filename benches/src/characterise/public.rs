@@ -1,7 +1,9 @@
 //! What has been published about real sensors: points that stand in the plots.
 
 use super::response::LightStep;
+use esaac_model::SensorModel;
 use esaac_model::physical::light::WHITE_EFFICACY_LM_PER_W;
+use esaac_model::presets::preset_with_physical_pixel;
 use serde::Serialize;
 
 /// Published noise at a light.
@@ -82,6 +84,58 @@ const NIST: &str = "latencies: NIST, IEEE TIM 2025, digitised; W/m2 taken as whi
 const STILL: &str =
     "still noise of .05 to .1 Hz at 25 C, second-hand; here at 10 lux, an office behind a lens";
 
+/// What is published about a sensor that is a preset with its physical pixel. Another sensor of the same name has other
+/// parameters that its figures follow from: nothing is published about it.
+#[must_use]
+pub fn published_of(sensor: &SensorModel) -> Published {
+    match preset_with_physical_pixel(&sensor.name) {
+        Some(preset) if is_alike(sensor, &preset) => published(&sensor.name),
+        _ => Published::default(),
+    }
+}
+
+/// Whether two sensors differ in nothing but what the characterisation replaces, what a log-intensity pixel alone reads,
+/// seed, and readout.
+fn is_alike(sensor: &SensorModel, preset: &SensorModel) -> bool {
+    let changed_back = SensorModel {
+        width: preset.width,
+        height: preset.height,
+        seed: preset.seed,
+        // The light box's.
+        lux_per_unit: preset.lux_per_unit,
+        exposure_gain: preset.exposure_gain,
+        intensity: preset.intensity,
+        psf_sigma_px: preset.psf_sigma_px,
+        vignetting_fov_deg: preset.vignetting_fov_deg,
+        flicker_depth: preset.flicker_depth,
+        flicker_hz: preset.flicker_hz,
+        flicker_phase_deg: preset.flicker_phase_deg,
+        synthesis: preset.synthesis,
+        taps: preset.taps,
+        transfers: preset.transfers,
+        layers: preset.layers,
+        substeps: preset.substeps,
+        substep_policy: preset.substep_policy,
+        substep_error_ns: preset.substep_error_ns,
+        aps_exposure_ns: preset.aps_exposure_ns,
+        aps_start_ns: preset.aps_start_ns,
+        aps_gain: preset.aps_gain,
+        aps_bits: preset.aps_bits,
+        // The log-intensity pixel's.
+        shot_noise_rate_hz: preset.shot_noise_rate_hz,
+        log_offset: preset.log_offset,
+        white_level: preset.white_level,
+        // Published noise and speed are of pixels, whatever their bus does.
+        readout: preset.readout,
+        readout_event_ns: preset.readout_event_ns,
+        readout_row_ns: preset.readout_row_ns,
+        readout_cap_events: preset.readout_cap_events,
+        readout_cap_period_ns: preset.readout_cap_period_ns,
+        ..sensor.clone()
+    };
+    changed_back == *preset
+}
+
 /// What is published about the sensor of a preset; nothing for one that is not listed.
 #[must_use]
 pub fn published(preset: &str) -> Published {
@@ -122,5 +176,53 @@ pub fn published(preset: &str) -> Published {
             Published { noise: vec![still(0.05), still(0.1)], sources: vec![STILL], ..Published::default() }
         }
         _ => Published::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esaac_model::{Pixel, ReadoutKind, Synthesis};
+
+    fn hd() -> SensorModel {
+        preset_with_physical_pixel("hd").expect("listed")
+    }
+
+    #[test]
+    fn figures_are_published_of_the_preset_alone() {
+        let has = |sensor: &SensorModel| !published_of(sensor).sources.is_empty();
+        let from_file = SensorModel::from_toml(&hd().to_toml()).unwrap();
+        let elsewhere = SensorModel {
+            width: 64,
+            height: 64,
+            seed: 7,
+            lux_per_unit: 3.0,
+            synthesis: Synthesis::Linear,
+            substeps: 8,
+            readout: ReadoutKind::Rows,
+            ..hd()
+        };
+        for sensor in [hd(), from_file, elsewhere] {
+            assert!(has(&sensor), "{sensor:?}");
+        }
+        let others: [fn(&mut SensorModel); 12] = [
+            |s| s.name = "mine".to_owned(),
+            |s| s.pixel = Pixel::Log,
+            |s| s.contrast_on = 0.3,
+            |s| s.contrast_off = 0.3,
+            |s| s.contrast_mismatch = 0.05,
+            |s| s.refractory_ns = 500_000,
+            |s| s.dark_lux = 0.1,
+            |s| s.photoreceptor_charge_e = 200.0,
+            |s| s.second_pole_hz = 2000.0,
+            |s| s.noise_gain = 0.5,
+            |s| s.temperature_c = 60.0,
+            |s| s.leak_rate_hz = 0.1,
+        ];
+        for change in others {
+            let mut sensor = hd();
+            change(&mut sensor);
+            assert!(!has(&sensor), "{sensor:?}");
+        }
     }
 }
