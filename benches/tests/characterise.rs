@@ -135,6 +135,18 @@ fn a_bandwidth_that_light_below_the_dark_current_hides_is_none() {
 }
 
 #[test]
+fn the_leak_of_a_hot_chip_is_compared_with_a_cooler_ones() {
+    let hot = SensorModel { temperature_c: 116.3, ..hd() };
+    let points = leak(&lab(32, 0, 1), &hot).unwrap();
+    let (warm, cold) = points.split_at(points.len() / 2);
+    for (warm, cold) in warm.iter().zip(cold) {
+        assert_eq!((warm.temperature_c, cold.temperature_c), (116.3, 116.3 - DOUBLING_K));
+        assert!((warm.measured_hz / cold.measured_hz - 2.0).abs() < 0.06, "{cold:?} {warm:?}");
+    }
+    assert_silent();
+}
+
+#[test]
 fn leak_and_dark_current_double_with_warmth() {
     let lab = lab(32, 0, 1);
     let points = leak(&lab, &hd()).unwrap();

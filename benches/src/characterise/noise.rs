@@ -87,10 +87,18 @@ pub fn noise(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<NoisePoint>> {
     noise_at(lab, sensor, &LEVELS_LUX)
 }
 
-/// The leak at the sensor's temperature and where it should have doubled in the dark.
+/// The sensor's temperature, and one at which the leak in the dark is twice as much; half as much where the chip may not be
+/// warmer.
+fn temperatures_c(sensor: &SensorModel) -> [f64; 2] {
+    let own_c = sensor.temperature_c;
+    let warmer = SensorModel { temperature_c: own_c + DOUBLING_K, ..sensor.clone() };
+    [own_c, if warmer.validate().is_ok() { warmer.temperature_c } else { own_c - DOUBLING_K }]
+}
+
+/// The leak at the sensor's temperature and where it should have doubled or halved in the dark.
 pub fn leak(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LeakPoint>> {
     let mut points = Vec::new();
-    for temperature_c in [sensor.temperature_c, sensor.temperature_c + DOUBLING_K] {
+    for temperature_c in temperatures_c(sensor) {
         let quiet = SensorModel {
             noise_gain: 0.0,
             contrast_mismatch: 0.0,
@@ -122,4 +130,21 @@ pub fn leak(lab: &Lab<'_>, sensor: &SensorModel) -> Result<Vec<LeakPoint>> {
         }
     }
     Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_second_temperature_is_one_that_a_chip_may_have() {
+        for (own_c, second_c) in
+            [(-40.0, -31.2), (25.0, 33.8), (116.2, 125.0), (116.3, 107.5), (125.0, 116.2)]
+        {
+            let [first, second] =
+                temperatures_c(&SensorModel { temperature_c: own_c, ..SensorModel::default() });
+            assert_eq!(first, own_c);
+            assert!((second - second_c).abs() < 1e-9, "{own_c} C: {second}");
+        }
+    }
 }
