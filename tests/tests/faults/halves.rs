@@ -231,7 +231,8 @@ fn after_a_refused_step_the_last_tick_is_empty() {
     let mut rig = rig();
     let (none, late_ns) = (SubmitHooks::default(), frames[1].t_ns);
     let next = frames.iter().map(buffer).collect::<Vec<_>>();
-    let steps: [(&str, fn(&mut Rig, &Buffer, i64) -> Result<(), EngineError>); 3] = [
+    type Step = fn(&mut Rig, &Buffer, i64) -> Result<(), EngineError>;
+    let steps: [(&str, Step); 3] = [
         ("a time that is past", |rig, hdr, t_ns| {
             rig.submit_frames(&input(t_ns, hdr), &SubmitHooks::default())
         }),

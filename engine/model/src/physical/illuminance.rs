@@ -112,9 +112,6 @@ impl Illuminances {
         let report = self.report()?;
         let preset = physical_preset(&sensor.name)?;
         let [low, high] = preset.fitted_lux?;
-        let is_the_preset = sensor.response_e_per_lux_s == preset.response_e_per_lux_s.value
-            && sensor.photoreceptor_charge_e == preset.photoreceptor_charge_e.value
-            && sensor.second_pole_hz == preset.second_pole_hz.value;
         let (below, above) = (self.share_below(low), 1.0 - self.share_below(high));
         let mut beyond = Vec::new();
         for (share, what) in
@@ -124,7 +121,7 @@ impl Illuminances {
                 beyond.push(format!("{}% of pixels have {what}", percent(share)));
             }
         }
-        (is_the_preset && !beyond.is_empty()).then(|| {
+        (preset.is_pixel_of(sensor) && !beyond.is_empty()).then(|| {
             format!(
                 "`{}` is fitted to noise at {} to {} focal-plane lux; {} (median {} lux)",
                 preset.name,
@@ -220,8 +217,17 @@ mod tests {
         lux.extend([0.01; 10]);
         let dim = of(&lux).fit_warning(&hd).expect("below .15 lux");
         assert!(dim.contains("10% of pixels have less"), "{dim}");
-        let own = SensorModel { response_e_per_lux_s: 1e5, ..hd };
-        assert_eq!(of(&[50.0; 100]).fit_warning(&own), None, "no longer the preset");
+        let resized = SensorModel { width: 64, seed: 3, lux_per_unit: 7.0, ..hd.clone() };
+        assert!(of(&[50.0; 100]).fit_warning(&resized).is_some());
+        for own in [
+            SensorModel { response_e_per_lux_s: 1e5, ..hd.clone() },
+            SensorModel { contrast_on: 0.3, ..hd.clone() },
+            SensorModel { contrast_mismatch: 0.05, ..hd.clone() },
+            SensorModel { dark_lux: 0.1, ..hd.clone() },
+            SensorModel { noise_gain: 0.0, ..hd },
+        ] {
+            assert_eq!(of(&[50.0; 100]).fit_warning(&own), None, "no longer the preset: {own:?}");
+        }
         let davis = preset_with_physical_pixel("davis346").expect("listed");
         assert_eq!(of(&[50.0; 100]).fit_warning(&davis), None, "fitted to nothing");
     }

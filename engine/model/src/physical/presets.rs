@@ -225,6 +225,15 @@ impl PhysicalPreset {
         ]
     }
 
+    /// Whether a sensor has this pixel, with nothing changed: its noise is that of the fit.
+    #[must_use]
+    pub fn is_pixel_of(&self, sensor: &SensorModel) -> bool {
+        let mut as_preset = sensor.clone();
+        let (pixel, _) = self.apply(&mut as_preset);
+        let pixel = PhysicalPixel { lux_per_unit: sensor.lux_per_unit, ..pixel };
+        as_preset == *sensor && sensor.physical_pixel() == pixel
+    }
+
     /// What its noise was fitted to, as a sentence.
     #[must_use]
     pub fn fit(&self) -> String {
