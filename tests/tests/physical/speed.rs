@@ -113,8 +113,8 @@ fn all_of_a_fast_leak_comes_in_a_long_interval() {
         assert!(total.apart_ns.len() > 1_000 * total.pixels, "many events");
         assert!(total.differing <= 1, "{} pixels", total.differing);
         assert!(total.apart_ns(0.99) < 4_000, "{} ns", total.apart_ns(0.99));
-        let (quiet, noisy) = (total.apart_ns.len(), SensorModel { noise_gain: 0.01, ..sensor });
-        let noisy = events(&engine(&noisy, &sequence)).len();
+        let noisy = SensorModel { noise_gain: 0.01, ..sensor.clone() };
+        let [quiet, noisy] = [&sensor, &noisy].map(|sensor| events(&engine(sensor, &sequence)).len());
         println!("with noise: {noisy} events, without {quiet}");
         assert!(noisy.abs_diff(quiet) < quiet / 50, "{noisy} events, {quiet}");
     }
