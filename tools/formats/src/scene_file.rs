@@ -48,14 +48,16 @@ enum ProjectionName {
     Fisheye,
 }
 
-/// `transforms.json`. Its pixels' centres are at halves.
+/// `transforms.json`. Its pixels' centres are at halves. Files of NeRF's own have an angle of view, radians, in place of focal
+/// lengths.
 #[derive(Clone, Debug, Deserialize)]
 struct TransformsFile {
     camera_model: Option<String>,
-    fl_x: f64,
-    fl_y: f64,
-    cx: f64,
-    cy: f64,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    camera_angle_x: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
     w: Option<f64>,
     h: Option<f64>,
     frames: Vec<TransformsFrame>,
@@ -233,7 +235,6 @@ impl TransformsFile {
                 );
             }
         }
-        let lens = Intrinsics::new(projection, self.fl_x, self.fl_y, self.cx - 0.5, self.cy - 0.5)?;
         let mut by_stem: BTreeMap<&str, &TransformsFrame> = BTreeMap::new();
         for frame in &self.frames {
             if let Some(before) = by_stem.insert(stem(&frame.file_path), frame) {
@@ -273,7 +274,19 @@ impl TransformsFile {
             times_ns.push(keys.time_ns(index));
             poses.push(pose);
         }
+        let lens = self.lens(projection, keys.size_px)?;
         Ok(SceneMotion::new(lens, PoseTrack::new(times_ns, poses)?))
+    }
+
+    /// What is left out is that of square pixels around the middle of the image.
+    fn lens(&self, projection: Projection, size_px: (u32, u32)) -> Result<Intrinsics> {
+        let (width_px, height_px) = (f64::from(size_px.0), f64::from(size_px.1));
+        let angle = self.camera_angle_x.filter(|_| projection == Projection::Pinhole);
+        let by_angle = angle.map(|angle| 0.5 * width_px / (0.5 * angle).tan());
+        let fx_px =
+            self.fl_x.or(by_angle).context("no `fl_x`, expected it or, of a pinhole, `camera_angle_x`")?;
+        let (cx_px, cy_px) = (self.cx.unwrap_or(0.5 * width_px), self.cy.unwrap_or(0.5 * height_px));
+        Ok(Intrinsics::new(projection, fx_px, self.fl_y.unwrap_or(fx_px), cx_px - 0.5, cy_px - 0.5)?)
     }
 }
 
@@ -328,10 +341,20 @@ fn read_text(path: &Path) -> Result<Option<String>> {
 fn parsed<T: DeserializeOwned>(text: &str) -> Result<T> {
     let bytes = text.len();
     serde_json::from_str(text).map_err(|error| {
-        let cut = error.is_eof();
+        let (cut, no_number) = (error.is_eof(), no_number_at(text, error.line(), error.column()));
         let error = anyhow::Error::new(error);
-        if cut { error.context(format!("the file ends too early, after {bytes} bytes")) } else { error }
+        match no_number {
+            Some(word) => error.context(format!("`{word}` is no JSON, expected a number")),
+            None if cut => error.context(format!("the file ends too early, after {bytes} bytes")),
+            None => error,
+        }
     })
+}
+
+/// What Python writes for a number that JSON does not have, if it stands at a line and a column, which count from 1.
+fn no_number_at(text: &str, line: usize, column: usize) -> Option<&'static str> {
+    let rest = text.lines().nth(line.checked_sub(1)?)?.get(column.checked_sub(1)?..)?;
+    ["NaN", "Infinity"].into_iter().find(|word| rest.starts_with(word))
 }
 
 /// Fails if a key is nearly one of [`SequenceFile::KEYS`] that is missing: without it, frames would silently have another

@@ -387,7 +387,7 @@ fn a_wrong_transforms_json_is_named() {
         &["rows of [2, 2] numbers", "4 rows of 4"],
     );
     case(&|t| t["frames"][1]["transform_matrix"][0][0] = json!(9), &["images/key_0001.png", "scaled"]);
-    case(&|t| _ = t.as_object_mut().unwrap().remove("fl_y"), &["missing field `fl_y`"]);
+    case(&|t| _ = t.as_object_mut().unwrap().remove("fl_x"), &["no `fl_x`", "`camera_angle_x`"]);
     let both = still(&transforms());
     let posed = Posed { sequence: sequence(), ..both };
     posed.error(&[], &["sequence.json", "transforms.json", "expected one of them"]);

@@ -1,0 +1,54 @@
+//! Files of poses beside a folder's frames.
+
+use esaac_formats::scene_file::{FolderScene, KeyFrames};
+use esaac_model::paths::Intrinsics;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+const SIZE_PX: (u32, u32) = (40, 30);
+
+/// What a folder of two frames with this `transforms.json` gives.
+fn scene(text: &str) -> anyhow::Result<Option<FolderScene>> {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("transforms.json"), text).expect("a file");
+    let paths = ["r_0.exr", "r_1.exr"].map(PathBuf::from);
+    FolderScene::read(folder.path(), None, &KeyFrames { paths: &paths, rate_hz: 30.0, size_px: SIZE_PX })
+}
+
+fn transforms(lens: &Value) -> String {
+    let upright = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+    let frame = |name| json!({ "file_path": name, "transform_matrix": upright });
+    let mut file = json!({ "frames": [frame("./train/r_0"), frame("./train/r_1")] });
+    file.as_object_mut().expect("an object").extend(lens.as_object().expect("an object").clone());
+    file.to_string()
+}
+
+#[test]
+fn a_lens_may_be_an_angle_of_view_with_square_pixels_around_the_middle() {
+    let angle = 2.0 * (20.0_f64 / 50.0).atan();
+    let pinhole = |fx, fy, cx, cy| Intrinsics::pinhole(fx, fy, cx, cy).expect("a lens");
+    for (lens, expected) in [
+        (json!({ "camera_angle_x": angle }), pinhole(50.0, 50.0, 19.5, 14.5)),
+        (json!({ "fl_x": 60, "camera_angle_x": angle }), pinhole(60.0, 60.0, 19.5, 14.5)),
+        (json!({ "fl_x": 60, "fl_y": 61, "cx": 21, "cy": 16 }), pinhole(60.0, 61.0, 20.5, 15.5)),
+    ] {
+        let found = scene(&transforms(&lens)).expect("a lens").expect("poses");
+        let found = found.motion.lens();
+        assert!(found.focal_px().abs_diff_eq(expected.focal_px(), 1e-9), "{lens}: {found:?}");
+        assert_eq!(found.centre_px(), expected.centre_px(), "{lens}");
+    }
+    let fisheye = json!({ "camera_model": "OPENCV_FISHEYE", "camera_angle_x": angle });
+    let error = format!("{:#}", scene(&transforms(&fisheye)).expect_err("no lens"));
+    assert!(error.contains("no `fl_x`"), "{error}");
+}
+
+#[test]
+fn what_python_writes_for_no_number_is_named() {
+    for word in ["NaN", "Infinity", "-Infinity"] {
+        let text = transforms(&json!({ "fl_x": 60 })).replace("60", word);
+        let error = format!("{:#}", scene(&text).expect_err("no JSON"));
+        assert!(error.contains("transforms.json") && error.contains("is no JSON"), "{word}: {error}");
+    }
+    let error = format!("{:#}", scene("{\"frames\": [}").expect_err("no JSON"));
+    assert!(!error.contains("is no JSON"), "{error}");
+}
