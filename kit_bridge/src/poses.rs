@@ -224,6 +224,11 @@ impl Poses<'_> {
         Ok(())
     }
 
+    /// Bodies of each environment.
+    pub fn bodies_each(&self) -> usize {
+        self.bodies_each
+    }
+
     /// Whether environments share their bodies.
     fn shares_bodies(&self) -> bool {
         self.environments == 1 && self.cameras > 1

@@ -61,6 +61,19 @@ def test_the_next_best_is_taken_and_told_once(given, lens, missing, left_out, wi
         step(camera("rigid", lens), 0, with_motion, **given)
 
 
+@pytest.mark.parametrize(("bodies", "noun"), [(1, "1 body"), (2, "2 bodies")])
+def test_bodies_that_no_ids_tell_of_are_told_once(bodies, noun):
+    still = np.tile([0.0, 0, 0, 0, 0, 0, 1], (2, bodies, 1))
+    poses = esaac.Poses(np.array([0, FRAMES * FRAME_NS]), still[:, 0], still)
+    cam = camera()
+    _, (warning,) = run(cam, False, depth=DEPTH, poses=poses)
+    text = (
+        f"camera 0: the poses have {noun}, but the frames no ids: all pixels are taken for the static world"
+    )
+    assert str(warning.message) == text and cam.synthesis == "rigid"
+    assert run(camera(), False, depth=DEPTH, ids=IDS, poses=poses)[1] == []
+
+
 def test_nothing_is_told_where_nothing_is_left_out():
     for with_motion in (True, False):
         assert run(camera(), with_motion)[1] == []

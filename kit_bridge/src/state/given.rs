@@ -25,6 +25,7 @@ impl State {
                 _ => why.iter().map(Option::is_some).collect(),
             };
             for (camera, why) in why.into_iter().enumerate() {
+                let why = why.or_else(|| lack_of_ids(camera, frames, moving));
                 why.into_iter().for_each(|why| self.warnings.add(Kind::Synthesis, camera, why));
             }
         }
@@ -165,6 +166,19 @@ impl State {
         }
         Ok(())
     }
+}
+
+/// What to tell, if a camera has poses of bodies, and no ids that tell which pixels show them.
+fn lack_of_ids(camera: usize, frames: &Frames, moving: &Moving<'_>) -> Option<String> {
+    let (images, _) = frames.of(camera)?;
+    let (_, poses, _) = moving.of(camera)?;
+    let bodies = poses.bodies_each();
+    (bodies > 0 && images.depth.is_some() && images.ids.is_none()).then(|| {
+        let noun = if bodies == 1 { "body" } else { "bodies" };
+        format!(
+            "the poses have {bodies} {noun}, but the frames no ids: all pixels are taken for the static world"
+        )
+    })
 }
 
 /// The formats that rigs are told of: without what is left out.
