@@ -17,6 +17,7 @@ from esaac.isaaclab import EventCamera, EventReading, event_frame, outputs, rand
 from esaac.isaaclab.schedule import Schedule
 from esaac.newton.mounts import _between
 from esaac.on_warp import SubstepLog
+from esaac.poses import MARGIN
 
 STILL = SceneEntityCfg("still")
 
@@ -213,11 +214,11 @@ def test_trap_stale_data_poses_are_those_of_newtons_state(env):
     camera = env.scene["still"]
     now = camera._log.substeps()
     steps, states = camera._log.since(now - lab.DECIMATION, now, camera._renderer.backend.state_0)
-    assert steps.tolist() == list(range(now - lab.DECIMATION - 2, now + 1))
+    assert steps.tolist() == list(range(now - lab.DECIMATION - MARGIN, now + 1))
     links = env.scene["box"].data.root_link_pose_w.torch.numpy()
     np.testing.assert_allclose(states[-1], links, atol=1e-6)
     # Each substep has a pose of its own.
-    assert (np.abs(np.diff(states[2:, 0, 2])) > 1e-4).all()
+    assert (np.abs(np.diff(states[MARGIN:, 0, 2])) > 1e-4).all()
 
 
 def test_trap_black_misses_have_the_background_and_none_is_refused(env):
@@ -271,7 +272,7 @@ def test_a_camera_that_is_moved_between_frames_has_moved_there_steadily(env, mov
     move((0.08, 0.0, 0.0), turn)
     act(env)
     path = paths[-1]
-    share = (np.arange(len(path)) - 2) / lab.DECIMATION
+    share = (np.arange(len(path)) - MARGIN) / lab.DECIMATION
     for number in range(lab.ENVS):
         np.testing.assert_allclose(path[:, number, 0] - before[number, 0], 0.08 * share, atol=1e-5)
         np.testing.assert_allclose(

@@ -254,7 +254,7 @@ def test_wrong_arguments_are_told(model):
         ("nobody", {}, esaac.ArgumentError, "camera is `nobody`, expected one of still, asymmetric, shaken"),
         (3, {}, esaac.ArgumentError, "camera is 3, expected 0 to 2"),
         ("still", {"antialiasing": 2}, esaac.ArgumentError, "antialiasing is 2, expected 1, 3, 5 or 7"),
-        ("still", {"limit": 2}, esaac.ArgumentError, "limit is 2, expected at least 5"),
+        ("still", {"limit": 2}, esaac.ArgumentError, "limit is 2, expected at least 9"),
         ("still", {"contrast_on": -1}, esaac.SensorError, "contrast_on"),
     ):
         with pytest.raises(error, match=message):
