@@ -210,7 +210,7 @@ def test_trap_folded_decimation_is_followed_or_named(env):
 
 def test_trap_stale_data_poses_are_those_of_newtons_state(env):
     env.reset()
-    act(env)
+    act(env, 2)
     camera = env.scene["still"]
     now = camera._log.substeps()
     steps, states = camera._log.since(now - lab.DECIMATION, now, camera._renderer.backend.state_0)
