@@ -10,7 +10,6 @@ use esaac_formats::exr_frame::{
 };
 use esaac_formats::frame_time::frame_time_ns;
 use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
-use esaac_model::paths::{PoseTrack, SceneMotion};
 use glob::Pattern;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -20,10 +19,6 @@ pub const DEFAULT_RATE_HZ: f64 = 30.0;
 
 /// Frames decoded ahead of the simulation.
 const FRAMES_AHEAD: usize = 2;
-
-/// Part of a pose's step by which the last pose may be before the last frame, whose time it then has: what moves is off by
-/// that part of its motion from pose to pose.
-const AT_END: f64 = 0.01;
 
 /// What of a folder is read and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,12 +93,7 @@ impl FrameFolder {
         }
         let size_px = (first.width_px, first.height_px);
         let keys = KeyFrames { paths: &paths, rate_hz, size_px };
-        let mut scene = FolderScene::read(folder, sequence.as_ref(), &keys)?;
-        if let Some(scene) = &mut scene {
-            let last_ns = frame_time_ns(paths.len() - 1, rate_hz);
-            scene.motion = ended(&scene.motion, last_ns)
-                .with_context(|| format!("{}: the end of the poses", scene.file.display()))?;
-        }
+        let scene = FolderScene::read(folder, sequence.as_ref(), &keys)?;
         // Depth and ids are of use with poses only.
         let wanted = scene.is_some();
         if wanted || asked.depth.is_some() {
@@ -153,26 +143,6 @@ impl FrameFolder {
         });
         receiver
     }
-}
-
-/// Poses whose last one, if it is nearly at the last frame, is at its time. Rates are written with some digits, so that an
-/// end that was at a frame is told as a little before it.
-fn ended(scene: &SceneMotion, end_ns: i64) -> Result<SceneMotion> {
-    let track = |track: &PoseTrack| -> Result<PoseTrack> {
-        let mut times_ns = track.times_ns().to_vec();
-        if let [.., before_ns, last_ns] = &mut times_ns[..] {
-            let (missing_ns, step_ns) = (end_ns - *last_ns, *last_ns - *before_ns);
-            if missing_ns > 0 && missing_ns as f64 <= AT_END * step_ns as f64 {
-                *last_ns = end_ns;
-            }
-        }
-        Ok(PoseTrack::new(times_ns, track.poses().to_vec())?)
-    };
-    let mut moved = SceneMotion::new(*scene.lens(), track(scene.camera())?);
-    for id in scene.ids() {
-        moved.insert(id, track(scene.instance(id).expect("an id of this scene"))?)?;
-    }
-    Ok(moved)
 }
 
 /// The frames of a folder in order, and their names.
@@ -278,22 +248,5 @@ mod tests {
     #[test]
     fn names_of_one_number_are_in_the_order_of_their_text() {
         assert_eq!(listed(&["f1.exr", "f01.exr", "f001.exr"], "*.exr"), ["f001.exr", "f01.exr", "f1.exr"]);
-    }
-
-    #[test]
-    fn poses_that_end_a_little_early_end_with_the_last_frame() {
-        let of = |last_ns: i64| {
-            let poses = vec![esaac_model::paths::Pose::IDENTITY; 3];
-            let track = PoseTrack::new(vec![0, 4_000_000, last_ns], poses).unwrap();
-            let lens = esaac_model::paths::Intrinsics::pinhole(1.0, 1.0, 0.0, 0.0).unwrap();
-            let mut scene = SceneMotion::new(lens, track.clone());
-            scene.insert(1, track).unwrap();
-            ended(&scene, 8_000_000).unwrap()
-        };
-        of(8_000_000 - 83).check_span(0, 8_000_000).unwrap();
-        assert_eq!(of(8_000_000 - 83).instance(1).unwrap().times_ns(), [0, 4_000_000, 8_000_000]);
-        // More than a hundredth of a step is no rounding.
-        of(8_000_000 - 50_000).check_span(0, 8_000_000).unwrap_err();
-        assert_eq!(of(9_000_000).camera().times_ns()[2], 9_000_000);
     }
 }

@@ -12,6 +12,10 @@ use std::path::{Path, PathBuf};
 /// A pose this near to a key frame, in frames, is at its time.
 const AT_KEY_FRAME: f64 = 1e-6;
 
+/// Part of a pose's step by which the last pose may be before the last key frame, whose time it then has: what moves is off by
+/// that part of its motion from pose to pose.
+const AT_END: f64 = 0.01;
+
 /// `sequence.json`. Keys that are not listed are ignored, but for slips of those that are.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct SequenceFile {
@@ -105,6 +109,17 @@ impl KeyFrames<'_> {
     }
 }
 
+/// Puts the last pose to `end_ns` if it is nearly there. Rates are written with some digits, so that an end that was at a frame is
+/// told as a little before it.
+fn end_at(end_ns: i64, times_ns: &mut [i64]) {
+    if let [.., before_ns, last_ns] = times_ns {
+        let (missing_ns, step_ns) = (end_ns - *last_ns, *last_ns - *before_ns);
+        if missing_ns > 0 && missing_ns as f64 <= AT_END * step_ns as f64 {
+            *last_ns = end_ns;
+        }
+    }
+}
+
 /// Time of a pose that is taken `position` key frames after the first.
 fn pose_time_ns(position: f64, key_rate_hz: f64) -> i64 {
     let nearest = position.round();
@@ -189,7 +204,8 @@ impl SequenceFile {
         let keys_per_pose = self.key_rate_hz.unwrap_or(keys.rate_hz) / pose_rate_hz;
         let track = |poses: Vec<Pose>| {
             let time_ns = |j| pose_time_ns(j as f64 * keys_per_pose, keys.rate_hz);
-            let times_ns = (0..poses.len()).map(time_ns).collect();
+            let mut times_ns: Vec<i64> = (0..poses.len()).map(time_ns).collect();
+            end_at(keys.time_ns(keys.paths.len().saturating_sub(1)), &mut times_ns);
             PoseTrack::new(times_ns, poses)
         };
         let count = camera.len();

@@ -1,6 +1,6 @@
 //! Files of poses beside a folder's frames.
 
-use esaac_formats::scene_file::{FolderScene, KeyFrames};
+use esaac_formats::scene_file::{FolderScene, KeyFrames, SequenceFile};
 use esaac_model::paths::Intrinsics;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -40,6 +40,35 @@ fn a_lens_may_be_an_angle_of_view_with_square_pixels_around_the_middle() {
     let fisheye = json!({ "camera_model": "OPENCV_FISHEYE", "camera_angle_x": angle });
     let error = format!("{:#}", scene(&transforms(&fisheye)).expect_err("no lens"));
     assert!(error.contains("no `fl_x`"), "{error}");
+}
+
+#[test]
+fn poses_that_end_a_little_early_end_with_the_last_frame() {
+    let upright = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+    let of = |pose_rate_hz: f64| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = json!({
+            "key_rate_hz": 125,
+            "intrinsics": { "fx": 50, "fy": 50, "cx": 19.5, "cy": 14.5 },
+            "pose_rate_hz": pose_rate_hz,
+            "camera_to_world": [upright, upright, upright],
+            "instances": { "1": [upright, upright, upright] },
+        });
+        std::fs::write(folder.path().join("sequence.json"), file.to_string()).expect("a file");
+        let sequence = SequenceFile::read(folder.path()).expect("a sequence");
+        let paths = ["key_0.exr", "key_1.exr"].map(PathBuf::from);
+        let keys = KeyFrames { paths: &paths, rate_hz: 125.0, size_px: SIZE_PX };
+        FolderScene::read(folder.path(), sequence.as_ref(), &keys).map(|scene| scene.expect("poses").motion)
+    };
+    // 83 ns early.
+    let ended = of(2e9 / (8_000_000.0 - 83.0)).expect("poses to the last frame");
+    ended.check_span(0, 8_000_000).expect("a whole interval");
+    for track in [ended.camera(), ended.instance(1).expect("an instance")] {
+        assert_eq!((track.times_ns()[0], track.times_ns()[2]), (0, 8_000_000));
+    }
+    // More than a hundredth of a step is no rounding.
+    assert!(of(2e9 / (8_000_000.0 - 50_000.0)).is_err());
+    assert_eq!(of(2e9 / 9_000_000.0).expect("poses").camera().times_ns()[2], 9_000_000);
 }
 
 #[test]
