@@ -397,7 +397,7 @@ impl State {
     /// Changes a camera's parameters from its next step on.
     pub fn set_sensor(&mut self, camera: usize, sensor: SensorModel) -> Result<(), Fault> {
         let (format, is_checked) = (self.formats.get(camera).copied(), !self.together || camera == 0);
-        self.warnings.looks_at_light();
+        self.warnings.look_soon();
         if let Some((bank, own)) = self.bank(camera)? {
             let before = bank.rig.sensor(own)?.synthesis;
             bank.rig.set_sensor(own, sensor.clone())?;

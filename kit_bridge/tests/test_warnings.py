@@ -94,6 +94,43 @@ def test_of_environments_the_first_is_looked_at_and_of_a_rig_every_camera():
     assert str(warning.message).startswith("camera 1 (and 1 others): part of the image moves")
 
 
+def test_pixels_without_a_path_and_without_vectors_are_warned_of_once():
+    lens = (60, 60, 31.5, 23.5)
+    still = [esaac.Poses([0], [[[0, 0, 0, 0, 0, 0, 1]] * cameras]) for cameras in (1, 2)]
+
+    def given(depth_m, unknown_id):
+        """This depth, and this id that no body has, at every other column."""
+        depth, ids = np.full((HEIGHT, WIDTH), 3, np.float32), np.zeros((HEIGHT, WIDTH), np.uint32)
+        depth[:, ::2], ids[:, ::2] = depth_m, unknown_id
+        return depth, ids
+
+    def run_with(planes, motion=None):
+        cam, (depth, ids) = camera(intrinsics=lens), planes
+        for index in range(6):
+            cam.step(view(index)[0], motion, t_ns=index * FRAME_NS, depth=depth, ids=ids, poses=still[0])
+        assert cam.synthesis == "rigid"
+
+    (warning,) = warned(esaac.InputWarning, lambda: run_with(given(3.0, 7)))
+    assert "camera 0: 50% of the pixels have the id of a body without poses" in str(warning.message)
+    assert warning.filename == __file__
+    (warning,) = warned(esaac.InputWarning, lambda: run_with(given(np.nan, 0)))
+    assert "50% of the pixels have a depth that is NaN or negative" in str(warning.message)
+    assert not warned(esaac.InputWarning, lambda: run_with(given(np.inf, 0)))
+    # With motion vectors they are what the pixels of a body without poses follow.
+    unmoved = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    assert not warned(esaac.InputWarning, lambda: run_with(given(3.0, 7), unmoved))
+
+    def tiled():
+        with esaac.TiledEventCamera("dvs128", 2, width=WIDTH, height=HEIGHT, intrinsics=lens) as envs:
+            depth, ids = (np.stack([plane] * 2) for plane in given(3.0, 7))
+            for index in range(3):
+                hdr = np.stack([view(index)[0]] * 2)
+                envs.submit(hdr, t_ns=index * FRAME_NS, depth=depth, ids=ids, poses=still[1])
+                envs.packet()
+
+    assert len(warned(esaac.InputWarning, tiled)) == 1
+
+
 def test_light_is_warned_of_once_for_each_kind():
     bright = np.full((16, 32, 4), 10.0, np.float32)
     sensor = esaac.SensorModel("hd", pixel="physical", width=32, height=16, synthesis="linear")

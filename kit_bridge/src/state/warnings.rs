@@ -48,10 +48,12 @@ pub struct Warnings {
     pub compares: bool,
     /// Steps after which was looked for something new.
     steps: u64,
-    /// Whether the light is looked at after the next step, whichever it is.
-    light_is_due: bool,
+    /// Whether light and paths are looked at after the next step, whichever it is.
+    look_is_due: bool,
     /// Cameras whose light was told of, and by which kind.
     of_light: HashSet<(usize, Kind)>,
+    /// Cameras that were told to have pixels without a path.
+    of_paths: HashSet<usize>,
 }
 
 impl Warnings {
@@ -60,19 +62,19 @@ impl Warnings {
         self.new.push((kind, camera, text));
     }
 
-    /// Has the light looked at after the next step.
-    pub fn looks_at_light(&mut self) {
-        self.light_is_due = true;
+    /// Has light and paths looked at after the next step.
+    pub fn look_soon(&mut self) {
+        self.look_is_due = true;
     }
 
-    /// Counts a step, and says whether the light is looked at after it: about as often as rigs look at it.
-    fn light_is_due(&mut self) -> bool {
+    /// Counts a step, and says whether light and paths are looked at after it: about as often as rigs look at light.
+    fn look_is_due(&mut self) -> bool {
         let step = self.steps;
         self.steps += 1;
         step == 0
             || step.is_power_of_two()
             || step.is_multiple_of(256)
-            || std::mem::take(&mut self.light_is_due)
+            || std::mem::take(&mut self.look_is_due)
     }
 
     /// Does not tell what a step was about to tell that was not done.
@@ -97,13 +99,20 @@ impl State {
         }
         let of_input = self.banks.iter_mut().flat_map(Bank::input_warnings);
         new.extend(of_input.map(|(camera, text)| (Kind::Input, camera, text)));
-        if self.warnings.light_is_due() {
+        if self.warnings.look_is_due() {
             let found = self.of_each(|rig, own| Ok([rig.fit_warning(own)?, rig.flicker_warning(own)?]))?;
             for (camera, [light, flicker]) in found.into_iter().enumerate() {
                 for (kind, text) in [(Kind::Light, light), (Kind::Flicker, flicker)] {
                     let text = text.filter(|_| self.warnings.of_light.insert((camera, kind)));
                     new.extend(text.map(|text| (kind, camera, text)));
                 }
+            }
+            for (camera, text) in self.of_each(|rig, own| Ok(rig.path_warning(own)?))?.into_iter().enumerate()
+            {
+                // Environments are alike: one is told of.
+                let told = if self.together { 0 } else { camera };
+                let text = text.filter(|_| self.warnings.of_paths.insert(told));
+                new.extend(text.map(|text| (Kind::Input, camera, text)));
             }
         }
         Ok(new)

@@ -242,6 +242,34 @@ fn a_camera_that_takes_depth_does_without_where_it_may() {
     }
     assert!(events > 200, "{events} events");
     assert_eq!(service.synthesis(), [Synthesis::Motion, Synthesis::Rigid]);
+    let notices = service.server().notices().join("\n");
+    assert!(!notices.contains("warning"), "no depth is missed: {notices}");
+    assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+    drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+#[test]
+fn depth_that_cannot_be_used_is_told_of_once() {
+    let (run, place) = (Run::default(), Place::default());
+    let config = run.config(IdFormat::U32);
+    let rig = Rig::new(&DEVICE, std::slice::from_ref(&config)).unwrap();
+    let mut service =
+        Service::open(rig, &place.path(), &[(&config).into()], ServerOptions::default()).unwrap();
+    let device = other_device();
+    let mut uploader = Uploader::connect(&device, &place.path(), &options(0, MEMORY_HOST)).unwrap();
+    let nan = f32::NAN.to_ne_bytes().repeat((SIZE.0 * SIZE.1) as usize);
+    for index in 0..FRAMES {
+        let ((t_ns, frame), ids) = (&run.frames[index], run.ids(index, IdFormat::U32));
+        let images =
+            Planes { hdr: &*frame.hdr, motion: Some(&*frame.motion), depth: Some(&*nan), ids: Some(&*ids) };
+        uploader.send_scene(images, *t_ns, &run.motion).unwrap();
+        service.tick(60 * SECOND).unwrap().expect("a frame");
+    }
+    let notices = service.server().notices();
+    let told = "camera 0: warning: 100% of the pixels have a depth that is NaN or negative";
+    assert_eq!(notices.iter().filter(|line| line.starts_with(told)).count(), 1, "{notices:?}");
     assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
     drop(service);
     assert_device_silent(&device);

@@ -165,9 +165,9 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.poses = check.map(|check| check.report);
     report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
-    let of_light = camera.light_warnings.iter().cloned();
+    let of_camera = camera.path_warning.iter().chain(&camera.light_warnings).cloned();
     let of_frames = folder.warning.clone();
-    for warning in of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input).chain(of_light) {
+    for warning in of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input).chain(of_camera) {
         stderr::line(format_args!("warning: {warning}"));
     }
     report.files = outputs.iter().map(|path| path.display().to_string()).collect();
@@ -289,6 +289,10 @@ fn simulate(
         let tick = rig.step(&[folder.time_ns(index)])?;
         if index > 0 {
             record.add_tick(&tick)?;
+        }
+        let told = &mut record.cameras[0].path_warning;
+        if told.is_none() {
+            *told = rig.path_warning(0)?;
         }
         let ids: Option<Vec<i64>> = match event_ids && index > 0 {
             true => Some(cast_to_vec(&rig.represent_to_host(Representation::EventIds)?)),

@@ -11,6 +11,7 @@ use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::memory::Buffer;
+use esaac_model::input::WithoutPath;
 use esaac_model::paths::conventions::{ConventionReport, KeyFrame, Trust};
 use esaac_model::{IdFormat, MotionFormat, Synthesis};
 
@@ -42,6 +43,15 @@ impl Rig {
             Synthesis::Auto => format!("{text}; synthesis auto: {}", report.consequence(state.trust())),
             _ => format!("{text}; the poses are followed, as synthesis rigid was asked for"),
         }))
+    }
+
+    /// What to tell the user, if so many pixels of a camera's last frame have no exact path that it looks like a mistake.
+    pub fn path_warning(&self, camera: usize) -> Result<Option<String>, EngineError> {
+        let config = &self.camera(camera)?.config;
+        let found = self.results.diagnostics[camera];
+        let pixels = config.sensor.pixels() as u64;
+        let without = WithoutPath { pixels, depth: found.without_depth, poses: found.without_poses };
+        Ok(without.warning(config.motion.is_some()))
     }
 
     /// The motion vectors of a camera's next frame do not lead to its last one, as after frames that were dropped: they

@@ -2,8 +2,10 @@
 
 mod check;
 mod image_motion;
+mod without_path;
 
 pub use check::{InputCheck, InputReport};
+pub use without_path::WithoutPath;
 
 /// What exact paths need and a camera does not get; `None` if it gets all.
 #[must_use]

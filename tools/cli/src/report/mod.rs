@@ -101,6 +101,8 @@ pub struct CameraReport {
     pub light: Option<LightReport>,
     /// What to tell about the light.
     pub light_warnings: Vec<String>,
+    /// What to tell about pixels without an exact path.
+    pub path_warning: Option<String>,
     /// What is assumed of a physical pixel and its light.
     pub notes: Vec<String>,
     /// Comparison with the scene's exact events, if the scene is known.
@@ -171,6 +173,7 @@ impl Report {
                 diagnostics: camera.diagnostics.clone(),
                 light: camera.light,
                 light_warnings: camera.light_warnings.clone(),
+                path_warning: camera.path_warning.clone(),
                 notes: Vec::new(),
                 accuracy: None,
             })

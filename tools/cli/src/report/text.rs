@@ -109,7 +109,7 @@ impl CameraReport {
         if let Some(light) = &self.light {
             line("light", light.to_string());
         }
-        for warning in &self.light_warnings {
+        for warning in self.path_warning.iter().chain(&self.light_warnings) {
             line("warning", warning.clone());
         }
         for note in &self.notes {

@@ -201,13 +201,17 @@ fn a_wrong_sign_is_told_and_the_convention_undoes_it() {
 }
 
 /// What `simulate` takes with `auto`, why, and what it warns of.
-fn with_auto(posed: &Posed, arguments: &[&str]) -> (String, String, String) {
+fn report_with_auto(posed: &Posed, arguments: &[&str]) -> (Value, String) {
     let out = posed.frames.file_argument("events.npz");
     let all =
         [&["simulate", posed.frames.argument(), "--json", "--out", &out, "--taps", "bilinear"], arguments];
     let (code, text, error) = run(&all.concat());
     assert_eq!(code, 0, "{error}");
-    let report: Value = serde_json::from_str(&text).unwrap();
+    (serde_json::from_str(&text).unwrap(), error)
+}
+
+fn with_auto(posed: &Posed, arguments: &[&str]) -> (String, String, String) {
+    let (report, error) = report_with_auto(posed, arguments);
     let word = |key: &str| report["synthesis"][key].as_str().unwrap_or("").to_owned();
     (word("used"), word("reason"), error)
 }
@@ -309,6 +313,38 @@ fn what_cannot_be_checked_is_said() {
     });
     let (report, _) = posed.simulate(&[]);
     assert_eq!((&report["poses"]["missing"], &report["poses"]["agree"]), (&json!("depth"), &Value::Null));
+}
+
+#[test]
+fn pixels_without_a_path_and_without_vectors_are_told() {
+    let mut posed = Posed::new(1.0);
+    posed.sequence["instances"] = json!({});
+    posed.describe();
+    let told = |posed: &Posed| {
+        let (report, error) = report_with_auto(posed, &[]);
+        assert_eq!(report["synthesis"]["used"], "rigid");
+        let warning = report["cameras"][0]["path_warning"].as_str().unwrap_or_default().to_owned();
+        assert_eq!(error.contains(" of the pixels have"), !warning.is_empty(), "{error}");
+        warning
+    };
+    assert_eq!(told(&posed), "", "a body without poses follows its vectors");
+    let write = |depth_m: f32, id: u32| {
+        for k in 0..KEYS {
+            let mut list = colour(k, (WIDTH, HEIGHT));
+            let every_other = |i: usize| i.is_multiple_of(2);
+            let depths = (0..WIDTH * HEIGHT).map(|i| if every_other(i) { depth_m } else { 4.0 });
+            let ids = (0..WIDTH * HEIGHT).map(|i| if every_other(i) { id } else { STATIC_WORLD });
+            list.push(AnyChannel::new("depth.Z", FlatSamples::F32(depths.collect())));
+            list.push(AnyChannel::new("id", FlatSamples::U32(ids.collect())));
+            posed.frames.write_channels(&format!("key_{k:04}.exr"), (WIDTH, HEIGHT), list);
+        }
+    };
+    write(4.0, STATIC_WORLD);
+    assert_eq!(told(&posed), "");
+    write(4.0, BODY);
+    assert!(told(&posed).starts_with("50% of the pixels have the id of a body without poses"));
+    write(f32::NAN, STATIC_WORLD);
+    assert!(told(&posed).starts_with("50% of the pixels have a depth that is NaN or negative"));
 }
 
 #[test]
