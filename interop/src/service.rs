@@ -176,8 +176,10 @@ impl Service {
             self.server.say(format!("camera {camera}: warning: {text}"));
         }
         self.warnings[camera] = warning;
-        let tells = gives_depth && !self.told_of_paths[camera];
-        if let Some(text) = self.rig.path_warning(camera)?.filter(|_| tells) {
+        if gives_depth
+            && !self.told_of_paths[camera]
+            && let Some(text) = self.rig.path_warning(camera)?
+        {
             self.server.say(format!("camera {camera}: warning: {text}"));
             self.told_of_paths[camera] = true;
         }

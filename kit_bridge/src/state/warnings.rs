@@ -50,10 +50,8 @@ pub struct Warnings {
     steps: u64,
     /// Whether light and paths are looked at after the next step, whichever it is.
     look_is_due: bool,
-    /// Cameras whose light was told of, and by which kind.
-    of_light: HashSet<(usize, Kind)>,
-    /// Cameras that were told to have pixels without a path.
-    of_paths: HashSet<usize>,
+    /// Cameras whose light or paths were told of, and by which kind.
+    told: HashSet<(usize, Kind)>,
 }
 
 impl Warnings {
@@ -100,19 +98,20 @@ impl State {
         let of_input = self.banks.iter_mut().flat_map(Bank::input_warnings);
         new.extend(of_input.map(|(camera, text)| (Kind::Input, camera, text)));
         if self.warnings.look_is_due() {
-            let found = self.of_each(|rig, own| Ok([rig.fit_warning(own)?, rig.flicker_warning(own)?]))?;
-            for (camera, [light, flicker]) in found.into_iter().enumerate() {
-                for (kind, text) in [(Kind::Light, light), (Kind::Flicker, flicker)] {
-                    let text = text.filter(|_| self.warnings.of_light.insert((camera, kind)));
+            let found = self.of_each(|rig, own| {
+                Ok([
+                    (Kind::Light, rig.fit_warning(own)?),
+                    (Kind::Flicker, rig.flicker_warning(own)?),
+                    (Kind::Input, rig.path_warning(own)?),
+                ])
+            })?;
+            for (camera, found) in found.into_iter().enumerate() {
+                for (kind, text) in found {
+                    // Environments are alike: the paths of one are told of.
+                    let of = if self.together && kind == Kind::Input { 0 } else { camera };
+                    let text = text.filter(|_| self.warnings.told.insert((of, kind)));
                     new.extend(text.map(|text| (kind, camera, text)));
                 }
-            }
-            for (camera, text) in self.of_each(|rig, own| Ok(rig.path_warning(own)?))?.into_iter().enumerate()
-            {
-                // Environments are alike: one is told of.
-                let told = if self.together { 0 } else { camera };
-                let text = text.filter(|_| self.warnings.of_paths.insert(told));
-                new.extend(text.map(|text| (Kind::Input, camera, text)));
             }
         }
         Ok(new)

@@ -16,15 +16,15 @@ use std::time::Duration;
 
 const SECOND: Duration = Duration::from_secs(1);
 
+/// All images of a frame with these ids.
+fn planes<'a>(run: &'a Run, index: usize, ids: &'a [u8]) -> Planes<&'a [u8]> {
+    let (_, frame) = &run.frames[index];
+    Planes { hdr: &frame.hdr, motion: Some(&frame.motion), depth: Some(&frame.depth), ids: Some(ids) }
+}
+
 fn send(run: &Run, uploader: &mut Uploader, index: usize, format: IdFormat) {
-    let ((t_ns, frame), ids) = (&run.frames[index], run.ids(index, format));
-    let images = Planes {
-        hdr: &*frame.hdr,
-        motion: Some(&*frame.motion),
-        depth: Some(&*frame.depth),
-        ids: Some(&*ids),
-    };
-    uploader.send_scene(images, *t_ns, &run.motion).unwrap();
+    let ids = run.ids(index, format);
+    uploader.send_scene(planes(run, index, &ids), run.frames[index].0, &run.motion).unwrap();
 }
 
 fn options(camera: u32, memories: u32) -> ProducerOptions {
@@ -193,14 +193,8 @@ fn poses_that_disagree_with_the_vectors_are_told_of_and_left_out() {
         let mut uploader = Uploader::connect(&device, &place.path(), &options(0, memory)).unwrap();
         let mut without = Vec::new();
         for index in 0..FRAMES {
-            let ((t_ns, frame), ids) = (&run.frames[index], run.ids(index, IdFormat::U32));
-            let images = Planes {
-                hdr: &*frame.hdr,
-                motion: Some(&*frame.motion),
-                depth: Some(&*frame.depth),
-                ids: Some(&*ids),
-            };
-            uploader.send_scene(images, *t_ns, &wrong).unwrap();
+            let ids = run.ids(index, IdFormat::U32);
+            uploader.send_scene(planes(&run, index, &ids), run.frames[index].0, &wrong).unwrap();
             let tick = service.tick(60 * SECOND).unwrap().expect("a frame");
             without.push(tick.tick.diagnostics[0].without_poses);
         }
@@ -261,10 +255,9 @@ fn depth_that_cannot_be_used_is_told_of_once() {
     let mut uploader = Uploader::connect(&device, &place.path(), &options(0, MEMORY_HOST)).unwrap();
     let nan = f32::NAN.to_ne_bytes().repeat((SIZE.0 * SIZE.1) as usize);
     for index in 0..FRAMES {
-        let ((t_ns, frame), ids) = (&run.frames[index], run.ids(index, IdFormat::U32));
-        let images =
-            Planes { hdr: &*frame.hdr, motion: Some(&*frame.motion), depth: Some(&*nan), ids: Some(&*ids) };
-        uploader.send_scene(images, *t_ns, &run.motion).unwrap();
+        let ids = run.ids(index, IdFormat::U32);
+        let images = Planes { depth: Some(&*nan), ..planes(&run, index, &ids) };
+        uploader.send_scene(images, run.frames[index].0, &run.motion).unwrap();
         service.tick(60 * SECOND).unwrap().expect("a frame");
     }
     let notices = service.server().notices();

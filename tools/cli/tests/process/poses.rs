@@ -200,7 +200,7 @@ fn a_wrong_sign_is_told_and_the_convention_undoes_it() {
     assert_eq!(report["poses"]["agree"], true, "{error}");
 }
 
-/// What `simulate` takes with `auto`, why, and what it warns of.
+/// The report of `simulate` with `auto`, and what it warns of.
 fn report_with_auto(posed: &Posed, arguments: &[&str]) -> (Value, String) {
     let out = posed.frames.file_argument("events.npz");
     let all =
@@ -210,6 +210,7 @@ fn report_with_auto(posed: &Posed, arguments: &[&str]) -> (Value, String) {
     (serde_json::from_str(&text).unwrap(), error)
 }
 
+/// What `simulate` takes with `auto`, why, and what it warns of.
 fn with_auto(posed: &Posed, arguments: &[&str]) -> (String, String, String) {
     let (report, error) = report_with_auto(posed, arguments);
     let word = |key: &str| report["synthesis"][key].as_str().unwrap_or("").to_owned();
