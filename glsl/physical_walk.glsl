@@ -23,8 +23,7 @@ Walk walk_at_start(Camera cam, int level, PixelState p) {
     update_drive(cam, p.excess, w.drive);
     w.dark_leak = 0.0;
     if (EFFECT_LEAK) {
-        w.dark_leak = physicals[cam.slot].dark_leak_q24_per_s * exp(p.leak_factor_log)
-            - physicals[cam.slot].dark_light_q24_per_s * exp(p.dark_factor_log);
+        w.dark_leak = dark_leak_q24_per_s(cam, vec2(p.dark_factor_log, p.leak_factor_log));
     }
     w.noise = 0.0;
     w.mean = 0.0;

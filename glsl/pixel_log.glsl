@@ -65,21 +65,6 @@ void store_pixel(Camera cam, uint pixel, PixelState p) {
     store_state(cam, pixel, STATE_EVENTS, p.events);
 }
 
-float intensity_of(Camera cam, int log_q24) {
-    return exp(float(log_q24) * (1.0 / LOG_SCALE)) - cam.log_offset;
-}
-
-// Rate of shot noise relative to that in the dark.
-float shot_share(Camera cam, int log_q24) {
-    return 1.0 - SHOT_NOISE_FALL * clamp(intensity_of(cam, log_q24) * cam.inverse_white, 0.0, 1.0);
-}
-
-// Hazard a nanosecond, Q27, between two frames with these levels.
-float hazard_in(Camera cam, ivec2 frame_levels) {
-    const float share = 0.5 * (shot_share(cam, frame_levels.x) + shot_share(cam, frame_levels.y));
-    return cam.hazard_q27_per_ns * share;
-}
-
 uint hazard_of_interval(float hazard_per_ns, uint interval_ns) {
     return uint(roundEven(hazard_per_ns * float(interval_ns)));
 }

@@ -1,7 +1,7 @@
 //! The corpus: hard cases as data. The oracle and the engine run the same cases.
 
 use crate::frames::{Frame, Sequence};
-use crate::run::{Step, engine_of_many_on, events, oracle, oracle_events};
+use crate::run::{Step, camera, engine_of_many_on, events, oracle, oracle_events};
 use esaac_engine::{Device, RigOptions};
 use esaac_model::packet::Event;
 use esaac_model::{HdrFormat, MotionFormat, Polarity, SensorModel};
@@ -144,7 +144,13 @@ pub fn by_oracle(cases: &[Case]) -> Vec<Outcome> {
 /// Runs all cases through the engine, as cameras of one rig with frame times of their own.
 #[must_use]
 pub fn by_engine(device: &Arc<Device>, cases: &[Case], options: RigOptions) -> Vec<Outcome> {
-    let cameras: Vec<_> = cases.iter().map(|case| (case.sensor(), case.sequence())).collect();
+    let sequences: Vec<_> = cases.iter().map(Case::sequence).collect();
+    // What a case expects, it expects of the draws of camera 0.
+    let cameras: Vec<_> = cases
+        .iter()
+        .zip(&sequences)
+        .map(|(case, frames)| (camera(&case.sensor(), 0, frames), frames))
+        .collect();
     let outcome = |steps: &Vec<Step>| Outcome {
         events: events(steps),
         invalid_pixels: steps.iter().map(|s| s.diagnostics.invalid_pixels).collect(),

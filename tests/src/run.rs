@@ -82,20 +82,23 @@ pub fn engine(sensor: &SensorModel, sequence: &Sequence) -> Vec<Step> {
 /// numbered from 0, also in random draws. Fails if the validation layer reports anything, up to the rig's destruction.
 #[must_use]
 pub fn engine_of_many(cameras: &[(SensorModel, Sequence)], options: RigOptions) -> Vec<Vec<Step>> {
-    let got = engine_of_many_on(&DEVICE, cameras, options);
+    let numbered: Vec<_> = (0..)
+        .zip(cameras)
+        .map(|(number, (sensor, sequence))| (camera(sensor, number, sequence), sequence))
+        .collect();
+    let got = engine_of_many_on(&DEVICE, &numbered, options);
     assert_silent();
     got
 }
 
-/// As [`engine_of_many`], on the given device.
+/// As [`engine_of_many`], on the given device, with cameras that may have any number in random draws.
 #[must_use]
 pub fn engine_of_many_on(
     device: &Arc<Device>,
-    cameras: &[(SensorModel, Sequence)],
+    cameras: &[(CameraConfig, &Sequence)],
     options: RigOptions,
 ) -> Vec<Vec<Step>> {
-    let configs: Vec<CameraConfig> =
-        (0..).zip(cameras).map(|(number, (sensor, sequence))| camera(sensor, number, sequence)).collect();
+    let configs: Vec<CameraConfig> = cameras.iter().map(|(config, _)| config.clone()).collect();
     let mut rig = Rig::with_options(device, &configs, options).expect("a rig of several cameras");
     let mut got = vec![Vec::new(); cameras.len()];
     let longest = cameras.iter().map(|(_, sequence)| sequence.frames.len()).max().unwrap_or(0);

@@ -1,13 +1,14 @@
 //! Compares the engine's random draws with a second implementation of the generator. It shares no code with the engine
 //! or the oracle: it follows the published description of Philox and the model's documentation. The times of the
-//! engine's events reveal its draws of thresholds and leak.
+//! engine's events reveal its draws of thresholds and leak. How pixels are armed by such draws is compared with the oracle.
 
-use esaac_engine::RigOptions;
-use esaac_model::{Polarity, SensorModel, Synthesis};
+use esaac_engine::{Rig, RigOptions};
+use esaac_layout::StateWord;
+use esaac_model::{Pixel, Polarity, SensorModel, Synthesis, q24_to_log};
 use esaac_oracle::Oracle;
 use esaac_tests::device::assert_silent;
 use esaac_tests::frames::{Sequence, gray, intensity_of};
-use esaac_tests::run::{Step, engine_of_many, events};
+use esaac_tests::run::{Step, engine_of_many, events, rig, step};
 use std::f64::consts::{SQRT_2, TAU};
 
 /// Second implementation of the generator and of the draws made from its words.
@@ -41,6 +42,7 @@ mod second {
     pub const SHOT_OFF: u32 = 3;
     pub const SHOT_ON: u32 = 4;
     pub const JITTER: u32 = 5;
+    pub const LEAK_PHASE: u32 = 10;
 
     /// A pixel of a camera.
     #[derive(Clone, Copy)]
@@ -81,6 +83,12 @@ mod second {
     /// Leak relative to the nominal leak.
     pub fn leak_factor(at: At, spread_log: f64) -> f64 {
         (spread_log * normal(at, LEAK, 0)).exp()
+    }
+
+    /// The part of its threshold that a pixel without shot noise has leaked before it is armed, in units of 2^-24.
+    pub fn leak_phase(at: At) -> f64 {
+        let [word, ..] = philox_of(at, LEAK_PHASE, 0);
+        f64::from(word / 256) * 2.0_f64.powi(-24)
     }
 }
 
@@ -225,7 +233,7 @@ fn the_engine_draws_what_the_documentation_says() {
             second::threshold(at, second::CONTRAST_ON, leaky.contrast_on, leaky.contrast_mismatch);
         let rate_log_per_s =
             leaky.leak_rate_hz * leaky.contrast_on * second::leak_factor(at, leaky.leak_spread_log);
-        let expected_s = threshold / rate_log_per_s;
+        let expected_s = threshold * (1.0 - second::leak_phase(at)) / rate_log_per_s;
         assert!(
             (seen_s - expected_s).abs() <= TOLERANCE_S,
             "pixel {pixel}: first leak event at {seen_s} s, expected {expected_s} s"
@@ -403,5 +411,72 @@ fn draws_that_are_wrong_are_found() {
     ];
     for (what, deviations) in wrong {
         assert!(check_normal(&deviations).is_err(), "{what}");
+    }
+}
+
+/// How far the reference of an armed log pixel may be from the oracle's, nepers, and that of a physical pixel, whose factors have
+/// half a word each.
+const REFERENCE_TOLERANCE_LOG: [f64; 2] = [1e-6, 3e-5];
+
+/// Asserts that the engine's pixels of which `chosen` holds have the references of the oracle's, `age_ns` after the first frame.
+#[track_caller]
+fn check_references(rig: &Rig, oracle: &Oracle, age_ns: i64, chosen: impl Fn(usize) -> bool) {
+    let words = rig.words(0, "state").expect("a rig that is not lost");
+    let pixels = oracle.sensor().pixels();
+    let references = &words[StateWord::Reference as usize * pixels..][..pixels];
+    for pixel in (0..pixels).filter(|&pixel| chosen(pixel)) {
+        let (exact_log, tolerance_log) = match oracle.physical_pixel(pixel) {
+            Some(state) => (state.reference_log, REFERENCE_TOLERANCE_LOG[1]),
+            None => {
+                let state = oracle.pixel(pixel).expect("an armed pixel");
+                let leaked = oracle.constants()[pixel].leak_log(age_ns);
+                (state.reference.minus_split(leaked).value(), REFERENCE_TOLERANCE_LOG[0])
+            }
+        };
+        let seen_log = q24_to_log(references[pixel] as i32);
+        assert!(
+            (seen_log - exact_log).abs() <= tolerance_log,
+            "{:?}, pixel {pixel}: {seen_log}, expected {exact_log}",
+            oracle.sensor()
+        );
+    }
+}
+
+/// What has leaked before and, in a physical pixel, the noise. Even pixels are armed at the first frame, odd ones in an interval.
+#[test]
+fn pixels_are_armed_with_the_oracles_references() {
+    let log = SensorModel { width: 32, height: 16, leak_rate_hz: 0.5, leak_spread_log: 0.2, ..sensor() };
+    let physical = SensorModel {
+        pixel: Pixel::Physical,
+        lux_per_unit: 20.0,
+        dark_spread_log: 0.3,
+        refractory_ns: 1_000_000,
+        ..log.clone()
+    };
+    let sensors = [
+        SensorModel { leak_rate_hz: 0.0, ..log.clone() },
+        SensorModel { shot_noise_rate_hz: 1.0, ..log.clone() },
+        log,
+        SensorModel { leak_rate_hz: -0.5, ..physical.clone() },
+        SensorModel { leak_per_lux_hz: -0.05, ..physical.clone() },
+        SensorModel { noise_gain: 3.0, ..physical.clone() },
+        SensorModel { noise_gain: 0.0, ..physical.clone() },
+        SensorModel { leak_rate_hz: 0.0, ..physical.clone() },
+        SensorModel { refractory_ns: 0, ..physical.clone() },
+        physical,
+    ];
+    for sensor in sensors {
+        let sequence = gray(&sensor, &[0, 20_000], |frame, pixel| {
+            if frame == 0 && pixel % 2 == 1 { f32::NAN } else { 0.1 + (pixel as f32 * 0.37).sin().abs() }
+        });
+        let mut rig = rig(&sensor, &sequence, RigOptions::default());
+        let mut oracle = Oracle::new(sensor, 0).expect("a valid sensor");
+        for index in 0..2 {
+            step(&mut rig, &sequence, index);
+            oracle.step(&sequence.oracle_frame(index)).expect("in time");
+            check_references(&rig, &oracle, sequence.frames[index].t_ns, |pixel| pixel % 2 == index);
+        }
+        drop(rig);
+        assert_silent();
     }
 }

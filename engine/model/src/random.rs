@@ -26,6 +26,8 @@ pub enum Stream {
     Clock = 8,
     /// What is new in a pixel's noise at a release.
     Release = 9,
+    /// How far a pixel's leak has come when it is armed.
+    LeakPhase = 10,
 }
 
 /// Fractional bits of an exponential draw.
@@ -158,6 +160,27 @@ pub fn threshold_log(key: PixelKey, stream: Stream, nominal_log: f64, sigma_log:
 #[must_use]
 pub fn leak_factor(key: PixelKey, spread_log: f64) -> f64 {
     log_normal(key, Stream::Leak, spread_log)
+}
+
+/// How far the leak of a pixel has come when it is armed after `events` events, as a share of the way to its threshold:
+/// uniform in [0, 1), as in a pixel that has looked at still light for long.
+#[must_use]
+pub fn leak_phase(key: PixelKey, events: u32) -> f64 {
+    f64::from(draw(key, Stream::LeakPhase, events)[0] >> 8) / 16_777_216.0
+}
+
+/// The same of a log pixel with shot noise, which begins its leak anew at each shot. `shots` is how many of both polarities are
+/// expected in a leak period. A pixel has leaked since its last shot, which is an exponential time ago, or since a leak event
+/// after that. A shot further back than a leak period is drawn again, which is the same law, and after three such draws left
+/// out.
+#[must_use]
+pub fn leak_phase_among_shots(key: PixelKey, shots: f64) -> f64 {
+    let words = draw(key, Stream::LeakPhase, 0);
+    words[1..]
+        .iter()
+        .map(|&word| f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS))
+        .find(|&since_shot| since_shot < shots)
+        .map_or_else(|| leak_phase(key, 0), |since_shot| since_shot / shots)
 }
 
 /// Most that a log pixel leaks, nepers a second. The engine holds a leak in 32 bits.

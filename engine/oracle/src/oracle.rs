@@ -367,7 +367,7 @@ impl Oracle {
                 let key = self.key(pixel);
                 if let Some(physical) = &mut self.physical {
                     let draws = &physical.draws[pixel];
-                    let state = PhysicalState::arm(&physical.pixel, draws, key, intensity, 0);
+                    let state = PhysicalState::arm(&self.sensor, &physical.pixel, draws, key, intensity, 0);
                     physical.states[pixel] = Some(state);
                     continue;
                 }

@@ -3,6 +3,7 @@
 use esaac_model::packet::Event;
 use esaac_model::physical::{PhysicalPixel, physical_preset};
 use esaac_model::presets::preset;
+use esaac_model::random::{PixelKey, leak_phase};
 use esaac_model::{Polarity, ReadoutKind, SensorModel, SubstepPolicy};
 use esaac_oracle::Oracle;
 
@@ -136,19 +137,23 @@ fn dim_light_is_slower_and_an_off_step_slower_than_an_on_step() {
 #[test]
 fn leak_has_a_sign_and_follows_light_and_temperature() {
     let sensor = row(4);
-    let count = |pixel: &PhysicalPixel, lux: f64, polarity| {
+    // In 20 s of a leak that is `hz` at this light.
+    let check = |pixel: &PhysicalPixel, lux: f64, polarity, hz: f64| {
         let found = events(physical(&sensor, pixel), 1_000_000_000, 20, &|_, _| lux);
         assert_eq!(found.len(), of(&found, polarity), "one polarity only");
-        found.len() as f64 / 4.0
+        for x in 0..4 {
+            let phase = leak_phase(PixelKey { seed: sensor.seed, camera: 0, pixel: u32::from(x) }, 0);
+            let actual = found.iter().filter(|event| event.x == x).count();
+            assert_eq!(actual, (20.0 * hz + phase) as usize, "pixel {x} at {lux} lux, {hz} Hz");
+        }
     };
     let leaky = PhysicalPixel { leak_rate_hz: 1.02, leak_per_lux_hz: 0.05, ..quiet() };
-    // 20 s; the last event may be due just after them.
-    assert_eq!(count(&leaky, 0.0, Polarity::On), 20.0);
-    assert_eq!(count(&leaky, 40.0, Polarity::On), 60.0);
+    check(&leaky, 0.0, Polarity::On, 1.02);
+    check(&leaky, 40.0, Polarity::On, 3.02);
     let warm = PhysicalPixel { temperature_c: 33.8, ..leaky.clone() };
-    assert_eq!(count(&warm, 0.0, Polarity::On), 40.0);
+    check(&warm, 0.0, Polarity::On, 2.04);
     let backwards = PhysicalPixel { leak_rate_hz: -1.02, leak_per_lux_hz: 0.0, ..quiet() };
-    assert_eq!(count(&backwards, 10.0, Polarity::Off), 20.0);
+    check(&backwards, 10.0, Polarity::Off, 1.02);
 }
 
 #[test]
@@ -287,4 +292,28 @@ fn a_busy_row_loses_events_and_counts_them() {
     assert!(times.is_sorted() && times.iter().all(|t_ns| t_ns % 1000 == 0), "in the sensor's tick");
     let span_ns = times[times.len() - 1] - times[0];
     assert!(span_ns >= (times.len() as i64 - 1) * 8_000 - 1_000, "the bus takes 8 us an event");
+}
+
+/// Pixels are armed as if they had looked at still light for long. Their noise fires them before the leak brings them to a
+/// threshold.
+#[test]
+fn leak_has_its_rate_from_the_first_frame() {
+    for (lux, noise_gain, leak_rate_hz, refractory_ns) in
+        [(1.0, 0.0, 0.1, 0), (100.0, 1.0, -0.1, 0), (5.0, 0.5, 0.1, 0), (5.0, 0.5, 0.1, 10_000_000)]
+    {
+        let sensor = SensorModel { substeps: 1, contrast_mismatch: 0.02, refractory_ns, ..row(1_000) };
+        let pixel = PhysicalPixel { noise_gain, leak_rate_hz, leak_spread_log: 0.1, ..quiet() };
+        let found = events(physical(&sensor, &pixel), 1_000_000_000, 14, &|_, _| lux);
+        let mut by_second = [0; 14];
+        for event in &found {
+            by_second[((event.t_ns - 1) / 1_000_000_000) as usize] += 1;
+        }
+        println!("{lux} lux, gain {noise_gain}, leak {leak_rate_hz} Hz, {refractory_ns} ns: {by_second:?}");
+        let mean = found.len() as f64 / 14.0;
+        assert!(mean > 99.0);
+        for seconds in by_second.chunks(3) {
+            let rate = seconds.iter().sum::<i32>() as f64 / seconds.len() as f64;
+            assert!((rate / mean - 1.0).abs() < 0.2, "{by_second:?}");
+        }
+    }
 }

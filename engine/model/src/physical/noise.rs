@@ -132,6 +132,20 @@ pub fn armed_log(key: PixelKey, events: u32, sigma_log: f64) -> f64 {
     sigma_log * normal_from_words(draw(key, Stream::Release, events))
 }
 
+/// How near to a threshold a leak brings what a pixel shows before its noise fires it, about, in standard deviations.
+pub const LEAK_CLEARANCE: f64 = 3.5;
+
+/// How far a leak has moved the reference of a pixel that is armed, nepers towards its threshold of `threshold_log`, as in one
+/// that has looked at still light for long. Noise fires it before the leak is there, and afterwards its reference is as much
+/// beyond what it shows, but for what the noise forgets while it is held: it keeps the share `kept`. `phase` is the draw
+/// [`leak_phase`](crate::random::leak_phase).
+#[must_use]
+pub fn armed_leak_log(phase: f64, threshold_log: f64, sigma_log: f64, kept: f64) -> f64 {
+    let clearance_log = LEAK_CLEARANCE * sigma_log;
+    let beyond_log = kept * clearance_log.min(0.5 * threshold_log);
+    phase * ((threshold_log - clearance_log).max(beyond_log) + beyond_log) - beyond_log
+}
+
 /// The noise at an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AtEvent {

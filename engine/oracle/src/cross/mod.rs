@@ -5,7 +5,7 @@ pub mod aps;
 pub mod shot;
 
 use crate::split::Split;
-use esaac_model::random::{PixelKey, Stream, leak_log_per_s, threshold_log};
+use esaac_model::random::{PixelKey, Stream, leak_log_per_s, leak_phase_among_shots, threshold_log};
 use esaac_model::substeps::substep_end_ns;
 use esaac_model::{Polarity, SensorModel, Timestamps};
 use shot::ShotClock;
@@ -46,6 +46,17 @@ impl PixelConstants {
         }
         Split::product(self.leak_log_per_ns, age_ns as f64)
     }
+
+    /// How far the leak has lowered the reference of a pixel that is armed in this light, nepers.
+    fn armed_leak_log(&self, sensor: &SensorModel, key: PixelKey, intensity: f64) -> f64 {
+        if self.leak_log_per_ns == 0.0 {
+            return 0.0;
+        }
+        let [off_log, on_log] = self.threshold_log;
+        let shots_per_ns = shot::mean_hazard_per_ns(sensor, intensity, intensity)
+            * (sensor.contrast_on / on_log + sensor.contrast_off / off_log);
+        on_log * leak_phase_among_shots(key, shots_per_ns * on_log / self.leak_log_per_ns)
+    }
 }
 
 /// State that a pixel keeps from one interval to the next.
@@ -72,7 +83,10 @@ impl PixelState {
         age_ns: i64,
     ) -> Self {
         PixelState {
-            reference: constants.leak_log(age_ns).plus((intensity + sensor.log_offset).ln()),
+            reference: constants
+                .leak_log(age_ns)
+                .plus((intensity + sensor.log_offset).ln())
+                .plus(-constants.armed_leak_log(sensor, key, intensity)),
             held_until_ns: None,
             shot: [Polarity::Off, Polarity::On]
                 .map(|polarity| ShotClock::start(sensor, constants, key, polarity)),

@@ -8,11 +8,11 @@ pub mod response;
 use crate::cross::{Crossing, Span};
 use esaac_model::physical::crossing::SlopeLaw;
 use esaac_model::physical::noise::{
-    AtEvent, Renewal, armed_log, correlation, forgotten, hazard_per_s, release_log, sigma_log,
+    AtEvent, Renewal, armed_leak_log, armed_log, correlation, forgotten, hazard_per_s, release_log, sigma_log,
 };
 use esaac_model::physical::photoreceptor::{Drive, Photoreceptor, phi};
 use esaac_model::physical::{MOST_EVENTS, PhysicalDraws, PhysicalPixel};
-use esaac_model::random::PixelKey;
+use esaac_model::random::{PixelKey, leak_phase};
 use esaac_model::substeps::substep_end_ns;
 use esaac_model::{Polarity, SensorModel, Timestamps};
 use response::{LEAST_RATIO, Point, Response};
@@ -55,6 +55,7 @@ impl PhysicalState {
     /// Arms a settled pixel, which has sent `events` so far.
     #[must_use]
     pub fn arm(
+        sensor: &SensorModel,
         pixel: &PhysicalPixel,
         draws: &PhysicalDraws,
         key: PixelKey,
@@ -62,15 +63,21 @@ impl PhysicalState {
         events: u32,
     ) -> Self {
         let seen = intensity + pixel.dark_intensity(draws.dark_factor);
-        let sigma = sigma_log(
-            pixel.photoreceptor_charge_e,
-            pixel.noise_gain,
-            pixel.drive_per_s(seen),
-            pixel.second_pole_per_s(),
-        );
+        let rates_per_s = [pixel.drive_per_s(seen), pixel.second_pole_per_s()];
+        let sigma = sigma_log(pixel.photoreceptor_charge_e, pixel.noise_gain, rates_per_s[0], rates_per_s[1]);
         let noise_log = if pixel.noise_gain > 0.0 { armed_log(key, events, sigma) } else { 0.0 };
+        let leak_hz = pixel.leak_hz(intensity * pixel.lux_per_unit, draws.leak_factor);
+        let [off_log, on_log] = draws.threshold_log;
+        let ahead_log = if leak_hz == 0.0 {
+            noise_log
+        } else {
+            let [p, q] = rates_per_s.map(|rate_per_s| rate_per_s * f64::from(sensor.refractory_ns) * 1e-9);
+            let threshold_log = if leak_hz > 0.0 { on_log } else { off_log };
+            let phase = leak_phase(key, events);
+            -leak_hz.signum() * armed_leak_log(phase, threshold_log, sigma, correlation(p, q))
+        };
         PhysicalState {
-            reference_log: seen.ln() + noise_log,
+            reference_log: seen.ln() + ahead_log,
             photoreceptor: Photoreceptor::default(),
             level_log: seen.ln(),
             noise_log,
@@ -137,7 +144,7 @@ pub fn walk(
         substep.walk(state, events_before, emit);
         if state.events.wrapping_sub(events_before) >= MOST_EVENTS {
             let last = span.samples[substeps as usize];
-            *state = PhysicalState::arm(pixel, draws, span.key, last, state.events);
+            *state = PhysicalState::arm(sensor, pixel, draws, span.key, last, state.events);
             return true;
         }
         state.photoreceptor = substep.response.end();

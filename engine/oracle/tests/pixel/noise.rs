@@ -2,8 +2,12 @@
 
 use crate::light::{FRAME_NS, frames, sensor, shine};
 use esaac_model::packet::Event;
+use esaac_model::random::{PixelKey, leak_phase};
 use esaac_model::{Polarity, SensorModel};
 use esaac_oracle::Oracle;
+
+/// The first pixel of a camera with the seed 0.
+const FIRST: PixelKey = PixelKey { seed: 0, camera: 0, pixel: 0 };
 
 fn noisy() -> SensorModel {
     SensorModel {
@@ -103,7 +107,7 @@ fn shot_noise_resets_the_reference() {
 fn leak_is_exact_after_a_day() {
     let sensor = SensorModel { leak_rate_hz: 0.1, substeps: 2, ..sensor(1) };
     let events = shine(&sensor, (0..=86_400).map(|s| s * 1_000_000_000), |_, _| 0.3);
-    let expected: Vec<f64> = (1..=8640).map(|j| f64::from(j) * 10e9).collect();
+    let expected: Vec<f64> = (1..=8640).map(|j| (f64::from(j) - leak_phase(FIRST, 0)) * 10e9).collect();
     crate::light::assert_times(&events, &expected, 1.0);
 }
 
@@ -112,7 +116,8 @@ fn leak_shifts_crossings_by_its_ramp() {
     let sensor = SensorModel { leak_rate_hz: 100.0, substeps: 3, ..sensor(1) };
     // The log intensity falls by 10 per second and the leak adds 20: the sum rises by 10 per second.
     let events = shine(&sensor, frames(3), |_, t_ns| 2.0 - 10e-9 * t_ns);
-    crate::light::assert_times(&events, &[0.02e9, 0.04e9, 0.06e9, 0.08e9], 1.0 + 1e-3);
+    let expected: Vec<f64> = (1..=5).map(|j| (f64::from(j) - leak_phase(FIRST, 0)) * 0.02e9).collect();
+    crate::light::assert_times(&events, &expected, 1.0 + 1e-3);
     assert!(events.iter().all(|e| e.polarity == Polarity::On));
 }
 
@@ -129,11 +134,36 @@ fn a_changed_leak_does_not_move_the_reference() {
             .map(|e| e.t_ns)
             .collect::<Vec<_>>()
     };
-    for s in 0..=5 {
-        assert!(step(&mut oracle, s).is_empty());
-    }
-    // Half a threshold is left. At ten times the rate that takes half a second.
+    let first_s = (1.0 - leak_phase(FIRST, 0)) * 10.0;
+    let whole_s = first_s.ceil() as i64 + 4;
+    let before: Vec<i64> = (0..=whole_s).flat_map(|s| step(&mut oracle, s)).collect();
+    assert_eq!(before.len(), 1, "{before:?}");
+    // What is left of a threshold takes a tenth of its time at ten times the rate.
     oracle.set_sensor(SensorModel { leak_rate_hz: 1.0, ..sensor }).unwrap();
-    let times = step(&mut oracle, 6);
-    assert!(times.len() == 1 && (times[0] - 5_500_000_000).abs() <= 1, "{times:?}");
+    let expected_ns = (whole_s as f64 + 0.1 * (first_s + 10.0 - whole_s as f64)) * 1e9;
+    let times = step(&mut oracle, whole_s + 1);
+    assert!(times.len() == 1 && (times[0] as f64 - expected_ns).abs() <= 1.0, "{times:?}");
+}
+
+/// Pixels are armed as if they had looked at still light for long: there are as many leak events in the first seconds as later,
+/// also where shots come between.
+#[test]
+fn leak_has_its_rate_from_the_first_frame() {
+    for (leak_rate_hz, shot_noise_rate_hz) in [(0.1, 0.0), (0.1, 0.02), (0.1, 0.1), (0.5, 3.0)] {
+        let sensor = SensorModel {
+            leak_rate_hz,
+            shot_noise_rate_hz,
+            leak_spread_log: 0.1,
+            contrast_mismatch: 0.02,
+            ..sensor(16_000)
+        };
+        let events = shine(&sensor, (0..=24).map(|s| s * 1_000_000_000), |_, _| sensor.log_offset.ln());
+        let mut on = [0.0_f64; 24];
+        for event in events.iter().filter(|event| event.polarity == Polarity::On) {
+            on[((event.t_ns - 1) / 1_000_000_000) as usize] += 1.0;
+        }
+        println!("leak {leak_rate_hz} Hz, shots {shot_noise_rate_hz} Hz: {on:?}");
+        let [first, last] = [&on[..3], &on[12..]].map(|part| part.iter().sum::<f64>() / part.len() as f64);
+        assert!((first / last - 1.0).abs() < 0.1, "{on:?}");
+    }
 }
