@@ -37,33 +37,36 @@ float dark_leak_q24_per_s(Camera cam, vec2 factors_log) {
     return physical.dark_leak_q24_per_s * exp(factors_log.y) - physical.dark_light_q24_per_s * exp(factors_log.x);
 }
 
-// How far the leak has lowered the reference of a pixel that is armed, nepers: twin of the model's `armed_leak_log`. `per_s` is
-// what drives it, `sigma` the standard deviation of its noise. `towards` is 0 if nothing leaks.
-float armed_leak_log(Camera cam, uint pixel, uint events, float per_s, float sigma, out float towards) {
+// How far what an armed pixel watches is above its reference, nepers: its noise and what has leaked before, by the model's
+// `armed_leak_log`. `per_s` is what drives it, `sigma` the standard deviation of its noise.
+float armed_above_log(Camera cam, uint pixel, uint events, float per_s, float noise, float sigma) {
     const Physical physical = physicals[cam.slot];
-    const vec2 factors = factors_log(cam, pixel);
-    towards = sign(fma(physical.light_q24_per_charge, per_s, dark_leak_q24_per_s(cam, factors)));
-    const uint word = towards < 0.0 ? STATE_CONTRAST_OFF : STATE_CONTRAST_ON;
-    const float threshold = float(int(load_state(cam, pixel, word))) * (1.0 / LOG_SCALE);
+    const float towards =
+        sign(fma(physical.light_q24_per_charge, per_s, dark_leak_q24_per_s(cam, factors_log(cam, pixel))));
+    if (towards == 0.0) {
+        return 0.0;
+    }
+    const float on = float(int(load_state(cam, pixel, STATE_CONTRAST_ON))) * (1.0 / LOG_SCALE);
+    const float off = float(int(load_state(cam, pixel, STATE_CONTRAST_OFF))) * (1.0 / LOG_SCALE);
+    const float threshold = towards < 0.0 ? off : on;
     const float held_s = float(cam.refractory_ns) * 1e-9;
     const float kept = memory_after(per_s * held_s, physical.second_per_s * held_s).value;
     const float clearance = LEAK_CLEARANCE * sigma;
     const float beyond = kept * min(clearance, 0.5 * threshold);
     const float phase = float(draw(cam, pixel, STREAM_LEAK_PHASE, events).x >> 8) * (1.0 / 16777216.0);
-    return towards * (phase * (max(threshold - clearance, beyond) + beyond) - beyond);
+    const float leaked = phase * (max(threshold - clearance, beyond) + beyond) - beyond;
+    return clamp(noise + towards * leaked, -ARMED_WITHIN * off, ARMED_WITHIN * on);
 }
 
-// Arms a settled pixel that has sent `events`: its reference is its level with what has leaked or, if nothing leaks, with the
-// noise of the moment.
+// Arms a settled pixel that has sent `events`: its reference is its level with the noise of the moment and with what has leaked.
 void arm_pixel_after(Camera cam, uint pixel, int log_q24, uint events) {
     const Physical physical = physicals[cam.slot];
     const int level = own_level(cam, log_q24, factors_log(cam, pixel).x);
     const float per_s = drive_per_s(cam, level);
     const float sigma = sigma_log(physical.variance, per_s, physical.second_per_s);
     const float noise = sigma * normal_from_words(draw(cam, pixel, STREAM_RELEASE, events));
-    float towards;
-    const float leaked = armed_leak_log(cam, pixel, events, per_s, sigma, towards);
-    store_state(cam, pixel, STATE_REFERENCE, uint(level + to_q24(towards == 0.0 ? noise : -leaked)));
+    const float above = armed_above_log(cam, pixel, events, per_s, noise, sigma);
+    store_state(cam, pixel, STATE_REFERENCE, uint(level + to_q24(noise - above)));
     store_state(cam, pixel, STATE_FRACTION, 0u);
     store_state(cam, pixel, STATE_EXCESS, 0u);
     store_state(cam, pixel, STATE_LAG, 0u);

@@ -265,6 +265,7 @@ fn declarations() -> String {
         ("STREAM_CLOCK", (esaac_model::random::Stream::Clock as u32).to_string() + "u"),
         ("STREAM_RELEASE", (esaac_model::random::Stream::Release as u32).to_string() + "u"),
         ("STREAM_LEAK_PHASE", (esaac_model::random::Stream::LeakPhase as u32).to_string() + "u"),
+        ("ARMED_WITHIN", format!("{:.6}", esaac_model::physical::noise::ARMED_WITHIN)),
         ("LEAK_CLEARANCE", format!("{:.1}", esaac_model::physical::noise::LEAK_CLEARANCE)),
         ("FACTOR_UNITS", format!("{:.1}", esaac_model::FACTOR_UNITS)),
         ("REC709", vec3(intensity::REC709)),

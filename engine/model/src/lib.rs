@@ -41,8 +41,11 @@
 //!
 //! ## 6. Leak and shot noise
 //! *Leak* lowers `R` by `lambda = leak_rate_hz * C_on * exp(N(0, leak_spread_log))` per second, with the nominal `C_on`
-//! and one normal draw per pixel, but by no more than [`random::MOST_LEAK_LOG_PER_S`]. The epoch is the time of the camera's first frame. The fall since then is
-//! `A(t) = floor(lambda (t - epoch))` in fixed point. It is computed in closed form, so that it depends on `t` alone.
+//! and one normal draw per pixel, but by no more than [`random::MOST_LEAK_LOG_PER_S`]. The epoch is the time of the
+//! camera's first frame. The fall since then is `A(t) = floor(lambda (t - epoch))` in fixed point. It is computed in
+//! closed form, so that it depends on `t` alone. A pixel is armed as if it had looked at still light for long: its
+//! reference has leaked a part of the way to the ON threshold already, which is uniform or, among shots, what the time
+//! since the last shot makes it ([`random::leak_phase_among_shots`]).
 //!
 //! *Shot noise*: each polarity `p` is a Poisson process with hazard `h_p = (R_shot / 2)(1 - 0.75 clamp(S / white_level,
 //! 0, 1)) C_p / C_p,pixel`, where `R_shot` is `shot_noise_rate_hz`, `C_p` the nominal threshold and `C_p,pixel` the

@@ -49,7 +49,8 @@
 //!
 //! ## 5. Leak
 //! `dR/dt = -C_on (leak_rate_hz f_l 2^((T - 25 C) / 8.8 K) + leak_per_lux_hz E)` with the nominal `C_on` and one
-//! log-normal draw `f_l` a pixel. The rate has a sign: below 0 the pixel drifts to OFF events.
+//! log-normal draw `f_l` a pixel. The rate has a sign: below 0 the pixel drifts to OFF events. A pixel is armed on its way
+//! to the threshold, as after a long time in still light ([`noise::armed_leak_log`]).
 //!
 //! ## 6. Readout ([`Readout`])
 //! Events at the pixels wait for a bus. A pixel with an event waiting has no place for another: further ones are

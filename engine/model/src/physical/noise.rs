@@ -146,6 +146,9 @@ pub fn armed_leak_log(phase: f64, threshold_log: f64, sigma_log: f64, kept: f64)
     phase * ((threshold_log - clearance_log).max(beyond_log) + beyond_log) - beyond_log
 }
 
+/// Most of the way to a threshold that a pixel has gone when it is armed.
+pub const ARMED_WITHIN: f64 = 0.99;
+
 /// The noise at an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AtEvent {

@@ -8,7 +8,8 @@ pub mod response;
 use crate::cross::{Crossing, Span};
 use esaac_model::physical::crossing::SlopeLaw;
 use esaac_model::physical::noise::{
-    AtEvent, Renewal, armed_leak_log, armed_log, correlation, forgotten, hazard_per_s, release_log, sigma_log,
+    ARMED_WITHIN, AtEvent, Renewal, armed_leak_log, armed_log, correlation, forgotten, hazard_per_s,
+    release_log, sigma_log,
 };
 use esaac_model::physical::photoreceptor::{Drive, Photoreceptor, phi};
 use esaac_model::physical::{MOST_EVENTS, PhysicalDraws, PhysicalPixel};
@@ -68,16 +69,18 @@ impl PhysicalState {
         let noise_log = if pixel.noise_gain > 0.0 { armed_log(key, events, sigma) } else { 0.0 };
         let leak_hz = pixel.leak_hz(intensity * pixel.lux_per_unit, draws.leak_factor);
         let [off_log, on_log] = draws.threshold_log;
-        let ahead_log = if leak_hz == 0.0 {
-            noise_log
+        // How far what it watches is above its reference.
+        let above_log = if leak_hz == 0.0 {
+            0.0
         } else {
             let [p, q] = rates_per_s.map(|rate_per_s| rate_per_s * f64::from(sensor.refractory_ns) * 1e-9);
             let threshold_log = if leak_hz > 0.0 { on_log } else { off_log };
-            let phase = leak_phase(key, events);
-            -leak_hz.signum() * armed_leak_log(phase, threshold_log, sigma, correlation(p, q))
+            let leaked_log = armed_leak_log(leak_phase(key, events), threshold_log, sigma, correlation(p, q));
+            let watched_log = noise_log + leak_hz.signum() * leaked_log;
+            watched_log.clamp(-ARMED_WITHIN * off_log, ARMED_WITHIN * on_log)
         };
         PhysicalState {
-            reference_log: seen.ln() + ahead_log,
+            reference_log: seen.ln() + noise_log - above_log,
             photoreceptor: Photoreceptor::default(),
             level_log: seen.ln(),
             noise_log,
