@@ -4,6 +4,7 @@ use crate::arguments::CommonArguments;
 use crate::bench::BenchArguments;
 use crate::calibrate::CalibrateArguments;
 use crate::characterise::CharacteriseArguments;
+use crate::compare::CompareArguments;
 use crate::demo::DemoArguments;
 use crate::render::RenderArguments;
 use crate::replay::ReplayArguments;
@@ -47,6 +48,8 @@ pub enum Command {
     Calibrate(CalibrateArguments),
     /// Measure a sensor with a physical pixel as a laboratory would
     Characterise(CharacteriseArguments),
+    /// Compare the events of two files
+    Compare(CompareArguments),
     /// Publish a recording again, with its timing
     Replay(ReplayArguments),
     /// List the sensor presets with every parameter

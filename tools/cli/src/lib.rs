@@ -17,6 +17,7 @@ pub mod colour;
 pub mod command_line;
 #[cfg(test)]
 mod commit;
+pub mod compare;
 pub mod counted;
 pub mod demo;
 pub mod device_choice;

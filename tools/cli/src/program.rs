@@ -4,8 +4,8 @@ use crate::command_line::{Arguments, Command};
 use crate::outcome::Outcome;
 use crate::version::Build;
 use crate::{
-    bench, calibrate, characterise, demo, devices, doctor, own_program, render, replay, sensors, serve,
-    simulate, stderr,
+    bench, calibrate, characterise, compare, demo, devices, doctor, own_program, render, replay, sensors,
+    serve, simulate, stderr,
 };
 use anyhow::{Error, Result};
 use clap::Parser;
@@ -70,6 +70,7 @@ fn command(arguments: &Arguments) -> Result<Outcome> {
         Command::Bench(bench) => bench::run(bench, common),
         Command::Calibrate(calibrate) => calibrate::run(calibrate, common),
         Command::Characterise(characterise) => characterise::run(characterise, common),
+        Command::Compare(compare) => compare::run(compare, common.json),
         Command::Replay(replay) => replay::run(replay, common.json),
         Command::Sensors(sensors) => sensors::run(sensors, common.json),
         Command::Devices => devices::run(common.json),

@@ -1,8 +1,7 @@
 //! Recordings of a sensor under known light, and a list of them.
 
 use anyhow::{Context, Result, bail, ensure};
-use esaac_formats::event_file::read_npz;
-use esaac_formats::recording::{Recording, aedat4, evt3};
+use esaac_formats::any_events::{self, AnyEvents};
 use esaac_model::packet::Event;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -95,10 +94,6 @@ pub fn read_exposures(path: &Path) -> Result<Exposures> {
     Ok(Exposures { burn_in_s: list.burn_in_s, all: list.exposure.iter().map(read).collect::<Result<_>>()? })
 }
 
-fn events_of(recording: Recording) -> (u32, u32, Vec<Event>) {
-    (recording.width_px, recording.height_px, recording.events)
-}
-
 impl Entry {
     fn read(&self, folder: &Path, burn_in_s: f64) -> Result<Exposure> {
         let name = self.file.display().to_string();
@@ -127,12 +122,7 @@ impl Entry {
             );
         }
         let path = folder.join(&self.file);
-        let (width_px, height_px, mut events) = match path.extension().and_then(|e| e.to_str()) {
-            Some("npz") => read_npz(&path)?,
-            Some("aedat4") => events_of(aedat4::read(&path)?),
-            Some("raw") => events_of(evt3::read(&path)?),
-            _ => bail!("{name}: expected a recording .npz, .aedat4 or .raw (EVT3)"),
-        };
+        let AnyEvents { size_px: (width_px, height_px), mut events, .. } = any_events::read(&path)?;
         events.sort_unstable();
         let (first_ns, last_ns) = match (events.first(), events.last()) {
             (Some(first), Some(last)) => (first.t_ns, last.t_ns),

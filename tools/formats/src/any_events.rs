@@ -1,0 +1,53 @@
+//! Events of a file of any format that the tools read: its ending says which.
+
+use crate::recording::{Recording, aedat4, evt3};
+use crate::{event_file, npy, truth_file};
+use anyhow::{Context, Result, bail};
+use esaac_model::packet::Event;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use zip::ZipArchive;
+
+/// Events of one sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AnyEvents {
+    /// Columns and rows of the sensor.
+    pub size_px: (u32, u32),
+    /// Events, those of each pixel in time order.
+    pub events: Vec<Event>,
+    /// If they are true events, which are known in (0, `end_ns`].
+    pub end_ns: Option<i64>,
+}
+
+/// Reads `.npz` (events or true events), `.raw` (EVT3) or `.aedat4`.
+pub fn read(path: &Path) -> Result<AnyEvents> {
+    match path.extension().and_then(|ending| ending.to_str()) {
+        Some("npz") if is_truth(path)? => {
+            let truth = truth_file::read(path)?;
+            let size_px = (truth.sensor.width, truth.sensor.height);
+            Ok(AnyEvents { size_px, events: truth.events, end_ns: Some(truth.end_ns) })
+        }
+        Some("npz") => {
+            let (width_px, height_px, mut events) = event_file::read_npz(path)?;
+            events.sort_by_key(|event| event.t_ns);
+            Ok(AnyEvents { size_px: (width_px, height_px), events, end_ns: None })
+        }
+        Some("raw") => Ok(recorded(evt3::read(path)?)),
+        Some("aedat4") => Ok(recorded(aedat4::read_events(path)?)),
+        _ => bail!("{}: expected a recording .npz, .aedat4 or .raw (EVT3)", path.display()),
+    }
+}
+
+fn recorded(recording: Recording) -> AnyEvents {
+    let size_px = (recording.width_px, recording.height_px);
+    AnyEvents { size_px, events: recording.events, end_ns: None }
+}
+
+/// Whether an archive has what [`truth_file`] writes.
+fn is_truth(path: &Path) -> Result<bool> {
+    let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let archive = ZipArchive::new(BufReader::new(file))
+        .with_context(|| format!("{} holds no events", path.display()))?;
+    Ok(npy::has(&archive, "events_of_pixel"))
+}
