@@ -48,7 +48,7 @@ int armed_leak_q24(Camera cam, uint pixel, int level, int on_q24, int off_q24) {
             phase = since_shot_q27 < shots_q27 ? since_shot_q27 / shots_q27 : phase;
         }
     }
-    return min(int(phase * float(on_q24)), on_q24 - 1);
+    return min(int(roundEven(phase * float(on_q24))), on_q24 - 1);
 }
 
 // Arms a pixel: its reference is its level with what has leaked, it is not held, its first shots are drawn.

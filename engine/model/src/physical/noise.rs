@@ -147,7 +147,7 @@ pub fn armed_leak_log(phase: f64, threshold_log: f64, sigma_log: f64, kept: f64)
 }
 
 /// Most of the way to a threshold that a pixel has gone when it is armed.
-pub const ARMED_WITHIN: f64 = 0.99;
+pub const ARMED_WITHIN: f64 = 0.99999;
 
 /// The noise at an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
