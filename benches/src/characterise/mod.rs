@@ -23,18 +23,22 @@ use saturation::SaturationPoint;
 use serde::Serialize;
 use std::sync::Arc;
 
-/// A sensor whose events have the times at which their pixels send them, to the nanosecond: none waits for the bus.
+/// A sensor whose events have the times at which their pixels send them, to the nanosecond: none waits for the bus. Its pixels
+/// begin to watch with the light that they see first: in the little time of a step they would hardly leak, but a leak
+/// would have brought them on their way to a threshold before. A laboratory's steps follow each other.
 fn at_the_pixel(sensor: &SensorModel) -> SensorModel {
     SensorModel {
         timestamp_quantum_ns: 1,
         readout: ReadoutKind::None,
         readout_cap_events: 0,
         max_events_per_interval: 0,
+        leak_rate_hz: 0.0,
+        leak_per_lux_hz: 0.0,
         ..sensor.clone()
     }
 }
 
-/// A sensor whose pixels are alike and read what they are shown: without noise, leak and delays, both thresholds the same.
+/// A sensor whose pixels are alike and read what they are shown: without noise and delays, both thresholds the same.
 fn without_noise(sensor: &SensorModel, threshold_log: f64) -> SensorModel {
     SensorModel {
         contrast_on: threshold_log,
@@ -45,8 +49,6 @@ fn without_noise(sensor: &SensorModel, threshold_log: f64) -> SensorModel {
         latency_jitter_ns: 0,
         noise_gain: 0.0,
         dark_spread_log: 0.0,
-        leak_rate_hz: 0.0,
-        leak_per_lux_hz: 0.0,
         ..at_the_pixel(sensor)
     }
 }
