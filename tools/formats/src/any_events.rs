@@ -14,7 +14,7 @@ use zip::ZipArchive;
 pub struct AnyEvents {
     /// Columns and rows of the sensor.
     pub size_px: (u32, u32),
-    /// Events, those of each pixel in time order.
+    /// Events in time order.
     pub events: Vec<Event>,
     /// If they are true events, which are known in (0, `end_ns`].
     pub end_ns: Option<i64>,
