@@ -187,7 +187,8 @@ Walk begin_walk(Camera cam, uint pixel, int level, ivec2 frame_levels, inout Pix
             p.reference += rises ? p.on_q24 : -p.off_q24;
             emit(1u, rises, w.ordinal);
             w.ordinal += 1u;
-            if (EFFECT_REFRACTORY) {
+            // Without a period the kernel may still be one that ends holds of before.
+            if (EFFECT_REFRACTORY && cam.refractory_ns != 0u) {
                 w.held_until = 1u + cam.refractory_ns;
                 settles = false;
             }

@@ -162,29 +162,41 @@ fn a_hold_that_ends_with_an_interval_ends_with_it() {
     }
 }
 
-/// A hold that began under a refractory period ends when it would have, also if that is switched off and the pixel stands still at
-/// that instant: the reference is the light of then.
-#[test]
-fn a_hold_ends_in_a_still_interval_after_its_period_is_switched_off() {
-    let held = SensorModel { refractory_ns: 1_500_000, ..pixel_row(40) };
-    // An event at .2, held from .8 to 2.3 ms; the light is .75 from 2 to 3 ms. The next event is one threshold above that.
-    let frames = levels(&held, &[0.0, 0.25, 0.75, 0.75, 0.8, 0.96]);
-    for options in policies() {
-        let mut rig = Rig::with_options(&DEVICE, &[camera(&held, 0, &frames)], options).expect("a rig");
-        let mut oracle = Oracle::new(held.clone(), 0).expect("a valid sensor");
+/// Events of 40 pixels that see `log`, one frame per millisecond, with `before` and, from frame 2 on, with `after`: by the engine
+/// under each policy, and by the oracle.
+fn changed_at_frame_2(
+    before: &SensorModel,
+    after: &SensorModel,
+    log: &[f64],
+) -> [Vec<(&'static str, Vec<Event>)>; 2] {
+    let frames = levels(before, log);
+    policies().map(|options| {
+        let mut rig = Rig::with_options(&DEVICE, &[camera(before, 0, &frames)], options).expect("a rig");
+        let mut oracle = Oracle::new(before.clone(), 0).expect("a valid sensor");
         let (mut by_engine, mut by_oracle) = (Vec::new(), Vec::new());
         for (index, frame) in frames.frames.iter().enumerate() {
             if index == 2 {
-                let free = SensorModel { refractory_ns: 0, ..held.clone() };
-                rig.set_sensor(0, free.clone()).expect("of the same size");
-                oracle.set_sensor(free).expect("of the same size");
+                rig.set_sensor(0, after.clone()).expect("of the same size");
+                oracle.set_sensor(after.clone()).expect("of the same size");
             }
             rig.upload(0, &FrameBytes { hdr: &frame.hdr, ..FrameBytes::default() })
                 .expect("a frame that fits");
             by_engine.extend(rig.step(&[frame.t_ns]).expect("in time").packets[0].iter());
             by_oracle.extend(oracle.step(&frames.oracle_frame(index)).expect("in time").packet.iter());
         }
-        for (who, got) in [("engine", by_engine), ("oracle", by_oracle)] {
+        vec![("engine", by_engine), ("oracle", by_oracle)]
+    })
+}
+
+/// A hold that began under a refractory period ends when it would have, also if that is switched off and the pixel stands still at
+/// that instant: the reference is the light of then.
+#[test]
+fn a_hold_ends_in_a_still_interval_after_its_period_is_switched_off() {
+    let held = SensorModel { refractory_ns: 1_500_000, ..pixel_row(40) };
+    let free = SensorModel { refractory_ns: 0, ..held.clone() };
+    // An event at .2, held from .8 to 2.3 ms; the light is .75 from 2 to 3 ms. The next event is one threshold above that.
+    for run in changed_at_frame_2(&held, &free, &[0.0, 0.25, 0.75, 0.75, 0.8, 0.96]) {
+        for (who, got) in run {
             assert_eq!(got.len(), 2 * 40, "{who}");
             for pixel in [0, 39] {
                 let own: Vec<_> = got.iter().filter(|event| event.x == pixel).copied().collect();
@@ -194,6 +206,26 @@ fn a_hold_ends_in_a_still_interval_after_its_period_is_switched_off() {
                 let expected_ns = 4 * MILLISECOND_NS + MILLISECOND_NS * 15 / 16;
                 assert!((second.1 - expected_ns).abs() < 1_000, "{who}: {second:?}");
             }
+        }
+    }
+    assert_silent();
+}
+
+/// Thresholds that fall below what has gathered, as the refractory period is switched off: nothing is held, so that all events are
+/// sent that are due, and the reference moves by their thresholds alone.
+#[test]
+fn all_events_that_are_due_are_sent_as_a_period_is_switched_off() {
+    let held = SensorModel { refractory_ns: 1_500_000, contrast_on: 0.5, ..pixel_row(40) };
+    let free = SensorModel { refractory_ns: 0, contrast_on: 0.2, ..held.clone() };
+    // Two thresholds of .2 below .45, the next at .6: between 2 and 3 ms.
+    for run in changed_at_frame_2(&held, &free, &[0.0, 0.45, 0.45, 0.7]) {
+        for (who, got) in run {
+            let own: Vec<_> = got.iter().filter(|event| event.x == 39).copied().collect();
+            let [first, second, third] = signs_and_times(&own)[..] else { panic!("{who}: {own:?}") };
+            let change_ns = MILLISECOND_NS + 1;
+            assert_eq!([first, second], [(Polarity::On, change_ns); 2], "{who}");
+            let expected_ns = 2 * MILLISECOND_NS + MILLISECOND_NS * 3 / 5;
+            assert!((third.1 - expected_ns).abs() < 1_000, "{who}: {third:?}");
         }
     }
     assert_silent();
