@@ -37,7 +37,7 @@ int armed_leak_q24(Camera cam, uint pixel, int level, int on_q24, int off_q24) {
         return 0;
     }
     const uvec4 words = draw(cam, pixel, STREAM_LEAK_PHASE, 0u);
-    float phase = float(words.x >> 8) * (1.0 / 16777216.0);
+    float phase = leak_phase(words.x);
     if (cam.hazard_q27_per_ns > 0.0) {
         const vec2 shares = vec2(cam.contrast_on_q24, cam.contrast_off_q24) / vec2(on_q24, off_q24);
         const float shots_q27_per_ns = hazard_in(cam, ivec2(level)) * (shares.x + shares.y);

@@ -89,10 +89,6 @@ void store_pixel(Camera cam, uint pixel, PixelState p) {
     }
 }
 
-float nepers(int q24) {
-    return float(q24) * (1.0 / LOG_SCALE);
-}
-
 // What a renewal draws when it begins, and at the release before it.
 struct Draws {
     float fresh;

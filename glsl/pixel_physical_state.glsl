@@ -10,6 +10,10 @@ layout(set = 0, binding = SLOT_PHYSICALS, std140) uniform Buffer_physicals { Phy
 const float LEAST_RATE_LOG = -40.0;
 const float MOST_RATE_LOG = 60.0;
 
+float nepers(int q24) {
+    return float(q24) * (1.0 / LOG_SCALE);
+}
+
 // Logarithms of the pixel's dark current and leak, relative to the nominal ones.
 vec2 factors_log(Camera cam, uint pixel) {
     const int word = int(load_state(cam, pixel, STATE_FACTORS));
@@ -21,13 +25,13 @@ int own_level(Camera cam, int level_q24, float dark_factor_log) {
     if (dark_factor_log == 0.0) {
         return level_q24;
     }
-    const float light = max(exp(float(level_q24) * (1.0 / LOG_SCALE)) - cam.log_offset, 0.0);
+    const float light = max(exp(nepers(level_q24)) - cam.log_offset, 0.0);
     return to_q24(log(light + cam.log_offset * exp(dark_factor_log)));
 }
 
 // Rate that light and dark current drive together, per second.
 float drive_per_s(Camera cam, int level_q24) {
-    const float rate_log = float(level_q24) * (1.0 / LOG_SCALE) + physicals[cam.slot].drive_log;
+    const float rate_log = nepers(level_q24) + physicals[cam.slot].drive_log;
     return exp(clamp(rate_log, LEAST_RATE_LOG, MOST_RATE_LOG));
 }
 
@@ -46,14 +50,14 @@ float armed_above_log(Camera cam, uint pixel, uint events, float per_s, float no
     if (towards == 0.0) {
         return 0.0;
     }
-    const float on = float(int(load_state(cam, pixel, STATE_CONTRAST_ON))) * (1.0 / LOG_SCALE);
-    const float off = float(int(load_state(cam, pixel, STATE_CONTRAST_OFF))) * (1.0 / LOG_SCALE);
+    const float on = nepers(int(load_state(cam, pixel, STATE_CONTRAST_ON)));
+    const float off = nepers(int(load_state(cam, pixel, STATE_CONTRAST_OFF)));
     const float threshold = towards < 0.0 ? off : on;
     const float held_s = float(cam.refractory_ns) * 1e-9;
     const float kept = memory_after(per_s * held_s, physical.second_per_s * held_s).value;
     const float clearance = LEAK_CLEARANCE * sigma;
     const float beyond = kept * min(clearance, 0.5 * threshold);
-    const float phase = float(draw(cam, pixel, STREAM_LEAK_PHASE, events).x >> 8) * (1.0 / 16777216.0);
+    const float phase = leak_phase(draw(cam, pixel, STREAM_LEAK_PHASE, events).x);
     const float leaked = phase * (max(threshold - clearance, beyond) + beyond) - beyond;
     return clamp(noise + towards * leaked, -ARMED_WITHIN * off, ARMED_WITHIN * on);
 }

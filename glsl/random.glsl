@@ -37,6 +37,11 @@ uint exponential_q27(uint word) {
     return high;
 }
 
+// How far the leak of a pixel has come when it is armed, in [0, 1), by a word of its draw.
+float leak_phase(uint word) {
+    return float(word >> 8) * (1.0 / 16777216.0);
+}
+
 // Irwin-Hall jitter of standard deviation `sigma_ns`.
 int jitter_ns(uvec4 words, uint sigma_ns) {
     const uvec4 quarter = words >> 4;

@@ -101,6 +101,12 @@ pub fn exponential_q27(word: u32) -> u32 {
     ((u64::from(minus_log2_q27) * LN2_Q32) >> 32) as u32
 }
 
+/// Exp(1) from one random word, as [`exponential_q27`] has it.
+#[must_use]
+pub fn exponential(word: u32) -> f64 {
+    f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS)
+}
+
 /// Latency jitter in nanoseconds: the sum of four uniform words (Irwin-Hall, a bell truncated at
 /// 3.46 sigma) scaled to standard deviation `sigma_ns`, by integer arithmetic alone.
 #[must_use]
@@ -178,7 +184,7 @@ pub fn leak_phase_among_shots(key: PixelKey, shots: f64) -> f64 {
     let words = draw(key, Stream::LeakPhase, 0);
     words[1..]
         .iter()
-        .map(|&word| f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS))
+        .map(|&word| exponential(word))
         .find(|&since_shot| since_shot < shots)
         .map_or_else(|| leak_phase(key, 0), |since_shot| since_shot / shots)
 }
@@ -214,7 +220,7 @@ mod tests {
     fn exponential_is_minus_ln() {
         for word in [1, 2, 3, 1000, 0x7fff_ffff, 0x8000_0000, 0xdead_beef, u32::MAX] {
             let exact = -(f64::from(word | 2) / 4_294_967_296.0).ln();
-            let got = f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS);
+            let got = exponential(word);
             assert!((got - exact).abs() < 6e-8, "{word}: {got} against {exact}");
         }
     }

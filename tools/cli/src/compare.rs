@@ -3,9 +3,10 @@
 use crate::outcome::Outcome;
 use crate::{stderr, table};
 use anyhow::{Result, ensure};
+use esaac_benches::truth::MATCH_WINDOW_US;
 use esaac_formats::any_events::{self, AnyEvents};
 use esaac_model::packet::Event;
-use esaac_oracle::metrics::{Comparison, MATCH_WINDOW_NS, SHIFT_NS, TimeError, compare};
+use esaac_oracle::metrics::{Comparison, SHIFT_NS, TimeError, compare};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -38,7 +39,7 @@ struct CompareReport {
     /// Harmonic mean of precision and recall.
     f1: f64,
     /// Largest time between two events that match, microseconds.
-    match_window_us: i64,
+    match_window_us: f64,
     /// Victor-Purpura distance per true event.
     victor_purpura: f64,
     /// Time shift that costs as much as an event too few or too many, microseconds.
@@ -57,7 +58,7 @@ impl CompareReport {
             on_off: found.tested_on_off,
             count_ratio: Some(found.count_ratio).filter(|ratio| ratio.is_finite()),
             f1: found.f1,
-            match_window_us: MATCH_WINDOW_NS / 1000,
+            match_window_us: MATCH_WINDOW_US,
             victor_purpura: found.victor_purpura,
             victor_purpura_shift_us: SHIFT_NS * 1e-3,
             same_sequence: found.same_sequence,

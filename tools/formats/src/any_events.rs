@@ -1,11 +1,12 @@
 //! Events of a file of any format that the tools read: its ending says which.
 
 use crate::recording::{Recording, aedat4, evt3};
-use crate::{event_file, npy, truth_file};
+use crate::truth_file::TruthFile;
+use crate::{event_file, truth_file};
 use anyhow::{Context, Result, bail};
 use esaac_model::packet::Event;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 use zip::ZipArchive;
 
@@ -23,15 +24,9 @@ pub struct AnyEvents {
 /// Reads `.npz` (events or true events), `.raw` (EVT3) or `.aedat4`.
 pub fn read(path: &Path) -> Result<AnyEvents> {
     match path.extension().and_then(|ending| ending.to_str()) {
-        Some("npz") if is_truth(path)? => {
-            let truth = truth_file::read(path)?;
-            let size_px = (truth.sensor.width, truth.sensor.height);
-            Ok(AnyEvents { size_px, events: truth.events, end_ns: Some(truth.end_ns) })
-        }
         Some("npz") => {
-            let (width_px, height_px, mut events) = event_file::read_npz(path)?;
-            events.sort_by_key(|event| event.t_ns);
-            Ok(AnyEvents { size_px: (width_px, height_px), events, end_ns: None })
+            let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+            archived(BufReader::new(file)).with_context(|| format!("{} holds no events", path.display()))
         }
         Some("raw") => Ok(recorded(evt3::read(path)?)),
         Some("aedat4") => Ok(recorded(aedat4::read_events(path)?)),
@@ -44,10 +39,14 @@ fn recorded(recording: Recording) -> AnyEvents {
     AnyEvents { size_px, events: recording.events, end_ns: None }
 }
 
-/// Whether an archive has what [`truth_file`] writes.
-fn is_truth(path: &Path) -> Result<bool> {
-    let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let archive = ZipArchive::new(BufReader::new(file))
-        .with_context(|| format!("{} holds no events", path.display()))?;
-    Ok(npy::has(&archive, "events_of_pixel"))
+/// Events of an archive: those of [`truth_file`] or of [`event_file`].
+fn archived(file: impl Read + Seek) -> Result<AnyEvents> {
+    let archive = ZipArchive::new(file)?;
+    if truth_file::is_truth(&archive) {
+        let TruthFile { sensor, end_ns, events } = truth_file::decode_archive(archive)?;
+        return Ok(AnyEvents { size_px: (sensor.width, sensor.height), events, end_ns: Some(end_ns) });
+    }
+    let (size_px, mut events) = event_file::decode_archive(archive)?;
+    events.sort_by_key(|event| event.t_ns);
+    Ok(AnyEvents { size_px, events, end_ns: None })
 }

@@ -4,11 +4,10 @@
 
 use crate::npy;
 use crate::until_failure::UntilFailure;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use esaac_model::packet::Event;
 use esaac_model::{PacketView, Polarity, SensorModel};
 use std::io::{Read, Seek, Write};
-use std::path::Path;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 /// Most events of a file that is read.
@@ -78,17 +77,11 @@ pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &st
     Ok(())
 }
 
-/// Reads an archive: columns and rows of its sensor, and its events.
-pub fn read_npz(path: &Path) -> Result<(u32, u32, Vec<Event>)> {
-    let file = std::fs::File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-    decode(std::io::BufReader::new(file)).with_context(|| format!("{} holds no events", path.display()))
-}
-
-fn decode(file: impl Read + Seek) -> Result<(u32, u32, Vec<Event>)> {
-    let mut archive = ZipArchive::new(file)?;
+/// Columns and rows of an archive's sensor, and its events.
+pub(crate) fn decode_archive(mut archive: ZipArchive<impl Read + Seek>) -> Result<((u32, u32), Vec<Event>)> {
     let sensor = SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
-    let (width, height) = (sensor.width, sensor.height);
-    Ok((width, height, read_columns(&mut archive, (width, height))?))
+    let size_px = (sensor.width, sensor.height);
+    Ok((size_px, read_columns(&mut archive, size_px)?))
 }
 
 /// The events of an archive, in its order, of a sensor with so many columns and rows.
@@ -150,13 +143,13 @@ mod tests {
         let read = |columns: &EventColumns| {
             let mut bytes = Cursor::new(Vec::new());
             write_npz(&mut bytes, columns, &sensor).unwrap();
-            decode(bytes)
+            decode_archive(ZipArchive::new(bytes).unwrap())
         };
         let (x, y, t_ns, sign) = (vec![258, 1], vec![7, 0], vec![-2, 9], vec![-1, 1]);
         let columns = EventColumns { x, y, t_ns, sign, ids: Some(vec![3, -1]) };
         let event = |t_ns, y, x, polarity| Event { t_ns, y, x, polarity };
         let events = vec![event(-2, 7, 258, Polarity::Off), event(9, 0, 1, Polarity::On)];
-        assert_eq!(read(&columns).unwrap(), (300, 8, events));
+        assert_eq!(read(&columns).unwrap(), ((300, 8), events));
         let refused = |columns: EventColumns| format!("{:#}", read(&columns).unwrap_err());
         assert!(refused(EventColumns { x: vec![300, 1], ..columns.clone() }).contains("(300, 7)"));
         assert!(refused(EventColumns { sign: vec![0, 1], ..columns.clone() }).contains("polarity of 0"));

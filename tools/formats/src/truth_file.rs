@@ -107,7 +107,7 @@ pub fn read_of_frames(path: &Path, size_px: (u32, u32), last_ns: i64) -> Result<
 fn decode_of_frames(file: impl Read + Seek, size_px: (u32, u32), last_ns: i64) -> Result<TruthFile> {
     let mut archive = ZipArchive::new(file)?;
     let has = |name: &str| npy::has(&archive, name);
-    if has("events_of_pixel") {
+    if is_truth(&archive) {
         return decode_archive(archive);
     }
     let missing: Vec<&str> = ["x", "y", "t", "p"].into_iter().filter(|name| !has(name)).collect();
@@ -143,7 +143,13 @@ fn decode(file: impl Read + Seek) -> Result<TruthFile> {
     decode_archive(ZipArchive::new(file)?)
 }
 
-fn decode_archive(mut archive: ZipArchive<impl Read + Seek>) -> Result<TruthFile> {
+/// Whether an archive has what [`write`] writes.
+pub(crate) fn is_truth(archive: &ZipArchive<impl Read + Seek>) -> bool {
+    npy::has(archive, "events_of_pixel")
+}
+
+/// The true events of an archive that [`write`] made.
+pub(crate) fn decode_archive(mut archive: ZipArchive<impl Read + Seek>) -> Result<TruthFile> {
     let sensor = SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
     let counts = npy::read(&mut archive, ("events_of_pixel", "<u2"), sensor.pixels())?;
     let counts: Vec<u16> = counts.into_iter().map(u16::from_le_bytes).collect();

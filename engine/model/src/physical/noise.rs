@@ -31,7 +31,7 @@
 //! Index 0 is the renewal that begins when the pixel is armed.
 
 use super::photoreceptor::phi;
-use crate::random::{HAZARD_FRACTION_BITS, PixelKey, Stream, draw, exponential_q27, normal_from_words};
+use crate::random::{PixelKey, Stream, draw, exponential, normal_from_words};
 
 /// Standard deviation of the noise behind both poles, nepers.
 #[must_use]
@@ -116,7 +116,6 @@ impl Renewal {
     #[must_use]
     pub fn draw(key: PixelKey, events: u32) -> Self {
         let words = draw(key, Stream::Clock, events);
-        let exponential = |word| f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS);
         Renewal {
             z: normal_from_words(draw(key, Stream::Threshold, events)),
             clock: exponential(words[0]),

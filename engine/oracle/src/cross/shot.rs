@@ -2,7 +2,7 @@
 //! hazard to accumulate until the next event. The hazard rate depends on the light.
 
 use super::PixelConstants;
-use esaac_model::random::{HAZARD_FRACTION_BITS, PixelKey, Stream, draw, exponential_q27};
+use esaac_model::random::{PixelKey, Stream, draw, exponential};
 use esaac_model::{Polarity, SHOT_NOISE_FALL, SensorModel};
 
 /// Hazard left until the next event.
@@ -42,10 +42,9 @@ impl ShotClock {
             Polarity::On => (Stream::ShotOn, sensor.contrast_on),
         };
         let word = draw(key, stream, self.next_draw)[0];
-        let exponential = f64::from(exponential_q27(word)) / f64::from(1_u32 << HAZARD_FRACTION_BITS);
         // A pixel's threshold divides its hazard. Multiplying the wait instead is equivalent, and is done once per
         // event.
-        self.left += exponential * constants.threshold_log[polarity as usize] / nominal;
+        self.left += exponential(word) * constants.threshold_log[polarity as usize] / nominal;
         self.next_draw = self.next_draw.wrapping_add(1);
     }
 
