@@ -112,6 +112,37 @@ def test_nerfstudios_file_is_a_camera_path(tmp_path):
     assert fisheye.lens.projection == "fisheye"
 
 
+def test_frames_are_in_the_order_of_their_numbers(tmp_path):
+    names = [f"images/frame_{k}.png" for k in (0, 1, 2, 9, 10, 11, 100)] + ["images/left2_1.png"]
+    huge = "9" * 5000
+    names = ["8.png", "9.png", "10.png", "a007b.png", "a12.png", f"a{huge}.png", *names]
+    mixed = np.random.default_rng(2).permutation(len(names))
+    frames = [
+        {"file_path": names[k], "transform_matrix": pose((float(k), 0, 0)).tolist()} for k in mixed.tolist()
+    ]
+    path = CameraPath.read(written(tmp_path, frames=frames))
+    assert path.names == tuple(names)
+    np.testing.assert_array_equal(path.world_from_camera[:, 0, 3], np.arange(len(names)))
+
+
+def test_a_fisheye_of_instant_ngp_needs_a_camera_model_that_says_so(tmp_path):
+    with pytest.raises(
+        esaac.ArgumentError,
+        match="`is_fisheye` is True and `camera_model` is OPENCV, expected OPENCV_FISHEYE",
+    ):
+        CameraPath.read(written(tmp_path, is_fisheye=True))
+    told = transforms(is_fisheye=True)
+    del told["camera_model"]
+    (tmp_path / "transforms.json").write_text(json.dumps(told))
+    with pytest.raises(esaac.ArgumentError, match="transforms.json: .*`camera_model` is missing"):
+        CameraPath.read(tmp_path)
+    told = {"is_fisheye": True, "camera_model": "OPENCV_FISHEYE"}
+    assert CameraPath.read(written(tmp_path, **told)).lens.projection == "fisheye"
+    with pytest.raises(esaac.ArgumentError, match="distortion .k2 is 0.1."):
+        CameraPath.read(written(tmp_path, **told, k2=0.1))
+    assert CameraPath.read(written(tmp_path, is_fisheye=False)).lens.projection == "pinhole"
+
+
 def test_a_trained_models_units_are_its_own(tmp_path):
     applied, trained = pose((0, 0, 1), turn(0, 0.5)), pose((3, 2, 1), turn(2, -0.4))
     written(tmp_path, applied_transform=applied[:3].tolist(), applied_scale=2.0)
@@ -142,20 +173,75 @@ def test_a_trained_models_units_are_its_own(tmp_path):
             r"shape \(2, 2\)",
         ),
         (
+            {"frames": [{"file_path": "a", "transform_matrix": [[1, 2], [3]]}]},
+            esaac.ArgumentError,
+            r"`transform_matrix` of frame a is \[\[1, 2\], \[3\]\], expected 4 rows of 4 numbers",
+        ),
+        ({"frames": [{"file_path": "a"}]}, esaac.ArgumentError, "frame a has no `transform_matrix`"),
+        (
+            {"frames": [{"transform_matrix": np.eye(4).tolist()}]},
+            esaac.ArgumentError,
+            "`file_path` of frame 0 is missing, expected a text",
+        ),
+        ({"frames": [{"file_path": 7}]}, esaac.ArgumentError, "`file_path` of frame 0 is 7, expected a text"),
+        ({"frames": ["a"]}, esaac.ArgumentError, "frame 0 is a str, expected an object with `file_path`"),
+        ({"frames": {"a": 1}}, esaac.ArgumentError, "`frames` is a dict, expected a list"),
+        ({"fl_x": "50"}, esaac.ArgumentError, "`fl_x` is '50', expected a finite number"),
+        ({"cx": None}, esaac.ArgumentError, "`cx` is None, expected a finite number"),
+        ({"w": 64.5}, esaac.ArgumentError, "`w` is 64.5, expected a whole number of pixels"),
+        ({"h": 0}, esaac.ArgumentError, "`h` is 0, expected a whole number of pixels, at least 1"),
+        (
             {"frames": [{"file_path": "a", "transform_matrix": (2 * np.eye(4)).tolist()}]},
             esaac.FrameError,
-            "transforms.json.*expected a rigid transform",
+            "expected a rigid transform",
         ),
     ],
 )
 def test_files_that_do_not_fit_are_told(tmp_path, changes, error, message):
-    with pytest.raises(error, match=message):
+    with pytest.raises(error, match=f"transforms.json.*{message}"):
         CameraPath.read(written(tmp_path, **changes))
     incomplete = transforms()
     del incomplete["fl_y"]
     (tmp_path / "transforms.json").write_text(json.dumps(incomplete))
     with pytest.raises(esaac.ArgumentError, match="has no `fl_y`"):
         CameraPath.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"frames": [', "is no JSON: Expecting value"),
+        ("", "is no JSON"),
+        ("[]", "holds a list, expected an object"),
+        ("3", "holds a int, expected an object"),
+    ],
+)
+def test_what_is_no_object_of_json_is_told(tmp_path, text, message):
+    path, trained = written(tmp_path), tmp_path / "dataparser_transforms.json"
+    trained.write_text(text)
+    with pytest.raises(esaac.ArgumentError, match=f"dataparser_transforms.json {message}"):
+        CameraPath.read(path, dataparser=trained)
+    path.write_text(text)
+    with pytest.raises(esaac.ArgumentError, match=f"/transforms.json {message}"):
+        CameraPath.read(path)
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"scale": 1.0}, "dataparser.json has no `transform`, expected transform, scale"),
+        ({"transform": np.eye(4).tolist()}, "dataparser.json has no `scale`, expected transform, scale"),
+        ({"transform": [1, 2], "scale": 1.0}, r"dataparser.json: `transform` has shape \(2,\)"),
+        (
+            {"transform": np.eye(4).tolist(), "scale": "1"},
+            "dataparser.json: `scale` is '1', expected a finite",
+        ),
+    ],
+)
+def test_a_trained_models_file_that_does_not_fit_is_told(tmp_path, told, message):
+    (tmp_path / "dataparser.json").write_text(json.dumps(told))
+    with pytest.raises(esaac.ArgumentError, match=message):
+        CameraPath.read(written(tmp_path), dataparser=tmp_path / "dataparser.json")
 
 
 def test_depth_is_along_the_axis_and_nothing_is_infinitely_far():
