@@ -231,6 +231,30 @@ def test_wrong_files_are_refused_before_anything_is_simulated(tmp_path, recordin
         esaac.EventWriter(tmp_path / "events.npz", sensor).write(both)
 
 
+def test_a_packet_is_of_the_size_of_the_files_sensor(tmp_path, recording):
+    _, packets = recording
+    for size in ({"width": 1280, "height": 720}, {"width": 24, "height": 40}):
+        with esaac.EventWriter(tmp_path / "events.npz", esaac.SensorModel("dvs128", **size)) as events:
+            expected = f"packet is of 40 x 24 pixels, expected {size['width']} x {size['height']}"
+            # One without events, too.
+            for packet in packets[:2]:
+                with pytest.raises(esaac.ArgumentError, match=expected):
+                    events.write(packet)
+        assert len(esaac.files.load(events.path)) == 0
+
+
+def test_a_writer_that_is_closed_writes_no_other_file(tmp_path, recording):
+    sensor, packets = recording
+    with esaac.EventWriter(tmp_path / "events.npz", sensor) as events:
+        events.write(packets[1])
+    events.close()
+    with pytest.raises(esaac.ArgumentError, match=r"events.npz is written and closed, .*: .*other.npz"):
+        events.close(tmp_path / "other.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["events.npz"]
+    with pytest.raises(AttributeError, match="has no attribute 'ids'"):
+        events.ids = True
+
+
 def test_an_empty_recording_is_a_file_too(tmp_path, recording):
     for name in ("empty.npz", "empty.h5", "empty.raw"):
         esaac.EventWriter(tmp_path / name, recording[0]).close()

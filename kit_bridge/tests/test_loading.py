@@ -134,6 +134,113 @@ def test_files_of_dsec_are_read_whatever_their_index(tmp_path, index):
         np.testing.assert_array_equal(actual, COLUMNS[name])
 
 
+def mixed(path, order, **others):
+    """A recording whose events are in another order, by libraries that know nothing of this one."""
+    columns = {name: column[order] for name, column in COLUMNS.items()} | others
+    if path.suffix == ".npz":
+        t_ns, ids = columns.pop("t_ns"), columns.pop("ids")
+        np.savez(path, **columns, t=t_ns, id=ids, sensor=SENSOR.to_toml())
+        return path
+    written(path)
+    with h5py.File(path, "a") as file:
+        columns["t"] = (columns.pop("t_ns") // 1000 - file["t_offset"][()]).astype(np.uint32)
+        columns["id"] = columns.pop("ids")
+        for name, column in columns.items():
+            del file[f"events/{name}"]
+            file[f"events/{name}"] = column
+    return path
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("index", ["index", "none"])
+def test_events_out_of_order_are_brought_into_it(tmp_path, suffix, index):
+    order = np.random.default_rng(5).permutation(COUNT)
+    path = mixed(tmp_path / f"events{suffix}", order)
+    if index == "none" and suffix == ".h5":
+        with h5py.File(path, "a") as file:
+            del file["ms_to_idx"]
+    # Those of one time stay in the file's order.
+    stable = order[np.argsort(COLUMNS["t_ns"][order], kind="stable")]
+    assert (stable != np.arange(COUNT)).any()
+    from_ns = START_NS + 5_000_000
+    for first_ns, end_ns in ((None, None), (from_ns, from_ns + 2_000_000), (None, from_ns), (from_ns, None)):
+        t_ns = COLUMNS["t_ns"][stable]
+        kept = (t_ns >= (first_ns or 0)) & (t_ns < (end_ns or t_ns[-1] + 1))
+        expected = {name: column[stable][kept] for name, column in COLUMNS.items()}
+        assert len(expected["x"]) > 100
+        assert_columns(files.load(path, from_ns=first_ns, to_ns=end_ns), expected)
+
+
+@pytest.mark.parametrize("entry", ["0", "last", "late", "beyond", "below"])
+def test_an_index_that_does_not_fit_the_times_is_not_believed(tmp_path, entry):
+    path = written(tmp_path / "events.h5")
+    with h5py.File(path, "a") as file:
+        index = file["ms_to_idx"][:].astype(np.int64)
+        del file["ms_to_idx"]
+        wrong = {"0": 0, "last": COUNT - 1, "late": index + 40, "beyond": 1 << 40, "below": -5}[entry]
+        file["ms_to_idx"] = np.broadcast_to(wrong, index.shape)
+    from_ns = START_NS + 5_000_000
+    for first_ns, end_ns in ((from_ns, from_ns + 2_000_000), (from_ns, None), (None, from_ns), (from_ns, 0)):
+        assert_columns(files.load(path, from_ns=first_ns, to_ns=end_ns), part(first_ns, end_ns))
+
+
+WRONG_COLUMNS = {
+    "polarity": ({"p": np.full(COUNT, 2, np.uint8)}, "p has 2, expected -1 to 1"),
+    "unsigned": ({"p": np.array([255] * COUNT, np.uint8)}, "p has 255, expected -1 to 1"),
+    "both": (
+        {"p": (np.arange(COUNT) % 3 - 1).astype(np.int8)},
+        "p has -1, 0 and perhaps 1, expected 0 and 1",
+    ),
+    "left": ({"x": COLUMNS["x"].astype(np.int16) - 1}, "x has -1, expected 0 to 39"),
+    "right": ({"x": COLUMNS["x"].astype(np.int64) + 70_000}, "x has 70000, expected 0 to 39"),
+    "below": ({"y": COLUMNS["y"] + 1}, "y has 24, expected 0 to 23"),
+    "ids": ({"ids": np.full(COUNT, 1 << 63, np.uint64)}, "ids have 9223372036854775808, expected at most"),
+}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(("wrong", "message"), WRONG_COLUMNS.values(), ids=WRONG_COLUMNS.keys())
+def test_columns_that_are_no_events_are_refused(tmp_path, suffix, wrong, message):
+    path = mixed(tmp_path / f"events{suffix}", np.arange(COUNT), **wrong)
+    for from_ns in (None, START_NS + 5_000_000):
+        with pytest.raises(esaac.ArgumentError, match=f"^events{suffix}: {message}"):
+            files.load(path, from_ns=from_ns)
+
+
+def test_columns_of_other_integers_are_read_as_those_of_packets(tmp_path):
+    signs = COLUMNS["p"].astype(np.int64) * 2 - 1
+    others = {"x": COLUMNS["x"].astype(np.int64), "y": COLUMNS["y"].astype(np.uint8), "p": signs}
+    for suffix in SUFFIXES:
+        path = mixed(tmp_path / f"events{suffix}", np.arange(COUNT), **others)
+        assert_columns(files.load(path), COLUMNS)
+    np.savez(tmp_path / "bare.npz", x=[70_000], y=[0], t=[0], p=[True])
+    with pytest.raises(esaac.ArgumentError, match="bare.npz: x has 70000, expected 0 to 65535"):
+        files.load(tmp_path / "bare.npz")
+    np.savez(tmp_path / "bare.npz", x=[3], y=[0], t=np.array([1 << 63], np.uint64), p=[True])
+    with pytest.raises(esaac.ArgumentError, match="bare.npz: t has 9223372036854775808, expected -9223"):
+        files.load(tmp_path / "bare.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "message"),
+    [
+        (
+            "t_offset",
+            1 << 60,
+            "t_offset is 1152921504606846976, expected -9223372036854775 to 9223372036854775 us",
+        ),
+        ("events/t", np.full(COUNT, 1 << 54, np.uint64), "t has 18014398509481984, expected"),
+    ],
+)
+def test_times_that_are_no_nanoseconds_are_refused(tmp_path, name, column, message):
+    path = written(tmp_path / "events.h5")
+    with h5py.File(path, "a") as file:
+        del file[name]
+        file[name] = column
+    with pytest.raises(esaac.ArgumentError, match=f"events.h5: {message}"):
+        files.load(path)
+
+
 def test_what_is_no_recording_is_told(tmp_path):
     with pytest.raises(
         esaac.ArgumentError, match="events.csv, expected one of .npz, .h5, .hdf5, .raw, .aedat4"
@@ -203,6 +310,8 @@ def test_true_events_are_read_as_they_are(tmp_path):
             "has 5 events, expected 11, the sum of",
         ),
         ("p", arrays["p"][1:], "columns of 4 to 5 events"),
+        ("p", arrays["p"] * np.int8(2), "wrong.npz: p has -2, expected -1 to 1"),
+        ("dt_ns_low", np.full(5, -1), "dt_ns_low has -1, expected 0 to 65535"),
     ):
         np.savez(tmp_path / "wrong.npz", **{**arrays, name: array})
         with pytest.raises(esaac.ArgumentError, match=message):

@@ -1,4 +1,4 @@
-"""Times, and numbers of cameras and environments, as callers give them."""
+"""Times, depth, and numbers of cameras and environments, as callers give them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from esaac.errors import ArgumentError
+from esaac.errors import ArgumentError, FrameError
 
-_LEAST_NS, _MOST_NS = -(1 << 63), (1 << 63) - 1
+LEAST_NS, MOST_NS = -(1 << 63), (1 << 63) - 1
+"""Times have 64 bits."""
 
 MOST_BINS = 256
 """The engine makes no more for each pixel."""
@@ -23,8 +24,8 @@ def nanoseconds(t_ns: Any, name: str = "t_ns") -> int:
     except TypeError:
         expected = "expected an integer, nanoseconds: round(seconds * 1e9)"
         raise TypeError(f"{name} is {t_ns!r}, {expected}") from None
-    if not _LEAST_NS <= time <= _MOST_NS:
-        raise ArgumentError(f"{name} is {time}, expected {_LEAST_NS} to {_MOST_NS} ns")
+    if not LEAST_NS <= time <= MOST_NS:
+        raise ArgumentError(f"{name} is {time}, expected {LEAST_NS} to {MOST_NS} ns")
     return time
 
 
@@ -42,15 +43,27 @@ def ids_column(ids: Any, count: int, name: str = "ids") -> np.ndarray[Any, Any]:
     return np.ascontiguousarray(ids, np.int64)
 
 
+def check_depth(depth: np.ndarray[Any, Any], name: str) -> None:
+    """Raises if depth is no image of metres as `step` takes it: whole numbers are millimetres, most often. `name` is
+    its name in errors."""
+    if depth.dtype != np.float32:
+        raise FrameError(f"{name} has dtype {depth.dtype.str}, expected float32")
+
+
 def bins_of(bins: Any) -> int:
     """The number of bins of a voxel grid."""
-    expected = f"expected a whole number from 1 to {MOST_BINS}"
+    return whole_number(bins, 1, MOST_BINS, "bins")
+
+
+def whole_number(given: Any, least: int, most: int, name: str) -> int:
+    """A number of something as an int; `name` is its name in errors."""
+    expected = f"expected a whole number from {least} to {most}"
     try:
-        count = operator.index(bins)
+        count = operator.index(given)
     except TypeError:
-        raise ArgumentError(f"bins is {bins!r}, {expected}") from None
-    if not 1 <= count <= MOST_BINS:
-        raise ArgumentError(f"bins is {count}, {expected}")
+        raise ArgumentError(f"{name} is {given!r}, {expected}") from None
+    if not least <= count <= most:
+        raise ArgumentError(f"{name} is {count}, {expected}")
     return count
 
 

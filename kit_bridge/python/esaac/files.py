@@ -14,7 +14,8 @@ import warnings
 import numpy as np
 
 from esaac._native import Packet, SensorModel, save_evt3, save_npz
-from esaac.checks import ids_column
+from esaac.checks import LEAST_NS, MOST_NS, ids_column
+from esaac.columns import check_range, polarities
 from esaac.errors import ArgumentError
 from esaac.recordings import Events, h5py_library, load, load_dsec
 
@@ -42,7 +43,7 @@ class EventWriter:
     ...     events.write(camera.step(hdr, motion, t_ns=t_ns))
 
     Its packets are of one run of the camera: one that begins before the end of the last raises `ArgumentError`. So
-    does what the format cannot hold.
+    do a packet of another size than the sensor's, and what the format cannot hold.
 
     A `with` block that Ctrl-C or `sys.exit` leaves writes what there is. One that an error leaves does not: a warning
     tells how many events are not written, and `close` writes them nevertheless. So does a warning about a writer that
@@ -51,6 +52,19 @@ class EventWriter:
     A folder that is missing or cannot be written raises `OSError` at once. If writing fails in the end, on a full
     disk for example, the events stay: free some space and call `close` again, or `close("elsewhere.h5")`.
     """
+
+    __slots__ = (
+        "__weakref__",
+        "_closed",
+        "_events",
+        "_first_ns",
+        "_last_ns",
+        "_parts",
+        "_warned",
+        "_with_ids",
+        "path",
+        "sensor",
+    )
 
     def __init__(self, path, sensor):
         _check_sensor(sensor)
@@ -72,6 +86,11 @@ class EventWriter:
             raise ArgumentError(f"packet is a {type(packet).__name__}, expected an esaac.Packet")
         if packet.offsets is not None:
             raise ArgumentError("this packet is of several cameras; write packet[i], a file a camera")
+        if (packet.width, packet.height) != (self.sensor.width, self.sensor.height):
+            raise ArgumentError(
+                f"packet is of {packet.width} x {packet.height} pixels, expected {self.sensor.width} x "
+                f"{self.sensor.height}, as the file's sensor has"
+            )
         _check_ids(self.path, ids)
         with_ids = ids is not None
         if self._with_ids not in (None, with_ids):
@@ -101,8 +120,11 @@ class EventWriter:
         return self._closed
 
     def close(self, path=None):
-        """Writes the file, to another `path` if one is given. After an error the events are still there."""
+        """Writes the file, to another `path` if one is given. After an error the events are still there; once they
+        are written, another call does nothing, and one with a `path` raises `ArgumentError`."""
         if self._closed:
+            if path is not None:
+                raise ArgumentError(f"{self.path} is written and closed, expected no other path: {path}")
             return
         path = self.path if path is None else _checked(path)
         columns = [np.concatenate([part[i] for part in self._parts] or [np.empty(0)]) for i in range(4)]
@@ -246,13 +268,7 @@ def _check_times(path, first_ns, last_ns):
 def _columns(x, y, t_ns, p, sensor):
     """Events of a sensor as all formats are made of them: uint16, uint16, int64, and 0 or 1 as uint8."""
     columns = {name: np.asarray(column) for name, column in (("x", x), ("y", y), ("t_ns", t_ns), ("p", p))}
-    times = np.iinfo(np.int64)
-    limits = {
-        "x": (0, sensor.width - 1),
-        "y": (0, sensor.height - 1),
-        "t_ns": (times.min, times.max),
-        "p": (-1, 1),
-    }
+    limits = {"x": (0, sensor.width - 1), "y": (0, sensor.height - 1), "t_ns": (LEAST_NS, MOST_NS)}
     count = columns["t_ns"].size
     for name, column in columns.items():
         if column.shape != (count,):
@@ -263,18 +279,15 @@ def _columns(x, y, t_ns, p, sensor):
             continue
         if column.dtype.kind not in "iub":
             raise ArgumentError(f"{name} is {column.dtype}, expected integers")
-        low, high = limits[name]
-        for value in (int(column.min()), int(column.max())):
-            if not low <= value <= high:
-                raise ArgumentError(f"{name} has {value}, expected {low} to {high}")
+        if name in limits:
+            check_range(column, *limits[name], name)
     x, y, t_ns, p = columns.values()
+    p = polarities(p, "p")
     if len(back := np.flatnonzero(t_ns[1:] < t_ns[:-1])):
         before, after = t_ns[back[0]], t_ns[back[0] + 1]
         raise ArgumentError(f"t_ns goes back from {before} to {after}, expected events in order of time")
-    if (p == -1).any() and (p == 0).any():
-        raise ArgumentError("p has -1, 0 and perhaps 1, expected 0 and 1, or -1 and 1")
-    types = ((x, np.uint16), (y, np.uint16), (t_ns, np.int64), (p == 1, np.uint8))
-    return [np.ascontiguousarray(column, dtype) for column, dtype in types]
+    types = ((x, np.uint16), (y, np.uint16), (t_ns, np.int64))
+    return [*(np.ascontiguousarray(column, dtype) for column, dtype in types), p]
 
 
 def _probe(folder):

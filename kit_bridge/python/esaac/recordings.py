@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esaac._native import SensorModel, load_recording
-from esaac.checks import nanoseconds
+from esaac.checks import LEAST_NS, MOST_NS, ids_column, nanoseconds
 from esaac.claims import check_array, check_dataset, check_member
+from esaac.columns import check_range, polarities
 from esaac.errors import ArgumentError, EsaacError
 
 SUFFIXES = (".npz", ".h5", ".hdf5", ".raw", ".aedat4")
+
+MOST_SIDE_PX = 1 << 16
+MOST_US = MOST_NS // 1000
 
 TRUTH = ("events_of_pixel", "dt_ns_low", "dt_ns_high", "p", "sensor")
 """Arrays of true events."""
@@ -46,9 +50,12 @@ class Events:
 
 
 def load(path: str | os.PathLike[str], *, from_ns: int | None = None, to_ns: int | None = None) -> Events:
-    """Reads a recording, or its events from `from_ns` on and before `to_ns`. Of an HDF5 file only their part is read.
+    """Reads a recording, or its events from `from_ns` on and before `to_ns`. Of an HDF5 file only their part is read,
+    if its index fits the times there.
 
-    A file that is no recording, is damaged, or claims more than it holds raises `ArgumentError`."""
+    Events that are not in order of time are sorted; those of one time stay as they are. A file that is no recording,
+    is damaged, claims more than it holds, or has pixels beyond its sensor or polarities that are none raises
+    `ArgumentError`."""
     path = pathlib.Path(path)
     if path.suffix not in SUFFIXES:
         raise ArgumentError(f"{path.name}, expected one of {', '.join(SUFFIXES)}")
@@ -107,7 +114,37 @@ def _load_npz(path: pathlib.Path) -> Events:
     except (EOFError, RuntimeError, ValueError, zlib.error) as error:
         raise ArgumentError(f"{path.name} is damaged: {error}") from error
     _check_lengths(path, [x, y, t_ns, p] if ids is None else [x, y, t_ns, p, ids])
-    return Events(x, y, t_ns, (p == 1).astype(np.uint8), ids, sensor, _size_px(sensor))
+    check_range(t_ns, LEAST_NS, MOST_NS, f"{path.name}: t")
+    return _events(path, x, y, t_ns, p, ids, sensor)
+
+
+def _events(
+    path: pathlib.Path,
+    x: NDArray[Any],
+    y: NDArray[Any],
+    t_ns: NDArray[Any],
+    p: NDArray[Any],
+    ids: NDArray[Any] | None,
+    sensor: SensorModel | None,
+) -> Events:
+    """Events in order of time, of a file's columns of one length."""
+    size_px = _size_px(sensor)
+    for name, column, side_px in zip("xy", (x, y), size_px or (MOST_SIDE_PX, MOST_SIDE_PX)):
+        check_range(column, 0, side_px - 1, f"{path.name}: {name}")
+    events = Events(
+        np.ascontiguousarray(x, np.uint16),
+        np.ascontiguousarray(y, np.uint16),
+        np.ascontiguousarray(t_ns, np.int64),
+        polarities(p, f"{path.name}: p"),
+        None if ids is None else ids_column(ids, len(t_ns), f"{path.name}: ids"),
+        sensor,
+        size_px,
+    )
+    return _chosen(events, np.argsort(events.t_ns, kind="stable")) if _goes_back(events.t_ns) else events
+
+
+def _goes_back(t_ns: NDArray[Any]) -> bool:
+    return bool((t_ns[1:] < t_ns[:-1]).any())
 
 
 def _of_pixels(
@@ -128,13 +165,16 @@ def _of_pixels(
     _check_lengths(path, [dt_ns_low, dt_ns_high, p])
     if count.min() < 0 or count.sum() != len(p):
         raise ArgumentError(f"{path.name} has {len(p)} events, expected {count.sum()}, the sum of all pixels")
+    for name, half in (("dt_ns_low", dt_ns_low), ("dt_ns_high", dt_ns_high)):
+        check_range(half, 0, 0xFFFF, f"{path.name}: {name}")
+    p = polarities(p, f"{path.name}: p")
     t_ns = np.cumsum(dt_ns_low.astype(np.int64) | dt_ns_high.astype(np.int64) << 16)
     before = np.cumsum(count) - count
     t_ns -= np.repeat(np.append(0, t_ns)[before], count)
     pixel = np.repeat(np.arange(len(count)), count)
     order = np.lexsort((p, pixel, t_ns))
     y, x = (part.astype(np.uint16) for part in np.divmod(pixel[order], sensor.width))
-    return Events(x, y, t_ns[order], (p[order] == 1).astype(np.uint8), None, sensor, _size_px(sensor))
+    return Events(x, y, t_ns[order], p[order], None, sensor, _size_px(sensor))
 
 
 def _load_native(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> Events:
@@ -172,17 +212,51 @@ def _of_hdf5(path: pathlib.Path, file: Any, first_ns: int | None, end_ns: int | 
     if "ms_to_idx" in file:
         check_dataset(path, file["ms_to_idx"], "ms_to_idx")
         first, end = _rows(file["ms_to_idx"], end, offset_us, first_ns, end_ns)
-    columns = {name: events[name][first:end] for name in names}
-    t_ns = (columns["t"].astype(np.int64) + offset_us) * 1000
+    t_ns = _times_of_rows(path, events["t"], first, end, offset_us, first_ns, end_ns)
+    if t_ns is None:
+        first, end = 0, len(events["t"])
+        t_ns = _times_ns(path, events["t"][:], offset_us)
+    columns = {name: events[name][first:end] for name in names if name != "t"}
     sensor = SensorModel.from_toml(file.attrs["sensor"]) if "sensor" in file.attrs else None
     x, y, p = (columns[name] for name in "xyp")
-    return Events(x, y, t_ns, p, columns.get("id"), sensor, _size_px(sensor))
+    return _events(path, x, y, t_ns, p, columns.get("id"), sensor)
+
+
+def _times_of_rows(
+    path: pathlib.Path,
+    t_us: Any,
+    first: int,
+    end: int,
+    offset_us: int,
+    first_ns: int | None,
+    end_ns: int | None,
+) -> NDArray[np.int64] | None:
+    """Times of the rows that an index tells for an interval. None if they and those beside them do not fit it: then
+    it is not the index of events in order of time, and any row may be one of the interval."""
+    count = len(t_us)
+    near, behind = max(first - 1, 0), min(end + 1, count)
+    t_ns = _times_ns(path, t_us[near:behind], offset_us)
+    if (first, end) != (0, count):
+        fits = not _goes_back(t_ns)
+        fits &= first == 0 or first_ns is None or bool(t_ns[0] < first_ns)
+        fits &= end == count or end_ns is None or bool(t_ns[-1] >= end_ns)
+        if not fits:
+            return None
+    return t_ns[first - near : end - near]
+
+
+def _times_ns(path: pathlib.Path, t_us: NDArray[Any], offset_us: int) -> NDArray[np.int64]:
+    check_range(t_us, -MOST_US - offset_us, MOST_US - offset_us, f"{path.name}: t")
+    return (t_us.astype(np.int64) + offset_us) * 1000
 
 
 def _t_offset_us(path: pathlib.Path, offset: Any) -> int:
     if getattr(offset, "shape", None) not in ((), (1,)):
         raise ArgumentError(f"{path.name}: t_offset is {offset!r}, expected one number")
-    return int(np.ravel(offset[()])[0])
+    offset_us = int(np.ravel(offset[()])[0])
+    if not -MOST_US <= offset_us <= MOST_US:
+        raise ArgumentError(f"{path.name}: t_offset is {offset_us}, expected {-MOST_US} to {MOST_US} us")
+    return offset_us
 
 
 def _size_px(sensor: SensorModel | None) -> tuple[int, int] | None:
@@ -192,7 +266,8 @@ def _size_px(sensor: SensorModel | None) -> tuple[int, int] | None:
 def _rows(
     index: Any, count: int, offset_us: int, first_ns: int | None, end_ns: int | None
 ) -> tuple[int, int]:
-    """Rows that contain the events of an interval. Entry `ms` of the index is the first row at or after it."""
+    """Rows that contain the events of an interval. Entry `ms` of the index is the first row at or after it. An index
+    may tell anything."""
 
     def row(t_ns: int | None, up: int, without: int) -> int:
         if t_ns is None or not len(index):
@@ -203,14 +278,20 @@ def _rows(
             return count if up else int(index[len(index) - 1])
         return int(index[max(ms, 0)])
 
-    return row(first_ns, 0, 0), row(end_ns, 1, count)
+    first = min(max(row(first_ns, 0, 0), 0), count)
+    return first, min(max(row(end_ns, 1, count), first), count)
 
 
 def _cut(events: Events, first_ns: int | None, end_ns: int | None) -> Events:
     first = 0 if first_ns is None else np.searchsorted(events.t_ns, first_ns)
     end = len(events) if end_ns is None else np.searchsorted(events.t_ns, end_ns)
+    return _chosen(events, slice(first, end))
+
+
+def _chosen(events: Events, rows: slice | NDArray[np.intp]) -> Events:
+    """These events, in the order of their rows."""
     columns = {name: getattr(events, name) for name in ("x", "y", "t_ns", "p", "ids")}
-    kept = {name: None if column is None else column[first:end] for name, column in columns.items()}
+    kept = {name: None if column is None else column[rows] for name, column in columns.items()}
     return dataclasses.replace(events, **kept)
 
 
