@@ -80,6 +80,18 @@ def test_there_is_none_without_a_path_and_wrong_arguments_are_named():
         flow(0, 0.1)
 
 
+@pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.bool_, np.float16, np.float64])
+def test_depth_is_of_the_type_that_a_step_takes(dtype):
+    depth = IMAGES[0][1].astype(dtype)
+    with pytest.raises(esaac.FrameError) as by_step:
+        esaac.EventCamera("dvs128", width=WIDTH, height=HEIGHT, intrinsics=LENS).step(
+            IMAGES[0][0], t_ns=0, depth=depth, poses=POSES
+        )
+    with pytest.raises(esaac.FrameError) as by_flow:
+        flow(0, FRAME_NS, depth=depth)
+    assert str(by_flow.value) == str(by_step.value) == f"depth has dtype {depth.dtype.str}, expected float32"
+
+
 def test_ids_of_any_integers_are_the_same():
     ids = IMAGES[0][2]
     expected = flow(0, FRAME_NS)

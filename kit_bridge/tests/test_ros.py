@@ -195,7 +195,7 @@ def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):
     for frame, message in (
         ({"a": ros.Frame(rgb=np.zeros((3, 4, 3), np.uint8))}, r"rgb of `a` has shape \[3, 4, 3\]"),
         ({"a": ros.Frame(rgb=np.zeros((24, 40, 3), np.float32))}, "float32, expected uint8"),
-        ({"a": ros.Frame(depth=np.zeros((24, 40)))}, "announced without depth"),
+        ({"a": ros.Frame(depth=np.zeros((24, 40), np.float32))}, "announced without depth"),
         ({"a": ros.Frame(imu=[ros.Imu(0, (0, 0, 0), (0, 0, 0))])}, "announced without imu"),
         ({"b": ros.Frame()}, "no camera `b`, expected one of a"),
     ):
@@ -220,6 +220,62 @@ def test_frames_that_do_not_fit_are_refused_and_the_publisher_goes_on(tmp_path):
     assert publisher.close() is None
     with pytest.raises(esaac.ClosedError, match="the publisher is closed"):
         publisher.publish(2, {})
+
+
+@pytest.mark.parametrize(
+    ("frame", "error", "message"),
+    [
+        (
+            {"rgb": np.zeros((24, 40), np.uint8)},
+            esaac.FrameError,
+            r"rgb of `a` has shape \[24, 40\], expected \(height, width, 3 or 4\)",
+        ),
+        ({"rgb": np.zeros((24, 40, 1), np.uint8)}, esaac.FrameError, r"rgb of `a` has shape \[24, 40, 1\]"),
+        ({"rgb": np.zeros((24, 40, 5), np.uint8)}, esaac.FrameError, r"rgb of `a` has shape \[24, 40, 5\]"),
+        (
+            {"depth": np.zeros((24, 40), np.uint16)},
+            esaac.FrameError,
+            "depth of `a` has dtype <u2, expected float32",
+        ),
+        ({"depth": np.zeros((24, 40))}, esaac.FrameError, "depth of `a` has dtype <f8, expected float32"),
+        (
+            {"depth": np.zeros((24, 40, 3), np.float32)},
+            esaac.FrameError,
+            r"depth of `a` has shape \[24, 40, 3\], expected \(height, width\)",
+        ),
+        (
+            {"imu": [ros.Imu(0, (0, 0), (0, 0, 9.81))]},
+            esaac.ArgumentError,
+            r"angular_rate_rad_s of `a` has shape \[2\], expected \[3\]: x, y, z",
+        ),
+        (
+            {"imu": [ros.Imu(0, np.zeros(3), 9.81)]},
+            esaac.ArgumentError,
+            r"specific_force_m_s2 of `a` has shape \[\], expected \[3\]",
+        ),
+        (
+            {"imu": [ros.Imu(0, ("x", "y", "z"), np.zeros(3))]},
+            esaac.ArgumentError,
+            r"angular_rate_rad_s of `a` is \('x', 'y', 'z'\), expected three numbers",
+        ),
+        (
+            {"imu": ros.Imu(0, (0, 0, 0), (0, 0, 9.81))},
+            esaac.ArgumentError,
+            "imu of `a` is a ros.Imu, expected a list of them",
+        ),
+        ({"imu": [(0, (0, 0, 0), (0, 0, 9))]}, esaac.ArgumentError, "sample of `a` is a tuple, expected a"),
+    ],
+)
+def test_images_and_samples_of_another_kind_are_named(tmp_path, frame, error, message):
+    told = ros.Camera("a", esaac.SensorModel("dvs128", **SENSOR), rgb=True, depth=True, imu=True)
+    with ros.Publisher([told], network=False, record=tmp_path / "run.mcap") as publisher:
+        with pytest.raises(error, match=message):
+            publisher.publish(0, {"a": ros.Frame(**frame)})
+        sample = ros.Imu(0, np.zeros(3, np.float32), [0, 0, 9.81])
+        depth = np.ones((24, 40, 1), np.float32)
+        publisher.publish(0, {"a": ros.Frame(depth=depth, imu=[sample])})
+        with pytest.raises(AttributeError, match="has no attribute 'domain'"):
+            publisher.domain = 3
 
 
 def test_a_camera_that_was_reset_is_told_unless_the_publisher_is_restarted(tmp_path):

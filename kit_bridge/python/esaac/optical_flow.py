@@ -3,7 +3,7 @@
 import numpy as np
 
 from esaac import _native
-from esaac.checks import nanoseconds
+from esaac.checks import check_depth, nanoseconds
 from esaac.errors import ArgumentError, FrameError
 from esaac.poses import Intrinsics, PoseRecorder, Poses, on_host
 
@@ -12,12 +12,13 @@ MOST_ID = 0xFFFFFFFF
 
 def flow(depth, ids=None, *, intrinsics, poses, from_ns, to_ns):
     """Displacements of what each pixel shows, from one time to another. See `__init__.pyi`."""
-    depth = np.ascontiguousarray(on_host(depth), np.float32)
+    depth = on_host(depth)
+    check_depth(depth, "depth")
     if depth.ndim not in (2, 3):
         raise FrameError(
             f"depth has shape {depth.shape}, expected (height, width) or (cameras, height, width)"
         )
-    images = depth if depth.ndim == 3 else depth[None]
+    images = np.ascontiguousarray(depth if depth.ndim == 3 else depth[None])
     if ids is not None:
         ids = on_host(ids)
         if ids.shape != depth.shape or ids.dtype.kind not in "iu":

@@ -8,8 +8,8 @@ import os
 import numpy as np
 
 from esaac._native import RosPublisher, SensorModel, check_ros_names
-from esaac.checks import ids_column, nanoseconds
-from esaac.errors import ArgumentError, RosError
+from esaac.checks import check_depth, ids_column, nanoseconds
+from esaac.errors import ArgumentError, FrameError, RosError
 
 __all__ = ["Camera", "Frame", "Imu", "Instance", "Publisher", "RosError", "check_names"]
 
@@ -110,6 +110,8 @@ class _Part:
 
 class Publisher:
     """Publishes cameras."""
+
+    __slots__ = ("__weakref__", "_numbers", "_publisher")
 
     def __init__(
         self,
@@ -217,25 +219,17 @@ class Publisher:
     def _part(self, name, frame):
         if not isinstance(frame, Frame):
             raise ArgumentError(f"the frame of `{name}` is a {type(frame).__name__}, expected a ros.Frame")
-        samples = [
-            (nanoseconds(s.t_ns), list(s.angular_rate_rad_s), list(s.specific_force_m_s2)) for s in frame.imu
-        ]
         aps = frame.aps
         if aps is not None:
             aps = dataclasses.replace(aps, pixels=np.ascontiguousarray(aps.pixels, np.uint16))
-        rgb = None if frame.rgb is None else _host(frame.rgb)
-        if rgb is not None:
-            if rgb.dtype != np.uint8:
-                raise ArgumentError(f"rgb of `{name}` has dtype {rgb.dtype}, expected uint8")
-            rgb = np.ascontiguousarray(rgb[..., :3])
         return _Part(
             camera=self._number(name),
             events=None if frame.packet is None else _events(frame.packet),
             ids=None if frame.ids is None else _ids(frame, name),
             aps=aps,
-            rgb=rgb,
-            depth=None if frame.depth is None else _image_of_depth(frame.depth),
-            imu=samples,
+            rgb=None if frame.rgb is None else _image_of_colour(_host(frame.rgb), f"rgb of `{name}`"),
+            depth=None if frame.depth is None else _image_of_depth(_host(frame.depth), f"depth of `{name}`"),
+            imu=_samples(frame.imu, name),
         )
 
 
@@ -294,11 +288,48 @@ def _offsets(t_ns, base_ns):
     return offsets.astype(np.uint32)
 
 
-def _image_of_depth(depth):
-    depth = _host(depth)
+def _image_of_colour(rgb, name):
+    """The first three channels; `name` is the image's name in errors."""
+    if rgb.dtype != np.uint8:
+        raise FrameError(f"{name} has dtype {rgb.dtype}, expected uint8")
+    if rgb.ndim != 3 or rgb.shape[-1] not in (3, 4):
+        raise FrameError(f"{name} has shape {list(rgb.shape)}, expected (height, width, 3 or 4)")
+    return np.ascontiguousarray(rgb[..., :3])
+
+
+def _image_of_depth(depth, name):
+    check_depth(depth, name)
     if depth.ndim == 3 and depth.shape[-1] == 1:
         depth = depth[..., 0]
-    return np.ascontiguousarray(depth, np.float32)
+    if depth.ndim != 2:
+        raise FrameError(f"{name} has shape {list(depth.shape)}, expected (height, width)")
+    return np.ascontiguousarray(depth)
+
+
+def _samples(imu, name):
+    """Times, angular rates and specific forces of a camera's samples."""
+    if isinstance(imu, Imu):
+        raise ArgumentError(f"imu of `{name}` is a ros.Imu, expected a list of them")
+    samples = []
+    for sample in imu:
+        if not isinstance(sample, Imu):
+            raise ArgumentError(f"a sample of `{name}` is a {type(sample).__name__}, expected a ros.Imu")
+        rate, force = (
+            _vector(getattr(sample, part), f"{part} of `{name}`")
+            for part in ("angular_rate_rad_s", "specific_force_m_s2")
+        )
+        samples.append((nanoseconds(sample.t_ns), rate, force))
+    return samples
+
+
+def _vector(given, name):
+    try:
+        vector = np.asarray(_host(given), np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"{name} is {given!r}, expected three numbers") from error
+    if vector.shape != (3,):
+        raise ArgumentError(f"{name} has shape {list(vector.shape)}, expected [3]: x, y, z")
+    return vector.tolist()
 
 
 def _host(array):

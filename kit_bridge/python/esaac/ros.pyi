@@ -58,8 +58,8 @@ class Frame:
     """A camera's data at one time.
 
     `packet`: of this camera; of a `TiledEventCamera` it is `packet[i]`. `rgb`: uint8 `(height, width, 3 or 4)`.
-    `depth`: metres along the view axis, `(height, width)`; infinite, NaN or not positive if there is nothing. `ids`:
-    what `camera.event_ids()` gives for the packet, one for each event; of a `TiledEventCamera` it is
+    `depth`: float32 metres along the view axis, `(height, width)`; infinite, NaN or not positive if there is nothing.
+    `ids`: what `camera.event_ids()` gives for the packet, one for each event; of a `TiledEventCamera` it is
     `ids[packet.offsets[i] : packet.offsets[i + 1]]`. Arrays on a device are copied to the host.
     """
 
@@ -116,6 +116,9 @@ class Publisher:
         """Sends cameras' data of time `t_ns`, by name. A call may have some of the cameras only.
 
         A packet of a camera with `event_ids` that comes without `ids` is sent without them, and a notice says so.
+
+        Raises `FrameError` for images of other types and shapes and packets of another size, and `ArgumentError` for
+        samples of an IMU and ids that do not fit, and for what was not announced.
         """
     def set_sensor(self, name: str, sensor: SensorModel) -> None:
         """Publishes a camera's parameters again after they have changed."""
