@@ -74,6 +74,75 @@ def test_poses_of_another_kind():
         rig.step([(HDR, None, depth)], t_ns=0, poses=[poses])
 
 
+def test_a_frame_of_a_rig_has_no_more_than_its_images():
+    rig = esaac.Rig([camera().sensor] * 2)
+    for frame in ((HDR, None, None, None, None), ()):
+        expected = f"frame of camera 1 has {len(frame)} entries, expected 1 to 4: hdr, motion, depth, ids"
+        for step in (rig.step, rig.submit):
+            with pytest.raises(esaac.FrameError, match=expected):
+                step([(HDR, MOTION), frame], t_ns=0)
+    assert [len(packet) for packet in rig.step([(HDR, MOTION), (HDR, MOTION, None, None)], t_ns=0)] == [0, 0]
+
+
+def test_lenses_of_a_rig_are_a_list():
+    sensor, lens = camera().sensor, (40.0, 40.0, 19.5, 11.5)
+    expected = r"expected a list with Intrinsics, \(fx, fy, cx, cy\) or None for each camera"
+    for given, told in (
+        (esaac.Intrinsics(*lens), "are a Intrinsics"),
+        (40.0, "are a float"),
+        (lens, r"are \[40.0, 40.0, 19.5, 11.5\]"),
+    ):
+        with pytest.raises(esaac.ArgumentError, match=f"intrinsics {told}, {expected}"):
+            esaac.Rig([sensor] * 4, intrinsics=given)
+
+
+@pytest.mark.parametrize("count", [2.0, "3", None, 0, 65537])
+def test_the_number_of_environments_is_a_whole_one(count):
+    with pytest.raises(
+        esaac.ArgumentError, match=f"num_envs is {count!r}, expected a whole number from 1 to 65536"
+    ):
+        esaac.TiledEventCamera("dvs128", count)
+
+
+def test_attributes_that_nothing_reads_are_refused():
+    cam, sensor = camera(), camera().sensor
+    rig, tiled = esaac.Rig([sensor]), esaac.TiledEventCamera(sensor, 2)
+    for made, how in (
+        (cam, "camera.sensor = camera.sensor.replace"),
+        (rig, r"rig.set_sensor\(camera, rig.sensors\[camera\].replace"),
+        (tiled, r"cameras.set_sensor\(env, cameras.sensors\[env\].replace"),
+    ):
+        with pytest.raises(
+            AttributeError, match=rf"`contrast_off` is a parameter .* expected `{how}\(contrast_off="
+        ):
+            made.contrast_off = 0.4
+        kind = type(made).__name__
+        with pytest.raises(AttributeError, match=rf"{kind} has no attribute `sensr`; .*{how}\(contrast_on="):
+            made.sensr = sensor
+    cam.sensor = sensor.replace(contrast_on=0.4)
+    assert cam.sensor.contrast_on == 0.4
+    for made in (
+        esaac.PoseRecorder(),
+        esaac.Poses([0], np.array([[0, 0, 0, 0, 0, 0, 1]])),
+    ):
+        with pytest.raises(AttributeError, match="has no attribute 'id'"):
+            made.id = {1: 0}
+
+
+def test_a_class_that_inherits_has_attributes_of_its_own():
+    class Named(esaac.EventCamera):
+        contrast_off = None
+
+        def __init__(self, label):
+            super().__init__("dvs128", width=40, height=24)
+            self.label, self.contrast_off = label, 0.3
+
+    cam = Named("left")
+    assert (cam.label, cam.contrast_off) == ("left", 0.3)
+    with pytest.raises(AttributeError, match="`contrast_on` is a parameter of the sensor"):
+        cam.contrast_on = 0.4
+
+
 def test_time_goes_forwards_and_not_too_far():
     cam = camera()
     cam.step(HDR, MOTION, t_ns=FRAME_NS)

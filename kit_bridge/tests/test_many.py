@@ -233,8 +233,6 @@ def test_chosen_environments_begin_anew():
         tiled.step(*tiles(4, 4), t_ns=[1, 2, 3])
     with pytest.raises(esaac.FrameError, match=r"hdr has shape \[3, 16, 24, 4\], expected \(4, 16, 24"):
         tiled.step(*tiles(3, 4), t_ns=FRAME_NS * 4)
-    with pytest.raises(esaac.ArgumentError, match="num_envs"):
-        esaac.TiledEventCamera(SENSOR, 0)
 
 
 def test_the_time_is_one_for_all_or_one_for_each_of_whatever_holds_them():

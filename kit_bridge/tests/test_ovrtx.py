@@ -130,6 +130,8 @@ def test_what_is_missing_is_told():
         camera.step(products, t_ns=0)
     with pytest.raises(esaac.ArgumentError, match="check_every is -1"):
         EventCamera(PRODUCT, "dvs128", check_every=-1, **SENSOR)
+    with pytest.raises(AttributeError, match=r"`contrast_on` is a parameter .*camera\.events\.sensor ="):
+        camera.contrast_on = 0.4
     # A frame that fails leaves nothing mapped, and the camera goes on.
     products = ovrtx.Renderer(PRODUCT, images).step({PRODUCT}, 1 / 60)
     small = EventCamera(PRODUCT, "dvs128", width=32, height=24)

@@ -273,6 +273,8 @@ class ApsFrame:
     pixels: NDArray[np.uint16]
 
 class _Cameras:
+    """Setting an attribute that nothing reads, a parameter of the sensor for example, raises `AttributeError`."""
+
     def close(self) -> None: ...
     @property
     def closed(self) -> bool: ...
@@ -322,8 +324,8 @@ def flow(
 
     `depth` and `ids` are of the image at `from_ns`, `(height, width)` or `(cameras, height, width)`, as for `step`.
     Not a number where there is no path: without depth, or poses of the id, or where the camera does not see the point
-    any more. That something comes to lie before it is not looked for. Computed on the host. Wrong shapes, and poses
-    that do not reach both times, raise `FrameError`."""
+    any more. That something comes to lie before it is not looked for. Computed on the host. Wrong types and shapes,
+    and poses that do not reach both times, raise `FrameError`."""
 
 def lux_per_unit(
     scene_unit: Literal["luminance", "radiance"],
@@ -425,7 +427,7 @@ class EventCamera(_Cameras):
         """
 
 class Rig(_Cameras):
-    """Cameras of different sensors that step together."""
+    """Cameras of different sensors that step together. `intrinsics` has a lens, or None, for each."""
 
     def __init__(
         self,
@@ -446,7 +448,8 @@ class Rig(_Cameras):
         stream: int | None = None,
     ) -> list[Packet]:
         """Steps the cameras whose frame is not None. A frame is `hdr`, or `(hdr, motion, depth, ids)`, of which the
-        later ones may be None or left out. Each camera has poses, or a recorder, of its own."""
+        later ones may be None or left out; more than these raise `FrameError`. Each camera has poses, or a recorder,
+        of its own."""
     def submit(
         self,
         frames: Sequence[tuple[Array | None, ...] | Array | None],

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import numbers
 import warnings
 import zlib
 from collections.abc import Iterable
@@ -10,8 +11,16 @@ from collections.abc import Iterable
 import numpy as np
 
 from esaac._native import Engine, SensorModel
-from esaac.checks import bins_of, index_of, indices_of, nanoseconds
-from esaac.errors import ArgumentError, InputWarning, LightWarning, PoseWarning, SynthesisWarning
+from esaac.attributes import KnownAttributes
+from esaac.checks import bins_of, index_of, indices_of, nanoseconds, whole_number
+from esaac.errors import (
+    ArgumentError,
+    FrameError,
+    InputWarning,
+    LightWarning,
+    PoseWarning,
+    SynthesisWarning,
+)
 from esaac.poses import Intrinsics, PoseRecorder, Poses
 
 # A saved state: these eight bytes, of which the last is the version; length and CRC-32 of the header; the header, as
@@ -38,7 +47,7 @@ class ApsFrame:
     pixels: np.ndarray
 
 
-class _Cameras:
+class _Cameras(KnownAttributes):
     """Methods of every kind of camera."""
 
     def __init__(self, sensors, lenses, device, packets, packet_ring, tiled):
@@ -180,8 +189,34 @@ def _span(times_ns, last_ns):
     return min(t if last is None else last for t, last in zip(times_ns, last_ns)), max(times_ns)
 
 
+def _lenses(intrinsics):
+    """A lens of each camera of a rig."""
+    expected = "expected a list with Intrinsics, (fx, fy, cx, cy) or None for each camera"
+    if isinstance(intrinsics, Intrinsics) or not isinstance(intrinsics, Iterable):
+        raise ArgumentError(f"intrinsics are a {type(intrinsics).__name__}, {expected}")
+    intrinsics = list(intrinsics)
+    if any(isinstance(lens, numbers.Number) for lens in intrinsics):
+        raise ArgumentError(f"intrinsics are {intrinsics}, {expected}")
+    return [Intrinsics.of(lens) for lens in intrinsics]
+
+
+def _images(frame, camera):
+    """Colour, motion, depth and ids of a camera's frame; None if it waits."""
+    if frame is None:
+        return None
+    if not isinstance(frame, (tuple, list)):
+        return (frame, None, None, None)
+    if not 1 <= len(frame) <= 4:
+        raise FrameError(
+            f"the frame of camera {camera} has {len(frame)} entries, expected 1 to 4: hdr, motion, depth, ids"
+        )
+    return (*frame, None, None, None)[:4]
+
+
 class EventCamera(_Cameras):
     """One event camera. See `__init__.pyi`."""
+
+    _CHANGE = "camera.sensor = camera.sensor.replace({name}=...)"
 
     def __init__(
         self,
@@ -274,11 +309,13 @@ class _Several(_Cameras):
 class Rig(_Several):
     """Cameras of different sensors that step together. See `__init__.pyi`."""
 
+    _CHANGE = "rig.set_sensor(camera, rig.sensors[camera].replace({name}=...))"
+
     def __init__(self, sensors, *, intrinsics=None, device=None, packets="host", packet_ring=None):
         if isinstance(sensors, (str, SensorModel)):
             raise ArgumentError(f"sensors is a {type(sensors).__name__}, expected a list of sensors")
         sensors = [SensorModel(sensor) for sensor in sensors]
-        lenses = [None] * len(sensors) if intrinsics is None else [Intrinsics.of(lens) for lens in intrinsics]
+        lenses = [None] * len(sensors) if intrinsics is None else _lenses(intrinsics)
         super().__init__(sensors, lenses, device, packets, packet_ring, tiled=False)
 
     def step(self, frames, t_ns, *, poses=None, stream=None):
@@ -293,14 +330,7 @@ class Rig(_Several):
         return packets
 
     def _step_each(self, frames, t_ns, poses, stream, submits=False):
-        given = []
-        for frame in frames:
-            if frame is None:
-                given.append(None)
-            elif isinstance(frame, (tuple, list)):
-                given.append((*frame, None, None, None)[:4])
-            else:
-                given.append((frame, None, None, None))
+        given = [_images(frame, index) for index, frame in enumerate(frames)]
         times = _listed(t_ns)
         if isinstance(times, list):
             times = [None if t is None else nanoseconds(t) for t in times]
@@ -358,6 +388,8 @@ class Rig(_Several):
 class TiledEventCamera(_Several):
     """Many cameras alike, one for each environment. See `__init__.pyi`."""
 
+    _CHANGE = "cameras.set_sensor(env, cameras.sensors[env].replace({name}=...))"
+
     def __init__(
         self,
         sensor=None,
@@ -370,8 +402,7 @@ class TiledEventCamera(_Several):
         packet_ring=None,
         **parameters,
     ):
-        if not 1 <= num_envs <= 65536:
-            raise ArgumentError(f"num_envs is {num_envs}, expected 1 to 65536")
+        num_envs = whole_number(num_envs, 1, 65536, "num_envs")
         sensor, lens = SensorModel(sensor, profile=profile, **parameters), Intrinsics.of(intrinsics)
         super().__init__([sensor] * num_envs, [lens] * num_envs, device, packets, packet_ring, tiled=True)
 

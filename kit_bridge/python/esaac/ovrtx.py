@@ -15,6 +15,7 @@ import ovrtx
 import warp as wp
 
 import esaac
+from esaac.attributes import KnownAttributes
 from esaac.errors import ArgumentError, FrameError
 from esaac.poses import PoseRecorder
 
@@ -34,7 +35,7 @@ COLOUR, MOTION, DEPTH, IDS = (
 """Render variables by their `sourceName`. Colour must be there. Depth and ids are read where poses are given."""
 
 
-class EventCamera:
+class EventCamera(KnownAttributes):
     """An event camera of an ovrtx render product.
 
         camera = EventCamera("/Render/Camera", "davis346")
@@ -47,6 +48,9 @@ class EventCamera:
     """
 
     events: esaac.EventCamera
+
+    _OWN = ("events",)
+    _CHANGE = "camera.events.sensor = camera.events.sensor.replace({name}=...)"
 
     def __init__(
         self,

@@ -76,6 +76,8 @@ class Poses:
     with the quaternion's scalar last. `tables` are pairs of arrays: ids, and the body that each is.
     """
 
+    __slots__ = ("__weakref__", "bodies", "camera", "tables", "times_ns")
+
     def __init__(self, times_ns, camera, bodies=None, *, ids=None, order="xyzw", axes="usd"):
         self.times_ns = _times(times_ns)
         steps = len(self.times_ns)
@@ -106,6 +108,8 @@ class Poses:
 
 class PoseRecorder:
     """Keeps the poses of physics steps until the frames that need them have been stepped. See `__init__.pyi`."""
+
+    __slots__ = ("__weakref__", "_samples", "axes", "ids", "order", "tolerance_ns")
 
     def __init__(self, *, ids=None, order="xyzw", axes="usd", limit=1024, tolerance_ns=1000):
         if limit < 2 * MARGIN + 1:

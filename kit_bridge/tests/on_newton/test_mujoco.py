@@ -259,6 +259,9 @@ def test_wrong_arguments_are_told(model):
     ):
         with pytest.raises(error, match=message):
             made(model, camera, **options)
+    with made(model, "still") as cam:
+        with pytest.raises(AttributeError, match=r"`contrast_on` is a parameter .*camera\.events\.sensor ="):
+            cam.contrast_on = 0.4
     with pytest.raises(esaac.ArgumentError, match="camera 1 is orthographic, expected a perspective one"):
         made(sky(), "flat")
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (640, 480)

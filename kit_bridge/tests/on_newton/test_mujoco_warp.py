@@ -340,6 +340,8 @@ def test_wrong_arguments_are_told():
     with pytest.raises(esaac.ArgumentError, match="camera 1 is orthographic, expected a perspective one"):
         cloth(camera="flat")
     made = cameras(moving, limit=10)
+    with pytest.raises(AttributeError, match=r"`contrast_on` is a parameter .*cameras\.events\.set_sensor"):
+        made.contrast_on = 0.4
     made.step()
     with pytest.raises(esaac.ArgumentError, match="world 0 has had its frame at substep 0, expected record"):
         made.step()

@@ -317,6 +317,10 @@ def test_wrong_arguments_are_told():
         with pytest.raises(esaac.ArgumentError, match=message):
             cameras(moving, **wrong)
     made = cameras(moving)
+    with pytest.raises(
+        AttributeError, match="EventCameras has no attribute `wordls`; parameters are changed"
+    ):
+        made.wordls = [0]
     for wrong in ([2], [-1], [0.5]):
         with pytest.raises(esaac.ArgumentError, match=r"worlds are .*, expected numbers from 0 to 1"):
             made.step(moving.at(0), worlds=wrong)

@@ -11,6 +11,7 @@ import numpy as np
 
 import esaac
 from esaac import ArgumentError, FrameError, PoseRecorder
+from esaac.attributes import KnownAttributes
 from esaac.mujoco.lens import camera_number, lens_of
 from esaac.mujoco.view import View
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from esaac import Packet, SensorModel
 
 
-class EventCamera:
+class EventCamera(KnownAttributes):
     """An event camera at a camera of a `mujoco.MjModel`.
 
     Call `record(data)` after each `mj_step`, and `step(data)` for each frame. Frames may be rare: between two of them
@@ -31,6 +32,9 @@ class EventCamera:
     """
 
     events: esaac.EventCamera
+
+    _OWN = ("events",)
+    _CHANGE = "camera.events.sensor = camera.events.sensor.replace({name}=...)"
 
     def __init__(
         self,

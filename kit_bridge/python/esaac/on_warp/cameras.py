@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from esaac import ArgumentError, TiledEventCamera
+from esaac.attributes import KnownAttributes
 from esaac.on_warp.frames import Frames, Images
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from esaac.on_warp.substeps import Bodies, Mounts, SubstepLog
 
 
-class WorldCameras:
+class WorldCameras(KnownAttributes):
     """The event cameras of all worlds. Classes that inherit from it draw `view`, record substeps and tell the poses.
 
     `events` is the `esaac.TiledEventCamera`, with `event_frames()`, `voxel_grids()` and `statistics`.
@@ -25,6 +26,9 @@ class WorldCameras:
 
     events: TiledEventCamera
     view: Images
+
+    _OWN = ("events", "view")
+    _CHANGE = "cameras.events.set_sensor(world, cameras.events.sensors[world].replace({name}=...))"
 
     def __init__(
         self,
