@@ -34,8 +34,8 @@ struct CompareReport {
     truth_on_off: (u64, u64),
     /// ON and OFF events of the other file.
     on_off: (u64, u64),
-    /// Events per true event; `null` where there is no truth but there are events.
-    count_ratio: Option<f64>,
+    /// Events per true event.
+    count_ratio: f64,
     /// Harmonic mean of precision and recall.
     f1: f64,
     /// Largest time between two events that match, microseconds.
@@ -46,8 +46,8 @@ struct CompareReport {
     victor_purpura_shift_us: f64,
     /// Share of pixels that have the same polarities in the same order.
     same_sequence: f64,
-    /// Time between matched events, microseconds: median, 99% and largest.
-    time_error_us: [f64; 3],
+    /// Time between matched events, microseconds: median, 99% and largest; `null` where none match.
+    time_error_us: Option<[f64; 3]>,
 }
 
 impl CompareReport {
@@ -56,24 +56,25 @@ impl CompareReport {
         CompareReport {
             truth_on_off: found.truth_on_off,
             on_off: found.tested_on_off,
-            count_ratio: Some(found.count_ratio).filter(|ratio| ratio.is_finite()),
+            count_ratio: found.count_ratio,
             f1: found.f1,
             match_window_us: MATCH_WINDOW_US,
             victor_purpura: found.victor_purpura,
             victor_purpura_shift_us: SHIFT_NS * 1e-3,
             same_sequence: found.same_sequence,
-            time_error_us: [p50_us, p99_us, max_us],
+            time_error_us: (found.f1 > 0.0).then_some([p50_us, p99_us, max_us]),
         }
     }
 
     fn text(&self) -> String {
-        let [median, most, largest] = self.time_error_us;
+        let time_error = self.time_error_us.map_or("-".to_owned(), |[median, most, largest]| {
+            format!("median {median:.1} us, 99% {most:.1} us, largest {largest:.1} us")
+        });
         let counts = |(on, off): (u64, u64)| format!("{} ({on} ON, {off} OFF)", on + off);
-        let ratio = self.count_ratio.map_or("-".to_owned(), |ratio| format!("{ratio:.3}"));
         let rows = [
             ("true events", counts(self.truth_on_off)),
             ("events", counts(self.on_off)),
-            ("events per true event", ratio),
+            ("events per true event", format!("{:.3}", self.count_ratio)),
             ("F1", format!("{:.3} within {} us", self.f1, self.match_window_us)),
             (
                 "Victor-Purpura",
@@ -83,7 +84,7 @@ impl CompareReport {
                 ),
             ),
             ("same sequence", format!("{:.1}% of the pixels", 100.0 * self.same_sequence)),
-            ("time error", format!("median {median:.1} us, 99% {most:.1} us, largest {largest:.1} us")),
+            ("time error", time_error),
         ];
         table::render(&rows.map(|(name, value)| vec![name.to_owned(), value]))
     }
@@ -107,6 +108,13 @@ pub fn run(arguments: &CompareArguments, json: bool) -> Result<Outcome> {
         events.events.iter().copied().filter(|e| e.t_ns > span_ns.0 && e.t_ns <= span_ns.1).collect()
     };
     let (true_events, events) = (chosen(&truth), chosen(&other));
+    ensure!(
+        !true_events.is_empty(),
+        "no true event lies in the time that is compared, so that nothing can be said: {}, {}; expected --from and --to \
+         around true events",
+        told(&arguments.truth, &truth.events),
+        told(&arguments.events, &other.events)
+    );
     if let Some(warning) = apart((&arguments.truth, &true_events), (&arguments.events, &events)) {
         stderr::line(warning);
     }
@@ -132,18 +140,27 @@ fn span_ns(arguments: &CompareArguments, truth: &AnyEvents) -> Result<(i64, i64)
     Ok((from_ns, to_ns))
 }
 
+/// A file, and when its events are.
+fn told(path: &Path, events: &[Event]) -> String {
+    let path = path.display();
+    match events {
+        [first, .., last] => {
+            format!("{path} from {:.6} to {:.6} s", first.t_ns as f64 * 1e-9, last.t_ns as f64 * 1e-9)
+        }
+        [only] => format!("{path} at {:.6} s", only.t_ns as f64 * 1e-9),
+        [] => format!("{path} has no events"),
+    }
+}
+
 /// A warning if all events of one file come before those of the other, as where they have other clocks.
 fn apart(a: (&Path, &[Event]), b: (&Path, &[Event])) -> Option<String> {
     let ends_ns = |events: &[Event]| Some((events.first()?.t_ns, events.last()?.t_ns));
     let ((first_a, last_a), (first_b, last_b)) = (ends_ns(a.1)?, ends_ns(b.1)?);
-    let told = |path: &Path, first_ns: i64, last_ns: i64| {
-        format!("{} from {:.6} to {:.6} s", path.display(), first_ns as f64 * 1e-9, last_ns as f64 * 1e-9)
-    };
     (last_a < first_b || last_b < first_a).then(|| {
         format!(
             "warning: the times of the files do not overlap: {}, {}; expected one clock",
-            told(a.0, first_a, last_a),
-            told(b.0, first_b, last_b)
+            told(a.0, a.1),
+            told(b.0, b.1)
         )
     })
 }

@@ -79,7 +79,6 @@ fn files_that_cannot_be_compared_are_told() {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     write_events(Path::new(&at("a.npz")), &truth(), &sensor());
     write_events(Path::new(&at("wide.npz")), &truth(), &SensorModel { width: 5, ..sensor() });
-    write_events(Path::new(&at("none.npz")), &[], &sensor());
     let later: Vec<Event> = truth().into_iter().map(|e| Event { t_ns: e.t_ns + 1000 * MS, ..e }).collect();
     write_events(Path::new(&at("later.npz")), &later, &sensor());
 
@@ -103,7 +102,34 @@ fn files_that_cannot_be_compared_are_told() {
         "{error}"
     );
 
-    let (code, text, error) = run(&["compare", &at("none.npz"), &at("a.npz"), "--json"]);
-    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!((code, error.as_str(), &report["count_ratio"]), (0, "", &serde_json::Value::Null));
+    let report: serde_json::Value =
+        serde_json::from_str(&run(&["compare", &at("a.npz"), &at("later.npz"), "--json"]).1).unwrap();
+    assert_eq!((&report["f1"], &report["time_error_us"]), (&0.0.into(), &serde_json::Value::Null));
+    assert!(text.contains("time error             -\n"), "{text}");
+}
+
+#[test]
+fn nothing_is_no_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    write_events(Path::new(&at("a.npz")), &truth(), &sensor());
+    write_events(Path::new(&at("one.npz")), &truth()[..1], &sensor());
+    write_events(Path::new(&at("none.npz")), &[], &sensor());
+    let of_a = "a.npz from 0.010000 to 0.080000 s";
+    assert_error(
+        &["compare", &at("a.npz"), &at("one.npz"), "--from", "5"],
+        &["no true event", of_a, "one.npz at 0.010000 s", "--from and --to"],
+    );
+    for events in ["a.npz", "none.npz"] {
+        assert_error(
+            &["compare", &at("none.npz"), &at(events)],
+            &["no true event", "none.npz has no events"],
+        );
+    }
+    let (code, text, error) = run(&["compare", &at("a.npz"), &at("none.npz")]);
+    assert_eq!((code, error.as_str()), (0, ""));
+    assert!(
+        text.contains("F1                     0.000") && text.contains("time error             -"),
+        "{text}"
+    );
 }
