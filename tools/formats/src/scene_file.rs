@@ -57,6 +57,8 @@ enum ProjectionName {
 #[derive(Clone, Debug, Deserialize)]
 struct TransformsFile {
     camera_model: Option<String>,
+    /// instant-ngp's name for an equidistant fisheye.
+    is_fisheye: Option<bool>,
     fl_x: Option<f64>,
     fl_y: Option<f64>,
     camera_angle_x: Option<f64>,
@@ -81,7 +83,7 @@ struct TransformsFrame {
 const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
 
 /// Parameters that may differ from frame to frame in `transforms.json`, and may not here.
-const OF_ALL_FRAMES: [&str; 5] = ["fl_x", "fl_y", "cx", "cy", "camera_model"];
+const OF_ALL_FRAMES: [&str; 7] = ["fl_x", "fl_y", "cx", "cy", "camera_model", "camera_angle_x", "is_fisheye"];
 
 /// The motion of a folder's scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -182,6 +184,12 @@ impl SequenceFile {
         }
     }
 
+    /// Whether there are poses of a camera without a lens. They are not read: nobody said what they mean.
+    #[must_use]
+    pub fn lacks_lens(&self) -> bool {
+        self.intrinsics.is_none() && self.camera_to_world.is_some()
+    }
+
     /// The poses, if there are any.
     fn motion(&self, keys: &KeyFrames<'_>) -> Result<Option<SceneMotion>> {
         let Some(lens) = &self.intrinsics else {
@@ -228,20 +236,8 @@ impl TransformsFile {
     const NAME: &str = "transforms.json";
 
     fn motion(&self, keys: &KeyFrames<'_>) -> Result<SceneMotion> {
-        let model = self.camera_model.as_deref().unwrap_or("OPENCV");
-        let projection = match model {
-            "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => Projection::Pinhole,
-            "OPENCV_FISHEYE" => Projection::Fisheye,
-            _ => bail!("`camera_model` is {model}, expected OPENCV, OPENCV_FISHEYE or PINHOLE"),
-        };
-        for name in DISTORTION {
-            let value = self.others.get(name).map_or(Some(0.0), serde_json::Value::as_f64);
-            ensure!(
-                value == Some(0.0),
-                "the lens has distortion ({name} is {}), expected none: undistort the frames first",
-                self.others[name]
-            );
-        }
+        let projection = self.projection()?;
+        no_distortion(&self.others)?;
         let (width_px, height_px) = keys.size_px;
         for (name, given, expected) in [("w", self.w, width_px), ("h", self.h, height_px)] {
             if let Some(given) = given {
@@ -270,6 +266,7 @@ impl TransformsFile {
             if let Some(own) = OF_ALL_FRAMES.iter().find(|own| frame.others.contains_key(**own)) {
                 bail!("frame {} has its own `{own}`, expected one lens for all frames", frame.file_path);
             }
+            no_distortion(&frame.others).with_context(|| format!("frame {}", frame.file_path))?;
             let rows = &frame.transform_matrix;
             let shape = || {
                 let lengths = rows.iter().map(Vec::len).collect::<Vec<_>>();
@@ -294,6 +291,21 @@ impl TransformsFile {
         Ok(SceneMotion::new(lens, PoseTrack::new(times_ns, poses)?))
     }
 
+    fn projection(&self) -> Result<Projection> {
+        let is_fisheye = self.is_fisheye == Some(true);
+        match self.camera_model.as_deref() {
+            None if is_fisheye => Ok(Projection::Fisheye),
+            Some("OPENCV_FISHEYE") => Ok(Projection::Fisheye),
+            Some(model) if is_fisheye => {
+                bail!(
+                    "`is_fisheye` is true and `camera_model` is {model}, expected OPENCV_FISHEYE with it, or none"
+                )
+            }
+            None | Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE") => Ok(Projection::Pinhole),
+            Some(model) => bail!("`camera_model` is {model}, expected OPENCV, OPENCV_FISHEYE or PINHOLE"),
+        }
+    }
+
     /// What is left out is that of square pixels around the middle of the image.
     fn lens(&self, projection: Projection, size_px: (u32, u32)) -> Result<Intrinsics> {
         let (width_px, height_px) = (f64::from(size_px.0), f64::from(size_px.1));
@@ -304,6 +316,17 @@ impl TransformsFile {
         let (cx_px, cy_px) = (self.cx.unwrap_or(0.5 * width_px), self.cy.unwrap_or(0.5 * height_px));
         Ok(Intrinsics::new(projection, fx_px, self.fl_y.unwrap_or(fx_px), cx_px - 0.5, cy_px - 0.5)?)
     }
+}
+
+/// Fails if a lens has distortion that is not 0.
+fn no_distortion(parameters: &BTreeMap<String, serde_json::Value>) -> Result<()> {
+    for (name, value) in DISTORTION.iter().filter_map(|name| Some((name, parameters.get(*name)?))) {
+        ensure!(
+            value.as_f64() == Some(0.0),
+            "the lens has distortion ({name} is {value}), expected none: undistort the frames first"
+        );
+    }
+    Ok(())
 }
 
 impl FolderScene {
@@ -356,6 +379,10 @@ fn read_text(path: &Path) -> Result<Option<String>> {
 
 fn parsed<T: DeserializeOwned>(text: &str) -> Result<T> {
     let bytes = text.len();
+    // A list could be taken for the values of the keys.
+    if let Some(first) = text.trim_start().chars().next().filter(|first| *first != '{') {
+        bail!("the file begins with `{}`, expected a JSON object, `{{...}}`", first.escape_debug());
+    }
     serde_json::from_str(text).map_err(|error| {
         let (cut, no_number) = (error.is_eof(), no_number_at(text, error.line(), error.column()));
         let error = anyhow::Error::new(error);

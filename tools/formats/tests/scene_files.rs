@@ -43,6 +43,48 @@ fn a_lens_may_be_an_angle_of_view_with_square_pixels_around_the_middle() {
 }
 
 #[test]
+fn a_fisheye_may_be_named_as_by_instant_ngp() {
+    let lens = json!({ "fl_x": 60, "is_fisheye": true, "k1": 0.0 });
+    let found = scene(&transforms(&lens)).expect("a lens").expect("poses");
+    assert_eq!(*found.motion.lens(), Intrinsics::fisheye(60.0, 60.0, 19.5, 14.5).expect("a lens"));
+    let plain =
+        scene(&transforms(&json!({ "fl_x": 60, "is_fisheye": false }))).expect("a lens").expect("poses");
+    assert_eq!(*plain.motion.lens(), Intrinsics::pinhole(60.0, 60.0, 19.5, 14.5).expect("a lens"));
+    let error = |lens: Value| format!("{:#}", scene(&transforms(&lens)).expect_err("no lens"));
+    let both = error(json!({ "fl_x": 60, "is_fisheye": true, "camera_model": "PINHOLE" }));
+    assert!(both.contains("`is_fisheye` is true and `camera_model` is PINHOLE"), "{both}");
+    let bent = error(json!({ "fl_x": 60, "is_fisheye": true, "k2": 0.01 }));
+    assert!(bent.contains("distortion (k2 is 0.01)"), "{bent}");
+}
+
+#[test]
+fn a_frame_has_no_lens_of_its_own() {
+    let with = |key: &str, value: Value| {
+        let mut file: Value = serde_json::from_str(&transforms(&json!({ "fl_x": 60 }))).expect("JSON");
+        file["frames"][1][key] = value;
+        scene(&file.to_string())
+    };
+    with("k1", json!(0)).expect("no distortion");
+    let error = format!("{:#}", with("k1", json!(0.1)).expect_err("distortion"));
+    assert!(error.contains("frame ./train/r_1: the lens has distortion (k1 is 0.1)"), "{error}");
+    for key in ["camera_angle_x", "is_fisheye"] {
+        let error = format!("{:#}", with(key, json!(true)).expect_err("another lens"));
+        assert!(error.contains(&format!("r_1 has its own `{key}`, expected one lens")), "{error}");
+    }
+}
+
+#[test]
+fn what_is_no_object_is_told() {
+    for text in ["[]", " [1, 2, 3, 4, 5]", "7", "\"poses\""] {
+        let error = format!("{:#}", scene(text).expect_err("no object"));
+        assert!(
+            error.contains("transforms.json: the file begins with") && error.contains("a JSON object"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn poses_that_end_a_little_early_end_with_the_last_frame() {
     let upright = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
     let of = |pose_rate_hz: f64| {
