@@ -30,8 +30,8 @@ pub struct Service {
     resets: u64,
     /// What was last said about each camera's poses.
     warnings: Vec<Option<String>>,
-    /// Cameras that were told to have pixels without a path, since they began.
-    told_of_paths: Vec<bool>,
+    /// Cameras that were told to have pixels that cannot be used, and pixels without a path, since they began.
+    told: Vec<[bool; 2]>,
 }
 
 impl Service {
@@ -41,8 +41,8 @@ impl Service {
         let stand_ins = (0..rig.len()).map(|_| None).collect();
         let (last_ns, warnings) = (vec![None; rig.len()], vec![None; rig.len()]);
         let broken = vec![false; rig.len()];
-        let told_of_paths = vec![false; rig.len()];
-        Service { last_ns, broken, stand_ins, rig, server, resets: 0, warnings, told_of_paths }
+        let told = vec![[false; 2]; rig.len()];
+        Service { last_ns, broken, stand_ins, rig, server, resets: 0, warnings, told }
     }
 
     /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
@@ -140,7 +140,7 @@ impl Service {
             if stepped.is_ok() {
                 self.server.release(frame, Outcome::Stepped)?;
                 self.last_ns[frame.camera] = Some(frame.t_ns);
-                self.warn_of_poses(frame.camera, frame.slot().inputs().depth.is_some())?;
+                self.warn_of_input(frame.camera, frame.slot().inputs().depth.is_some())?;
             } else {
                 self.server.release(frame, Outcome::Dropped)?;
                 self.broken[frame.camera] = true;
@@ -168,20 +168,21 @@ impl Service {
         Ok((t_ns, first))
     }
 
-    /// Says what is new about a camera's poses, and once that many of its pixels have no path though it gives depth.
-    fn warn_of_poses(&mut self, camera: usize, gives_depth: bool) -> Result<(), InteropError> {
+    /// Says what is new about a camera's poses, and once that many of its pixels cannot be used, or have no path though it
+    /// gives depth.
+    fn warn_of_input(&mut self, camera: usize, gives_depth: bool) -> Result<(), InteropError> {
         let warning = self.rig.convention_warning(camera)?;
         let is_new = warning.is_some() && warning != self.warnings[camera];
         if let Some(text) = warning.as_ref().filter(|_| is_new) {
             self.server.say(format!("camera {camera}: warning: {text}"));
         }
         self.warnings[camera] = warning;
-        if gives_depth
-            && !self.told_of_paths[camera]
-            && let Some(text) = self.rig.path_warning(camera)?
-        {
-            self.server.say(format!("camera {camera}: warning: {text}"));
-            self.told_of_paths[camera] = true;
+        let of_paths = if gives_depth { self.rig.path_warning(camera)? } else { None };
+        for (kind, text) in [self.rig.frame_warning(camera)?, of_paths].into_iter().enumerate() {
+            if let Some(text) = text.filter(|_| !self.told[camera][kind]) {
+                self.server.say(format!("camera {camera}: warning: {text}"));
+                self.told[camera][kind] = true;
+            }
         }
         Ok(())
     }
@@ -199,7 +200,7 @@ impl Service {
             if self.last_ns[camera].is_some_and(|last| anew || gap(last)) {
                 self.rig.reset(camera)?;
                 self.resets += 1;
-                self.told_of_paths[camera] = false;
+                self.told[camera] = [false; 2];
                 self.last_ns[camera] = None;
             }
             match self.hand_over_poses(frame) {

@@ -102,7 +102,7 @@ impl State {
                 Ok([
                     (Kind::Light, rig.fit_warning(own)?),
                     (Kind::Flicker, rig.flicker_warning(own)?),
-                    (Kind::Input, rig.path_warning(own)?),
+                    (Kind::Input, rig.frame_warning(own)?.or(rig.path_warning(own)?)),
                 ])
             })?;
             for (camera, found) in found.into_iter().enumerate() {

@@ -270,6 +270,30 @@ fn depth_that_cannot_be_used_is_told_of_once() {
 }
 
 #[test]
+fn colour_that_cannot_be_used_is_told_of_once() {
+    let (run, place) = (Run::default(), Place::default());
+    let config = run.config(IdFormat::U32);
+    let rig = Rig::new(&DEVICE, std::slice::from_ref(&config)).unwrap();
+    let mut service =
+        Service::open(rig, &place.path(), &[(&config).into()], ServerOptions::default()).unwrap();
+    let device = other_device();
+    let mut uploader = Uploader::connect(&device, &place.path(), &options(0, MEMORY_HOST)).unwrap();
+    let nan = vec![0xff; run.frames[0].1.hdr.len()];
+    for index in 0..FRAMES {
+        let ids = run.ids(index, IdFormat::U32);
+        let images = Planes { hdr: &*nan, ..planes(&run, index, &ids) };
+        uploader.send_scene(images, run.frames[index].0, &run.motion).unwrap();
+        service.tick(60 * SECOND).unwrap().expect("a frame");
+    }
+    let notices = service.server().notices();
+    let told = "camera 0: warning: 100% of the pixels have a colour that is NaN";
+    assert_eq!(notices.iter().filter(|line| line.starts_with(told)).count(), 1, "{notices:?}");
+    drop(service);
+    assert_device_silent(&device);
+    assert_silent();
+}
+
+#[test]
 fn a_producer_is_told_before_it_sends_poses_that_the_engine_would_refuse() {
     let run = Run::default();
     let config = run.config(IdFormat::U32);

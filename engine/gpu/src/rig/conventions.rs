@@ -11,7 +11,7 @@ use super::{CameraState, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
 use crate::memory::Buffer;
-use esaac_model::input::WithoutPath;
+use esaac_model::input::{InvalidInput, WithoutPath};
 use esaac_model::paths::conventions::{ConventionReport, KeyFrame, Trust};
 use esaac_model::{IdFormat, MotionFormat, Synthesis};
 
@@ -52,6 +52,17 @@ impl Rig {
         let pixels = config.sensor.pixels() as u64;
         let without = WithoutPath { pixels, depth: found.without_depth, poses: found.without_poses };
         Ok(without.warning(config.motion.is_some()))
+    }
+
+    /// What to tell the user, if so many pixels of a camera's last frame have a colour, or a motion vector that its
+    /// synthesis would follow, that cannot be used that it looks like a mistake. A first frame's vectors lead nowhere.
+    pub fn frame_warning(&self, camera: usize) -> Result<Option<String>, EngineError> {
+        let follows = self.synthesis(camera)?.needs_motion();
+        let state = self.camera(camera)?;
+        let found = self.results.diagnostics[camera];
+        let motion = if follows && state.frames > 1 { found.invalid_motion } else { 0 };
+        let pixels = state.config.sensor.pixels() as u64;
+        Ok(InvalidInput { pixels, colour: found.invalid_pixels, motion }.warning())
     }
 
     /// The motion vectors of a camera's next frame do not lead to its last one, as after frames that were dropped: they

@@ -2,9 +2,11 @@
 
 mod check;
 mod image_motion;
+mod invalid;
 mod without_path;
 
 pub use check::{InputCheck, InputReport};
+pub use invalid::InvalidInput;
 pub use without_path::WithoutPath;
 
 /// What exact paths need and a camera does not get; `None` if it gets all.
