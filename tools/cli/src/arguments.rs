@@ -10,8 +10,9 @@ pub struct CommonArguments {
     /// Print JSON on standard output
     #[arg(long, global = true)]
     pub json: bool,
-    /// Vulkan device, by number or UUID as `esaac devices` lists them [default: the best one]
-    #[arg(long, global = true, env = "ESAAC_DEVICE", value_name = "INDEX|UUID")]
+    /// Vulkan device, by number or UUID as `esaac devices` lists them [default: that of ESAAC_DEVICE, else the best one]
+    // The variable is read where a device is opened, so that other commands do not fail for it.
+    #[arg(long, global = true, value_name = "INDEX|UUID")]
     pub device: Option<DeviceArgument>,
     /// Turn on Vulkan's validation layer
     #[arg(long, global = true, env = "ESAAC_VALIDATION", value_parser = FalseyValueParser::new())]

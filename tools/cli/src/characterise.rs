@@ -2,6 +2,7 @@
 
 use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
+use crate::whole_argument::whole;
 use crate::{device_choice, output_file};
 use anyhow::{Context, Result, bail};
 use esaac_benches::characterise::{Characterisation, Lab, characterise, document};
@@ -19,13 +20,13 @@ pub struct CharacteriseArguments {
     #[arg(long, value_name = "DIR", default_value = "characterisation")]
     pub out: PathBuf,
     /// Pixels for each level of light, of S-curves and noise
-    #[arg(long, value_name = "COUNT", default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    #[arg(long, value_name = "COUNT", default_value_t = 128, value_parser = whole(8, 4096), allow_negative_numbers = true)]
     pub pixels: u32,
-    /// Time after which noise is counted, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 20, value_parser = clap::value_parser!(u32).range(0..=3600))]
+    /// Time after which noise is counted, whole seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 20, value_parser = whole(0, 3600), allow_negative_numbers = true)]
     pub burn_in: u32,
-    /// Time for which noise is counted, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    /// Time for which noise is counted, whole seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 40, value_parser = whole(1, 3600), allow_negative_numbers = true)]
     pub seconds: u32,
 }
 

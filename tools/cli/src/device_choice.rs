@@ -1,8 +1,8 @@
 //! The Vulkan device that a command runs on.
 
-use crate::arguments::CommonArguments;
+use crate::arguments::{CommonArguments, DeviceArgument};
 use crate::report::DeviceReport;
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 use esaac_engine::{Device, DeviceChoice, DeviceInfo, Validation};
 use std::sync::Arc;
 
@@ -13,9 +13,19 @@ pub fn uuid_text(uuid: &[u8; 16]) -> String {
     [&hex[..4], &hex[4..6], &hex[6..8], &hex[8..10], &hex[10..]].map(<[String]>::concat).join("-")
 }
 
-/// Opens the device that the command line names, or the best.
+/// Names the device where the command line does not.
+const VARIABLE: &str = "ESAAC_DEVICE";
+
+/// Opens the device that the command line or else the environment names, or the best.
 pub fn open(common: &CommonArguments) -> Result<Arc<Device>> {
-    let choice = common.device.map_or(DeviceChoice::Best, |argument| argument.0);
+    let DeviceArgument(choice) = match (common.device, std::env::var_os(VARIABLE)) {
+        (Some(argument), _) => argument,
+        (None, None) => DeviceArgument(DeviceChoice::Best),
+        (None, Some(text)) => {
+            let text = text.to_string_lossy();
+            text.parse().map_err(|expected| anyhow!("{VARIABLE} is `{text}`, {expected}"))?
+        }
+    };
     Ok(Device::open(choice, validation(common.validation, Validation::from_env()))?)
 }
 
@@ -50,7 +60,6 @@ pub fn report(info: &DeviceInfo) -> DeviceReport {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arguments::DeviceArgument;
 
     #[test]
     fn a_uuid_reads_back_as_it_is_printed() {
