@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use std::fs::{File, Permissions};
-use std::io::{BufWriter, Seek, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::io::{BufWriter, Cursor, Seek, Write};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -54,12 +54,14 @@ pub fn check_apart(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
 }
 
 /// Runs `fill` on a temporary file beside `path`, flushes it to the disk and renames it to `path`. If
-/// anything fails, `path` stays as it was. If it is a link, the file that it names is written. A device such as
-/// `/dev/stdout` is written directly.
+/// anything fails, `path` stays as it was. If it is a link, the file that it names is written. A device or a
+/// pipe, such as `/dev/stdout` may be, is written from memory: it cannot be gone back in.
 pub fn write(path: &Path, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
     let written = || -> Result<()> {
         if is_special(path) {
-            return through_buffer(&File::options().write(true).open(path)?, fill);
+            let mut whole = Cursor::new(Vec::new());
+            fill(&mut whole)?;
+            return Ok(File::options().write(true).open(path)?.write_all(whole.get_ref())?);
         }
         let path = linked(path);
         let temporary = temporary_beside(&path)?;
@@ -85,6 +87,15 @@ fn through_buffer(file: &File, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<(
 /// Whether there is something at `path` that is neither a file nor a folder, such as a device.
 pub fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir())
+}
+
+/// Whether `path` is the pipe that standard output goes to, so that text there would be part of the file.
+pub fn is_standard_output(path: &Path) -> bool {
+    let pipe = |path: &Path| {
+        let found = path.metadata().ok().filter(|m| m.file_type().is_fifo())?;
+        Some((found.dev(), found.ino()))
+    };
+    pipe(path).is_some_and(|own| pipe(Path::new("/proc/self/fd/1")) == Some(own))
 }
 
 /// The file that a link names, if `path` is one, whether or not that file is there.
