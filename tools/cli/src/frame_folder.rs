@@ -1,7 +1,8 @@
 //! A folder of OpenEXR key frames: which files, at what rate, and whether they agree.
 
 use crate::frame_channels::{AskedChannels, FrameChannels};
-use crate::frame_numbers::{gap_warning, natural};
+use crate::frame_numbers::{gap_warning, keys};
+use crate::frame_series::{self, Series};
 use crate::motion_convention::{MotionConvention, VerticalAxis};
 use anyhow::{Context, Result, bail, ensure};
 use esaac_engine::zone;
@@ -50,14 +51,16 @@ pub struct FrameFolder {
     pub channels: Vec<String>,
     /// The motion of the scene, if the folder has poses.
     pub scene: Option<FolderScene>,
-    /// What to tell about the numbers of the frames.
-    pub warning: Option<String>,
+    /// The file that has poses without a lens, so that they are not read, if one has.
+    pub poses_without_lens: Option<PathBuf>,
+    /// What to tell about the names of the frames.
+    pub warnings: Vec<String>,
 }
 
 impl FrameFolder {
     /// Lists the folder and checks every frame's header.
     pub fn open(folder: &Path, options: &FolderOptions) -> Result<Self> {
-        let (paths, names) = list(folder, options.pattern.as_deref())?;
+        let Listed { paths, warnings, .. } = list(folder, options.pattern.as_deref())?;
         let sequence = SequenceFile::read(folder)?;
         let of_sequence = sequence.as_ref().and_then(|sequence| sequence.key_rate_hz);
         let (rate_hz, rate_from) = match (options.rate_hz, of_sequence) {
@@ -94,6 +97,8 @@ impl FrameFolder {
         let size_px = (first.width_px, first.height_px);
         let keys = KeyFrames { paths: &paths, rate_hz, size_px };
         let scene = FolderScene::read(folder, sequence.as_ref(), &keys)?;
+        let lacks_lens = sequence.is_some_and(|sequence| sequence.lacks_lens());
+        let poses_without_lens = lacks_lens.then(|| folder.join(SequenceFile::NAME));
         // Depth and ids are of use with poses only.
         let wanted = scene.is_some();
         if wanted || asked.depth.is_some() {
@@ -113,8 +118,16 @@ impl FrameFolder {
                 scene.file.display()
             );
         }
-        let warning = gap_warning(&names);
-        Ok(FrameFolder { paths, rate_hz, rate_from, layout, channels: first.channels, scene, warning })
+        Ok(FrameFolder {
+            paths,
+            rate_hz,
+            rate_from,
+            layout,
+            channels: first.channels,
+            scene,
+            poses_without_lens,
+            warnings,
+        })
     }
 
     /// Time of frame `index`, nanoseconds: `round(index 1e9 / rate)`.
@@ -145,8 +158,14 @@ impl FrameFolder {
     }
 }
 
-/// The frames of a folder in order, and their names.
-fn list(folder: &Path, pattern: Option<&str>) -> Result<(Vec<PathBuf>, Vec<String>)> {
+/// The frames of a folder in order.
+struct Listed {
+    paths: Vec<PathBuf>,
+    /// What to tell about their names.
+    warnings: Vec<String>,
+}
+
+fn list(folder: &Path, pattern: Option<&str>) -> Result<Listed> {
     ensure!(folder.exists(), "there is no folder {}", folder.display());
     ensure!(folder.is_dir(), "{} is a file, expected a folder of OpenEXR frames", folder.display());
     let mut files = Vec::new();
@@ -154,7 +173,6 @@ fn list(folder: &Path, pattern: Option<&str>) -> Result<(Vec<PathBuf>, Vec<Strin
         let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
         files.push((name.to_string_lossy().into_owned(), folder.join(name)));
     }
-    files.sort_by_cached_key(|(name, path)| (natural(name), path.clone()));
     let matching = |pattern: &str| -> Result<Vec<(String, PathBuf)>> {
         let pattern = Pattern::new(pattern).with_context(|| format!("--frames is `{pattern}`"))?;
         Ok(files.iter().filter(|(name, _)| pattern.matches(name)).cloned().collect())
@@ -172,8 +190,33 @@ fn list(folder: &Path, pattern: Option<&str>) -> Result<(Vec<PathBuf>, Vec<Strin
         folder.display(),
         found.len()
     );
-    let (names, paths) = found.into_iter().unzip();
-    Ok((paths, names))
+    let (names, paths): (Vec<String>, Vec<PathBuf>) = found.into_iter().unzip();
+    let mut frames: Vec<_> = keys(&names).into_iter().zip(paths).zip(names).collect();
+    frames.sort();
+    let (keyed, names): (Vec<_>, Vec<String>) = frames.into_iter().unzip();
+    let (keys, paths): (Vec<_>, Vec<PathBuf>) = keyed.into_iter().unzip();
+    let of_series = match frame_series::of(&names, &keys) {
+        Series::One => None,
+        Series::OneAnd(others) => Some(format!(
+            "{others}: not named like the other frames, and played with them; --frames chooses others"
+        )),
+        // Who gives a pattern may mean all that it matches.
+        Series::ByNumber(sequences) if pattern.is_some() => {
+            Some(format!("the frames seem to be several sequences, and are played as one: {sequences}"))
+        }
+        Series::ByNumber(sequences) => bail!(
+            "{} holds frames of several sequences: {sequences}; choose one with --frames, or all as one with \
+             --frames '{}'",
+            folder.display(),
+            if names[0].starts_with("key_") { "key_*.exr" } else { "*.exr" }
+        ),
+        Series::ByText(sequences) => bail!(
+            "{} holds frames of several sequences: {sequences}; choose one with --frames",
+            folder.display()
+        ),
+    };
+    let warnings = of_series.into_iter().chain(gap_warning(&names, &keys)).collect();
+    Ok(Listed { paths, warnings })
 }
 
 /// The channel of `what`, if it is there or `must` be. All frames must have it, or none.
@@ -221,7 +264,8 @@ mod tests {
     fn listed(files: &[&str], pattern: &str) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         files.iter().for_each(|file| std::fs::write(folder.path().join(file), "").unwrap());
-        list(folder.path(), Some(pattern)).unwrap().1
+        let paths = list(folder.path(), Some(pattern)).unwrap().paths;
+        paths.iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect()
     }
 
     #[test]
@@ -230,7 +274,7 @@ mod tests {
         assert_eq!(listed(&files, "key_*.exr"), ["key_0001.exr", "key_0002.exr", "key_10.exr"]);
         assert_eq!(listed(&files, "?.exr"), ["a.exr", "b.exr"]);
         assert_eq!(listed(&files, "key_000[12].exr"), ["key_0001.exr", "key_0002.exr"]);
-        let error = list(Path::new("/"), Some("key_[0.exr")).unwrap_err();
+        let error = list(Path::new("/"), Some("key_[0.exr")).err().unwrap();
         assert!(format!("{error:#}").contains("--frames is `key_[0.exr`"), "{error:#}");
     }
 
@@ -240,7 +284,7 @@ mod tests {
         let error = |pattern: &str| {
             let folder = tempfile::tempdir().unwrap();
             std::fs::write(folder.path().join(&name), "").unwrap();
-            list(folder.path(), Some(pattern)).unwrap_err().to_string()
+            list(folder.path(), Some(pattern)).err().unwrap().to_string()
         };
         assert!(error("*a*a*a*a*a*a*a*a*a*a*a*b").contains("holds 0 frames"));
     }

@@ -1,30 +1,73 @@
 //! The numbers in the names of frames: their order, and whether one is missing.
 
-/// Sort key under which `f10` follows `f9`: text and numbers in turn.
-pub fn natural(name: &str) -> Vec<(String, u128)> {
-    let mut parts = vec![(String::new(), 0_u128)];
-    let mut in_number = false;
+use std::collections::HashSet;
+
+/// Text and numbers of a name in turn. Names in the order of their keys are in the order of their numbers: `f10` follows
+/// `f9`, and `f_-3` comes before `f_0`.
+pub type Key = Vec<Part>;
+
+/// A text, and the number after it; the last text of a name may have none.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Part {
+    /// The text.
+    pub text: String,
+    /// The number after it.
+    pub number: Option<i128>,
+}
+
+/// Before a number that follows one of these, or that begins a name, `-` is always its sign.
+const BEFORE_SIGN: [char; 2] = ['_', '.'];
+
+/// The keys of the names of a folder. In `shot-0003` and `2026-11-29` the `-` is text; in `f_-0003` it is a sign, and so
+/// it is in `shot-0003` where another name lacks it, as `shot0000` does.
+pub fn keys(names: &[String]) -> Vec<Key> {
+    let plain: Vec<Key> = names.iter().map(|name| unsigned(name)).collect();
+    let texts: HashSet<Vec<&str>> = plain.iter().map(|key| texts(key)).collect();
+    plain.iter().map(|key| signed(key, &texts)).collect()
+}
+
+/// The texts of a key.
+pub fn texts(key: &Key) -> Vec<&str> {
+    key.iter().map(|part| part.text.as_str()).collect()
+}
+
+fn unsigned(name: &str) -> Key {
+    let mut parts = vec![Part { text: String::new(), number: None }];
     for c in name.chars() {
-        if let Some(digit) = c.to_digit(10) {
-            let number = &mut parts.last_mut().expect("never empty").1;
-            *number = number.saturating_mul(10).saturating_add(u128::from(digit));
-            in_number = true;
-        } else {
-            if in_number {
-                parts.push((String::new(), 0));
-                in_number = false;
+        let last = parts.last_mut().expect("never empty");
+        match (c.to_digit(10), last.number) {
+            (Some(digit), number) => {
+                let before = number.unwrap_or(0).saturating_mul(10);
+                last.number = Some(before.saturating_add(i128::from(digit)));
             }
-            parts.last_mut().expect("never empty").0.push(c);
+            (None, None) => last.text.push(c),
+            (None, Some(_)) => parts.push(Part { text: c.to_string(), number: None }),
         }
     }
     parts
 }
 
+/// The key with the signs that its numbers have in a folder of these `texts`.
+fn signed(key: &Key, texts: &HashSet<Vec<&str>>) -> Key {
+    let part = |(place, part): (usize, &Part)| {
+        let (Some(number), Some(before)) = (part.number, part.text.strip_suffix('-')) else {
+            return part.clone();
+        };
+        let begins = place == 0 && before.is_empty();
+        let mut without: Vec<&str> = self::texts(key);
+        without[place] = before;
+        match begins || before.ends_with(BEFORE_SIGN) || texts.contains(&without) {
+            true => Part { text: before.to_owned(), number: Some(-number) },
+            false => part.clone(),
+        }
+    };
+    key.iter().enumerate().map(part).collect()
+}
+
 /// A warning if names in their order leave numbers out. Names that differ in more than one number are not judged, and
 /// every so many numbers is a rule, not a gap.
-pub fn gap_warning(names: &[String]) -> Option<String> {
-    let keys: Vec<_> = names.iter().map(|name| natural(name)).collect();
-    let steps: Vec<(usize, u128)> =
+pub fn gap_warning(names: &[String], keys: &[Key]) -> Option<String> {
+    let steps: Vec<(usize, i128)> =
         keys.windows(2).map(|pair| step(&pair[0], &pair[1])).collect::<Option<_>>()?;
     let (place, _) = *steps.first()?;
     if steps.iter().any(|(other, _)| *other != place) {
@@ -46,11 +89,11 @@ pub fn gap_warning(names: &[String]) -> Option<String> {
 }
 
 /// Where the only number is that two names differ in, and by how much it grows.
-fn step(from: &[(String, u128)], to: &[(String, u128)]) -> Option<(usize, u128)> {
-    let same_text = from.len() == to.len() && from.iter().zip(to).all(|((a, _), (b, _))| a == b);
-    let mut differing = (0..from.len()).filter(|&i| same_text && from[i].1 != to[i].1);
+fn step(from: &Key, to: &Key) -> Option<(usize, i128)> {
+    let same_text = texts(from) == texts(to);
+    let mut differing = (0..from.len()).filter(|&i| same_text && from[i].number != to[i].number);
     let place = differing.next()?;
-    let grows = to[place].1.checked_sub(from[place].1)?;
+    let grows = to[place].number?.checked_sub(from[place].number?).filter(|step| *step >= 0)?;
     differing.next().is_none().then_some((place, grows))
 }
 
@@ -58,22 +101,49 @@ fn step(from: &[(String, u128)], to: &[(String, u128)]) -> Option<(usize, u128)>
 mod tests {
     use super::*;
 
+    fn owned(names: &[&str]) -> Vec<String> {
+        names.iter().map(ToString::to_string).collect()
+    }
+
+    #[track_caller]
+    fn assert_order(names: &[&str]) {
+        let mut backwards = owned(names);
+        backwards.reverse();
+        let mut sorted: Vec<_> = keys(&backwards).into_iter().zip(backwards).collect();
+        sorted.sort();
+        assert_eq!(sorted.into_iter().map(|(_, name)| name).collect::<Vec<_>>(), names);
+    }
+
     #[test]
     fn frame_nine_comes_before_frame_ten() {
-        let mut names = ["f10.exr", "f9.exr", "f009b.exr", "f0001.exr"];
-        names.sort_by_key(|name| natural(name));
-        assert_eq!(names, ["f0001.exr", "f9.exr", "f009b.exr", "f10.exr"]);
+        assert_order(&["f0001.exr", "f9.exr", "f009b.exr", "f10.exr"]);
+    }
+
+    #[test]
+    fn a_dash_is_a_sign_or_a_separator() {
+        assert_order(&["f_-0003.exr", "f_-0001.exr", "f_0000.exr", "f_0002.exr"]);
+        assert_order(&["f_-3.exr", "f_-2.exr"]);
+        assert_order(&["-0002.exr", "-0001.exr", "0000.exr"]);
+        assert_order(&["f.-0012.exr", "f.-0002.exr", "f.0001.exr"]);
+        // Blender appends the number to any name.
+        assert_order(&["frame-0002.exr", "frame-0001.exr", "frame0000.exr", "frame0001.exr"]);
+        assert_order(&["shot--0002.exr", "shot--0001.exr", "shot-0000.exr"]);
+        assert_order(&["shot-0001.exr", "shot-0002.exr", "shot-0010.exr"]);
+        assert_order(&["2026-11-09.exr", "2026-11-29.exr", "2026-12-01.exr"]);
+        assert_order(&["take 1 - 0001.exr", "take 1 - 0002.exr"]);
+        assert_order(&["-0001-2.exr", "0000-1.exr", "0000-2.exr"]);
     }
 
     #[test]
     fn a_number_that_is_left_out_is_told() {
-        let warning =
-            |names: &[&str]| gap_warning(&names.iter().map(ToString::to_string).collect::<Vec<_>>());
+        let warning = |names: &[&str]| gap_warning(&owned(names), &keys(&owned(names)));
         let told = warning(&["f_0000.exr", "f_0002.exr", "f_0003.exr"]).unwrap();
         assert!(told.starts_with("after f_0000.exr comes f_0002.exr: frames seem to be missing"), "{told}");
         assert!(warning(&["f_0000.exr", "f_0002.exr"]).is_some());
         let told = warning(&["a1.exr", "a2.exr", "a4.exr", "a5.exr", "a9.exr"]).unwrap();
         assert!(told.starts_with("after a2.exr comes a4.exr (and there is one more gap)"), "{told}");
+        let told = warning(&["f_-0002.exr", "f_-0001.exr", "f_0001.exr"]).unwrap();
+        assert!(told.starts_with("after f_-0001.exr comes f_0001.exr"), "{told}");
         for whole in [
             &["f_0009.exr", "f_0010.exr"][..],
             &["f0.exr", "f10.exr", "f20.exr"],
@@ -81,6 +151,7 @@ mod tests {
             &["f1.exr", "g3.exr"],
             &["f01.exr", "f1.exr"],
             &["day.exr", "night.exr"],
+            &["f_-0001.exr", "f_0000.exr", "f_0001.exr"],
         ] {
             assert_eq!(warning(whole), None, "{whole:?}");
         }

@@ -27,6 +27,7 @@ mod event_output;
 pub mod frame_channels;
 pub mod frame_folder;
 pub mod frame_numbers;
+pub mod frame_series;
 pub mod interrupt;
 pub mod kernel_source;
 pub mod link_report;

@@ -166,7 +166,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
     let of_camera = camera.path_warning.iter().chain(&camera.light_warnings).cloned();
-    let of_frames = folder.warning.clone();
+    let of_frames = folder.warnings.clone();
     for warning in of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input).chain(of_camera) {
         stderr::line(format_args!("warning: {warning}"));
     }

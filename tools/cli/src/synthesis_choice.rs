@@ -39,9 +39,10 @@ impl SynthesisChoice {
         let doubted = (trust == Trust::Nothing)
             .then(|| "depth and poses do not predict them, so that the poses are left out".to_owned());
         let (lack, no_motion) = (lacks_geometry(folder), lacks_motion(folder));
-        let left_out = folder.scene.as_ref().filter(|_| is_auto).zip(lack.as_ref());
+        let file = folder.scene.as_ref().map(|scene| &scene.file).or(folder.poses_without_lens.as_ref());
+        let left_out = file.filter(|_| is_auto).zip(lack.as_ref());
         let left_out =
-            left_out.map(|(scene, lack)| format!("{}: the poses are left out: {lack}", scene.file.display()));
+            left_out.map(|(file, lack)| format!("{}: the poses are left out: {lack}", file.display()));
         let is_wrong = lack.is_some() || check.is_some_and(|check| check.trust() == Trust::Nothing);
         let no_geometry = lack.or(doubted);
         let used = asked.resolve(no_geometry.is_none(), no_motion.is_none());
@@ -99,6 +100,9 @@ fn lacks_motion(folder: &FrameFolder) -> Option<String> {
 
 /// What is missing for exact paths through all intervals.
 fn lacks_geometry(folder: &FrameFolder) -> Option<String> {
+    if folder.scene.is_none() && folder.poses_without_lens.is_some() {
+        return Some("poses without `intrinsics`".to_owned());
+    }
     // Poses of a folder come with a lens.
     let missing = missing_paths(folder.layout.depth.is_some(), true, folder.scene.is_some());
     let (None, Some(scene)) = (missing, &folder.scene) else {
