@@ -69,6 +69,11 @@ impl EventOutput {
         Ok(())
     }
 
+    /// Whether the events go to standard output, which then has no place for text.
+    pub fn is_standard_output(&self) -> bool {
+        output_file::is_standard_output(&self.path)
+    }
+
     /// Writes the events of a sensor. The file appears whole or not at all.
     pub fn write(&self, events: &EventColumns, sensor: &SensorModel) -> Result<()> {
         output_file::write(&self.path, |mut out| match self.format {

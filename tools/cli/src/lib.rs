@@ -62,4 +62,5 @@ pub mod synthesis_choice;
 pub mod table;
 pub mod unread_flags;
 pub mod version;
+mod warnings;
 pub mod whole_argument;

@@ -41,10 +41,4 @@ impl Outcome {
     pub fn complete(text: String) -> Self {
         Outcome { text, ending: Ending::Complete }
     }
-
-    /// The same result of a command that a signal ended.
-    #[must_use]
-    pub fn interrupted(self) -> Self {
-        Outcome { ending: Ending::Interrupted, ..self }
-    }
 }

@@ -1,17 +1,21 @@
 //! What is assumed of a physical pixel and its light, for the report.
 
-use crate::sensor_flags::ResolvedSensor;
-use esaac_model::Pixel;
 use esaac_model::physical::assumed_note;
+use esaac_model::{Pixel, SensorModel};
 
-/// The notes on a sensor; none on a log-intensity pixel.
+/// How to say what the light is, on the command line.
+pub const BY_FLAGS: &str = "--lux-per-unit, or by --scene-unit and --f-number";
+
+/// How to say what the light is, in a rig file.
+pub const BY_KEYS: &str = "`lux_per_unit`, or by `scene_unit` and `f_number`";
+
+/// The notes on a sensor; none on a log-intensity pixel. `light_is_given`: somebody says what its `lux_per_unit` is;
+/// else that is told to be done `by` something.
 #[must_use]
-pub fn of(resolved: &ResolvedSensor) -> Vec<String> {
-    let sensor = &resolved.sensor;
-    let of_light = (sensor.pixel == Pixel::Physical && !resolved.light_is_given).then(|| {
+pub fn of(sensor: &SensorModel, light_is_given: bool, by: &str) -> Vec<String> {
+    let of_light = (sensor.pixel == Pixel::Physical && !light_is_given).then(|| {
         format!(
-            "Assumed: an intensity of 1 is {} focal-plane lux. Say what it is by --lux-per-unit, or by --scene-unit and \
-             --f-number",
+            "Assumed: an intensity of 1 is {} focal-plane lux. Say what it is by {by}",
             sensor.lux_per_unit
         )
     });
@@ -22,10 +26,10 @@ pub fn of(resolved: &ResolvedSensor) -> Vec<String> {
 mod tests {
     use super::*;
     use crate::simulate::tests::simulate;
-    use esaac_model::SensorModel;
 
     fn notes(flags: &[&str]) -> Vec<String> {
-        of(&simulate(flags).sensor.resolve(SensorModel::default()).unwrap())
+        let resolved = simulate(flags).sensor.resolve(SensorModel::default()).unwrap();
+        of(&resolved.sensor, resolved.light_is_given, BY_FLAGS)
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! The rig file of `esaac serve`: cameras, image formats and rings.
 
+use crate::pixel_notes;
 use crate::scene_light::{SCENE_LIGHT, SceneLight};
 use crate::sensor_base::SensorBase;
+use crate::unread_flags::{of_file, why_unread};
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, GeometryConfig};
 use esaac_interop::{CameraTerms, DEFAULT_INSTANCES, DEFAULT_SLOTS, wire};
@@ -34,8 +36,7 @@ struct CameraEntry {
     /// Lens of depth and poses.
     lens: Option<LensEntry>,
     /// Most instances that may have poses.
-    #[serde(default = "default_instances")]
-    instances: u32,
+    instances: Option<u32>,
     #[serde(default = "default_slots")]
     slots: u32,
     #[serde(default)]
@@ -81,10 +82,6 @@ fn default_slots() -> u32 {
     DEFAULT_SLOTS
 }
 
-fn default_instances() -> u32 {
-    DEFAULT_INSTANCES
-}
-
 /// Each instance takes memory and time of every frame.
 const MAX_INSTANCES: u32 = 4096;
 
@@ -95,6 +92,18 @@ pub struct RigPlan {
     pub cameras: Vec<CameraConfig>,
     /// For the link.
     pub terms: Vec<CameraTerms>,
+    /// By camera: what is assumed of a physical pixel and its light. Empty without a rig file.
+    pub notes: Vec<Vec<String>>,
+    /// What of the rig file does nothing, and why.
+    pub warnings: Vec<String>,
+}
+
+/// A sensor of a rig file.
+struct RigSensor {
+    sensor: SensorModel,
+    light_is_given: bool,
+    /// The keys of its sensor file, if it has one.
+    file_keys: toml::Table,
 }
 
 impl RigPlan {
@@ -111,9 +120,15 @@ impl RigPlan {
         ensure!(!file.camera.is_empty(), "it has no [[camera]]");
         let mut plan = RigPlan::default();
         for (number, entry) in (0_u32..).zip(file.camera) {
-            let camera = entry.resolve(number, folder).with_context(|| format!("camera {number}"))?;
+            let at_camera = || format!("camera {number}");
+            let RigSensor { sensor, light_is_given, file_keys } =
+                entry.sensor(folder).with_context(at_camera)?;
+            plan.notes.push(pixel_notes::of(&sensor, light_is_given, pixel_notes::BY_KEYS));
+            let camera = entry.camera(number, sensor).with_context(at_camera)?;
             plan.push(camera, entry.slots, matches!(entry.late, Late::Latest));
-            plan.terms[number as usize].max_instances = entry.instances;
+            plan.terms[number as usize].max_instances = entry.instances.unwrap_or(DEFAULT_INSTANCES);
+            let unread = entry.unread(&plan.cameras[number as usize].sensor, &file_keys);
+            plan.warnings.extend(unread.into_iter().map(|text| format!("camera {number}: {text}")));
         }
         Ok(plan)
     }
@@ -135,18 +150,20 @@ impl RigPlan {
 }
 
 impl CameraEntry {
-    fn resolve(&self, number: u32, folder: &Path) -> Result<CameraConfig> {
-        let sensor = self.sensor(folder)?;
+    fn camera(&self, number: u32, sensor: SensorModel) -> Result<CameraConfig> {
         let geometry = self.geometry(&sensor)?;
         Ok(CameraConfig { sensor, camera: number, hdr: self.hdr, motion: self.motion, geometry })
     }
 
     /// Depth, ids and lens, if the camera takes depth.
     fn geometry(&self, sensor: &SensorModel) -> Result<Option<GeometryConfig>> {
-        let most = MAX_INSTANCES;
-        ensure!(self.instances <= most, "{} instances, expected at most {most}", self.instances);
+        let (most, instances) = (MAX_INSTANCES, self.instances.unwrap_or_default());
+        ensure!(instances <= most, "{instances} instances, expected at most {most}");
         let Some(depth) = self.depth else {
-            ensure!(self.ids.is_none() && self.lens.is_none(), "ids and lens are of use with `depth` alone");
+            ensure!(
+                self.ids.is_none() && self.lens.is_none() && self.instances.is_none(),
+                "ids, lens and instances are of use with `depth` alone"
+            );
             return Ok(None);
         };
         let lens = self.lens.context("depth without a lens, expected `lens = { fx = ... }`, in pixels")?;
@@ -163,18 +180,31 @@ impl CameraEntry {
         Ok(Some(GeometryConfig { depth, ids: self.ids, lens }))
     }
 
-    fn sensor(&self, folder: &Path) -> Result<SensorModel> {
+    /// What of its parameters and of its sensor file does nothing.
+    fn unread(&self, sensor: &SensorModel, file_keys: &toml::Table) -> Vec<String> {
+        let (light, own): (Vec<&str>, Vec<&str>) =
+            self.parameters.keys().map(String::as_str).partition(|name| is_light(name));
+        // Of light, `lux_per_unit` is what the sensor reads.
+        let why = |name: &str| why_unread(if light.contains(&name) { "lux_per_unit" } else { name }, sensor);
+        let told = |name: &str| Some(format!("`{name}` does nothing: {}", why(name)?));
+        let in_file = file_keys.keys().map(String::as_str).filter(|key| !own.contains(key));
+        let of_file = of_file(in_file, sensor).map(|text| format!("{}: {text}", self.sensor));
+        light.iter().chain(&own).filter_map(|name| told(name)).chain(of_file).collect()
+    }
+
+    fn sensor(&self, folder: &Path) -> Result<RigSensor> {
         let most = wire::MAX_SLOTS;
         ensure!((1..=most).contains(&self.slots), "{} slots, expected 1 to {most}", self.slots);
-        let base = match preset(&self.sensor) {
-            Some(sensor) => SensorBase::Preset(sensor),
+        let (base, file_keys) = match preset(&self.sensor) {
+            Some(sensor) => (SensorBase::Preset(sensor), toml::Table::new()),
             None => {
                 let path = folder.join(&self.sensor);
                 let text = std::fs::read_to_string(&path).with_context(|| {
                     let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
                     format!("`{}` is neither a preset ({}) nor a sensor file", self.sensor, names.join(", "))
                 })?;
-                SensorBase::File(SensorModel::from_toml(&text).with_context(|| path.display().to_string())?)
+                let sensor = SensorModel::from_toml(&text).with_context(|| path.display().to_string())?;
+                (SensorBase::File(sensor), text.parse()?)
             }
         };
         let profile = |name: &String| -> Result<Profile> {
@@ -190,7 +220,6 @@ impl CameraEntry {
             values: SCENE_LIGHT.map(|(name, ..)| self.parameters.get(name).map(text)),
             are_flags: false,
         };
-        let is_light = |name: &str| SCENE_LIGHT.iter().any(|(known, ..)| *known == name);
         let parameters: Vec<(&str, String)> = self
             .parameters
             .iter()
@@ -198,10 +227,16 @@ impl CameraEntry {
             .map(|(name, value)| (name.as_str(), text(value)))
             .collect();
         let mut sensor = base.with(self.profile.as_ref().map(profile).transpose()?, &parameters)?;
-        light.apply(&mut sensor, self.parameters.contains_key("lux_per_unit"))?;
+        let has_lux = self.parameters.contains_key("lux_per_unit");
+        let has_unit = light.apply(&mut sensor, has_lux)?;
         sensor.validate()?;
-        Ok(sensor)
+        let light_is_given = has_unit || has_lux || file_keys.contains_key("lux_per_unit");
+        Ok(RigSensor { sensor, light_is_given, file_keys })
     }
+}
+
+fn is_light(name: &str) -> bool {
+    SCENE_LIGHT.iter().any(|(known, ..)| *known == name)
 }
 
 #[cfg(test)]
@@ -282,6 +317,46 @@ mod tests {
     }
 
     #[test]
+    fn what_is_assumed_of_a_physical_pixel_is_told() {
+        let notes = |sensor: &str, parameters: &str| {
+            let text = format!("[[camera]]\nsensor = \"{sensor}\"\n[camera.parameters]\n{parameters}");
+            RigPlan::parse(&text, Path::new("/nonesuch")).unwrap().notes.remove(0)
+        };
+        let physical = "pixel = \"physical\"\n";
+        let vga = notes("vga", physical);
+        assert!(
+            vga.len() == 2 && vga[0].ends_with("by `lux_per_unit`, or by `scene_unit` and `f_number`"),
+            "{vga:?}"
+        );
+        assert!(notes("hd", &format!("{physical}lux_per_unit = 100.0")).is_empty());
+        assert!(notes("hd", &format!("{physical}scene_unit = \"luminance\"\nf_number = 2")).is_empty());
+        assert!(notes("vga", "").is_empty(), "a log pixel");
+    }
+
+    #[test]
+    fn keys_that_do_nothing_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("mine.toml"), "dark_lux = 0.5\ntemperature_c = 40\n").unwrap();
+        let warnings = |parameters: &str| {
+            let text = format!("[[camera]]\nsensor = \"mine.toml\"\n[camera.parameters]\n{parameters}");
+            RigPlan::parse(&text, folder.path()).unwrap().warnings
+        };
+        let told = warnings("noise_gain = 0.5\nscene_unit = \"luminance\"\nf_number = 2\naps_bits = 10");
+        let starts = [
+            "camera 0: `f_number` does nothing: it is for --pixel physical alone",
+            "camera 0: `scene_unit` does nothing",
+            "camera 0: `aps_bits` does nothing: --aps-exposure-ns is 0",
+            "camera 0: `noise_gain` does nothing",
+            "camera 0: mine.toml: `dark_lux`, `temperature_c` do nothing: for a physical pixel alone",
+        ];
+        assert!(
+            told.len() == 5 && told.iter().zip(starts).all(|(text, start)| text.starts_with(start)),
+            "{told:#?}"
+        );
+        assert!(warnings("pixel = \"physical\"\nnoise_gain = 0.5").is_empty());
+    }
+
+    #[test]
     fn depth_comes_with_a_lens() {
         let plan = |more: &str| {
             RigPlan::parse(&format!("[[camera]]\nsensor = \"davis346\"\n{more}"), Path::new("/nonesuch"))
@@ -308,6 +383,7 @@ mod tests {
         assert!(error("depth = \"f32\"").contains("depth without a lens"));
         assert!(error("ids = \"u32\"").contains("with `depth` alone"));
         assert!(error("lens = { fx = 250.0 }").contains("with `depth` alone"));
+        assert!(error("instances = 12").contains("instances are of use with `depth` alone"));
         assert!(error("depth = \"f16\"\nlens = { fx = 250.0 }").contains("f32"));
         assert!(error("depth = \"f32\"\nlens = { fx = -1.0 }").contains("fx is -1"));
         assert!(error("depth = \"f32\"\nlens = { fx = 1.0, f = 2.0 }").contains("unknown field `f`"));

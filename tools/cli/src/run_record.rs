@@ -29,6 +29,8 @@ pub struct CameraRecord {
     pub light: Option<LightReport>,
     /// What to tell about its light.
     pub light_warnings: Vec<String>,
+    /// What to tell about pixels that cannot be used, of the first frame that has many.
+    pub frame_warning: Option<String>,
     /// What to tell about pixels without an exact path, of the first frame that has many.
     pub path_warning: Option<String>,
 }

@@ -35,6 +35,8 @@ pub struct ResolvedSensor {
     pub size_from: Option<String>,
     /// Whether flags or a file say what `lux_per_unit` is. Else it is an assumption.
     pub light_is_given: bool,
+    /// The keys of the sensor file, if there is one.
+    pub file_keys: toml::Table,
 }
 
 impl SensorFlags {
@@ -42,8 +44,8 @@ impl SensorFlags {
     /// with `default`, whose size counts as no choice. `--pixel physical` with a preset takes the numbers of that
     /// sensor's physical pixel.
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
-        let (base, size_from, light_in_file) = match &self.sensor {
-            None => (SensorBase::Preset(default), None, false),
+        let (base, size_from, file_keys) = match &self.sensor {
+            None => (SensorBase::Preset(default), None, toml::Table::new()),
             Some(given) => named_sensor(given)?,
         };
         let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &self.explicit)?;
@@ -55,21 +57,21 @@ impl SensorFlags {
             (false, true) => Some("a sensor with --height but its own width".to_owned()),
         };
         let has_unit = self.light.apply(&mut sensor, given("lux_per_unit"))?;
-        let light_is_given = has_unit || given("lux_per_unit") || light_in_file;
-        Ok(ResolvedSensor { sensor, size_from, light_is_given })
+        let light_is_given = has_unit || given("lux_per_unit") || file_keys.contains_key("lux_per_unit");
+        Ok(ResolvedSensor { sensor, size_from, light_is_given, file_keys })
     }
 }
 
-/// A preset or the sensor of a file, what fixes its size, and whether it says what its light is.
-fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>, bool)> {
+/// A preset or the sensor of a file, what fixes its size, and the file's keys.
+fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>, toml::Table)> {
     if let Some(sensor) = preset(given) {
         let size_from = Some(format!("--sensor {given}"));
-        return Ok((SensorBase::Preset(sensor), size_from, false));
+        return Ok((SensorBase::Preset(sensor), size_from, toml::Table::new()));
     }
     let (sensor, keys) = sensor_file(given)?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
     let size_from = sized.then(|| format!("sensor file {given}"));
-    Ok((SensorBase::File(sensor), size_from, keys.contains_key("lux_per_unit")))
+    Ok((SensorBase::File(sensor), size_from, keys))
 }
 
 /// The sensor of a file, and the keys that the file has.

@@ -3,7 +3,7 @@
 use crate::outcome::Outcome;
 use crate::sensor_flags::{flag, sensor_file};
 use crate::table;
-use crate::unread_flags::why_unread;
+use crate::unread_flags::{is_changed, why_unread};
 use anyhow::{Result, ensure};
 use esaac_model::physical::{PhysicalPreset, Sourced, assumed_note, physical_preset};
 use esaac_model::presets::{preset, preset_with_physical_pixel};
@@ -126,10 +126,8 @@ fn listing(name: Option<&str>, pixel: Option<Pixel>) -> Result<Listing> {
 fn of_file(name: &str, pixel: Option<Pixel>) -> Result<PresetRow> {
     let (mut sensor, keys) = sensor_file(name)?;
     sensor.pixel = pixel.unwrap_or(sensor.pixel);
-    let [values, defaults] =
-        [toml::Table::try_from(&sensor)?, toml::Table::try_from(SensorModel::default())?];
     // A file that `--toml` has printed has every key.
-    let changed = keys.keys().filter(|key| values.get(*key) != defaults.get(*key));
+    let changed = keys.keys().filter(|key| is_changed(key, &sensor));
     let unread =
         changed.filter_map(|key| Some(format!("`{key}` does nothing: {}", why_unread(key, &sensor)?)));
     let notes = unread.chain(assumed_note(&sensor)).collect();

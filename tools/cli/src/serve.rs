@@ -9,6 +9,7 @@ use crate::report::{MemoryReport, Report};
 use crate::rig_file::RigPlan;
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
+use crate::warnings::Warnings;
 use crate::{device_choice, output_file, report, stderr};
 use anyhow::Result;
 use esaac_engine::{CameraConfig, EngineError, Rig};
@@ -55,7 +56,9 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let files = output_files(arguments, plan.cameras.len())?;
     let interrupt = Interrupt::watch()?;
     let mut sensors = plan.sensors();
-    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, published(&plan))?;
+    let mut warnings = Warnings::default();
+    warnings.tell_all(&plan.warnings);
+    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, published(&plan), &mut warnings)?;
     let device = device_choice::open(common)?;
     let rig = Rig::with_options(&device, &plan.cameras, report::rig_options())?;
     let options =
@@ -108,6 +111,8 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
         Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &gathered.record);
     report.intervals = gathered.intervals;
     report.simulated_ns = gathered.span.length_ns();
+    report.warnings = warnings;
+    report.cameras.iter_mut().zip(plan.notes).for_each(|(camera, notes)| camera.notes = notes);
     report.set_memory(memory);
     report.link = link;
     report.ros = published.summary;

@@ -17,6 +17,7 @@ use crate::run_record::RunRecord;
 use crate::scene_check::SceneCheck;
 use crate::sensor_flags::{ResolvedSensor, SensorFlags};
 use crate::synthesis_choice::SynthesisChoice;
+use crate::warnings::Warnings;
 use crate::{colour, device_choice, output_file, pixel_notes, progress, report, stderr, unread_flags};
 use anyhow::{Result, ensure};
 use bytemuck::{cast_slice, pod_collect_to_vec as cast_to_vec};
@@ -101,23 +102,24 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let mut kernels = KernelSource::open(&arguments.kernels)?;
     let resolved =
         arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
-    let notes = pixel_notes::of(&resolved);
+    let notes = pixel_notes::of(&resolved.sensor, resolved.light_is_given, pixel_notes::BY_FLAGS);
     let events = EventOutput::new(&arguments.out)?;
     let recording = arguments.ros.record.as_deref();
     let outputs: Vec<&Path> = [arguments.out.as_path()].into_iter().chain(recording).collect();
     output_file::check_apart(&outputs, &[])?;
     let folder = FrameFolder::open(&arguments.input, &arguments.folder_options())?;
-    let mut sensor = fit(resolved, &folder)?;
+    let mut sensor = fit(&resolved, &folder)?;
     sensor.validate()?;
     events.check_size(&sensor)?;
+    let mut warnings = Warnings::default();
     let (has_poses, has_motion) = (folder.scene.is_some(), folder.layout.motion.is_some());
     for (flag, why) in flags_of_frames(arguments, has_poses, has_motion) {
-        unread_flags::warn(flag, why);
+        unread_flags::warn(&mut warnings, flag, why);
     }
     let check = SceneCheck::of(&folder)?;
     let choice = SynthesisChoice::new(sensor.synthesis, &folder, check.as_ref())?;
     sensor.synthesis = choice.used;
-    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
+    unread_flags::warn_of_sensor(&mut warnings, &arguments.sensor, &resolved.file_keys, &sensor);
     if arguments.event_ids {
         check_event_ids(&sensor, &folder)?;
         events.check_ids()?;
@@ -128,7 +130,10 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let event_ids = arguments.event_ids;
     let camera =
         CameraPlan { image: true, depth, event_ids, ..ros::camera("camera_0".to_owned(), &sensor, lens) };
-    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera])?;
+    let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, vec![camera], &mut warnings)?;
+    if !ros.is_open() {
+        unread_flags::warn_of_aps(&mut warnings, &arguments.sensor, &sensor);
+    }
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
     let mut input_check =
@@ -140,16 +145,18 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     device_choice::check_validation(&device)?;
 
     let intervals = record.submit_to_packet_ns.len();
-    let interrupted = interrupt::tell(intervals, folder.paths.len() - 1);
-    if intervals == 0 {
-        ros.finish().recorded?;
-        return Ok(Outcome::complete(String::new()).interrupted());
-    }
+    let expected = folder.paths.len() - 1;
+    let interrupted = interrupt::tell(intervals, expected);
     let camera = &record.cameras[0];
-    events.write(&camera.events, &sensor)?;
+    // Without an interval an old file stays.
+    let has_events = intervals > 0;
+    if has_events {
+        events.write(&camera.events, &sensor)?;
+    }
     let input = arguments.input.display().to_string();
     let info = device_choice::report(device.info());
     let mut report = Report::new(input, info, std::slice::from_ref(&sensor), &record);
+    (report.intervals_expected, report.interrupted) = (Some(expected), interrupted);
     report.simulated_ns = folder.time_ns(intervals);
     report.key_rate = Some(KeyRate { hz: folder.rate_hz, from: folder.rate_from });
     report.cameras[0].notes = notes;
@@ -165,15 +172,20 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     report.poses = check.map(|check| check.report);
     report.input_check = input_check.report();
     let of_input = report.input_check.as_ref().and_then(|check| check.warning.clone());
-    let of_camera = camera.path_warning.iter().chain(&camera.light_warnings).cloned();
+    let of_camera =
+        camera.frame_warning.iter().chain(&camera.path_warning).chain(&camera.light_warnings).cloned();
     let of_frames = folder.warnings.clone();
-    for warning in of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input).chain(of_camera) {
-        stderr::line(format_args!("warning: {warning}"));
-    }
-    report.files = outputs.iter().map(|path| path.display().to_string()).collect();
+    let of_frames = of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input);
+    warnings.tell_all(of_frames.chain(of_camera));
+    let written = outputs.iter().filter(|_| has_events);
+    report.files = written.map(|path| path.display().to_string()).collect();
+    report.warnings = warnings;
     report.warn_of_waiting();
-    let outcome = report.outcome(common.json)?;
-    Ok(if interrupted { outcome.interrupted() } else { outcome })
+    let mut outcome = report.outcome(common.json)?;
+    if events.is_standard_output() {
+        stderr::line(std::mem::take(&mut outcome.text).trim_end());
+    }
+    Ok(outcome)
 }
 
 impl SimulateArguments {
@@ -194,10 +206,10 @@ impl SimulateArguments {
 }
 
 /// The sensor for these frames: it has their size.
-fn fit(resolved: ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
-    let ResolvedSensor { mut sensor, size_from, .. } = resolved;
+fn fit(resolved: &ResolvedSensor, folder: &FrameFolder) -> Result<SensorModel> {
+    let mut sensor = resolved.sensor.clone();
     let FrameLayout { width_px, height_px, .. } = folder.layout;
-    match size_from {
+    match &resolved.size_from {
         None => (sensor.width, sensor.height) = (width_px, height_px),
         Some(origin) => ensure!(
             (sensor.width, sensor.height) == (width_px, height_px),
@@ -290,9 +302,12 @@ fn simulate(
         if index > 0 {
             record.add_tick(&tick)?;
         }
-        let told = &mut record.cameras[0].path_warning;
-        if told.is_none() {
-            *told = rig.path_warning(0)?;
+        let told = &mut record.cameras[0];
+        if told.frame_warning.is_none() {
+            told.frame_warning = rig.frame_warning(0)?;
+        }
+        if told.path_warning.is_none() {
+            told.path_warning = rig.path_warning(0)?;
         }
         let ids: Option<Vec<i64>> = match event_ids && index > 0 {
             true => Some(cast_to_vec(&rig.represent_to_host(Representation::EventIds)?)),

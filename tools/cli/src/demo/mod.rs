@@ -17,8 +17,9 @@ use crate::ros::{Published, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
 use crate::scene_argument::scene_parser;
 use crate::sensor_flags::SensorFlags;
+use crate::warnings::Warnings;
 use crate::whole_argument::whole;
-use crate::{accuracy, colour, device_choice, output_file, stderr, unread_flags};
+use crate::{accuracy, colour, device_choice, output_file, pixel_notes, stderr, unread_flags};
 use anyhow::Result;
 use caption::caption;
 use esaac_formats::event_file::write_npz;
@@ -74,10 +75,11 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     for path in [&picture, &events, &json] {
         output_file::check(path)?;
     }
-    let sensors = sensors(arguments)?;
+    let mut warnings = Warnings::default();
+    let (sensors, notes) = sensors(arguments, &mut warnings)?;
     let run = Run::new(arguments, &sensors);
     // First, so that subscribers have found the topics before the first packet.
-    let ros = RosOutput::open(&arguments.ros, RosMode::Auto, run.ros_cameras())?;
+    let ros = RosOutput::open(&arguments.ros, RosMode::Auto, run.ros_cameras(), &mut warnings)?;
     let device = device_choice::open(common)?;
     let simulated = if arguments.in_process {
         run.in_process(&device, &mut kernels, arguments, ros)?
@@ -88,14 +90,14 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
 
     let record = &simulated.record;
     let intervals = record.submit_to_packet_ns.len();
-    let interrupted = interrupt::tell(intervals, run.times_ns.len() - 1);
-    if intervals == 0 {
-        simulated.ros.recorded?;
-        return Ok(Outcome::complete(String::new()).interrupted());
-    }
+    let expected = run.times_ns.len() - 1;
+    let interrupted = interrupt::tell(intervals, expected);
     let input = format!("scene {}, {} frames at {RATE_HZ} Hz", arguments.scene.name(), intervals + 1);
     let info = device_choice::report(device.info());
     let mut report = Report::new(input, info, &sensors, record);
+    (report.intervals_expected, report.interrupted) = (Some(expected), interrupted);
+    report.cameras.iter_mut().for_each(|camera| camera.notes.clone_from(&notes));
+    report.warnings = warnings;
     let span_ns = (run.times_ns[0], run.times_ns[intervals]);
     report.simulated_ns = span_ns.1 - span_ns.0;
     report.set_memory(simulated.memory);
@@ -103,6 +105,10 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.ros = simulated.ros.summary;
     if simulated.sensors_changed {
         stderr::line("the sensors changed during the run: no comparison with exact events");
+    }
+    if intervals == 0 {
+        simulated.ros.recorded?;
+        return report.outcome(common.json);
     }
     // The comparison takes as long as the run: who interrupts one does not wait for it.
     let compared = !(simulated.sensors_changed || interrupted);
@@ -126,18 +132,19 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
         output_file::write(picture, |out| overview.write_png(out))?;
     }
     output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
+    report.warn_of_waiting();
     let text = report.to_json()?;
     output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
-    report.warn_of_waiting();
     simulated.ros.recorded?;
-    let outcome = report.outcome(common.json)?;
-    Ok(if interrupted { outcome.interrupted() } else { outcome })
+    report.outcome(common.json)
 }
 
 /// The chosen sensor, and the same with the other kind of intensity (colour or gray). Both have APS frames
-/// unless the flags set the exposure.
-fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
-    let mut sensor = arguments.sensor.resolve(preset("davis346").expect("a preset"))?.sensor;
+/// unless the flags set the exposure. With what is assumed of them.
+fn sensors(arguments: &DemoArguments, warnings: &mut Warnings) -> Result<([SensorModel; 2], Vec<String>)> {
+    let resolved = arguments.sensor.resolve(preset("davis346").expect("a preset"))?;
+    let notes = pixel_notes::of(&resolved.sensor, resolved.light_is_given, pixel_notes::BY_FLAGS);
+    let mut sensor = resolved.sensor;
     // Before a scene of its size is drawn.
     sensor.validate()?;
     let given = |name: &str| arguments.sensor.explicit.iter().any(|(parameter, _)| *parameter == name);
@@ -158,12 +165,12 @@ fn sensors(arguments: &DemoArguments) -> Result<[SensorModel; 2]> {
     sensor.validate()?;
     // The frames have motion vectors.
     sensor.synthesis = sensor.synthesis.resolve(false, true);
-    unread_flags::warn_of_sensor(&arguments.sensor, &sensor);
+    unread_flags::warn_of_sensor(warnings, &arguments.sensor, &resolved.file_keys, &sensor);
     let intensity = match sensor.intensity {
         Intensity::BayerRggb => Intensity::Luminance,
         _ => Intensity::BayerRggb,
     };
-    Ok([sensor.clone(), SensorModel { intensity, ..sensor }])
+    Ok(([sensor.clone(), SensorModel { intensity, ..sensor }], notes))
 }
 
 /// Brightness of the APS frame relative to middle gray's.

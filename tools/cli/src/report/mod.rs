@@ -6,8 +6,8 @@ use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
 use crate::pose_report::PoseReport;
 use crate::run_record::{RunRecord, quantile};
-use crate::stderr;
 use crate::synthesis_choice::SynthesisChoice;
+use crate::warnings::Warnings;
 use anyhow::Result;
 use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
 use esaac_model::SensorModel;
@@ -36,6 +36,10 @@ pub struct Report {
     pub input_check: Option<InputReport>,
     /// Intervals simulated.
     pub intervals: usize,
+    /// Intervals of a whole run, if their number is known before.
+    pub intervals_expected: Option<usize>,
+    /// Whether a signal ended the run before its end.
+    pub interrupted: bool,
     /// Simulated time, nanoseconds.
     pub simulated_ns: i64,
     /// Rate of the key frames, if they came from a folder.
@@ -54,6 +58,8 @@ pub struct Report {
     pub memory: Vec<MemoryReport>,
     /// Files written.
     pub files: Vec<String>,
+    /// The warnings that standard error has.
+    pub warnings: Warnings,
 }
 
 /// Rate of a folder's key frames.
@@ -101,6 +107,8 @@ pub struct CameraReport {
     pub light: Option<LightReport>,
     /// What to tell about the light.
     pub light_warnings: Vec<String>,
+    /// What to tell about pixels that cannot be used.
+    pub frame_warning: Option<String>,
     /// What to tell about pixels without an exact path.
     pub path_warning: Option<String>,
     /// What is assumed of a physical pixel and its light.
@@ -173,6 +181,7 @@ impl Report {
                 diagnostics: camera.diagnostics.clone(),
                 light: camera.light,
                 light_warnings: camera.light_warnings.clone(),
+                frame_warning: camera.frame_warning.clone(),
                 path_warning: camera.path_warning.clone(),
                 notes: Vec::new(),
                 accuracy: None,
@@ -199,18 +208,28 @@ impl Report {
         self.memory = memory;
     }
 
-    /// The report as a command's outcome: text or JSON, and whether events were dropped.
+    /// The report as a command's outcome: text or JSON, and whether it was interrupted or events were dropped. Of a run
+    /// without an interval there is JSON alone.
     pub fn outcome(&self, json: bool) -> Result<Outcome> {
         let dropped = self.cameras.iter().any(|c| c.dropped > 0);
-        let ending = if dropped { Ending::EventsDropped } else { Ending::Complete };
-        Ok(Outcome { text: if json { self.to_json()? } else { self.to_text() }, ending })
+        let ending = match (self.interrupted, dropped) {
+            (true, _) => Ending::Interrupted,
+            (false, true) => Ending::EventsDropped,
+            (false, false) => Ending::Complete,
+        };
+        let text = match json {
+            true => self.to_json()?,
+            false if self.interrupted && self.intervals == 0 => String::new(),
+            false => self.to_text(),
+        };
+        Ok(Outcome { text, ending })
     }
 
-    /// Warns on standard error of events that the run does not have.
-    pub fn warn_of_waiting(&self) {
+    /// Warns of events that the run does not have.
+    pub fn warn_of_waiting(&mut self) {
         for (camera, report) in self.cameras.iter().enumerate() {
             if let Some(warning) = report.waiting_warning() {
-                stderr::line(format_args!("warning: camera {camera}: {warning}"));
+                self.warnings.tell(format_args!("camera {camera}: {warning}"));
             }
         }
     }
@@ -284,6 +303,7 @@ mod tests {
             MemoryReport { camera: None, purpose: "staging".to_owned(), bytes: 1024, on_host: true },
         ]);
         report.cameras[0].waiting_at_end = 5808;
+        report.warn_of_waiting();
         report.cameras[0].accuracy = Some(AccuracyReport { pixels: 3, f1: 0.5, ..AccuracyReport::default() });
         report
     }
@@ -293,6 +313,20 @@ mod tests {
         let report = example();
         assert_eq!((report.gpu.median_ns, report.gpu.p99_ns), (3_500, 5_500));
         assert_eq!(report.memory_bytes, 2048);
+    }
+
+    #[test]
+    fn a_run_that_was_interrupted_says_how_much_of_it_there_is() {
+        let mut report = example();
+        (report.intervals_expected, report.interrupted) = (Some(20), true);
+        let outcome = report.outcome(false).unwrap();
+        assert_eq!(outcome.ending, Ending::Interrupted);
+        assert!(outcome.text.contains("2 of 20 intervals, interrupted, "), "{}", outcome.text);
+        report.intervals = 0;
+        assert_eq!(report.outcome(false).unwrap().text, "");
+        let json: serde_json::Value = serde_json::from_str(&report.outcome(true).unwrap().text).unwrap();
+        assert_eq!((&json["intervals"], &json["intervals_expected"]), (&0.into(), &20.into()));
+        assert_eq!(json["interrupted"], true);
     }
 
     #[test]
@@ -315,5 +349,6 @@ mod tests {
             (&12.into(), &5808.into())
         );
         assert_eq!(json["cameras"][0]["sensor"]["substeps"], 32);
+        assert!(json["warnings"][0].as_str().unwrap().starts_with("camera 0: 5808 events are missing"));
     }
 }

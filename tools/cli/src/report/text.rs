@@ -13,15 +13,18 @@ impl Report {
             .key_rate
             .as_ref()
             .map_or_else(String::new, |rate| format!(" at {} Hz ({})", rate.hz, rate.from));
+        let intervals = match (self.interrupted, self.intervals_expected) {
+            (true, Some(expected)) => format!("{} of {expected} intervals, interrupted", self.intervals),
+            _ => format!("{} intervals", self.intervals),
+        };
         let mut text = format!(
-            "input     {}\ndevice    {} ({}), {}, Vulkan {}\nlink      {}\nspan      {} intervals{rate}, {:.3} s simulated\n",
+            "input     {}\ndevice    {} ({}), {}, Vulkan {}\nlink      {}\nspan      {intervals}{rate}, {:.3} s simulated\n",
             self.input,
             device.name,
             device.kind,
             device.driver,
             device.vulkan,
             self.link.to_text(),
-            self.intervals,
             self.simulated_ns as f64 * 1e-9
         );
         if let Some(ros) = &self.ros {
@@ -109,7 +112,7 @@ impl CameraReport {
         if let Some(light) = &self.light {
             line("light", light.to_string());
         }
-        for warning in self.path_warning.iter().chain(&self.light_warnings) {
+        for warning in self.frame_warning.iter().chain(&self.path_warning).chain(&self.light_warnings) {
             line("warning", warning.clone());
         }
         for note in &self.notes {

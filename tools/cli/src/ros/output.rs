@@ -3,6 +3,7 @@
 use super::arguments::{RosArguments, RosMode};
 use super::status::camera_status;
 use crate::run_record::RunRecord;
+use crate::warnings::Warnings;
 use crate::{stderr, unread_flags};
 use anyhow::{Context, Result, anyhow};
 use esaac_engine::Rig;
@@ -36,14 +37,19 @@ pub struct Published {
 impl RosOutput {
     /// Opens what the flags ask for. Bad names and files are errors. A missing network is an error if the
     /// flags ask for one, and a warning in mode `auto`.
-    pub fn open(arguments: &RosArguments, default: RosMode, cameras: Vec<CameraPlan>) -> Result<Self> {
+    pub fn open(
+        arguments: &RosArguments,
+        default: RosMode,
+        cameras: Vec<CameraPlan>,
+        warnings: &mut Warnings,
+    ) -> Result<Self> {
         let network = &arguments.network;
         let mode = match arguments.ros.unwrap_or(default) {
             RosMode::Auto if network.is_chosen() => RosMode::On,
             mode => mode,
         };
         for (flag, why) in arguments.unread(mode != RosMode::Off) {
-            unread_flags::warn(flag, why);
+            unread_flags::warn(warnings, flag, why);
         }
         if mode == RosMode::Off && arguments.record.is_none() {
             return Ok(RosOutput::default());
@@ -64,8 +70,8 @@ impl RosOutput {
             RosMode::Auto => network
                 .open(&cameras)
                 .inspect_err(|error| {
-                    stderr::line(format_args!(
-                        "warning: not publishing to ROS 2: {error} (--ros off turns this warning off)"
+                    warnings.tell(format_args!(
+                        "not publishing to ROS 2: {error} (--ros off turns this warning off)"
                     ));
                 })
                 .ok(),

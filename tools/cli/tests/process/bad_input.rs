@@ -43,6 +43,24 @@ fn too_few_frames() {
 }
 
 #[test]
+fn frames_of_several_sequences_are_listed() {
+    let frames = Frames::empty();
+    let write = |name: &str, index: usize| frames.write(name, index, (WIDTH, HEIGHT), Some(-2.0));
+    for index in 0..3 {
+        write(&format!("left_{index:04}.exr"), index);
+        write(&format!("right_{index:04}.exr"), index);
+    }
+    let both = "left_*.exr (3 frames), right_*.exr (3 frames); choose one with --frames";
+    simulate_error(&frames, &[], &["several sequences", both]);
+    simulate_error(&frames, &["--frames", "*.exr"], &[both]);
+    let frames = Frames::empty();
+    for name in ["cam0_0.exr", "cam0_1.exr", "cam1_0.exr", "cam1_1.exr"] {
+        frames.write(name, 0, (WIDTH, HEIGHT), Some(-2.0));
+    }
+    simulate_error(&frames, &[], &["cam0_*.exr (2 frames), cam1_*.exr (2 frames)", "--frames '*.exr'"]);
+}
+
+#[test]
 fn frames_of_different_sizes() {
     let frames = Frames::new(2, true);
     frames.write("key_0002.exr", 2, (36, 23), Some(-2.0));
@@ -187,6 +205,7 @@ fn a_key_of_sequence_json_that_is_nearly_right() {
     wrong("{\"key_rate\": 60}", &["`key_rate`", "`key_rate_hz` is missing"]);
     wrong("{\"key_rate_hz\": 60, \"camera_to_wrld\": []}", &["`camera_to_wrld`", "`camera_to_world`"]);
     wrong("{\"key_rate_hz\": 60, \"instance\": {}}", &["`instance`", "`instances`"]);
+    wrong("[]", &["the file begins with `[`, expected a JSON object"]);
     wrong("{\"key_rate_hz\": 60", &["ends too early, after 18 bytes"]);
 }
 
@@ -194,6 +213,39 @@ fn a_key_of_sequence_json_that_is_nearly_right() {
 fn a_device_variable_that_is_empty_is_none() {
     let mut command = crate::harness::esaac(&["sensors", "vga"]);
     assert_eq!(finish(command.env("ESAAC_DEVICE", "").output().unwrap()).0, 0);
+}
+
+#[test]
+fn a_device_variable_that_names_none_is_told_where_a_device_is_used() {
+    let run_with = |arguments: &[&str]| {
+        let mut command = crate::harness::esaac(arguments);
+        finish(command.env("ESAAC_DEVICE", "foo").output().unwrap())
+    };
+    assert_eq!(run_with(&["sensors", "vga"]).0, 0);
+    let frames = Frames::new(2, true);
+    let out = frames.file_argument("events.npz");
+    let simulate = ["simulate", frames.argument(), "--out", &out, "--synthesis", "none"];
+    let (code, _, error) = run_with(&simulate);
+    assert_eq!(code, 1);
+    assert_eq!(
+        error,
+        "error: ESAAC_DEVICE is `foo`, expected a device's number or its UUID of 32 hexadecimal digits\n"
+    );
+    let (code, _, error) = run_with(&[&simulate[..], &["--device", "0"]].concat());
+    assert_eq!(code, 0, "{error}");
+    let (code, _, error) = run_with(&["simulate", "x", "--device", "bar"]);
+    assert!(code == 2 && error.contains("--device"), "{error}");
+}
+
+#[test]
+fn whole_seconds_are_told_as_such() {
+    for seconds in ["0.1", "-1", "3601", "x"] {
+        for flag in ["--burn-in", "--seconds", "--pixels"] {
+            let (code, _, error) =
+                run(&["characterise", "hd", flag, if flag == "--pixels" { "4097" } else { seconds }]);
+            assert!(code == 2 && error.contains("expected a whole number, "), "{flag} {seconds}: {error}");
+        }
+    }
 }
 
 #[test]

@@ -55,6 +55,22 @@ fn a_still_scene_has_no_events() {
 }
 
 #[test]
+fn what_is_assumed_of_a_physical_pixel_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut arguments = vec!["demo", "--json", "--in-process", "--out", folder.path().to_str().unwrap()];
+    arguments.extend(SMALL);
+    arguments.extend(["--sensor", "vga", "--taps", "bilinear", "--pixel", "physical"]);
+    let (code, text, error) = run(&arguments);
+    assert_eq!(code, 0, "{error}");
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    for camera in report["cameras"].as_array().unwrap() {
+        let notes = camera["notes"].as_array().unwrap();
+        assert_eq!(notes.len(), 2, "{notes:?}");
+        assert!(notes[0].as_str().unwrap().contains("by --lux-per-unit"), "{notes:?}");
+    }
+}
+
+#[test]
 fn exact_paths_are_simulated_in_one_process_and_in_two() {
     let folder = tempfile::tempdir().unwrap();
     let mut arguments = vec!["demo", "--json", "--scene", "poles", "--out", folder.path().to_str().unwrap()];

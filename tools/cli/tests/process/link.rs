@@ -181,6 +181,21 @@ fn a_service_ends_by_itself_once_all_is_done() {
 }
 
 #[test]
+fn a_service_tells_what_it_assumes_and_what_of_its_rig_does_nothing() {
+    let rig = "[[camera]]\nsensor = \"vga\"\n[camera.parameters]\npixel = \"physical\"\nsynthesis = \"linear\"\n\
+               [[camera]]\nsensor = \"dvs128\"\n[camera.parameters]\ndark_lux = 0.1\nsynthesis = \"linear\"\n";
+    let engine = Engine::of(rig, &[]);
+    signal(&engine.child, "-INT");
+    let (report, log) = engine.end();
+    let notes = |camera: usize| report["cameras"][camera]["notes"].as_array().unwrap().clone();
+    assert!(notes(0)[0].as_str().unwrap().contains("by `lux_per_unit`") && notes(0).len() == 2, "{report}");
+    assert_eq!((notes(1).len(), report["warnings"].as_array().unwrap().len()), (0, 1));
+    let warning = report["warnings"][0].as_str().unwrap();
+    assert!(warning.starts_with("camera 1: `dark_lux` does nothing"), "{warning}");
+    assert!(log.contains(&format!("warning: {warning}")), "{log}");
+}
+
+#[test]
 fn a_file_that_cannot_be_written_keeps_no_other_from_being_written() {
     let out = tempfile::tempdir().unwrap();
     let engine = Engine::start(&["--once", "--out", text(out.path())]);

@@ -288,6 +288,20 @@ fn poses_of_some_intervals_serve_those() {
 }
 
 #[test]
+fn poses_without_a_lens_are_told_as_such() {
+    let mut posed = Posed::new(1.0);
+    for key in ["intrinsics", "instances"] {
+        posed.sequence.as_object_mut().unwrap().remove(key).unwrap();
+    }
+    posed.describe();
+    let (used, reason, error) = with_auto(&posed, &[]);
+    assert_eq!(used, "motion");
+    assert_eq!(reason, "there are motion vectors, but poses without `intrinsics`");
+    assert!(error.contains("sequence.json: the poses are left out: poses without `intrinsics`"), "{error}");
+    posed.error(&["--synthesis", "rigid"], &["there are poses without `intrinsics`"]);
+}
+
+#[test]
 fn poses_whose_rate_has_few_digits_are_followed() {
     let mut posed = Posed::new(1.0);
     posed.sequence["pose_rate_hz"] = json!(KEY_HZ * POSES_PER_KEY as f64 + 0.0001);

@@ -179,6 +179,8 @@ fn a_run_that_is_interrupted_keeps_what_it_has_simulated() {
         let report: serde_json::Value = serde_json::from_str(&out).unwrap();
         let intervals = report["intervals"].as_u64().unwrap();
         assert!(intervals > 0 && intervals < 1999, "{report}");
+        let expected = if command[0] == "demo" { 1999 } else { 199 };
+        assert_eq!((&report["interrupted"], &report["intervals_expected"]), (&true.into(), &expected.into()));
         assert!(events.metadata().unwrap().len() > 300, "{error}");
         std::fs::remove_file(&events).unwrap();
         let (topics, truncated) = recorded(&file);

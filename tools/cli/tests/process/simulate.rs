@@ -1,7 +1,8 @@
 //! `esaac simulate` on small folders of frames, and its event file as NumPy reads it.
 
-use crate::harness::{Frames, HEIGHT, WIDTH, esaac, finish, recorded_messages, run};
+use crate::harness::{Frames, HEIGHT, WIDTH, colour, esaac, finish, recorded_messages, run};
 use esaac_formats::recording::{Recording, RecordingError, aedat4, evt3};
+use exr::prelude::{AnyChannel, FlatSamples};
 use std::path::Path;
 use std::process::Command;
 
@@ -11,6 +12,10 @@ const QUICK: [&str; 2] = ["--synthesis", "none"];
 
 /// The same, with motion.
 const QUICK_MOTION: [&str; 2] = ["--taps", "bilinear"];
+
+fn channel_of(name: &str, values: Vec<f32>) -> AnyChannel<FlatSamples> {
+    AnyChannel::new(name, FlatSamples::F32(values))
+}
 
 fn simulate(frames: &Frames, arguments: &[&str]) -> (i32, serde_json::Value, String) {
     let out = frames.file_argument("events.npz");
@@ -225,22 +230,141 @@ fn a_frame_that_is_missing_in_the_numbers_is_told() {
     let frames = Frames::new(4, false);
     assert!(!simulate(&frames, &QUICK).2.contains("missing"));
     std::fs::remove_file(frames.file("key_0001.exr")).unwrap();
+    let (_, report, error) = simulate(&frames, &QUICK);
+    let told = "after key_0000.exr comes key_0002.exr";
+    assert!(error.contains(&format!("warning: {told}")), "{error}");
+    assert!(report["warnings"][0].as_str().unwrap().starts_with(told), "{}", report["warnings"]);
+}
+
+#[test]
+fn frames_that_cannot_be_used_are_told() {
+    let pixels = WIDTH * HEIGHT;
+    let told = |count: usize, value: f32, channel: &str| {
+        let frames = Frames::empty();
+        for index in 0..3 {
+            let mut list = colour(index, (WIDTH, HEIGHT));
+            list.extend(["motion.X", "motion.Y"].map(|name| channel_of(name, vec![0.0; pixels])));
+            let mut values = vec![0.5; pixels];
+            values[..count].fill(value);
+            list.retain(|other| other.name.to_string() != channel);
+            list.push(channel_of(channel, values));
+            frames.write_channels(&format!("key_{index:04}.exr"), (WIDTH, HEIGHT), list);
+        }
+        let (code, report, error) = simulate(&frames, &QUICK_MOTION);
+        assert_eq!(code, 0, "{error}");
+        let told = report["cameras"][0]["frame_warning"].as_str().unwrap_or_default().to_owned();
+        assert_eq!(error.contains(&format!("warning: {told}")), !told.is_empty(), "{error}");
+        assert_eq!(report["warnings"].as_array().unwrap().len(), usize::from(!told.is_empty()), "{error}");
+        told
+    };
+    for value in [f32::NAN, f32::INFINITY, -0.1] {
+        assert!(
+            told(pixels, value, "G").starts_with("100% of the pixels have a colour that is NaN, infinite")
+        );
+    }
+    assert!(told(pixels / 10, f32::NAN, "G").starts_with("10% of the pixels have a colour"));
+    assert_eq!(told(pixels / 100, f32::NAN, "G"), "");
+    assert!(told(pixels, f32::NAN, "motion.Y").starts_with("100% of the pixels have a motion vector"));
+    assert_eq!(told(pixels / 3, f32::NAN, "motion.Y"), "", "a background without vectors");
+}
+
+#[test]
+fn frames_before_zero_come_first() {
+    let events = |names: [&str; 4]| {
+        let frames = Frames::empty();
+        for (index, name) in names.into_iter().enumerate() {
+            frames.write(name, index, (WIDTH, HEIGHT), Some(-2.0));
+        }
+        let (code, report, error) = simulate(&frames, &QUICK);
+        assert_eq!((code, &report["intervals"]), (0, &3.into()), "{error}");
+        assert!(!error.contains("missing"), "{error}");
+        std::fs::read(frames.file("events.npz")).unwrap()
+    };
+    let plain = events(["f_0000.exr", "f_0001.exr", "f_0002.exr", "f_0003.exr"]);
+    assert!(plain == events(["f_-0002.exr", "f_-0001.exr", "f_0000.exr", "f_0001.exr"]));
+    assert!(plain == events(["f-0002.exr", "f-0001.exr", "f0000.exr", "f0001.exr"]));
+    assert!(plain == events(["f-0001.exr", "f-0002.exr", "f-0003.exr", "f-0004.exr"]));
+}
+
+#[test]
+fn names_that_may_be_of_other_sequences_are_told() {
+    let frames = Frames::empty();
+    for name in ["cam0_0.exr", "cam0_1.exr", "cam1_0.exr", "cam1_1.exr"] {
+        frames.write(name, 0, (WIDTH, HEIGHT), None);
+    }
+    let (code, report, error) = simulate(&frames, &[&QUICK[..], &["--frames", "*.exr"]].concat());
+    assert_eq!((code, &report["intervals"]), (0, &3.into()), "{error}");
+    assert!(error.contains("warning: the frames seem to be several sequences, and are played as one: cam0"));
+    let frames = Frames::empty();
+    for name in ["f_0.exr", "f_1.exr", "reference.exr"] {
+        frames.write(name, 0, (WIDTH, HEIGHT), None);
+    }
     let error = simulate(&frames, &QUICK).2;
-    assert!(error.contains("warning: after key_0000.exr comes key_0002.exr"), "{error}");
+    assert!(error.contains("warning: reference.exr: not named like the other frames"), "{error}");
 }
 
 #[test]
 fn flags_that_do_nothing_are_told() {
     let frames = Frames::new(2, false);
     let flags = ["--dark-lux", "0.1", "--motion-convention", "negated"];
-    let (code, _, error) = simulate(&frames, &[&QUICK[..], &flags].concat());
+    let (code, report, error) = simulate(&frames, &[&QUICK[..], &flags].concat());
     assert_eq!(code, 0, "{error}");
+    let lines: Vec<&str> = error.lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
+    assert_eq!(report["warnings"], serde_json::json!(lines));
     assert!(error.contains("warning: --dark-lux does nothing: it is for --pixel physical alone"), "{error}");
     assert!(
         error.contains("warning: --motion-convention does nothing: the frames have no motion"),
         "{error}"
     );
-    assert!(!simulate(&frames, &QUICK).2.contains("does nothing"));
+    let (_, report, error) = simulate(&frames, &QUICK);
+    assert!(!error.contains("does nothing"));
+    assert_eq!(report["warnings"], serde_json::json!([]));
+}
+
+#[test]
+fn flags_of_aps_frames_that_go_nowhere_are_told() {
+    let frames = Frames::new(2, false);
+    let aps = ["--aps-exposure-ns", "1000000", "--aps-bits", "10", "--white-level", "2"];
+    let told = |more: &[&str]| {
+        let (code, _, error) = simulate(&frames, &[&QUICK[..], &aps, more].concat());
+        assert_eq!(code, 0, "{error}");
+        let why = " does nothing: APS frames leave by --ros on or --record alone";
+        ["--aps-exposure-ns", "--aps-bits", "--white-level"]
+            .map(|flag| error.contains(&format!("{flag}{why}")))
+    };
+    assert_eq!(told(&[]), [true; 3]);
+    assert_eq!(told(&["--record", &frames.file_argument("aps.mcap")]), [false; 3]);
+}
+
+#[test]
+fn keys_of_a_sensor_file_that_do_nothing_are_told() {
+    let frames = Frames::new(2, false);
+    std::fs::write(frames.file("mine.toml"), "dark_lux = 0.5\nnoise_gain = 0.5\nreadout_event_ns = 5.0\n")
+        .unwrap();
+    let mine = frames.file_argument("mine.toml");
+    let error = |more: &[&str]| simulate(&frames, &[&QUICK[..], &["--sensor", &mine], more].concat()).2;
+    let told = format!("warning: {mine}: `dark_lux`, `noise_gain` do nothing: for a physical pixel alone");
+    assert!(error(&[]).contains(&told), "{}", error(&[]));
+    assert!(!error(&["--pixel", "physical"]).contains("nothing"), "{}", error(&["--pixel", "physical"]));
+}
+
+#[test]
+fn events_go_through_a_pipe_and_the_report_beside_it() {
+    let frames = Frames::new(3, true);
+    let events = |out: &str| {
+        let output = esaac(&["simulate", frames.argument(), "--json", "--out", out, "--synthesis", "none"])
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        (output.stdout, output.stderr)
+    };
+    let (report, _) = events(&frames.file_argument("events.npz"));
+    let plain = std::fs::read(frames.file("events.npz")).unwrap();
+    let (piped, told) = events("/dev/stdout");
+    assert!(piped == plain, "{} and {} bytes", piped.len(), plain.len());
+    let [report, told]: [serde_json::Value; 2] =
+        [report, told].map(|text| serde_json::from_slice(&text).unwrap());
+    assert_eq!(report["cameras"][0]["events"], told["cameras"][0]["events"]);
 }
 
 #[test]
