@@ -18,11 +18,16 @@ layout(local_size_x = CROSS_THREADS, local_size_x_id = THREADS_ID) in;
 // Macros, not constants: a constant equal to a specialisation constant would take over its name.
 #define MAY_BIN_BY_SAMPLE AT_SAMPLE
 #define WALKS_SUSPEND EFFECT_SHOT
+#ifndef PHYSICAL
+// Two loops, so that neither runs the other's code for lanes that wait.
+#define LEVELS_FIRST
+#endif
 
 // Pixels that pass an interval in still light do so row by row, before the others are walked: a branch that they take in the
 // walk would spare nothing.
 const bool PASSES_IN_WALK = false;
 
+#define READS_SURFACE_TEXELS
 #include "frame_load_by_texel.glsl"
 #include "udiv_float.glsl"
 

@@ -21,6 +21,7 @@ BUFFER(readonly, SLOT_PASSING, uint, passing);
 const uint COMPONENTS = INTENSITY == INTENSITY_BAYER_RGGB ? 3u : 1u;
 
 #include "tiles.glsl"
+#define READS_SURFACE_TEXELS
 #include "frame_load_by_texel.glsl"
 #include "trajectory.glsl"
 #include "half_pel.glsl"

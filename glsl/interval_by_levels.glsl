@@ -1,5 +1,5 @@
 // A log pixel's interval in two loops: the levels at the ends of all sub-steps first, then the walk over them. Included by
-// cross.glsl for rigs with many events; needs substep_levels.glsl.
+// cross.glsl for the software driver, and on GPUs for rigs with many events; needs substep_levels.glsl.
 
 // Where a walk is, between two events: in which sub-step, where that ends, whether it goes on in it, from when on, and to
 // which level.
@@ -22,7 +22,16 @@ void begin_interval() {
 }
 
 bool is_midway() {
-    return is_stopped;
+    return WALKS_AGAIN && is_stopped;
+}
+
+// From shot_draws_*.glsl.
+void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w);
+
+// Makes the draw that the walk waits for.
+void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
+    make_requested_draw(cam, pixel, p, w);
+    suppress_shots(cam, pixel, p, w);
 }
 
 // Walks the pixel over its `n` sub-steps. A sub-step in which nothing happens costs little, so the pixels of a subgroup
@@ -31,26 +40,33 @@ void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w, inou
     const SubstepLength each = substep_length(cam, n);
     bool happens;
     do {
-        do {
-            if (!at.goes_on) {
-                at.substep += 1u;
-                at.end = next_end(each, at.end, at.over);
-                at.now = w.start;
-                // A sub-step shorter than a nanosecond joins the next one.
-                at.to_level =
-                    at.end == w.start ? w.from_level : begin_substep(cam, at.end, level_of_substep(at.substep), p, w);
-            }
-            happens = at.end != w.start && comes_next(at.end, at.to_level, p, at.now, w);
-            at.goes_on = happens;
-            if (!happens) {
-                w.from_level = at.to_level;
-                w.start = at.end;
-            }
-        } while (!happens && at.substep < n);
-        if (happens) {
-            take_next(cam, pixel, at.end, at.to_level, p, at.now, w);
+        if (needs_draw()) {
+            make_draw(cam, pixel, p, w);
         }
-    } while (happens && walks_on(w.ordinal));
+        happens = false;
+        if (!needs_draw()) {
+            do {
+                if (!at.goes_on) {
+                    at.substep += 1u;
+                    at.end = next_end(each, at.end, at.over);
+                    at.now = w.start;
+                    // A sub-step shorter than a nanosecond joins the next one.
+                    at.to_level = at.end == w.start
+                        ? w.from_level
+                        : begin_substep(cam, at.end, level_of_substep(at.substep), p, w);
+                }
+                happens = at.end != w.start && comes_next(at.end, at.to_level, p, at.now, w);
+                at.goes_on = happens;
+                if (!happens) {
+                    w.from_level = at.to_level;
+                    w.start = at.end;
+                }
+            } while (!happens && at.substep < n);
+            if (happens) {
+                take_next(cam, pixel, at.end, at.to_level, p, at.now, w);
+            }
+        }
+    } while ((happens || needs_draw()) && walks_on(w.ordinal));
 }
 
 // Synthesises and walks a pixel's interval, or goes on with the walk; returns its exposure.
@@ -58,7 +74,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     const uint pixel = s.at.y * cam.width + s.at.x;
     Walk w;
     Place at;
-    if (is_stopped) {
+    if (is_midway()) {
         w = stopped_walk;
         at = stopped_at;
         emit_refused();
@@ -70,7 +86,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
         if (DUMP_SAMPLES) {
             samples_out[cam.samples_base + pixel] = first_q24;
         }
-        if (earlier_walks == 0u) {
+        if (!WALKS_AGAIN || earlier_walks == 0u) {
             begin_count();
             synthesize_all(cam, s, n);
         }
@@ -83,7 +99,7 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
         walk(cam, pixel, n, p, w, at);
         is_stopped = !walks_on(w.ordinal);
     }
-    if (is_stopped) {
+    if (is_midway()) {
         stopped_walk = w;
         stopped_at = at;
     } else {

@@ -1,38 +1,16 @@
-// A log pixel's interval, sub-step by sub-step: each is synthesised and walked at once. Included by cross.glsl.
+// A log pixel's interval, sub-step by sub-step: each is synthesised and walked at once. Included by cross.glsl, for GPUs.
 
-// From shot_draws_*.glsl.
-void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w);
-bool is_suspended();
-void suspend_at(uint now);
-uint resume_at(uint start);
-void resume();
-
-// Makes the draw that a suspended walk waits for.
-void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
-    make_requested_draw(cam, pixel, p, w);
-    suppress_shots(cam, pixel, p, w);
-}
-
-// Walks one sub-step, from the end of the last one to `end`, where the log intensity is `to_raw`; or its rest, after a
-// suspension.
+// Walks one sub-step, from the end of the last one to `end`, where the log intensity is `to_raw`.
 void walk_substep(Camera cam, uint pixel, uint end, int to_raw, inout PixelState p, inout Walk w) {
     if (end == w.start) {
         // A sub-step shorter than a nanosecond joins the next one.
         return;
     }
-    if (EFFECT_APS && !is_suspended()) {
-        expose(cam, end, to_raw, w);
-    }
-    const int to_level = level_with_leak(end, to_raw, p, w);
-    uint now = resume_at(w.start);
-    while (!needs_draw() && walks_on(w.ordinal) && comes_next(end, to_level, p, now, w)) {
+    const int to_level = begin_substep(cam, end, to_raw, p, w);
+    uint now = w.start;
+    while (walks_on(w.ordinal) && comes_next(end, to_level, p, now, w)) {
         take_next(cam, pixel, end, to_level, p, now, w);
     }
-    if (needs_draw()) {
-        suspend_at(now);
-        return;
-    }
-    resume();
     w.from_level = to_level;
     w.start = end;
 }
@@ -64,30 +42,19 @@ float cross_interval(Camera cam, Source s, bool active_pixel, uint n, inout Pixe
     if (DUMP_SAMPLES) {
         samples_out[cam.samples_base + pixel] = first_q24;
     }
-    uint i = 1u;
-    do {
-        while (i <= n && !needs_draw()) {
-            if (!is_suspended()) {
-                end_ns = next_end(each, end_ns, over);
-                done += 1.0;
-            }
-            float level = i == n ? s.log_current : synthesize_substep(cam, geo, s, n, i, done * inverse);
-            if (EFFECT_FLICKER) {
-                level = i == n ? lit_at_end(cam, level) : lit(cam, level, lamp_at(cam, end_ns));
-            }
-            const int level_q24 = to_q24(level);
-            if (DUMP_SAMPLES) {
-                samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
-            }
-            walk_substep(cam, pixel, end_ns, level_q24, p, w);
-            if (!is_suspended()) {
-                i += 1u;
-            }
+    for (uint i = 1u; i <= n; ++i) {
+        end_ns = next_end(each, end_ns, over);
+        done += 1.0;
+        float level = i == n ? s.log_current : level_of_one(cam, geo, s, n, i, done * inverse);
+        if (EFFECT_FLICKER) {
+            level = i == n ? lit_at_end(cam, level) : lit(cam, level, lamp_at(cam, end_ns));
         }
-        if (needs_draw()) {
-            make_draw(cam, pixel, p, w);
+        const int level_q24 = to_q24(level);
+        if (DUMP_SAMPLES) {
+            samples_out[cam.samples_base + i * cam.pixels + pixel] = level_q24;
         }
-    } while (WALKS_SUSPEND && i <= n);
+        walk_substep(cam, pixel, end_ns, level_q24, p, w);
+    }
     end_walk(cam, w, p);
     return w.exposed;
 }

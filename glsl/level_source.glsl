@@ -67,8 +67,22 @@ Geometry geometry_of(Camera cam) {
     return geo;
 }
 
+// Whether `level_of_one` makes a pixel's levels: it makes or reads those of all pixels.
+bool shows_one(Source s) {
+    return true;
+}
+
+float level_of_many(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha, out bool lost) {
+    lost = false;
+    return 0.0;
+}
+
+float level_of_lost(Camera cam, Source s, float alpha) {
+    return 0.0;
+}
+
 // Log intensity at the end of sub-step `i` of `n`, before the interval's end.
-float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
+float level_of_one(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
     if (LAYERED && s.one_surface) {
         const float level = s.warps ? synthesize_motion(cam, s.frames, vec2(s.at), s.warp, s.leaves, alpha)
                                     : blend_frames(s, alpha);

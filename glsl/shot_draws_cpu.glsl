@@ -3,10 +3,8 @@
 
 const uint NO_STREAM = 0xffffffffu;
 
-// The stream whose next draw is missing, or NO_STREAM; the time in the sub-step at which the walk is suspended, or
-// NEVER.
+// The stream whose next draw is missing, or NO_STREAM.
 uint missing_stream;
-uint suspended_at;
 
 void request_draw(Camera cam, uint pixel, uint stream, PixelState p, inout Walk w) {
     missing_stream = stream;
@@ -14,7 +12,6 @@ void request_draw(Camera cam, uint pixel, uint stream, PixelState p, inout Walk 
 
 void begin_draws() {
     missing_stream = NO_STREAM;
-    suspended_at = NEVER;
 }
 
 bool needs_draw() {
@@ -24,20 +21,4 @@ bool needs_draw() {
 void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w) {
     draw_shot(cam, pixel, missing_stream, p, w);
     missing_stream = NO_STREAM;
-}
-
-bool is_suspended() {
-    return EFFECT_SHOT && suspended_at != NEVER;
-}
-
-uint resume_at(uint start) {
-    return is_suspended() ? suspended_at : start;
-}
-
-void suspend_at(uint now) {
-    suspended_at = now;
-}
-
-void resume() {
-    suspended_at = NEVER;
 }

@@ -12,15 +12,3 @@ bool needs_draw() {
 }
 
 void make_requested_draw(Camera cam, uint pixel, PixelState p, inout Walk w) {}
-
-bool is_suspended() {
-    return false;
-}
-
-uint resume_at(uint start) {
-    return start;
-}
-
-void suspend_at(uint now) {}
-
-void resume() {}

@@ -27,44 +27,49 @@ struct Source {
 float blend_frames(Source s, float alpha);
 void prepare_blend(Source s);
 
-// Log intensity at a fraction of the interval.
+// Log intensity at a fraction of the interval, along one surface.
 float synthesize(Camera cam, Source s, float alpha) {
     if (SYNTHESIS == SYNTHESIS_LINEAR || !s.warps) {
         return max(blend_frames(s, alpha), cam.log_dark);
     } else if (SYNTHESIS == SYNTHESIS_MOTION) {
-        if (LAYERED && s.layers != 0u) {
-            bool lost;
-            const float level = synthesize_layers(cam, s.frames, s.at, s.layer_block, s.layers, alpha, lost);
-            if (!lost) {
-                return max(level, cam.log_dark);
-            }
-        }
         return max(synthesize_motion(cam, s.frames, vec2(s.at), s.warp, s.leaves, alpha), cam.log_dark);
     }
     return max(synthesize_paper(cam, s.frames, ivec2(s.at), alpha), cam.log_dark);
 }
 
+// Whether a pixel shows one surface in all sub-steps, so that `level_of_one` makes its levels; else `level_of_many` does.
+bool shows_one(Source s) {
+    return RIGID ? s.unoccluded : !LAYERED || !s.warps || s.layers == 0u;
+}
+
 // Log intensity at the end of sub-step `i` of `n`, at `alpha`, before the interval's end.
-float synthesize_substep(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
-    if (!RIGID) {
-        return synthesize(cam, s, alpha);
+float level_of_one(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha) {
+    if (RIGID) {
+        return max(level_on_path(cam, geo, s.frames, vec2(s.at), s.path, n, i, alpha), cam.log_dark);
     }
-    bool lost = s.rigid.own == NO_SURFACE;
-    float level;
-    if (s.unoccluded) {
-        level = level_on_path(cam, geo, s.frames, vec2(s.at), s.path, n, i, alpha);
-    }
-    // Loops, not branches: the software driver leaves them where none of its threads goes on.
-    bool looks = !s.unoccluded && !lost;
-    while (looks) {
+    return synthesize(cam, s, alpha);
+}
+
+// The same of any pixel; `lost` becomes true if none of its surfaces is there.
+float level_of_many(Camera cam, Geometry geo, Source s, uint n, uint i, float alpha, out bool lost) {
+    lost = true;
+    float level = cam.log_dark;
+    if (RIGID && s.rigid.own != NO_SURFACE) {
         level = synthesize_rigid(cam, geo, s.frames, s.at, s.rigid, n, i, alpha, lost);
-        looks = false;
+    } else if (LAYERED && s.layers != 0u) {
+        level = synthesize_layers(cam, s.frames, s.at, s.layer_block, s.layers, alpha, lost);
     }
-    if (lost && s.warps) {
-        // Made for each sub-step: few pixels have no path, and all others would hold its registers.
-        const Warp warp = warp_at(cam, s.at, s.leaves);
+    return max(level, cam.log_dark);
+}
+
+// The same where none of the pixel's surfaces is there.
+float level_of_lost(Camera cam, Source s, float alpha) {
+    float level;
+    if (s.warps) {
+        // Along exact paths made for each sub-step: few pixels have no path, and all others would hold its registers.
+        const Warp warp = RIGID ? warp_at(cam, s.at, s.leaves) : s.warp;
         level = synthesize_motion(cam, s.frames, vec2(s.at), warp, s.leaves, alpha);
-    } else if (lost) {
+    } else {
         level = blend_frames(s, alpha);
     }
     return max(level, cam.log_dark);

@@ -5,7 +5,14 @@
 // pixels. Points are homogeneous: a direction and an inverse depth. An instance is a row of the camera's tables; row 0
 // is the static world.
 //
-// Needs FISHEYE, the buffers `surfaces`, `slopes` and `poses`, declared by the including file, and half_pel.glsl.
+// Needs FISHEYE, the buffers `surfaces`, `slopes` and `poses`, declared by the including file, and half_pel.glsl. Kernels that
+// define READS_SURFACE_TEXELS read them by texel fetch.
+
+#ifdef READS_SURFACE_TEXELS
+#include "surface_load_by_texel.glsl"
+#else
+#include "surface_load_by_element.glsl"
+#endif
 
 // ---- Surfaces of pixels ----
 
@@ -83,12 +90,12 @@ uint surface_base(Camera cam, Geometry geo, uint key) {
 }
 
 uvec2 load_surface(uint base, Camera cam, ivec2 at) {
-    return surfaces[base + uint(at.y) * cam.width + uint(at.x)];
+    return SURFACE_WORDS(base + uint(at.y) * cam.width + uint(at.x));
 }
 
 // Change of a pixel's inverse depth from pixel to pixel, along x and y.
 vec2 load_slopes(uint base, Camera cam, ivec2 at, float inverse_depth) {
-    return unpackHalf2x16(slopes[base + uint(at.y) * cam.width + uint(at.x)]) * inverse_depth;
+    return unpackHalf2x16(SLOPE_WORD(base + uint(at.y) * cam.width + uint(at.x))) * inverse_depth;
 }
 
 // ---- Lens ----
@@ -167,7 +174,7 @@ Pose inverse_of(Pose pose) {
 }
 
 Pose load_pose(uint row) {
-    return Pose(poses[row], poses[row + 1u], poses[row + 2u]);
+    return Pose(POSE_ROW(row), POSE_ROW(row + 1u), POSE_ROW(row + 2u));
 }
 
 // The motion of an instance from camera axes at instant `i` of POSE_INSTANTS to those of key frame 0.
@@ -187,12 +194,12 @@ Pose pose_between_keys(Geometry geo, uint instance) {
 
 // An instance's parallax, pixels for each unit of inverse depth; 0 if it has no poses any more.
 float parallax_of(Geometry geo, uint instance) {
-    return poses[geo.pose_base + instance * POSE_ROWS + POSE_ROWS - 1u].x;
+    return POSE_ROW(geo.pose_base + instance * POSE_ROWS + POSE_ROWS - 1u).x;
 }
 
 // Whether an instance moves before the camera during the interval.
 bool instance_moves(Geometry geo, uint instance) {
-    return poses[geo.pose_base + instance * POSE_ROWS + POSE_ROWS - 1u].y != 0.0;
+    return POSE_ROW(geo.pose_base + instance * POSE_ROWS + POSE_ROWS - 1u).y != 0.0;
 }
 
 // ---- Planes ----

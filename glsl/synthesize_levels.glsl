@@ -115,7 +115,11 @@ void synthesize_entry(Camera cam, uvec2 at, uint turn, uint turns, uvec4 entry) 
     begin_count();
     const float inverse = 1.0 / float(n);
     do {
-        const float level = synthesize_substep(cam, geo, s, n, i, float(i) * inverse);
+        bool lost;
+        float level = level_of_many(cam, geo, s, n, i, float(i) * inverse, lost);
+        if (lost) {
+            level = level_of_lost(cam, s, float(i) * inverse);
+        }
         levels[first_level + i * ROW_WORDS] = floatBitsToUint(level);
         i += turns;
     } while (i < last);

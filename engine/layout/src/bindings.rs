@@ -87,4 +87,8 @@ pub struct TexelSlot {
 pub const TEXELS: &[TexelSlot] = &[
     TexelSlot { slot: BINDINGS.len() as u32, name: "plane_texels", of: PLANES },
     TexelSlot { slot: BINDINGS.len() as u32 + 1, name: "motion_texels", of: MOTION },
+    TexelSlot { slot: BINDINGS.len() as u32 + 2, name: "surface_texels", of: SURFACES },
+    TexelSlot { slot: BINDINGS.len() as u32 + 3, name: "slope_texels", of: SLOPES },
+    TexelSlot { slot: BINDINGS.len() as u32 + 4, name: "pose_texels", of: POSES },
+    TexelSlot { slot: BINDINGS.len() as u32 + 5, name: "path_texels", of: PATHS },
 ];

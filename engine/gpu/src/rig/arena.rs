@@ -346,7 +346,8 @@ fn allocate(
     let binding = &BINDINGS[slot];
     let (location, usage) = match slot {
         slot if layout::is_table(slot) => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_BUFFER),
-        layout::INSTANCES | layout::POSES | layout::TRACKS | layout::SEGMENTS => {
+        layout::POSES => (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER),
+        layout::INSTANCES | layout::TRACKS | layout::SEGMENTS => {
             (MemoryLocation::CpuToGpu, vk::BufferUsageFlags::empty())
         }
         layout::EVENT_T | layout::EVENT_X | layout::EVENT_Y | layout::EVENT_P
@@ -362,7 +363,7 @@ fn allocate(
         | layout::APS
         | layout::REPORT
         | layout::SAMPLES => (MemoryLocation::GpuToCpu, vk::BufferUsageFlags::empty()),
-        layout::PLANES | layout::MOTION => {
+        layout::PLANES | layout::MOTION | layout::SURFACES | layout::SLOPES | layout::PATHS => {
             (MemoryLocation::GpuOnly, vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER)
         }
         _ => (MemoryLocation::GpuOnly, vk::BufferUsageFlags::empty()),
@@ -383,6 +384,11 @@ fn allocate(
     match slot {
         layout::PLANES => buffer.with_texels(vk::Format::R32_SFLOAT, u64::from(binding.stride)),
         layout::MOTION => buffer.with_texels(vk::Format::R32G32_SFLOAT, u64::from(binding.stride)),
+        layout::SURFACES => buffer.with_texels(vk::Format::R32G32_UINT, u64::from(binding.stride)),
+        layout::SLOPES => buffer.with_texels(vk::Format::R32_UINT, u64::from(binding.stride)),
+        layout::POSES | layout::PATHS => {
+            buffer.with_texels(vk::Format::R32G32B32A32_SFLOAT, u64::from(binding.stride))
+        }
         _ => Ok(buffer),
     }
 }
