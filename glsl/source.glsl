@@ -86,6 +86,7 @@ Source read_source(Camera cam, uvec2 at) {
     s.warps = FOLLOWS_MOTION && (!RIGID || cam.has_motion != 0u) && has_vector(cam, motion_base(cam, true), ivec2(at));
     s.leaves = false;
     s.unoccluded = false;
+    s.layers = 0u;
     prepare_blend(s);
     return s;
 }
