@@ -15,7 +15,8 @@
 // The including file provides, before this one: RIGID (whether this is the kernel of synthesis `rigid`), LAYERED (whether
 // it is that of tiles where motions meet), READS_LEVELS (defined for kernels that do), PHYSICAL (defined for the kernel of
 // the physical pixel), LEVELS_FIRST (defined if a log pixel is walked once all its levels are synthesised), frame loads,
-// `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND; after it: the functions that are declared here without a body.
+// `fast_udiv`, INCREMENT, MAY_BIN_BY_SAMPLE, WALKS_SUSPEND, SAVES_ROUNDS; after it: the functions that are declared here
+// without a body.
 
 // Whether a tile without motion and change can be skipped; or only such pixels of it as rest, in a permutation that lets
 // them rest. A physical pixel moves on after the light has come to rest.

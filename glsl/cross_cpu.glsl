@@ -22,6 +22,8 @@ layout(local_size_x = CROSS_THREADS, local_size_x_id = THREADS_ID) in;
 // Two loops, so that neither runs the other's code for lanes that wait.
 #define LEVELS_FIRST
 #endif
+// Whether a walk takes several events in a round of its loop: those of a rerun may be more than the driver has rounds for.
+#define SAVES_ROUNDS WALKS_AGAIN
 
 // Pixels that pass an interval in still light do so row by row, before the others are walked: a branch that they take in the
 // walk would spare nothing.

@@ -18,6 +18,7 @@ layout(local_size_x = CROSS_THREADS) in;
 // load fewer taps at once, which is slower.
 const bool MAY_BIN_BY_SAMPLE = true;
 const bool WALKS_SUSPEND = false;
+const bool SAVES_ROUNDS = false;
 
 // Whether pixels that pass an interval in still light do so one by one, in the walk of a sub-tile.
 const bool PASSES_IN_WALK = true;

@@ -34,6 +34,13 @@ void make_draw(Camera cam, uint pixel, inout PixelState p, inout Walk w) {
     suppress_shots(cam, pixel, p, w);
 }
 
+// Sends another event of the sub-step, if one comes.
+void take_another(Camera cam, uint pixel, inout PixelState p, inout Walk w, inout Place at) {
+    if (!needs_draw() && walks_on(w.ordinal) && comes_next(at.end, at.to_level, p, at.now, w)) {
+        take_next(cam, pixel, at.end, at.to_level, p, at.now, w);
+    }
+}
+
 // Walks the pixel over its `n` sub-steps. A sub-step in which nothing happens costs little, so the pixels of a subgroup
 // meet at their next events.
 void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w, inout Place at) {
@@ -64,6 +71,11 @@ void walk(Camera cam, uint pixel, uint n, inout PixelState p, inout Walk w, inou
             } while (!happens && at.substep < n);
             if (happens) {
                 take_next(cam, pixel, at.end, at.to_level, p, at.now, w);
+                if (SAVES_ROUNDS) {
+                    take_another(cam, pixel, p, w, at);
+                    take_another(cam, pixel, p, w, at);
+                    take_another(cam, pixel, p, w, at);
+                }
             }
         }
     } while ((happens || needs_draw()) && walks_on(w.ordinal));

@@ -9,7 +9,7 @@ uint path_instant(uint n, uint i) {
 // The motion of an instance from camera axes at the end of sub-step `i` of `n` to those of key frame 0, 0 < i < n.
 Pose pose_at_substep(Geometry geo, uint instance, uint n, uint i) {
     const uint row = geo.path_base + 3u * (instance * geo.path_instants + path_instant(n, i));
-        return Pose(PATH_ROW(row), PATH_ROW(row + 1u), PATH_ROW(row + 2u));
+    return Pose(PATH_ROW(row), PATH_ROW(row + 1u), PATH_ROW(row + 2u));
 }
 
 // Where the plane `plane` (axes of key frame 0) that a ray shows lies in key frame 0, as a homogeneous point; `pose` is

@@ -288,6 +288,24 @@ fn a_crossing_goes_before_a_shot_event_of_the_same_nanosecond() {
     }
 }
 
+/// The software driver ends a thread's loops after 65 535 rounds in all.
+#[test]
+fn a_pixel_sends_tens_of_thousands_of_events_in_an_interval() {
+    const EVENTS: usize = 50_000;
+    // A whole number of units of Q7.24.
+    let threshold = 1.0 / 8192.0;
+    let sensor = SensorModel { contrast_on: threshold, contrast_off: threshold, ..pixel_row(3) };
+    let rise = threshold * (EVENTS as f64 + 0.5);
+    let got = by_engine(&sensor, &levels(&sensor, &[-3.0, -3.0 + rise, -3.0 + rise]));
+    for x in 0..3 {
+        let of_pixel: Vec<i64> = got.iter().filter(|e| e.x == x).map(|e| e.t_ns).collect();
+        assert_eq!(of_pixel.len(), EVENTS, "pixel {x}");
+        let (first, last) = (of_pixel[0], of_pixel[EVENTS - 1]);
+        assert!(first < 25 && last > MILLISECOND_NS - 25, "pixel {x}: from {first} to {last} ns");
+    }
+    assert_silent();
+}
+
 /// Packets whose events all have one time: as many as one workgroup sorts, one more, and as many as fill several runs.
 /// Where the quantum leaves few times, a bin is one time and a range of pixels; otherwise all these events are in one
 /// bin.
