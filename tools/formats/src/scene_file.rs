@@ -57,7 +57,7 @@ enum ProjectionName {
 #[derive(Clone, Debug, Deserialize)]
 struct TransformsFile {
     camera_model: Option<String>,
-    /// instant-ngp's name for an equidistant fisheye.
+    /// instant-ngp's, which draws such a lens as a pinhole where it has no distortion.
     is_fisheye: Option<bool>,
     fl_x: Option<f64>,
     fl_y: Option<f64>,
@@ -294,13 +294,12 @@ impl TransformsFile {
     fn projection(&self) -> Result<Projection> {
         let is_fisheye = self.is_fisheye == Some(true);
         match self.camera_model.as_deref() {
-            None if is_fisheye => Ok(Projection::Fisheye),
             Some("OPENCV_FISHEYE") => Ok(Projection::Fisheye),
-            Some(model) if is_fisheye => {
-                bail!(
-                    "`is_fisheye` is true and `camera_model` is {model}, expected OPENCV_FISHEYE with it, or none"
-                )
-            }
+            None | Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE") if is_fisheye => bail!(
+                "`is_fisheye` is true and `camera_model` is {}, expected OPENCV_FISHEYE for an equidistant fisheye, or no \
+                 `is_fisheye` for a pinhole",
+                self.camera_model.as_deref().unwrap_or("missing")
+            ),
             None | Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE") => Ok(Projection::Pinhole),
             Some(model) => bail!("`camera_model` is {model}, expected OPENCV, OPENCV_FISHEYE or PINHOLE"),
         }

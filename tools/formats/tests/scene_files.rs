@@ -43,8 +43,8 @@ fn a_lens_may_be_an_angle_of_view_with_square_pixels_around_the_middle() {
 }
 
 #[test]
-fn a_fisheye_may_be_named_as_by_instant_ngp() {
-    let lens = json!({ "fl_x": 60, "is_fisheye": true, "k1": 0.0 });
+fn a_fisheye_of_instant_ngp_needs_its_model() {
+    let lens = json!({ "fl_x": 60, "is_fisheye": true, "camera_model": "OPENCV_FISHEYE", "k1": 0.0 });
     let found = scene(&transforms(&lens)).expect("a lens").expect("poses");
     assert_eq!(*found.motion.lens(), Intrinsics::fisheye(60.0, 60.0, 19.5, 14.5).expect("a lens"));
     let plain =
@@ -53,7 +53,9 @@ fn a_fisheye_may_be_named_as_by_instant_ngp() {
     let error = |lens: Value| format!("{:#}", scene(&transforms(&lens)).expect_err("no lens"));
     let both = error(json!({ "fl_x": 60, "is_fisheye": true, "camera_model": "PINHOLE" }));
     assert!(both.contains("`is_fisheye` is true and `camera_model` is PINHOLE"), "{both}");
-    let bent = error(json!({ "fl_x": 60, "is_fisheye": true, "k2": 0.01 }));
+    let alone = error(json!({ "fl_x": 60, "is_fisheye": true }));
+    assert!(alone.contains("`is_fisheye` is true and `camera_model` is missing"), "{alone}");
+    let bent = error(json!({ "fl_x": 60, "camera_model": "OPENCV_FISHEYE", "k2": 0.01 }));
     assert!(bent.contains("distortion (k2 is 0.01)"), "{bent}");
 }
 
