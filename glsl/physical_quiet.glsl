@@ -6,7 +6,7 @@ const float TURN_MARGIN_LOG = 0.003;
 const float SETTLING_MARGIN_LOG = 0.0002;
 
 // Times that a crossing is made better at most, and how near it is good enough, Q24.
-const uint MOST_TRIES = 6u;
+const uint MOST_TRIES = 16u;
 const float NEAR_Q24 = 4.0;
 
 // Whether the output turns so near a threshold that the part's form cannot tell whether it reaches it. A part that begins at
@@ -20,20 +20,48 @@ bool turn_decides(Part part, PixelState p) {
     return nepers(min(abs(above - p.on_q24), abs(above + p.off_q24))) < margin;
 }
 
-// When a stretch crosses `level`, which it does if it `rises` or falls: where the straight line through its ends does, and
-// on a bow nearer and nearer by straight lines between the instants found on both sides. What an instant is off moves the
-// reference that a release sets, and with it all events that follow.
-uint quiet_crossing(Part part, uint start, uint end, int from, int to, int level, bool rises) {
-    const int sign = rises ? 1 : -1;
+// Time until the output of a part that settles has gone `rest`, Q24, at the slope that it has at `at`, ns. Not finite where
+// it stands still.
+float time_by_slope(Part part, uint at, float rest) {
+    const vec2 falls = part.turns * exp(-share_of(part, at) * part.turns);
+    const float slope_log = nepers(part.to - part.from) + dot(part.bow, part.come - falls);
+    return rest / (slope_log * LOG_SCALE * part.per_ns);
+}
+
+// When a stretch crosses `level` from `now` on, which it does if it `rises` or falls: where the straight line through its
+// ends does, and on a bow nearer and nearer. A part that settles may be still for most of its length, where straight lines
+// come nearer by too little each time. It is the slope that says how far the crossing is, as long as that lies between the
+// instants found on both sides. What an instant is off moves the reference that a release sets, and with it all events that
+// follow.
+uint quiet_crossing(Part part, uint now, uint start, uint end, int from, int to, int level, bool rises) {
+    const float sign = rises ? 1.0 : -1.0;
+    float below = sign * float(level - from);
+    float above = sign * float(to - level);
+    uint at = time_in_substep(start, end, below, max(below + above, 1.0));
+    if (part.bow == vec2(0.0)) {
+        return at;
+    }
+    const bool settles = part.turns.y != 0.0;
     uint low = start;
     uint high = end;
-    float below = float(sign * (level - from));
-    float above = float(sign * (to - level));
-    const uint tries = part.bow == vec2(0.0) ? 0u : MOST_TRIES;
-    uint at = time_in_substep(low, high, below, max(below + above, 1.0));
+    if (now > start) {
+        low = now;
+        below = sign * float(level - output_at(part, low));
+    }
     bool was_low = false;
-    for (uint i = 0u; i < tries && at < high; ++i) {
-        const float rest = float(sign * (level - output_at(part, at)));
+    float rest = below;
+    at = low;
+    for (uint i = 0u; i < MOST_TRIES; ++i) {
+        const float by_slope_ns = settles ? time_by_slope(part, at, sign * rest) : -LONGEST_TURN;
+        if (by_slope_ns > -float(at - low) && by_slope_ns < float(high - at)) {
+            at = clamp(uint(int(at) + int(ceil(by_slope_ns))), low + 1u, high);
+        } else {
+            at = time_in_substep(low, high, below, max(below + above, 1.0));
+        }
+        if (at >= high) {
+            break;
+        }
+        rest = sign * float(level - output_at(part, at));
         if (abs(rest) <= NEAR_Q24) {
             break;
         }
@@ -51,7 +79,6 @@ uint quiet_crossing(Part part, uint start, uint end, int from, int to, int level
             below *= is_low ? 1.0 : 0.5;
         }
         was_low = is_low;
-        at = time_in_substep(low, high, below, max(below + above, 1.0));
     }
     return at;
 }
@@ -78,7 +105,7 @@ bool watch_quiet(Camera cam, inout PixelState p, inout Walk w) {
     const int level = rises ? p.reference + p.on_q24 : p.reference - p.off_q24;
     const int to_go = rises ? level - from : from - level;
     uint at = to_go > 0 && !starts_beyond && end != start
-        ? quiet_crossing(w.part, start, end, from, to, level, rises)
+        ? quiet_crossing(w.part, w.now, start, end, from, to, level, rises)
         : w.now;
     // The first instant of a sub-step belongs to the one before.
     at = min(max(max(at, w.now), w.part.start + 1u), w.part.end);

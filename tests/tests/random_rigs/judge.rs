@@ -10,7 +10,7 @@ use crate::reference::{
     Run, Taken, events, follows_vectors, foretells_light, has_noise, runs, stretches, without_noise,
 };
 use esaac_model::packet::Event;
-use esaac_model::{Pixel, SensorModel, SubstepPolicy, Synthesis};
+use esaac_model::{Pixel, Polarity, SensorModel, SubstepPolicy, Synthesis};
 use esaac_oracle::stamp::{base_ns, complete_before, watermark_ns};
 use esaac_tests::agreement::{
     Agreement, Perturbation, Reference, Stamps, by_pixel, moved_vectors, perturbations, polarities,
@@ -311,11 +311,15 @@ fn against_oracle(
     tally.events += expected.len();
     if kind == Kind::Physical {
         let [actual, expected] = [&actual, &expected].map(|events| by_pixel(view.case.size_px(), events));
-        tally.differing +=
-            actual.iter().zip(&expected).filter(|(a, b)| polarities(a).ne(polarities(b))).count();
+        let pairs = || actual.iter().zip(&expected).enumerate();
+        let differing = || pairs().filter(|(_, (a, b))| polarities(a).ne(polarities(b)));
+        tally.differing += differing().count();
         let most = kind.most_in_a_run(tally.pixels) + kind.ties(tally);
         findings.check(tally.differing <= most, || {
-            format!("{}: {} of {} pixels differ", what(&run[0]), tally.differing, tally.pixels)
+            let first: Vec<String> =
+                differing().take(3).map(|(pixel, (a, b))| first_difference(pixel, a, b)).collect();
+            let (differing, pixels) = (tally.differing, tally.pixels);
+            format!("{}: {differing} of {pixels} pixels differ:\n  {}", what(&run[0]), first.join("\n  "))
         });
         return tally;
     }
@@ -340,6 +344,15 @@ fn against_oracle(
         format!("{}: {count} events at another time:\n  {first}", what(&run[0]))
     });
     tally
+}
+
+/// How many events of a pixel come before the first of another polarity, and what follows them.
+fn first_difference(pixel: usize, actual: &[(i64, Polarity)], expected: &[(i64, Polarity)]) -> String {
+    let alike = polarities(actual).zip(polarities(expected)).take_while(|(a, b)| a == b).count();
+    let next = |events: &[(i64, Polarity)]| events[alike..].iter().take(3).copied().collect::<Vec<_>>();
+    let (a, b) = (next(actual), next(expected));
+    let counts = (actual.len(), expected.len());
+    format!("pixel {pixel}: {counts:?} events (expected second), {alike} alike, then {a:?}, expected {b:?}")
 }
 
 /// Sub-steps that the oracle has in a block in which nothing moves or changes, and that the engine may skip.
