@@ -1,7 +1,7 @@
 //! Sensors and noise profiles by name.
 
 use crate::physical::{PhysicalPixel, physical_preset};
-use crate::sensor::{Pixel, SensorModel, SubstepPolicy, Synthesis, Timestamps};
+use crate::sensor::{Pixel, SensorError, SensorModel, SubstepPolicy, Synthesis, Timestamps};
 use serde::{Deserialize, Serialize};
 
 /// Log offset of the paper's `log(S + 1)`, for intensities of 8-bit scale.
@@ -52,9 +52,20 @@ pub enum Profile {
 }
 
 impl Profile {
-    /// Sets the profile's parameters and leaves the others as they are. `Paper` is a log pixel; the others keep the pixel
-    /// that a sensor has.
+    /// Sets the profile's parameters and leaves the others as they are. `Paper` is a log pixel, so a sensor with another
+    /// one gets it first ([`SensorModel::with_pixel`]); the others keep the pixel that a sensor has.
+    ///
+    /// # Panics
+    /// As [`SensorModel::to_toml`].
     pub fn apply(self, sensor: &mut SensorModel) {
+        if self == Profile::Paper {
+            *sensor = sensor.clone().with_pixel(Pixel::Log);
+        }
+        self.set_numbers(sensor);
+    }
+
+    /// Sets all parameters of the profile but the pixel.
+    fn set_numbers(self, sensor: &mut SensorModel) {
         let clean = SensorModel::default();
         if sensor.pixel == Pixel::Physical {
             sensor.noise_gain = if self == Profile::Noisy { clean.noise_gain } else { 0.0 };
@@ -84,7 +95,6 @@ impl Profile {
                 sensor.timestamp_quantum_ns = 1_000;
             }
             Profile::Paper => {
-                sensor.pixel = Pixel::Log;
                 sensor.log_offset = LOG_OFFSET_PAPER;
                 sensor.synthesis = Synthesis::Paper;
                 sensor.timestamps = Timestamps::AtSample;
@@ -114,10 +124,84 @@ pub fn preset_with_physical_pixel(name: &str) -> Option<SensorModel> {
     preset(name).map(SensorModel::with_preset_pixel)
 }
 
+/// The preset of this name with a pixel and with the profile's numbers, if there is such a preset.
+fn made_with(name: &str, pixel: Pixel, profile: Option<Profile>) -> Option<SensorModel> {
+    let mut sensor = match pixel {
+        Pixel::Log => preset(name),
+        Pixel::Physical => preset_with_physical_pixel(name),
+    }?;
+    if let Some(profile) = profile {
+        profile.set_numbers(&mut sensor);
+    }
+    Some(sensor)
+}
+
 impl SensorModel {
+    /// This sensor with another pixel.
+    ///
+    /// If its name is a preset's, every parameter that has the value which the preset gives it with the old pixel gets the
+    /// one which the preset gives it with the new pixel. Others are somebody's choice and stay. A sensor of another name
+    /// keeps all of its numbers.
+    ///
+    /// Profiles count as the preset's: one that was made with `Noisy` or `Paper` ends as if it had been made with this
+    /// profile and the new pixel. A sensor does not remember its profile, so it is taken for the one that leaves the fewest
+    /// parameters to choices. A log sensor with `Clean` is the preset itself: with a physical pixel its noise is on.
+    ///
+    /// # Panics
+    /// As [`SensorModel::to_toml`].
+    #[must_use]
+    pub fn with_pixel(self, pixel: Pixel) -> Self {
+        if pixel == self.pixel {
+            return self;
+        }
+        let table = |sensor: &SensorModel| toml::Table::try_from(sensor).expect("a sensor is a table");
+        let mut values = table(&self);
+        let olds = [None, Some(Profile::Clean), Some(Profile::Noisy), Some(Profile::Paper)]
+            .into_iter()
+            .filter_map(|profile| Some((profile, table(&made_with(&self.name, self.pixel, profile)?))));
+        let chosen = |old: &toml::Table| values.iter().filter(|(key, value)| old[*key] != **value).count();
+        let Some((profile, old)) = olds.min_by_key(|(_, old)| chosen(old)) else {
+            return SensorModel { pixel, ..self };
+        };
+        let new = table(&made_with(&self.name, pixel, profile).expect("it was made with the old pixel"));
+        for (key, value) in values.iter_mut().filter(|(key, value)| old[*key] == **value) {
+            *value = new[key].clone();
+        }
+        values.try_into().expect("values of sensors are a sensor")
+    }
+
+    /// This sensor with a profile, then with parameters from text in their order ([`SensorModel::set`]). A pixel among
+    /// them comes before all else, so that the profile and the other parameters replace numbers of that pixel.
+    ///
+    /// # Errors
+    /// As [`SensorModel::set`].
+    ///
+    /// # Panics
+    /// As [`SensorModel::to_toml`].
+    pub fn with_changes(
+        mut self,
+        profile: Option<Profile>,
+        parameters: &[(impl AsRef<str>, String)],
+    ) -> Result<Self, SensorError> {
+        let pixel = parameters.iter().rfind(|(parameter, _)| parameter.as_ref() == "pixel");
+        let choose_pixel =
+            |sensor: &mut SensorModel| pixel.map_or(Ok(()), |(_, value)| sensor.set("pixel", value));
+        choose_pixel(&mut self)?;
+        if let Some(profile) = profile {
+            profile.apply(&mut self);
+            // `Paper` has a pixel of its own.
+            choose_pixel(&mut self)?;
+        }
+        for (parameter, value) in parameters {
+            self.set(parameter.as_ref(), value)?;
+        }
+        Ok(self)
+    }
+
     /// This sensor with the physical pixel of the preset that it is named after
     /// ([`PHYSICAL_PRESETS`](crate::physical::PHYSICAL_PRESETS)), or with a physical pixel of its own parameters if it has
-    /// another name. The noise is on. The readout stays as it is.
+    /// another name. All numbers of the pixel are the preset's, whoever chose the old ones; [`SensorModel::with_pixel`]
+    /// keeps those that somebody chose. The noise is on. The readout stays as it is.
     #[must_use]
     pub fn with_preset_pixel(mut self) -> Self {
         let pixel = match physical_preset(&self.name) {
@@ -177,5 +261,93 @@ mod tests {
         let mut log = preset("hd").expect("listed");
         Profile::Noisy.apply(&mut log);
         assert_eq!(log.dark_spread_log, 0.0, "a log pixel has no dark current");
+    }
+
+    const PIXELS: [Pixel; 2] = [Pixel::Log, Pixel::Physical];
+
+    fn made(name: &str, profile: Option<Profile>, pixel: Pixel) -> SensorModel {
+        let pixel = if pixel == Pixel::Log { "log" } else { "physical" };
+        let sensor = preset(name).expect("listed").with_changes(profile, &[("pixel", pixel.to_owned())]);
+        sensor.expect("a pixel")
+    }
+
+    fn turned(mut sensor: SensorModel, pixel: Pixel) -> SensorModel {
+        let pixel = if pixel == Pixel::Log { "log" } else { "physical" };
+        sensor.set("pixel", pixel).expect("a pixel");
+        sensor
+    }
+
+    #[test]
+    fn another_pixel_has_the_numbers_of_the_preset() {
+        for p in PRESETS {
+            let (log, physical) = (preset(p.name).unwrap(), preset_with_physical_pixel(p.name).unwrap());
+            assert_eq!(turned(log.clone(), Pixel::Physical), physical, "{}", p.name);
+            assert_eq!(turned(physical.clone(), Pixel::Log), log, "{}", p.name);
+            for sensor in [log, physical] {
+                assert_eq!(turned(sensor.clone(), sensor.pixel), sensor, "no other pixel");
+            }
+        }
+        let mine = SensorModel { name: "mine".to_owned(), ..preset("hd").unwrap() };
+        let expected = SensorModel { pixel: Pixel::Physical, ..mine.clone() };
+        assert_eq!(turned(mine, Pixel::Physical), expected, "no preset");
+    }
+
+    #[test]
+    fn what_somebody_has_chosen_stays_with_another_pixel() {
+        let choose = |sensor: SensorModel| SensorModel {
+            width: 64,
+            contrast_on: 0.31,
+            refractory_ns: 123,
+            leak_rate_hz: 0.7,
+            dark_lux: 0.9,
+            second_pole_hz: 50.0,
+            log_offset: 0.5,
+            latency_jitter_ns: 7,
+            seed: 3,
+            ..sensor
+        };
+        for p in PRESETS {
+            for profile in [None, Some(Profile::Noisy)] {
+                let [log, physical] = PIXELS.map(|pixel| choose(made(p.name, profile, pixel)));
+                assert_eq!(turned(log.clone(), Pixel::Physical), physical, "{} {profile:?}", p.name);
+                assert_eq!(turned(physical, Pixel::Log), log, "{} {profile:?}", p.name);
+            }
+        }
+        let own_leak = SensorModel { leak_rate_hz: -0.5, ..preset_with_physical_pixel("hd").unwrap() };
+        let error = turned(own_leak, Pixel::Log).validate().unwrap_err().to_string();
+        assert!(error.contains("`leak_rate_hz` is -0.5, expected 0 to 100"), "{error}");
+    }
+
+    #[test]
+    fn another_pixel_keeps_the_profile() {
+        for p in PRESETS {
+            for profile in [Profile::Noisy, Profile::Paper] {
+                let [log, physical] = PIXELS.map(|pixel| made(p.name, Some(profile), pixel));
+                assert_eq!([log.pixel, physical.pixel], PIXELS, "{} {profile:?}", p.name);
+                assert_eq!(turned(log.clone(), Pixel::Physical), physical, "{} {profile:?}", p.name);
+                assert_eq!(turned(physical, Pixel::Log), log, "{} {profile:?}", p.name);
+            }
+            let clean = made(p.name, Some(Profile::Clean), Pixel::Physical);
+            assert_eq!(turned(clean.clone(), Pixel::Log), preset(p.name).unwrap());
+            let mut paper = clean;
+            Profile::Paper.apply(&mut paper);
+            assert_eq!(paper, made(p.name, Some(Profile::Paper), Pixel::Log), "it is a log pixel");
+        }
+    }
+
+    #[test]
+    fn parameters_that_come_with_a_pixel_replace_its_numbers() {
+        // These are what a log pixel has, and stand before the pixel.
+        let given = [("contrast_on", "0.2"), ("noise_gain", "1"), ("pixel", "physical")];
+        let given = given.map(|(parameter, value)| (parameter, value.to_owned()));
+        let physical = preset_with_physical_pixel("hd").unwrap();
+        let hd = preset("hd").unwrap();
+        let expected = SensorModel { contrast_on: 0.2, ..physical.clone() };
+        assert_eq!(hd.clone().with_changes(None, &given), Ok(expected));
+        let mut expected = physical;
+        Profile::Clean.apply(&mut expected);
+        let expected = SensorModel { contrast_on: 0.2, noise_gain: 1.0, ..expected };
+        assert_eq!(hd.clone().with_changes(Some(Profile::Clean), &given), Ok(expected));
+        assert!(hd.with_changes(None, &[("pixel", "quantum".to_owned())]).is_err());
     }
 }

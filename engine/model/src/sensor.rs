@@ -160,8 +160,8 @@ impl SensorModel {
         toml::to_string(self).expect("a flat struct of numbers and strings is TOML")
     }
 
-    /// Sets one parameter from text, as a command-line flag does. Hyphens count as underscores. Does not check the
-    /// range; `validate` does.
+    /// Sets one parameter from text, as a command-line flag does. Hyphens count as underscores. `pixel` changes others
+    /// with it ([`SensorModel::with_pixel`]). Does not check the range; `validate` does.
     ///
     /// # Errors
     /// `SensorError::Unknown` for a name that no parameter has, `SensorError::Value` for text that cannot be parsed.
@@ -192,7 +192,8 @@ impl SensorModel {
             true => "expected a whole number, from 0 and in the range of the parameter".to_owned(),
             false => e.message().to_owned(),
         };
-        *self = table.try_into().map_err(|e| bad(reason(e)))?;
+        let next: SensorModel = table.try_into().map_err(|e| bad(reason(e)))?;
+        *self = if key == "pixel" { std::mem::take(self).with_pixel(next.pixel) } else { next };
         Ok(())
     }
 
