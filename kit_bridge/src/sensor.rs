@@ -36,43 +36,36 @@ impl PySensor {
         })
     }
 
-    /// The sensor with a profile, then parameters, replacing its own; validated.
+    /// The sensor with a profile, then parameters, replacing its own ([`SensorModel::with_changes`]); validated.
     pub fn with(
-        mut sensor: SensorModel,
+        sensor: SensorModel,
         profile: Option<&str>,
         parameters: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<SensorModel> {
-        if let Some(name) = profile {
-            let profile = match name {
-                "clean" => Profile::Clean,
-                "noisy" => Profile::Noisy,
-                "paper" => Profile::Paper,
-                _ => {
-                    return Err(Fault::Sensor(SensorError::Value {
-                        parameter: "profile".to_owned(),
-                        value: name.to_owned(),
-                        reason: "expected clean, noisy or paper".to_owned(),
-                    })
-                    .into());
-                }
-            };
-            profile.apply(&mut sensor);
-        }
+        let profile = profile.map(profile_named).transpose()?;
+        let mut texts: Vec<(String, String)> = Vec::new();
         for (key, value) in parameters.into_iter().flatten() {
             let key: String = key.extract()?;
-            sensor.set(&key, &text(&key, &value)?).map_err(Fault::from)?;
+            let value = text(&key, &value)?;
+            texts.push((key, value));
         }
+        let sensor = sensor.with_changes(profile, &texts).map_err(Fault::from)?;
         sensor.validate().map_err(Fault::from)?;
         Ok(sensor)
     }
 }
 
-/// Whether parameters choose the physical pixel.
-fn names_physical_pixel(parameters: Option<&Bound<'_, PyDict>>) -> PyResult<bool> {
-    let Some(pixel) = parameters.map(|parameters| parameters.get_item("pixel")).transpose()?.flatten() else {
-        return Ok(false);
-    };
-    Ok(pixel.extract::<String>().is_ok_and(|pixel| pixel == "physical"))
+fn profile_named(name: &str) -> Result<Profile, Fault> {
+    match name {
+        "clean" => Ok(Profile::Clean),
+        "noisy" => Ok(Profile::Noisy),
+        "paper" => Ok(Profile::Paper),
+        _ => Err(Fault::Sensor(SensorError::Value {
+            parameter: "profile".to_owned(),
+            value: name.to_owned(),
+            reason: "expected clean, noisy or paper".to_owned(),
+        })),
+    }
 }
 
 /// A value as text for the model's parser.
@@ -91,10 +84,11 @@ fn text(parameter: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     if value.is_instance_of::<PyString>() || value.is_instance_of::<PyInt>() {
         return Ok(value.str()?.to_cow()?.into_owned());
     }
-    if value.is_instance_of::<PyFloat>() {
-        return Ok(value.repr()?.to_cow()?.into_owned());
+    // By its value: `numpy.float64` is a float whose text is not a number.
+    if let Ok(float) = value.cast::<PyFloat>() {
+        return Ok(format!("{:?}", float.value()));
     }
-    // NumPy's scalars, for example.
+    // NumPy's other scalars, for example.
     match value.call_method0("item") {
         Ok(item) if !item.get_type().is(value.get_type()) => text(parameter, &item),
         _ => Err(wrong().into()),
@@ -110,13 +104,7 @@ impl PySensor {
         profile: Option<&str>,
         parameters: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let mut named = PySensor::named(sensor)?;
-        // A preset with the physical pixel has the numbers of that sensor's.
-        let is_preset = sensor.is_none_or(|given| given.is_instance_of::<PyString>());
-        if is_preset && names_physical_pixel(parameters)? {
-            named = named.with_preset_pixel();
-        }
-        Ok(PySensor(PySensor::with(named, profile, parameters)?))
+        Ok(PySensor(PySensor::with(PySensor::named(sensor)?, profile, parameters)?))
     }
 
     #[staticmethod]
@@ -171,17 +159,18 @@ impl PySensor {
     }
 
     fn __repr__(&self) -> String {
-        let (base, table) = (
-            preset(&self.0.name).unwrap_or_default(),
-            toml::Table::try_from(&self.0).expect("a sensor is a table"),
-        );
-        let base_table = toml::Table::try_from(&base).expect("a sensor is a table");
+        let name = &self.0.name;
+        let base =
+            preset(name).unwrap_or_else(|| SensorModel { name: name.clone(), ..SensorModel::default() });
+        let has_pixel = base.pixel == self.0.pixel;
+        let [own, base] = [&self.0, &base.with_pixel(self.0.pixel)]
+            .map(|sensor| toml::Table::try_from(sensor).expect("a sensor is a table"));
         let changed: String = PARAMETERS
             .iter()
-            .filter(|p| table[p.name] != base_table[p.name])
-            .map(|p| format!(", {}={}", p.name, table[p.name]))
+            .filter(|p| own[p.name] != base[p.name] || p.name == "pixel" && !has_pixel)
+            .map(|p| format!(", {}={}", p.name, own[p.name]))
             .collect();
-        format!("SensorModel(\"{}\"{changed})", self.0.name)
+        format!("SensorModel(\"{name}\"{changed})")
     }
 
     fn __reduce__(&self, py: Python<'_>) -> PyResult<(Py<PyAny>, (String,))> {

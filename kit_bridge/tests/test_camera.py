@@ -263,8 +263,9 @@ def test_a_physical_pixel_has_the_numbers_of_its_preset():
     assert hd == esaac.SensorModel.from_toml(hd.to_toml()) and 'pixel="physical"' in repr(hd)
     quiet = esaac.SensorModel("hd", profile="clean", pixel="physical")
     assert (quiet.pixel, quiet.noise_gain, quiet.refractory_ns) == ("physical", 0.0, 0)
-    own = esaac.SensorModel("hd").replace(pixel="physical")
-    assert (own.pixel, own.refractory_ns) == ("physical", 0)
+    assert repr(hd) == 'SensorModel("hd", pixel="physical", lux_per_unit=10.0)'
+    bright = hd.replace(contrast_on=0.2)
+    assert eval(repr(bright), vars(esaac)) == bright, "a value that the log pixel has too"
     with pytest.raises(esaac.SensorError) as caught:
         esaac.SensorModel("hd", pixel="physical", temperature_c=200.0)
     assert caught.value.parameter == "temperature_c" and "-40 to 125" in caught.value.expected
@@ -284,6 +285,29 @@ def test_a_physical_pixel_has_the_numbers_of_its_preset():
     assert events[0] == 0 and events[2] > 5 * 16 * 32
 
 
+@pytest.mark.parametrize("profile", [None, "noisy"])
+def test_another_pixel_takes_the_numbers_of_the_preset_and_leaves_those_of_the_user(profile):
+    own = {"contrast_on": 0.31, "dark_lux": 0.9, "seed": 7}
+    log = esaac.SensorModel("hd", profile=profile, **own)
+    physical = esaac.SensorModel("hd", profile=profile, pixel="physical", **own)
+    assert log.replace(pixel="physical") == esaac.SensorModel(log, pixel="physical") == physical
+    assert physical.replace(pixel="log") == log
+    # What comes in the same call stays, though it is what the log pixel has.
+    assert log.replace(contrast_off=0.2, pixel="physical") == physical.replace(contrast_off=0.2)
+    mine = esaac.SensorModel("hd", name="mine")
+    assert mine.replace(pixel="physical").refractory_ns == 0, "no preset's name"
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.float16, np.array])
+def test_numbers_of_numpy_are_numbers(kind):
+    sensor = esaac.SensorModel("dvs128", contrast_on=kind(0.25))
+    assert sensor.contrast_on == 0.25 and sensor.replace(contrast_on=kind(0.5)).contrast_on == 0.5
+    for whole in (np.int64, np.uint8, np.array):
+        assert sensor.replace(substeps=whole(16), leak_rate_hz=whole(1)).substeps == 16
+    with pytest.raises(esaac.SensorError, match="contrast_on.*nan|contrast_on.*NaN"):
+        esaac.SensorModel("dvs128", contrast_on=kind(np.nan))
+
+
 @pytest.mark.parametrize(
     ("parameters", "parameter", "expected", "actual"),
     [
@@ -292,6 +316,9 @@ def test_a_physical_pixel_has_the_numbers_of_its_preset():
         ({"intensity": "red"}, "intensity", "gray", "red"),
         ({"contrast_on": None}, "contrast_on", "a number", "None"),
         ({"substeps": True}, "substeps", "a number", "True"),
+        ({"substeps": np.True_}, "substeps", "a number", "True"),
+        ({"substeps": np.float64(2.5)}, "substeps", "a whole number", "2.5"),
+        ({"contrast_on": np.array([0.1, 0.2])}, "contrast_on", "a number", "[0.1 0.2]"),
         ({"profile": "loud"}, "profile", "noisy", "loud"),
     ],
 )

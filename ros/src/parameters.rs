@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Shows parameters to other nodes.
 pub trait ParameterStore: Send {
-    /// Shows the parameters of `sensor` again, after a change to this camera was refused.
-    fn put_back(&self, camera: usize, sensor: &SensorModel);
+    /// Shows the parameters of `sensor`, after a change to this camera was refused or has changed others with it.
+    fn show(&self, camera: usize, sensor: &SensorModel);
 }
 
 /// The sensors that other nodes ask for. Clones share them.
@@ -97,10 +97,16 @@ impl SensorParameters {
             }
             match wanted.validate().map_err(|error| error.to_string()).and_then(|()| change(camera, &wanted))
             {
-                Ok(()) => *current = wanted,
+                Ok(()) => {
+                    // Another pixel brings numbers that nobody has set.
+                    if wanted.pixel != current.pixel {
+                        self.store.show(camera, &wanted);
+                    }
+                    *current = wanted;
+                }
                 Err(reason) => {
                     self.wanted.lock()[camera] = current.clone();
-                    self.store.put_back(camera, current);
+                    self.store.show(camera, current);
                     notices.push(format!(
                         "parameters of camera `{}` stay as they were: {reason}",
                         self.names[camera]
@@ -116,20 +122,21 @@ impl SensorParameters {
 mod tests {
     use super::*;
     use crate::events::Split;
+    use esaac_model::presets::{preset, preset_with_physical_pixel};
 
-    /// Camera and mismatch of what was put back.
-    type PutBack = Arc<Mutex<Vec<(usize, f64)>>>;
+    /// Camera and mismatch of what was shown.
+    type ShownList = Arc<Mutex<Vec<(usize, f64)>>>;
 
-    /// Remembers what was put back.
-    struct Shown(PutBack);
+    /// Remembers what was shown.
+    struct Shown(ShownList);
 
     impl ParameterStore for Shown {
-        fn put_back(&self, camera: usize, sensor: &SensorModel) {
+        fn show(&self, camera: usize, sensor: &SensorModel) {
             self.0.lock().unwrap().push((camera, sensor.contrast_mismatch));
         }
     }
 
-    fn parameters() -> (SensorParameters, WantedSensors, PutBack) {
+    fn parameters() -> (SensorParameters, WantedSensors, ShownList) {
         let camera = |name: &str| CameraPlan {
             name: name.to_owned(),
             sensor: SensorModel::default(),
@@ -142,7 +149,7 @@ mod tests {
             frame_id: None,
         };
         let cameras = [camera("left"), camera("right")];
-        let (wanted, shown) = (WantedSensors::new(&cameras), PutBack::default());
+        let (wanted, shown) = (WantedSensors::new(&cameras), ShownList::default());
         let store = Box::new(Shown(Arc::clone(&shown)));
         (SensorParameters::new(&cameras, wanted.clone(), store), wanted, shown)
     }
@@ -161,6 +168,20 @@ mod tests {
         assert_eq!(parameters.apply(&mut take), [""; 0]);
         assert_eq!(changes, [(1, 0.35)]);
         assert!(shown.lock().unwrap().is_empty());
+    }
+
+    #[test]
+    fn the_numbers_that_another_pixel_brings_are_shown() {
+        let (mut parameters, wanted, shown) = parameters();
+        let [log, physical] = [preset("hd"), preset_with_physical_pixel("hd")].map(Option::unwrap);
+        wanted.lock()[1] = log.clone();
+        assert_eq!(parameters.apply(|_, _| Ok(())), [""; 0]);
+        for (pixel, expected) in [("physical", &physical), ("log", &log)] {
+            wanted.check(1, "pixel", pixel).unwrap();
+            wanted.set(1, "pixel", pixel);
+            assert_eq!(parameters.apply(|_, sensor| Ok(assert_eq!(sensor, expected))), [""; 0]);
+        }
+        assert_eq!(shown.lock().unwrap()[..], [(1, physical.contrast_mismatch), (1, 0.0)]);
     }
 
     #[test]

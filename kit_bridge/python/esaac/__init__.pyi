@@ -168,14 +168,18 @@ class SensorModel:
     ) -> None:
         """A preset (`"davis346"` by default) or a sensor, changed by a profile and then by parameters.
 
-        A preset with `pixel="physical"` has the numbers of that sensor's physical pixel.
+        With another `pixel` a sensor of a preset's name takes that preset's numbers of the new pixel, but keeps those
+        that somebody has set to something else than the preset's. The pixel comes before the profile and the other
+        parameters. A sensor of another name keeps all.
         """
     @staticmethod
     def from_toml(text: str) -> SensorModel: ...
     def to_toml(self) -> str: ...
     def to_dict(self) -> dict[str, Any]: ...
     def replace(self, *, profile: Profile | None = None, **parameters: Any) -> SensorModel:
-        """A copy with some parameters changed."""
+        """A copy with some parameters changed, as by the constructor. A sensor does not remember its profile:
+        `profile="clean"` of a log pixel changes nothing, so give it again with `pixel="physical"`, whose noise is on.
+        """
     @staticmethod
     def presets() -> list[tuple[str, int, int, str]]:
         """Name, width, height, description of each."""
@@ -293,8 +297,9 @@ class _Cameras:
     @property
     def light(self) -> list[dict[str, float] | None]:
         """For each camera with physical pixels the light on its focal plane, in the frames that were looked at:
-        `median_lux`, `low_lux` and `high_lux` (nine tenths of the pixels lie between), `dim_share` (of the pixels
-        below .1 lux), `pixels`, `frames`. None for others, and before the first frame. Empty before any."""
+        `median_lux`, `low_lux` and `high_lux` (nine tenths of the pixels lie between), each up to 5% off,
+        `dim_share` (of the pixels below .1 lux), `pixels`, `frames`. None for others, and before the first frame.
+        Empty before any."""
     @property
     def light_warnings(self) -> list[list[str]]:
         """For each camera what is wrong with its light: a preset beyond the light that it was fitted for, too few

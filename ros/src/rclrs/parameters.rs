@@ -62,7 +62,7 @@ struct One<T: ParameterVariant> {
 impl<T: Kept + Send + Sync> Declared for One<T> {
     fn show(&self, sensor: &SensorModel) {
         let Some(value) = T::of(&field(sensor, self.name)) else { return };
-        // The parameter had this value before, so it is valid.
+        // The sensor is valid, so the value is.
         let _ = self.parameter.set(value);
     }
 }
@@ -76,7 +76,7 @@ fn field(sensor: &SensorModel, name: &str) -> Value {
 struct Store(Vec<Vec<Box<dyn Declared>>>);
 
 impl ParameterStore for Store {
-    fn put_back(&self, camera: usize, sensor: &SensorModel) {
+    fn show(&self, camera: usize, sensor: &SensorModel) {
         self.0[camera].iter().for_each(|parameter| parameter.show(sensor));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::pixel_notes;
 use crate::scene_light::{SCENE_LIGHT, SceneLight};
-use crate::sensor_base::SensorBase;
+use crate::sensor_base::with_changes;
 use crate::unread_flags::{of_file, why_unread};
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, GeometryConfig};
@@ -196,7 +196,7 @@ impl CameraEntry {
         let most = wire::MAX_SLOTS;
         ensure!((1..=most).contains(&self.slots), "{} slots, expected 1 to {most}", self.slots);
         let (base, file_keys) = match preset(&self.sensor) {
-            Some(sensor) => (SensorBase::Preset(sensor), toml::Table::new()),
+            Some(sensor) => (sensor, toml::Table::new()),
             None => {
                 let path = folder.join(&self.sensor);
                 let text = std::fs::read_to_string(&path).with_context(|| {
@@ -204,7 +204,7 @@ impl CameraEntry {
                     format!("`{}` is neither a preset ({}) nor a sensor file", self.sensor, names.join(", "))
                 })?;
                 let sensor = SensorModel::from_toml(&text).with_context(|| path.display().to_string())?;
-                (SensorBase::File(sensor), text.parse()?)
+                (sensor, text.parse()?)
             }
         };
         let profile = |name: &String| -> Result<Profile> {
@@ -226,7 +226,7 @@ impl CameraEntry {
             .filter(|(name, _)| !is_light(name))
             .map(|(name, value)| (name.as_str(), text(value)))
             .collect();
-        let mut sensor = base.with(self.profile.as_ref().map(profile).transpose()?, &parameters)?;
+        let mut sensor = with_changes(base, self.profile.as_ref().map(profile).transpose()?, &parameters)?;
         let has_lux = self.parameters.contains_key("lux_per_unit");
         let has_unit = light.apply(&mut sensor, has_lux)?;
         sensor.validate()?;
@@ -285,6 +285,10 @@ mod tests {
         expected.dark_lux = 0.5;
         expected.synthesis = plan.cameras[0].sensor.synthesis;
         assert_eq!(plan.cameras[0].sensor, expected);
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("log.toml"), preset("hd").unwrap().to_toml()).unwrap();
+        let plan = RigPlan::parse(&text.replace("\"hd\"", "\"log.toml\""), folder.path()).unwrap();
+        assert_eq!(plan.cameras[0].sensor, expected, "a file of that name");
     }
 
     #[test]

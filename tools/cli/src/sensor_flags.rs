@@ -1,7 +1,7 @@
 //! Command-line flags for sensor parameters, generated from the model's list.
 
 use crate::scene_light::{SCENE_LIGHT, SceneLight};
-use crate::sensor_base::SensorBase;
+use crate::sensor_base::with_changes;
 use anyhow::{Context, Result, bail};
 use clap::builder::PossibleValue;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
@@ -41,14 +41,15 @@ pub struct ResolvedSensor {
 
 impl SensorFlags {
     /// Applies preset or file, then the profile, then the parameters' flags. Without `--sensor` it starts
-    /// with `default`, whose size counts as no choice. `--pixel physical` with a preset takes the numbers of that
-    /// sensor's physical pixel.
+    /// with `default`, whose size counts as no choice. `--pixel` takes that pixel's numbers of the preset that the
+    /// sensor is named after ([`SensorModel::with_pixel`]).
     pub fn resolve(&self, default: SensorModel) -> Result<ResolvedSensor> {
         let (base, size_from, file_keys) = match &self.sensor {
-            None => (SensorBase::Preset(default), None, toml::Table::new()),
+            None => (default, None, toml::Table::new()),
             Some(given) => named_sensor(given)?,
         };
-        let mut sensor = base.with(self.profile.map(|ProfileName(profile)| profile), &self.explicit)?;
+        let profile = self.profile.map(|ProfileName(profile)| profile);
+        let mut sensor = with_changes(base, profile, &self.explicit)?;
         let given = |name: &str| self.explicit.iter().any(|(parameter, _)| *parameter == name);
         let size_from = match (given("width"), given("height")) {
             (false, false) => size_from,
@@ -63,15 +64,15 @@ impl SensorFlags {
 }
 
 /// A preset or the sensor of a file, what fixes its size, and the file's keys.
-fn named_sensor(given: &str) -> Result<(SensorBase, Option<String>, toml::Table)> {
+fn named_sensor(given: &str) -> Result<(SensorModel, Option<String>, toml::Table)> {
     if let Some(sensor) = preset(given) {
         let size_from = Some(format!("--sensor {given}"));
-        return Ok((SensorBase::Preset(sensor), size_from, toml::Table::new()));
+        return Ok((sensor, size_from, toml::Table::new()));
     }
     let (sensor, keys) = sensor_file(given)?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
     let size_from = sized.then(|| format!("sensor file {given}"));
-    Ok((SensorBase::File(sensor), size_from, keys))
+    Ok((sensor, size_from, keys))
 }
 
 /// The sensor of a file, and the keys that the file has.

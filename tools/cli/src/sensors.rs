@@ -4,7 +4,7 @@ use crate::outcome::Outcome;
 use crate::sensor_flags::{flag, sensor_file};
 use crate::table;
 use crate::unread_flags::{is_changed, why_unread};
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use esaac_model::physical::{PhysicalPreset, Sourced, assumed_note, physical_preset};
 use esaac_model::presets::{preset, preset_with_physical_pixel};
 use esaac_model::{PARAMETERS, PRESETS, Pixel, SensorModel};
@@ -122,10 +122,13 @@ fn listing(name: Option<&str>, pixel: Option<Pixel>) -> Result<Listing> {
     Ok(Listing { presets, parameters })
 }
 
-/// The sensor of a file, with another pixel if one is named, and what of the file does nothing or is assumed.
+/// The sensor of a file, with the pixel that is named if there is one, and what of the file does nothing or is assumed.
 fn of_file(name: &str, pixel: Option<Pixel>) -> Result<PresetRow> {
-    let (mut sensor, keys) = sensor_file(name)?;
-    sensor.pixel = pixel.unwrap_or(sensor.pixel);
+    let (sensor, keys) = sensor_file(name)?;
+    let pixel = pixel.unwrap_or(sensor.pixel);
+    let sensor = sensor.with_pixel(pixel);
+    // What the other pixel was given may not do for this one.
+    sensor.validate().with_context(|| name.to_owned())?;
     // A file that `--toml` has printed has every key.
     let changed = keys.keys().filter(|key| is_changed(key, &sensor));
     let unread =

@@ -191,7 +191,7 @@ mod tests {
     struct Store(Shown);
 
     impl ParameterStore for Store {
-        fn put_back(&self, _: usize, sensor: &SensorModel) {
+        fn show(&self, _: usize, sensor: &SensorModel) {
             self.0.lock().unwrap().push(sensor.substeps);
         }
     }

@@ -1,12 +1,13 @@
 //! `sensors`, `devices` and `doctor`.
 
 use crate::harness::{assert_error, run};
+use esaac_model::SensorModel;
 
 #[test]
 fn sensors_prints_a_file_that_simulate_reads() {
     let (code, text, _) = run(&["sensors", "genx320", "--toml"]);
     assert_eq!(code, 0);
-    let sensor = esaac_model::SensorModel::from_toml(&text).unwrap();
+    let sensor = SensorModel::from_toml(&text).unwrap();
     assert_eq!((sensor.name.as_str(), sensor.width, sensor.height), ("genx320", 320, 320));
 }
 
@@ -39,13 +40,40 @@ fn sensors_shows_a_file_and_what_is_wrong_with_it() {
     assert_eq!(sensor["notes"].as_array().unwrap().len(), 1, "{sensor}");
     let (code, text, error) = run(&["sensors", mine, "--toml"]);
     assert_eq!(code, 0, "{error}");
-    let sensor = esaac_model::SensorModel::from_toml(&text).unwrap();
+    let sensor = SensorModel::from_toml(&text).unwrap();
     assert_eq!((sensor.width, sensor.dark_lux), (64, 0.1));
     for (text, part) in [("contrast_on = -1.0\n", "`contrast_on` is -1"), ("contrast = 1.0\n", "contrast")] {
         std::fs::write(&path, text).unwrap();
         assert_error(&["sensors", mine], &["mine.toml", part]);
     }
     assert_error(&["sensors", "/nonesuch.toml"], &["cannot read sensor file /nonesuch.toml"]);
+}
+
+/// The sensor file that `esaac sensors` prints with these arguments.
+fn printed(arguments: &[&str]) -> SensorModel {
+    let (code, text, error) = run(&[&["sensors"], arguments, &["--toml"]].concat());
+    assert_eq!(code, 0, "{error}");
+    SensorModel::from_toml(&text).unwrap()
+}
+
+#[test]
+fn a_printed_preset_with_another_pixel_has_the_numbers_of_that_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hd.toml");
+    let file = path.to_str().unwrap();
+    let [log, physical] = ["log", "physical"].map(|pixel| printed(&["hd", "--pixel", pixel]));
+    assert_ne!(SensorModel { pixel: log.pixel, ..physical.clone() }, log);
+    for (own, pixel, expected) in [(&log, "physical", &physical), (&physical, "log", &log)] {
+        let change = |sensor: &SensorModel| SensorModel { contrast_on: 0.3, seed: 7, ..sensor.clone() };
+        std::fs::write(&path, change(own).to_toml()).unwrap();
+        assert_eq!(printed(&[file, "--pixel", pixel]), change(expected), "{pixel}");
+    }
+    let other = SensorModel { name: "other".to_owned(), ..physical };
+    std::fs::write(&path, other.to_toml()).unwrap();
+    assert_error(
+        &["sensors", file, "--pixel", "log"],
+        &["hd.toml", "`leak_rate_hz` is -0.06, expected 0 to 100"],
+    );
 }
 
 #[test]
