@@ -1,4 +1,5 @@
-"""A program that uses every name of the package, for a type checker; it is not run."""
+"""A program that uses every name of `esaac.__all__`, for a type checker; it is not run. Not every method and property
+of its classes is used, and `esaac.ros`, `files` and `still` only in part."""
 
 import warnings
 
@@ -11,7 +12,8 @@ from esaac import ros
 def use() -> None:
     for kind in (esaac.InputWarning, esaac.LightWarning, esaac.PoseWarning, esaac.SynthesisWarning):
         warnings.simplefilter("ignore", kind)
-    sensor = esaac.SensorModel("davis346", profile="noisy", contrast_on=0.2)
+    lux: float = esaac.lux_per_unit("radiance", 2.0, efficacy_lm_per_w=100.0)
+    sensor = esaac.SensorModel("davis346", profile="noisy", contrast_on=0.2, lux_per_unit=lux)
     rate: float = sensor.replace(seed=7).leak_rate_hz
     names: list[str] = [name for name, _, _ in esaac.SensorModel.parameters()]
     frame = np.zeros((260, 346, 4), np.float32)
@@ -22,7 +24,7 @@ def use() -> None:
         count: int = camera.statistics["substeps"] + len(packet) + packet.watermark_ns
         aps: esaac.ApsFrame | None = camera.aps
         last: esaac.Packet | None = camera.last_packet
-        camera.voxel_grid(bins=5)
+        grid: esaac.Tensor = camera.voxel_grid(bins=5)
         with esaac.EventWriter("events.npz", sensor) as events:
             events.write(packet, camera.event_ids())
         state: bytes = camera.save()
@@ -74,6 +76,10 @@ def use() -> None:
     cuda: int | None = esaac.devices()[0]["cuda"]
     try:
         esaac.SensorModel(substeps=65)
+    except (esaac.ArgumentError, esaac.FrameError, esaac.ClosedError, esaac.ForkError) as error:
+        print(error, esaac.__version__, grid.shape)
+    except (esaac.DeviceError, esaac.RosError):
+        raise
     except esaac.SensorError as error:
         print(
             error.parameter,
@@ -89,3 +95,5 @@ def use() -> None:
             last,
             synthesis,
         )
+    except esaac.EsaacError as error:
+        print(error)
