@@ -28,7 +28,8 @@ pub struct Illuminances {
     frames: u64,
 }
 
-/// What [`Illuminances`] come to.
+/// What [`Illuminances`] come to. Illuminances are up to 5% off: they are counted in steps of an eighth of an octave and
+/// told with three digits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LightReport {
     /// Median over pixels and frames, focal-plane lux.
@@ -73,13 +74,15 @@ impl Illuminances {
         self.frames == 0
     }
 
-    /// Lux that a share of the pixels does not exceed, to some 4%.
+    /// Lux that a share of the pixels does not exceed: the middle of its step, to three digits, for more would tell
+    /// nothing.
     fn quantile_lux(&self, share: f64) -> f64 {
         let mut left = (share * self.pixels as f64).floor() as u64;
         for (step, count) in self.counts.iter().enumerate() {
             if left < *count {
                 // Everything below the range is as good as none.
-                return if step == 0 { 0.0 } else { ((step as f64 + 0.5) / STEPS + RANGE_LOG2[0]).exp2() };
+                let middle_lux = ((step as f64 + 0.5) / STEPS + RANGE_LOG2[0]).exp2();
+                return if step == 0 { 0.0 } else { three_digits(middle_lux) };
             }
             left -= count;
         }
@@ -148,6 +151,10 @@ impl fmt::Display for LightReport {
     }
 }
 
+fn three_digits(lux: f64) -> f64 {
+    format!("{lux:.2e}").parse().expect("a number's own text")
+}
+
 /// Two digits.
 fn short(lux: f64) -> String {
     if lux == 0.0 || !lux.is_finite() {
@@ -189,6 +196,19 @@ mod tests {
         let dark = of(&[0.0, 0.0, 1e-30]).report().expect("pixels");
         assert_eq!((dark.median_lux, dark.dim_share), (0.0, 1.0));
         assert_eq!([0.0123, 1.26, 126.0, 12_600.0].map(short), ["0.012", "1.3", "130", "13000"]);
+    }
+
+    #[test]
+    fn light_is_told_with_three_digits_and_to_five_percent() {
+        let mut lux = 1e-3;
+        while lux < 1e6 {
+            let told = of(&[lux]).report().expect("a pixel").median_lux;
+            assert!((told / lux - 1.0).abs() < 0.05, "{told} of {lux}");
+            let digits = format!("{told:e}").split('e').next().expect("a number").replace('.', "").len();
+            assert!(digits <= 3, "{told} of {lux}");
+            lux *= 1.0071;
+        }
+        assert_eq!(of(&[1.0]).report().expect("a pixel").median_lux, 1.04);
     }
 
     #[test]

@@ -66,8 +66,9 @@ const FIT: &str =
 const AROUND: &str =
     "fit, around .25 (arXiv 2404.07656, second-hand): unequal, since ON and OFF noise differ";
 const QUIET: &str =
-    "typical; with .2 its noise in an office would be ten times the published .1 Hz of its kind";
-const QUIET_DVS: &str = "as davis346; the still noise of .1 Hz in an office needs it with this charge";
+    "typical; with .2 its noise in an office, beside the leak, would be ten times the published .1 Hz";
+const QUIET_DVS: &str =
+    "as davis346; still noise beside the leak below .1 Hz in an office needs it with this charge";
 const NIST: &str = "NIST, pixel latency, IEEE TIM 2025";
 const NO_LEAK_OF_LIGHT: Sourced = assumed(0.0, "the published figures disagree by a factor of 5000");
 const NO_DELAY: Sourced = assumed(0.0, "none is published apart from the bandwidth's");
@@ -79,7 +80,10 @@ pub const PHYSICAL_PRESETS: &[PhysicalPreset] = &[
     PhysicalPreset {
         name: "dvs128",
         response_e_per_lux_s: assumed(4e5, SCALED),
-        dark_lux: known(0.06, "dark current of 4 fA over the response; wengflow/rpg_esim"),
+        dark_lux: assumed(
+            0.06,
+            "dark current of 4 fA (wengflow/rpg_esim) over the response, which is assumed",
+        ),
         photoreceptor_charge_e: known(188.0, CIRCUIT),
         second_pole_hz: known(3100.0, CIRCUIT),
         contrast_log: [assumed(0.335, QUIET_DVS), assumed(0.335, QUIET_DVS)],
@@ -329,6 +333,9 @@ mod tests {
             assert_eq!(note.is_none(), preset.name == "hd", "{note:?}");
             assert_eq!(assumed_note(&SensorModel { pixel: Pixel::Log, ..sensor }), None);
         }
+        let dvs128 = assumed_note(&preset_with_physical_pixel("dvs128").expect("listed"));
+        let dvs128 = dvs128.expect("its response is assumed, and what follows from it");
+        assert!(dvs128.contains("response_e_per_lux_s, dark_lux"), "{dvs128}");
         let davis = preset_with_physical_pixel("davis346").expect("listed");
         let note = assumed_note(&davis).expect("speed and charge are assumed");
         assert!(
