@@ -179,7 +179,11 @@ mod tests {
         for (pixel, expected) in [("physical", &physical), ("log", &log)] {
             wanted.check(1, "pixel", pixel).unwrap();
             wanted.set(1, "pixel", pixel);
-            assert_eq!(parameters.apply(|_, sensor| Ok(assert_eq!(sensor, expected))), [""; 0]);
+            let take = |_: usize, sensor: &SensorModel| {
+                assert_eq!(sensor, expected);
+                Ok(())
+            };
+            assert_eq!(parameters.apply(take), [""; 0]);
         }
         assert_eq!(shown.lock().unwrap()[..], [(1, physical.contrast_mismatch), (1, 0.0)]);
     }
