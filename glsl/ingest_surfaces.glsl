@@ -113,23 +113,26 @@ float inverse_depth_rise(float depth, float other) {
 }
 
 // Slope of inverse depth along one axis, as a fraction of it: the smaller of the differences to both neighbours, or 0
-// where they disagree in sign, or where a neighbour is of another instance or beyond the image.
+// where they disagree in sign, or where a neighbour is of another instance. A pixel at the border has those of the pixel
+// beside it.
 float slope_along(Camera cam, ivec2 at, ivec2 axis) {
     const ivec2 last = ivec2(cam.width, cam.height) - 1;
-    if (any(lessThan(at - axis, ivec2(0))) || any(greaterThan(at + axis, last))) {
-        return 0.0;
-    }
+    const ivec2 centre = clamp(at, axis, max(last - axis, axis));
     const uint own = surface_index(at);
-    const uint before = surface_index(at - axis);
-    const uint after = surface_index(at + axis);
+    const uint middle = surface_index(centre);
+    const uint before = surface_index(centre - axis);
+    const uint after = surface_index(centre + axis);
     const uint instance = cached_instance[own];
-    const float depth = cached_depth[own];
-    if (cached_instance[before] != instance || cached_instance[after] != instance || not_finite(depth)) {
+    const float depth = cached_depth[middle];
+    const bool is_one = cached_instance[before] == instance && cached_instance[middle] == instance
+        && cached_instance[after] == instance;
+    if (!is_one || any(greaterThan(2 * axis, last)) || not_finite(depth) || not_finite(cached_depth[own])) {
         return 0.0;
     }
     const float fall = -inverse_depth_rise(depth, cached_depth[before]);
     const float rise = inverse_depth_rise(depth, cached_depth[after]);
-    return fall * rise <= 0.0 ? 0.0 : abs(fall) < abs(rise) ? fall : rise;
+    const float slope = abs(fall) < abs(rise) ? fall : rise;
+    return fall * rise <= 0.0 ? 0.0 : centre == at ? slope : slope * (cached_depth[own] / depth);
 }
 
 // A pixel's surface, from the cache.

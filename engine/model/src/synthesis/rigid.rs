@@ -11,7 +11,8 @@
 //! points `X`, so that the inverse depth along a ray is `w = m . r`. A background at infinity has `m = 0`. Each pixel
 //! of a key frame shows a surface: its plane goes through the pixel's own point, with the slope of `w` to the left and
 //! right neighbour, or above and below. Of the two differences the smaller counts; it is 0 where they disagree in sign
-//! or where a neighbour is of another instance. It is kept as a fraction of `w`, rounded to f16, and holds for the
+//! or where a neighbour is of another instance. A pixel at the image's border has the differences of the pixel beside it.
+//! The slope is kept as a fraction of `w`, rounded to f16, and holds for the
 //! tangents (pinhole) or the angles (fisheye) that the lens maps to pixels. A pixel without depth, of an instance
 //! without poses, or where the lens shows nothing, shows no surface. Seen from the other key frame the plane is `m' =
 //! A m / (1 + (A m) . b)`, with `A` and `b` from one key frame to the other.

@@ -198,7 +198,8 @@ pub fn position(size: (usize, usize), pixel: usize) -> DVec2 {
 }
 
 /// Change of inverse depth from a pixel to the next along one axis, as a fraction of it: the smaller of the differences
-/// to both neighbours, or 0 where they disagree in sign or a neighbour is of another instance. Rounded to f16.
+/// to both neighbours, or 0 where they disagree in sign or a neighbour is of another instance. A pixel at the border has
+/// those of the pixel beside it. Rounded to f16.
 fn slope(
     (width, height): (usize, usize),
     ids: &[u32],
@@ -206,24 +207,26 @@ fn slope(
     pixel: usize,
     (dx, dy): (usize, usize),
 ) -> f64 {
+    if width <= 2 * dx || height <= 2 * dy {
+        return 0.0;
+    }
     let (x, y) = (pixel % width, pixel / width);
-    if x < dx || y < dy || x + dx >= width || y + dy >= height {
+    let middle = y.clamp(dy, height - 1 - dy) * width + x.clamp(dx, width - 1 - dx);
+    let (before, after) = (middle - dy * width - dx, middle + dy * width + dx);
+    if [before, middle, after].iter().any(|&other| ids[other] != ids[pixel]) {
         return 0.0;
     }
-    let (before, after) = (pixel - dy * width - dx, pixel + dy * width + dx);
-    if ids[before] != ids[pixel] || ids[after] != ids[pixel] {
-        return 0.0;
-    }
-    let (Ok((_, first)), Ok((_, here)), Ok((_, last))) = (points[before], points[pixel], points[after])
+    let (Ok((_, first)), Ok((_, here)), Ok((_, last)), Ok((_, own))) =
+        (points[before], points[middle], points[after], points[pixel])
     else {
         return 0.0;
     };
     let (fall, rise) = (here - first, last - here);
-    if fall * rise <= 0.0 || here == 0.0 {
+    if fall * rise <= 0.0 || here == 0.0 || own == 0.0 {
         return 0.0;
     }
     let smaller = if fall.abs() < rise.abs() { fall } else { rise };
-    half::f16::from_f64(smaller / here).to_f64()
+    half::f16::from_f64(smaller / own).to_f64()
 }
 
 /// The plane through the point of depth `1 / inverse_depth` at a pixel, with the given slopes of inverse depth along the
@@ -260,6 +263,29 @@ const LEAST_SINE: f64 = 1e-3;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esaac_model::paths::PoseTrack;
+
+    /// A wall that is slanted in both directions fills the image, so that the plane of every pixel is the wall's: also at the
+    /// border and in the corners.
+    #[test]
+    fn a_slanted_wall_is_one_plane_up_to_the_border() {
+        let wall = DVec3::new(0.05, -0.08, -0.3);
+        let lens = Intrinsics::pinhole(80.0, 85.0, 7.5, 5.5).unwrap();
+        let still = PoseTrack::new(vec![0, 1], vec![Pose::IDENTITY; 2]).unwrap();
+        let scene = SceneMotion::new(lens, still);
+        for size in [(16, 12), (3, 3), (2, 12)] {
+            let count = size.0 * size.1;
+            let rays = (0..count).map(|i| lens.ray(position(size, i)).unwrap());
+            let depth_m: Vec<f64> = rays.map(|ray| 1.0 / wall.dot(ray)).collect();
+            let surfaces = Surfaces::new(&scene, &Geometry { size, depth_m: &depth_m, ids: &vec![0; count] });
+            for pixel in 0..count {
+                let found = surfaces.element(pixel).unwrap().plane;
+                // Of two columns none has neighbours on both sides.
+                let expected = if size.0 > 2 { wall } else { DVec3::new(0.0, wall.y, found.z) };
+                assert!((found - expected).length() < 1e-4, "{size:?}, pixel {pixel}: {found}");
+            }
+        }
+    }
 
     /// The plane that a pixel shows gives back the inverse depths of a plane at the pixels around, as far as the slopes
     /// are kept.
