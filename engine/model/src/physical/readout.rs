@@ -67,7 +67,8 @@ pub struct Readout {
     /// The bus.
     pub bus: Bus,
     /// Once so many events have left in a period, the sensor's rate controller drops what is served in the rest of it;
-    /// 0 for no cap. The events of a row's service are kept or dropped together.
+    /// 0 for no cap. The events of a row's service are kept or dropped together. A cap that is switched on counts from then
+    /// on.
     pub cap_events: u32,
     /// Length of a period, nanoseconds. Periods begin at multiples of it.
     pub cap_period_ns: u32,

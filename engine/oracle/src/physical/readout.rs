@@ -141,19 +141,24 @@ impl Queue {
         self.rows[row].push_back(event);
     }
 
+    /// Counts `events` that leave at a time for the rate controller. Returns whether it drops them.
+    fn is_capped(&mut self, t_ns: i64, events: u64) -> bool {
+        let period = t_ns.div_euclid(i64::from(self.readout.cap_period_ns));
+        if self.period.0 != period {
+            self.period = (period, 0);
+        }
+        let before = self.period.1;
+        self.period.1 += events;
+        before >= u64::from(self.readout.cap_events)
+    }
+
     /// Lets the events of one service leave.
     fn leave(&mut self, service: &[Event], left_ps: i128, served: &mut Served) {
         if self.readout.bus != Bus::Ideal {
             self.left_ps.extend(service.iter().map(|event| ((event.y, event.x), left_ps)));
         }
         let t_ns = to_ns(left_ps);
-        let period = t_ns.div_euclid(i64::from(self.readout.cap_period_ns));
-        if self.period.0 != period {
-            self.period = (period, 0);
-        }
-        let before = self.period.1;
-        self.period.1 += service.len() as u64;
-        if self.readout.cap_events > 0 && before >= u64::from(self.readout.cap_events) {
+        if self.readout.cap_events > 0 && self.is_capped(t_ns, service.len() as u64) {
             served.capped += service.len() as u64;
             return;
         }
@@ -378,6 +383,18 @@ mod tests {
         let times: Vec<i64> = served.events.iter().map(|event| event.t_ns).collect();
         assert_eq!(times, [10, 20, 30, 100, 110, 120, 200]);
         assert_eq!((served.lost, served.capped), (0, 13));
+    }
+
+    #[test]
+    fn a_cap_that_is_switched_on_counts_from_then_on() {
+        let bus = Bus::Fifo { event_ps: 10_000 };
+        let free = Readout { bus, cap_events: 0, cap_period_ns: 100 };
+        let mut queue = Queue::new(free);
+        let times = |served: &Served| served.events.iter().map(|event| event.t_ns).collect::<Vec<_>>();
+        assert_eq!(times(&queue.serve(&[event(0, 0, 0), event(0, 0, 1)], 20)), [10, 20]);
+        queue.set_readout(Readout { cap_events: 2, ..free });
+        let served = queue.serve(&[event(21, 0, 0), event(21, 0, 1), event(21, 0, 2)], 60);
+        assert_eq!((times(&served), served.capped), (vec![31, 41], 1));
     }
 
     #[test]
