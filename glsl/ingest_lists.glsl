@@ -20,9 +20,9 @@ shared uint nearest_pixel_of[TILE_BLOCKS];
 shared uint farthest_pixel_of[TILE_BLOCKS];
 const uint NO_PIXEL = 0xffffffffu;
 
-// The representatives of the tile's blocks in both key frames, in any order, and their number: the pixel, the
-// entry in `passing`, the block in the tile with HANDS_ON if its surfaces are candidates of the blocks that they pass, and the
-// motion, pixels.
+// The representatives of the tile's blocks in both key frames, in any order, and their number: the pixel; the entry in
+// `passing`; the block in the tile, with HANDS_ON if its surfaces are candidates of the blocks that they pass; the length of
+// its way, pixels; and the bend of its way, pixels (see `measure_way`).
 const uint HANDED = 2u * TILE_BLOCKS * BLOCK_SURFACES;
 const uint HANDS_ON = 0x80000000u;
 shared uint handed_count;
@@ -48,17 +48,18 @@ bool in_image(Camera cam, ivec2 at) {
     return at.x < int(cam.width) && at.y < int(cam.height);
 }
 
-// Whether a block of the tile lies in the image, its number in the camera, and its first word in `representatives` of key
-// frame `key`.
+// Whether a block of the tile lies in the image.
 bool block_in_image(Camera cam, uint in_tile) {
     return uint(tile_origin.x) / BLOCK_PX + in_tile < cam.blocks_x;
 }
 
+// The number of a block of the tile in the camera.
 uint block_number(Camera cam, uint in_tile) {
     const uvec2 first = uvec2(tile_origin) / BLOCK_PX;
     return first.y * cam.blocks_x + first.x + in_tile;
 }
 
+// The first word of a block of the tile in `representatives` of key frame `key`.
 uint own_word(Camera cam, Geometry geo, uint key, uint in_tile) {
     return representative_word(cam, geo, key, block_number(cam, in_tile));
 }

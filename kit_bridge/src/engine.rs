@@ -132,7 +132,8 @@ impl Engine {
             return Err(Fault::Argument("no sensors, expected at least one".to_owned()).into());
         }
         if lenses.len() != sensors.len() {
-            let message = format!("{} intrinsics for {} cameras", lenses.len(), sensors.len());
+            let message =
+                format!("intrinsics of {} cameras, expected those of {}", lenses.len(), sensors.len());
             return Err(Fault::Argument(message).into());
         }
         let lenses =

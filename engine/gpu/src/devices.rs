@@ -5,6 +5,7 @@
 use crate::error::{Call, EngineError};
 use crate::instance::{Instance, Validation};
 use ash::{ext, vk};
+use esaac_layout::UNIFORM_BYTES;
 use std::ffi::{CStr, c_char};
 
 /// The capability that [`crate::Kernel::statistics`] needs.
@@ -152,7 +153,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
         needs("storageBuffer8BitAccess", f12.storage_buffer8_bit_access == vk::TRUE),
         needs("storageBuffer16BitAccess", f11.storage_buffer16_bit_access == vk::TRUE),
         needs("bufferDeviceAddress", f12.buffer_device_address == vk::TRUE),
-        needs("64 KiB uniform buffers", core.limits.max_uniform_buffer_range >= 65_536),
+        needs("64 KiB uniform buffers", core.limits.max_uniform_buffer_range as usize >= UNIFORM_BYTES),
         needs("synchronization2", f13.synchronization2 == vk::TRUE),
         needs(
             "subgroup arithmetic in compute",

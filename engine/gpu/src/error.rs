@@ -219,11 +219,13 @@ pub enum EngineError {
 }
 
 impl EngineError {
-    /// Whether a submission may still run, because the wait for it has failed. (The error of a failed wait names
-    /// `vkWaitForFences`, or is a time-out.)
+    /// Whether a submission may still run, because the wait for it has failed. (The error of a failed wait is a time-out, or
+    /// names one of [`CALLS_OF_A_WAIT`](crate::timing::CALLS_OF_A_WAIT).)
     pub(crate) fn leaves_work(&self) -> bool {
+        let in_a_wait = |call| crate::timing::CALLS_OF_A_WAIT.contains(&call);
         self.is_device_lost()
-            || matches!(self, EngineError::Timeout(_) | EngineError::Vulkan { call: "vkWaitForFences", .. })
+            || matches!(self, EngineError::Timeout(_))
+            || matches!(self, EngineError::Vulkan { call, .. } if in_a_wait(*call))
     }
 
     /// Whether the device itself is gone.

@@ -22,6 +22,9 @@ fn timeout_s(device: &Device) -> u64 {
 /// How long the host spins before it sleeps: a blocking wait costs about 20 us more.
 const SPIN: Duration = Duration::from_micros(300);
 
+/// Calls of [`wait_for`]. Where one of them fails, the submission may still run.
+pub(crate) const CALLS_OF_A_WAIT: [&str; 3] = ["vkGetFenceStatus", "vkWaitForFences", "vkResetFences"];
+
 /// A fence that the host waits for.
 pub(crate) struct Fence {
     device: Arc<Device>,
@@ -52,7 +55,7 @@ fn finish(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
         let started = Instant::now();
         while started.elapsed() < SPIN {
             // SAFETY: the fence is alive.
-            if unsafe { raw.get_fence_status(fence) }.call("vkWaitForFences")? {
+            if unsafe { raw.get_fence_status(fence) }.call("vkGetFenceStatus")? {
                 break;
             }
             std::hint::spin_loop();
@@ -65,7 +68,7 @@ fn finish(device: &Device, fence: vk::Fence) -> Result<(), EngineError> {
     }
     device.finished(fence);
     // SAFETY: the fence's submission has finished, so that nothing pending signals it, and nobody else waits for it.
-    unsafe { raw.reset_fences(&[fence]) }.call("vkWaitForFences")
+    unsafe { raw.reset_fences(&[fence]) }.call("vkResetFences")
 }
 
 impl Fence {

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use thiserror::Error;
 
-/// Environment that kernels are compiled for.
+/// Environment that kernels are compiled for. It is older than the Vulkan that the engine needs: for 1.3 `glslc` would give
+/// a workgroup's size as `LocalSizeId`, which devices take only with the feature `maintenance4`.
 pub const TARGET_ENV: &str = "vulkan1.2";
 
 /// Why a kernel did not compile.

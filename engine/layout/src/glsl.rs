@@ -311,9 +311,7 @@ mod tests {
     fn arrays_of_structs_have_no_hidden_tail() {
         // Sixteen is a uniform buffer's array alignment.
         assert_eq!(size_of::<Camera>() % 16, 0);
-        assert!(size_of::<Camera>() * MAX_CAMERAS <= 65_536);
         assert_eq!(size_of::<Geometry>() % 16, 0);
-        assert!(size_of::<Geometry>() * MAX_CAMERAS <= 65_536);
         assert_eq!(size_of::<Physical>() % 16, 0);
         assert_eq!(size_of::<Readout>() % 16, 0);
         assert_eq!(size_of::<Optics>() % 16, 0);

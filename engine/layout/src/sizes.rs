@@ -109,5 +109,8 @@ pub const BUS_STRETCH: u32 = 2;
 /// phase is exact to 3e-7 turns.
 pub const FLICKER_FRACTION_BITS: u32 = 51;
 
-/// Most cameras of a rig: their table fits 64 KiB, the uniform-buffer size that the engine requires of a device.
+/// Bytes of the largest uniform buffer: what the engine requires of a device.
+pub const UNIFORM_BYTES: usize = 64 << 10;
+
+/// Most cameras of a rig: their table fits a uniform buffer.
 pub const MAX_CAMERAS: usize = 256;

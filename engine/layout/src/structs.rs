@@ -1,5 +1,6 @@
 //! Structs that lie in GPU memory.
 
+use crate::sizes::{MAX_CAMERAS, UNIFORM_BYTES};
 use bytemuck::{Pod, Zeroable};
 
 /// A struct that lies in GPU memory: Rust and GLSL declarations from one list.
@@ -26,8 +27,21 @@ pub trait GpuStruct: Pod {
     const FIELDS: &'static [(&'static str, &'static str, usize)];
 }
 
+// A message of a constant assertion is what the compiler prints, so it says what to do.
+const _: () = assert!(
+    size_of::<Camera>() * MAX_CAMERAS <= UNIFORM_BYTES,
+    "the table of cameras is larger than a uniform buffer: put the new field into a side table, as `Optics` does"
+);
+const _: () = assert!(
+    size_of::<Geometry>() * MAX_CAMERAS <= UNIFORM_BYTES,
+    "the table of geometries is larger than a uniform buffer: put the new field into a table of its own"
+);
+
 gpu_struct! {
     /// Parameters of a camera in one tick, as kernels read them: a row of the table of cameras.
+    ///
+    /// The row is full: the table has room for [`MAX_CAMERAS`] rows of this size and no larger ones. What a new effect
+    /// needs goes into a side table with a row for each camera, as [`Optics`], [`Rest`] and [`Physical`] are.
     Camera {
         /// Device address of the colour image.
         hdr_address: u64,
@@ -326,7 +340,8 @@ gpu_struct! {
 }
 
 gpu_struct! {
-    /// What lens and lamp do to a camera's light in one tick, and what sub-steps need for it: a row of the table of optics, in the camera's `slot`.
+    /// What lens and lamp do to a camera's light in one tick, and what sub-steps need for it: a row of the table of optics,
+    /// in the camera's `slot`.
     Optics {
         /// Weight of a pixel's own light in the blur, along one axis.
         psf_0: f32,

@@ -237,7 +237,9 @@ mod tests {
         for p in PRESETS {
             let sensor = preset(p.name).expect("listed");
             assert_eq!(sensor.readout, ReadoutKind::None, "{}: off unless it is asked for", p.name);
-            let (_, expected) = physical_preset(p.name).expect("listed").apply(&mut sensor.clone());
+            let physical = physical_preset(p.name);
+            let physical = physical.unwrap_or_else(|| panic!("`{}` is not in PHYSICAL_PRESETS", p.name));
+            let (_, expected) = physical.apply(&mut sensor.clone());
             let readout = if sensor.readout_row_ns > 0.0 { ReadoutKind::Rows } else { ReadoutKind::Fifo };
             let chosen = SensorModel { readout, ..sensor.clone() };
             assert_eq!((chosen.validate(), chosen.readout_model()), (Ok(()), expected), "{}", p.name);

@@ -153,6 +153,17 @@ const GAPS_NS: [i64; 14] = [
 const EPOCHS_NS: [i64; 6] =
     [0, 20_000_000_007, -50_000_001, 1_790_000_000_123_456_789, -(1 << 62), (1 << 62) - 30_000_000_000];
 
+/// Scenes of cameras with depth and poses. A card has no depth that poses predict, and the shaken and the still flight stand
+/// for the world. A seed draws a scene by its place in this list.
+const SCENES_WITH_GEOMETRY: [SceneKind; 6] = [
+    SceneKind::Still,
+    SceneKind::Shake,
+    SceneKind::Poles,
+    SceneKind::Foliage,
+    SceneKind::Propeller,
+    SceneKind::Bounce,
+];
+
 impl Case {
     /// The case of a seed.
     pub fn draw(seed: u64) -> Self {
@@ -302,8 +313,7 @@ fn camera(dice: &mut Dice, number: u32) -> CameraCase {
     let width = LEAST_SIDE_PX + dice.own.below(MOST_SIDE_PX + 1 - LEAST_SIDE_PX);
     let most_height = (MOST_PIXELS / width).min(MOST_SIDE_PX);
     let height = LEAST_SIDE_PX + dice.own.below(most_height + 1 - LEAST_SIDE_PX);
-    // Scenes on a card have no depth that poses predict.
-    let scenes = if geometry { &SceneKind::ALL[6..] } else { &SceneKind::ALL[..] };
+    let scenes = if geometry { &SCENES_WITH_GEOMETRY[..] } else { &SceneKind::ALL[..] };
     // Vectors that contradict the poses would be a reason to doubt these, of which the oracle knows nothing.
     let may_contradict = !motion;
     CameraCase {

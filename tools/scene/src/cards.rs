@@ -43,7 +43,7 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
             ];
             (DVec3::splat(10.0_f64.ln()), [55.0, -30.0], layers)
         }
-        _ => {
+        SceneKind::Lamp => {
             let size_px = f64::from(width_px.min(height_px));
             lamp = Lamp {
                 centre_px: DVec3::new(0.15, -0.1, 0.0) * size_px,
@@ -60,6 +60,7 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
             let layers = vec![tiles, sine([0.06, 0.11], 0.4, DVec3::splat(0.12))];
             (DVec3::new(-1.9, -1.7, -1.4), [0.0, 0.0], layers)
         }
+        other => unreachable!("`{}` has no card here", other.name()),
     };
     let [vx, vy] = velocity;
     Scene {

@@ -35,7 +35,8 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
             yaw_rad: (SHAKE_PX[0] / focal_px).min(SHAKE_MOST_RAD),
             pitch_rad: (SHAKE_PX[1] / focal_px).min(SHAKE_MOST_RAD),
         },
-        _ => CameraPath::Orbit,
+        SceneKind::Flight | SceneKind::Dark => CameraPath::Orbit,
+        other => unreachable!("`{}` has no camera here", other.name()),
     };
     let mut objects = spheres();
     objects.extend(panels());

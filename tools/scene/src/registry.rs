@@ -4,33 +4,64 @@ use crate::scene::Scene;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// A built-in scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SceneKind {
+/// The scenes from one list: the enum, all of it, and what is known of each.
+macro_rules! scenes {
+    ($($(#[$meta:meta])* $kind:ident: $name:literal, $family:ident, $about:literal;)*) => {
+        /// A built-in scene.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum SceneKind { $($(#[$meta])* $kind,)* }
+
+        impl SceneKind {
+            /// Every scene.
+            pub const ALL: [SceneKind; [$($name),*].len()] = [$(SceneKind::$kind),*];
+
+            /// Name on the command line.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(SceneKind::$kind => $name,)* }
+            }
+
+            /// What it shows.
+            #[must_use]
+            pub fn about(self) -> &'static str {
+                match self { $(SceneKind::$kind => $about,)* }
+            }
+
+            /// Kind of objects in the scene.
+            #[must_use]
+            pub fn family(self) -> Family {
+                match self { $(SceneKind::$kind => Family::$family,)* }
+            }
+        }
+    };
+}
+
+// Tests at random draw scenes by their place in this list: a new one is the last.
+scenes! {
     /// Moving soft edges.
-    Edge,
+    Edge: "edge", Card, "soft edges moving at constant velocity";
     /// Translating log-sinusoid.
-    Sinusoid,
+    Sinusoid: "sinusoid", Card, "a translating log-sinusoid, event times in closed form";
     /// Blinking lamp.
-    Lamp,
+    Lamp: "lamp", Card, "a blinking lamp over a still pattern: change without motion";
     /// Camera flight.
-    Flight,
+    Flight: "flight", World, "a 6-DoF flight around turning spheres and panels over textured ground";
     /// Wide radiance range.
-    Hdr,
+    Hdr: "hdr", Card, "a moving pattern from 1e-3 to 1e5 radiance";
     /// Near-dark flight.
-    Dark,
+    Dark: "dark", World, "the flight at a hundredth of its light, about the dark level of a sensor";
     /// Flight at a standstill.
-    Still,
+    Still: "still", World, "the flight at a standstill";
     /// Shaken camera.
-    Shake,
+    Shake: "shake", World, "the flight's world, its camera shaken at 9 and 11 Hz by 9 and 6 px";
     /// Thin poles and wires.
-    Poles,
+    Poles: "poles", Wall, "poles and wires 1.2 px wide that move 5 to 13 px a frame before a wall";
     /// Leaves before a wall.
-    Foliage,
+    Foliage: "foliage", Wall, "leaves that move 8 px a frame before a wall that moves 1.7";
     /// Turning propeller.
-    Propeller,
+    Propeller: "propeller", Wall, "three blades that turn 18 degrees a frame before a still wall";
     /// Bouncing ball.
-    Bounce,
+    Bounce: "bounce", Wall, "a turning ball that bounces between frames before a panning wall";
 }
 
 /// Kind of objects in a scene.
@@ -53,70 +84,6 @@ pub struct UnknownScene {
 }
 
 impl SceneKind {
-    /// Every scene.
-    pub const ALL: [SceneKind; 12] = [
-        SceneKind::Edge,
-        SceneKind::Sinusoid,
-        SceneKind::Lamp,
-        SceneKind::Flight,
-        SceneKind::Hdr,
-        SceneKind::Dark,
-        SceneKind::Still,
-        SceneKind::Shake,
-        SceneKind::Poles,
-        SceneKind::Foliage,
-        SceneKind::Propeller,
-        SceneKind::Bounce,
-    ];
-
-    /// Name on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            SceneKind::Edge => "edge",
-            SceneKind::Sinusoid => "sinusoid",
-            SceneKind::Lamp => "lamp",
-            SceneKind::Flight => "flight",
-            SceneKind::Hdr => "hdr",
-            SceneKind::Dark => "dark",
-            SceneKind::Still => "still",
-            SceneKind::Shake => "shake",
-            SceneKind::Poles => "poles",
-            SceneKind::Foliage => "foliage",
-            SceneKind::Propeller => "propeller",
-            SceneKind::Bounce => "bounce",
-        }
-    }
-
-    /// What it shows.
-    #[must_use]
-    pub fn about(self) -> &'static str {
-        match self {
-            SceneKind::Edge => "soft edges moving at constant velocity",
-            SceneKind::Sinusoid => "a translating log-sinusoid, event times in closed form",
-            SceneKind::Lamp => "a blinking lamp over a still pattern: change without motion",
-            SceneKind::Flight => "a 6-DoF flight around turning spheres and panels over textured ground",
-            SceneKind::Hdr => "a moving pattern from 1e-3 to 1e5 radiance",
-            SceneKind::Dark => "the flight at a hundredth of its light, about the dark level of a sensor",
-            SceneKind::Still => "the flight at a standstill",
-            SceneKind::Shake => "the flight's world, its camera shaken at 9 and 11 Hz by 9 and 6 px",
-            SceneKind::Poles => "poles and wires 1.2 px wide that move 5 to 13 px a frame before a wall",
-            SceneKind::Foliage => "leaves that move 8 px a frame before a wall that moves 1.7",
-            SceneKind::Propeller => "three blades that turn 18 degrees a frame before a still wall",
-            SceneKind::Bounce => "a turning ball that bounces between frames before a panning wall",
-        }
-    }
-
-    /// Kind of objects in the scene.
-    #[must_use]
-    pub fn family(self) -> Family {
-        match self {
-            SceneKind::Edge | SceneKind::Sinusoid | SceneKind::Lamp | SceneKind::Hdr => Family::Card,
-            SceneKind::Flight | SceneKind::Dark | SceneKind::Still | SceneKind::Shake => Family::World,
-            SceneKind::Poles | SceneKind::Foliage | SceneKind::Propeller | SceneKind::Bounce => Family::Wall,
-        }
-    }
-
     /// Builds the scene for an image of `width_px` by `height_px` pixels, each at least 1.
     #[must_use]
     pub fn scene(self, width_px: u32, height_px: u32) -> Scene {

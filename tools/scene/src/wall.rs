@@ -28,7 +28,8 @@ pub(crate) fn scene(kind: SceneKind, width_px: u32, height_px: u32) -> Scene {
         SceneKind::Poles => ([-1.5, 0.2], poles(&place)),
         SceneKind::Foliage => ([-1.7, 0.0], foliage(&place)),
         SceneKind::Propeller => ([0.0, 0.0], vec![propeller(&place)]),
-        _ => ([-3.5, 0.4], vec![]),
+        SceneKind::Bounce => ([-3.5, 0.4], vec![]),
+        other => unreachable!("`{}` has no wall here", other.name()),
     };
     let [right, up] = wall_px;
     let velocity_m_s = -place.metres(DVec3::new(right, 0.0, up) * RATE_HZ, WALL_M);

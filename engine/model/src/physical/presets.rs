@@ -304,10 +304,14 @@ mod tests {
 
     #[test]
     fn every_preset_has_a_valid_physical_pixel() {
-        assert_eq!(PHYSICAL_PRESETS.len(), PRESETS.len());
+        for p in PHYSICAL_PRESETS {
+            assert!(preset(p.name).is_some(), "`{}` of PHYSICAL_PRESETS is not in PRESETS", p.name);
+        }
         for p in PRESETS {
             let mut sensor = preset(p.name).expect("listed");
-            let (pixel, readout) = physical_preset(p.name).expect("listed").apply(&mut sensor);
+            let physical = physical_preset(p.name);
+            let physical = physical.unwrap_or_else(|| panic!("`{}` is not in PHYSICAL_PRESETS", p.name));
+            let (pixel, readout) = physical.apply(&mut sensor);
             sensor.validate().unwrap_or_else(|e| panic!("{}: {e}", p.name));
             pixel.validate().unwrap_or_else(|e| panic!("{}: {e}", p.name));
             readout.validate().unwrap_or_else(|e| panic!("{}: {e}", p.name));
