@@ -181,7 +181,16 @@ mod tests {
         let fields = definition::parse(name, &texts()[name]).unwrap();
         let fields: Vec<&str> = fields[1..].iter().map(|field| field.name.as_str()).collect();
         let parameters: Vec<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
-        assert_eq!(fields, parameters);
+        fn beside<'a>(names: &[&'a str], others: &[&str]) -> Vec<&'a str> {
+            names.iter().filter(|name| !others.contains(name)).copied().collect()
+        }
+        let (missing, extra) = (beside(&parameters, &fields), beside(&fields, &parameters));
+        assert!(
+            missing.is_empty() && extra.is_empty(),
+            "ros/esaac_msgs/msg/SensorModel.msg lacks the parameters {missing:?}, and has {extra:?}, which are none"
+        );
+        let moved = fields.iter().zip(&parameters).find(|(field, parameter)| field != parameter);
+        assert_eq!(moved, None, "first place of ros/esaac_msgs/msg/SensorModel.msg that is in another order");
         let mut out = Vec::new();
         sensor_model(&mut out, Header { stamp_ns: 0, frame_id: "f" }, &SensorModel::default());
         assert!(out.len() > 100);

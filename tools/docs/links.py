@@ -1,4 +1,9 @@
-"""Checks every relative link of the documents: the file exists, and so does the heading after `#`."""
+"""Checks what documents refer to.
+
+- Every relative link: the file exists, and so does the heading after `#`.
+- The lists of pages, in `docs/index.md` and at ARCHITECTURE's end, have the pages of the book.
+- Every environment variable that the code reads is told of in CONTRIBUTING or in the guide.
+"""
 
 import re
 import subprocess
@@ -7,6 +12,10 @@ from pathlib import Path
 from urllib.parse import unquote
 
 LINK = re.compile(r"!?\[(?:[^\]\[]|\[[^\]]*\])*\]\(\s*<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\s*\)")
+#: A page in the navigation of mkdocs.yml.
+PAGE = re.compile(r"^ +- (?:.+: )?(\S+\.md)$", re.MULTILINE)
+#: A variable of the environment: a string in a program, except of the build (`env!`), or an expansion in a script.
+VARIABLE = re.compile(r'(?<!env!\()"(ESAAC_\w*[A-Z0-9])"|\$\{?(ESAAC_\w*[A-Z0-9])')
 HEADING = re.compile(r"^#{1,6}\s+(.*?)\s*#*$")
 
 
@@ -54,16 +63,58 @@ def faults_of(root: Path, page: Path) -> list[str]:
     return faults
 
 
+def unlisted(root: Path, navigation: str) -> list[str]:
+    """Pages of the book's navigation that a list of pages lacks. Experiments have a list of their own."""
+    book = [page for page in PAGE.findall(navigation) if not page.startswith("design/experiments/")]
+    # Pages of the repository's top level are part of the book, under their own paths.
+    files = [root / "docs" / page if (root / "docs" / page).exists() else root / page for page in book]
+    index, architecture = root / "docs/index.md", root / "ARCHITECTURE.md"
+    faults: list[str] = []
+    for page, wanted in (
+        (index, [file for file in files if file != index]),
+        (architecture, [file for file in files if file.parent == root / "docs/design"]),
+    ):
+        links = LINK.findall(prose(page.read_text()))
+        linked = {(page.parent / unquote(link.partition("#")[0])).resolve() for link in links}
+        faults += [
+            f"{page.relative_to(root)}: no link to {file.relative_to(root)}, which is in docs/book/mkdocs.yml"
+            for file in wanted
+            if file not in linked
+        ]
+    return faults
+
+
+def untold(root: Path, sources: list[Path], documents: list[Path]) -> list[str]:
+    """Environment variables that sources read and no document names."""
+    told = "\n".join((root / document).read_text() for document in documents)
+    faults: list[str] = []
+    for source in sources:
+        found = {name or expanded for name, expanded in VARIABLE.findall((root / source).read_text())}
+        faults += [
+            f"{source}: `{name}` is neither in CONTRIBUTING.md nor in docs/guide"
+            for name in sorted(found)
+            if not re.search(rf"\b{name}\b", told)
+        ]
+    return faults
+
+
+def files_of(root: Path, *patterns: str) -> list[Path]:
+    words = ["git", "ls-files", "--cached", "--others", "--exclude-standard", *patterns]
+    listed = subprocess.run(words, cwd=root, capture_output=True, text=True, check=True)
+    return [Path(line) for line in listed.stdout.splitlines() if (root / line).exists()]
+
+
 def main() -> int:
     root = Path(__file__).resolve().parents[2]
-    words = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.md"]
-    listed = subprocess.run(words, cwd=root, capture_output=True, text=True, check=True)
-    pages = [Path(line) for line in listed.stdout.splitlines() if (root / line).exists()]
+    pages = files_of(root, "*.md")
     faults = [fault for page in pages for fault in faults_of(root, page)]
+    faults += unlisted(root, (root / "docs/book/mkdocs.yml").read_text())
+    sources = files_of(root, "*.rs", "*.py", "*.sh", "*.c")
+    faults += untold(root, sources, [Path("CONTRIBUTING.md"), *files_of(root, "docs/guide/*.md")])
     for fault in faults:
         print(f"error: {fault}", file=sys.stderr)
-    print(f"links of {len(pages)} pages checked, {len(faults)} lead nowhere")
-    return 1 if faults or not pages else 0
+    print(f"{len(pages)} pages and the variables of {len(sources)} sources checked, {len(faults)} faults")
+    return 1 if faults or not pages or not sources else 0
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import process_group
 from blocks import PageError, blocks
 from commands import Checker, CommandError, commands
 from examples import Runner, run_page
-from links import anchors, faults_of
+from links import anchors, faults_of, unlisted, untold
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
@@ -164,6 +164,42 @@ class Links(unittest.TestCase):
     def test_anchors_are_those_of_headings(self):
         text = "# One\n## It's `two`, [three](x)\n## One\n```sh\n# none\n```\n"
         self.assertEqual(anchors(text), {"one", "its-two-three", "one_1"})
+
+    def test_a_page_that_a_list_lacks_is_a_fault(self):
+        navigation = "nav:\n  - Home: index.md\n  - Design:\n      - Top: ARCHITECTURE.md\n      - One: design/one.md\n"
+        navigation += "      - design/experiments/two.md\n"
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder).resolve()
+            (root / "docs/design").mkdir(parents=True)
+            (root / "docs/design/one.md").write_text("# One\n")
+            (root / "docs/index.md").write_text("[a](../ARCHITECTURE.md) [b](design/one.md#one)\n")
+            (root / "ARCHITECTURE.md").write_text("[b](docs/design/one.md)\n")
+            self.assertEqual(unlisted(root, navigation), [])
+            (root / "docs/index.md").write_text("[b](design/one.md)\n")
+            (root / "ARCHITECTURE.md").write_text("# Nothing\n")
+            self.assertEqual(
+                unlisted(root, navigation),
+                [
+                    "docs/index.md: no link to ARCHITECTURE.md, which is in docs/book/mkdocs.yml",
+                    "ARCHITECTURE.md: no link to docs/design/one.md, which is in docs/book/mkdocs.yml",
+                ],
+            )
+
+    def test_a_variable_that_no_document_names_is_a_fault(self):
+        prefix = "ESAAC"
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder).resolve()
+            (root / "a.rs").write_text(f'var("{prefix}_ONE"); env!("{prefix}_BUILT"); starts_with("{prefix}_MAX_");\n')
+            (root / "b.sh").write_text(f'echo "${{{prefix}_TWO:-}}" ${prefix}_THREE\n')
+            (root / "page.md").write_text(f"`{prefix}_ONE=N` and {prefix}_TWO_MORE\n")
+            sources = [Path("a.rs"), Path("b.sh")]
+            self.assertEqual(
+                untold(root, sources, [Path("page.md")]),
+                [
+                    f"b.sh: `{prefix}_{name}` is neither in CONTRIBUTING.md nor in docs/guide"
+                    for name in ("THREE", "TWO")
+                ],
+            )
 
 
 if __name__ == "__main__":

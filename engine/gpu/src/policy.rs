@@ -6,8 +6,8 @@ use crate::instance::Validation;
 use esaac_layout::{CROSS_THREADS, INGEST_THREADS, QUEUE_PER_PX, READOUT_THREADS, SORT_THREADS, TILE_BLOCKS};
 use esaac_model::substeps::BLOCK_PX;
 
-/// Which kernels run the two stages that have two kernels each: `ingest_gpu.comp` or `ingest_cpu.comp`, and
-/// `cross_gpu.comp` or `cross_cpu.comp`.
+/// Which kernels run the stages that have some for GPUs and others for the software driver, over the same code: `ingest` and
+/// `cross`. The names of their files end in `_gpu` and `_cpu`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KernelSet {
     /// For GPUs: events go to a shared queue, subgroups aggregate their atomics, walks draw random numbers where they

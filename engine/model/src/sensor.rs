@@ -55,6 +55,9 @@ pub struct Parameter {
     pub about: &'static str,
 }
 
+/// The struct and [`PARAMETERS`] from one list: name, type, default, unit, meaning. The meaning of a parameter that only the
+/// physical pixel reads begins with `Physical: `: so the command line knows when it does nothing
+/// (`tools/cli/src/unread_flags.rs`).
 macro_rules! sensor_model {
     ($($name:ident: $type:ty = $default:expr, $unit:literal, $about:literal;)*) => {
         /// Every parameter of a sensor. [`SensorModel::validate`] states the ranges.

@@ -55,7 +55,7 @@ fn run(seed: u64, total: &mut Tallies) -> Option<String> {
     }
     let text = findings.text()?;
     Some(format!(
-        "seed {seed}:\n{text}\n{case}Again: ESAAC_SEEDS={seed} cargo test -p esaac-tests --test random_rigs --locked -- \
+        "seed {seed}:\n{text}\n{case}Again: ESAAC_SEEDS={seed} cargo test --workspace --locked --test random_rigs -- \
          the_engine_and_the_oracle_agree_on_random_rigs"
     ))
 }
