@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Every test that this machine can run. `--quick` runs what a developer runs before each commit: formatting,
-# lints, unit tests, and the kernels of each mode against the oracle.
+# lints, unit tests, and each synthesis and pixel against the oracle.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/setup.sh
@@ -212,8 +212,11 @@ step "cargo clippy" cargo clippy --workspace --all-targets --locked -- -D warnin
 
 if [ "$quick" = yes ]; then
     step "unit tests" cargo test --workspace --locked --lib --bins
-    step "each mode against the oracle" cargo test --workspace --locked --test gpu_against_oracle -- \
-        --exact none linear paper motion_bilinear motion_cubic
+    # Every synthesis with the log pixel, `motion` also where motions meet, and the physical pixel without noise.
+    step "each mode against the oracle" tools/suites.py --suite gpu_against_oracle --suite layers --suite exact_paths \
+        --suite physical -- --exact none linear paper motion_bilinear motion_cubic \
+        layers_with_one_earlier_vector_are_the_oracles rigid::levels::pixels_without_a_path_follow_their_vectors \
+        behind_a_lens_pixels_send_the_oracles_events
     say "quick tests passed. Left out: the validation layer, all other integration tests, dependencies and their
    licences, profiler, ROS 2 nodes, the Python package, spirv-val and documentation; ./tools/test.sh runs them"
     exit
