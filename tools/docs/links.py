@@ -14,7 +14,8 @@ from urllib.parse import unquote
 LINK = re.compile(r"!?\[(?:[^\]\[]|\[[^\]]*\])*\]\(\s*<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\s*\)")
 #: A page in the navigation of mkdocs.yml.
 PAGE = re.compile(r"^ +- (?:.+: )?(\S+\.md)$", re.MULTILINE)
-#: A variable of the environment: a string in a program, except of the build (`env!`), or an expansion in a script.
+#: A variable of the environment: a string in a program, but for those of the build (`env!`), or an expansion in a
+#: script.
 VARIABLE = re.compile(r'(?<!env!\()"(ESAAC_\w*[A-Z0-9])"|\$\{?(ESAAC_\w*[A-Z0-9])')
 HEADING = re.compile(r"^#{1,6}\s+(.*?)\s*#*$")
 

@@ -166,8 +166,8 @@ class Links(unittest.TestCase):
         self.assertEqual(anchors(text), {"one", "its-two-three", "one_1"})
 
     def test_a_page_that_a_list_lacks_is_a_fault(self):
-        navigation = "nav:\n  - Home: index.md\n  - Design:\n      - Top: ARCHITECTURE.md\n      - One: design/one.md\n"
-        navigation += "      - design/experiments/two.md\n"
+        navigation = "nav:\n  - Home: index.md\n  - Design:\n      - Top: ARCHITECTURE.md\n"
+        navigation += "      - One: design/one.md\n      - design/experiments/two.md\n"
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder).resolve()
             (root / "docs/design").mkdir(parents=True)
@@ -189,7 +189,8 @@ class Links(unittest.TestCase):
         prefix = "ESAAC"
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder).resolve()
-            (root / "a.rs").write_text(f'var("{prefix}_ONE"); env!("{prefix}_BUILT"); starts_with("{prefix}_MAX_");\n')
+            text = f'var("{prefix}_ONE"); env!("{prefix}_BUILT"); starts_with("{prefix}_MAX_");\n'
+            (root / "a.rs").write_text(text)
             (root / "b.sh").write_text(f'echo "${{{prefix}_TWO:-}}" ${prefix}_THREE\n')
             (root / "page.md").write_text(f"`{prefix}_ONE=N` and {prefix}_TWO_MORE\n")
             sources = [Path("a.rs"), Path("b.sh")]
