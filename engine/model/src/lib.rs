@@ -111,8 +111,8 @@ pub use physical::ReadoutKind;
 pub use pixel_draws::{FACTOR_UNITS, PixelDraws};
 pub use presets::{PRESETS, Preset, Profile};
 pub use sensor::{
-    Intensity, PARAMETERS, Parameter, Pixel, SensorError, SensorModel, SubstepPolicy, Synthesis, Taps,
-    Timestamps,
+    CUSTOM, Intensity, PARAMETERS, Parameter, Pixel, SensorError, SensorModel, SubstepPolicy, Synthesis,
+    Taps, Timestamps,
 };
 
 /// Fractional bits of a log intensity held as fixed point (Q7.24).

@@ -55,6 +55,9 @@ pub struct Parameter {
     pub about: &'static str,
 }
 
+/// Name of a sensor that nobody has named.
+pub const CUSTOM: &str = "custom";
+
 /// The struct and [`PARAMETERS`] from one list: name, type, default, unit, meaning. The meaning of a parameter that only the
 /// physical pixel reads begins with `Physical: `: so the command line knows when it does nothing
 /// (`tools/cli/src/unread_flags.rs`).
@@ -144,12 +147,16 @@ impl SensorModel {
         }
     }
 
-    /// Reads a sensor from TOML.
+    /// Reads a sensor from TOML. Without a name it is [`CUSTOM`], and not the sensor that the default is of.
     ///
     /// # Errors
     /// `SensorError::Toml` for unknown keys and text that is not TOML, `SensorError::Range` for values out of range.
     pub fn from_toml(text: &str) -> Result<Self, SensorError> {
-        let sensor: SensorModel = toml::from_str(text).map_err(|e| SensorError::Toml(e.to_string()))?;
+        let wrong = |e: toml::de::Error| SensorError::Toml(e.to_string());
+        let mut sensor: SensorModel = toml::from_str(text).map_err(wrong)?;
+        if !text.parse::<toml::Table>().map_err(wrong)?.contains_key("name") {
+            CUSTOM.clone_into(&mut sensor.name);
+        }
         sensor.validate()?;
         Ok(sensor)
     }

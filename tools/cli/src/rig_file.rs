@@ -273,6 +273,10 @@ mod tests {
         assert_eq!((plan.terms[0].slots, plan.terms[0].latest), (3, false));
         assert_eq!((plan.terms[1].slots, plan.terms[1].latest), (5, true));
         assert_eq!((plan.cameras[1].sensor.height, plan.cameras[1].camera), (10, 1));
+        assert_eq!(
+            (first.sensor.name.as_str(), plan.cameras[1].sensor.name.as_str()),
+            ("davis240", "custom")
+        );
     }
 
     #[test]

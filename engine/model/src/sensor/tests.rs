@@ -11,6 +11,14 @@ fn toml_round_trips_and_refuses_unknown_keys() {
 }
 
 #[test]
+fn a_file_without_a_name_is_of_no_preset() {
+    let name = |text: &str| SensorModel::from_toml(text).unwrap().name;
+    assert_eq!((name("contrast_on = 0.3").as_str(), name("").as_str()), (CUSTOM, CUSTOM));
+    assert_eq!(name("name = \"mine\""), "mine");
+    assert_eq!(SensorModel::from_toml("contrast_on = 0.3").unwrap().width, SensorModel::default().width);
+}
+
+#[test]
 fn auto_is_the_best_that_the_input_allows_and_a_choice_stays() {
     let auto = |geometry, motion| Synthesis::Auto.resolve(geometry, motion);
     assert_eq!(auto(true, true), Synthesis::Rigid);

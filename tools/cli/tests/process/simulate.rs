@@ -70,6 +70,20 @@ print(json.dumps({'on': int((p == 1).sum()), 'off': int((p == -1).sum()), 'senso
 }
 
 #[test]
+fn a_sensor_that_nobody_names_is_custom() {
+    let frames = Frames::new(2, true);
+    let (out, file) = (frames.file_argument("e.npz"), frames.file_argument("mine.toml"));
+    std::fs::write(&file, "contrast_on = 0.3\n").unwrap();
+    for sensor in [&[][..], &["--sensor", &file]] {
+        let arguments = ["simulate", frames.argument(), "--json", "--out", &out];
+        let (code, text, error) = run(&[&arguments[..], &QUICK, sensor].concat());
+        assert_eq!(code, 0, "{error}");
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(report["cameras"][0]["sensor"]["name"], "custom", "{sensor:?}");
+    }
+}
+
+#[test]
 fn the_ending_of_out_says_the_format() {
     let frames = Frames::new(3, true);
     let read = |name: &str, read: fn(&Path) -> Result<Recording, RecordingError>| {
