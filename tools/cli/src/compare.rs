@@ -92,7 +92,8 @@ impl CompareReport {
 
 /// Runs the command.
 pub fn run(arguments: &CompareArguments, json: bool) -> Result<Outcome> {
-    let (truth, other) = (any_events::read(&arguments.truth)?, any_events::read(&arguments.events)?);
+    let other = any_events::read(&arguments.events)?;
+    let truth = any_events::read_truth(&arguments.truth, other.size_px)?;
     ensure!(
         truth.size_px == other.size_px,
         "{} is of a sensor of {}x{} px, expected {}x{} as {}",

@@ -77,11 +77,15 @@ pub fn write_npz(out: impl Write + Seek, events: &EventColumns, sensor_toml: &st
     Ok(())
 }
 
-/// Columns and rows of an archive's sensor, and its events.
-pub(crate) fn decode_archive(mut archive: ZipArchive<impl Read + Seek>) -> Result<((u32, u32), Vec<Event>)> {
-    let sensor = SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
-    let size_px = (sensor.width, sensor.height);
-    Ok((size_px, read_columns(&mut archive, size_px)?))
+/// Whether an archive says which sensor its events are of.
+pub(crate) fn has_sensor(archive: &ZipArchive<impl Read + Seek>) -> bool {
+    npy::has(archive, "sensor")
+}
+
+/// Columns and rows of an archive's sensor.
+pub(crate) fn size_px(archive: &mut ZipArchive<impl Read + Seek>) -> Result<(u32, u32)> {
+    let sensor = SensorModel::from_toml(&npy::read_text(archive, "sensor", MOST_SENSOR_CHARACTERS)?)?;
+    Ok((sensor.width, sensor.height))
 }
 
 /// The events of an archive, in its order, of a sensor with so many columns and rows.
@@ -143,7 +147,9 @@ mod tests {
         let read = |columns: &EventColumns| {
             let mut bytes = Cursor::new(Vec::new());
             write_npz(&mut bytes, columns, &sensor).unwrap();
-            decode_archive(ZipArchive::new(bytes).unwrap())
+            let mut archive = ZipArchive::new(bytes).unwrap();
+            let size_px = size_px(&mut archive).unwrap();
+            read_columns(&mut archive, size_px).map(|events| (size_px, events))
         };
         let (x, y, t_ns, sign) = (vec![258, 1], vec![7, 0], vec![-2, 9], vec![-1, 1]);
         let columns = EventColumns { x, y, t_ns, sign, ids: Some(vec![3, -1]) };

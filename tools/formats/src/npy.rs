@@ -81,7 +81,8 @@ fn read_member(
     name: &str,
     most_bytes: usize,
 ) -> Result<(String, Vec<u8>)> {
-    let member = archive.by_name(&format!("{name}.npy")).with_context(|| format!("no array `{name}`"))?;
+    ensure!(has(archive, name), "no array `{name}`");
+    let member = archive.by_name(&format!("{name}.npy")).with_context(|| format!("array `{name}`"))?;
     let mut bytes = Vec::new();
     // A header of version 1.0 has less than 2^16 bytes.
     let limit = (most_bytes as u64).saturating_add((1 << 16) + PREAMBLE_BYTES as u64);

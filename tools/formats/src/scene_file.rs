@@ -36,8 +36,9 @@ pub struct SequenceFile {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct LensEntry {
-    #[serde(default)]
-    projection: ProjectionName,
+    /// [`ProjectionName::Pinhole`] unless it is there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    projection: Option<ProjectionName>,
     fx: f64,
     fy: f64,
     cx: f64,
@@ -147,10 +148,12 @@ impl SequenceFile {
     pub fn read(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(Self::NAME);
         let Some(text) = read_text(&path)? else { return Ok(None) };
-        let file = parsed(&text).with_context(|| path.display().to_string())?;
+        let file: Self = parsed(&text).with_context(|| path.display().to_string())?;
         let keys: BTreeMap<String, serde::de::IgnoredAny> = parsed(&text)?;
         let keys: Vec<&str> = keys.keys().map(String::as_str).collect();
-        no_slip(&keys).with_context(|| path.display().to_string())?;
+        no_slip(&keys)
+            .and_then(|()| nothing_beside(&file, &keys))
+            .with_context(|| path.display().to_string())?;
         Ok(Some(file))
     }
 
@@ -177,7 +180,7 @@ impl SequenceFile {
         let instances = motion.ids().filter_map(|id| Some((id.to_string(), matrices(motion.instance(id)?))));
         SequenceFile {
             key_rate_hz: Some(key_rate_hz),
-            intrinsics: Some(LensEntry { projection, fx, fy, cx, cy }),
+            intrinsics: Some(LensEntry { projection: Some(projection), fx, fy, cx, cy }),
             pose_rate_hz: Some(pose_rate_hz),
             camera_to_world: Some(matrices(motion.camera())),
             instances: Some(instances.collect()),
@@ -196,7 +199,7 @@ impl SequenceFile {
             ensure!(self.instances.is_none(), "`instances` without `intrinsics`, expected both");
             return Ok(None);
         };
-        let projection = match lens.projection {
+        let projection = match lens.projection.unwrap_or_default() {
             ProjectionName::Pinhole => Projection::Pinhole,
             ProjectionName::Fisheye => Projection::Fisheye,
         };
@@ -413,6 +416,21 @@ fn no_slip(keys: &[&str]) -> Result<()> {
     }
     Ok(())
 }
+
+/// Fails if the lens's projection stands beside the lens, whose default would silently take its place.
+fn nothing_beside(file: &SequenceFile, keys: &[&str]) -> Result<()> {
+    let says_projection = file.intrinsics.as_ref().is_none_or(|lens| lens.projection.is_some());
+    let beside = keys.iter().find(|key| strsim::damerau_levenshtein(key, "projection") <= MOST_SLIPS_BESIDE);
+    match beside {
+        Some(key) if !says_projection => {
+            bail!("`{key}` stands beside `intrinsics`, where it is not read; expected `projection` in it")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// As [`MOST_SLIPS`], of a key that may be another's, such as `projector`.
+const MOST_SLIPS_BESIDE: usize = 1;
 
 /// So many letters wrong, missing or too many make a key a slip of another. `key_rate` lacks three of `key_rate_hz`.
 const MOST_SLIPS: usize = 3;

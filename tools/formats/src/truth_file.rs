@@ -120,7 +120,7 @@ fn decode_of_frames(file: impl Read + Seek, size_px: (u32, u32), last_ns: i64) -
         true => SensorModel::from_toml(&npy::read_text(&mut archive, "sensor", MOST_SENSOR_CHARACTERS)?)?,
         false => SensorModel { width: size_px.0, height: size_px.1, ..SensorModel::default() },
     };
-    let end_ns = if npy::has(&archive, "end_ns") { read_end_ns(&mut archive)? } else { last_ns };
+    let end_ns = end_ns(&mut archive)?.unwrap_or(last_ns);
     let mut events = event_file::read_columns(&mut archive, (sensor.width, sensor.height))?;
     events.sort_unstable();
     if let Some(first) = events.first() {
@@ -132,6 +132,11 @@ fn decode_of_frames(file: impl Read + Seek, size_px: (u32, u32), last_ns: i64) -
     }
     events.retain(|event| event.t_ns <= end_ns);
     Ok(TruthFile { sensor, end_ns, events })
+}
+
+/// Up to where the events of an archive are known, if it says that.
+pub(crate) fn end_ns(archive: &mut ZipArchive<impl Read + Seek>) -> Result<Option<i64>> {
+    npy::has(archive, "end_ns").then(|| read_end_ns(archive)).transpose()
 }
 
 fn read_end_ns(archive: &mut ZipArchive<impl Read + Seek>) -> Result<i64> {

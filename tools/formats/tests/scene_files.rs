@@ -125,3 +125,29 @@ fn what_python_writes_for_no_number_is_named() {
     let error = format!("{:#}", scene("{\"frames\": [}").expect_err("no JSON"));
     assert!(!error.contains("is no JSON"), "{error}");
 }
+
+#[test]
+fn a_projection_beside_the_lens_is_no_silent_pinhole() {
+    let read = |beside: &Value, inside: &Value| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut file =
+            json!({ "key_rate_hz": 30, "intrinsics": { "fx": 50, "fy": 50, "cx": 19.5, "cy": 14.5 } });
+        let add = |to: &mut Value, more: &Value| {
+            to.as_object_mut().expect("an object").extend(more.as_object().expect("an object").clone());
+        };
+        add(&mut file, beside);
+        add(&mut file["intrinsics"], inside);
+        std::fs::write(folder.path().join("sequence.json"), file.to_string()).expect("a file");
+        SequenceFile::read(folder.path())
+    };
+    let fisheye = json!({ "projection": "fisheye" });
+    let error = format!("{:#}", read(&fisheye, &json!({})).expect_err("misplaced"));
+    assert!(
+        error.contains("sequence.json: `projection` stands beside `intrinsics`")
+            && error.contains("expected"),
+        "{error}"
+    );
+    read(&json!({}), &fisheye).expect("in its place");
+    read(&fisheye, &fisheye).expect("both say the same");
+    read(&json!({ "projector": "none" }), &json!({})).expect("another's key");
+}

@@ -7,6 +7,7 @@ use esaac_model::packet::Event;
 use esaac_model::{Polarity, SensorModel, evt3};
 use std::fs::File;
 use std::path::Path;
+use zip::{ZipArchive, ZipWriter};
 
 const MS: i64 = 1_000_000;
 
@@ -131,5 +132,40 @@ fn nothing_is_no_truth() {
     assert!(
         text.contains("F1                     0.000") && text.contains("time error             -"),
         "{text}"
+    );
+}
+
+/// Copies an archive without one of its arrays.
+fn without(array: &str, from: &str, to: &str) {
+    let mut from = ZipArchive::new(File::open(from).unwrap()).unwrap();
+    let mut to = ZipWriter::new(File::create(to).unwrap());
+    for index in 0..from.len() {
+        let member = from.by_index(index).unwrap();
+        if member.name().unwrap() != format!("{array}.npy") {
+            to.raw_copy_file(member).unwrap();
+        }
+    }
+    to.finish().unwrap();
+}
+
+#[test]
+fn a_truth_may_leave_its_sensor_to_the_events() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    write_events(Path::new(&at("a.npz")), &truth(), &sensor());
+    without("sensor", &at("a.npz"), &at("bare.npz"));
+    let (code, text, error) = run(&["compare", &at("bare.npz"), &at("a.npz"), "--json"]);
+    assert_eq!((code, error.as_str()), (0, ""));
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&report["f1"], &report["truth_on_off"]), (&1.0.into(), &serde_json::json!([4, 4])));
+    // Of events nobody else tells the size.
+    let (code, _, error) = run(&["compare", &at("a.npz"), &at("bare.npz")]);
+    assert_eq!(code, 1);
+    assert!(error.ends_with("bare.npz holds no events: no array `sensor`\n"), "{error}");
+    // Events of a smaller sensor do not hold all of the truth's.
+    write_events(Path::new(&at("small.npz")), &truth()[..3], &SensorModel { width: 3, ..sensor() });
+    assert_error(
+        &["compare", &at("bare.npz"), &at("small.npz")],
+        &["bare.npz", "an event at (3, 0) on a sensor of 3x2 px"],
     );
 }
