@@ -1,6 +1,5 @@
 //! Options that every command has. This module depends on no other module of the program.
 
-use clap::builder::FalseyValueParser;
 use esaac_engine::DeviceChoice;
 use std::str::FromStr;
 
@@ -14,8 +13,9 @@ pub struct CommonArguments {
     // The variable is read where a device is opened, so that other commands do not fail for it.
     #[arg(long, global = true, value_name = "INDEX|UUID")]
     pub device: Option<DeviceArgument>,
-    /// Turn on Vulkan's validation layer
-    #[arg(long, global = true, env = "ESAAC_VALIDATION", value_parser = FalseyValueParser::new())]
+    /// Turn on Vulkan's validation layer, as ESAAC_VALIDATION=1 does; ESAAC_VALIDATION=calls leaves the shaders as they are
+    // Read where a device is opened, too.
+    #[arg(long, global = true)]
     pub validation: bool,
 }
 

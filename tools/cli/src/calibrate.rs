@@ -24,13 +24,13 @@ pub struct CalibrateArguments {
     #[arg(long, value_name = "FILE.toml", default_value = "calibrated.toml")]
     pub out: PathBuf,
     /// Dark level, as a share of the frames' full scale (log-intensity pixel)
-    #[arg(long, value_name = "SHARE", default_value_t = LOG_OFFSET_HDR)]
+    #[arg(long, value_name = "SHARE", default_value_t = LOG_OFFSET_HDR, allow_negative_numbers = true)]
     pub log_offset: f64,
     /// Pixel to fit [default: what the file is for]
     #[arg(long, value_parser = pixel_named, value_name = "log|physical")]
     pub pixel: Option<Pixel>,
     /// Focal-plane light of the frames' full scale, lux, for a physical pixel from a recording with APS frames
-    #[arg(long, value_name = "LUX")]
+    #[arg(long, value_name = "LUX", allow_negative_numbers = true)]
     pub white_lux: Option<f64>,
     /// First guess of a physical pixel, at which the search begins
     #[arg(long, value_name = "NAME|FILE.toml", default_value = "hd")]

@@ -2,7 +2,7 @@
 
 use crate::arguments::{CommonArguments, DeviceArgument};
 use crate::report::DeviceReport;
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use esaac_engine::{Device, DeviceChoice, DeviceInfo, Validation};
 use std::sync::Arc;
 
@@ -26,15 +26,20 @@ pub fn open(common: &CommonArguments) -> Result<Arc<Device>> {
             text.parse().map_err(|expected| anyhow!("{VARIABLE} is `{text}`, {expected}"))?
         }
     };
-    Ok(Device::open(choice, validation(common.validation, Validation::from_env()))?)
+    let by_environment = std::env::var_os(VALIDATION).unwrap_or_default();
+    Ok(Device::open(choice, validation(common.validation, &by_environment.to_string_lossy())?)?)
 }
 
-/// What the layer looks at where it is wanted: what the environment variable says, which turns it on as the option does.
-fn validation(wanted: bool, by_environment: Validation) -> Validation {
-    match (wanted, by_environment) {
-        (false, _) => Validation::Off,
-        (true, Validation::Calls) => Validation::Calls,
-        (true, _) => Validation::On,
+/// Turns the validation layer on, as the option does, and may say what it looks at.
+const VALIDATION: &str = "ESAAC_VALIDATION";
+
+/// What the layer looks at, by the option and the environment variable's value. An empty value counts as none.
+fn validation(wanted: bool, by_environment: &str) -> Result<Validation> {
+    match (by_environment, wanted) {
+        ("calls", _) => Ok(Validation::Calls),
+        ("1", _) | ("" | "0", true) => Ok(Validation::On),
+        ("" | "0", false) => Ok(Validation::Off),
+        (other, _) => bail!("{VALIDATION} is `{other}`, expected 1, calls or 0"),
     }
 }
 
@@ -71,8 +76,13 @@ mod tests {
 
     #[test]
     fn the_environment_says_what_the_layer_looks_at() {
-        assert_eq!(validation(true, Validation::Calls), Validation::Calls);
-        assert_eq!(validation(true, Validation::Off), Validation::On);
-        assert_eq!(validation(false, Validation::Off), Validation::Off);
+        let of = |wanted, by_environment| validation(wanted, by_environment).unwrap();
+        for wanted in [true, false] {
+            assert_eq!((of(wanted, "calls"), of(wanted, "1")), (Validation::Calls, Validation::On));
+        }
+        assert_eq!([of(true, ""), of(true, "0")], [Validation::On; 2]);
+        assert_eq!([of(false, ""), of(false, "0")], [Validation::Off; 2]);
+        let error = validation(true, "banana").unwrap_err().to_string();
+        assert_eq!(error, "ESAAC_VALIDATION is `banana`, expected 1, calls or 0");
     }
 }

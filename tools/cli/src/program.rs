@@ -7,7 +7,7 @@ use crate::{
     bench, calibrate, characterise, compare, demo, devices, doctor, own_program, render, replay, sensors,
     serve, simulate, stderr,
 };
-use anyhow::{Error, Result};
+use anyhow::{Context, Error, Result};
 use clap::Parser;
 use clap::error::ErrorKind as UsageKind;
 use std::ffi::OsStr;
@@ -33,7 +33,7 @@ pub fn run<A: AsRef<OsStr>>(arguments: &[A], again: &[String]) -> u8 {
             return u8::try_from(error.exit_code()).unwrap_or(2);
         }
     };
-    match ran.and_then(|outcome| Ok(print(&outcome)?)) {
+    match ran.and_then(|outcome| print(&outcome).context("cannot write standard output")) {
         Ok(code) => code,
         Err(error) => {
             stderr::line(format_args!("error: {}", sentence(&error)));
@@ -43,7 +43,7 @@ pub fn run<A: AsRef<OsStr>>(arguments: &[A], again: &[String]) -> u8 {
 }
 
 /// The error and its causes in one sentence. Many errors have their cause in their own text already; it is said once.
-fn sentence(error: &Error) -> String {
+pub(crate) fn sentence(error: &Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(ToString::to_string) {
         if text.is_empty() {
@@ -73,7 +73,7 @@ fn command(arguments: &Arguments) -> Result<Outcome> {
         Command::Compare(compare) => compare::run(compare, common.json),
         Command::Replay(replay) => replay::run(replay, common.json),
         Command::Sensors(sensors) => sensors::run(sensors, common.json),
-        Command::Devices => devices::run(common.json),
+        Command::Devices => devices::run(common),
         Command::Doctor => doctor::run(common),
     }
 }

@@ -1,6 +1,6 @@
 //! The command line itself: its version, and options that are given twice.
 
-use crate::harness::{Frames, assert_error, run};
+use crate::harness::{Frames, assert_error, esaac, finish, run};
 
 /// The commit that the build script found; empty if the sources are no checkout.
 const COMMIT: &str = env!("ESAAC_COMMIT");
@@ -53,4 +53,47 @@ fn an_option_that_collects_keeps_every_value() {
         let more = ["--ros-qos", qualities[0], "--ros-qos", qualities[1]];
         assert_error(&[&simulate[..], &more].concat(), &["`nonesuch`", "events"]);
     }
+}
+
+#[test]
+fn a_standard_output_that_is_full_is_named() {
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let (code, _, error) = finish(esaac(&["sensors", "--json"]).stdout(full).output().unwrap());
+    assert_eq!(code, 1, "{error}");
+    assert!(error.starts_with("error: cannot write standard output: No space left"), "{error}");
+}
+
+#[test]
+fn an_environment_variable_that_says_nothing_known_is_an_error_where_it_is_read() {
+    let frames = Frames::new(2, true);
+    let out = frames.file_argument("e.npz");
+    let with =
+        |arguments: &[&str]| finish(esaac(arguments).env("ESAAC_VALIDATION", "banana").output().unwrap());
+    let (code, _, error) = with(&["simulate", frames.argument(), "--out", &out]);
+    assert_eq!(code, 1, "{error}");
+    assert!(error.contains("error: ESAAC_VALIDATION is `banana`, expected 1, calls or 0"), "{error}");
+    let (code, _, error) = with(&["sensors", "hd"]);
+    assert_eq!(code, 0, "{error}");
+}
+
+#[test]
+fn a_device_that_is_not_there_is_not_listed_either() {
+    let uuid = "01112131-4151-6171-8191-a1b1c1d1e1f1";
+    for device in ["99", uuid] {
+        assert_error(
+            &["devices", "--device", device],
+            &[&format!("no Vulkan device {device}; there are: 0 ")],
+        );
+    }
+    assert_eq!(run(&["devices", "--device", "0"]).0, 0);
+}
+
+#[test]
+fn a_negative_share_is_a_value_and_not_another_argument() {
+    let calibrate = |flag: &str, value: &str, part: &str| {
+        let arguments = ["calibrate", "a.aedat4", "--pixel", "physical", flag, value];
+        assert_error(&arguments, &[part]);
+    };
+    calibrate("--log-offset", "-1", "--log-offset is -1, expected 1e-6 to 1");
+    calibrate("--white-lux", "-2.5", "--white-lux is -2.5, expected 1e-6 to 1e6");
 }
