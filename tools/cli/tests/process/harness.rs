@@ -24,6 +24,15 @@ pub fn esaac(arguments: &[&str]) -> Command {
     command
 }
 
+/// `esaac`, to be completed, which ignores a signal from the start.
+pub fn ignoring(signal: &str) -> Command {
+    let mut command = Command::new("bash");
+    let script = format!("trap '' {signal}; exec \"$@\"");
+    command.args(["-c", &script, "bash", env!("CARGO_BIN_EXE_esaac")]);
+    command.env_remove("ESAAC_DEVICE").env("ROS_LOCALHOST_ONLY", "1");
+    command
+}
+
 /// Runs `esaac` and returns exit code, standard output and standard error.
 pub fn run(arguments: &[&str]) -> (i32, String, String) {
     finish(esaac(arguments).output().expect("the binary runs"))

@@ -1,7 +1,7 @@
 //! ROS 2 from the command line: publishing, recording, replaying, and recordings that are cut short. All
 //! traffic stays on loopback.
 
-use crate::harness::{assert_error, assert_lens, esaac, finish, run};
+use crate::harness::{assert_error, assert_lens, esaac, finish, ignoring, run};
 use esaac_ros::BagReader;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::path::Path;
@@ -109,15 +109,14 @@ fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     let file = folder.path().join("run.mcap");
     // A limit on the size of files stands for a full disk. The signal that would end the process is ignored. The limit
     // comes once the recording grows: the software driver's memory is in files too.
-    let mut limited = Command::new("bash");
-    limited.args(["-c", "trap '' XFSZ; exec \"$@\"", "bash", env!("CARGO_BIN_EXE_esaac")]);
+    let mut limited = ignoring("XFSZ");
     // Few events, so that their file is small enough.
     limited
         .args(["demo", "--frames", "300", "--contrast-on", "1", "--contrast-off", "1", "--out"])
         .arg(folder.path())
         .arg("--record")
         .arg(&file);
-    limited.args(SMALL).args(["--ros", "off"]).env_remove("ESAAC_DEVICE");
+    limited.args(SMALL).args(["--ros", "off"]);
     let mut child = limited.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     until_recorded(&mut child, &file);
     let most = Rlimit { current: Some(4 << 20), maximum: Some(4 << 20) };
@@ -165,8 +164,9 @@ fn a_run_that_is_interrupted_keeps_what_it_has_simulated() {
     for (command, signal) in [
         ([&demo[..], &["--ros", "off", "--out", out]].concat(), "-INT"),
         (vec!["simulate", frames.argument(), "--rate", "10", "--out", name], "-TERM"),
+        (vec!["simulate", frames.argument(), "--rate", "10", "--out", name], "-HUP"),
     ] {
-        let file = folder.path().join(format!("{}.mcap", command[0]));
+        let file = folder.path().join(format!("{}{signal}.mcap", command[0]));
         let mut child = esaac(&command);
         child.args(["--real-time", "--json", "--record"]).arg(&file);
         let mut child = child.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
