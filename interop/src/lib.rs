@@ -41,6 +41,6 @@ pub use server::{
     CameraTerms, ConnectionCounts, DEFAULT_INSTANCES, DEFAULT_SLOTS, LinkCounts, Outcome, Ready, Server,
     ServerOptions,
 };
-pub use service::{Service, ServiceTick};
+pub use service::{InputWarnings, Service, ServiceTick};
 pub use support::Support;
 pub use timeline::{CarriedTimeline, ExportedTimeline, SharedTimeline};

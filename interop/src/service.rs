@@ -18,6 +18,17 @@ pub struct ServiceTick<'a> {
     pub first: Vec<bool>,
 }
 
+/// What a service first warned of each kind about a camera's frames. All its warnings are among [`Server::notices`].
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct InputWarnings {
+    /// Depth and poses that do not predict the motion vectors.
+    pub poses: Option<String>,
+    /// Pixels that cannot be used.
+    pub frame: Option<String>,
+    /// Pixels without a path though there is depth.
+    pub paths: Option<String>,
+}
+
 /// Steps a rig with the frames that a server receives.
 pub struct Service {
     rig: Rig,
@@ -32,6 +43,7 @@ pub struct Service {
     warnings: Vec<Option<String>>,
     /// Cameras that were told to have pixels that cannot be used, and pixels without a path, since they began.
     told: Vec<[bool; 2]>,
+    first_warnings: Vec<InputWarnings>,
 }
 
 impl Service {
@@ -42,7 +54,8 @@ impl Service {
         let (last_ns, warnings) = (vec![None; rig.len()], vec![None; rig.len()]);
         let broken = vec![false; rig.len()];
         let told = vec![[false; 2]; rig.len()];
-        Service { last_ns, broken, stand_ins, rig, server, resets: 0, warnings, told }
+        let first_warnings = vec![InputWarnings::default(); rig.len()];
+        Service { last_ns, broken, stand_ins, rig, server, resets: 0, warnings, told, first_warnings }
     }
 
     /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
@@ -84,6 +97,12 @@ impl Service {
     #[must_use]
     pub fn pose_warnings(&self) -> &[Option<String>] {
         &self.warnings
+    }
+
+    /// For each camera what was first told about its frames, whichever producer they came from.
+    #[must_use]
+    pub fn input_warnings(&self) -> &[InputWarnings] {
+        &self.first_warnings
     }
 
     /// How often a camera started anew: for another producer, or after dropped frames had left a gap in time.
@@ -175,6 +194,7 @@ impl Service {
         let is_new = warning.is_some() && warning != self.warnings[camera];
         if let Some(text) = warning.as_ref().filter(|_| is_new) {
             self.server.say(format!("camera {camera}: warning: {text}"));
+            self.first_warnings[camera].poses.get_or_insert_with(|| text.clone());
         }
         self.warnings[camera] = warning;
         let of_paths = if gives_depth { self.rig.path_warning(camera)? } else { None };
@@ -182,6 +202,8 @@ impl Service {
             if let Some(text) = text.filter(|_| !self.told[camera][kind]) {
                 self.server.say(format!("camera {camera}: warning: {text}"));
                 self.told[camera][kind] = true;
+                let first = &mut self.first_warnings[camera];
+                [&mut first.frame, &mut first.paths][kind].get_or_insert(text);
             }
         }
         Ok(())

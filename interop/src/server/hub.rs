@@ -172,10 +172,14 @@ impl Hub {
         for (mut guest, readable) in guests.into_iter().zip(readable) {
             let limit = self.shared.options.handshake_timeout;
             let outcome = if readable {
-                guest.socket.receive().and_then(|received| match received {
-                    Some(received) => self.answer(&mut guest, received),
-                    None => Ok(true),
-                })
+                match guest.socket.receive() {
+                    // It came to see whether somebody serves here, as another service does, and asked for nothing.
+                    Err(InteropError::PeerGone) if guest.bringing.is_none() => Ok(false),
+                    received => received.and_then(|received| match received {
+                        Some(received) => self.answer(&mut guest, received),
+                        None => Ok(true),
+                    }),
+                }
             } else if guest.since.elapsed() > limit {
                 let greeted = guest.bringing.is_some();
                 let what = if greeted { "the producer's memory, BROUGHT," } else { "the producer's HELLO" };
@@ -312,6 +316,7 @@ impl Hub {
 fn link(state: &mut State, guest: &Guest, claim: Claim, agreement: Agreement, session: Session, ring: Ring) {
     state.agreed[claim.camera()] = Some(agreement);
     state.counts[claim.camera()].connections += 1;
+    state.processes.insert(guest.peer.process);
     state.links.push(Link {
         id: guest.connection,
         claim,

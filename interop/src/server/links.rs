@@ -11,7 +11,7 @@ use crate::socket::{Received, Socket};
 use crate::wire::{self, ErrorCode, FrameNotice, Message, Refusal, Released};
 use esaac_engine::Device;
 use rustix::fd::OwnedFd;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -52,6 +52,8 @@ pub(super) struct State {
     pub(super) agreed: Vec<Option<Agreement>>,
     pub(super) counts: Vec<LinkCounts>,
     pub(super) connections: ConnectionCounts,
+    /// Processes that had a ring, those of containers that this one does not see into as one.
+    pub(super) processes: BTreeSet<i32>,
     pub(super) notices: Notices,
     /// Whether the stepping thread reads the producers' messages.
     pub(super) listens: bool,

@@ -26,6 +26,7 @@ use hub::{Hub, most_guests};
 use links::{Shared, State, ring};
 use notices::Notices;
 use rustix::event::{EventfdFlags, eventfd};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -114,7 +115,8 @@ impl Default for ServerOptions {
 pub struct ConnectionCounts {
     /// Connections that were accepted from the system.
     pub accepted: u64,
-    /// Those that were closed before they had a ring: other users, bad greetings, cameras that are taken.
+    /// Those that were closed before they had a ring: other users, bad greetings, cameras that are taken. Not those that
+    /// closed themselves without a word.
     pub refused: u64,
     /// How often a connection had to wait because the system had no descriptor or memory for it.
     pub not_accepted: u64,
@@ -243,6 +245,7 @@ impl Server {
                 agreed: vec![None; terms.len()],
                 counts: vec![LinkCounts::default(); terms.len()],
                 connections: ConnectionCounts::default(),
+                processes: BTreeSet::new(),
                 notices: Notices::new(Instant::now()),
                 listens: false,
                 changed: false,
@@ -308,6 +311,14 @@ impl Server {
     #[must_use]
     pub fn connected(&self) -> usize {
         self.shared.lock().links.len()
+    }
+
+    /// Number of processes that took part since the start: this one, and those whose producers were given a ring. Those of
+    /// containers that this one does not see into count as one.
+    #[must_use]
+    pub fn processes(&self) -> usize {
+        let own = rustix::process::getpid().as_raw_nonzero().get();
+        1 + self.shared.lock().processes.iter().filter(|process| **process != own).count()
     }
 
     /// Counts of all connections.

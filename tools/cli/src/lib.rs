@@ -28,6 +28,7 @@ pub mod frame_channels;
 pub mod frame_folder;
 pub mod frame_numbers;
 pub mod frame_series;
+mod gathered;
 pub mod interrupt;
 pub mod kernel_source;
 pub mod link_report;

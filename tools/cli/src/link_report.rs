@@ -8,8 +8,8 @@ use serde::Serialize;
 /// How a run's frames reached the engine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LinkReport {
-    /// Processes: 1, or 2 with the renderer in another.
-    pub processes: u32,
+    /// Processes: this one, and those whose producers were given memory to share.
+    pub processes: usize,
     /// Who provided the shared memory. `None` in one process.
     pub memory: Option<String>,
     /// How the processes synchronise. `None` in one process.
@@ -49,6 +49,7 @@ impl LinkReport {
             refused_connections: server.connections().refused,
             synthesis: synthesis.collect(),
             pose_warnings: service.pose_warnings().to_vec(),
+            processes: server.processes(),
             ..LinkReport::counted(&server.counts(), &server.agreements())
         }
     }
@@ -64,7 +65,7 @@ impl LinkReport {
             (!names.is_empty()).then(|| names.join(", "))
         };
         LinkReport {
-            processes: 2,
+            processes: 1,
             memory: names(|agreement| memory_name(agreement.memory)),
             timeline: names(|agreement| timeline_name(agreement.timeline)),
             protocol: names(|agreement| if agreement.version == Version::One { "1" } else { "2" }),
@@ -81,11 +82,15 @@ impl LinkReport {
     /// One line of text.
     #[must_use]
     pub fn to_text(&self) -> String {
+        let processes = match self.processes {
+            1 => "1 process".to_owned(),
+            several => format!("{several} processes"),
+        };
         let way = match (&self.memory, &self.timeline, &self.protocol) {
             (Some(memory), Some(timeline), Some(protocol)) => {
-                format!("2 processes, protocol {protocol}, memory {memory}, timelines {timeline}")
+                format!("{processes}, protocol {protocol}, memory {memory}, timelines {timeline}")
             }
-            _ => "1 process".to_owned(),
+            _ => processes,
         };
         let synthesis = match self.synthesis.as_slice() {
             [] => String::new(),
@@ -136,8 +141,13 @@ mod tests {
         let report = LinkReport::counted(&[counts, LinkCounts::default()], &[Some(agreement), None]);
         assert_eq!((report.device_copies, report.host_copies, report.frames), (1.5, 0.0, 4));
         assert_eq!(report.memory.as_deref(), Some("of the host"));
-        let report = LinkReport { synthesis: vec!["rigid".to_owned(), "motion".to_owned()], ..report };
-        assert!(report.to_text().contains("protocol 2, memory of the host"), "{}", report.to_text());
+        let report =
+            LinkReport { processes: 3, synthesis: vec!["rigid".to_owned(), "motion".to_owned()], ..report };
+        assert!(
+            report.to_text().contains("3 processes, protocol 2, memory of the host"),
+            "{}",
+            report.to_text()
+        );
         assert!(report.to_text().contains("; synthesis rigid, motion; 4 frames"), "{}", report.to_text());
         assert!(report.to_text().contains("0 host copies and 1.5 device copies"), "{}", report.to_text());
         assert!(LinkReport::in_process(3).to_text().starts_with("1 process; 3 frames"));

@@ -2,13 +2,16 @@
 
 use crate::arguments::CommonArguments;
 use crate::counted::counted;
+use crate::gathered::{self, Gathered};
 use crate::interrupt::Interrupt;
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
+use crate::program::sentence;
 use crate::report::{MemoryReport, Report};
 use crate::rig_file::RigPlan;
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
 use crate::run_record::RunRecord;
+use crate::unread_flags::APS_NEEDS;
 use crate::warnings::Warnings;
 use crate::{device_choice, output_file, report, stderr};
 use anyhow::Result;
@@ -29,14 +32,15 @@ pub struct ServeArguments {
     /// Rig file: cameras, formats, rings
     #[arg(long, value_name = "RIG.toml")]
     pub rig: PathBuf,
-    /// Folder for camera_N.npz, written at the end; events are held in memory until then
+    /// Folder for camera_N.npz, written at the end; events are held in memory until then. Where a camera's time goes back,
+    /// as with a producer that begins again, camera_N_run_2.npz begins, and so on
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// So long after a message it looks for the next one before it sleeps; more is quicker by tens of
     /// microseconds a frame and keeps a processor busy
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 500)]
     pub spin_us: u64,
-    /// End once every camera has had a producer and all have gone; else on SIGINT or SIGTERM
+    /// End once every camera has had a producer and all have gone; else on SIGINT, SIGTERM or SIGHUP
     #[arg(long)]
     pub once: bool,
     /// ROS 2.
@@ -44,21 +48,19 @@ pub struct ServeArguments {
     pub ros: RosArguments,
 }
 
-/// The report's timings are of so many intervals at least, the last ones.
-const TIMINGS: usize = 50_000;
-
 /// How often it looks whether to end.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Runs the command.
 pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outcome> {
     let plan = RigPlan::read(&arguments.rig)?;
-    let files = output_files(arguments, plan.cameras.len())?;
+    check_files(arguments, plan.cameras.len())?;
     let interrupt = Interrupt::watch()?;
     let mut sensors = plan.sensors();
     let mut warnings = Warnings::default();
     warnings.tell_all(&plan.warnings);
     let mut ros = RosOutput::open(&arguments.ros, RosMode::Off, published(&plan), &mut warnings)?;
+    warn_of_nowhere(arguments, &sensors, ros.is_open(), &mut warnings);
     let device = device_choice::open(common)?;
     let rig = Rig::with_options(&device, &plan.cameras, report::rig_options())?;
     let options =
@@ -67,10 +69,10 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let cameras = counted(plan.cameras.len() as u64, "camera");
     stderr::line(format_args!("{cameras} at {}", arguments.socket.display()));
 
-    let mut gathered = Gathered::new(plan.cameras.len(), arguments.out.is_some());
+    let mut gathered = Gathered::new(plan.cameras.len(), arguments.out.as_deref());
     let mut serve = || -> Result<()> {
         while !(interrupt.came() || arguments.once && is_over(&service)) {
-            turn(&mut service, &mut ros, &mut sensors, &mut gathered)?;
+            turn(&mut service, &mut ros, &mut sensors, &mut gathered, &mut warnings)?;
         }
         Ok(())
     };
@@ -91,17 +93,23 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     }
     let memory = MemoryReport::of(service.rig());
     outcomes.push(gathered.record.take_light(service.rig()));
+    take_warnings(&service, &mut gathered.record, &mut warnings);
     drop(service);
     outcomes.push(device_choice::check_validation(&device));
 
-    let (files, unfed): (Vec<_>, Vec<_>) =
-        files.iter().enumerate().partition(|&(camera, _)| gathered.had_frame[camera]);
-    for (camera, file) in unfed {
-        stderr::line(format_args!("camera {camera} had no frame: {} is not written", file.display()));
-    }
-    for &(camera, file) in &files {
-        let (events, sensor) = (&gathered.record.cameras[camera].events, sensors[camera].to_toml());
-        outcomes.push(output_file::write(file, |out| write_npz(out, events, &sensor)));
+    let mut written = Vec::new();
+    for (camera, sensor) in sensors.iter().enumerate() {
+        if let Some(out) = arguments.out.as_ref().filter(|_| !gathered.had_frame(camera)) {
+            let file = gathered::file(out, camera, 0);
+            stderr::line(format_args!("camera {camera} had no frame: {} is not written", file.display()));
+        }
+        for (file, events) in gathered.files(camera) {
+            outcomes.push(output_file::write(&file, |out| write_npz(out, events, &sensor.to_toml())));
+            written.push(file.display().to_string());
+        }
+        if let Some(file) = gathered.left_over(camera) {
+            warnings.tell(format_args!("{} is of an earlier service, and stays", file.display()));
+        }
     }
     let published = ros.finish();
     outcomes.push(published.recorded);
@@ -110,14 +118,14 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let mut report =
         Report::new(format!("socket {}", arguments.socket.display()), info, &sensors, &gathered.record);
     report.intervals = gathered.intervals;
-    report.simulated_ns = gathered.span.length_ns();
+    report.simulated_ns = gathered.simulated_ns();
     report.warnings = warnings;
     report.cameras.iter_mut().zip(plan.notes).for_each(|(camera, notes)| camera.notes = notes);
     report.set_memory(memory);
     report.link = link;
     report.ros = published.summary;
-    report.files = files.iter().map(|(_, file)| file.display().to_string()).collect();
-    report.warn_of_waiting();
+    report.files = written;
+    report.warn_of_losses();
     report.outcome(common.json)
 }
 
@@ -127,13 +135,14 @@ fn turn(
     ros: &mut RosOutput,
     sensors: &mut [SensorModel],
     gathered: &mut Gathered,
+    warnings: &mut Warnings,
 ) -> Result<()> {
     ros.change_sensors(service.rig_mut(), sensors);
     end_cameras(ros, service)?;
     let lines = match service.tick(LOOK) {
         Ok(None) => Vec::new(),
         Ok(Some(tick)) => {
-            let starts = gathered.add(&tick)?;
+            let starts = gathered.add(&tick, warnings)?;
             publish(ros, sensors, &tick)?;
             starts
         }
@@ -149,85 +158,11 @@ fn turn(
     Ok(())
 }
 
-/// What a service has gathered so far.
-struct Gathered {
-    record: RunRecord,
-    keeps_events: bool,
-    /// By camera.
-    had_frame: Vec<bool>,
-    intervals: usize,
-    span: Span,
-}
-
-impl Gathered {
-    fn new(cameras: usize, keeps_events: bool) -> Self {
-        Gathered {
-            record: RunRecord::new(cameras),
-            keeps_events,
-            had_frame: vec![false; cameras],
-            intervals: 0,
-            span: Span::default(),
-        }
-    }
-
-    /// Adds a tick. Returns lines for the log.
-    fn add(&mut self, tick: &ServiceTick<'_>) -> Result<Vec<String>> {
-        let mut starts = Vec::new();
-        let mut is_interval = false;
-        for (camera, &t_ns) in tick.t_ns.iter().enumerate() {
-            let Some(t_ns) = t_ns else { continue };
-            self.had_frame[camera] = true;
-            if tick.first[camera] {
-                self.record.begin_anew(camera);
-                self.span.begin(t_ns);
-                starts.push(format!("camera {camera}: first frame, of {t_ns} ns"));
-            } else {
-                is_interval = true;
-                self.record.add_camera(camera, &tick.tick, self.keeps_events)?;
-                self.span.go_on(t_ns);
-            }
-        }
-        // A first frame ends no interval.
-        if is_interval {
-            self.record.add_timing(tick.tick.stage_ns, tick.tick.submit_to_packet_ns);
-            self.record.forget_old_timings(TIMINGS);
-            self.intervals += 1;
-        }
-        Ok(starts)
-    }
-}
-
-/// Simulated time, from the earliest first frame to the latest end of an interval.
-#[derive(Default)]
-struct Span {
-    first_ns: Option<i64>,
-    last_ns: Option<i64>,
-}
-
-impl Span {
-    /// A camera's first frame.
-    fn begin(&mut self, t_ns: i64) {
-        self.first_ns = Some(self.first_ns.map_or(t_ns, |first_ns| first_ns.min(t_ns)));
-    }
-
-    /// A camera's later frame.
-    fn go_on(&mut self, t_ns: i64) {
-        self.last_ns = self.last_ns.max(Some(t_ns));
-    }
-
-    /// 0 without an interval. Producers say the times, so the difference may be more than a number holds.
-    fn length_ns(&self) -> i64 {
-        self.first_ns
-            .zip(self.last_ns)
-            .map_or(0, |(first_ns, last_ns)| last_ns.saturating_sub(first_ns).max(0))
-    }
-}
-
 /// The first error of all that was tried. The others are told at once.
 fn first_error(outcomes: Vec<Result<()>>) -> Result<()> {
     let mut errors = outcomes.into_iter().filter_map(Result::err);
     let first = errors.next();
-    errors.for_each(|error| stderr::line(format_args!("another error: {error:#}")));
+    errors.for_each(|error| stderr::line(format_args!("another error: {}", sentence(&error))));
     first.map_or(Ok(()), Err)
 }
 
@@ -281,12 +216,40 @@ fn is_over(service: &Service) -> bool {
     service.counts().iter().all(had) && service.server().connected() == 0
 }
 
-fn output_files(arguments: &ServeArguments, cameras: usize) -> Result<Vec<PathBuf>> {
-    let Some(out) = &arguments.out else { return Ok(Vec::new()) };
+/// Fails before any work is done if a camera's first file could not be written.
+fn check_files(arguments: &ServeArguments, cameras: usize) -> Result<()> {
+    let Some(out) = &arguments.out else { return Ok(()) };
     output_file::make_folder(out)?;
-    let files: Vec<PathBuf> = (0..cameras).map(|camera| out.join(format!("camera_{camera}.npz"))).collect();
-    files.iter().try_for_each(|file| output_file::check(file))?;
-    Ok(files)
+    (0..cameras).try_for_each(|camera| output_file::check(&gathered::file(out, camera, 0)))
+}
+
+/// Warns of what is simulated and goes nowhere.
+fn warn_of_nowhere(
+    arguments: &ServeArguments,
+    sensors: &[SensorModel],
+    has_messages: bool,
+    warnings: &mut Warnings,
+) {
+    if has_messages {
+        return;
+    }
+    if arguments.out.is_none() {
+        warnings.tell("events are counted and not kept: expected --out, --record or --ros on");
+    }
+    for (camera, _) in sensors.iter().enumerate().filter(|(_, sensor)| sensor.aps_exposure_ns > 0) {
+        warnings.tell(format_args!("camera {camera}: `aps_exposure_ns` does nothing: {APS_NEEDS}"));
+    }
+}
+
+/// Takes over what the log has told of the cameras' frames, and tells what is to be told of their light.
+fn take_warnings(service: &Service, record: &mut RunRecord, warnings: &mut Warnings) {
+    for (camera, told) in service.input_warnings().iter().enumerate() {
+        let of_camera = |text: &String| format!("camera {camera}: {text}");
+        warnings.keep_all(told.poses.iter().chain(&told.frame).chain(&told.paths).map(of_camera));
+        let record = &mut record.cameras[camera];
+        (record.frame_warning, record.path_warning) = (told.frame.clone(), told.paths.clone());
+        warnings.tell_all(record.light_warnings.iter().map(of_camera));
+    }
 }
 
 #[cfg(test)]
@@ -312,7 +275,8 @@ mod tests {
         let producer = ProducerOptions::default();
         let mut producer = Uploader::connect(&other_device(), &place.path(), &producer).unwrap();
         let (mut ros, mut sensors) = (RosOutput::default(), [sensor]);
-        let mut gathered = Gathered::new(1, true);
+        let folder = tempfile::tempdir().unwrap();
+        let (mut gathered, mut warnings) = (Gathered::new(1, Some(folder.path())), Warnings::default());
         let mut frames = sequence.frames.iter().zip((0..).map(|index| index * 10_000_000));
         let mut one_frame = |fault: Option<(FaultPoint, vk::Result)>| {
             let (frame, t_ns) = frames.next().unwrap();
@@ -324,7 +288,7 @@ mod tests {
             let done = |counts: LinkCounts| counts.stepped + counts.dropped;
             let mut outcome = Ok(());
             while outcome.is_ok() && done(service.counts()[0]) == done(before) {
-                outcome = turn(&mut service, &mut ros, &mut sensors, &mut gathered);
+                outcome = turn(&mut service, &mut ros, &mut sensors, &mut gathered, &mut warnings);
             }
             device.set_faults(None);
             outcome
@@ -335,22 +299,9 @@ mod tests {
         }
         let lost = one_frame(Some((FaultPoint::Submit, vk::Result::ERROR_DEVICE_LOST)));
         assert!(lost.unwrap_err().to_string().contains("takes no more steps"));
-        assert_eq!((gathered.intervals, gathered.span.length_ns()), (2, 40_000_000));
+        assert_eq!((gathered.intervals, gathered.simulated_ns()), (2, 20_000_000));
+        assert_eq!(gathered.files(0).len(), 1, "time goes on");
         assert!(!gathered.record.cameras[0].events.is_empty());
-    }
-
-    #[test]
-    fn a_span_is_from_the_first_frame_to_the_last_wherever_zero_is() {
-        let span = |begins: &[i64], ends: &[i64]| {
-            let mut span = Span::default();
-            begins.iter().for_each(|&t_ns| span.begin(t_ns));
-            ends.iter().for_each(|&t_ns| span.go_on(t_ns));
-            span.length_ns()
-        };
-        assert_eq!(span(&[-500, -400], &[-300, -200]), 300);
-        assert_eq!(span(&[-500], &[100]), 600);
-        assert_eq!((span(&[], &[]), span(&[-500], &[])), (0, 0));
-        assert_eq!(span(&[i64::MIN], &[i64::MAX]), i64::MAX);
     }
 
     #[test]

@@ -25,7 +25,7 @@ use esaac_engine::{CameraConfig, Device, FrameBytes, GeometryConfig, Representat
 use esaac_formats::exr_frame::FrameLayout;
 use esaac_model::input::InputCheck;
 use esaac_model::paths::SceneMotion;
-use esaac_model::{DepthFormat, IdFormat, SensorModel, Synthesis};
+use esaac_model::{CUSTOM, DepthFormat, IdFormat, SensorModel, Synthesis};
 use esaac_ros::CameraPlan;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -101,7 +101,7 @@ impl<const N: usize> FromStr for NameList<N> {
 pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Outcome> {
     let mut kernels = KernelSource::open(&arguments.kernels)?;
     let resolved =
-        arguments.sensor.resolve(SensorModel { name: "custom".to_owned(), ..SensorModel::default() })?;
+        arguments.sensor.resolve(SensorModel { name: CUSTOM.to_owned(), ..SensorModel::default() })?;
     let notes = pixel_notes::of(&resolved.sensor, resolved.light_is_given, pixel_notes::BY_FLAGS);
     let events = EventOutput::new(&arguments.out)?;
     let recording = arguments.ros.record.as_deref();
@@ -180,7 +180,7 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let written = outputs.iter().filter(|_| has_events);
     report.files = written.map(|path| path.display().to_string()).collect();
     report.warnings = warnings;
-    report.warn_of_waiting();
+    report.warn_of_losses();
     let mut outcome = report.outcome(common.json)?;
     if events.is_standard_output() {
         stderr::line(std::mem::take(&mut outcome.text).trim_end());

@@ -10,6 +10,9 @@ const LOG: [&str; 2] = ["shot_noise_rate_hz", "log_offset"];
 /// How the model's list marks parameters that only the physical pixel reads.
 const PHYSICAL_MARK: &str = "Physical: ";
 
+/// Why APS frames go nowhere.
+pub(crate) const APS_NEEDS: &str = "APS frames leave by --ros on or --record alone";
+
 /// Warns of flags, and of keys of the sensor file, that `sensor`, which they made, does not read. Its synthesis is the
 /// one that is used.
 pub fn warn_of_sensor(
@@ -31,7 +34,7 @@ pub fn warn_of_sensor(
 pub fn warn_of_aps(warnings: &mut Warnings, flags: &SensorFlags, sensor: &SensorModel) {
     let of_aps = |name: &str| name.starts_with("aps_") || name == "white_level" && !has_shot_noise(sensor);
     for (name, _) in flags.explicit.iter().filter(|(name, _)| sensor.aps_exposure_ns > 0 && of_aps(name)) {
-        warn(warnings, &flag(name), "APS frames leave by --ros on or --record alone");
+        warn(warnings, &flag(name), APS_NEEDS);
     }
 }
 

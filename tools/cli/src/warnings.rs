@@ -21,4 +21,9 @@ impl Warnings {
     pub fn tell_all(&mut self, texts: impl IntoIterator<Item = impl Display>) {
         texts.into_iter().for_each(|text| self.tell(text));
     }
+
+    /// Keeps these, which standard error has already.
+    pub fn keep_all(&mut self, texts: impl IntoIterator<Item = String>) {
+        self.0.extend(texts);
+    }
 }

@@ -132,7 +132,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
         output_file::write(picture, |out| overview.write_png(out))?;
     }
     output_file::write(&events, |out| write_npz(out, &record.cameras[0].events, &sensors[0].to_toml()))?;
-    report.warn_of_waiting();
+    report.warn_of_losses();
     let text = report.to_json()?;
     output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
     simulated.ros.recorded?;

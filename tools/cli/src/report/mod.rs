@@ -2,6 +2,7 @@
 
 mod text;
 
+use crate::counted::counted;
 use crate::link_report::LinkReport;
 use crate::outcome::{Ending, Outcome};
 use crate::pose_report::PoseReport;
@@ -13,7 +14,7 @@ use esaac_engine::{MemoryUse, PacketPlace, Rig, RigOptions};
 use esaac_model::SensorModel;
 use esaac_model::input::InputReport;
 use esaac_model::physical::LightReport;
-use esaac_ros::Summary;
+use esaac_ros::{Summary, TopicSummary};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -225,12 +226,17 @@ impl Report {
         Ok(Outcome { text, ending })
     }
 
-    /// Warns of events that the run does not have.
-    pub fn warn_of_waiting(&mut self) {
+    /// Warns of events that the run does not have, and of messages that were neither published nor recorded.
+    pub fn warn_of_losses(&mut self) {
         for (camera, report) in self.cameras.iter().enumerate() {
             if let Some(warning) = report.waiting_warning() {
                 self.warnings.tell(format_args!("camera {camera}: {warning}"));
             }
+        }
+        let topics = self.ros.iter().flat_map(|ros| &ros.topics);
+        for TopicSummary { topic, failed, .. } in topics.filter(|topic| topic.failed > 0) {
+            let messages = counted(*failed, "message");
+            self.warnings.tell(format_args!("{topic}: {messages} failed; lines on standard error say why"));
         }
     }
 
@@ -302,8 +308,12 @@ mod tests {
             MemoryReport { camera: Some(0), purpose: "state".to_owned(), bytes: 2048, on_host: false },
             MemoryReport { camera: None, purpose: "staging".to_owned(), bytes: 1024, on_host: true },
         ]);
+        let topic =
+            |topic: &str, failed| TopicSummary { topic: topic.to_owned(), failed, ..TopicSummary::default() };
+        let topics = vec![topic("/left/events", 3), topic("/clock", 0)];
+        report.ros = Some(Summary { topics, ..Summary::default() });
         report.cameras[0].waiting_at_end = 5808;
-        report.warn_of_waiting();
+        report.warn_of_losses();
         report.cameras[0].accuracy = Some(AccuracyReport { pixels: 3, f1: 0.5, ..AccuracyReport::default() });
         report
     }
@@ -349,6 +359,11 @@ mod tests {
             (&12.into(), &5808.into())
         );
         assert_eq!(json["cameras"][0]["sensor"]["substeps"], 32);
-        assert!(json["warnings"][0].as_str().unwrap().starts_with("camera 0: 5808 events are missing"));
+        let warnings = json["warnings"].as_array().unwrap();
+        assert!(warnings[0].as_str().unwrap().starts_with("camera 0: 5808 events are missing"));
+        assert!(
+            warnings.len() == 2
+                && warnings[1].as_str().unwrap().starts_with("/left/events: 3 messages failed")
+        );
     }
 }

@@ -1,10 +1,14 @@
 //! Renderer and engine as two processes, to their natural end and to a violent one.
 
-use crate::harness::{assert_error, assert_lens, esaac, finish, run};
+use crate::harness::{assert_error, assert_lens, esaac, finish, ignoring, run};
+use esaac_interop::ProducerOptions;
 use esaac_model::paths::Intrinsics;
+use esaac_tests::frames::Frame;
+use esaac_tests::interop::{Uploader, other_device};
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -40,10 +44,16 @@ impl Engine {
 
     /// A service of two cameras.
     fn of(rig: &str, arguments: &[&str]) -> Self {
+        Engine::by(esaac(&[]), rig, arguments)
+    }
+
+    /// The same, by a command that is to be completed.
+    fn by(mut command: Command, rig: &str, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("rig.toml"), rig).unwrap();
         let (socket, rig) = (folder.path().join("e.sock"), folder.path().join("rig.toml"));
-        let mut child = esaac(&["serve", "--json", "--socket", text(&socket), "--rig", text(&rig)])
+        let mut child = command
+            .args(["serve", "--json", "--socket", text(&socket), "--rig", text(&rig)])
             .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -183,16 +193,131 @@ fn a_service_ends_by_itself_once_all_is_done() {
 #[test]
 fn a_service_tells_what_it_assumes_and_what_of_its_rig_does_nothing() {
     let rig = "[[camera]]\nsensor = \"vga\"\n[camera.parameters]\npixel = \"physical\"\nsynthesis = \"linear\"\n\
-               [[camera]]\nsensor = \"dvs128\"\n[camera.parameters]\ndark_lux = 0.1\nsynthesis = \"linear\"\n";
+               [[camera]]\nsensor = \"dvs128\"\n[camera.parameters]\ndark_lux = 0.1\nsynthesis = \"linear\"\n\
+               aps_exposure_ns = 1000000\n";
     let engine = Engine::of(rig, &[]);
     signal(&engine.child, "-INT");
     let (report, log) = engine.end();
     let notes = |camera: usize| report["cameras"][camera]["notes"].as_array().unwrap().clone();
     assert!(notes(0)[0].as_str().unwrap().contains("by `lux_per_unit`") && notes(0).len() == 2, "{report}");
-    assert_eq!((notes(1).len(), report["warnings"].as_array().unwrap().len()), (0, 1));
-    let warning = report["warnings"][0].as_str().unwrap();
-    assert!(warning.starts_with("camera 1: `dark_lux` does nothing"), "{warning}");
-    assert!(log.contains(&format!("warning: {warning}")), "{log}");
+    let warnings: Vec<&str> =
+        report["warnings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap()).collect();
+    let expected = [
+        "camera 1: `dark_lux` does nothing",
+        "events are counted and not kept: expected --out, --record or --ros on",
+        "camera 1: `aps_exposure_ns` does nothing: APS frames leave by --ros on or --record alone",
+    ];
+    assert_eq!((notes(1).len(), warnings.len()), (0, expected.len()), "{warnings:?}");
+    for (warning, expected) in warnings.iter().zip(expected) {
+        assert!(warning.starts_with(expected), "{warning}");
+        assert!(log.contains(&format!("warning: {warning}")), "{log}");
+    }
+}
+
+#[test]
+fn a_producer_that_begins_again_has_a_file_of_its_own() {
+    let out = tempfile::tempdir().unwrap();
+    let file = |name: &str| out.path().join(name);
+    std::fs::write(file("camera_1_run_2.npz"), "old").unwrap();
+    let engine = Engine::start(&["--out", text(out.path())]);
+    for camera in ["0", "0", "1"] {
+        let render = engine.renderer(&["--camera", camera, "--frames", "4"]);
+        let (code, _, error) = finish(render.wait_with_output().unwrap());
+        assert_eq!(code, 0, "{error}");
+    }
+    signal(&engine.child, "-TERM");
+    let (report, log) = engine.end();
+    let files = ["camera_0.npz", "camera_0_run_2.npz", "camera_1.npz"].map(file);
+    assert_eq!(report["files"], serde_json::json!(files));
+    // Both runs are of the same frames at the same times.
+    let [first, second, other] = files.map(|file| std::fs::read(file).unwrap());
+    assert!(first.len() > 1000 && first == second, "{} and {} bytes", first.len(), second.len());
+    assert!(other.len() > 1000 && std::fs::read(file("camera_1_run_2.npz")).unwrap() == b"old");
+    // Two runs of three intervals at 30 Hz, and another camera's.
+    assert_eq!((&report["simulated_ns"], &report["intervals"]), (&200_000_000.into(), &9.into()));
+    assert_eq!(report["link"]["processes"], 4, "{}", report["link"]);
+    let warnings = report["warnings"].as_array().unwrap();
+    let left_over = file("camera_1_run_2.npz");
+    let starts = ["camera 0: its time goes back, to 0 ns", text(&left_over)];
+    assert_eq!(warnings.len(), starts.len(), "{warnings:?}");
+    for (warning, start) in warnings.iter().zip(starts) {
+        assert!(warning.as_str().unwrap().starts_with(start), "{warning}");
+        assert!(log.contains(warning.as_str().unwrap()), "{log}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_frames_is_in_the_report() {
+    let out = tempfile::tempdir().unwrap();
+    let engine = Engine::start(&["--out", text(out.path())]);
+    let camera = ProducerOptions { camera: 1, ..ProducerOptions::default() };
+    let mut producer = Uploader::connect(&other_device(), &engine.socket(), &camera).unwrap();
+    // 32-bit floats of ones alone are NaN.
+    let frame = Frame { t_ns: 0, hdr: vec![0xff; 128 * 128 * 16], motion: None };
+    for t_ns in [0, 10_000_000] {
+        producer.send(&frame, t_ns).unwrap();
+    }
+    producer.producer.finish().unwrap();
+    signal(&engine.child, "-INT");
+    let (report, log) = engine.end();
+    let warning = report["cameras"][1]["frame_warning"].as_str().unwrap_or_else(|| panic!("{report}"));
+    assert!(log.contains(&format!("camera 1: warning: {warning}")), "{log}");
+    assert_eq!(report["warnings"], serde_json::json!([format!("camera 1: {warning}")]));
+    let of_other = &report["cameras"][0];
+    assert!(of_other["frame_warning"].is_null() && of_other["path_warning"].is_null(), "{of_other}");
+}
+
+#[test]
+fn a_hangup_ends_a_service_in_order_unless_it_is_ignored() {
+    let out = tempfile::tempdir().unwrap();
+    let engine = Engine::start(&["--out", text(out.path())]);
+    let render = engine.renderer(&["--frames", "3"]);
+    let (code, _, error) = finish(render.wait_with_output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    signal(&engine.child, "-HUP");
+    let (report, _) = engine.end();
+    assert_eq!(report["files"].as_array().unwrap().len(), 2, "{report}");
+
+    let mut outlives = Engine::by(ignoring("HUP"), RIG, &[]);
+    signal(&outlives.child, "-HUP");
+    // It looks for a signal many times in this.
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(outlives.child.try_wait().unwrap().is_none(), "it goes on, as with nohup");
+    signal(&outlives.child, "-TERM");
+    outlives.end();
+}
+
+#[test]
+fn a_look_at_a_service_is_no_refusal() {
+    let engine = Engine::start(&[]);
+    let (socket, rig) = (engine.socket(), engine.folder.path().join("rig.toml"));
+    assert_error(&["serve", "--socket", text(&socket), "--rig", text(&rig)], &["e.sock"]);
+    signal(&engine.child, "-INT");
+    let (report, log) = engine.end();
+    let link = &report["link"];
+    assert_eq!((&link["refused_connections"], &link["processes"]), (&0.into(), &1.into()), "{link}");
+    assert!(!log.contains("connection:") && !log.contains("refused"), "{log}");
+}
+
+#[test]
+fn a_second_file_that_cannot_be_written_is_told_once() {
+    let out = tempfile::tempdir().unwrap();
+    let engine = Engine::by(ignoring("XFSZ"), RIG, &["--out", text(out.path())]);
+    let render = engine.renderer(&["--frames", "3"]);
+    let (code, _, error) = finish(render.wait_with_output().unwrap());
+    assert_eq!(code, 0, "{error}");
+    // As a full disk.
+    let most = Rlimit { current: Some(100), maximum: Some(100) };
+    prlimit(Pid::from_raw(engine.child.id() as i32), Resource::Fsize, most).unwrap();
+    signal(&engine.child, "-INT");
+    let (code, _, log) = engine.ends_with();
+    assert_eq!(code, 1, "{log}");
+    for (start, file) in
+        [("error: cannot write", "camera_0.npz"), ("another error: cannot write", "camera_1.npz")]
+    {
+        let line = log.lines().find(|line| line.starts_with(start)).unwrap_or_else(|| panic!("{log}"));
+        assert!(line.contains(file) && line.matches("File too large").count() == 1, "{line}");
+    }
 }
 
 #[test]
