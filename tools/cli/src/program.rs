@@ -7,7 +7,7 @@ use crate::{
     bench, calibrate, characterise, compare, demo, devices, doctor, own_program, render, replay, sensors,
     serve, simulate, stderr,
 };
-use anyhow::{Context, Error, Result};
+use anyhow::{Context, Result};
 use clap::Parser;
 use clap::error::ErrorKind as UsageKind;
 use std::ffi::OsStr;
@@ -36,24 +36,10 @@ pub fn run<A: AsRef<OsStr>>(arguments: &[A], again: &[String]) -> u8 {
     match ran.and_then(|outcome| print(&outcome).context("cannot write standard output")) {
         Ok(code) => code,
         Err(error) => {
-            stderr::line(format_args!("error: {}", sentence(&error)));
+            stderr::line(format_args!("error: {}", stderr::sentence(&error)));
             1
         }
     }
-}
-
-/// The error and its causes in one sentence. Many errors have their cause in their own text already; it is said once.
-pub(crate) fn sentence(error: &Error) -> String {
-    let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string) {
-        if text.is_empty() {
-            text = cause;
-        } else if !text.ends_with(&cause) {
-            text.push_str(": ");
-            text.push_str(&cause);
-        }
-    }
-    text
 }
 
 fn version_as_json() -> Result<Outcome> {
@@ -84,25 +70,5 @@ fn print(outcome: &Outcome) -> std::io::Result<u8> {
     match out.write_all(outcome.text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error),
         _ => Ok(outcome.ending.exit_code()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[derive(Debug, thiserror::Error)]
-    #[error("recording a.mcap: {source}")]
-    struct WithCause {
-        source: std::io::Error,
-    }
-
-    #[test]
-    fn a_cause_is_said_once() {
-        let io = || std::io::Error::from(ErrorKind::NotFound);
-        let told = Error::from(WithCause { source: io() }).context("the recording is incomplete");
-        assert_eq!(sentence(&told), format!("the recording is incomplete: recording a.mcap: {}", io()));
-        let untold = Error::from(io()).context("cannot read b.toml");
-        assert_eq!(sentence(&untold), format!("cannot read b.toml: {}", io()));
     }
 }

@@ -6,7 +6,6 @@ use crate::gathered::{self, Gathered};
 use crate::interrupt::Interrupt;
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
-use crate::program::sentence;
 use crate::report::{MemoryReport, Report};
 use crate::rig_file::RigPlan;
 use crate::ros::{self, RosArguments, RosMode, RosOutput};
@@ -162,7 +161,7 @@ fn turn(
 fn first_error(outcomes: Vec<Result<()>>) -> Result<()> {
     let mut errors = outcomes.into_iter().filter_map(Result::err);
     let first = errors.next();
-    errors.for_each(|error| stderr::line(format_args!("another error: {}", sentence(&error))));
+    errors.for_each(|error| stderr::line(format_args!("another error: {}", stderr::sentence(&error))));
     first.map_or(Ok(()), Err)
 }
 
