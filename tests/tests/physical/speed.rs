@@ -70,7 +70,7 @@ fn a_slow_second_stage_is_followed_after_each_change_of_slope() {
     assert_silent();
 }
 
-/// Light that changes at once and then stays: the second stage comes to rest within a hundredth of the long part that
+/// Light that changes at once and then stays: the second stage comes to rest within a thousandth of the long part that
 /// follows. Where pixels are held for some nanoseconds, a crossing that is told too early would be told again and again.
 #[test]
 fn a_step_before_a_long_still_interval_sends_the_oracles_events() {
@@ -81,17 +81,17 @@ fn a_step_before_a_long_still_interval_sends_the_oracles_events() {
             contrast_off: 0.06,
             contrast_mismatch: 0.03,
             refractory_ns,
-            second_pole_hz: 4_000.0,
+            second_pole_hz: 40_000.0,
             substeps: 8,
             ..sensor()
         };
-        let frames_ns = [0, 33_000_000, 33_000_061, 66_000_000, 66_010_000, 166_000_000];
+        let frames_ns = [0, 33_000_000, 33_000_061, 66_000_000, 66_010_000, 900_000_000];
         let sequence = gray(&sensor, &frames_ns, |frame, pixel| {
             let step = 0.3 + 0.6 * (pixel as f64 * 0.37).sin();
             (30_000.0 * [0.0, 0.0, -step, -step, 1.3, 1.3][frame].exp()) as f32
         });
         let total = against_oracle(&sensor, &sequence);
-        assert!(total.apart_ns.len() > 5 * total.pixels, "many events");
+        assert!(total.apart_ns.len() > total.pixels, "many events");
         assert!(total.differing <= total.pixels / 200, "{} pixels", total.differing);
         assert!(total.apart_ns(0.99) < 2_000, "{} ns", total.apart_ns(0.99));
     }

@@ -26,9 +26,19 @@ pub fn esaac(arguments: &[&str]) -> Command {
 
 /// `esaac`, to be completed, which ignores a signal from the start.
 pub fn ignoring(signal: &str) -> Command {
-    let mut command = Command::new("bash");
     let script = format!("trap '' {signal}; exec \"$@\"");
-    command.args(["-c", &script, "bash", env!("CARGO_BIN_EXE_esaac")]);
+    by(&["bash", "-c", &script, "bash"])
+}
+
+/// `esaac`, to be completed, which ignores no hangup, although the tests themselves may run under `nohup`.
+pub fn heeding_hangups() -> Command {
+    by(&["env", "--default-signal=HUP"])
+}
+
+/// `esaac`, to be completed, as another program starts it in its own place.
+fn by(starter: &[&str]) -> Command {
+    let mut command = Command::new(starter[0]);
+    command.args(&starter[1..]).arg(env!("CARGO_BIN_EXE_esaac"));
     command.env_remove("ESAAC_DEVICE").env("ROS_LOCALHOST_ONLY", "1");
     command
 }

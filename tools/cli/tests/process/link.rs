@@ -1,6 +1,6 @@
 //! Renderer and engine as two processes, to their natural end and to a violent one.
 
-use crate::harness::{assert_error, assert_lens, esaac, finish, ignoring, run};
+use crate::harness::{assert_error, assert_lens, esaac, finish, heeding_hangups, ignoring, run};
 use esaac_interop::ProducerOptions;
 use esaac_model::paths::Intrinsics;
 use esaac_tests::frames::Frame;
@@ -270,7 +270,7 @@ fn what_is_wrong_with_frames_is_in_the_report() {
 #[test]
 fn a_hangup_ends_a_service_in_order_unless_it_is_ignored() {
     let out = tempfile::tempdir().unwrap();
-    let engine = Engine::start(&["--out", text(out.path())]);
+    let engine = Engine::by(heeding_hangups(), RIG, &["--out", text(out.path())]);
     let render = engine.renderer(&["--frames", "3"]);
     let (code, _, error) = finish(render.wait_with_output().unwrap());
     assert_eq!(code, 0, "{error}");

@@ -1,7 +1,7 @@
 //! ROS 2 from the command line: publishing, recording, replaying, and recordings that are cut short. All
 //! traffic stays on loopback.
 
-use crate::harness::{assert_error, assert_lens, esaac, finish, ignoring, run};
+use crate::harness::{assert_error, assert_lens, esaac, finish, heeding_hangups, ignoring, run};
 use esaac_ros::BagReader;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use std::path::Path;
@@ -167,8 +167,8 @@ fn a_run_that_is_interrupted_keeps_what_it_has_simulated() {
         (vec!["simulate", frames.argument(), "--rate", "10", "--out", name], "-HUP"),
     ] {
         let file = folder.path().join(format!("{}{signal}.mcap", command[0]));
-        let mut child = esaac(&command);
-        child.args(["--real-time", "--json", "--record"]).arg(&file);
+        let mut child = heeding_hangups();
+        child.args(&command).args(["--real-time", "--json", "--record"]).arg(&file);
         let mut child = child.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         // The first second of messages is on the disk.
         until_grown(&mut child, &file, 1);
