@@ -213,6 +213,32 @@ fn surfaces_and_their_bits_are_the_oracles() {
     assert_silent();
 }
 
+/// A wall that is slanted in both directions fills the image: every pixel continues every other, also at the border.
+#[test]
+fn a_slanted_wall_is_one_surface_up_to_the_border() {
+    let rendered = Rendered::of(SceneKind::Shake, SIZE, 2);
+    let depth_m = |pixel: usize| {
+        let (x, y) = (pixel % SIZE.0 as usize, pixel / SIZE.0 as usize);
+        1.0 / (0.05 + 0.02 * x as f32 + 0.03 * y as f32)
+    };
+    let frames = rendered
+        .frames
+        .iter()
+        .map(|frame| changed(frame, |pixel, depth, id| (*depth, *id) = (depth_m(pixel), 0)));
+    let rendered = Rendered { frames: frames.collect(), ..rendered.clone() };
+    let planes = planes(&rendered, &sensor());
+    let oracle = oracle(&rendered, &planes, &sensor());
+    for policy in [None, Some(KernelPolicy::gpu())] {
+        let found = surface_words(&run_by(&rendered, &sensor(), policy), 1);
+        for (pixel, [_, word]) in found.iter().enumerate() {
+            let [expected, known] = expected_bits(oracle.key(1), pixel);
+            assert!(is_inner(oracle.key(1), pixel), "pixel {pixel}");
+            assert_eq!((word >> 16) & known, expected, "pixel {pixel}");
+        }
+    }
+    assert_silent();
+}
+
 /// A plane that falls to an inverse depth of 0 just where a pixel at infinity is ends before that.
 #[test]
 fn what_is_at_infinity_continues_no_nearer_surface() {
