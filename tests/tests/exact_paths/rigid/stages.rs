@@ -213,19 +213,22 @@ fn surfaces_and_their_bits_are_the_oracles() {
     assert_silent();
 }
 
+/// Two frames before a shaking camera in which nothing but the static world is, some of its pixels at another depth.
+fn still_world(depths_m: impl Fn(usize) -> Option<f32>) -> Rendered {
+    let rendered = Rendered::of(SceneKind::Shake, SIZE, 2);
+    let frames = rendered.frames.iter().map(|frame| {
+        changed(frame, |pixel, depth, id| (*depth, *id) = (depths_m(pixel).unwrap_or(*depth), 0))
+    });
+    Rendered { frames: frames.collect(), ..rendered.clone() }
+}
+
 /// A wall that is slanted in both directions fills the image: every pixel continues every other, also at the border.
 #[test]
 fn a_slanted_wall_is_one_surface_up_to_the_border() {
-    let rendered = Rendered::of(SceneKind::Shake, SIZE, 2);
-    let depth_m = |pixel: usize| {
+    let rendered = still_world(|pixel| {
         let (x, y) = (pixel % SIZE.0 as usize, pixel / SIZE.0 as usize);
-        1.0 / (0.05 + 0.02 * x as f32 + 0.03 * y as f32)
-    };
-    let frames = rendered
-        .frames
-        .iter()
-        .map(|frame| changed(frame, |pixel, depth, id| (*depth, *id) = (depth_m(pixel), 0)));
-    let rendered = Rendered { frames: frames.collect(), ..rendered.clone() };
+        Some(1.0 / (0.05 + 0.02 * x as f32 + 0.03 * y as f32))
+    });
     let planes = planes(&rendered, &sensor());
     let oracle = oracle(&rendered, &planes, &sensor());
     for policy in [None, Some(KernelPolicy::gpu())] {
@@ -242,8 +245,7 @@ fn a_slanted_wall_is_one_surface_up_to_the_border() {
 /// A plane that falls to an inverse depth of 0 just where a pixel at infinity is ends before that.
 #[test]
 fn what_is_at_infinity_continues_no_nearer_surface() {
-    let rendered = Rendered::of(SceneKind::Shake, SIZE, 2);
-    let depths_m = |pixel: usize| match pixel % SIZE.0 as usize % 9 {
+    let rendered = still_world(|pixel| match pixel % SIZE.0 as usize % 9 {
         // The slope of the inverse depth at the second is all of it.
         0 => Some(2.55),
         1 => Some(12.0),
@@ -255,11 +257,7 @@ fn what_is_at_infinity_continues_no_nearer_surface() {
         6 => Some(8.0),
         7 | 8 => Some(f32::INFINITY),
         _ => None,
-    };
-    let frames = rendered.frames.iter().map(|frame| {
-        changed(frame, |pixel, depth, id| (*depth, *id) = (depths_m(pixel).unwrap_or(*depth), 0))
     });
-    let rendered = Rendered { frames: frames.collect(), ..rendered.clone() };
     let planes = planes(&rendered, &sensor());
     let oracle = oracle(&rendered, &planes, &sensor());
     for policy in [None, Some(KernelPolicy::gpu())] {
