@@ -34,6 +34,26 @@ pub enum DeviceChoice {
     Uuid([u8; 16]),
 }
 
+impl DeviceChoice {
+    /// The place of the chosen device among these. [`DeviceChoice::Best`] chooses none by itself.
+    ///
+    /// # Errors
+    /// [`EngineError::NoSuchDevice`] if it is not there.
+    pub fn place_among<'a>(
+        self,
+        devices: impl Iterator<Item = &'a DeviceInfo> + Clone,
+    ) -> Result<Option<usize>, EngineError> {
+        let place = match self {
+            DeviceChoice::Best => return Ok(None),
+            DeviceChoice::Index(index) => devices.clone().position(|d| d.index == index),
+            DeviceChoice::Uuid(uuid) => devices.clone().position(|d| d.uuid == uuid),
+        };
+        let present = || devices.map(|d| format!("{} {}", d.index, d.name)).collect::<Vec<_>>().join(", ");
+        let missing = || EngineError::NoSuchDevice { wanted: self.to_string(), present: present() };
+        place.ok_or_else(missing).map(Some)
+    }
+}
+
 impl std::fmt::Display for DeviceChoice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -232,30 +252,20 @@ pub(crate) fn choose(
     choice: DeviceChoice,
     devices: Vec<(vk::PhysicalDevice, DeviceInfo)>,
 ) -> Result<(vk::PhysicalDevice, DeviceInfo), EngineError> {
-    let list = |devices: &[(vk::PhysicalDevice, DeviceInfo)]| {
-        devices.iter().map(|(_, d)| format!("{} {}", d.index, d.name)).collect::<Vec<_>>().join(", ")
-    };
-    let wanted = match choice {
-        DeviceChoice::Best => {
-            let rank = |d: &DeviceInfo| match d.kind {
-                "discrete GPU" => 0,
-                "integrated GPU" => 1,
-                "virtual GPU" => 2,
-                _ => 3,
-            };
-            let lacks =
-                devices.iter().map(|(_, d)| format!("{} lacks {}", d.name, d.missing())).collect::<Vec<_>>();
-            return devices
-                .into_iter()
-                .filter(|(_, d)| d.suitable)
-                .min_by_key(|(_, d)| (rank(d), d.index))
-                .ok_or_else(|| EngineError::NoSuitableDevice(lacks.join("; ")));
-        }
-        DeviceChoice::Index(index) => devices.iter().position(|(_, d)| d.index == index),
-        DeviceChoice::Uuid(uuid) => devices.iter().position(|(_, d)| d.uuid == uuid),
-    };
-    let Some(position) = wanted else {
-        return Err(EngineError::NoSuchDevice { wanted: choice.to_string(), present: list(&devices) });
+    let Some(position) = choice.place_among(devices.iter().map(|(_, info)| info))? else {
+        let rank = |d: &DeviceInfo| match d.kind {
+            "discrete GPU" => 0,
+            "integrated GPU" => 1,
+            "virtual GPU" => 2,
+            _ => 3,
+        };
+        let lacks =
+            devices.iter().map(|(_, d)| format!("{} lacks {}", d.name, d.missing())).collect::<Vec<_>>();
+        return devices
+            .into_iter()
+            .filter(|(_, d)| d.suitable)
+            .min_by_key(|(_, d)| (rank(d), d.index))
+            .ok_or_else(|| EngineError::NoSuitableDevice(lacks.join("; ")));
     };
     let (physical, info) = devices.into_iter().nth(position).expect("position is inside");
     if info.suitable {

@@ -5,7 +5,7 @@ use crate::device_choice::uuid_text;
 use crate::outcome::{Ending, Outcome};
 use crate::table;
 use anyhow::Result;
-use esaac_engine::{DeviceChoice, DeviceInfo, EngineError, list_devices};
+use esaac_engine::{DeviceInfo, list_devices};
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -34,27 +34,13 @@ struct CapabilityRow {
 pub fn run(common: &CommonArguments) -> Result<Outcome> {
     let devices = list_devices()?;
     if let Some(DeviceArgument(choice)) = common.device {
-        check_there(choice, &devices)?;
+        // As commands fail that open it.
+        choice.place_among(devices.iter())?;
     }
     let rows: Vec<DeviceRow> = devices.into_iter().map(DeviceRow::from).collect();
     let ending = if rows.iter().any(|d| d.suitable) { Ending::Complete } else { Ending::Wanting };
     let text = if common.json { serde_json::to_string_pretty(&rows)? + "\n" } else { text(&rows) };
     Ok(Outcome { text, ending })
-}
-
-/// Fails for a device that is not there, as commands that open it do.
-fn check_there(choice: DeviceChoice, devices: &[DeviceInfo]) -> Result<(), EngineError> {
-    let is_there = devices.iter().any(|device| match choice {
-        DeviceChoice::Best => true,
-        DeviceChoice::Index(index) => device.index == index,
-        DeviceChoice::Uuid(uuid) => device.uuid == uuid,
-    });
-    if is_there || choice == DeviceChoice::Best {
-        return Ok(());
-    }
-    let present: Vec<String> =
-        devices.iter().map(|device| format!("{} {}", device.index, device.name)).collect();
-    Err(EngineError::NoSuchDevice { wanted: choice.to_string(), present: present.join(", ") })
 }
 
 impl From<DeviceInfo> for DeviceRow {
