@@ -37,9 +37,8 @@ uint quiet_crossing(Part part, uint now, uint start, uint end, int from, int to,
     const float sign = rises ? 1.0 : -1.0;
     float below = sign * float(level - from);
     float above = sign * float(to - level);
-    uint at = time_in_substep(start, end, below, max(below + above, 1.0));
     if (part.bow == vec2(0.0)) {
-        return at;
+        return time_in_substep(start, end, below, max(below + above, 1.0));
     }
     const bool settles = part.turns.y != 0.0;
     uint low = start;
@@ -50,7 +49,7 @@ uint quiet_crossing(Part part, uint now, uint start, uint end, int from, int to,
     }
     bool was_low = false;
     float rest = below;
-    at = low;
+    uint at = low;
     for (uint i = 0u; i < MOST_TRIES; ++i) {
         const float by_slope_ns = settles ? time_by_slope(part, at, sign * rest) : -LONGEST_TURN;
         if (by_slope_ns > -float(at - low) && by_slope_ns < float(high - at)) {
