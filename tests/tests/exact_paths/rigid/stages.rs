@@ -222,6 +222,23 @@ fn still_world(depths_m: impl Fn(usize) -> Option<f32>) -> Rendered {
     Rendered { frames: frames.collect(), ..rendered.clone() }
 }
 
+/// With both sets of kernels, all bits that `surfaces` has of the second frame are the oracle's, and `more` holds of its key
+/// frame and of the words.
+fn assert_bits_are_the_oracles(rendered: &Rendered, more: impl Fn(&KeyFrame, &[[u32; 2]])) {
+    let planes = planes(rendered, &sensor());
+    let oracle = oracle(rendered, &planes, &sensor());
+    let key = oracle.key(1);
+    for policy in [None, Some(KernelPolicy::gpu())] {
+        let found = surface_words(&run_by(rendered, &sensor(), policy), 1);
+        for (pixel, [_, word]) in found.iter().enumerate() {
+            let [expected, known] = expected_bits(key, pixel);
+            assert_eq!((word >> 16) & known, expected, "pixel {pixel}");
+        }
+        more(key, &found);
+    }
+    assert_silent();
+}
+
 /// A wall that is slanted in both directions fills the image: every pixel continues every other, also at the border.
 #[test]
 fn a_slanted_wall_is_one_surface_up_to_the_border() {
@@ -229,17 +246,9 @@ fn a_slanted_wall_is_one_surface_up_to_the_border() {
         let (x, y) = (pixel % SIZE.0 as usize, pixel / SIZE.0 as usize);
         Some(1.0 / (0.05 + 0.02 * x as f32 + 0.03 * y as f32))
     });
-    let planes = planes(&rendered, &sensor());
-    let oracle = oracle(&rendered, &planes, &sensor());
-    for policy in [None, Some(KernelPolicy::gpu())] {
-        let found = surface_words(&run_by(&rendered, &sensor(), policy), 1);
-        for (pixel, [_, word]) in found.iter().enumerate() {
-            let [expected, known] = expected_bits(oracle.key(1), pixel);
-            assert!(is_inner(oracle.key(1), pixel), "pixel {pixel}");
-            assert_eq!((word >> 16) & known, expected, "pixel {pixel}");
-        }
-    }
-    assert_silent();
+    assert_bits_are_the_oracles(&rendered, |key, found| {
+        (0..found.len()).for_each(|pixel| assert!(is_inner(key, pixel), "pixel {pixel}"));
+    });
 }
 
 /// A plane that falls to an inverse depth of 0 just where a pixel at infinity is ends before that.
@@ -258,19 +267,11 @@ fn what_is_at_infinity_continues_no_nearer_surface() {
         7 | 8 => Some(f32::INFINITY),
         _ => None,
     });
-    let planes = planes(&rendered, &sensor());
-    let oracle = oracle(&rendered, &planes, &sensor());
-    for policy in [None, Some(KernelPolicy::gpu())] {
-        let found = surface_words(&run_by(&rendered, &sensor(), policy), 1);
-        for (pixel, [_, word]) in found.iter().enumerate() {
-            let [expected, known] = expected_bits(oracle.key(1), pixel);
-            assert_eq!((word >> 16) & known, expected, "pixel {pixel}");
-        }
+    assert_bits_are_the_oracles(&rendered, |_, found| {
         let is_right = |word: u32| word & (1 << (16 + 4)) != 0;
         let row = &found[10 * SIZE.0 as usize..][..9];
         assert_eq!([1, 2, 6, 7].map(|x: usize| is_right(row[x][1])), [false, true, false, true]);
-    }
-    assert_silent();
+    });
 }
 
 /// The representatives of a block by their definition: nearest and farthest pixel of each instance, near to far.
