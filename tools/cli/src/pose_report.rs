@@ -3,6 +3,7 @@
 use crate::counted::counted;
 use esaac_formats::scene_file::FolderScene;
 use esaac_model::paths::conventions::{Agreement, ConventionReport, Mistake, Verdict};
+use esaac_model::paths::spacing::CoarseTrack;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -29,8 +30,21 @@ pub struct PoseReport {
     pub by_instance: BTreeMap<u32, AgreementReport>,
     /// Pixels of instances without poses among those looked at.
     pub pixels_without_poses: usize,
-    /// All that in words.
+    /// Tracks whose poses are too far apart in time to tell the paths between them.
+    pub coarse: Vec<CoarseReport>,
+    /// What the comparison found, in words.
     pub finding: String,
+}
+
+/// A track whose poses are too far apart in time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CoarseReport {
+    /// The instance; 0 for the camera.
+    pub instance: u32,
+    /// Median time from pose to pose, nanoseconds.
+    pub spacing_ns: i64,
+    /// Estimated error of the paths between poses, pixels.
+    pub error_px: f64,
 }
 
 /// How vectors of some pixels agree with their paths.
@@ -67,13 +81,14 @@ pub enum VerdictName {
 
 impl PoseReport {
     /// The report of `scene`, whose poses span the first of the two numbers of intervals. `missing` is what a comparison
-    /// lacks.
+    /// lacks, `coarse` are tracks whose poses are too far apart.
     #[must_use]
     pub fn new(
         scene: &FolderScene,
         (intervals_spanned, intervals): (usize, usize),
         missing: Option<&str>,
         found: Option<&ConventionReport>,
+        coarse: &[CoarseTrack],
     ) -> Self {
         let mut report = PoseReport {
             file: scene.file.display().to_string(),
@@ -82,6 +97,7 @@ impl PoseReport {
             intervals,
             intervals_spanned,
             missing: missing.map(str::to_owned),
+            coarse: coarse.iter().map(CoarseReport::new).collect(),
             ..PoseReport::default()
         };
         report.finding = match (missing, &found) {
@@ -111,6 +127,12 @@ impl PoseReport {
             counted(self.intervals as u64, "interval")
         );
         format!("{read}\n          {}", self.finding)
+    }
+}
+
+impl CoarseReport {
+    fn new(track: &CoarseTrack) -> Self {
+        CoarseReport { instance: track.id, spacing_ns: track.spacing_ns, error_px: track.error_px }
     }
 }
 

@@ -1,5 +1,5 @@
-//! Checks the poses, depth and ids of a folder against its motion vectors before its frames are simulated, so that all
-//! intervals get one synthesis.
+//! Checks the poses, depth and ids of a folder before its frames are simulated: against its motion vectors, so that all
+//! intervals get one synthesis, and whether poses are close enough in time.
 
 use crate::frame_folder::FrameFolder;
 use crate::pose_report::PoseReport;
@@ -8,9 +8,13 @@ use esaac_formats::exr_frame::read_frame;
 use esaac_formats::scene_file::FolderScene;
 use esaac_model::MotionFormat;
 use esaac_model::paths::conventions::{ConventionCheck, ConventionReport, KeyFrame, Trust};
+use esaac_model::paths::spacing::{CoarseTrack, SpacingCheck};
 
 /// Frames that are compared. Conventions do not change from frame to frame.
 const COMPARED_FRAMES: usize = 16;
+
+/// Frames whose points tell how far poses are apart in pixels.
+const FRAMES_OF_POINTS: usize = 4;
 
 /// What was found in a folder with poses.
 pub struct SceneCheck {
@@ -18,6 +22,8 @@ pub struct SceneCheck {
     pub report: PoseReport,
     /// What was compared.
     pub found: Option<ConventionReport>,
+    /// The tracks whose poses are too far apart in time.
+    pub coarse: Vec<CoarseTrack>,
 }
 
 impl SceneCheck {
@@ -43,8 +49,9 @@ impl SceneCheck {
                 .try_for_each(|&index| add(&mut check, folder, scene, index))?;
         }
         let found = check.report(&scene.motion);
-        let report = PoseReport::new(scene, (spanned.len(), intervals), missing, found.as_ref());
-        Ok(Some(SceneCheck { report, found }))
+        let coarse = coarse_tracks(folder, scene)?;
+        let report = PoseReport::new(scene, (spanned.len(), intervals), missing, found.as_ref(), &coarse);
+        Ok(Some(SceneCheck { report, found, coarse }))
     }
 
     /// The poses that `auto` follows.
@@ -52,6 +59,23 @@ impl SceneCheck {
     pub fn trust(&self) -> Trust {
         self.found.as_ref().map_or(Trust::All, ConventionReport::trust)
     }
+}
+
+/// The tracks of a folder with depth whose poses are too far apart in time.
+fn coarse_tracks(folder: &FrameFolder, scene: &FolderScene) -> Result<Vec<CoarseTrack>> {
+    let layout = &folder.layout;
+    let mut check = SpacingCheck::default();
+    if layout.depth.is_none() || scene.motion.moving_tracks() == 0 {
+        return Ok(Vec::new());
+    }
+    let stride = folder.paths.len().div_ceil(FRAMES_OF_POINTS);
+    for index in (0..folder.paths.len()).step_by(stride) {
+        let images = read_frame(&folder.paths[index], layout)?;
+        if let Some(depth_m) = &images.depth {
+            check.add(layout.width_px, folder.time_ns(index), depth_m, images.ids.as_deref());
+        }
+    }
+    Ok(check.coarse(&scene.motion))
 }
 
 /// Takes the frame `index`.

@@ -166,7 +166,11 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let published = ros.finish();
     published.recorded?;
     report.ros = published.summary;
-    let of_poses = check.as_ref().and_then(|check| choice.warning(check));
+    let of_poses: Vec<String> = check
+        .iter()
+        .flat_map(|check| [choice.warning(check), choice.coarse_warning(check)])
+        .flatten()
+        .collect();
     let left_out = choice.left_out.clone();
     report.synthesis = Some(choice);
     report.poses = check.map(|check| check.report);

@@ -26,6 +26,7 @@ mod flow;
 mod lens;
 mod pose;
 mod root;
+pub mod spacing;
 mod track;
 pub mod turn;
 

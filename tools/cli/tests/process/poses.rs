@@ -31,6 +31,11 @@ fn body(k: f64) -> Pose {
     Pose::new(DQuat::from_scaled_axis(turn), DVec3::new(0.2, 3.0, 1.0 - 0.1 * k * k)).unwrap()
 }
 
+/// A turn about the camera's own vertical axis, radians.
+fn turned(angle: f64) -> Pose {
+    Pose::new(DQuat::from_rotation_y(angle), DVec3::ZERO).unwrap()
+}
+
 fn lens() -> Intrinsics {
     Intrinsics::pinhole(30.0, 32.0, 18.0, 11.0).unwrap()
 }
@@ -158,6 +163,35 @@ fn depth_and_poses_predict_the_motion_vectors() {
     let (_, text, _) = run(&[&["simulate", posed.frames.argument(), "--out", &out], &QUICK[..]].concat());
     assert!(text.contains("25 poses of the camera, 1 moving instance, for 3 of 3 intervals"), "{text}");
     assert!(text.contains("depth and poses predict the motion vectors within"), "{text}");
+}
+
+#[test]
+fn poses_too_far_apart_are_told_where_they_are_followed() {
+    let mut posed = Posed::new(1.0);
+    let (report, error) = posed.simulate(&[]);
+    assert_eq!((&report["poses"]["coarse"], error.contains("too far apart")), (&json!([]), false), "{error}");
+    // Two poses a frame, and the camera looks to and fro.
+    let shaken = |j: usize| camera(j as f64 / 2.0) * turned(if j % 4 < 2 { 0.3 } else { -0.3 });
+    let rows: Vec<_> = (0..2 * KEYS - 1).map(|j| shaken(j).to_rows()).collect();
+    let still: Vec<_> = rows.iter().map(|_| body(0.0).to_rows()).collect();
+    posed.sequence["pose_rate_hz"] = json!(2.0 * KEY_HZ);
+    posed.sequence["camera_to_world"] = json!(rows);
+    posed.sequence["instances"] = json!({ BODY.to_string(): still });
+    posed.describe();
+    let (report, error) = posed.simulate(&[]);
+    let coarse = &report["poses"]["coarse"];
+    assert_eq!((coarse.as_array().unwrap().len(), &coarse[0]["instance"]), (1, &json!(STATIC_WORLD)), "{coarse}");
+    assert_eq!(coarse[0]["spacing_ns"], 16_666_667);
+    assert!(coarse[0]["error_px"].as_f64().unwrap() > 1.0, "{coarse}");
+    // Synthesis `none` follows no poses.
+    assert!(!error.contains("too far apart"), "{error}");
+    let out = posed.frames.file_argument("events.npz");
+    let (code, _, error) =
+        run(&["simulate", posed.frames.argument(), "--out", &out, "--synthesis", "rigid"]);
+    assert_eq!(code, 0, "{error}");
+    for part in ["poses are too far apart in time: the camera has a pose each 16.7 ms", "every physics step"] {
+        assert!(error.contains(part), "{error}");
+    }
 }
 
 #[test]

@@ -1,0 +1,264 @@
+//! Whether poses are close enough in time to tell the paths between them.
+//!
+//! A track is made again from every second of its poses, and from every fourth. Poses that were left out lie off the new
+//! track, and what the camera sees of them moves by that: by `d2` and `d4` pixels, which a tenth of them exceeds. To halve
+//! the rate of poses from all to every second multiplies the error about as the next halving does, and by [`LEAST_RATIO`]
+//! at least. So the track through all poses is off by some `d2 / max(d4 / d2, LEAST_RATIO)`.
+
+use super::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use glam::DVec2;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Error from which on poses are too far apart, pixels. Events along paths that are off by less are hardly others.
+pub const COARSE_PX: f64 = 1.0;
+
+/// Poses from which on a track is judged.
+const FEWEST_POSES: usize = 5;
+
+/// Poses from which on every fourth is a path, too.
+const POSES_OF_BOTH: usize = 9;
+
+/// What halving the rate of poses multiplies the error by at least: that of a straight line between poses.
+const LEAST_RATIO: f64 = 4.0;
+
+/// Points of an instance in a frame.
+const POINTS_OF_INSTANCE: usize = 64;
+
+/// Left-out poses that are looked at.
+const MOST_POSES: usize = 256;
+
+/// Collects points that a camera sees.
+#[derive(Clone, Debug, Default)]
+pub struct SpacingCheck {
+    points: BTreeMap<u32, Vec<SeenPoint>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct SeenPoint {
+    pixel_px: DVec2,
+    depth_m: f64,
+    t_ns: i64,
+}
+
+/// A track whose poses are too far apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoarseTrack {
+    /// The instance, or [`STATIC_WORLD`] for the camera.
+    pub id: u32,
+    /// Median time from pose to pose, nanoseconds.
+    pub spacing_ns: i64,
+    /// Estimated error of the paths between poses, pixels.
+    pub error_px: f64,
+}
+
+impl fmt::Display for CoarseTrack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (spacing_ms, error_px) = (self.spacing_ns as f64 * 1e-6, self.error_px);
+        match self.id {
+            STATIC_WORLD => f.write_str("the camera")?,
+            id => write!(f, "instance {id}")?,
+        }
+        write!(
+            f,
+            " has a pose each {spacing_ms:.1} ms, and its paths between them may be off by {error_px:.1} px"
+        )
+    }
+}
+
+impl SpacingCheck {
+    /// Takes points of the frame at `t_ns` with a usable depth, evenly spread, some of each instance. Images are row by
+    /// row; without ids all belongs to the static world.
+    pub fn add(&mut self, width_px: u32, t_ns: i64, depth_m: &[f32], ids: Option<&[u32]>) {
+        let mut pixels: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for i in (0..depth_m.len()).filter(|&i| depth_m[i] >= 0.0) {
+            pixels.entry(ids.map_or(STATIC_WORLD, |ids| ids[i])).or_default().push(i);
+        }
+        for (id, pixels) in pixels {
+            let stride = pixels.len().div_ceil(POINTS_OF_INSTANCE);
+            self.points.entry(id).or_default().extend(pixels.iter().step_by(stride).map(|&i| SeenPoint {
+                pixel_px: DVec2::new((i % width_px as usize) as f64, (i / width_px as usize) as f64),
+                depth_m: f64::from(depth_m[i]),
+                t_ns,
+            }));
+        }
+    }
+
+    /// The tracks of `scene` whose poses are too far apart, by id.
+    #[must_use]
+    pub fn coarse(&self, scene: &SceneMotion) -> Vec<CoarseTrack> {
+        let judge = |(&id, points): (&u32, &Vec<SeenPoint>)| {
+            let track = if id == STATIC_WORLD { scene.camera() } else { scene.instance(id)? };
+            let error_px = error_px(scene, id, track, points)?;
+            (error_px > COARSE_PX).then(|| CoarseTrack { id, spacing_ns: spacing_ns(track), error_px })
+        };
+        self.points.iter().filter_map(judge).collect()
+    }
+}
+
+/// The estimate for a track by the points that show it. `None` if it cannot be judged.
+fn error_px(scene: &SceneMotion, id: u32, track: &PoseTrack, points: &[SeenPoint]) -> Option<f64> {
+    if track.stands() || track.poses().len() < FEWEST_POSES {
+        return None;
+    }
+    let second = left_out_px(scene, id, track, points, 2)?;
+    let is_enough = track.poses().len() >= POSES_OF_BOTH;
+    let fourth = is_enough.then(|| left_out_px(scene, id, track, points, 4)).flatten().unwrap_or(0.0);
+    // `max` leaves out the NaN of a straight line, where both are 0.
+    Some(second / (fourth / second).max(LEAST_RATIO))
+}
+
+/// By how many pixels poses lie off the track through every `step`-th, which a tenth of them exceeds.
+fn left_out_px(
+    scene: &SceneMotion,
+    id: u32,
+    track: &PoseTrack,
+    points: &[SeenPoint],
+    step: usize,
+) -> Option<f64> {
+    let last = track.poses().len() - 1;
+    let is_kept = |i: usize| i % step == 0 || i == last;
+    let kept = (0..=last).filter(|&i| is_kept(i));
+    let (times_ns, poses) = kept.map(|i| (track.times_ns()[i], track.poses()[i])).unzip();
+    let thinned = PoseTrack::new(times_ns, poses).ok()?;
+    let left_out: Vec<usize> = (0..=last).filter(|&i| !is_kept(i)).collect();
+    let stride = left_out.len().div_ceil(MOST_POSES);
+    let errors = left_out.iter().step_by(stride).filter_map(|&i| {
+        let (t_ns, pose) = (track.times_ns()[i], track.poses()[i]);
+        let off = thinned.at(t_ns).ok()? * pose.inverse();
+        let moved = points.iter().filter_map(|point| moved_px(scene, id, off, point));
+        quantile(moved.collect(), 0.5)
+    });
+    quantile(errors.collect(), 0.9)
+}
+
+/// By how many pixels a point moves if the pose of what shows it is off, in world axes.
+fn moved_px(scene: &SceneMotion, id: u32, off: Pose, point: &SeenPoint) -> Option<f64> {
+    let camera = scene.camera().at(point.t_ns).ok()?;
+    let off = if id == STATIC_WORLD { off.inverse() } else { off };
+    let moved = scene.lens().path(point.pixel_px, point.depth_m, &(camera.inverse() * off * camera)).ok()?;
+    Some(moved.pixel_px.distance(point.pixel_px))
+}
+
+/// Median time from pose to pose.
+fn spacing_ns(track: &PoseTrack) -> i64 {
+    let mut apart: Vec<i64> =
+        track.times_ns().windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
+    let middle = apart.len() / 2;
+    *apart.select_nth_unstable(middle).1
+}
+
+/// The value that this part of `values` does not exceed.
+fn quantile(mut values: Vec<f64>, part: f64) -> Option<f64> {
+    let place = ((values.len() as f64 * part) as usize).min(values.len().checked_sub(1)?);
+    Some(*values.select_nth_unstable_by(place, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::paths::Intrinsics;
+    use glam::{DQuat, DVec3};
+    use std::f64::consts::TAU;
+
+    const WIDTH_PX: u32 = 32;
+    const FRAME_NS: i64 = 33_333_333;
+    const BODY: u32 = 7;
+
+    /// A second of poses.
+    fn track(poses_hz: i64, path: impl Fn(f64) -> Pose) -> PoseTrack {
+        let times_ns: Vec<i64> = (0..=poses_hz).map(|k| k * 1_000_000_000 / poses_hz).collect();
+        PoseTrack::through(&times_ns, path).unwrap()
+    }
+
+    /// A camera that shakes at 9 and 11 Hz, some 8 px from frame to frame.
+    fn shaking(t_s: f64) -> Pose {
+        let turn = DVec3::new((TAU * 9.0 * t_s).sin() * 0.03, (TAU * 11.0 * t_s).sin() * 0.03, 0.0);
+        Pose::new(DQuat::from_scaled_axis(turn), DVec3::ZERO).unwrap()
+    }
+
+    /// A camera that drives, speeds up and turns, tens of pixels a frame.
+    fn driving(t_s: f64) -> Pose {
+        let place = DVec3::new(0.0, 1.0, -2.0 * t_s - 3.0 * t_s * t_s);
+        Pose::new(DQuat::from_rotation_y(1.5 * t_s), place).unwrap()
+    }
+
+    /// A ball that bounces each quarter of a second.
+    fn bouncing(t_s: f64) -> Pose {
+        let in_bounce = (4.0 * t_s).fract();
+        Pose::new(DQuat::IDENTITY, DVec3::new(0.0, 4.0 * in_bounce * (1.0 - in_bounce), -4.0)).unwrap()
+    }
+
+    fn scene(camera: PoseTrack) -> SceneMotion {
+        SceneMotion::new(Intrinsics::pinhole(200.0, 200.0, 15.5, 11.5).unwrap(), camera)
+    }
+
+    /// What is told of an image 2 to 5 m away, with a body in its upper half and background at infinity in one row.
+    fn coarse(scene: &SceneMotion) -> Vec<CoarseTrack> {
+        let mut check = SpacingCheck::default();
+        for frame in 0..4 {
+            let pixels = WIDTH_PX as usize * 24;
+            let depth_m: Vec<f32> = (0..pixels)
+                .map(|i| match i / WIDTH_PX as usize {
+                    20 => f32::INFINITY,
+                    21 => f32::NAN,
+                    row => 2.0 + row as f32 / 8.0,
+                })
+                .collect();
+            let ids: Vec<u32> =
+                (0..pixels).map(|i| if i < pixels / 2 { BODY } else { STATIC_WORLD }).collect();
+            check.add(WIDTH_PX, 7 * frame * FRAME_NS, &depth_m, Some(&ids));
+        }
+        check.coarse(scene)
+    }
+
+    #[test]
+    fn poses_as_sparse_as_frames_do_not_tell_how_a_camera_shakes() {
+        for (poses_hz, is_coarse) in [(30, true), (60, false), (120, false), (240, false), (960, false)] {
+            let track = track(poses_hz, shaking);
+            let found = coarse(&scene(track.clone()));
+            assert_eq!(!found.is_empty(), is_coarse, "{poses_hz} poses a second: {found:?}");
+            let turn = |t_ns: i64| {
+                let off =
+                    track.at(t_ns).unwrap().rotation().inverse() * shaking(t_ns as f64 * 1e-9).rotation();
+                200.0 * off.to_scaled_axis().length()
+            };
+            let mut off_px: Vec<f64> = (0..1000).map(|k| turn(k * 1_000_000)).collect();
+            off_px.sort_by(f64::total_cmp);
+            let off_px = off_px[900];
+            match &found[..] {
+                [only] => {
+                    assert_eq!((only.id, only.spacing_ns / 1_000_000), (STATIC_WORLD, 1000 / poses_hz));
+                    assert!((off_px / 3.0..off_px * 3.0).contains(&only.error_px), "{only:?}, {off_px} px");
+                }
+                _ => assert!(off_px < COARSE_PX / 2.0, "{poses_hz} poses a second are {off_px} px off"),
+            }
+        }
+    }
+
+    #[test]
+    fn smooth_ways_need_no_more_poses_than_frames() {
+        assert_eq!(coarse(&scene(track(30, driving))), []);
+        // A few frames alone.
+        let times_ns: Vec<i64> = (0..6).map(|k| k * FRAME_NS).collect();
+        assert_eq!(coarse(&scene(PoseTrack::through(&times_ns, driving).unwrap())), []);
+        let shaken = coarse(&scene(PoseTrack::through(&times_ns, shaking).unwrap()));
+        assert_eq!(shaken.iter().map(|track| track.id).collect::<Vec<_>>(), [STATIC_WORLD]);
+        // Fewer poses tell nothing, and what stands has none between.
+        assert_eq!(coarse(&scene(PoseTrack::through(&times_ns[..4], shaking).unwrap())), []);
+        assert_eq!(coarse(&scene(PoseTrack::still(Pose::IDENTITY))), []);
+    }
+
+    #[test]
+    fn a_body_has_poses_of_its_own() {
+        for (poses_hz, is_coarse) in [(30, true), (240, false)] {
+            let mut scene = scene(track(30, driving));
+            scene.insert(BODY, track(poses_hz, bouncing)).unwrap();
+            let found = coarse(&scene);
+            assert_eq!(found.iter().map(|track| track.id).eq([BODY]), is_coarse, "{poses_hz}: {found:?}");
+        }
+        let told = CoarseTrack { id: BODY, spacing_ns: 33_333_333, error_px: 12.4 };
+        let text = "instance 7 has a pose each 33.3 ms, and its paths between them may be off by 12.4 px";
+        assert_eq!(told.to_string(), text);
+    }
+}
