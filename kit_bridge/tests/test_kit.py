@@ -53,6 +53,11 @@ def test_attributes_and_the_applied_schema_make_event_cameras(stage):
     assert bare.sensor == specs[1].sensor and bare.outputs == specs[1].outputs
     plainest = spec_of(camera(stage, "/plainest", sensor="davis346"))
     assert plainest.sensor.synthesis == "auto" and plainest.with_motion and plainest.with_geometry
+    # The profile is that of the pixel that the overrides choose.
+    for profile in ("clean", "noisy"):
+        physical = camera(stage, f"/{profile}", sensor="hd", profile=profile, overrides="pixel = physical")
+        expected = esaac.SensorModel("hd", profile=profile, pixel="physical", substeps=32)
+        assert spec_of(physical).sensor == expected and expected.noise_gain == float(profile == "noisy")
 
 
 @pytest.mark.parametrize(

@@ -183,11 +183,12 @@ def _sensor(prim, path, outputs):
     if "aps" in outputs:
         # Half of a frame at 60 Hz, unless the overrides say otherwise.
         parameters["aps_exposure_ns"] = 8_000_000
+    sensor, profile = str(_value(prim, "sensor")), str(_value(prim, "profile"))
+    if profile == "paper":
+        parameters["synthesis"] = "paper"
     try:
-        sensor = esaac.SensorModel(str(_value(prim, "sensor")), profile=str(_value(prim, "profile")))
-        if str(_value(prim, "profile")) == "paper":
-            parameters["synthesis"] = "paper"
-        return sensor.replace(**{**parameters, **_overrides(str(_value(prim, "overrides")))})
+        parameters.update(_overrides(str(_value(prim, "overrides"))))
+        return esaac.SensorModel(sensor, profile=profile, **parameters)
     except (esaac.SensorError, ValueError) as error:
         raise SchemaError(f"{path}: {error}") from error
 
