@@ -136,8 +136,9 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     }
     let device = device_choice::open(common)?;
     let pace = Pace::new(arguments.real_time);
-    let mut input_check =
-        InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion).advising(choice.advice);
+    let mut input_check = InputCheck::new(&sensor, folder.layout.hdr, folder.layout.motion)
+        .advising(choice.advice)
+        .with_grain(&sensor);
     let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
     let asked = Asked { sensor: &sensor, event_ids };
     let (record, memory) =

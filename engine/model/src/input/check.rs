@@ -1,5 +1,7 @@
-//! Tells when events must be false whatever the engine does: the frames move fast, and nothing in them says how.
+//! Tells when events must be false whatever the engine does: the frames move fast, and nothing in them says how, or they are
+//! grainy.
 
+use super::grain;
 use super::image_motion::{Luminance, fastest_px, upper};
 use crate::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use serde::Serialize;
@@ -21,6 +23,9 @@ const CUBIC_REMAINDER: f64 = 0.064_15;
 /// Frames that are looked at. What a simulator lacks, it lacks in all of them.
 const CHECKED_FRAMES: usize = 16;
 
+/// Frames whose grain is looked at.
+const GRAIN_FRAMES: usize = 4;
+
 /// Frames after which a running camera is told of.
 const FEWEST_FRAMES: usize = 5;
 
@@ -34,6 +39,8 @@ pub struct InputReport {
     pub motion_px: Option<f64>,
     /// Distance of trajectories from parabolas, pixels: the median of what moves. Synthesis `motion` only.
     pub off_parabola_px: Option<f64>,
+    /// Deviation of log intensity from pixel to pixel, if that was looked at.
+    pub grain_log: Option<f64>,
     /// What follows, if events must be false.
     pub warning: Option<String>,
 }
@@ -48,6 +55,9 @@ pub struct InputCheck {
     /// What mends it, if that is not more input.
     advice: Option<&'static str>,
     log_offset: f64,
+    /// The contrast threshold that grain is held against; `None` if it is not looked at.
+    threshold_log: Option<f64>,
+    grains_log: Vec<f64>,
     checked: usize,
     last_ns: Option<i64>,
     before: Option<Luminance>,
@@ -68,6 +78,8 @@ impl InputCheck {
             synthesis: sensor.synthesis,
             advice: None,
             log_offset: sensor.dark_level(),
+            threshold_log: None,
+            grains_log: Vec::new(),
             checked: 0,
             last_ns: None,
             before: None,
@@ -83,7 +95,13 @@ impl InputCheck {
         InputCheck { advice, ..self }
     }
 
-    /// Whether it has seen enough and takes no more frames.
+    /// The same, which also looks at how grainy the frames are that `sensor` sees, whatever the synthesis.
+    #[must_use]
+    pub fn with_grain(self, sensor: &SensorModel) -> Self {
+        InputCheck { threshold_log: Some(sensor.contrast_on.min(sensor.contrast_off)), ..self }
+    }
+
+    /// Whether motion has been seen enough, or cannot be false. Such a check needs no more frames but for their grain.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.checked == CHECKED_FRAMES || !matches!(self.synthesis, Synthesis::Linear | Synthesis::Motion)
@@ -98,6 +116,10 @@ impl InputCheck {
 
     /// Takes the next frame: its time and its images. The same one again is left out.
     pub fn add(&mut self, t_ns: i64, hdr: &[u8], motion: Option<&[u8]>) {
+        if self.threshold_log.is_some() && self.grains_log.len() < GRAIN_FRAMES {
+            let image = Luminance::new(self.size_px, self.hdr, hdr, self.log_offset);
+            self.grains_log.extend(grain::grain_log(&image));
+        }
         if self.is_over() || self.last_ns == Some(t_ns) {
             return;
         }
@@ -140,7 +162,8 @@ impl InputCheck {
     pub fn report(&self) -> Option<InputReport> {
         let [motion_px, off_parabola_px] =
             [&self.fast_px, &self.off_px].map(|all| upper(&mut all.clone(), 0.5));
-        motion_px.or(off_parabola_px)?;
+        let grain_log = upper(&mut self.grains_log.clone(), 0.5);
+        motion_px.or(off_parabola_px).or(grain_log)?;
         let fast = motion_px.filter(|px| *px > FAST_PX).map(|px| {
             format!(
                 "part of the image moves by {px:.1} px a frame or more, and blended frames show it at two places at \
@@ -155,7 +178,11 @@ impl InputCheck {
                 self.advice.unwrap_or("give depth and poses, or more frames a second")
             )
         });
-        Some(InputReport { motion_px, off_parabola_px, warning: fast.or(off) })
+        let grainy =
+            grain_log.zip(self.threshold_log).and_then(|(log, threshold)| grain::warning(log, threshold));
+        let all: Vec<String> = fast.or(off).into_iter().chain(grainy).collect();
+        let warning = (!all.is_empty()).then(|| all.join("; "));
+        Some(InputReport { motion_px, off_parabola_px, grain_log, warning })
     }
 
     fn decode(&self, motion: &[u8]) -> Vec<[f64; 2]> {
@@ -229,6 +256,23 @@ mod tests {
         let warning = after(Synthesis::Linear, &fast).warning().expect("5 px a frame");
         assert!(warning.contains("moves by 5.0 px a frame"), "{warning}");
         assert_eq!(after(Synthesis::Linear, &[0, 1, 2, 3, 4, 5]).warning(), None);
+    }
+
+    #[test]
+    fn grain_is_looked_at_only_where_it_is_asked_for_and_along_exact_paths_too() {
+        let sensor =
+            SensorModel { synthesis: Synthesis::Rigid, width: 64, height: 48, ..SensorModel::default() };
+        let plain = InputCheck::new(&sensor, HdrFormat::F32x4, None);
+        let [mut plain, mut grainy] = [plain.clone(), plain.with_grain(&sensor)];
+        for frame in 0..6 {
+            plain.add(frame, &pattern(0), None);
+            grainy.add(frame, &pattern(0), None);
+        }
+        assert_eq!((plain.report(), grainy.grains_log.len()), (None, GRAIN_FRAMES));
+        let report = grainy.report().expect("grain");
+        // The logarithm of evenly spread values from 1 to 2.
+        assert!((0.15..0.25).contains(&report.grain_log.expect("blocks")), "{report:?}");
+        assert!(report.warning.expect("half a threshold and more").contains("is grainy"));
     }
 
     #[test]

@@ -42,6 +42,16 @@ impl Luminance {
         Luminance { width, height, log: (0..width * height).map(log).collect() }
     }
 
+    /// Width and height.
+    pub(super) fn size_px(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// At a pixel of the image.
+    pub(super) fn log(&self, x: usize, y: usize) -> f32 {
+        self.log[y * self.width + x]
+    }
+
     /// Mean difference between the block at `corner` and the one in `other` that lies `by` away, but for what is the same
     /// in the whole block: light that changes does not move. `None` if that is not inside, or if a pixel has no number.
     fn difference(&self, other: &Luminance, corner: (usize, usize), by: (isize, isize)) -> Option<f64> {

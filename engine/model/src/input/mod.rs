@@ -1,6 +1,7 @@
 //! What a camera is given beside colour, and what follows from what is missing.
 
 mod check;
+mod grain;
 mod image_motion;
 mod invalid;
 mod without_path;

@@ -180,16 +180,20 @@ fn poses_too_far_apart_are_told_where_they_are_followed() {
     posed.describe();
     let (report, error) = posed.simulate(&[]);
     let coarse = &report["poses"]["coarse"];
-    assert_eq!((coarse.as_array().unwrap().len(), &coarse[0]["instance"]), (1, &json!(STATIC_WORLD)), "{coarse}");
+    assert_eq!(
+        (coarse.as_array().unwrap().len(), &coarse[0]["instance"]),
+        (1, &json!(STATIC_WORLD)),
+        "{coarse}"
+    );
     assert_eq!(coarse[0]["spacing_ns"], 16_666_667);
     assert!(coarse[0]["error_px"].as_f64().unwrap() > 1.0, "{coarse}");
     // Synthesis `none` follows no poses.
     assert!(!error.contains("too far apart"), "{error}");
     let out = posed.frames.file_argument("events.npz");
-    let (code, _, error) =
-        run(&["simulate", posed.frames.argument(), "--out", &out, "--synthesis", "rigid"]);
+    let (code, _, error) = run(&["simulate", posed.frames.argument(), "--out", &out, "--synthesis", "rigid"]);
     assert_eq!(code, 0, "{error}");
-    for part in ["poses are too far apart in time: the camera has a pose each 16.7 ms", "every physics step"] {
+    for part in ["poses are too far apart in time: the camera has a pose each 16.7 ms", "every physics step"]
+    {
         assert!(error.contains(part), "{error}");
     }
 }
