@@ -131,6 +131,22 @@ def test_pixels_without_a_path_and_without_vectors_are_warned_of_once():
     assert len(warned(esaac.InputWarning, tiled)) == 1
 
 
+def test_poses_of_frames_alone_are_warned_of_where_the_camera_shakes():
+    def shaken(poses_per_frame):
+        """A camera that looks to and fro at 11 Hz, some pixels a frame."""
+        cam, depth = camera(intrinsics=(200, 200, 31.5, 23.5)), np.full((HEIGHT, WIDTH), 3, np.float32)
+        for index in range(18):
+            times_ns = (index - 1) * FRAME_NS + np.arange(poses_per_frame + 1) * FRAME_NS // poses_per_frame
+            half = 0.015 * np.sin(2 * np.pi * 11 * times_ns * 1e-9)
+            poses = np.zeros((len(times_ns), 1, 7))
+            poses[:, 0, 4], poses[:, 0, 6] = np.sin(half), np.cos(half)
+            cam.step(view(0)[0], t_ns=index * FRAME_NS, depth=depth, poses=esaac.Poses(times_ns, poses))
+
+    (warning,) = warned(esaac.InputWarning, lambda: shaken(1))
+    assert "the camera has a pose each 33.3 ms" in str(warning.message)
+    assert not warned(esaac.InputWarning, lambda: shaken(8))
+
+
 def test_light_is_warned_of_once_for_each_kind():
     bright = np.full((16, 32, 4), 10.0, np.float32)
     sensor = esaac.SensorModel("hd", pixel="physical", width=32, height=16, synthesis="linear")

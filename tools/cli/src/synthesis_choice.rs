@@ -5,7 +5,7 @@ use crate::scene_check::SceneCheck;
 use anyhow::{Context, Result, bail};
 use esaac_model::input::{auto_reason, missing_paths};
 use esaac_model::paths::conventions::Trust;
-use esaac_model::paths::spacing::CoarseTrack;
+use esaac_model::paths::spacing::{CoarseTrack, coarse_warning};
 use esaac_model::{FrameError, Synthesis};
 use serde::Serialize;
 
@@ -88,13 +88,8 @@ impl SynthesisChoice {
     #[must_use]
     pub fn coarse_warning(&self, check: &SceneCheck) -> Option<String> {
         let follows = |track: &&CoarseTrack| self.used == Synthesis::Rigid && self.trust.follows(track.id);
-        let coarse: Vec<String> = check.coarse.iter().filter(follows).map(ToString::to_string).collect();
-        let (file, coarse_text) = (&check.report.file, coarse.join("; "));
-        (!coarse.is_empty()).then(|| {
-            format!(
-                "{file}: poses are too far apart in time: {coarse_text}; give those of every physics step"
-            )
-        })
+        let coarse: Vec<CoarseTrack> = check.coarse.iter().filter(follows).copied().collect();
+        coarse_warning(&coarse).map(|warning| format!("{}: {warning}", check.report.file))
     }
 
     /// One line.

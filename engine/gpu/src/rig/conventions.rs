@@ -45,13 +45,14 @@ impl Rig {
         }))
     }
 
-    /// What to tell the user, if so many pixels of a camera's last frame have no exact path that it looks like a mistake.
+    /// What to tell the user, if so many pixels of a camera's last frame have no exact path that it looks like a mistake, or
+    /// if the poses of its first intervals are too far apart to tell how it turns between them.
     pub fn path_warning(&self, camera: usize) -> Result<Option<String>, EngineError> {
-        let config = &self.camera(camera)?.config;
+        let CameraState { config, spacing, .. } = self.camera(camera)?;
         let found = self.results.diagnostics[camera];
         let pixels = config.sensor.pixels() as u64;
         let without = WithoutPath { pixels, depth: found.without_depth, poses: found.without_poses };
-        Ok(without.warning(config.motion.is_some()))
+        Ok(without.warning(config.motion.is_some()).or_else(|| spacing.warning()))
     }
 
     /// What to tell the user, if so many pixels of a camera's last frame have a colour, or a motion vector that its

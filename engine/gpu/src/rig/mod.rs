@@ -67,6 +67,7 @@ use density::Density;
 use esaac_layout::{self as layout, Camera};
 use esaac_model::paths::SceneMotion;
 use esaac_model::paths::conventions::PoseCheck;
+use esaac_model::paths::spacing::SpacingWatch;
 use esaac_model::physical::Illuminances;
 use esaac_model::{SensorModel, Synthesis};
 use geometry::Place;
@@ -127,6 +128,8 @@ struct CameraState {
     asked: Synthesis,
     /// Whether its poses predict its motion vectors.
     check: PoseCheck,
+    /// Whether its poses are close enough in time.
+    spacing: SpacingWatch,
     /// Light on the focal plane, for physical pixels.
     light: Illuminances,
     /// Length of its longest interval.
@@ -489,6 +492,7 @@ impl CameraState {
             has_paths: false,
             asked: config.sensor.synthesis,
             check: PoseCheck::default(),
+            spacing: SpacingWatch::default(),
             light: Illuminances::default(),
             longest_interval_ns: 0,
             vectors_span: true,

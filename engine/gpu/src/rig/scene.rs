@@ -2,7 +2,7 @@
 
 use super::geometry::Place;
 use super::sensor::is_rigid;
-use super::{CameraState, GeometryConfig, Rig};
+use super::{CameraConfig, CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
 use esaac_layout::Geometry;
 use esaac_model::paths::conventions::Trust;
@@ -11,6 +11,9 @@ use std::collections::HashSet;
 
 /// Most instances of a camera: `surfaces` has 16 bits for them, and one value means none.
 pub(super) const MOST_INSTANCES: usize = 0xffff;
+
+/// Cameras of a rig whose poses are watched. Many are environments, which are alike.
+const WATCHED_CAMERAS: usize = 16;
 
 /// The row of an id that has none, in `instances`.
 const NO_ROW: u32 = 0xffff;
@@ -160,6 +163,11 @@ impl Rig {
         }
         let mut past = Vec::with_capacity(scenes.len());
         for (camera, scene) in scenes {
+            if camera < WATCHED_CAMERAS {
+                let CameraState { spacing, config: CameraConfig { sensor, .. }, .. } =
+                    &mut self.cameras[camera];
+                spacing.add(scene.lens(), (sensor.width, sensor.height), scene.camera());
+            }
             past.extend(self.cameras[camera].scene.replace(scene));
         }
         Ok(past)

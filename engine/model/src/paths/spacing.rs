@@ -5,7 +5,7 @@
 //! the rate of poses from all to every second multiplies the error about as the next halving does, and by [`LEAST_RATIO`]
 //! at least. So the track through all poses is off by some `d2 / max(d4 / d2, LEAST_RATIO)`.
 
-use super::{Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use super::{Intrinsics, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use glam::DVec2;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -28,6 +28,12 @@ const POINTS_OF_INSTANCE: usize = 64;
 /// Left-out poses that are looked at.
 const MOST_POSES: usize = 256;
 
+/// Tracks of a running camera that are taken together. What a simulator lacks, it lacks in all of them.
+const WATCHED_TRACKS: usize = 16;
+
+/// Poses of a running camera that are kept. Who gives so many lacks none.
+const MOST_WATCHED: usize = 4096;
+
 /// Collects points that a camera sees.
 #[derive(Clone, Debug, Default)]
 pub struct SpacingCheck {
@@ -39,6 +45,16 @@ struct SeenPoint {
     pixel_px: DVec2,
     depth_m: f64,
     t_ns: i64,
+}
+
+/// The poses of a running camera, track by track, until there are enough to judge how it turns. Points at infinity tell
+/// that without any depth.
+#[derive(Clone, Debug, Default)]
+pub struct SpacingWatch {
+    poses: BTreeMap<i64, Pose>,
+    tracks: usize,
+    is_over: bool,
+    found: Option<CoarseTrack>,
 }
 
 /// A track whose poses are too far apart.
@@ -66,7 +82,56 @@ impl fmt::Display for CoarseTrack {
     }
 }
 
+/// What to tell of tracks whose poses are too far apart; `None` if there are none.
+#[must_use]
+pub fn coarse_warning(coarse: &[CoarseTrack]) -> Option<String> {
+    let all: Vec<String> = coarse.iter().map(ToString::to_string).collect();
+    (!all.is_empty()).then(|| {
+        format!("poses are too far apart in time: {}; give those of every physics step", all.join("; "))
+    })
+}
+
+impl SpacingWatch {
+    /// Takes the track of the camera's next interval, while more are wanted. Times that go back begin anew.
+    pub fn add(&mut self, lens: &Intrinsics, size_px: (u32, u32), track: &PoseTrack) {
+        if self.is_over {
+            return;
+        }
+        let times_ns = track.times_ns();
+        if self.poses.last_key_value().is_some_and(|(last_ns, _)| times_ns.last() < Some(last_ns)) {
+            *self = SpacingWatch::default();
+        }
+        self.tracks += 1;
+        self.poses.extend(times_ns.iter().copied().zip(track.poses().iter().copied()));
+        self.is_over = self.tracks == WATCHED_TRACKS || self.poses.len() > MOST_WATCHED;
+        if self.is_over {
+            let (times_ns, poses): (Vec<i64>, _) = std::mem::take(&mut self.poses).into_iter().unzip();
+            let check = SpacingCheck::at_infinity(size_px, times_ns[0]);
+            let track =
+                PoseTrack::new(times_ns, poses).expect("times of a map ascend, and there is one at least");
+            self.found = check.coarse(&SceneMotion::new(*lens, track)).pop();
+        }
+    }
+
+    /// What to tell the user, once it is known that the poses are too far apart.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        coarse_warning(self.found.as_slice())
+    }
+}
+
 impl SpacingCheck {
+    /// Points at infinity all over an image, seen at `t_ns`.
+    fn at_infinity((width_px, height_px): (u32, u32), t_ns: i64) -> Self {
+        let at = |part: usize, length_px: u32| f64::from(length_px) * (part as f64 + 0.5) / 3.0;
+        let points = (0..9).map(|i| SeenPoint {
+            pixel_px: DVec2::new(at(i % 3, width_px), at(i / 3, height_px)),
+            depth_m: f64::INFINITY,
+            t_ns,
+        });
+        SpacingCheck { points: BTreeMap::from([(STATIC_WORLD, points.collect())]) }
+    }
+
     /// Takes points of the frame at `t_ns` with a usable depth, evenly spread, some of each instance. Images are row by
     /// row; without ids all belongs to the static world.
     pub fn add(&mut self, width_px: u32, t_ns: i64, depth_m: &[f32], ids: Option<&[u32]>) {
@@ -247,6 +312,35 @@ mod tests {
         // Fewer poses tell nothing, and what stands has none between.
         assert_eq!(coarse(&scene(PoseTrack::through(&times_ns[..4], shaking).unwrap())), []);
         assert_eq!(coarse(&scene(PoseTrack::still(Pose::IDENTITY))), []);
+    }
+
+    #[test]
+    fn a_running_camera_is_told_of_after_some_tracks() {
+        let size_px = (WIDTH_PX, 24);
+        let lens = Intrinsics::pinhole(200.0, 200.0, 15.5, 11.5).unwrap();
+        let interval = |k: i64, poses: i64, path: fn(f64) -> Pose| {
+            let times_ns: Vec<i64> = (0..=poses).map(|j| (k * poses + j) * FRAME_NS / poses).collect();
+            PoseTrack::through(&times_ns, path).unwrap()
+        };
+        let after = |intervals: i64, poses: i64, path: fn(f64) -> Pose| {
+            let mut watch = SpacingWatch::default();
+            (0..intervals).for_each(|k| watch.add(&lens, size_px, &interval(k, poses, path)));
+            watch.warning()
+        };
+        assert_eq!(after(15, 1, shaking), None);
+        let warning = after(16, 1, shaking).expect("a pose a frame");
+        assert!(
+            warning.contains("the camera has a pose each 33.3 ms") && warning.contains("every physics step")
+        );
+        assert_eq!(
+            [after(16, 8, shaking), after(16, 1, driving), after(16, 600, shaking)],
+            [None, None, None]
+        );
+        // Another run from the same time on is not mixed with the first.
+        let mut watch = SpacingWatch::default();
+        (0..9).for_each(|k| watch.add(&lens, size_px, &interval(k, 1, shaking)));
+        (0..16).for_each(|k| watch.add(&lens, size_px, &interval(k, 1, driving)));
+        assert_eq!((watch.warning(), watch.is_over), (None, true));
     }
 
     #[test]
