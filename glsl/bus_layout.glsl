@@ -1,6 +1,6 @@
 // What `bus` has for each camera: a head; for each pixel the time at which its last event leaves, nanoseconds since the
-// epoch, or that it waits; seven arrays of a word for each row; and two words for each stretch of half as many events
-// as a workgroup has threads. Needs `readout`.
+// epoch, or that it waits; BUS_ROW arrays of a word for each row; and BUS_STRETCH words for each stretch of half as many
+// events as a workgroup has threads. Needs `readout`.
 
 const uint HEAD_FREE = 0u; // when the bus is free, picoseconds from the start of an interval of frame slot 0
 const uint HEAD_PERIOD = 1u; // the rate controller's period

@@ -1,19 +1,13 @@
 // Services on a bus: those that wait from chunk to chunk, and those of a chunk's events. Needs bus_scan.glsl, `bus`,
-// `readout`, `cam` and `free_ps`. The services that wait are numbered in the order in which they will be.
+// `readout`, `cam` and `free_ps`. The services that wait are numbered in the order in which they will be. What the arrays
+// ROW_OPENER to ROW_SERVED hold, `BUS_ROWS` in the crate esaac-layout says.
 
 #include "bus_layout.glsl"
-
-const uint ROW_OPENER = 0u; // by service: when its first event came, nanoseconds from the interval's start
-const uint ROW_EVENTS = 1u; // by service: its row and, times 2^32, its events
-const uint ROW_SERVICE = 2u; // by row: number of its service that waits, from 1 on; 0 if there is none
-const uint ROW_BEGIN = 3u; // by service: its begin
-const uint ROW_END = 4u; // by service: its end
-const uint ROW_JOINED = 5u; // by service: events of this chunk
-const uint ROW_SERVED = 6u; // by service: events up to its own
 
 // What the bus tells of a pixel whose event waits: that it is OFF, or ON.
 const int64_t WAITS = 0x7ffffffffffffffel;
 
+// An element of one of the arrays; BUS_ROW is behind the last.
 uint at_row(uint array, uint index) {
     return readout.bus_base + BUS_HEAD + cam.pixels + array * cam.height + index;
 }
@@ -23,7 +17,7 @@ const uint STRETCH = gl_WorkGroupSize.x / 2u;
 
 // Of a stretch: when the bus is free after it at the latest, if it was idle before.
 uint at_load(uint stretch) {
-    return at_row(7u, 0u) + 2u * stretch;
+    return at_row(BUS_ROW, 0u) + BUS_STRETCH * stretch;
 }
 
 // Of a stretch: the first event before which the bus is idle for certain, and SERVED if all events from there on to the

@@ -400,6 +400,13 @@ vec4 entries_of(Camera cam, uint k, ivec2 at, vec4 reprojected, Correction corre
     return entries;
 }
 
+// A pixel's samples of the frame before, of a component. They still hold if nothing moved or changed.
+vec4 entries_before(Camera cam, uint component, ivec2 at) {
+    const uint top = frame_of(cam, 1u - cam.frame_slot, component) + frame_word(cam, true, at);
+    const uint below = top + cam.half_pel_stride;
+    return vec4(load_plane(top), load_plane(top + 1u), load_plane(below), load_plane(below + 1u));
+}
+
 // Writes a pixel's samples of the half-pel frame; `channel` is the first component that the workgroup takes.
 void write_half_pels(Camera cam, uint channel, uvec2 in_tile, vec4 reprojected[COMPONENTS]) {
     const ivec2 at = tile_origin + ivec2(in_tile);
@@ -412,10 +419,7 @@ void write_half_pels(Camera cam, uint channel, uvec2 in_tile, vec4 reprojected[C
         if (any_change != 0u) {
             entries = entries_of(cam, k, at, reprojected[k], corrections);
         } else {
-            // Nothing moved or changed: the previous frame's samples still hold.
-            const uint top = frame_of(cam, 1u - cam.frame_slot, channel + k) + frame_word(cam, true, at);
-            const uint below = top + cam.half_pel_stride;
-            entries = vec4(load_plane(top), load_plane(top + 1u), load_plane(below), load_plane(below + 1u));
+            entries = entries_before(cam, channel + k, at);
         }
         store_entries(cam, frame_of(cam, cam.frame_slot, channel + k), at, entries);
     }
@@ -499,7 +503,7 @@ void main() {
         }
     }
     if (HALF_PEL) {
-        note_texture(cam, SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u));
+        sum_texture(cam, SUBSTEPS_BY_ERROR && channel == 0u && (RIGID || cam.has_motion != 0u));
     }
     if (RIGID || HALF_PEL || LAYERED) {
         barrier();

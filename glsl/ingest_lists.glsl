@@ -411,9 +411,9 @@ void keep_representatives(Camera cam, Geometry geo) {
     }
 }
 
-// Writes the lists of the tile's blocks. If `still`, nothing has moved and their surfaces are those of the frame before.
+// Writes `representatives` and `passing` of the tile's blocks. If `still`, nothing has moved and their surfaces are those of the frame before.
 // Called by the whole workgroup.
-void write_lists(Camera cam, Geometry geo, bool still) {
+void write_passing(Camera cam, Geometry geo, bool still) {
     const uint lane = gl_LocalInvocationID.x;
     if (lane < TILE_BLOCKS) {
         own_motion[lane] = 0u;
@@ -468,5 +468,5 @@ void write_surfaces(Camera cam, Geometry geo) {
     } else {
         find_surfaces(cam, geo);
     }
-    write_lists(cam, geo, still);
+    write_passing(cam, geo, still);
 }

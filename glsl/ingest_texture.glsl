@@ -28,7 +28,7 @@ uvec2 roughness_of(uint cached) {
 
 // Notes the largest bend and slope of each block, if `bends`, and adds up its roughness. Called by the whole workgroup, whose
 // threads each stay in one block.
-void note_texture(Camera cam, bool bends) {
+void sum_texture(Camera cam, bool bends) {
     const uint lane = gl_LocalInvocationID.x;
     vec2 largest = vec2(0.0);
     uvec2 sums[COMPONENTS];

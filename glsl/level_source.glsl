@@ -59,14 +59,6 @@ void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
 // Log of the linear blend of both frames at `alpha`.
 float blend_frames(Source s, float alpha);
 
-Geometry geometry_of(Camera cam) {
-    Geometry geo;
-    if (RIGID) {
-        geo = geometries[cam.slot];
-    }
-    return geo;
-}
-
 // Whether `level_of_one` makes a pixel's levels: it makes or reads those of all pixels.
 bool shows_one(Source s) {
     return true;
@@ -91,7 +83,7 @@ float level_of_one(Camera cam, Geometry geo, Source s, uint n, uint i, float alp
     if (RIGID && s.one_surface) {
         return max(level_on_path(cam, geo, s.frames, vec2(s.at), s.path, n, i, alpha), cam.log_dark);
     }
-    return uintBitsToFloat(levels[s.first_level + i * ROW_WORDS]);
+    return uintBitsToFloat(levels[s.first_level + i * LEVEL_ROW_WORDS]);
 }
 
 // Counting of the samples of a pixel that show what neither key frame shows: `synthesize` has done it.

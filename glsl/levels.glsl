@@ -5,8 +5,6 @@
 // block's list. A tile takes its rows whole. `levels` need not hold those of all tiles: a tile that found no room is
 // left to the next pass of a tick.
 
-const uint ROW_WORDS = uint(BLOCK_PX) * uint(BLOCK_PX);
-
 // A tile's element of `level_words` has a word for each block: its number of sub-steps, its first row above that, and in
 // the highest bit whether nothing in and around it moves or changes.
 const uint ROW_SHIFT = 7u;
@@ -67,11 +65,11 @@ uint place_in_row(uvec2 at) {
 
 // Word of a pixel in the first row of its block.
 uint first_level_word(uint of_block, uvec2 at) {
-    return row_of_levels(of_block) * ROW_WORDS + place_in_row(at);
+    return row_of_levels(of_block) * LEVEL_ROW_WORDS + place_in_row(at);
 }
 
 // First of the two words of a list with a bit for each pixel of the block whose levels `synthesize` makes.
-const uint LIST_PIXELS_WORD = ROW_WORDS - 2u;
+const uint LIST_PIXELS_WORD = LEVEL_ROW_WORDS - 2u;
 
 // Words of a layer in a list: its place, its slopes, its vector before.
 const uint LAYER_WORDS = 10u;

@@ -29,12 +29,8 @@ void write_rigid_half_pels(Camera cam, Geometry geo, uint channel, uint number, 
         return;
     }
     if (any_change == 0u) {
-        // Nothing moved or changed: the previous frame's samples still hold.
         [[unroll]] for (uint k = 0u; k < COMPONENTS; ++k) {
-            const uint top = frame_of(cam, 1u - cam.frame_slot, channel + k) + frame_word(cam, true, at);
-            const uint below = top + cam.half_pel_stride;
-            const vec4 entries =
-                vec4(load_plane(top), load_plane(top + 1u), load_plane(below), load_plane(below + 1u));
+            const vec4 entries = entries_before(cam, channel + k, at);
             store_entries(cam, frame_of(cam, cam.frame_slot, channel + k), at, entries);
         }
         return;

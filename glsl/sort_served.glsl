@@ -377,10 +377,8 @@ void serve_tile(Camera cam, Camera outlet, uint first_bin, uint base, uvec2 own,
     // If the events of the bin before the tile came at its end. The packet's first events know when the bus is free.
     const int64_t bound_ps = int64_t(max(first_bin, 1u) - 1u) * bin_ps + int64_t(sum_largest) * service_ps;
     const int64_t free_ps = base == 0u ? start_ps : bound_ps;
-    const uint certain = base == 0u ? 0u : find_latest(length, free_ps, service_ps);
-    if (base == 0u) {
-        find_latest(length, free_ps, service_ps);
-    }
+    const uint first_certain = find_latest(length, free_ps, service_ps);
+    const uint certain = base == 0u ? 0u : first_certain;
     if (lane == 0u) {
         cluster_first = NONE;
         cluster_end = NONE;

@@ -109,14 +109,6 @@ void prepare_source(Camera cam, inout Source s, uint n, uint in_tile) {
     }
 }
 
-Geometry geometry_of(Camera cam) {
-    Geometry geo;
-    if (RIGID) {
-        geo = geometries[cam.slot];
-    }
-    return geo;
-}
-
 // Counting of the samples of a pixel that show what neither key frame shows.
 void begin_count() {
     unseen_samples = 0u;

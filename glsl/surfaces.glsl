@@ -16,10 +16,10 @@
 
 // ---- Surfaces of pixels ----
 
-// What a pixel shows, as `surfaces` has it: x is the inverse depth, y the instance and two sets of bits, one for each of
-// the eight pixels around, row by row: whether that continues the pixel's surface, and whether it is pure as far as the
-// pixel can tell. None that does not continue the surface is pure: there the second bit says that it is the front.
-const uint NO_INSTANCE = 0xffffu;
+// What a pixel shows, as `surfaces` has it: x is the inverse depth, y the instance (NO_INSTANCE if there is none) and two
+// sets of bits, one for each of the eight pixels around, row by row: whether that continues the pixel's surface, and
+// whether it is pure as far as the pixel can tell. None that does not continue the surface is pure: there the second bit
+// says that it is the front.
 const uint SURFACE_CONTINUES_SHIFT = 16u;
 const uint SURFACE_PURE_SHIFT = 24u;
 // Bits of pixels around: left, right, above, below, and the four corners.

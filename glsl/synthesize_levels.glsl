@@ -36,18 +36,18 @@ float blend_frames(Source s, float alpha) {
 void prepare_blend(Source s) {}
 
 // The pixels of the block whose levels are made here, and their number.
-shared uint listed_place[ROW_WORDS];
+shared uint listed_place[LEVEL_ROW_WORDS];
 shared uint listed_places;
 
 // Notes the pixels whose levels are made here, of those that a block's list names.
 void load_places(uint row) {
     const uint lane = gl_LocalInvocationID.x;
-    const uint low = levels[row * ROW_WORDS + LIST_PIXELS_WORD];
-    const uint high = levels[row * ROW_WORDS + LIST_PIXELS_WORD + 1u];
+    const uint low = levels[row * LEVEL_ROW_WORDS + LIST_PIXELS_WORD];
+    const uint high = levels[row * LEVEL_ROW_WORDS + LIST_PIXELS_WORD + 1u];
     if (lane == 0u) {
         listed_places = uint(bitCount(low) + bitCount(high));
     }
-    if (lane < ROW_WORDS && (((lane < 32u ? low : high) >> (lane % 32u)) & 1u) != 0u) {
+    if (lane < LEVEL_ROW_WORDS && (((lane < 32u ? low : high) >> (lane % 32u)) & 1u) != 0u) {
         const uint before = (1u << (lane % 32u)) - 1u;
         const uint place = lane < 32u ? uint(bitCount(low & before)) : uint(bitCount(low) + bitCount(high & before));
         listed_place[place] = lane;
@@ -57,14 +57,14 @@ void load_places(uint row) {
 // Loads the list of the block with this first pixel into shared memory.
 void load_list(Camera cam, uint row, vec2 first) {
     const uint lane = gl_LocalInvocationID.x;
-    const uint count = levels[row * ROW_WORDS];
+    const uint count = levels[row * LEVEL_ROW_WORDS];
     if (RIGID) {
         if (lane == 0u) {
             listed_count[0] = count;
         }
         if (lane < count) {
             const Geometry geo = geometries[cam.slot];
-            const uint word = levels[row * ROW_WORDS + 1u + lane];
+            const uint word = levels[row * LEVEL_ROW_WORDS + 1u + lane];
             const uint pixel = word & ~PASSING_KEY;
             bool seen = true;
             const Surface surface =
@@ -81,7 +81,7 @@ void load_list(Camera cam, uint row, vec2 first) {
         if (lane < count) {
             float words[LAYER_WORDS];
             [[unroll]] for (uint word = 0u; word < LAYER_WORDS; ++word) {
-                words[word] = uintBitsToFloat(levels[row * ROW_WORDS + 1u + lane * LAYER_WORDS + word]);
+                words[word] = uintBitsToFloat(levels[row * LEVEL_ROW_WORDS + 1u + lane * LAYER_WORDS + word]);
             }
             found_place[lane] = vec4(words[0], words[1], words[2], words[3]);
             found_slopes[lane] = vec4(words[4], words[5], words[6], words[7]);
@@ -120,7 +120,7 @@ void synthesize_entry(Camera cam, uvec2 at, uint turn, uint turns, uvec4 entry) 
         if (lost) {
             level = level_of_lost(cam, s, float(i) * inverse);
         }
-        levels[first_level + i * ROW_WORDS] = floatBitsToUint(level);
+        levels[first_level + i * LEVEL_ROW_WORDS] = floatBitsToUint(level);
         i += turns;
     } while (i < last);
     const uint unseen = RIGID ? count_unseen(s, n) : 0u;

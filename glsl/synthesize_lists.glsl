@@ -82,7 +82,7 @@ void take_room() {
         entries += entries_of_block(b);
     }
     uint row = rows == 0u ? 0u : atomicAdd(level_entries[push.level].y, rows);
-    has_room = row + rows <= uint(levels.length()) / ROW_WORDS;
+    has_room = row + rows <= uint(levels.length()) / LEVEL_ROW_WORDS;
     first_entry = rows == 0u || !has_room ? 0u : atomicAdd(level_entries[push.level].x, entries);
     for (uint b = 0u; b < TILE_BLOCKS; ++b) {
         const uint own_row = takes_rows(b) ? row : NO_ROW;
@@ -152,14 +152,14 @@ uint list_of_pixel(Camera cam, uvec2 at, uint in_tile) {
     return is_unoccluded(cam, geo, vec2(at), p, in_tile) ? UNOCCLUDED : p.order;
 }
 
-// Writes the lists of the tile's blocks for the second part.
-void write_lists() {
+// Writes the rows of `levels` that hold the lists of the tile's blocks, for the second part.
+void write_list_rows() {
     const uint lane = gl_LocalInvocationID.x;
-    const uint b = lane / ROW_WORDS;
-    const uint place = lane % ROW_WORDS;
+    const uint b = lane / LEVEL_ROW_WORDS;
+    const uint place = lane % LEVEL_ROW_WORDS;
     if (takes_rows(b)) {
         const uint row = row_of_levels(block_words[b]) + block_substeps[b];
-        levels[row * ROW_WORDS + place] = list_word(b, place);
+        levels[row * LEVEL_ROW_WORDS + place] = list_word(b, place);
     }
 }
 
@@ -232,7 +232,7 @@ void main() {
         return;
     }
     write_entries(index, cam);
-    write_lists();
+    write_list_rows();
     if (has_list && takes_rows(tile.in_tile)) {
         levels[first_level_word(block_words[tile.in_tile], at)] = list;
     }

@@ -39,7 +39,7 @@ bool is_smooth_block(Camera cam, uint key, uvec2 block, uint of_texture) {
 
 // Notes what a block of a frame, around or at the tile's `b`th block (`is_own`), says about sub-steps along exact
 // paths.
-void note_texture(Camera cam, uint b, uint of_texture, bool is_smooth, bool is_own) {
+void note_texture_need(Camera cam, uint b, uint of_texture, bool is_smooth, bool is_own) {
     if (is_smooth) {
         const float way_px = uintBitsToFloat(passing_motion(cam, b));
         const float way_bend_px = uintBitsToFloat(passing_word(cam, b, 2u));
@@ -133,7 +133,7 @@ void load_activity(Camera cam, TileBlocks tile) {
             }
             if (RIGID) {
                 const bool is_smooth = is_smooth_block(cam, neighbour < 9u ? 1u : 0u, uvec2(near), near_block.w);
-                note_texture(cam, which_block, near_block.w, is_smooth, neighbour % 9u == 4u);
+                note_texture_need(cam, which_block, near_block.w, is_smooth, neighbour % 9u == 4u);
             }
         }
     }

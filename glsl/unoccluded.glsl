@@ -96,3 +96,12 @@ float level_on_path(Camera cam, Geometry geo, Frames frames, vec2 at, OwnPath pa
         read_level(cam, frames.current, 0.5 * snapped(2.0 * at_keys.zw), frames.parameters.y),
         say_end / (say_start + say_end));
 }
+
+// The camera's geometry, if it has one.
+Geometry geometry_of(Camera cam) {
+    Geometry geo;
+    if (RIGID) {
+        geo = geometries[cam.slot];
+    }
+    return geo;
+}

@@ -216,8 +216,8 @@ spec_constants! {
     taps: Taps,
     /// Whether sub-steps are also written to `samples`, for tests.
     dump_samples: bool,
-    /// Whether sub-tiles with more events than the queue holds are walked a second time, which scatters what it does not
-    /// hold; else they are left.
+    /// Whether sub-tiles with more events than the queue holds are walked again, which scatters what it does not hold; else
+    /// they are left.
     walks_again: bool,
     /// Events that the queue has room for, for each pixel of a sub-tile.
     queue_per_px: u32,

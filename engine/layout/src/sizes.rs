@@ -30,6 +30,10 @@ pub const CROWDED_QUEUE_PER_PX: u32 = 3 * QUEUE_PER_PX;
 pub const INGEST_THREADS: u32 =
     TILE_BLOCKS * esaac_model::substeps::BLOCK_PX * esaac_model::substeps::BLOCK_PX;
 
+/// Most time bins of a voxel grid: `voxel_grid` counts its votes' places in 32 bits, which more than 2^18 bins overflow,
+/// and its target has so many elements for each pixel.
+pub const MOST_BINS: u32 = 256;
+
 /// Sub-tiles of a tile.
 pub const SUB_TILES: u32 = INGEST_THREADS / CROSS_THREADS;
 
@@ -50,6 +54,12 @@ pub const MOST_PASSES: u32 = 16;
 
 /// Threads of a workgroup of `sort` on a GPU.
 pub const SORT_THREADS: u32 = 256;
+
+/// In place of a row of `instances`: no instance. `surfaces` has 16 bits for a row.
+pub const NO_INSTANCE: u32 = 0xffff;
+
+/// Most instances of a camera: their rows are below [`NO_INSTANCE`].
+pub const MOST_INSTANCES: usize = NO_INSTANCE as usize;
 
 /// Rows of an instance in `poses`, four numbers each: for each instant of
 /// [`POSE_INSTANTS`](esaac_model::synthesis::rigid::POSE_INSTANTS) the motion from camera axes then to those of key frame
@@ -93,10 +103,22 @@ pub const READOUT_THREADS: u32 = 256;
 /// Elements of a camera in `bus` before those of its pixels and rows.
 pub const BUS_HEAD: u32 = 7;
 
-/// Elements of a row in `bus`, in as many arrays.
-pub const BUS_ROW: u32 = 7;
+/// Arrays in `bus` with an element for each row of pixels, which as many services can have. Kernels know them as `ROW_NAME`.
+pub(crate) const BUS_ROWS: [&str; 7] = [
+    // By service: when its first event came, nanoseconds from the interval's start.
+    "OPENER",  // By service: its row and, times 2^32, its events.
+    "EVENTS",  // By row: number of its service that waits, from 1 on; 0 if there is none.
+    "SERVICE", // By service: its begin.
+    "BEGIN",   // By service: its end.
+    "END",     // By service: events of the chunk that is being read out.
+    "JOINED",  // By service: events up to its own.
+    "SERVED",
+];
 
-/// The first of these arrays: those that outlive a tick.
+/// Elements of a row in `bus`.
+pub const BUS_ROW: u32 = BUS_ROWS.len() as u32;
+
+/// The first of them, those that outlive a tick: all up to `SERVICE`.
 pub const BUS_KEPT_ROW: u32 = 3;
 
 /// Most events that leave the bus after an interval that `sort` serves.

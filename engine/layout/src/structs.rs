@@ -309,9 +309,7 @@ gpu_struct! {
         /// Leak for each unit of charge that light and dark current drive, Q7.24.
         light_q24_per_charge: f32,
         /// Fills the row up to a multiple of 16 bytes.
-        unused: u32,
-        /// As `unused`.
-        also_unused: u32,
+        padding: u64,
     }
 }
 
@@ -430,7 +428,7 @@ gpu_struct! {
         heavy: u32,
         /// Deferred events that `sort` has gathered so far.
         gathered_deferred: u32,
-        /// Pixels of the frame without a path because their depth is NaN or negative.
+        /// Pixels of the frame without a path because their depth is NaN, negative or too small to invert.
         without_depth: u32,
         /// Pixels without a path because their instance has no poses.
         without_poses: u32,

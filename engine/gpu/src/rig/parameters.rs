@@ -207,8 +207,7 @@ pub(super) fn physical_row(sensor: &SensorModel) -> Physical {
         dark_leak_q24_per_s: (q24 * sensor.contrast_on * pixel.leak_hz(0.0, 1.0)) as f32,
         dark_light_q24_per_s: (light_q24 * pixel.dark_intensity(1.0)) as f32,
         light_q24_per_charge: (light_q24 / drive_per_s) as f32,
-        unused: 0,
-        also_unused: 0,
+        padding: 0,
     }
 }
 

@@ -4,19 +4,13 @@ use super::geometry::Place;
 use super::sensor::is_rigid;
 use super::{CameraConfig, CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
-use esaac_layout::Geometry;
+use esaac_layout::{Geometry, MOST_INSTANCES, NO_INSTANCE};
 use esaac_model::paths::conventions::Trust;
 use esaac_model::paths::{PoseTrack, STATIC_WORLD, SceneMotion};
 use std::collections::HashSet;
 
-/// Most instances of a camera: `surfaces` has 16 bits for them, and one value means none.
-pub(super) const MOST_INSTANCES: usize = 0xffff;
-
 /// Cameras of a rig whose poses are watched. Many are environments, which are alike.
 const WATCHED_CAMERAS: usize = 16;
-
-/// The row of an id that has none, in `instances`.
-const NO_ROW: u32 = 0xffff;
 
 /// The rows of a camera's instances in its tables. The surfaces of the last frame name instances by row, so a row keeps
 /// its instance until no surface names it.
@@ -54,7 +48,7 @@ impl Instances {
             .collect();
         if known.is_empty() {
             // Kernels look for every id among one at least.
-            known.push([STATIC_WORLD, NO_ROW]);
+            known.push([STATIC_WORLD, NO_INSTANCE]);
         }
         known.sort_unstable();
         Instances { rows, known }
@@ -265,7 +259,7 @@ mod tests {
         assert_eq!((some.known(), some.ids()), (&[[0, 0]][..], vec![0, 4]));
         assert_eq!(posed(&some), [true, false]);
         let none = all.with(&scene, &Trust::Nothing, 1);
-        assert_eq!((none.known(), none.ids()), (&[[0, NO_ROW]][..], vec![0, 4]));
+        assert_eq!((none.known(), none.ids()), (&[[0, NO_INSTANCE]][..], vec![0, 4]));
         assert_eq!(posed(&none), [false, false]);
         assert_eq!(none.with(&scene, &Trust::All, 2), all);
     }
