@@ -49,6 +49,7 @@ impl From<EngineError> for Fault {
             EngineError::SizeChange { .. }
             | EngineError::NoSuchCamera { .. }
             | EngineError::NoEventIds(_)
+            | EngineError::Bins { .. }
             | EngineError::Snapshot(_) => Fault::Argument(error.to_string()),
             other => Fault::Device(other.to_string()),
         }

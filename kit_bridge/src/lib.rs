@@ -110,6 +110,7 @@ fn lux_per_unit(
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("POSE_NEIGHBOURS", NEIGHBOURS)?;
+    module.add("MOST_BINS", esaac_engine::MOST_BINS)?;
     module.add_class::<engine::Engine>()?;
     module.add_class::<packet::PyPacket>()?;
     module.add_class::<ros::RosPublisher>()?;

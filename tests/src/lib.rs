@@ -15,6 +15,7 @@ pub mod pairs;
 pub mod peer;
 pub mod recording;
 pub mod run;
+pub mod saved;
 pub mod sequence;
 
 /// The Rust example of the guide.

@@ -2,7 +2,7 @@
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    FrameBytes, InputBuffers, MemoryLocation, PacketPlace, Representation, Rig, RigOptions, Share,
+    FrameBytes, InputBuffers, MOST_BINS, MemoryLocation, PacketPlace, Representation, Rig, RigOptions, Share,
     SubmitHooks, Tick,
 };
 use esaac_model::{HdrFormat, MotionFormat, Packet, SensorModel, Synthesis};
@@ -184,6 +184,21 @@ fn event_frames_and_voxel_grids_are_the_oracles() {
         }
         before_ns = Some(t_ns);
     }
+    drop(rig);
+    assert_silent();
+}
+
+#[test]
+fn voxel_grids_of_no_bins_or_too_many_are_refused() {
+    let (mut rig, sequences) = rig_of_three(RigOptions::default());
+    step(&mut rig, &sequences, 0);
+    for bins in [0, MOST_BINS + 1, 1 << 18, u32::MAX] {
+        let error = rig.represent_to_host(Representation::VoxelGrid { bins }).expect_err("a number of bins");
+        assert_eq!(error.to_string(), format!("{bins} bins, expected 1 to 256"));
+    }
+    let pixels: u64 = SIZES.iter().map(|(width, height)| u64::from(width * height)).sum();
+    let most = rig.represent_to_host(Representation::VoxelGrid { bins: MOST_BINS }).expect("a grid");
+    assert_eq!(most.len() as u64, 4 * u64::from(MOST_BINS) * pixels);
     drop(rig);
     assert_silent();
 }

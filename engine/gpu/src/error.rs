@@ -127,6 +127,14 @@ pub enum EngineError {
     /// Instances of events that cannot be told: why.
     #[error("the instances that events show are not known: {0}")]
     NoEventIds(String),
+    /// A voxel grid of no bins, or of too many.
+    #[error("{actual} bins, expected 1 to {expected}")]
+    Bins {
+        /// Most bins.
+        expected: u32,
+        /// Asked for.
+        actual: u32,
+    },
     /// A camera with synthesis `rigid` without poses.
     #[error("camera {camera}: synthesis `rigid` needs poses; set them before the step")]
     NoScene {

@@ -35,7 +35,7 @@ pub use device::Device;
 pub use device::Restrictions;
 pub use devices::{Capability, DeviceChoice, DeviceInfo, list_devices};
 pub use error::EngineError;
-pub use esaac_layout::MAX_CAMERAS;
+pub use esaac_layout::{MAX_CAMERAS, MOST_BINS};
 #[doc(hidden)]
 pub use faults::{FaultHook, FaultPoint};
 pub use gpu_allocator::MemoryLocation;

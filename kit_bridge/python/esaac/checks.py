@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from esaac._native import MOST_BINS
 from esaac.errors import ArgumentError, FrameError
 
 LEAST_NS, MOST_NS = -(1 << 63), (1 << 63) - 1
 """Times have 64 bits."""
-
-MOST_BINS = 256
-"""The engine makes no more for each pixel."""
 
 
 def nanoseconds(t_ns: Any, name: str = "t_ns") -> int:

@@ -76,6 +76,8 @@ fn refuses_everything(rig: &mut Rig) {
         refused(rig.save().map(|_| ()));
         refused(rig.restore(&[]));
         refused(rig.represent_to_host(Representation::EventFrame).map(|_| ()));
+        // There are no events to gather, which is no answer either.
+        refused(rig.represent_to_host(Representation::Gathered).map(|_| ()));
         assert_eq!(rig.last_tick().events, [0, 0]);
         assert!(rig.stage_host_times().expect("no times").is_none());
         until_done(rig);

@@ -42,6 +42,7 @@ fn a_step_that_times_out_loses_the_rig_and_says_what_to_do() {
     refused(rig.save().map(|_| ()));
     refused(rig.restore(&driver.saved));
     refused(rig.represent_to_host(Representation::EventFrame).map(|_| ()));
+    refused(rig.represent_to_host(Representation::Gathered).map(|_| ()));
     refused(rig.upload(
         0,
         &FrameBytes { hdr: &driver.sequences[0].frames[1].hdr, motion: None, ..FrameBytes::default() },

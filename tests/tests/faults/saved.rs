@@ -6,6 +6,7 @@ use esaac_engine::{EngineError, Rig, RigOptions};
 use esaac_model::{Intensity, SensorModel};
 use esaac_tests::device::{alone, assert_silent};
 use esaac_tests::run;
+use esaac_tests::saved::{with_header, with_value};
 
 #[test]
 fn a_state_saved_after_planes_have_grown_is_taken_up_by_any_rig_of_its_sensors() {
@@ -73,36 +74,14 @@ fn a_state_with_a_damaged_byte_is_refused_and_changes_nothing() {
     assert_silent();
 }
 
-/// The CRC-32 of a saved state, bit by bit.
-fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(!0, |crc, &byte| {
-        (0..8)
-            .fold(crc ^ u32::from(byte), |crc: u32, _| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
-    })
-}
-
 #[test]
 fn a_state_that_claims_more_waiting_events_than_it_has_is_refused() {
     let _alone = alone();
     let (mut rig, saved) = waiting();
-    let header_bytes = u64::from_le_bytes(saved[8..16].try_into().expect("eight bytes")) as usize;
-    let (header, body) = saved[16..saved.len() - 4].split_at(header_bytes);
-    let header = std::str::from_utf8(header).expect("JSON");
-    let key = "\"deferred_events\":";
-    let (before, after) = header.split_once(key).expect("a number of events");
-    let (own, after) = after.split_at(after.find(',').expect("more follows"));
-    let sealed = |events: &str| {
-        let header = format!("{before}{key}{events}{after}");
-        let mut bytes = saved[..8].to_vec();
-        bytes.extend((header.len() as u64).to_le_bytes());
-        bytes.extend(header.as_bytes());
-        bytes.extend(body);
-        bytes.extend(crc32(&bytes).to_le_bytes());
-        bytes
-    };
-    assert!(sealed(own) == saved);
+    assert!(with_header(&saved, str::to_owned) == saved);
     for events in ["0", "4294967295"] {
-        let refused = rig.restore(&sealed(events)).expect_err("other events than there are").to_string();
+        let made_up = with_value(&saved, "deferred_events", events);
+        let refused = rig.restore(&made_up).expect_err("other events than there are").to_string();
         assert!(refused.contains("bytes of buffers, expected"), "{refused}");
     }
     drop(rig);

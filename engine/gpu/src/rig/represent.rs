@@ -12,7 +12,7 @@ use crate::kernel::{record_barrier, record_barrier_from_transfer, record_host_ba
 use crate::memory::Buffer;
 use ash::vk;
 use bytemuck::bytes_of;
-use esaac_layout::{Push, Slice};
+use esaac_layout::{MOST_BINS, Push, Slice};
 use gpu_allocator::MemoryLocation;
 
 /// A representation of packets.
@@ -32,7 +32,7 @@ pub enum Representation {
     /// Votes of +1 (ON) or -1 (OFF), split between the two nearest time bins, f32, `[camera][bin][row][column]` (Zhu et
     /// al., CVPR 2019); see `voxel_grid.comp`.
     VoxelGrid {
-        /// Number of time bins, at least one.
+        /// Number of time bins, from one to [`MOST_BINS`].
         bins: u32,
     },
 }
@@ -94,7 +94,8 @@ impl Rig {
 
     /// Writes a representation of the last tick's packets into `target`, and waits. Cameras without an interval in that
     /// tick have no events. [`EngineError::OutOfMemory`] if `target` is too small, or for 2^32 elements and more;
-    /// [`EngineError::NoEventIds`] for [`Representation::EventIds`] if a camera's synthesis is not `rigid`.
+    /// [`EngineError::NoEventIds`] for [`Representation::EventIds`] if a camera's synthesis is not `rigid`;
+    /// [`EngineError::Bins`] for a number of bins that no voxel grid has.
     pub fn represent(
         &mut self,
         what: Representation,
@@ -188,6 +189,7 @@ impl Rig {
 
     /// A representation of the last tick's packets in host memory, as bytes; empty if it has no elements.
     pub fn represent_to_host(&mut self, what: Representation) -> Result<Vec<u8>, EngineError> {
+        self.check_ready()?;
         self.check_form(what)?;
         let bytes = self.elements(what) * what.element_bytes();
         if bytes == 0 {
@@ -202,7 +204,13 @@ impl Rig {
 
     /// Whether a representation can be had.
     fn check_form(&self, what: Representation) -> Result<(), EngineError> {
-        if what == Representation::EventIds { self.check_event_ids() } else { Ok(()) }
+        match what {
+            Representation::EventIds => self.check_event_ids(),
+            Representation::VoxelGrid { bins } if !(1..=MOST_BINS).contains(&bins) => {
+                Err(EngineError::Bins { expected: MOST_BINS, actual: bins })
+            }
+            _ => Ok(()),
+        }
     }
 
     fn slices(&self, what: Representation, before: u64) -> Vec<Slice> {
@@ -218,7 +226,8 @@ impl Rig {
                     events,
                     width: camera.config.sensor.width,
                     pixels: camera.place.pixels,
-                    base_to_start_ns: u32::try_from(camera.last_start_ns - packet.base_ns).unwrap_or(0),
+                    base_to_start_ns: u32::try_from(camera.last_start_ns - packet.base_ns)
+                        .expect("the base is the start rounded down to a quantum, which has 32 bits"),
                     interval_ns: camera.last_interval_ns.max(1),
                     first: first as u32,
                     events_before,

@@ -9,11 +9,12 @@ use super::sensor::has_bus;
 use super::transfer::{Part, Write, Writes, read_back};
 use super::{CameraState, GeometryConfig, Rig};
 use crate::error::EngineError;
-use esaac_layout::{self as layout, BINDINGS, Counters};
+use esaac_layout::{self as layout, BINDINGS, Counters, MOST_INSTANCES};
 use esaac_model::paths::conventions::{PoseCheck, Trust};
 use esaac_model::paths::{Projection, STATIC_WORLD};
 use esaac_model::synthesis::layers::MAX_LAYERS;
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 
 /// Buffers that outlive a tick. A saved state holds the part of each that the sensors need. Of the counters it holds the
 /// numbers of events that wait, in its header: kernels index by the others.
@@ -136,7 +137,8 @@ impl Rig {
     }
 
     /// Restores a saved state into a rig with the same cameras and sensors. [`EngineError::Snapshot`] if they differ or
-    /// the bytes are damaged. On an error the rig's state has not changed.
+    /// the bytes are damaged; [`EngineError::TooManyInstances`] if the saved instances and those of the present poses are
+    /// too many together. On an error the rig's state has not changed.
     ///
     /// A checksum finds damage, not intent: of bytes that somebody has made up, only what the header says is checked.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EngineError> {
@@ -236,6 +238,21 @@ impl Rig {
             if saved.instances.first() != Some(&STATIC_WORLD) {
                 return Err(bad(format!("camera {number} has no static world in its instances")));
             }
+            let (rows, distinct) =
+                (saved.instances.len(), saved.instances.iter().collect::<HashSet<_>>().len());
+            if distinct != rows {
+                return Err(bad(format!(
+                    "camera {number} has {distinct} different ids in {rows} rows of instances, expected one in each"
+                )));
+            }
+            let rows = c.restored_instances(&saved.instances, &Trust::All, saved.frames).len();
+            if rows > MOST_INSTANCES {
+                return Err(EngineError::TooManyInstances {
+                    camera: number,
+                    expected: MOST_INSTANCES,
+                    actual: rows,
+                });
+            }
             let most = c.place.pixels;
             if saved.leaving_events > most {
                 let actual = saved.leaving_events;
@@ -260,8 +277,7 @@ impl Rig {
     /// Grows event buffers that are too small for the deferred events, and tables for the instances; nothing else
     /// changes.
     fn make_room(&mut self, header: &Header) -> Result<(), EngineError> {
-        let places = self.places();
-        let mut places = places;
+        let mut places = self.places();
         for ((place, c), saved) in places.iter_mut().zip(&self.cameras).zip(&header.cameras) {
             let rows = c.restored_instances(&saved.instances, &Trust::All, saved.frames);
             let instances = rows.len() as u32;

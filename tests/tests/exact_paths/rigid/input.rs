@@ -8,6 +8,7 @@ use esaac_oracle::synthesize::rigid::Rigid;
 use esaac_scene::SceneKind;
 use esaac_tests::device::{DEVICE, assert_silent};
 use esaac_tests::geometry::{KeyFrame, Rendered};
+use esaac_tests::saved::with_value;
 use glam::DVec3;
 
 const SIZE: (u32, u32) = (45, 29);
@@ -263,6 +264,40 @@ fn a_saved_rig_goes_on_as_if_it_had_not_stopped() {
         ..rendered.camera(&sensor())
     };
     assert!(Rig::new(&DEVICE, &[no_geometry]).expect("a rig").restore(&saved).is_err());
+    assert_silent();
+}
+
+/// Surfaces have 16 bits for the row of their instance.
+#[test]
+fn a_saved_state_with_too_many_instances_is_refused() {
+    let rendered = rendered();
+    let expected = packets(&rendered);
+    let mut rig = rendered.rig(&sensor(), RigOptions::default());
+    for frame in &rendered.frames[..2] {
+        step(&mut rig, frame).expect("a frame");
+    }
+    let saved = rig.save().expect("a rig that is well");
+    let most = 0xffff_u32;
+    // None of these is of the scene, so its instances need rows of their own.
+    let others: Vec<u32> = std::iter::once(0).chain(1_000_001..1_000_000 + most).collect();
+    let refused = |rig: &mut Rig, ids: &[u32]| {
+        rig.restore(&with_value(&saved, "instances", &format!("{ids:?}"))).expect_err("not such instances")
+    };
+    let own = rendered.scene.ids().count();
+    match refused(&mut rig, &others) {
+        EngineError::TooManyInstances { camera: 0, expected, actual } => {
+            assert_eq!((expected, actual), (most as usize, most as usize + own));
+        }
+        error => panic!("{error}"),
+    }
+    let too_many: Vec<u32> = (0..=most).collect();
+    assert!(matches!(refused(&mut bare_rig(&rendered), &too_many), EngineError::TooManyInstances { .. }));
+    let error = refused(&mut rig, &[0, 7, 7]).to_string();
+    assert!(error.contains("2 different ids in 3 rows"), "{error}");
+    // The rig has not changed.
+    for (index, frame) in rendered.frames.iter().enumerate().skip(2) {
+        assert!(step(&mut rig, frame).expect("a frame") == expected[index], "frame {index}");
+    }
     assert_silent();
 }
 
