@@ -157,11 +157,11 @@ impl Service {
         let _zone = zone!("release");
         for frame in &ready {
             if stepped.is_ok() {
-                self.server.release(frame, Outcome::Stepped)?;
+                self.server.release(frame, Outcome::Stepped);
                 self.last_ns[frame.camera] = Some(frame.t_ns);
                 self.warn_of_input(frame.camera, frame.slot().inputs().depth.is_some())?;
             } else {
-                self.server.release(frame, Outcome::Dropped)?;
+                self.server.release(frame, Outcome::Dropped);
                 self.broken[frame.camera] = true;
             }
         }
@@ -218,7 +218,8 @@ impl Service {
         while let Some(frame) = ready.get(index) {
             let camera = frame.camera;
             let gap = |last: i64| frame.t_ns.saturating_sub(last) > MAX_INTERVAL_NS;
-            let anew = frame.first || std::mem::take(&mut self.broken[camera]);
+            let was_broken = std::mem::take(&mut self.broken[camera]);
+            let anew = frame.first || was_broken;
             if self.last_ns[camera].is_some_and(|last| anew || gap(last)) {
                 self.rig.reset(camera)?;
                 self.resets += 1;

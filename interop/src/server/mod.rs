@@ -265,7 +265,7 @@ impl Server {
     }
 
     /// Gives a frame's slot back to its producer and signals its timeline. The device must be done with it.
-    pub fn release(&self, ready: &Ready, outcome: Outcome) -> Result<(), InteropError> {
+    pub fn release(&self, ready: &Ready, outcome: Outcome) {
         let mut state = self.shared.lock();
         let counts = &mut state.counts[ready.camera];
         if outcome == Outcome::Stepped {
@@ -275,10 +275,10 @@ impl Server {
         } else {
             counts.dropped += 1;
         }
-        let Some(index) = state.links.iter().position(|link| link.id == ready.link) else { return Ok(()) };
-        let told = state.links[index].give_back(ready.notice.slot, outcome);
-        self.shared.settle(&mut state, index, told);
-        Ok(())
+        if let Some(index) = state.links.iter().position(|link| link.id == ready.link) {
+            let told = state.links[index].give_back(ready.notice.slot, outcome);
+            self.shared.settle(&mut state, index, told);
+        }
     }
 
     /// Ends the connection of a frame's producer because of an error; the frame counts as abandoned.

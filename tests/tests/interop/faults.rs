@@ -114,11 +114,7 @@ fn wrong_version() {
 #[test]
 fn another_protocol_and_truncated_messages() {
     refused(first_bytes(b"GET / HTTP/1.1\r\n".to_vec()), ErrorCode::Protocol, &["0x20544547"]);
-    refused(
-        first_bytes(vec![1, 2, 3]),
-        ErrorCode::Protocol,
-        &["3 bytes", "expected 16"].map(|w| if w == "3 bytes" { "header of 3 bytes" } else { w }),
-    );
+    refused(first_bytes(vec![1, 2, 3]), ErrorCode::Protocol, &["header of 3 bytes", "expected 16"]);
     let hello = Message::Hello(greeting()).to_bytes(Version::Two, 0);
     refused(first_bytes(hello[..40].to_vec()), ErrorCode::Protocol, &["HELLO of 40 bytes", "expected 112"]);
     let long = [hello, vec![0; 4000]].concat();
@@ -262,7 +258,7 @@ fn descriptors_that_are_no_memory() {
     refused(brings(HDR, junk), ErrorCode::Memory, &["camera 0 slot 0 hdr"]);
     let few = || memory_files(8192, MemfdFlags::ALLOW_SEALING).into_iter().take(2).collect();
     refused(brings(HDR, few), ErrorCode::Protocol, &["BROUGHT with 2 descriptors, expected 6"]);
-    if DEVICE.info().kind == "software" {
+    if DEVICE.is_software() {
         let unsealed = || memory_files(8192, MemfdFlags::empty());
         refused(brings(HDR, unsealed), ErrorCode::Memory, &["can shrink"]);
     }
@@ -374,7 +370,7 @@ fn a_peer_that_reads_nothing_is_closed_when_its_queue_is_full() {
         if ready.is_empty() {
             break;
         }
-        server.release(&ready[0], Outcome::Stepped).unwrap();
+        server.release(&ready[0], Outcome::Stepped);
         if server.counts()[0].lost == 1 {
             break;
         }
