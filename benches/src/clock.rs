@@ -54,13 +54,14 @@ impl Clock {
     pub fn new(device: &Arc<Device>) -> Result<Self> {
         let words = esaac_kernels::words(include_bytes!(concat!(env!("OUT_DIR"), "/heat.spv")));
         let sink = device.allocate("heat", 16, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly)?;
-        let kernel = Kernel::new(device, "heat", &words, 1, 4, &[])?;
         #[expect(unsafe_code, reason = "Vulkan's edge")]
-        // SAFETY: the kernel was just made, so no commands use it yet. `Clock` owns the kernel and its buffer and drops
-        // both together.
-        unsafe {
+        // SAFETY: the build script has compiled the kernel, which has one buffer and a word of push constants. It was just
+        // made, so no commands use it yet. `Clock` owns the kernel and its buffer and drops both together.
+        let kernel = unsafe {
+            let kernel = Kernel::new(device, "heat", &words, 1, 4, &[])?;
             kernel.bind(&[&sink]);
-        }
+            kernel
+        };
         // A processor's clock does not drop between ticks, and heating it would take time from the measurement.
         let heats = !device.is_software();
         Ok(Clock {
@@ -119,13 +120,15 @@ impl Clock {
             |name| self.device.allocate(name, bytes, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly);
         let (from, to) = (buffer("copied from")?, buffer("copied to")?);
         let words = esaac_kernels::words(include_bytes!(concat!(env!("OUT_DIR"), "/copy.spv")));
-        let kernel = Kernel::new(&self.device, "copy", &words, 2, 4, &[])?;
         #[expect(unsafe_code, reason = "Vulkan's edge")]
-        // SAFETY: the kernel was just made, so no commands use it yet. Kernel and buffers live to the end of this
-        // function, and `time_once` waits for each submission.
-        unsafe {
+        // SAFETY: the build script has compiled the kernel, which has two buffers and a word of push constants. It was
+        // just made, so no commands use it yet. Kernel and buffers live to the end of this function, and `time_once`
+        // waits for each submission.
+        let kernel = unsafe {
+            let kernel = Kernel::new(&self.device, "copy", &words, 2, 4, &[])?;
             kernel.bind(&[&from, &to]);
-        }
+            kernel
+        };
         let count = (bytes / 16) as u32;
         let mut best_ns = f64::INFINITY;
         for _ in 0..5 {

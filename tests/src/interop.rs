@@ -231,7 +231,9 @@ pub struct Checksum {
 impl Default for Checksum {
     fn default() -> Self {
         let words = esaac_kernels::words(include_bytes!(concat!(env!("OUT_DIR"), "/checksum.spv")));
-        let kernel = Kernel::new(&DEVICE, "checksum", &words, 2, 4, &[]).expect("a kernel that builds");
+        // SAFETY: the build script has compiled it; it has two buffers and a word of push constants.
+        let kernel =
+            unsafe { Kernel::new(&DEVICE, "checksum", &words, 2, 4, &[]) }.expect("a kernel that builds");
         let sums = DEVICE
             .allocate("sums", 8, vk::BufferUsageFlags::empty(), MemoryLocation::GpuToCpu)
             .expect("eight bytes");

@@ -46,7 +46,8 @@ fn buffer(device: &Arc<Device>, name: &str) -> Buffer {
 fn kernel(device: &Arc<Device>, name: &str, buffers: &[&Buffer], push_bytes: u32) -> Kernel {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("glsl").join(format!("{name}.comp"));
     let words = compile(&source, &[], &[], Optimise::Yes).expect("a kernel that compiles");
-    let kernel = Kernel::new(device, name, &words, buffers.len() as u32, push_bytes, &[])
+    // SAFETY: glslc has just compiled it; the tests name its buffers and push constants.
+    let kernel = unsafe { Kernel::new(device, name, &words, buffers.len() as u32, push_bytes, &[]) }
         .expect("a kernel that builds");
     // SAFETY: the kernel was just made, so nothing uses it; the buffers outlive it.
     unsafe { kernel.bind(buffers) };

@@ -18,7 +18,7 @@ pub mod stages {
 
 /// Descriptor sets of one layout, each bound as set 0 with slots from 0 on. One of them is selected: kernels are bound
 /// to it and recorded with it.
-pub struct BindingSet {
+pub(crate) struct BindingSet {
     device: Arc<Device>,
     layout: vk::DescriptorSetLayout,
     pool: vk::DescriptorPool,
@@ -32,7 +32,7 @@ pub(crate) type SlotKind = Option<vk::DescriptorType>;
 
 impl BindingSet {
     /// One set of `slots` storage buffers.
-    pub fn new(device: &Arc<Device>, slots: u32) -> Result<Arc<Self>, EngineError> {
+    fn new(device: &Arc<Device>, slots: u32) -> Result<Arc<Self>, EngineError> {
         BindingSet::with_sets(device, vec![Some(vk::DescriptorType::STORAGE_BUFFER); slots as usize], 1)
     }
 
@@ -98,9 +98,8 @@ impl BindingSet {
     /// nothing.
     ///
     /// # Safety
-    /// No submission that uses the set is pending, and no command buffer recorded with it is submitted before it is
-    /// recorded anew. The buffers live until the last submission that uses the set has finished.
-    pub unsafe fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
+    /// As of [`Kernel::bind`].
+    pub(crate) unsafe fn bind<'a>(&self, buffers: impl IntoIterator<Item = &'a Buffer>) {
         let infos: Vec<_> = buffers
             .into_iter()
             .map(|b| {
@@ -152,7 +151,11 @@ pub struct Kernel {
 
 impl Kernel {
     /// A kernel with `storage_bindings` storage buffers of its own; `specialisation[i]` is constant id `i`.
-    pub fn new(
+    ///
+    /// # Safety
+    /// `spirv` is valid for a compute pipeline: spirv-val accepts it, its entry point is `main`, and its bindings, push
+    /// constants and specialisation constants are those given here.
+    pub unsafe fn new(
         device: &Arc<Device>,
         name: &str,
         spirv: &[u32],
@@ -161,11 +164,15 @@ impl Kernel {
         specialisation: &[u32],
     ) -> Result<Self, EngineError> {
         let bindings = BindingSet::new(device, storage_bindings)?;
-        Kernel::with_bindings(&bindings, name, spirv, push_bytes, specialisation)
+        // SAFETY: the caller's contract is the same.
+        unsafe { Kernel::with_bindings(&bindings, name, spirv, push_bytes, specialisation) }
     }
 
     /// A kernel on bindings that it shares; `specialisation[i]` is constant id `i`.
-    pub fn with_bindings(
+    ///
+    /// # Safety
+    /// As of [`Kernel::new`].
+    pub(crate) unsafe fn with_bindings(
         bindings: &Arc<BindingSet>,
         stage: &str,
         spirv: &[u32],
@@ -180,14 +187,16 @@ impl Kernel {
             push_bytes,
             specialisation,
         };
-        let pipeline = bindings.device.pipelines().get(&bindings.device, &source)?;
+        // SAFETY: the caller's contract is the same; the layout is that of the slots.
+        let pipeline = unsafe { bindings.device.pipelines().get(&bindings.device, &source) }?;
         Ok(Kernel { bindings: Arc::clone(bindings), pipeline, push_bytes })
     }
 
     /// Binds buffers to the kernel's slots.
     ///
     /// # Safety
-    /// As of [`BindingSet::bind`].
+    /// No submission that uses the slots is pending, and no command buffer recorded with them is submitted before it is
+    /// recorded anew. The buffers live until the last submission that uses the slots has finished.
     pub unsafe fn bind(&self, buffers: &[&Buffer]) {
         // SAFETY: the caller's contract is the same.
         unsafe { self.bindings.bind(buffers.iter().copied()) };

@@ -21,6 +21,9 @@ type Files = BTreeMap<PathBuf, Stamp>;
 /// A copy of `glsl/` whose kernels a rig runs instead of the embedded ones, see
 /// [`Rig::reload_kernels`](crate::Rig::reload_kernels). It holds a file `NAME.comp` for each kernel, and their
 /// includes.
+///
+/// The folder is trusted as the program's own code is: a kernel must compile and have the layouts of the Rust code, but
+/// nothing keeps it from reading or writing beyond its buffers.
 pub struct KernelFolder {
     folder: PathBuf,
     /// Generated includes, which are not in `glsl/`.

@@ -40,7 +40,7 @@ pub use esaac_layout::{MAX_CAMERAS, MOST_BINS};
 pub use faults::{FaultHook, FaultPoint};
 pub use gpu_allocator::MemoryLocation;
 pub use instance::Validation;
-pub use kernel::{BindingSet, Kernel, KernelStatistics, stages};
+pub use kernel::{Kernel, KernelStatistics, stages};
 pub use kernel_folder::KernelFolder;
 pub use memory::{Buffer, MemoryUse};
 pub use policy::{KernelPolicy, KernelSet, LevelsFirst, Resting};

@@ -60,13 +60,17 @@ pub(crate) struct Pipelines(Mutex<HashMap<Key, Pipeline>>);
 
 impl Pipelines {
     /// The pipeline of `source`, compiled at its first use.
-    pub(crate) fn get(&self, device: &Device, source: &Source<'_>) -> Result<Pipeline, EngineError> {
+    ///
+    /// # Safety
+    /// The code of `source` is valid for a compute pipeline of its layout, push constants and specialisation constants.
+    pub(crate) unsafe fn get(&self, device: &Device, source: &Source<'_>) -> Result<Pipeline, EngineError> {
         let key = Key::of(source);
         if let Some(&pipeline) = self.all().get(&key) {
             return Ok(pipeline);
         }
         // Compiled without the lock, so that two threads can compile different pipelines at once.
-        let compiled = compile(device, source)?;
+        // SAFETY: the caller's contract is the same.
+        let compiled = unsafe { compile(device, source) }?;
         let kept = *self.all().entry(key).or_insert(compiled);
         if kept.raw != compiled.raw {
             compiled.destroy(device.raw());
@@ -94,7 +98,9 @@ impl Pipeline {
     }
 }
 
-fn compile(device: &Device, source: &Source<'_>) -> Result<Pipeline, EngineError> {
+/// # Safety
+/// As of [`Pipelines::get`].
+unsafe fn compile(device: &Device, source: &Source<'_>) -> Result<Pipeline, EngineError> {
     let raw = device.raw();
     let layouts = [source.set_layout];
     let ranges = [vk::PushConstantRange {
@@ -106,19 +112,23 @@ fn compile(device: &Device, source: &Source<'_>) -> Result<Pipeline, EngineError
     let info = if source.push_bytes == 0 { info } else { info.push_constant_ranges(&ranges) };
     // SAFETY: the set layout is alive.
     let layout = unsafe { raw.create_pipeline_layout(&info, None) }.call("vkCreatePipelineLayout")?;
-    compile_for(device, source, layout).map(|raw| Pipeline { raw, layout }).inspect_err(|_| {
+    // SAFETY: the caller's contract is the same; the layout was made for it.
+    let compiled = unsafe { compile_for(device, source, layout) };
+    compiled.map(|raw| Pipeline { raw, layout }).inspect_err(|_| {
         Pipeline { raw: vk::Pipeline::null(), layout }.destroy(raw);
     })
 }
 
-fn compile_for(
+/// # Safety
+/// As of [`Pipelines::get`]; `layout` is alive and of `source`.
+unsafe fn compile_for(
     device: &Device,
     source: &Source<'_>,
     layout: vk::PipelineLayout,
 ) -> Result<vk::Pipeline, EngineError> {
     let raw = device.raw();
     let info = vk::ShaderModuleCreateInfo::default().code(source.spirv);
-    // SAFETY: the code is SPIR-V that spirv-val accepts (checked by the test suite).
+    // SAFETY: the code is valid, as the caller guarantees.
     let module = unsafe { raw.create_shader_module(&info, None) }.call("vkCreateShaderModule")?;
     let entries: Vec<_> = (0..source.specialisation.len() as u32)
         .map(|id| vk::SpecializationMapEntry { constant_id: id, offset: 4 * id, size: 4 })
@@ -137,7 +147,8 @@ fn compile_for(
         vk::PipelineCreateFlags::empty()
     };
     let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout).flags(flags)];
-    // SAFETY: layout and module are alive; the specialisation data outlives the call.
+    // SAFETY: layout and module are alive and suit each other, as the caller guarantees; the specialisation data outlives
+    // the call.
     let created = unsafe { raw.create_compute_pipelines(vk::PipelineCache::null(), &info, None) };
     // SAFETY: a module is not needed once its pipeline exists.
     unsafe { raw.destroy_shader_module(module, None) };

@@ -93,7 +93,8 @@ impl Renderer {
         }
         check(&scene)?;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(RENDER_SPIRV);
-        let kernel = Kernel::new(device, "render", &words, BINDINGS, 0, &[])?;
+        // SAFETY: the build script has compiled it; it has these bindings and no push constants.
+        let kernel = unsafe { Kernel::new(device, "render", &words, BINDINGS, 0, &[]) }?;
         let view = device.allocate(
             "scene view",
             size_of::<ViewData>() as u64,

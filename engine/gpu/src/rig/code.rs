@@ -1,5 +1,7 @@
 //! The SPIR-V of a rig's kernels.
 
+#![expect(unsafe_code, reason = "Vulkan's edge")]
+
 use super::permutation::Specialised;
 use crate::error::EngineError;
 use crate::kernel::{BindingSet, Kernel};
@@ -33,11 +35,14 @@ impl Code {
     ) -> Result<Kernel, EngineError> {
         let ((name, spirv), constants) = (specialised.kernel, &specialised.constants[..]);
         if let Some(words) = self.replaced.get(name) {
-            return Kernel::with_bindings(bindings, name, words, PUSH_BYTES, constants);
+            // SAFETY: `KernelFolder` has had this compiled by glslc and has checked its interface, as the tests check
+            // that of the embedded kernels.
+            return unsafe { Kernel::with_bindings(bindings, name, words, PUSH_BYTES, constants) };
         }
         let words =
             ash::util::read_spv(&mut std::io::Cursor::new(spirv)).expect("embedded kernels are whole words");
-        Kernel::with_bindings(bindings, name, &words, PUSH_BYTES, constants)
+        // SAFETY: the build script has compiled it. The test suite runs spirv-val on it, and checks its interface.
+        unsafe { Kernel::with_bindings(bindings, name, &words, PUSH_BYTES, constants) }
     }
 }
 
