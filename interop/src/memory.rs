@@ -62,7 +62,13 @@ impl Raw<'_> {
     }
 
     /// Binds the memory and makes an engine's buffer of both.
-    fn bind(self, name: &str, memory: vk::DeviceMemory, bytes: u64) -> Result<Buffer, InteropError> {
+    fn bind(
+        self,
+        name: &str,
+        memory: vk::DeviceMemory,
+        bytes: u64,
+        on_host: bool,
+    ) -> Result<Buffer, InteropError> {
         let device = self.device;
         // SAFETY: the memory is big enough for the buffer's requirements and bound once.
         if let Err(result) = unsafe { device.raw().bind_buffer_memory(self.raw, memory, 0) } {
@@ -73,7 +79,7 @@ impl Raw<'_> {
         let raw = self.raw;
         std::mem::forget(self);
         // SAFETY: both handles are this device's, bound to each other, and given away here.
-        Ok(unsafe { Buffer::adopt(device, name, raw, memory, bytes) })
+        Ok(unsafe { Buffer::adopt(device, name, raw, memory, bytes, on_host) })
     }
 }
 
@@ -113,7 +119,7 @@ impl SharedBuffer {
                 reason: format!("vkAllocateMemory: {result}"),
             }
         })?;
-        let buffer = raw.bind(name, memory, bytes)?;
+        let buffer = raw.bind(name, memory, bytes, false)?;
         let described =
             ImageMemory { bytes, allocation_bytes: requirements.size, memory_type, image_usage: 0 };
         Ok(SharedBuffer { buffer, host: None, described })
@@ -160,7 +166,7 @@ impl SharedBuffer {
             info = info.push_next(&mut dedicated);
         }
         let memory = import_memory(device, name, fd, told, &requirements, info)?;
-        let buffer = raw.bind(name, memory, bytes)?;
+        let buffer = raw.bind(name, memory, bytes, false)?;
         Ok(SharedBuffer { buffer, host: None, described: *told })
     }
 
@@ -237,7 +243,7 @@ impl SharedBuffer {
                 result: result.to_string(),
                 hint: "the driver does not take this memory of the host",
             })?;
-        let buffer = raw.bind(name, memory, bytes)?;
+        let buffer = raw.bind(name, memory, bytes, true)?;
         let described = ImageMemory {
             bytes,
             allocation_bytes: host.bytes(),

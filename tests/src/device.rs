@@ -29,7 +29,7 @@ static OPENED: LazyLock<[Arc<Device>; 2]> = LazyLock::new(|| {
 /// How kernels are run on [`DEVICE`] where the validation layer is off.
 #[must_use]
 pub fn policy() -> KernelPolicy {
-    if DEVICE.info().kind == "software" { KernelPolicy::software_driver() } else { KernelPolicy::gpu() }
+    if DEVICE.is_software() { KernelPolicy::software_driver() } else { KernelPolicy::gpu() }
 }
 
 /// Runs tests of a process one at a time: those with faults of the device that they share, or with devices of their own.

@@ -3,7 +3,9 @@
 #![expect(unsafe_code, reason = "Vulkan's edge")]
 
 use crate::commands::{OneShot, SubmitHooks};
-use crate::devices::{CALIBRATED, DeviceChoice, DeviceInfo, FLOAT64, STATISTICS, choose, devices};
+use crate::devices::{
+    CALIBRATED, DeviceChoice, DeviceInfo, FLOAT64, STATISTICS, choose, compute_family, devices,
+};
 use crate::error::{Call, EngineError};
 use crate::faults::{FaultPoint, Faults};
 use crate::instance::{Instance, Validation};
@@ -40,7 +42,6 @@ pub struct Device {
     timestamp_period_ns: f64,
     timestamp_mask: u64,
     most_texels: u64,
-    unified_memory: bool,
     statistics: Option<khr::pipeline_executable_properties::Device>,
     calibrated: Option<ext::calibrated_timestamps::Device>,
     most_groups: u32,
@@ -87,14 +88,9 @@ impl Device {
         let (physical, info) = choose(choice, devices)?;
         // SAFETY: `physical` comes from this instance.
         let families = unsafe { instance.raw().get_physical_device_queue_family_properties(physical) };
-        let queue_family = families
-            .iter()
-            .position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
-            .expect("a suitable device has a compute queue") as u32;
-        let timestamp_bits = match restrictions.no_timestamps {
-            true => 0,
-            false => families[queue_family as usize].timestamp_valid_bits,
-        };
+        let (queue_family, family) =
+            compute_family(&families).expect("a suitable device has a compute queue");
+        let timestamp_bits = if restrictions.no_timestamps { 0 } else { family.timestamp_valid_bits };
 
         let priorities = [1.0];
         let queues = [vk::DeviceQueueCreateInfo::default()
@@ -156,14 +152,7 @@ impl Device {
             EngineError::OutOfMemory { name: "allocator".to_owned(), bytes: 0, reason: e.to_string() }
         })?;
         // SAFETY: `physical` comes from this instance.
-        let (memory, properties) = unsafe {
-            (
-                instance.raw().get_physical_device_memory_properties(physical),
-                instance.raw().get_physical_device_properties(physical),
-            )
-        };
-        let types = &memory.memory_types[..memory.memory_type_count as usize];
-        let own_and_cached = vk::MemoryPropertyFlags::DEVICE_LOCAL | vk::MemoryPropertyFlags::HOST_CACHED;
+        let properties = unsafe { instance.raw().get_physical_device_properties(physical) };
         Ok(Arc::new(Device {
             physical,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
@@ -183,12 +172,11 @@ impl Device {
             },
             most_storage_bytes: match restrictions.most_storage_bytes {
                 // Mesa's software driver names a small limit, and keeps none.
-                0 if info.kind == "software" => u64::from(u32::MAX),
+                0 if info.is_software() => u64::from(u32::MAX),
                 0 => u64::from(properties.limits.max_storage_buffer_range),
                 most => most,
             },
             most_texels: u64::from(properties.limits.max_texel_buffer_elements),
-            unified_memory: types.iter().any(|t| t.property_flags.contains(own_and_cached)),
             statistics,
             calibrated,
             info,
@@ -261,7 +249,7 @@ impl Device {
     /// Whether the device is a software driver, which runs on the processor.
     #[must_use]
     pub fn is_software(&self) -> bool {
-        self.info.kind == "software"
+        self.info.is_software()
     }
 
     /// Most texels that a view of a buffer shows.
@@ -291,12 +279,6 @@ impl Device {
 
     pub(crate) fn faults(&self) -> &Faults {
         &self.faults
-    }
-
-    /// Whether the host reads the device's own memory at full speed, so that copies are needless.
-    #[must_use]
-    pub fn unified_memory(&self) -> bool {
-        self.unified_memory
     }
 
     /// Nanoseconds between two raw time stamps of this device.

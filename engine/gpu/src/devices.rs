@@ -23,6 +23,9 @@ pub(crate) const STORAGE_BUFFERS: (&str, u32) = ("29 storage buffers", 29);
 /// The capability that GPU times need.
 pub(crate) const TIMESTAMPS: &str = "timestamps";
 
+/// The kind of a software driver.
+const SOFTWARE: &str = "software";
+
 /// Which device to open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
@@ -118,11 +121,24 @@ impl DeviceInfo {
         self.capabilities.iter().any(|c| c.name == name && c.present)
     }
 
+    /// Whether it is a software driver, which runs on the processor.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.kind == SOFTWARE
+    }
+
     fn missing(&self) -> String {
         let names: Vec<_> =
             self.capabilities.iter().filter(|c| c.required && !c.present).map(|c| c.name).collect();
         names.join(", ")
     }
+}
+
+/// The family that [`Device::open`](crate::Device::open) takes its queue from: the first that computes, with its index.
+pub(crate) fn compute_family(
+    families: &[vk::QueueFamilyProperties],
+) -> Option<(u32, &vk::QueueFamilyProperties)> {
+    (0..).zip(families).find(|(_, family)| family.queue_flags.contains(vk::QueueFlags::COMPUTE))
 }
 
 fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize) -> DeviceInfo {
@@ -156,17 +172,13 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
     let base = features.features;
     let version = core.api_version;
     let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
-    let compute = families.iter().any(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
-    // `Device::open` takes the queue from the first family that computes.
-    let stamps = families
-        .iter()
-        .find(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
-        .is_some_and(|f| f.timestamp_valid_bits > 0);
+    let compute = compute_family(&families);
+    let stamps = compute.is_some_and(|(_, family)| family.timestamp_valid_bits > 0);
     let needs = |name, present| Capability { name, required: true, present };
     let likes = |name, present| Capability { name, required: false, present };
     let capabilities = vec![
         needs("Vulkan 1.3", version >= vk::API_VERSION_1_3),
-        needs("compute queue", compute),
+        needs("compute queue", compute.is_some()),
         needs("shaderInt64", base.shader_int64 == vk::TRUE),
         needs("shaderInt16", base.shader_int16 == vk::TRUE),
         needs("shaderInt8", f12.shader_int8 == vk::TRUE),
@@ -205,7 +217,7 @@ fn describe(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize
             vk::PhysicalDeviceType::DISCRETE_GPU => "discrete GPU",
             vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated GPU",
             vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual GPU",
-            vk::PhysicalDeviceType::CPU => "software",
+            vk::PhysicalDeviceType::CPU => SOFTWARE,
             _ => "other",
         },
         uuid: id.device_uuid,

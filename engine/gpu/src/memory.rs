@@ -41,7 +41,7 @@ pub struct Buffer {
     name: String,
     bytes: u64,
     address: u64,
-    location: MemoryLocation,
+    on_host: bool,
     texels: Option<Texels>,
     lent: Lent,
 }
@@ -85,7 +85,7 @@ impl Buffer {
             name: name.to_owned(),
             bytes,
             address: 0,
-            location,
+            on_host: false,
             texels: None,
             lent: Lent::default(),
         };
@@ -103,6 +103,7 @@ impl Buffer {
             .map_err(|e| EngineError::OutOfMemory { name: name.to_owned(), bytes, reason: e.to_string() })?;
         // SAFETY: the allocation is this buffer's and freed after it.
         let (memory, offset) = (unsafe { allocation.memory() }, allocation.offset());
+        buffer.on_host = !allocation.memory_properties().contains(vk::MemoryPropertyFlags::DEVICE_LOCAL);
         // From here on the buffer's `drop` frees the allocation.
         buffer.memory = Memory::Managed(allocation);
         // SAFETY: the memory was allocated for these requirements and is bound once.
@@ -112,7 +113,8 @@ impl Buffer {
         Ok(buffer)
     }
 
-    /// Takes over a buffer whose memory was allocated elsewhere, such as exported or imported memory.
+    /// Takes over a buffer whose memory was allocated elsewhere, such as exported or imported memory. `on_host`: whether
+    /// that is memory of the host.
     ///
     /// # Safety
     /// `raw` and `memory` were made by `device`, are bound to each other and have no other owner; the buffer has at
@@ -124,6 +126,7 @@ impl Buffer {
         raw: vk::Buffer,
         memory: vk::DeviceMemory,
         bytes: u64,
+        on_host: bool,
     ) -> Self {
         Buffer {
             device: Arc::clone(device),
@@ -133,7 +136,7 @@ impl Buffer {
             bytes,
             // SAFETY: the buffer is bound and was made for addresses, as the caller guarantees.
             address: unsafe { device.buffer_address(raw) },
-            location: MemoryLocation::GpuOnly,
+            on_host,
             texels: None,
             lent: Lent::default(),
         }
@@ -205,7 +208,7 @@ impl Buffer {
     /// Whether it lies in host memory rather than the device's own.
     #[must_use]
     pub fn on_host(&self) -> bool {
-        self.location == MemoryLocation::GpuToCpu && !self.device.unified_memory()
+        self.on_host
     }
 
     /// The bytes, if the host can access them. That the device does not access them at the same time is part of the

@@ -221,7 +221,7 @@ fn a_process_that_is_full_refuses_the_import_and_goes_on() {
     if !in_a_process_of_its_own(name, None) {
         return;
     }
-    if DEVICE.info().kind != "software" {
+    if !DEVICE.is_software() {
         // Imported memory of a GPU takes no address space of the process. The test with the layer covers GPUs.
         return;
     }

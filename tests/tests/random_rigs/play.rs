@@ -37,7 +37,7 @@ fn rig(views: &[&View], sensors: &[SensorModel], options: RigOptions) -> Rig {
 ///
 /// The software driver silently ends all loops of a thread after 65 535 rounds, so that a bus must leave its rest earlier.
 fn on_this_device(policy: KernelPolicy) -> KernelPolicy {
-    if DEVICE.info().kind != "software" {
+    if !DEVICE.is_software() {
         return match policy.kernels {
             KernelSet::Gpu => policy,
             KernelSet::SoftwareDriver => KernelPolicy { resting: policy.resting, ..KernelPolicy::gpu() },

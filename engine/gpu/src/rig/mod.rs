@@ -401,7 +401,7 @@ impl Rig {
                         camera: Some(number),
                         purpose: purpose.to_owned(),
                         bytes: buffer.bytes(),
-                        on_host: false,
+                        on_host: buffer.on_host(),
                     });
                 }
             }
@@ -411,7 +411,7 @@ impl Rig {
                 camera: None,
                 purpose: "event_ids".to_owned(),
                 bytes: buffer.bytes(),
-                on_host: false,
+                on_host: buffer.on_host(),
             });
         }
         uses
