@@ -411,8 +411,8 @@ fn invalid_vectors_are_counted_and_blended() {
     for ((sensor, sequence), steps) in cameras.iter().zip(&runs) {
         let intervals = oracle(sensor, 0, sequence);
         for (interval, step) in intervals.iter().zip(steps) {
-            assert_eq!(step.diagnostics.invalid_motion, interval.diagnostics.invalid_motion_px);
-            assert_eq!(interval.diagnostics.invalid_motion_px, 17);
+            assert_eq!(step.diagnostics.invalid_motion, interval.diagnostics.invalid_motion);
+            assert_eq!(interval.diagnostics.invalid_motion, 17);
         }
         let level = worst_level(sensor, &intervals, steps);
         assert!(level <= LEVEL_TOLERANCE_LOG, "{:?}: {level:.2e}", sensor.synthesis);

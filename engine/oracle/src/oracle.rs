@@ -29,8 +29,8 @@ use esaac_model::{FrameError, Packet, Pixel, SensorError, SensorModel, Synthesis
 pub struct Diagnostics {
     /// Pixels of this frame with a NaN, infinite or negative component.
     pub invalid_pixels: u64,
-    /// Motion vectors of this frame with a non-finite component.
-    pub invalid_motion_px: u64,
+    /// Motion vectors of this frame that cannot be followed ([`is_usable`]).
+    pub invalid_motion: u64,
     /// Pixels without a valid value so far.
     pub unarmed_pixels: u64,
     /// Physical pixels that would have sent more events than a pixel may.
@@ -195,7 +195,7 @@ impl Oracle {
     }
 
     /// Sets the poses of the camera and of the instances that it sees, from the next step on. Synthesis `rigid` needs
-    /// them.
+    /// them, and `auto` is `rigid` if they are there before the first frame, which has depth.
     pub fn set_scene(&mut self, scene: SceneMotion) {
         self.scene = Some(scene);
     }
@@ -221,7 +221,8 @@ impl Oracle {
     /// Steps to the next frame. The first frame arms the camera and yields an empty packet, and tells what synthesis
     /// `auto` is.
     pub fn step(&mut self, frame: &Frame<'_>) -> Result<Interval, FrameError> {
-        self.sensor.synthesis = self.sensor.synthesis.resolve(false, frame.motion.is_some());
+        let has_geometry = self.scene.is_some() && frame.depth.is_some();
+        self.sensor.synthesis = self.sensor.synthesis.resolve(has_geometry, frame.motion.is_some());
         ingest::check(&self.sensor, self.camera, self.run.times_ns.map(|(_, latest)| latest), frame)?;
         let ingested = ingest::ingest(&self.sensor, &self.run.image, frame);
         Ok(self.advance(frame.t_ns, ingested, &Between::Synthesis))
@@ -248,7 +249,8 @@ impl Oracle {
     pub fn set_sensor(&mut self, mut sensor: SensorModel) -> Result<(), SensorError> {
         sensor.validate()?;
         if self.run.times_ns.is_some() {
-            sensor.synthesis = sensor.synthesis.resolve(false, self.run.image.motion.is_some());
+            let has_geometry = self.scene.is_some() && self.run.image.geometry.is_some();
+            sensor.synthesis = sensor.synthesis.resolve(has_geometry, self.run.image.motion.is_some());
         }
         for (parameter, expected, actual) in
             [("width", self.sensor.width, sensor.width), ("height", self.sensor.height, sensor.height)]
@@ -328,7 +330,7 @@ impl Oracle {
         self.run.needs = needs;
         self.arm(&image, &valid, t_ns, t_ns - epoch_ns);
         interval.diagnostics.invalid_pixels = valid.iter().filter(|&&valid| !valid).count() as u64;
-        interval.diagnostics.invalid_motion_px = image
+        interval.diagnostics.invalid_motion = image
             .motion
             .as_ref()
             .map_or(0, |motion| motion.iter().filter(|&&vector| !is_usable(vector)).count() as u64);

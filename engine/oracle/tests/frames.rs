@@ -141,7 +141,7 @@ fn an_invalid_vector_falls_back_to_linear_and_is_counted() {
             step(&mut oracle, 1, &hdr(sensor, texture(1.5)), &moving)
         };
         let (got, linear) = (run(&sensor), run(&linear));
-        assert_eq!(got.diagnostics.invalid_motion_px, 1);
+        assert_eq!(got.diagnostics.invalid_motion, 1);
         let (samples, linear) = (got.samples.unwrap(), linear.samples.unwrap());
         assert_eq!(samples.at(pixel), linear.at(pixel));
         assert_ne!(samples.at(pixel + 1), linear.at(pixel + 1));

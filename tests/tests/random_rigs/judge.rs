@@ -273,7 +273,7 @@ fn against_oracle(
                 .check(actual == expected, || format!("{}: {actual} {of}, expected {expected}", what(taken)));
         };
         same(got.invalid_pixels, expected.invalid_pixels, "invalid pixels");
-        same(got.invalid_motion, expected.invalid_motion_px, "invalid vectors");
+        same(got.invalid_motion, expected.invalid_motion, "invalid vectors");
         same(got.unarmed_pixels, expected.unarmed_pixels, "unarmed pixels");
         same(got.substeps + got.skipped_blocks * of_a_still_block(&taken.sensor), substeps, "sub-steps");
         same(got.without_depth, expected.without_path.depth, "pixels without depth");

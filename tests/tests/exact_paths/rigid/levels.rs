@@ -124,6 +124,27 @@ fn oracle(sensor: &SensorModel, rendered: &Rendered, vectors: bool) -> Vec<Inter
     rendered.frames.iter().map(step).collect()
 }
 
+#[test]
+fn the_oracle_takes_auto_for_rigid_where_there_are_poses_and_depth() {
+    let rendered = Rendered::of(SceneKind::Propeller, (16, 8), 2);
+    let auto = SensorModel { width: 16, height: 8, synthesis: Synthesis::Auto, ..SensorModel::default() };
+    let resolved = |poses: bool, depth: bool| {
+        let mut oracle = Oracle::new(auto.clone(), 0).expect("a valid sensor");
+        if poses {
+            oracle.set_scene(rendered.scene.clone());
+        }
+        let frame = oracle_frame(&rendered.frames[0], true);
+        let frame = if depth { frame } else { Frame { depth: None, ids: None, ..frame } };
+        oracle.step(&frame).expect("a frame");
+        let first = oracle.sensor().synthesis;
+        oracle.set_sensor(auto.clone()).expect("the same sensor");
+        assert_eq!(oracle.sensor().synthesis, first);
+        first
+    };
+    assert_eq!(resolved(true, true), Synthesis::Rigid);
+    assert_eq!([resolved(true, false), resolved(false, true)], [Synthesis::Motion; 2]);
+}
+
 fn polarities(sensor: &SensorModel, events: impl Iterator<Item = Event>) -> Vec<Vec<Polarity>> {
     let mut pixels = vec![Vec::new(); sensor.pixels()];
     for e in events {
