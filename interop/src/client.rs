@@ -244,19 +244,24 @@ impl Client {
         self.values[slot as usize]
     }
 
-    /// Tells the engine of the frame in a slot, and of its poses ([`Client::poses`]).
+    /// Tells the engine of the frame in a slot, and of its poses if the camera takes some. `written` gets the value of the
+    /// slot's timeline that means "written", and signals it or waits for it. If the poses are wrong it is not called: a
+    /// value is signalled once.
     pub(crate) fn publish(
         &mut self,
         slot: u32,
         t_ns: i64,
         copies: Copies,
-        tracks: Vec<Track>,
+        scene: Option<&SceneMotion>,
+        written: impl FnOnce(u64) -> Result<(), InteropError>,
     ) -> Result<(), InteropError> {
+        let tracks = self.poses(t_ns, scene)?;
+        let value = self.values[slot as usize] + 1;
+        written(value)?;
         let poses = tracks.iter().map(|track| track.samples.len()).sum::<usize>() as u32;
         for tracks in wire::in_messages(tracks) {
             tell(&self.socket, self.timeout, &Message::Poses(tracks))?;
         }
-        let value = self.values[slot as usize] + 1;
         let notice = FrameNotice {
             slot,
             device_copies: copies.device,
@@ -273,7 +278,7 @@ impl Client {
     }
 
     /// The poses from the last frame to one at `t_ns`, which are right to be sent; none if the camera takes none.
-    pub(crate) fn poses(&self, t_ns: i64, scene: Option<&SceneMotion>) -> Result<Vec<Track>, InteropError> {
+    fn poses(&self, t_ns: i64, scene: Option<&SceneMotion>) -> Result<Vec<Track>, InteropError> {
         let Some(geometry) = &self.images.geometry else { return Ok(Vec::new()) };
         let bad = |reason: String| Err(InteropError::Scene { reason });
         let Some(scene) = scene else {

@@ -131,10 +131,8 @@ impl Producer {
         copies: Copies,
         scene: Option<&SceneMotion>,
     ) -> Result<(), InteropError> {
-        let poses = self.client.poses(t_ns, scene)?;
-        let value = self.client.value(slot) + 1;
-        self.ring.slot(slot).timeline().settle(value, self.client.timeout())?;
-        self.client.publish(slot, t_ns, copies, poses)
+        let (timeline, limit) = (self.ring.slot(slot).timeline(), self.client.timeout());
+        self.client.publish(slot, t_ns, copies, scene, |value| timeline.settle(value, limit))
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has

@@ -192,16 +192,14 @@ impl CudaProducer {
         copies: Copies,
         scene: Option<&SceneMotion>,
     ) -> Result<(), InteropError> {
-        // Before the timeline is signalled, which can be done once.
-        let poses = self.client.poses(t_ns, scene)?;
-        {
-            let _entered = self.context.enter()?;
-            match &self.slots[slot as usize].timeline {
-                Some(timeline) => timeline.signal(self.stream.raw, self.client.value(slot) + 1)?,
-                None => self.stream.finish()?,
+        let (context, stream, timeline) = (&self.context, &self.stream, &self.slots[slot as usize].timeline);
+        self.client.publish(slot, t_ns, copies, scene, |value| {
+            let _entered = context.enter()?;
+            match timeline {
+                Some(timeline) => timeline.signal(stream.raw, value),
+                None => stream.finish(),
             }
-        }
-        self.client.publish(slot, t_ns, copies, poses)
+        })
     }
 
     /// Says that there are no more frames and waits until the engine has taken all; how many it has

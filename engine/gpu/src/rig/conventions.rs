@@ -4,7 +4,7 @@
 //! doubted. With synthesis `auto` the instances of doubted poses then have none, and their pixels follow their motion
 //! vectors; the equations are in the model crate's `paths::conventions`.
 
-use super::look::Given;
+use super::look::{Given, parts_of_rows, spread_rows};
 use super::sensor::is_rigid;
 use super::transfer::Part;
 use super::{CameraState, Rig};
@@ -96,9 +96,7 @@ impl CameraState {
     }
 
     fn compared_rows(&self) -> Vec<u32> {
-        let height = self.config.sensor.height;
-        let stride = height.div_ceil(ROWS);
-        (stride / 2..height).step_by(stride as usize).collect()
+        spread_rows(self.config.sensor.height, ROWS).collect()
     }
 
     /// The rows of each image that are compared: depth, motion, ids; none if nothing is.
@@ -117,13 +115,7 @@ impl CameraState {
         let image =
             |(buffer, texel_bytes): (Option<&'a Buffer>, Option<usize>)| Some((buffer?, texel_bytes?));
         let rows_of = |(buffer, texel_bytes): (&'a Buffer, usize)| {
-            let row_bytes = sensor.width as usize * texel_bytes;
-            let first_row = given.images_before * sensor.height as usize;
-            rows.iter().map(move |row| Part {
-                buffer,
-                offset: ((first_row + *row as usize) * row_bytes) as u64,
-                bytes: row_bytes as u64,
-            })
+            parts_of_rows(sensor, given, buffer, texel_bytes, rows.iter().copied())
         };
         planes.into_iter().filter_map(image).flat_map(rows_of).collect()
     }

@@ -3,7 +3,7 @@
 //! Some rows of a frame's colour image are read back before the tick that takes it: of few frames, so that it costs next
 //! to nothing, and of the same frames in every run.
 
-use super::look::Given;
+use super::look::{Given, parts_of_rows, spread_rows};
 use super::sensor::is_physical;
 use super::transfer::Part;
 use super::{CameraState, Rig};
@@ -66,9 +66,7 @@ impl CameraState {
     }
 
     fn light_rows(&self) -> impl Iterator<Item = u32> + use<> {
-        let height = self.config.sensor.height;
-        let stride = height.div_ceil(ROWS);
-        (stride / 2..height).step_by(stride as usize)
+        spread_rows(self.config.sensor.height, ROWS)
     }
 
     /// The rows that are looked at; none if it is not their turn.
@@ -77,15 +75,8 @@ impl CameraState {
             return Vec::new();
         }
         let buffer = given.inputs.unwrap_or_else(|| self.input_buffers()).hdr;
-        let sensor = &self.config.sensor;
-        let row_bytes = sensor.width as usize * self.config.hdr.texel_bytes();
-        let first_row = given.images_before * sensor.height as usize;
-        let part = |row: u32| Part {
-            buffer,
-            offset: ((first_row + row as usize) * row_bytes) as u64,
-            bytes: row_bytes as u64,
-        };
-        self.light_rows().map(part).collect()
+        let (sensor, hdr) = (&self.config.sensor, self.config.hdr);
+        parts_of_rows(sensor, given, buffer, hdr.texel_bytes(), self.light_rows()).collect()
     }
 
     /// Takes its rows off `bytes`.

@@ -4,6 +4,8 @@ use super::transfer::{Part, read_back_after};
 use super::{CameraState, InputBuffers, Rig};
 use crate::commands::SubmitHooks;
 use crate::error::EngineError;
+use crate::memory::Buffer;
+use esaac_model::SensorModel;
 
 /// A frame that a tick is to take.
 #[derive(Clone, Copy)]
@@ -13,6 +15,29 @@ pub(super) struct Given<'a> {
     pub inputs: Option<InputBuffers<'a>>,
     /// Images of the same size before it in each buffer.
     pub images_before: usize,
+}
+
+/// At most so many rows of an image, evenly spread.
+pub(super) fn spread_rows(height: u32, most: u32) -> impl Iterator<Item = u32> + use<> {
+    let stride = height.div_ceil(most);
+    (stride / 2..height).step_by(stride as usize)
+}
+
+/// These rows of a frame's image in `buffer`.
+pub(super) fn parts_of_rows<'a>(
+    sensor: &SensorModel,
+    given: &Given<'_>,
+    buffer: &'a Buffer,
+    texel_bytes: usize,
+    rows: impl Iterator<Item = u32>,
+) -> impl Iterator<Item = Part<'a>> {
+    let row_bytes = sensor.width as usize * texel_bytes;
+    let first_row = given.images_before * sensor.height as usize;
+    rows.map(move |row| Part {
+        buffer,
+        offset: ((first_row + row as usize) * row_bytes) as u64,
+        bytes: row_bytes as u64,
+    })
 }
 
 impl Rig {
