@@ -156,8 +156,8 @@ class PoseRecorder:
         return Poses(times[first : last + 1], camera, bodies, ids=self.ids, order=self.order, axes=self.axes)
 
     def forget_before(self, t_ns):
-        keep = sum(sample.t_ns <= t_ns for sample in self._samples) - 1 - MARGIN
-        for _ in range(keep):
+        dropped = sum(sample.t_ns <= t_ns for sample in self._samples) - 1 - MARGIN
+        for _ in range(dropped):
             self._samples.popleft()
 
     def clear(self):

@@ -2,8 +2,8 @@
 
 use anyhow::{Result, ensure};
 use esaac_formats::recording::{Aps, Recording};
-use esaac_model::Polarity;
 use esaac_model::packet::Event;
+use esaac_model::{Polarity, SHOT_NOISE_FALL};
 use serde::Serialize;
 
 /// Fractions of full scale between which a frame's pixel tells the light: above its noise, below saturation.
@@ -230,7 +230,8 @@ fn still(recording: &Recording, events: &[Event], logs: &[Vec<f64>]) -> Still {
         let seconds = (end.middle_ns() - start.middle_ns()) as f64 * 1e-9;
         for (pixel, _) in stands.iter().enumerate().filter(|(_, stands)| **stands) {
             still.pixel_s += seconds;
-            still.shot_weighted_s += seconds * (1.0 - 0.75 * f64::from(start.pixels[pixel]).clamp(0.0, 1.0));
+            let of_white = f64::from(start.pixels[pixel]).clamp(0.0, 1.0);
+            still.shot_weighted_s += seconds * (1.0 - SHOT_NOISE_FALL * of_white);
         }
         for event in between(events, start.middle_ns(), end.middle_ns()) {
             if stands[usize::from(event.y) * width + usize::from(event.x)] {

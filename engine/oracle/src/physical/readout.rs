@@ -1,5 +1,5 @@
-//! The readout of [`esaac_model::physical::Readout`], twice: as a queue that serves one after the other ([`Queue`]), and
-//! as prefix scans repeated until nothing changes ([`scan_fifo`], [`scan_rows`]), which is how many threads can do it.
+//! The readout of [`esaac_model::physical::Readout`], as a queue that serves one after the other ([`Queue`]). Its tests have
+//! it as prefix scans too, repeated until nothing changes, which is how many threads can do it.
 //!
 //! # The scan
 //! Services that follow one another with durations `c_k` on a bus end at `end_k = max(end_(k-1), t_k) + c_k`. With the sum
@@ -166,128 +166,6 @@ impl Queue {
     }
 }
 
-/// The result of a scan.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Scan {
-    /// When each event leaves, nanoseconds; `None` if it is lost.
-    pub left_ns: Vec<Option<i64>>,
-    /// Rounds until nothing changed.
-    pub rounds: u32,
-}
-
-/// Word-serial readout of events in the order (t, y, x, polarity) by a free bus.
-#[must_use]
-pub fn scan_fifo(events: &[Event], event_ps: u64) -> Scan {
-    let previous = previous_of_pixel(events);
-    let mut lost = vec![false; events.len()];
-    for rounds in 1.. {
-        let kept = lost.iter().enumerate().filter(|&(_, &lost)| !lost).map(|(i, _)| i);
-        let services: Vec<Service> =
-            kept.map(|opener| Service { opener, duration_ps: i128::from(event_ps) }).collect();
-        let ends = scan_services(events, &services);
-        let mut left_ps = vec![None; events.len()];
-        for (service, &end_ps) in services.iter().zip(&ends) {
-            left_ps[service.opener] = Some(end_ps);
-        }
-        let next: Vec<bool> = (0..events.len()).map(|i| is_lost(events, &previous, &left_ps, i)).collect();
-        if next == lost {
-            return Scan { left_ns: left_ps.into_iter().map(|left| left.map(to_ns)).collect(), rounds };
-        }
-        lost = next;
-    }
-    unreachable!("after as many rounds as events nothing changes any more")
-}
-
-/// Readout by row of events in the order (t, y, x, polarity) by a free bus.
-#[must_use]
-pub fn scan_rows(events: &[Event], row_ps: u64, event_ps: u64) -> Scan {
-    let previous = previous_of_pixel(events);
-    // The guess: every event is kept and opens a service of its row.
-    let mut fate = vec![(false, true); events.len()];
-    for rounds in 1.. {
-        // The service of each kept event, and how many each has.
-        let mut services: Vec<Service> = Vec::new();
-        let mut service_of = vec![None; events.len()];
-        let mut latest: HashMap<u16, usize> = HashMap::new();
-        for (i, &(lost, opens)) in fate.iter().enumerate() {
-            if lost {
-                continue;
-            }
-            if opens || !latest.contains_key(&events[i].y) {
-                latest.insert(events[i].y, services.len());
-                services.push(Service { opener: i, duration_ps: i128::from(row_ps) });
-            }
-            let service = latest[&events[i].y];
-            services[service].duration_ps += i128::from(event_ps);
-            service_of[i] = Some(service);
-        }
-        let ends = scan_services(events, &services);
-        let left_ps: Vec<Option<i128>> =
-            service_of.iter().map(|service| service.map(|service| ends[service])).collect();
-        // An event joins the service of the kept event before it in its row if that has not begun.
-        let mut before_in_row: HashMap<u16, usize> = HashMap::new();
-        let next: Vec<(bool, bool)> = (0..events.len())
-            .map(|i| {
-                let before = before_in_row.get(&events[i].y).copied();
-                if let Some(service) = service_of[i] {
-                    before_in_row.insert(events[i].y, service);
-                }
-                let lost = is_lost(events, &previous, &left_ps, i);
-                let begun = |service: usize| ends[service] - services[service].duration_ps;
-                (lost, !lost && before.is_none_or(|service| ps(events[i]) > begun(service)))
-            })
-            .collect();
-        if next == fate {
-            return Scan { left_ns: left_ps.into_iter().map(|left| left.map(to_ns)).collect(), rounds };
-        }
-        fate = next;
-    }
-    unreachable!("after as many rounds as events nothing changes any more")
-}
-
-/// A service: the event that asks for it, and how long it takes.
-struct Service {
-    opener: usize,
-    duration_ps: i128,
-}
-
-/// When services end that follow one another: a prefix maximum.
-fn scan_services(events: &[Event], services: &[Service]) -> Vec<i128> {
-    let before: Vec<i128> = services
-        .iter()
-        .scan(0, |sum, service| {
-            let before = *sum;
-            *sum += service.duration_ps;
-            Some(before)
-        })
-        .collect();
-    let begin = services.iter().zip(&before).map(|(service, before)| ps(events[service.opener]) - before);
-    let latest = begin.scan(i128::MIN, |latest, begin| {
-        *latest = begin.max(*latest);
-        Some(*latest)
-    });
-    let ends = latest.zip(services.iter().zip(&before));
-    ends.map(|(latest, (service, before))| latest + before + service.duration_ps).collect()
-}
-
-/// Whether the latest kept event of the same pixel is still on its way when event `i` happens.
-fn is_lost(events: &[Event], previous: &[Option<usize>], left_ps: &[Option<i128>], i: usize) -> bool {
-    let mut earlier = previous[i];
-    while let Some(j) = earlier {
-        if let Some(left_ps) = left_ps[j] {
-            return left_ps >= ps(events[i]);
-        }
-        earlier = previous[j];
-    }
-    false
-}
-
-/// For each event the one before it at its pixel.
-fn previous_of_pixel(events: &[Event]) -> Vec<Option<usize>> {
-    let mut latest = HashMap::new();
-    events.iter().enumerate().map(|(i, event)| latest.insert((event.y, event.x), i)).collect()
-}
-
 fn ps(event: Event) -> i128 {
     i128::from(event.t_ns) * PS_PER_NS
 }
@@ -302,6 +180,127 @@ mod tests {
     use super::*;
     use esaac_model::Polarity;
     use esaac_model::random::philox4x32_10;
+
+    /// The result of a scan.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    struct Scan {
+        /// When each event leaves, nanoseconds; `None` if it is lost.
+        left_ns: Vec<Option<i64>>,
+        /// Rounds until nothing changed.
+        rounds: u32,
+    }
+
+    /// Word-serial readout of events in the order (t, y, x, polarity) by a free bus.
+    fn scan_fifo(events: &[Event], event_ps: u64) -> Scan {
+        let previous = previous_of_pixel(events);
+        let mut lost = vec![false; events.len()];
+        for rounds in 1.. {
+            let kept = lost.iter().enumerate().filter(|&(_, &lost)| !lost).map(|(i, _)| i);
+            let services: Vec<Service> =
+                kept.map(|opener| Service { opener, duration_ps: i128::from(event_ps) }).collect();
+            let ends = scan_services(events, &services);
+            let mut left_ps = vec![None; events.len()];
+            for (service, &end_ps) in services.iter().zip(&ends) {
+                left_ps[service.opener] = Some(end_ps);
+            }
+            let next: Vec<bool> =
+                (0..events.len()).map(|i| is_lost(events, &previous, &left_ps, i)).collect();
+            if next == lost {
+                return Scan { left_ns: left_ps.into_iter().map(|left| left.map(to_ns)).collect(), rounds };
+            }
+            lost = next;
+        }
+        unreachable!("after as many rounds as events nothing changes any more")
+    }
+
+    /// Readout by row of events in the order (t, y, x, polarity) by a free bus.
+    fn scan_rows(events: &[Event], row_ps: u64, event_ps: u64) -> Scan {
+        let previous = previous_of_pixel(events);
+        // The guess: every event is kept and opens a service of its row.
+        let mut fate = vec![(false, true); events.len()];
+        for rounds in 1.. {
+            // The service of each kept event, and how many each has.
+            let mut services: Vec<Service> = Vec::new();
+            let mut service_of = vec![None; events.len()];
+            let mut latest: HashMap<u16, usize> = HashMap::new();
+            for (i, &(lost, opens)) in fate.iter().enumerate() {
+                if lost {
+                    continue;
+                }
+                if opens || !latest.contains_key(&events[i].y) {
+                    latest.insert(events[i].y, services.len());
+                    services.push(Service { opener: i, duration_ps: i128::from(row_ps) });
+                }
+                let service = latest[&events[i].y];
+                services[service].duration_ps += i128::from(event_ps);
+                service_of[i] = Some(service);
+            }
+            let ends = scan_services(events, &services);
+            let left_ps: Vec<Option<i128>> =
+                service_of.iter().map(|service| service.map(|service| ends[service])).collect();
+            // An event joins the service of the kept event before it in its row if that has not begun.
+            let mut before_in_row: HashMap<u16, usize> = HashMap::new();
+            let next: Vec<(bool, bool)> = (0..events.len())
+                .map(|i| {
+                    let before = before_in_row.get(&events[i].y).copied();
+                    if let Some(service) = service_of[i] {
+                        before_in_row.insert(events[i].y, service);
+                    }
+                    let lost = is_lost(events, &previous, &left_ps, i);
+                    let begun = |service: usize| ends[service] - services[service].duration_ps;
+                    (lost, !lost && before.is_none_or(|service| ps(events[i]) > begun(service)))
+                })
+                .collect();
+            if next == fate {
+                return Scan { left_ns: left_ps.into_iter().map(|left| left.map(to_ns)).collect(), rounds };
+            }
+            fate = next;
+        }
+        unreachable!("after as many rounds as events nothing changes any more")
+    }
+
+    /// A service: the event that asks for it, and how long it takes.
+    struct Service {
+        opener: usize,
+        duration_ps: i128,
+    }
+
+    /// When services end that follow one another: a prefix maximum.
+    fn scan_services(events: &[Event], services: &[Service]) -> Vec<i128> {
+        let before: Vec<i128> = services
+            .iter()
+            .scan(0, |sum, service| {
+                let before = *sum;
+                *sum += service.duration_ps;
+                Some(before)
+            })
+            .collect();
+        let begin = services.iter().zip(&before).map(|(service, before)| ps(events[service.opener]) - before);
+        let latest = begin.scan(i128::MIN, |latest, begin| {
+            *latest = begin.max(*latest);
+            Some(*latest)
+        });
+        let ends = latest.zip(services.iter().zip(&before));
+        ends.map(|(latest, (service, before))| latest + before + service.duration_ps).collect()
+    }
+
+    /// Whether the latest kept event of the same pixel is still on its way when event `i` happens.
+    fn is_lost(events: &[Event], previous: &[Option<usize>], left_ps: &[Option<i128>], i: usize) -> bool {
+        let mut earlier = previous[i];
+        while let Some(j) = earlier {
+            if let Some(left_ps) = left_ps[j] {
+                return left_ps >= ps(events[i]);
+            }
+            earlier = previous[j];
+        }
+        false
+    }
+
+    /// For each event the one before it at its pixel.
+    fn previous_of_pixel(events: &[Event]) -> Vec<Option<usize>> {
+        let mut latest = HashMap::new();
+        events.iter().enumerate().map(|(i, event)| latest.insert((event.y, event.x), i)).collect()
+    }
 
     fn event(t_ns: i64, y: u16, x: u16) -> Event {
         Event { t_ns, y, x, polarity: Polarity::On }
