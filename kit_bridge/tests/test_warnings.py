@@ -114,7 +114,9 @@ def test_pixels_without_a_path_and_without_vectors_are_warned_of_once():
     assert "camera 0: 50% of the pixels have the id of a body without poses" in str(warning.message)
     assert warning.filename == __file__
     (warning,) = warned(esaac.InputWarning, lambda: run_with(given(np.nan, 0)))
-    assert "50% of the pixels have a depth that is NaN or negative" in str(warning.message)
+    assert "50% of the pixels have a depth that is NaN, negative or too small to invert" in str(
+        warning.message
+    )
     assert not warned(esaac.InputWarning, lambda: run_with(given(np.inf, 0)))
     # With motion vectors they are what the pixels of a body without poses follow.
     unmoved = np.zeros((HEIGHT, WIDTH, 2), np.float32)

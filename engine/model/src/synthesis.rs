@@ -45,11 +45,12 @@
 //! transfer it is `e(x)`, the largest difference of a component of `m_k(x)` to that of one of the 3x3 pixels around.
 //! `m_k` belongs to frame k, so a pixel of frame k-1 may have another neighbour there than at its place in frame k. In the
 //! backward transfer `e` is therefore the largest of `e(x)`, of `e` at the pixel nearest to `x + d` (clamped to the image),
-//! and of `LEADING_BACK |m_k(x + d) + d|` (the larger component). `v` is 0 if a vector among these 3x3 is non-finite.
+//! and of `LEADING_BACK |m_k(x + d) + d|` (the larger component). `v` is 0 if a vector among these 3x3 is not
+//! usable ([`is_usable`]).
 //!
 //! **Sample.** `L = (w_0 E_{k-1}(p) + w_1 E_k(q)) / (w_0 + w_1)`, read cubically, with weights
 //! `w_0 = (1 - a) b(p)` and `w_1 = a b(q)`. `b = max(1 - o / EDGE_PX, EDGE_WEIGHT)`, where `o` is how far the position
-//! lies outside the image. Then `S = max(0, exp(L) - log_offset)`. A pixel whose own vector is non-finite is blended
+//! lies outside the image. Then `S = max(0, exp(L) - log_offset)`. A pixel whose own vector is not usable is blended
 //! as by `linear`.
 //!
 //! **From one frame alone.** A half-pel sample right of or below a pixel is the sum of the six pixels in its row or column

@@ -59,7 +59,7 @@ impl Needs {
 }
 
 /// Chooses the sub-steps of every block in the interval between two frames, `interval_ns` long. Ignores motion vectors
-/// with a non-finite component, and all motion if the synthesis uses none. With synthesis `rigid`, a block's own motion
+/// that are not usable, and all motion if the synthesis uses none. With synthesis `rigid`, a block's own motion
 /// counts along paths, and vectors only where a frame shows no surface. `needs` is what [`needs`] says of both frames.
 #[must_use]
 pub fn plan(

@@ -11,7 +11,7 @@ pass through the host.
   time: *previous position = position + motion*, x right, y down.
 * `depth`: `(height, width)`, float32, metres. Of a pinhole the distance along the optical axis, of a fisheye that
   from the camera's centre (`Intrinsics.ray_lengths` converts one to the other). Infinite or 0: a background at
-  infinity. NaN or negative: the pixel has no path, and is counted.
+  infinity. NaN, negative or too small to invert: the pixel has no path, and is counted.
 * `ids`: `(height, width)`, uint16 or uint32 (int16 and int32 are read as these): the instance of each pixel. 0 is the
   static world. Without ids everything is the static world.
 * `poses`: where the camera and the bodies are, see `Poses`. With depth and poses, synthesis `rigid` follows exact

@@ -272,7 +272,7 @@ fn assert_told_once(told: &str, hdr: Option<&[u8]>, depth: Option<&[u8]>) {
 fn depth_that_cannot_be_used_is_told_of_once() {
     let nan = f32::NAN.to_ne_bytes().repeat((SIZE.0 * SIZE.1) as usize);
     assert_told_once(
-        "camera 0: warning: 100% of the pixels have a depth that is NaN or negative",
+        "camera 0: warning: 100% of the pixels have a depth that is NaN, negative or too small to invert",
         None,
         Some(&nan),
     );

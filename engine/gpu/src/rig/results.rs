@@ -31,7 +31,7 @@ pub struct Diagnostics {
     pub lost_events: u64,
     /// Events that the sensor's rate controller dropped.
     pub capped_events: u64,
-    /// Pixels of the frame without a path because their depth is NaN or negative (synthesis `rigid`).
+    /// Pixels of the frame without a path because their depth is NaN, negative or too small to invert (synthesis `rigid`).
     pub without_depth: u64,
     /// Pixels without a path because their instance has no poses.
     pub without_poses: u64,

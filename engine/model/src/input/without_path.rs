@@ -11,7 +11,7 @@ const FOLLOWING_SHARE: f64 = 0.5;
 pub struct WithoutPath {
     /// Pixels of the frame.
     pub pixels: u64,
-    /// Pixels whose depth is NaN or negative.
+    /// Pixels whose depth is NaN, negative or too small to invert.
     pub depth: u64,
     /// Pixels of instances without poses.
     pub poses: u64,
@@ -35,7 +35,7 @@ impl WithoutPath {
         };
         if share(self.depth) >= least {
             return Some(format!(
-                "{} have a depth that is NaN or negative: {follow}; give depth in metres, and infinity or 0 for a \
+                "{} have a depth that is NaN, negative or too small to invert: {follow}; give depth in metres, and infinity or 0 for a \
                  background",
                 percent(self.depth)
             ));
@@ -64,7 +64,10 @@ mod tests {
         let poses = warning(19, 370, false);
         assert!(poses.starts_with("37% of the pixels have the id of a body without poses"), "{poses}");
         let depth = warning(20, 370, false);
-        assert!(depth.starts_with("2% of the pixels have a depth that is NaN or negative"), "{depth}");
+        assert!(
+            depth.starts_with("2% of the pixels have a depth that is NaN, negative or too small to invert"),
+            "{depth}"
+        );
         assert!(depth.contains("no motion vectors"), "{depth}");
         let depth = warning(1000, 0, true);
         assert!(

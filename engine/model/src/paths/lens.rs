@@ -157,7 +157,7 @@ impl Intrinsics {
     /// The homogeneous point that a pixel shows, camera axes: position `xyz / w`. A depth of infinity is a background
     /// at infinity (`w = 0`). So is a depth of 0, with which Isaac Sim and Newton mark a ray that hits nothing.
     ///
-    /// `None` if the depth is NaN or negative, or if the lens shows nothing there.
+    /// `None` if the depth is NaN, negative or too small to invert, or if the lens shows nothing there.
     #[must_use]
     pub fn unproject(&self, pixel_px: DVec2, depth_m: f64) -> Option<DVec4> {
         if unusable_depth(depth_m) {

@@ -78,8 +78,8 @@ pub enum MotionError {
 /// Why a pixel has no path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum NoPath {
-    /// Its depth is NaN or negative.
-    #[error("the depth is NaN or negative")]
+    /// Its depth is NaN, negative, or so small that its inverse is infinite.
+    #[error("the depth is NaN, negative or too small to invert")]
     Depth,
     /// The lens shows nothing there.
     #[error("the lens shows nothing there")]
@@ -235,7 +235,7 @@ impl Intrinsics {
     }
 }
 
-/// Whether a depth is NaN, negative, or so small that a point there has no number.
+/// Whether a depth is NaN, negative, or so small that its inverse is infinite.
 fn unusable_depth(depth_m: f64) -> bool {
     depth_m.is_nan() || depth_m < 0.0 || (depth_m > 0.0 && (1.0 / depth_m).is_infinite())
 }

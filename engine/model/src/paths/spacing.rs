@@ -182,7 +182,7 @@ fn left_out_px(
     step: usize,
 ) -> Option<f64> {
     let last = track.poses().len() - 1;
-    let is_kept = |i: usize| i % step == 0 || i == last;
+    let is_kept = |i: usize| i.is_multiple_of(step) || i == last;
     let kept = (0..=last).filter(|&i| is_kept(i));
     let (times_ns, poses) = kept.map(|i| (track.times_ns()[i], track.poses()[i])).unzip();
     let thinned = PoseTrack::new(times_ns, poses).ok()?;

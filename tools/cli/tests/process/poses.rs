@@ -397,7 +397,10 @@ fn pixels_without_a_path_and_without_vectors_are_told() {
     write(4.0, BODY);
     assert!(told(&posed).starts_with("50% of the pixels have the id of a body without poses"));
     write(f32::NAN, STATIC_WORLD);
-    assert!(told(&posed).starts_with("50% of the pixels have a depth that is NaN or negative"));
+    assert!(
+        told(&posed)
+            .starts_with("50% of the pixels have a depth that is NaN, negative or too small to invert")
+    );
 }
 
 #[test]

@@ -62,7 +62,7 @@ impl Sample {
 /// Pixels of a key frame without a path, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WithoutPath {
-    /// Their depth is NaN or negative.
+    /// Their depth is NaN, negative or too small to invert.
     pub depth: u64,
     /// Their instance has no poses.
     pub poses: u64,
