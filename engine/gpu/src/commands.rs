@@ -116,7 +116,7 @@ impl Drop for Commands {
 }
 
 /// Command buffer and fence of a one-shot submission, for which the host waits at once. A device keeps them for the
-/// next one: some drivers take half a millisecond to make a fence.
+/// next one: some drivers take long to make a fence.
 pub(crate) struct OneShot {
     pooled: Pooled,
     fence: vk::Fence,

@@ -35,7 +35,7 @@ impl Validation {
 }
 
 /// The instance that was dropped first. It is never destroyed, so the driver stays loaded: without an instance the loader
-/// unloads it, and NVIDIA's driver can be loaded only some thirty times in a process.
+/// unloads it, and NVIDIA's driver can be loaded only so many times in a process.
 static KEPT: OnceLock<(ash::Entry, ash::Instance)> = OnceLock::new();
 
 type Messages = Mutex<Vec<String>>;

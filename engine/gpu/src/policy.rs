@@ -93,10 +93,10 @@ pub struct KernelPolicy {
     pub passes_still: bool,
     /// How many neighbouring pixels must rest for most of the work on them to be spared.
     pub rest_together: u32,
-    /// Moving tracks of a tick from which on the device works out poses, not the host; `u32::MAX` for never. A track takes the
-    /// host some two microseconds, the kernel a tick some twenty.
+    /// Moving tracks of a tick from which on the device works out poses, not the host; `u32::MAX` for never. The host takes
+    /// longer with each track; the kernel takes about as long for many as for one.
     pub device_tracks: u32,
-    /// Whether the dispatches of a stage run one after the other, those of `cross` excepted.
+    /// Whether the dispatches of a stage run one after the other.
     pub serial: bool,
 }
 

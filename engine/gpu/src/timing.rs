@@ -19,7 +19,7 @@ fn timeout_s(device: &Device) -> u64 {
     if device.is_software() { SOFTWARE_TIMEOUT_S } else { TIMEOUT_S }
 }
 
-/// How long the host spins before it sleeps: a blocking wait costs about 20 us more.
+/// How long the host spins before it sleeps: it is late to wake from a blocking wait.
 const SPIN: Duration = Duration::from_micros(300);
 
 /// Calls of [`wait_for`]. Where one of them fails, the submission may still run.

@@ -2,9 +2,9 @@
 //! and what the engine writes is read by CUDA where it lies.
 //!
 //! Copies are ordered by a stream of the link's own, and the host waits for them before the engine is asked to
-//! read. A timeline that the engine's queue waits for takes as long in all (an H200 needs 180 us to turn from one
-//! context to the other, whoever waits) and leaves the host asleep, which costs it more afterwards. The other way
-//! nothing need be waited for: the engine's calls return when its device is done.
+//! read. A timeline that the engine's queue waits for takes as long in all, since the device turns from one context to
+//! the other whoever waits, and leaves the host asleep, which costs it more afterwards. The other way nothing need be
+//! waited for: the engine's calls return when its device is done.
 
 #![expect(unsafe_code, reason = "CUDA's edge")]
 
@@ -228,7 +228,7 @@ impl CudaLink {
 
 impl Drop for CudaLink {
     fn drop(&mut self) {
-        // What the stream copies to, and the timeline that it signals, must not be in use.
+        // What the stream copies to must not be in use.
         let finished = self.context.enter().and_then(|_entered| self.stream.finish());
         if let Err(error) = finished {
             eprintln!("esaac: {error}");

@@ -124,7 +124,8 @@ impl Arena {
         self.buffers[slot].as_ref().or_else(packets).expect("every slot has a buffer")
     }
 
-    /// A table of parameters, for the host to fill while no tick is under way.
+    /// A buffer that the host fills or reads while no tick is under way: tables of parameters, the report, poses,
+    /// instances.
     pub(super) fn table(&mut self, slot: usize) -> &mut Buffer {
         self.buffers[slot].as_mut().expect("tables are in no packet set")
     }

@@ -1,8 +1,8 @@
 //! How many passes of `synthesize` and `cross` a tick takes.
 //!
 //! `levels` has room for those of most intervals, not for the most that an interval could need. In each pass the tiles that
-//! find room are synthesised and walked, and the others are left to the next one. A pass without tiles costs a rig of one
-//! camera a tenth of its tick, so a tick has as many as the ones before it needed; the first interval has as many as any can
+//! find room are synthesised and walked, and the others are left to the next one. A pass without tiles costs time
+//! too, so a tick has as many as the ones before it needed; the first interval has as many as any can
 //! need. If they are too few, the rest runs again, with as many as any interval can need. Packets do not depend on it.
 
 use super::geometry::TILE_LEVEL_ROWS;
