@@ -276,27 +276,31 @@ def show(layer, collection):
 
 
 def survey(scene, layer, frames, frame_poses):
-    """The lens, the camera's matrices, and the objects that are drawn."""
+    """The lens, the camera's matrices at `frame_poses`, and the objects that are drawn.
+
+    What deforms or is copied is looked at in each frame, also where poses miss it."""
     camera = scene.camera
     if camera is None:
         raise Unfit("the scene has no camera, expected one")
     drawn, eyes, lens = {}, [], None
-    for frame in frame_poses:
-        whole, part = split_frame(frame)
+    posed = {split_frame(frame) for frame in frame_poses}
+    for whole, part in sorted(posed | {(frame, 0.0) for frame in frames}):
         scene.frame_set(whole, subframe=part)
         if scene.camera != camera:
             raise Unfit(f"frame {whole} has camera {scene.camera.name}, expected {camera.name} for all")
         graph = layer.depsgraph
         eye = camera.evaluated_get(graph)
-        eyes.append([list(row) for row in eye.matrix_world])
+        if (whole, part) in posed:
+            eyes.append([list(row) for row in eye.matrix_world])
         told_lens = lens_of(scene, eye)
         lens = lens or told_lens
         if any(abs(told_lens[key] - lens[key]) > 1e-6 * abs(lens["fx"]) for key in ("fx", "fy", "cx", "cy")):
-            raise Unfit(f"the lens is {told_lens} at frame {frame:g}, expected {lens} as at first")
+            raise Unfit(f"the lens is {told_lens} at frame {whole + part:g}, expected {lens} as at first")
         for thing in layer.objects:
             if thing.type in DRAWN and (thing.animation_data or not thing.hide_render):
                 one = drawn.setdefault(thing.name_full, Drawn(thing))
-                one.matrices.append([list(row) for row in thing.evaluated_get(graph).matrix_world])
+                if (whole, part) in posed:
+                    one.matrices.append([list(row) for row in thing.evaluated_get(graph).matrix_world])
         if part == 0.0 and whole in frames:
             for one in drawn.values():
                 one.compare(one.original.evaluated_get(graph))

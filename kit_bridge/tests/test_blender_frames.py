@@ -3,6 +3,7 @@
 import importlib.util
 import pathlib
 import sys
+import types
 
 import numpy as np
 import pytest
@@ -122,3 +123,78 @@ def test_arguments_come_after_two_dashes_in_blender(monkeypatch):
     assert script.told().out == pathlib.Path("a")
     monkeypatch.setattr(sys, "argv", ["blender_frames.py", "--out", "b", "--pose-rate", "480"])
     assert (script.told().out, script.told().pose_rate) == (pathlib.Path("b"), 480)
+
+
+class Stage:
+    """A scene of Blender, as far as a survey looks at it: a bent sheet, and a ball of which a copy flies."""
+
+    def __init__(self, deforms_at):
+        self.now, self.deforms_at = 0.0, deforms_at
+        self.camera, self.depsgraph = Thing(self, "eye"), self
+        self.objects = [Thing(self, "sheet", [object()]), Thing(self, "ball")]
+
+    def frame_set(self, whole, subframe):
+        self.now = whole + subframe
+
+    @property
+    def object_instances(self):
+        matrix = placed(np.eye(3), (self.now, 0, 0))
+        made = types.SimpleNamespace(object=self.objects[1], is_instance=True, parent=None)
+        made.persistent_id, made.matrix_world = (1,), matrix
+        return [made]
+
+
+class Thing:
+    type, animation_data, hide_render, parent_type, pass_index = "MESH", None, False, "OBJECT", 0
+    matrix_world = np.eye(4)
+
+    def __init__(self, stage, name, modifiers=()):
+        self.stage, self.name_full, self.modifiers = stage, name, modifiers
+        self.data = types.SimpleNamespace(animation_data=None)
+
+    @property
+    def original(self):
+        return self
+
+    def evaluated_get(self, graph):
+        return self
+
+    def to_mesh(self):
+        bent = self.stage.now == self.stage.deforms_at
+        return types.SimpleNamespace(vertices=Points([0, 0, 1 + bent]))
+
+    def to_mesh_clear(self):
+        pass
+
+
+class Points(list):
+    def __len__(self):
+        return 1
+
+    def foreach_get(self, name, into):
+        into[:] = list(self)
+
+
+@pytest.mark.parametrize("key_rate_hz", [24.0, 25.0, 30000 / 1001, 50.0])
+def test_what_bends_or_is_copied_is_seen_in_frames_that_the_poses_miss(monkeypatch, key_rate_hz):
+    monkeypatch.setattr(script, "lens_of", lambda scene, eye: {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0})
+    frames = range(1, 6)
+    poses = script.pose_frames(1, len(frames), key_rate_hz, 960.0)
+    stage = Stage(deforms_at=4)
+    _, eyes, drawn = script.survey(stage, stage, frames, poses)
+    assert len(eyes) == len(poses) == len(drawn["sheet"].matrices)
+    assert drawn["sheet"].deforms
+    (seen,) = drawn["ball"].copies.values()
+    assert len(seen) == len(frames) and not drawn["ball"].is_still(len(frames))
+    instances = script.instances_of(drawn, len(frames))
+    assert instances == {}, "both move and have no poses"
+
+
+def test_copies_that_stand_still_need_no_index_whatever_the_rate(monkeypatch):
+    monkeypatch.setattr(script, "lens_of", lambda scene, eye: {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0})
+    monkeypatch.setattr(Stage, "object_instances", property(lambda stage: [still]))
+    stage, frames = Stage(deforms_at=None), range(1, 6)
+    still = types.SimpleNamespace(object=stage.objects[1], is_instance=True, parent=None)
+    still.persistent_id, still.matrix_world = (1,), np.eye(4)
+    _, _, drawn = script.survey(stage, stage, frames, script.pose_frames(1, 5, 25.0, 960.0))
+    assert all(one.is_still(len(frames)) for one in drawn.values())
