@@ -55,6 +55,22 @@ impl WantedSensors {
         let _ = self.lock()[camera].set(parameter, value);
     }
 
+    /// Takes back what `refused` has and `current` has not. What was asked for since then stays. Returns the sensor that
+    /// is asked for now.
+    fn undo(&self, camera: usize, refused: &SensorModel, current: &SensorModel) -> SensorModel {
+        let asked = &mut self.lock()[camera];
+        let [mut left, refused, kept] =
+            [&*asked, refused, current].map(|sensor| serde_json::to_value(sensor).unwrap_or_default());
+        for (name, value) in left.as_object_mut().into_iter().flatten() {
+            if refused[name] == *value {
+                value.clone_from(&kept[name]);
+            }
+        }
+        // Not a number has no place in JSON.
+        *asked = serde_json::from_value(left).unwrap_or_else(|_| current.clone());
+        asked.clone()
+    }
+
     /// The sensor that is asked for.
     #[must_use]
     pub fn sensor(&self, camera: usize) -> SensorModel {
@@ -105,8 +121,8 @@ impl SensorParameters {
                     *current = wanted;
                 }
                 Err(reason) => {
-                    self.wanted.lock()[camera] = current.clone();
-                    self.store.show(camera, current);
+                    let asked = self.wanted.undo(camera, &wanted, current);
+                    self.store.show(camera, &asked);
                     notices.push(format!(
                         "parameters of camera `{}` stay as they were: {reason}",
                         self.names[camera]
@@ -211,6 +227,27 @@ mod tests {
         let notices = parameters.apply(|camera, _| panic!("camera {camera} is changed"));
         assert!(notices[0].contains("`left`") && notices[0].contains("contrast_mismatch"), "{notices:?}");
         assert_eq!((wanted.sensor(0).contrast_on, &shown.lock().unwrap()[..]), (0.2, &[(0, 0.0)][..]));
+    }
+
+    #[test]
+    fn what_is_asked_for_while_a_change_is_refused_stays() {
+        let (mut parameters, wanted, shown) = parameters();
+        wanted.set(0, "substeps", "8");
+        let meanwhile = |_: usize, _: &SensorModel| {
+            wanted.set(0, "contrast_mismatch", "0.05");
+            Err("no".to_owned())
+        };
+        assert_eq!(parameters.apply(meanwhile).len(), 1);
+        let asked = wanted.sensor(0);
+        assert_eq!((asked.substeps, asked.contrast_mismatch), (32, 0.05));
+        assert_eq!(shown.lock().unwrap()[..], [(0, 0.05)]);
+        let mut taken = None;
+        let take = |_: usize, sensor: &SensorModel| {
+            taken = Some(sensor.clone());
+            Ok(())
+        };
+        assert_eq!(parameters.apply(take), [""; 0]);
+        assert_eq!(taken, Some(asked));
     }
 
     #[test]
