@@ -112,6 +112,12 @@ def test_environments_are_cameras_of_one_publisher():
             "quality of service for `event`, expected one of the topics: all, clock",
         ),
         (["a"], {"qos": {"events": "quick"}}, esaac.ArgumentError, "`quick` is not one of"),
+        (
+            ["a"],
+            {"slice_ns": 1},
+            esaac.ArgumentError,
+            "slices of 1 ns for camera `a`, expected 0, or 1000 to",
+        ),
         (["a"], {"domain": 999}, esaac.RosError, "999"),
         (["a"], {"interface": "nonesuch0"}, esaac.RosError, "nonesuch0"),
         (["a"], {"network": False, "record": "/nonexistent/run.mcap"}, esaac.RosError, "/nonexistent"),

@@ -74,13 +74,22 @@ impl FromStr for EventFormat {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Split {
     /// Time that a message covers, nanoseconds from the packet's base on, or from where the packet before ended. A slice
-    /// without events is a message too. 0: no limit.
+    /// without events is a message too. 0: no limit. Otherwise at least [`Split::LEAST_SLICE_NS`].
     pub slice_ns: u32,
     /// Most bytes of a message's events, but at least one event. 0: no limit.
     pub max_bytes: u32,
 }
 
 impl Split {
+    /// Least time of a slice. Messages of shorter times would be mostly headers: gigabytes a second of simulated time.
+    pub const LEAST_SLICE_NS: u32 = 1000;
+
+    /// Whether `slice_ns` is no limit, or one that [`Plan::new`](crate::Plan::new) takes.
+    #[must_use]
+    pub fn has_valid_slice(self) -> bool {
+        self.slice_ns == 0 || self.slice_ns >= Self::LEAST_SLICE_NS
+    }
+
     /// Divides a packet into one or more parts, in order of time. Together they are the whole packet.
     pub fn parts<'a>(self, packet: &PacketView<'a>, format: EventFormat) -> Vec<PacketView<'a>> {
         self.parts_after(None, packet, format)

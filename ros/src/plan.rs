@@ -128,6 +128,18 @@ pub enum PlanError {
         /// Longer side.
         actual: u32,
     },
+    /// Messages would cover too little time.
+    #[error(
+        "slices of {actual} ns for camera `{camera}`, expected 0, or {} to {}",
+        Split::LEAST_SLICE_NS,
+        u32::MAX
+    )]
+    Slice {
+        /// Camera.
+        camera: String,
+        /// Length given.
+        actual: u32,
+    },
     /// Quality of service for an unknown topic.
     #[error("quality of service for `{given}`, expected one of the topics: all, {}", topics.join(", "))]
     UnknownTopic {
@@ -188,6 +200,9 @@ impl Plan {
                 (options.events.side_limit_px(), camera.sensor.width.max(camera.sensor.height));
             if actual > expected {
                 return Err(PlanError::TooLarge { camera: camera.name.clone(), expected, actual });
+            }
+            if !camera.split.has_valid_slice() {
+                return Err(PlanError::Slice { camera: camera.name.clone(), actual: camera.split.slice_ns });
             }
             placed.push(lay.camera(camera)?);
         }
@@ -340,6 +355,8 @@ mod tests {
             Plan::new(cameras, &options).unwrap_err().to_string()
         };
         let one = [camera("a")];
+        let sliced = CameraPlan { split: Split { slice_ns: 1, max_bytes: 0 }, ..camera("a") };
+        assert!(fail(&[sliced], |_| ()).contains("slices of 1 ns for camera `a`, expected 0, or 1000 to"));
         assert!(fail(&one, |o| o.namespace = "esaac".to_owned()).contains("`esaac` does not start"));
         assert!(fail(&one, |o| o.node = "my node".to_owned()).contains("node `my node`"));
         assert!(fail(&[camera("a-b")], |_| ()).contains("a-b"));

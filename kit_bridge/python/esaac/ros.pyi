@@ -84,8 +84,8 @@ class Publisher:
     `events`: `packed`, `plain`, `evt3` or `mono`. `policy`: if sending falls behind, `latest` (the default) drops
     the oldest tick and counts it, and `lossless` (the default with `record`) waits. `time`: `sim` stamps messages
     with the simulation's time and publishes it on `/clock`; `wall` uses the system's clock. `qos`: for example
-    `{"events": "best_effort,depth:10"}`; `all` means every topic. `slice_ns` and `max_bytes` limit a message's time
-    and size. `network=False` only records.
+    `{"events": "best_effort,depth:10"}`; `all` means every topic. `slice_ns` (from 1000 on) and `max_bytes` limit a
+    message's time and size. `network=False` only records.
 
     `record` is a file whose name ends in `.mcap`. A file that is there is overwritten once the first second or MiB of
     messages is whole, or by `close`; a publisher that sends none leaves it as it was. What a killed process has

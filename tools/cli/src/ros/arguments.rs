@@ -5,7 +5,7 @@ use super::rviz;
 use clap::ValueEnum;
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use esaac_ros::qos::QosError;
-use esaac_ros::{EventFormat, Plan, Policy, QosChange, RigOptions};
+use esaac_ros::{EventFormat, Plan, Policy, QosChange, RigOptions, Split};
 use std::path::PathBuf;
 
 /// Whether to publish.
@@ -85,14 +85,9 @@ fn recording(path: PathBuf) -> Result<PathBuf, String> {
     }
 }
 
-/// Messages of shorter times would be mostly headers: gigabytes a second of simulated time.
-const LEAST_SLICE_NS: u32 = 1000;
-
 fn slice_ns(text: &str) -> Result<u32, String> {
-    match text.parse() {
-        Ok(ns) if ns == 0 || ns >= LEAST_SLICE_NS => Ok(ns),
-        _ => Err(format!("expected 0, or {LEAST_SLICE_NS} to {}", u32::MAX)),
-    }
+    let ns = text.parse().ok().filter(|&slice_ns| Split { slice_ns, max_bytes: 0 }.has_valid_slice());
+    ns.ok_or_else(|| format!("expected 0, or {} to {}", Split::LEAST_SLICE_NS, u32::MAX))
 }
 
 fn qos(text: &str) -> Result<(String, QosChange), String> {
