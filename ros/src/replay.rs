@@ -3,6 +3,7 @@
 use crate::bag::{BagError, BagReader};
 use crate::payload::Payload;
 use crate::transport::{Transport, TransportError};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
@@ -79,7 +80,7 @@ pub fn replay(
         return Err(ReplayError::Rate(options.rate));
     }
     let mut replayed = Replayed::default();
-    let mut told = Instant::now();
+    let (mut told, mut refused) = (Instant::now(), BTreeSet::new());
     let mut start: Option<(Instant, u64)> = None;
     while let Some(message) = bag.next_message()? {
         for topic in &bag.topics()[replayed.topics.len()..] {
@@ -103,7 +104,12 @@ pub fn replay(
                 replayed.sent += 1;
                 replayed.topics[topic].2 += 1;
             }
-            Err(_) => replayed.failed += 1,
+            Err(error) => {
+                replayed.failed += 1;
+                if refused.insert(topic) {
+                    watch(format!("{error}; others of this topic are counted alone"));
+                }
+            }
         }
         transport.flush();
         if told.elapsed() >= NOTICES {

@@ -130,10 +130,27 @@ impl Summary {
         self.sum(|topic| topic.recorded)
     }
 
+    /// Messages that were dropped because the queue was full.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.sum(|topic| topic.dropped)
+    }
+
+    /// Messages that the transport refused.
+    #[must_use]
+    pub fn failed(&self) -> u64 {
+        self.sum(|topic| topic.failed)
+    }
+
     /// Messages that were dropped, or refused by the transport.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.sum(|topic| topic.dropped + topic.failed)
+        self.dropped() + self.failed()
+    }
+
+    /// What became of the lost messages.
+    fn losses(&self) -> String {
+        format!("{} dropped in {} ticks, {} failed", self.dropped(), self.dropped_ticks, self.failed())
     }
 
     /// One line of text.
@@ -142,13 +159,12 @@ impl Summary {
         let Copies { packet, encode, wire, bag } = self.copies;
         let way = self.transport.as_deref().unwrap_or("not sent");
         format!(
-            "{way}; {} messages sent, {} recorded, {} dropped in {} ticks; copies of a packet after the \
+            "{way}; {} messages sent, {} recorded, {}; copies of a packet after the \
              readback: {packet} before it is encoded, {encode} to encode, {wire} to send, {bag} to record; \
              encoding {:.0} us (p50), {:.0} us (p99), publish call {:.0} us (p50), {:.0} us (p99)",
             self.sent(),
             self.recorded(),
-            self.lost(),
-            self.dropped_ticks,
+            self.losses(),
             self.encode_p50_ns as f64 * 1e-3,
             self.encode_p99_ns as f64 * 1e-3,
             self.publish_p50_ns as f64 * 1e-3,
@@ -289,7 +305,7 @@ impl Statistics {
             message: match (lost, summary.unannounced_resets) {
                 (0, 0) => "nothing lost".to_owned(),
                 (0, back) => format!("a camera's time went back {back} times without a restart"),
-                (lost, _) => format!("{lost} messages lost in {} ticks", summary.dropped_ticks),
+                (lost, _) => format!("{lost} messages lost: {}", summary.losses()),
             },
             values: named([
                 ("sent", summary.sent().to_string()),

@@ -34,7 +34,7 @@ pub(crate) struct Worker {
 #[derive(Default)]
 pub(crate) struct UnsentStates {
     by_topic: BTreeMap<usize, Arc<Payload>>,
-    /// Topics whose failure the user has been told of.
+    /// Topics, also of samples, whose failure the user has been told of.
     reported: BTreeSet<usize>,
 }
 
@@ -178,7 +178,12 @@ impl Worker {
         let started = Instant::now();
         match transport.publish(sample.topic, &sample.message) {
             Ok(()) => self.statistics.count_sent(sample.topic, sample.message.len(), started.elapsed()),
-            Err(_) => self.statistics.count_failed(sample.topic),
+            Err(error) => {
+                self.statistics.count_failed(sample.topic);
+                if self.states.reported.insert(sample.topic) {
+                    let _ = self.notices.send(format!("{error}; others of this topic are counted alone"));
+                }
+            }
         }
     }
 

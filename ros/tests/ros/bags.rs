@@ -140,6 +140,47 @@ impl Transport for Meeting {
     }
 }
 
+/// Takes no message.
+struct Refusing(Vec<String>);
+
+impl Transport for Refusing {
+    fn name(&self) -> String {
+        "refusing".to_owned()
+    }
+    fn copies(&self) -> u32 {
+        0
+    }
+    fn advertise(&mut self, topic: &Topic) -> Result<(), TransportError> {
+        self.0.push(topic.name.clone());
+        Ok(())
+    }
+    fn publish(&mut self, topic: usize, _: &Arc<Payload>) -> Result<(), TransportError> {
+        Err(TransportError::Message { topic: self.0[topic].clone(), reason: "no buffers".to_owned() })
+    }
+    fn subscribers(&self, _: usize) -> usize {
+        0
+    }
+    fn notices(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+    fn drain(&mut self, _: Duration) {}
+}
+
+#[test]
+fn why_a_recording_cannot_be_sent_again_is_told_once_a_topic() {
+    let cameras = vec![world::camera("left", 32, 24)];
+    let (_folder, path, mut rig) = recording(&cameras, &lossless());
+    ticks(&mut rig, &cameras, 0..3);
+    rig.finish().2.unwrap();
+    let options = ReplayOptions { rate: 1000.0, delay: Duration::ZERO };
+    let (mut transport, mut told) = (Refusing(Vec::new()), Vec::new());
+    let bag = BagReader::open(&path).unwrap();
+    let replayed = replay(bag, &mut transport, options, || false, |notice| told.push(notice)).unwrap();
+    assert!(replayed.sent == 0 && replayed.failed > replayed.topics.len() as u64, "{replayed:?}");
+    assert_eq!(told.len(), replayed.topics.len(), "{told:?}");
+    assert!(told.iter().all(|notice| notice.contains("was not sent: no buffers")), "{told:?}");
+}
+
 #[test]
 fn a_recording_is_sent_again_byte_by_byte_with_its_timing() {
     let cameras = vec![world::camera("left", 32, 24)];

@@ -177,6 +177,22 @@ fn a_newer_sensor_replaces_one_that_could_not_be_sent() {
 }
 
 #[test]
+fn the_reason_of_lost_samples_is_told_once_a_topic() {
+    let (mut rig, _, gate) = rig(Policy::Lossless, &[("/clock", 3)]);
+    open(&gate);
+    for tick in 0..5 {
+        rig.tick(tick * INTERVAL_NS).send();
+    }
+    let (summary, notices, _) = rig.finish();
+    let clock = of(&summary, "/clock");
+    assert_eq!((clock.sent, clock.failed), (2, 3));
+    let reasons: Vec<&String> = notices.iter().filter(|notice| notice.contains("`/clock`")).collect();
+    assert_eq!(reasons.len(), 1, "{notices:?}");
+    assert!(reasons[0].contains("no buffers"), "{reasons:?}");
+    assert!(summary.to_text().contains("0 dropped in 0 ticks, 3 failed"), "{}", summary.to_text());
+}
+
+#[test]
 fn what_the_transport_never_takes_is_counted_as_lost() {
     let (mut rig, sent, gate) = rig(Policy::Lossless, &[("/sensor", usize::MAX)]);
     open(&gate);
