@@ -44,6 +44,8 @@ struct Writer {
     kind: DynamicMessageMetadata,
     /// Number of subscribers with incompatible quality of service that notices have mentioned.
     refused: usize,
+    /// Whether the last query of its subscribers failed.
+    is_unknown: bool,
 }
 
 /// A node with its publishers.
@@ -148,7 +150,7 @@ impl Transport for RclrsTransport {
         let options = topic.name.as_str().qos(profile(topic.qos));
         let publisher = self.node.create_dynamic_publisher(type_name, options);
         let publisher = publisher.map_err(|error| fail(explain(&error)))?;
-        self.writers.push(Writer { qos: topic.qos, publisher, kind, refused: 0 });
+        self.writers.push(Writer { qos: topic.qos, publisher, kind, refused: 0, is_unknown: false });
         Ok(())
     }
 
@@ -163,6 +165,7 @@ impl Transport for RclrsTransport {
     }
 
     fn subscribers(&self, topic: usize) -> usize {
+        // `notices` tells a failure, and asks again.
         self.writers[topic].publisher.get_subscription_count().unwrap_or(0)
     }
 
@@ -170,7 +173,19 @@ impl Transport for RclrsTransport {
         let mut notices: Vec<String> = self.spinning.errors.try_iter().collect();
         for writer in &mut self.writers {
             let name = writer.publisher.topic_name();
-            let subscriptions = self.node.get_subscriptions_info_by_topic(&name).unwrap_or_default();
+            let counted = writer.publisher.get_subscription_count();
+            let listed = counted.and_then(|_| self.node.get_subscriptions_info_by_topic(&name));
+            let subscriptions = match listed {
+                Ok(subscriptions) => subscriptions,
+                Err(error) => {
+                    if !std::mem::replace(&mut writer.is_unknown, true) {
+                        let reason = explain(&error);
+                        notices.push(format!("subscribers of topic '{name}' are not known: {reason}"));
+                    }
+                    continue;
+                }
+            };
+            writer.is_unknown = false;
             let policies: Vec<&str> =
                 subscriptions.iter().filter_map(|s| incompatible(writer.qos, &s.qos_profile)).collect();
             if policies.len() > std::mem::replace(&mut writer.refused, policies.len()) {
