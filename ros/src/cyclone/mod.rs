@@ -36,7 +36,7 @@ unsafe impl Send for Writer {}
 
 /// A participant with its writers.
 pub struct CycloneTransport {
-    // Dropped in this order. The domain is last and deletes what is left.
+    // Dropped in this order: the domain is last, deletes what is left, and frees the types that writers refer to.
     writers: Vec<Writer>,
     graph: Writer,
     participant: Entity,
@@ -44,7 +44,7 @@ pub struct CycloneTransport {
     graph_is_stale: bool,
     /// The writer that has begun a datagram, if any.
     unsent: Option<usize>,
-    domain: Entity,
+    _domain: Entity,
     options: NetworkOptions,
 }
 
@@ -90,7 +90,7 @@ impl CycloneTransport {
             participant_guid,
             graph_is_stale: false,
             unsent: None,
-            domain,
+            _domain: domain,
             options,
         };
         transport.tell_graph();
@@ -138,7 +138,11 @@ fn create_writer(
             std::ptr::null(),
             std::ptr::null(),
         );
-        let topic = Entity::new(topic).map_err(fail)?;
+        let topic = Entity::new(topic).map_err(|code| {
+            // It was not taken over.
+            cyclors::ddsi_sertype_unref(sertype);
+            fail(code)
+        })?;
         let writer =
             cyclors::dds_create_writer(participant.id(), topic.id(), handle.as_ptr(), std::ptr::null());
         // The writer keeps its topic alive, so this handle can go.
@@ -267,13 +271,5 @@ impl QosHandle {
             cyclors::dds_qset_writer_data_lifecycle(q, false);
             cyclors::dds_qset_writer_batching(q, true);
         }
-    }
-}
-
-impl Drop for CycloneTransport {
-    fn drop(&mut self) {
-        // The domain frees the types, so the writers that refer to them go first.
-        self.writers.clear();
-        let _ = &self.domain;
     }
 }
