@@ -9,6 +9,7 @@ use esaac_scene::SceneKind;
 use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
 
 /// What it renders.
 #[derive(Clone, Copy, Debug)]
@@ -24,6 +25,8 @@ pub struct RenderJob {
 /// A running renderer. Dropping this value ends it.
 pub struct RenderProcess {
     child: Child,
+    /// Reads its standard error to the end, so that the pipe never fills up.
+    words: Option<JoinHandle<String>>,
 }
 
 impl RenderProcess {
@@ -42,13 +45,24 @@ impl RenderProcess {
             .arg("--socket")
             .arg(socket)
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped());
+            .stdout(Stdio::null());
         if common.validation {
             command.arg("--validation");
         }
-        let child = command.spawn().context("cannot start `esaac render`")?;
-        Ok(RenderProcess { child })
+        RenderProcess::of(&mut command)
+    }
+
+    fn of(command: &mut Command) -> Result<Self> {
+        let mut child = command.stderr(Stdio::piped()).spawn().context("cannot start `esaac render`")?;
+        let words = child.stderr.take().map(|mut stderr| {
+            std::thread::spawn(move || {
+                let mut words = Vec::new();
+                // If this fails, the exit status and what was read are all that is known.
+                let _ = stderr.read_to_end(&mut words);
+                String::from_utf8_lossy(&words).into_owned()
+            })
+        });
+        Ok(RenderProcess { child, words })
     }
 
     /// Fails if the renderer has failed, or if the service lost it, which `notices` say.
@@ -67,11 +81,7 @@ impl RenderProcess {
     }
 
     fn fault(&mut self, status: ExitStatus) -> anyhow::Error {
-        let mut words = String::new();
-        if let Some(error) = &mut self.child.stderr {
-            // If this fails, the exit status is all that is known.
-            let _ = error.read_to_string(&mut words);
-        }
+        let words = self.words.take().and_then(|words| words.join().ok()).unwrap_or_default();
         anyhow::anyhow!("`esaac render` has ended ({status}): {}", words.trim())
     }
 }
@@ -81,5 +91,18 @@ impl Drop for RenderProcess {
         // An error means that the process has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_renderer_that_says_more_than_a_pipe_holds_ends_and_is_quoted() {
+        let script = "head -c 300000 /dev/zero | tr '\\0' x >&2; echo the last word >&2; exit 3";
+        let renderer = RenderProcess::of(Command::new("sh").args(["-c", script])).unwrap();
+        let error = renderer.finish().unwrap_err().to_string();
+        assert!(error.ends_with("xthe last word") && error.len() > 300_000, "{} bytes", error.len());
     }
 }
