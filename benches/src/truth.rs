@@ -8,6 +8,9 @@ use esaac_scene::{Scene, exact_events};
 /// Two events of the same pixel and polarity match if their times differ by no more than this.
 pub const MATCH_WINDOW_US: f64 = MATCH_WINDOW_NS as f64 * 1e-3;
 
+/// Pixels between two looks whether to stop.
+const AT_ONCE: usize = 128;
+
 /// Exact events of some pixels of a scene.
 pub struct Truth {
     pixels: usize,
@@ -19,9 +22,26 @@ pub struct Truth {
 impl Truth {
     /// Computes the exact events of at most `pixels` pixels, evenly spread, in `(t0_ns, t1_ns]`.
     #[must_use]
-    pub fn of_scene(scene: &Scene, sensor: &SensorModel, pixels: usize, (t0_ns, t1_ns): (i64, i64)) -> Self {
+    pub fn of_scene(scene: &Scene, sensor: &SensorModel, pixels: usize, span_ns: (i64, i64)) -> Self {
+        Truth::of_scene_unless(scene, sensor, pixels, span_ns, || false).expect("nobody stops it")
+    }
+
+    /// The same; `None` as soon as `stop` says so, which is asked now and then.
+    pub fn of_scene_unless(
+        scene: &Scene,
+        sensor: &SensorModel,
+        pixels: usize,
+        (t0_ns, t1_ns): (i64, i64),
+        stop: impl Fn() -> bool,
+    ) -> Option<Self> {
         let pixels = subset(sensor.width, sensor.height, pixels);
-        let exact = exact_events(scene, sensor, &pixels, t0_ns, t1_ns);
+        let mut exact = Vec::with_capacity(pixels.len());
+        for some in pixels.chunks(AT_ONCE) {
+            if stop() {
+                return None;
+            }
+            exact.extend(exact_events(scene, sensor, some, t0_ns, t1_ns));
+        }
         // The comparison sees the subset as one row of pixels.
         let mut column_of = vec![None; sensor.pixels()];
         for (column, &(x, y)) in (0_u16..).zip(&pixels) {
@@ -29,7 +49,7 @@ impl Truth {
         }
         let in_row = |(x, events): (u16, Vec<Event>)| events.into_iter().map(move |e| Event { x, y: 0, ..e });
         let events = (0_u16..).zip(exact).flat_map(in_row).collect();
-        Truth { pixels: pixels.len(), width: sensor.width, column_of, events }
+        Some(Truth { pixels: pixels.len(), width: sensor.width, column_of, events })
     }
 
     /// Number of compared pixels.
@@ -87,6 +107,21 @@ mod tests {
         assert_eq!((same.f1, same.same_sequence, same.victor_purpura), (1.0, 1.0, 0.0));
         let shifted = exact.iter().map(|e| Event { x: (e.x + 1) % 47, ..*e });
         assert!(truth.compare(shifted).victor_purpura > 0.1);
+    }
+
+    #[test]
+    fn it_stops_when_it_is_told_to() {
+        let sensor = SensorModel { width: 47, height: 31, ..SensorModel::default() };
+        let scene = SceneKind::Sinusoid.scene(47, 31);
+        let looks = std::cell::Cell::new(0);
+        let stopped = |at: usize| {
+            looks.set(0);
+            let stop = || looks.replace(looks.get() + 1) == at;
+            Truth::of_scene_unless(&scene, &sensor, 1200, (0, 20_000_000), stop).is_none()
+        };
+        assert!(stopped(0) && stopped(3));
+        assert_eq!(looks.get(), 4);
+        assert!(!stopped(usize::MAX));
     }
 
     #[test]

@@ -9,17 +9,17 @@ use esaac_scene::Scene;
 /// Most pixels that are compared: enough for stable results, few enough to be quick.
 const PIXELS: usize = 1200;
 
-/// Compares the events in `(t0_ns, t1_ns]` on an even subset of the pixels.
-#[must_use]
+/// Compares the events in `(t0_ns, t1_ns]` on an even subset of the pixels. `None` if `stop` ends it.
 pub fn against_exact(
     scene: &Scene,
     sensor: &SensorModel,
     events: &EventColumns,
     span_ns: (i64, i64),
-) -> AccuracyReport {
-    let truth = Truth::of_scene(scene, sensor, PIXELS, span_ns);
+    stop: impl Fn() -> bool,
+) -> Option<AccuracyReport> {
+    let truth = Truth::of_scene_unless(scene, sensor, PIXELS, span_ns, stop)?;
     let comparison = truth.compare(events.iter());
-    AccuracyReport {
+    Some(AccuracyReport {
         pixels: truth.pixels(),
         events: comparison.tested_on_off.0 + comparison.tested_on_off.1,
         exact_events: comparison.truth_on_off.0 + comparison.truth_on_off.1,
@@ -29,5 +29,5 @@ pub fn against_exact(
         time_error_median_us: comparison.matched.p50_us,
         time_error_p99_us: comparison.matched.p99_us,
         victor_purpura: comparison.victor_purpura,
-    }
+    })
 }

@@ -6,7 +6,8 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether such a signal has come. While there is one of these, the signals do not end the process by themselves.
+/// Whether such a signal has come. Once there is one of these, the signals never again end the process by themselves:
+/// whatever takes long looks here.
 #[derive(Clone, Debug)]
 pub struct Interrupt(Arc<AtomicBool>);
 

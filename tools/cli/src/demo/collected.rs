@@ -4,6 +4,7 @@ use super::picture::{Picture, colours};
 use super::run::Run;
 use super::{HDR, MOTION, Simulated};
 use crate::colour;
+use crate::interrupt::Interrupt;
 use crate::link_report::LinkReport;
 use crate::overview::Instant;
 use crate::report::MemoryReport;
@@ -120,7 +121,12 @@ impl Collected {
         self.record.take_light(rig)
     }
 
-    pub fn finish(self, link: LinkReport, memory: Vec<MemoryReport>) -> Result<Simulated> {
+    pub fn finish(
+        self,
+        link: LinkReport,
+        memory: Vec<MemoryReport>,
+        interrupt: Interrupt,
+    ) -> Result<Simulated> {
         let ros = self.ros.finish();
         Ok(Simulated {
             record: self.record,
@@ -129,6 +135,7 @@ impl Collected {
             ros,
             memory,
             instants: self.instants,
+            interrupt,
         })
     }
 }

@@ -7,7 +7,7 @@ mod picture;
 mod run;
 
 use crate::arguments::CommonArguments;
-use crate::interrupt;
+use crate::interrupt::{self, Interrupt};
 use crate::kernel_source::{KernelArguments, KernelSource};
 use crate::link_report::LinkReport;
 use crate::outcome::Outcome;
@@ -114,7 +114,14 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     let compared = !(simulated.sensors_changed || interrupted);
     for (camera, sensor) in sensors.iter().enumerate().filter(|_| compared) {
         let events = &record.cameras[camera].events;
-        report.cameras[camera].accuracy = Some(accuracy::against_exact(&run.scene, sensor, events, span_ns));
+        let stop = || simulated.interrupt.came();
+        let compared = accuracy::against_exact(&run.scene, sensor, events, span_ns, stop);
+        if compared.is_none() {
+            stderr::line("interrupted: no comparison with exact events");
+            report.interrupted = true;
+            break;
+        }
+        report.cameras[camera].accuracy = compared;
     }
     let recording = arguments.ros.record.as_ref();
     // A run that was interrupted early has no frame to show.
@@ -184,4 +191,5 @@ struct Simulated {
     ros: Published,
     memory: Vec<MemoryReport>,
     instants: Vec<Instant>,
+    interrupt: Interrupt,
 }

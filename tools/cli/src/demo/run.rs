@@ -126,7 +126,7 @@ impl<'a> Run<'a> {
         progress.finish_and_clear();
         let frames = (self.times_ns.len() * rig.len()) as u64;
         collected.take_light(&rig)?;
-        collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig))
+        collected.finish(LinkReport::in_process(frames), MemoryReport::of(&rig), interrupt)
     }
 
     /// Lets a second process render into shared memory, as `esaac serve` and `esaac render` do.
@@ -186,7 +186,7 @@ impl<'a> Run<'a> {
             false => renderer.finish()?,
         }
         collected.take_light(service.rig())?;
-        collected.finish(LinkReport::of(&service), MemoryReport::of(service.rig()))
+        collected.finish(LinkReport::of(&service), MemoryReport::of(service.rig()), interrupt)
     }
 }
 
