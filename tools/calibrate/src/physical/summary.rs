@@ -92,20 +92,52 @@ fn latency_ns(exposure: &Exposure, polarity: Polarity) -> f64 {
     };
     let half_ns = 0.5e9 / flicker.hz;
     let halves = (2.0 * exposure.seconds * flicker.hz).round() as usize;
-    let mut first_ns = vec![f64::INFINITY; exposure.pixels * halves];
+    // The answers of the pixels that gave one: events are in time order, so the first of a half is the answer.
+    let mut answers_ns = Vec::new();
+    let mut answered = vec![0; exposure.pixels];
     let pixel = |event: &Event| usize::from(event.y) * exposure.width_px as usize + usize::from(event.x);
     for event in exposure.events.iter().filter(|event| event.polarity == polarity) {
         let half = (event.t_ns as f64 / half_ns) as usize;
         // The light is up in odd halves. It has always been down before the first one.
         if half > 0 && half < halves && (half % 2 == 1) == (polarity == Polarity::On) {
-            let since_ns = event.t_ns as f64 - half as f64 * half_ns;
-            let first = &mut first_ns[half * exposure.pixels + pixel(event)];
-            *first = first.min(since_ns);
+            if std::mem::replace(&mut answered[pixel(event)], half) != half {
+                answers_ns.push(event.t_ns as f64 - half as f64 * half_ns);
+            }
         }
     }
-    let answers = (1..halves).filter(|half| (half % 2 == 1) == (polarity == Polarity::On));
-    let mut all: Vec<f64> =
-        answers.flat_map(|half| first_ns[half * exposure.pixels..][..exposure.pixels].to_vec()).collect();
-    all.sort_unstable_by(f64::total_cmp);
-    all.get(all.len() / 2).copied().unwrap_or(f64::INFINITY)
+    // ON answers odd halves, OFF even ones from the second on. Who does not answer takes forever.
+    let asked = if polarity == Polarity::On { halves / 2 } else { halves.saturating_sub(1) / 2 };
+    answers_ns.sort_unstable_by(f64::total_cmp);
+    answers_ns.get(exposure.pixels.saturating_mul(asked) / 2).copied().unwrap_or(f64::INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::exposure::Flicker;
+    use super::*;
+
+    /// Steps before three pixels that send ON events at these times: pixel and nanoseconds.
+    fn rise_ns(hz: f64, seconds: f64, events: &[(u16, i64)]) -> f64 {
+        let event = |&(x, t_ns): &(u16, i64)| Event { t_ns, x, y: 0, polarity: Polarity::On };
+        let flicker = Some(Flicker { hz, depth: 0.5, shape: Shape::Step });
+        let events = events.iter().map(event).collect();
+        let name = String::new();
+        Summary::of(&Exposure { name, lux: 1.0, flicker, pixels: 3, width_px: 3, seconds, events }).rise_ns
+    }
+
+    #[test]
+    fn latencies_are_of_the_first_answers_and_who_does_not_answer_takes_forever() {
+        const UP_NS: i64 = 500_000_000;
+        let first = [(0, 7), (0, UP_NS + 10), (1, UP_NS + 20), (1, UP_NS + 25), (2, UP_NS + 30)];
+        assert_eq!(rise_ns(1.0, 1.0, &first), 20.0);
+        let again = 1_000_000_000 + UP_NS;
+        let both = [&first[..], &[(0, again + 40), (0, again + 50)]].concat();
+        assert_eq!(rise_ns(1.0, 2.0, &both), 40.0, "the fourth of six");
+        assert_eq!(rise_ns(1.0, 2.0, &first), f64::INFINITY, "three of six");
+    }
+
+    #[test]
+    fn the_most_steps_that_a_list_may_have_take_no_memory() {
+        assert_eq!(rise_ns(1e5, 1e6, &[(0, 5_010)]), f64::INFINITY);
+    }
 }
