@@ -141,9 +141,13 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
         .with_grain(&sensor);
     let source = Source { geometry: geometry(&folder, &choice), folder: &folder };
     let asked = Asked { sensor: &sensor, event_ids };
-    let (record, memory) =
+    let (record, memory, last) =
         simulate(&device, &source, &asked, &mut kernels, &mut ros, pace, &mut input_check)?;
     device_choice::check_validation(&device)?;
+    if last != sensor {
+        stderr::line("the sensor changed during the run: files and report have the last one");
+        sensor = last;
+    }
 
     let intervals = record.submit_to_packet_ns.len();
     let expected = folder.paths.len() - 1;
@@ -263,6 +267,7 @@ fn check_event_ids(sensor: &SensorModel, folder: &FrameFolder) -> Result<()> {
     Ok(())
 }
 
+/// Simulates the frames. The sensor that comes back is the one at the end: ROS parameters may have changed it.
 fn simulate(
     device: &Arc<Device>,
     Source { folder, geometry }: &Source<'_>,
@@ -271,7 +276,7 @@ fn simulate(
     ros: &mut RosOutput,
     mut pace: Pace,
     input_check: &mut InputCheck,
-) -> Result<(RunRecord, Vec<MemoryReport>)> {
+) -> Result<(RunRecord, Vec<MemoryReport>, SensorModel)> {
     let layout = &folder.layout;
     let camera = CameraConfig {
         sensor: sensor.clone(),
@@ -281,7 +286,7 @@ fn simulate(
         geometry: geometry.as_ref().map(|(config, _)| *config),
     };
     let mut rig = Rig::with_options(device, &[camera], report::rig_options())?;
-    let mut sensors = [sensor.clone()];
+    let (mut sensors, mut changed) = ([sensor.clone()], false);
     kernels.load(&mut rig)?;
     if let Some((_, scene)) = geometry {
         rig.set_scene(0, scene.clone())?;
@@ -302,7 +307,7 @@ fn simulate(
         rig.upload(0, &frame)?;
         kernels.refresh(&mut rig, &progress);
         pace.wait(folder.time_ns(index));
-        ros.change_sensors(&mut rig, &mut sensors);
+        changed |= ros.change_sensors(&mut rig, &mut sensors);
         let tick = rig.step(&[folder.time_ns(index)])?;
         if index > 0 {
             record.add_tick(&tick)?;
@@ -342,7 +347,11 @@ fn simulate(
     let (expected, actual) = (folder.paths.len(), record.submit_to_packet_ns.len() + 1);
     ensure!(interrupt.came() || actual == expected, "decoding stopped after {actual} frames of {expected}");
     record.take_light(&rig)?;
-    Ok((record, MemoryReport::of(&rig)))
+    let [mut last] = sensors;
+    if changed {
+        last.synthesis = rig.synthesis(0)?;
+    }
+    Ok((record, MemoryReport::of(&rig), last))
 }
 
 /// Flags about frames that were given and do nothing, and why.
