@@ -2,12 +2,13 @@
 
 use crate::arguments::CommonArguments;
 use crate::outcome::Outcome;
+use crate::sensor_flags::sensor_file;
 use crate::whole_argument::whole;
 use crate::{device_choice, output_file};
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
 use esaac_benches::characterise::{Characterisation, Lab, characterise, document};
+use esaac_model::SensorModel;
 use esaac_model::presets::preset_with_physical_pixel;
-use esaac_model::{PRESETS, SensorModel};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `characterise`.
@@ -34,7 +35,7 @@ pub struct CharacteriseArguments {
 pub fn run(arguments: &CharacteriseArguments, common: &CommonArguments) -> Result<Outcome> {
     let sensor = sensor(&arguments.sensor)?;
     let out = &arguments.out;
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make folder {}", out.display()))?;
+    output_file::make_folder(out)?;
     let device = device_choice::open(common)?;
     let lab = Lab::new(&device, arguments.pixels, arguments.burn_in, arguments.seconds);
     let measured = characterise(&lab, &sensor)?;
@@ -44,15 +45,10 @@ pub fn run(arguments: &CharacteriseArguments, common: &CommonArguments) -> Resul
 
 /// A preset with its physical pixel, or the sensor of a file.
 pub(crate) fn sensor(named: &str) -> Result<SensorModel> {
-    if let Some(sensor) = preset_with_physical_pixel(named) {
-        return Ok(sensor);
+    match preset_with_physical_pixel(named) {
+        Some(sensor) => Ok(sensor),
+        None => Ok(sensor_file(named, Path::new(""))?.0),
     }
-    if !named.ends_with(".toml") {
-        let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-        bail!("unknown sensor `{named}`, expected one of {} or a sensor file (.toml)", names.join(", "));
-    }
-    let text = std::fs::read_to_string(named).with_context(|| format!("cannot read sensor file {named}"))?;
-    SensorModel::from_toml(&text).with_context(|| named.to_owned())
 }
 
 fn write(measured: &Characterisation, out: &Path, json: bool) -> Result<Outcome> {

@@ -3,13 +3,14 @@
 use crate::pixel_notes;
 use crate::scene_light::{SCENE_LIGHT, SceneLight};
 use crate::sensor_base::with_changes;
+use crate::sensor_flags::sensor_file;
 use crate::unread_flags::{of_file, why_unread};
 use anyhow::{Context, Result, ensure};
 use esaac_engine::{CameraConfig, GeometryConfig};
 use esaac_interop::{CameraTerms, DEFAULT_INSTANCES, DEFAULT_SLOTS, wire};
 use esaac_model::paths::{Intrinsics, Projection};
 use esaac_model::presets::preset;
-use esaac_model::{DepthFormat, HdrFormat, IdFormat, MotionFormat, PRESETS, Profile, SensorModel};
+use esaac_model::{DepthFormat, HdrFormat, IdFormat, MotionFormat, Profile, SensorModel};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -48,19 +49,11 @@ struct CameraEntry {
 #[serde(deny_unknown_fields)]
 struct LensEntry {
     #[serde(default)]
-    projection: ProjectionName,
+    projection: Projection,
     fx: f64,
     fy: Option<f64>,
     cx: Option<f64>,
     cy: Option<f64>,
-}
-
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum ProjectionName {
-    #[default]
-    Pinhole,
-    Fisheye,
 }
 
 /// What happens to frames that come faster than the engine simulates them.
@@ -167,16 +160,12 @@ impl CameraEntry {
             return Ok(None);
         };
         let lens = self.lens.context("depth without a lens, expected `lens = { fx = ... }`, in pixels")?;
-        let projection = match lens.projection {
-            ProjectionName::Pinhole => Projection::Pinhole,
-            ProjectionName::Fisheye => Projection::Fisheye,
-        };
         let middle_px = |pixels: u32| 0.5 * (f64::from(pixels) - 1.0);
         let (cx, cy) = (
             lens.cx.unwrap_or_else(|| middle_px(sensor.width)),
             lens.cy.unwrap_or_else(|| middle_px(sensor.height)),
         );
-        let lens = Intrinsics::new(projection, lens.fx, lens.fy.unwrap_or(lens.fx), cx, cy)?;
+        let lens = Intrinsics::new(lens.projection, lens.fx, lens.fy.unwrap_or(lens.fx), cx, cy)?;
         Ok(Some(GeometryConfig { depth, ids: self.ids, lens }))
     }
 
@@ -197,15 +186,7 @@ impl CameraEntry {
         ensure!((1..=most).contains(&self.slots), "{} slots, expected 1 to {most}", self.slots);
         let (base, file_keys) = match preset(&self.sensor) {
             Some(sensor) => (sensor, toml::Table::new()),
-            None => {
-                let path = folder.join(&self.sensor);
-                let text = std::fs::read_to_string(&path).with_context(|| {
-                    let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-                    format!("`{}` is neither a preset ({}) nor a sensor file", self.sensor, names.join(", "))
-                })?;
-                let sensor = SensorModel::from_toml(&text).with_context(|| path.display().to_string())?;
-                (sensor, text.parse()?)
-            }
+            None => sensor_file(&self.sensor, folder)?,
         };
         let profile = |name: &String| -> Result<Profile> {
             toml::Value::String(name.clone())

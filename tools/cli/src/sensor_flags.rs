@@ -69,22 +69,23 @@ fn named_sensor(given: &str) -> Result<(SensorModel, Option<String>, toml::Table
         let size_from = Some(format!("--sensor {given}"));
         return Ok((sensor, size_from, toml::Table::new()));
     }
-    let (sensor, keys) = sensor_file(given)?;
+    let (sensor, keys) = sensor_file(given, Path::new(""))?;
     let sized = keys.contains_key("width") || keys.contains_key("height");
     let size_from = sized.then(|| format!("sensor file {given}"));
     Ok((sensor, size_from, keys))
 }
 
-/// The sensor of a file, and the keys that the file has.
-pub(crate) fn sensor_file(given: &str) -> Result<(SensorModel, toml::Table)> {
-    let path = Path::new(given);
+/// The sensor of a file beside others in `folder`, and the keys that the file has. `given` is no preset.
+pub(crate) fn sensor_file(given: &str, folder: &Path) -> Result<(SensorModel, toml::Table)> {
+    let path = &folder.join(given);
     if !path.exists() && path.extension().is_none_or(|e| e != "toml") {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
         bail!("unknown sensor `{given}`, expected one of {} or a TOML file", names.join(", "));
     }
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read sensor file {given}"))?;
-    let sensor = SensorModel::from_toml(&text).with_context(|| given.to_owned())?;
-    let keys: toml::Table = text.parse().with_context(|| format!("sensor file {given}"))?;
+    let name = path.display();
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read sensor file {name}"))?;
+    let sensor = SensorModel::from_toml(&text).with_context(|| name.to_string())?;
+    let keys: toml::Table = text.parse().with_context(|| format!("sensor file {name}"))?;
     Ok((sensor, keys))
 }
 

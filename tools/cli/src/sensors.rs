@@ -9,6 +9,7 @@ use esaac_model::physical::{PhysicalPreset, Sourced, assumed_note, physical_pres
 use esaac_model::presets::{preset, preset_with_physical_pixel};
 use esaac_model::{PARAMETERS, PRESETS, Pixel, SensorModel};
 use serde::Serialize;
+use std::path::Path;
 
 /// Arguments of `sensors`.
 #[derive(clap::Args, Clone, Debug)]
@@ -124,7 +125,7 @@ fn listing(name: Option<&str>, pixel: Option<Pixel>) -> Result<Listing> {
 
 /// The sensor of a file, with the pixel that is named if there is one, and what of the file does nothing or is assumed.
 fn of_file(name: &str, pixel: Option<Pixel>) -> Result<PresetRow> {
-    let (sensor, keys) = sensor_file(name)?;
+    let (sensor, keys) = sensor_file(name, Path::new(""))?;
     let pixel = pixel.unwrap_or(sensor.pixel);
     let sensor = sensor.with_pixel(pixel);
     // What the other pixel was given may not do for this one.

@@ -14,7 +14,7 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 const MOST_EVENTS: usize = 1 << 31;
 
 /// Most characters of a sensor's text.
-const MOST_SENSOR_CHARACTERS: usize = 1 << 16;
+pub(crate) const MOST_SENSOR_CHARACTERS: usize = 1 << 16;
 
 /// Events of one camera, column by column.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -36,21 +36,13 @@ pub struct SequenceFile {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct LensEntry {
-    /// [`ProjectionName::Pinhole`] unless it is there.
+    /// [`Projection::Pinhole`] unless it is there.
     #[serde(skip_serializing_if = "Option::is_none")]
-    projection: Option<ProjectionName>,
+    projection: Option<Projection>,
     fx: f64,
     fy: f64,
     cx: f64,
     cy: f64,
-}
-
-#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum ProjectionName {
-    #[default]
-    Pinhole,
-    Fisheye,
 }
 
 /// `transforms.json`. Its pixels' centres are at halves. Files of NeRF's own have an angle of view, radians, in place of focal
@@ -171,16 +163,12 @@ impl SequenceFile {
             serde_json::json!(rows)
         };
         let lens = motion.lens();
-        let projection = match lens.projection() {
-            Projection::Pinhole => ProjectionName::Pinhole,
-            Projection::Fisheye => ProjectionName::Fisheye,
-        };
         let (focal_px, centre_px) = (lens.focal_px(), lens.centre_px());
         let (fx, fy, cx, cy) = (focal_px.x, focal_px.y, centre_px.x, centre_px.y);
         let instances = motion.ids().filter_map(|id| Some((id.to_string(), matrices(motion.instance(id)?))));
         SequenceFile {
             key_rate_hz: Some(key_rate_hz),
-            intrinsics: Some(LensEntry { projection: Some(projection), fx, fy, cx, cy }),
+            intrinsics: Some(LensEntry { projection: Some(lens.projection()), fx, fy, cx, cy }),
             pose_rate_hz: Some(pose_rate_hz),
             camera_to_world: Some(matrices(motion.camera())),
             instances: Some(instances.collect()),
@@ -199,10 +187,7 @@ impl SequenceFile {
             ensure!(self.instances.is_none(), "`instances` without `intrinsics`, expected both");
             return Ok(None);
         };
-        let projection = match lens.projection.unwrap_or_default() {
-            ProjectionName::Pinhole => Projection::Pinhole,
-            ProjectionName::Fisheye => Projection::Fisheye,
-        };
+        let projection = lens.projection.unwrap_or_default();
         let lens = Intrinsics::new(projection, lens.fx, lens.fy, lens.cx, lens.cy).context("`intrinsics`")?;
         let camera = self.camera_to_world.as_ref().context("`intrinsics` without `camera_to_world`")?;
         let camera = poses("camera_to_world", camera)?;

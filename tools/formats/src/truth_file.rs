@@ -14,6 +14,7 @@
 //! A truth from elsewhere may have the columns of a recording instead ([`event_file`]), with `end_ns` and `sensor` or
 //! without ([`read_of_frames`]).
 
+use crate::event_file::MOST_SENSOR_CHARACTERS;
 use crate::until_failure::UntilFailure;
 use crate::{event_file, npy};
 use anyhow::{Context, Result, ensure};
@@ -22,9 +23,6 @@ use esaac_model::{Polarity, SensorModel};
 use std::io::{Read, Seek, Write};
 use std::path::Path;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
-
-/// Most characters of a sensor's text.
-const MOST_SENSOR_CHARACTERS: usize = 1 << 16;
 
 /// Events that an ideal sensor sends.
 #[derive(Clone, Debug, PartialEq)]

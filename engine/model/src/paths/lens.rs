@@ -21,12 +21,15 @@
 
 use super::unusable_depth;
 use glam::{DVec2, DVec3, DVec4};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// How a lens maps directions to pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Projection {
     /// Perspective: the distance from the centre goes with the tangent of the angle from the optical axis.
+    #[default]
     Pinhole,
     /// Equidistant fisheye: the distance from the centre goes with the angle itself.
     Fisheye,

@@ -1,6 +1,7 @@
 //! Renders into a folder that `esaac simulate` reads: frames with all that a simulator knows, and `sequence.json`.
 
 use super::RenderArguments;
+use crate::counted::counted;
 use crate::outcome::Outcome;
 use crate::{output_file, progress};
 use anyhow::{Context, Result, ensure};
@@ -125,7 +126,7 @@ fn write_truth(scene: &Scene, end_ns: i64, folder: &Path) -> Result<usize> {
 impl Written {
     fn to_text(&self) -> String {
         let Written { folder, frames, width_px, height_px, rate_hz, poses, instances, .. } = self;
-        let count = |n: usize, one: &str| format!("{n} {one}{}", if n == 1 { "" } else { "s" });
+        let count = |n: usize, one: &str| counted(n as u64, one);
         let mut text = format!(
             "{} of {width_px}x{height_px} px at {rate_hz} Hz, {} of the camera and of {}",
             count(*frames, "frame"),
