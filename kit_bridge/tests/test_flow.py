@@ -97,6 +97,12 @@ def test_ids_of_any_integers_are_the_same():
     expected = flow(0, FRAME_NS)
     for dtype in (np.uint8, np.int16, np.uint16, np.int32, np.int64, np.uint64):
         np.testing.assert_array_equal(flow(0, FRAME_NS, ids=ids.astype(dtype)), expected)
+    # The upper half of 16 bits, in both types.
+    high = esaac.Poses(TIMES_NS, CAMERA, BODIES, ids={40_000: 0})
+    for dtype in (np.uint16, np.int16, np.dtype(">i2")):
+        told = np.where(ids == 1, 40_000, ids).astype(np.uint16).view(np.int16).astype(np.int64)
+        told = told.astype(dtype) if np.dtype(dtype).kind == "i" else (told & 0xFFFF).astype(dtype)
+        np.testing.assert_array_equal(flow(0, FRAME_NS, high, told), expected)
     # A number that 16 bits do not hold.
     far = esaac.Poses(TIMES_NS, CAMERA, BODIES, ids={4_000_000_000: 0})
     many = np.where(ids == 1, np.uint32(4_000_000_000), ids)

@@ -12,7 +12,7 @@ import numpy as np
 
 from esaac._native import Engine, SensorModel
 from esaac.attributes import KnownAttributes
-from esaac.checks import bins_of, index_of, indices_of, nanoseconds, whole_number
+from esaac.checks import bins_of, index_of, indices_of, listed, nanoseconds, whole_number
 from esaac.errors import (
     ArgumentError,
     FrameError,
@@ -149,13 +149,6 @@ class _Cameras(KnownAttributes):
 
     def _all_aps(self):
         return [None if frame is None else ApsFrame(*frame) for frame in self._engine.aps()]
-
-
-def _listed(t_ns):
-    """Times as a list, whatever holds them; an array of any library in one call. One time stays as it is."""
-    if hasattr(t_ns, "tolist"):
-        return t_ns.tolist()
-    return list(t_ns) if isinstance(t_ns, Iterable) and not isinstance(t_ns, str) else t_ns
 
 
 def _checked_header(state):
@@ -331,7 +324,7 @@ class Rig(_Several):
 
     def _step_each(self, frames, t_ns, poses, stream, submits=False):
         given = [_images(frame, index) for index, frame in enumerate(frames)]
-        times = _listed(t_ns)
+        times = listed(t_ns)
         if isinstance(times, list):
             times = [None if t is None else nanoseconds(t) for t in times]
         else:
@@ -407,10 +400,10 @@ class TiledEventCamera(_Several):
         super().__init__([sensor] * num_envs, [lens] * num_envs, device, packets, packet_ring, tiled=True)
 
     def step(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
-        return self._step_together((hdr, motion, depth, ids), _listed(t_ns), poses, stream)
+        return self._step_together((hdr, motion, depth, ids), listed(t_ns), poses, stream)
 
     def submit(self, hdr, motion=None, *, t_ns, depth=None, ids=None, poses=None, stream=None):
-        self._step_together((hdr, motion, depth, ids), _listed(t_ns), poses, stream, submits=True)
+        self._step_together((hdr, motion, depth, ids), listed(t_ns), poses, stream, submits=True)
 
     def packet(self):
         packet = self._engine.packet()

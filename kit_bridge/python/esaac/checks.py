@@ -14,6 +14,25 @@ from esaac.errors import ArgumentError, FrameError
 LEAST_NS, MOST_NS = -(1 << 63), (1 << 63) - 1
 """Times have 64 bits."""
 
+MOST_ID = 0xFFFFFFFF
+"""Greatest id of an instance."""
+
+UNKNOWN = MOST_ID
+"""Id of what has no pose of its own in MuJoCo and Newton: tendons, particles, what deforms. No table of theirs has
+it, so such pixels are counted."""
+
+
+def on_host(array: Any) -> np.ndarray[Any, Any]:
+    """An array of any library as NumPy's."""
+    if hasattr(array, "detach"):
+        array = array.detach().cpu()
+    if not isinstance(array, np.ndarray):
+        for name in ("numpy", "get"):
+            if hasattr(array, name):
+                array = getattr(array, name)()
+                break
+    return np.asarray(array)
+
 
 def nanoseconds(t_ns: Any, name: str = "t_ns") -> int:
     """A time as an int; `name` is its name in errors. A float is refused: it is seconds, most often."""
@@ -80,25 +99,26 @@ def index_of(given: Any, count: int, what: str) -> int:
 def indices_of(given: Any, count: int, what: str) -> list[int]:
     """Numbers of some of `count` cameras or environments, of a number, of several, or of a mask with a bool for
     each."""
-    values = _listed(given)
+    values = listed(given)
+    values = values if isinstance(values, list) else [values]
     return _of_mask(values, count, what) if _are_bools(values) else [index_of(v, count, what) for v in values]
 
 
 def indices_of_mask(given: Any, count: int, what: str) -> list[int]:
     """Numbers of the cameras or environments for which a mask is true."""
-    values = _listed(given)
-    if not _are_bools(values):
+    values = listed(given)
+    if not isinstance(values, list) or not _are_bools(values):
         raise ArgumentError(f"mask of {what}s is {given!r}, expected {count} bools")
     return _of_mask(values, count, what)
 
 
-def _listed(given: Any) -> list[Any]:
-    """The entries of an array of any library or of another iterable; one number becomes a list of it."""
+def listed(given: Any) -> Any:
+    """The entries of an array of any library or of another iterable as a list. One number stays as it is."""
     if hasattr(given, "tolist"):
-        given = given.tolist()
-    elif hasattr(given, "numpy"):
-        given = given.numpy().tolist()
-    return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes)) else [given]
+        return given.tolist()
+    if hasattr(given, "numpy"):
+        return given.numpy().tolist()
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes)) else given
 
 
 def _are_bools(values: list[Any]) -> bool:

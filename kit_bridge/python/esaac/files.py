@@ -14,7 +14,7 @@ import warnings
 import numpy as np
 
 from esaac._native import Packet, SensorModel, save_evt3, save_npz
-from esaac.checks import LEAST_NS, MOST_NS, ids_column
+from esaac.checks import LEAST_NS, MOST_NS, ids_column, on_host
 from esaac.columns import check_range, polarities
 from esaac.errors import ArgumentError
 from esaac.recordings import Events, h5py_library, load, load_dsec
@@ -317,7 +317,7 @@ def _appearing(path):
 
 def _host(array):
     """The array on the host. Mapped packets are copied: the camera wants their memory back."""
-    array = np.asarray(array.numpy() if hasattr(array, "numpy") else array)
+    array = on_host(array)
     return array if array.flags.writeable else array.copy()
 
 

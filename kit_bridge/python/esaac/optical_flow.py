@@ -3,11 +3,9 @@
 import numpy as np
 
 from esaac import _native
-from esaac.checks import check_depth, nanoseconds
+from esaac.checks import MOST_ID, check_depth, nanoseconds, on_host
 from esaac.errors import ArgumentError, FrameError
-from esaac.poses import Intrinsics, PoseRecorder, Poses, on_host
-
-MOST_ID = 0xFFFFFFFF
+from esaac.poses import Intrinsics, PoseRecorder, Poses
 
 
 def flow(depth, ids=None, *, intrinsics, poses, from_ns, to_ns):
@@ -25,7 +23,9 @@ def flow(depth, ids=None, *, intrinsics, poses, from_ns, to_ns):
             raise FrameError(
                 f"ids have shape {ids.shape} and dtype {ids.dtype}, expected {depth.shape} integers"
             )
-        # Narrow signed integers are what some renderers have for unsigned ones.
+        if ids.dtype.kind == "i" and ids.dtype.itemsize <= 4:
+            # Narrow signed integers are what some renderers have for unsigned ones.
+            ids = ids.view(ids.dtype.str.replace("i", "u"))
         if ids.dtype.itemsize > 4 and ids.size and not 0 <= ids.min() <= ids.max() <= MOST_ID:
             raise FrameError(f"ids are {ids.min()} to {ids.max()}, expected 0 to {MOST_ID}")
         ids = np.ascontiguousarray(ids.reshape(images.shape), np.uint32)

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 
 from esaac._native import POSE_NEIGHBOURS
-from esaac.checks import nanoseconds
+from esaac.checks import MOST_ID, nanoseconds, on_host
 from esaac.errors import ArgumentError, FrameError
 from esaac.matrices import poses_of
 
@@ -235,18 +235,6 @@ def _on_device(array):
     return device is not None and "cuda" in str(device).lower()
 
 
-def on_host(array):
-    """An array of any library as NumPy's."""
-    if isinstance(array, np.ndarray):
-        return array
-    if hasattr(array, "detach"):
-        return array.detach().cpu().numpy()
-    for name in ("numpy", "get"):
-        if hasattr(array, name):
-            return getattr(array, name)()
-    return np.asarray(array)
-
-
 def _times(times_ns):
     times = on_host(times_ns)
     if times.ndim != 1 or len(times) == 0 or times.dtype.kind not in "iu":
@@ -325,7 +313,7 @@ def _table(ids):
         raise FrameError(
             f"poses: id {keys[below][0]} is body {values[below][0]}, expected one from 0, or -1 for the static world"
         )
-    wrong = (keys < 0) | (keys > 0xFFFFFFFF)
+    wrong = (keys < 0) | (keys > MOST_ID)
     if wrong.any():
-        raise FrameError(f"poses: id {keys[wrong][0]}, expected 0 to {0xFFFFFFFF}")
+        raise FrameError(f"poses: id {keys[wrong][0]}, expected 0 to {MOST_ID}")
     return keys.astype(np.uint32), values.astype(np.int64)

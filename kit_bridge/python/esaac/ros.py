@@ -8,7 +8,7 @@ import os
 import numpy as np
 
 from esaac._native import RosPublisher, SensorModel, check_ros_names
-from esaac.checks import check_depth, ids_column, nanoseconds
+from esaac.checks import check_depth, ids_column, nanoseconds, on_host
 from esaac.errors import ArgumentError, FrameError, RosError
 
 __all__ = ["Camera", "Frame", "Imu", "Instance", "Publisher", "RosError", "check_names"]
@@ -227,8 +227,10 @@ class Publisher:
             events=None if frame.packet is None else _events(frame.packet),
             ids=None if frame.ids is None else _ids(frame, name),
             aps=aps,
-            rgb=None if frame.rgb is None else _image_of_colour(_host(frame.rgb), f"rgb of `{name}`"),
-            depth=None if frame.depth is None else _image_of_depth(_host(frame.depth), f"depth of `{name}`"),
+            rgb=None if frame.rgb is None else _image_of_colour(on_host(frame.rgb), f"rgb of `{name}`"),
+            depth=None
+            if frame.depth is None
+            else _image_of_depth(on_host(frame.depth), f"depth of `{name}`"),
             imu=_samples(frame.imu, name),
         )
 
@@ -238,15 +240,15 @@ def _events(packet):
         raise ArgumentError("this packet is of several cameras; publish packet[i], one a camera")
     offsets = packet.t_offset_ns
     if offsets is None:
-        offsets = _offsets(_host(packet.t_ns), packet.base_ns)
+        offsets = _offsets(on_host(packet.t_ns), packet.base_ns)
     # Mapped packets are where the device wrote them; others have been copied once.
     mapped = isinstance(packet.x, np.ndarray) and not packet.x.flags.writeable
-    place = lambda column: np.ascontiguousarray(_host(column)).view(np.uint16)
+    place = lambda column: np.ascontiguousarray(on_host(column)).view(np.uint16)
     return _Events(
         x=place(packet.x),
         y=place(packet.y),
         t_offset_ns=np.ascontiguousarray(offsets),
-        p=np.ascontiguousarray(_host(packet.p)),
+        p=np.ascontiguousarray(on_host(packet.p)),
         base_ns=packet.base_ns,
         watermark_ns=packet.watermark_ns,
         sequence=packet.sequence,
@@ -263,7 +265,7 @@ def _ids(frame, name):
         raise ArgumentError(
             f"ids of `{name}` are given without a packet, expected the packet of their events"
         )
-    return ids_column(_host(frame.ids), len(frame.packet), f"ids of `{name}`")
+    return ids_column(on_host(frame.ids), len(frame.packet), f"ids of `{name}`")
 
 
 def _labels(number, labels):
@@ -324,21 +326,9 @@ def _samples(imu, name):
 
 def _vector(given, name):
     try:
-        vector = np.asarray(_host(given), np.float64)
+        vector = np.asarray(on_host(given), np.float64)
     except (TypeError, ValueError) as error:
         raise ArgumentError(f"{name} is {given!r}, expected three numbers") from error
     if vector.shape != (3,):
         raise ArgumentError(f"{name} has shape {list(vector.shape)}, expected [3]: x, y, z")
     return vector.tolist()
-
-
-def _host(array):
-    """A NumPy array of any array, on a device or on the host."""
-    if isinstance(array, np.ndarray):
-        return array
-    if hasattr(array, "cpu"):
-        array = array.cpu()
-    for copy in ("numpy", "get"):
-        if hasattr(array, copy):
-            return np.asarray(getattr(array, copy)())
-    return np.asarray(array)

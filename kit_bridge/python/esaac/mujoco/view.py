@@ -8,13 +8,11 @@ import mujoco
 import numpy as np
 
 from esaac import ArgumentError
+from esaac.checks import UNKNOWN
 from esaac.srgb import linear_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-UNKNOWN = 0xFFFFFFFF
-"""Id of what has no pose of its own: tendons, skins and flexes. No table has it, so such pixels are counted."""
 
 _GEOM, _SITE = int(mujoco.mjtObj.mjOBJ_GEOM), int(mujoco.mjtObj.mjOBJ_SITE)
 
@@ -60,7 +58,8 @@ class View:
         self._renderer.close()
 
     def _bodies(self, number: NDArray[np.int32], kind: NDArray[np.int32]) -> NDArray[np.uint32]:
-        """Of each pixel's object the body that it is part of. The world is body 0."""
+        """Of each pixel's object the body that it is part of. The world is body 0; tendons, skins and flexes have no
+        body."""
         ids = np.where(number < 0, 0, UNKNOWN).astype(np.uint32)
         for of, bodies in ((_GEOM, self._model.geom_bodyid), (_SITE, self._model.site_bodyid)):
             seen = (kind == of) & (number >= 0)

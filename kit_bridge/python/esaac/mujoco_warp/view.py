@@ -11,14 +11,14 @@ import numpy as np
 import warp as wp
 
 from esaac import ArgumentError
-from esaac.mujoco.view import UNKNOWN as _NO_POSE
+from esaac.checks import UNKNOWN
 from esaac.srgb import linear_of
 
 if TYPE_CHECKING:
     from esaac.mujoco_warp.present import Present
 
 _GEOM = wp.constant(int(mujoco.mjtObj.mjOBJ_GEOM))
-_UNKNOWN = wp.constant(wp.uint32(_NO_POSE))
+_UNKNOWN = wp.constant(wp.uint32(UNKNOWN))
 
 _OWN = ("nworld", "cam_res", "cam_active", "render_rgb", "render_depth", "render_seg", "use_precomputed_rays")
 """Arguments of MuJoCo Warp's that are set here."""

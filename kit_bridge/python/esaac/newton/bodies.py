@@ -10,9 +10,6 @@ import warp as wp
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-UNKNOWN = 0xFFFFFFFF
-"""Id of what has no pose of its own: particles and what deforms. No table has it, so such pixels are counted."""
-
 _STILL = np.array([0, 0, 0, 0, 0, 0, 1], np.float64)
 
 

@@ -9,8 +9,9 @@ import newton.sensors
 import numpy as np
 import warp as wp
 
+from esaac.checks import UNKNOWN
 from esaac.errors import ArgumentError
-from esaac.newton.bodies import UNKNOWN, WorldBodies
+from esaac.newton.bodies import WorldBodies
 from esaac.poses import Intrinsics
 
 if TYPE_CHECKING:
