@@ -74,6 +74,18 @@ def test_poses_of_another_kind():
         rig.step([(HDR, None, depth)], t_ns=0, poses=[poses])
 
 
+    for alone in (esaac.Poses([0], poses[:1]), esaac.PoseRecorder(), 3):
+        kind = type(alone).__name__
+        with pytest.raises(
+            esaac.ArgumentError, match=rf"poses are a {kind}, expected a list with esaac\.Poses"
+        ):
+            rig.step([(HDR, None, depth)], t_ns=0, poses=alone)
+
+
+def test_a_lens_has_four_numbers():
+    for given in ((40.0, 40.0, 19.5), (40.0, 40.0, 19.5, 11.5, 0.0), (40.0, 40.0, 19.5, 11.5, 0.1, 0.2)):
+        with pytest.raises(esaac.ArgumentError, match=r"intrinsics are \(40.*expected .*\(fx, fy, cx, cy\)"):
+            camera(intrinsics=given)
 def test_a_frame_of_a_rig_has_no_more_than_its_images():
     rig = esaac.Rig([camera().sensor] * 2)
     for frame in ((HDR, None, None, None, None), ()):

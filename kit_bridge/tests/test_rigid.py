@@ -114,6 +114,23 @@ def test_environments_give_what_cameras_alone_give():
         assert_same(join([tick[env] for tick in ticks]), alone)
 
 
+def test_a_recorder_keeps_what_cameras_without_a_time_will_need():
+    _, stacked, cameras, bodies = tiled()
+    recorder = esaac.PoseRecorder()
+    for t_ns, poses, places in zip(TIMES_NS, cameras, bodies):
+        recorder.record(int(t_ns) - 1_000_000_000, poses, places)
+    hdr, depth, ids = stacked[0]
+    sensor = esaac.SensorModel("dvs128", synthesis="rigid", **SENSOR)
+    with esaac.TiledEventCamera(sensor, 3, intrinsics=LENS) as envs:
+        images = {"depth": depth, "ids": ids, "poses": recorder}
+        envs.step(hdr, t_ns=-1_000_000_000, **images)
+        kept = len(recorder)
+        envs.reset()
+        envs.step(hdr, t_ns=[None] * 3, **images)
+        assert len(recorder) == kept
+        envs.step(hdr, t_ns=-1_000_000_000, **images)
+
+
 def test_an_environment_that_is_reset_does_not_follow_what_moved_it():
     _, stacked, cameras, bodies = tiled()
     sensor = esaac.SensorModel("dvs128", synthesis="rigid", **SENSOR)

@@ -95,7 +95,9 @@ class _Cameras(KnownAttributes):
             self._warn(4)
         # Cameras that wait need what came after their last frame.
         needed = [t if t is not None else before for t, before in zip(times, last)]
-        poses.forget_before(min((t for t in needed if t is not None), default=0))
+        known = [t for t in needed if t is not None]
+        if known:
+            poses.forget_before(min(known))
         return packet
 
     def _warn(self, stacklevel):
@@ -175,6 +177,16 @@ def _checked_header(state):
 def _check_poses(poses):
     if not (poses is None or isinstance(poses, (Poses, PoseRecorder))):
         raise ArgumentError(f"poses are a {type(poses).__name__}, expected esaac.Poses or esaac.PoseRecorder")
+
+
+def _poses_of_each(poses):
+    """Poses of each camera of a rig, as a list."""
+    if isinstance(poses, (Poses, PoseRecorder)) or not isinstance(poses, Iterable):
+        raise ArgumentError(
+            f"poses are a {type(poses).__name__}, expected a list with esaac.Poses, esaac.PoseRecorder or None for "
+            "each camera"
+        )
+    return list(poses)
 
 
 def _span(times_ns, last_ns):
@@ -331,7 +343,7 @@ class Rig(_Several):
             times = [nanoseconds(times)] * len(given)
         times = [None if frame is None else t for frame, t in zip(given, times)] + times[len(given) :]
         given = [None if t is None else frame for frame, t in zip(given, times)] + given[len(times) :]
-        poses = [None] * self._count if poses is None else list(poses)
+        poses = [None] * self._count if poses is None else _poses_of_each(poses)
         for each in poses:
             _check_poses(each)
         recorders = [

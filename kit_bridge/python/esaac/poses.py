@@ -50,11 +50,12 @@ class Intrinsics:
         if given is None or isinstance(given, cls):
             return given
         try:
-            return cls(*map(float, given))
+            fx, fy, cx, cy = map(float, given)
         except (TypeError, ValueError) as error:
             raise ArgumentError(
                 f"intrinsics are {given!r}, expected Intrinsics or (fx, fy, cx, cy)"
             ) from error
+        return cls(fx, fy, cx, cy)
 
     def told(self):
         """As the engine counts: the first pixel's centre is at 0."""
