@@ -112,6 +112,16 @@ def test_a_recorder_is_bounded_and_forgives_clocks_of_floats():
         esaac.PoseRecorder(limit=2)
 
 
+def test_a_sample_may_be_recorded_anew():
+    recorder = esaac.PoseRecorder()
+    for step in range(3):
+        recorder.record(step, CAMERA[0])
+    recorder.forget_from(1)
+    recorder.record(1, CAMERA[3])
+    assert recorder.spanning(0, 1).times_ns.tolist() == [0, 1]
+    np.testing.assert_array_equal(recorder.spanning(1, 1).camera[-1, 0], CAMERA[3])
+
+
 def test_a_recorder_takes_whole_nanoseconds_alone():
     recorder = esaac.PoseRecorder()
     for wrong in (0.5, 1e6, np.float64(3), "4"):

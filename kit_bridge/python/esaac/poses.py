@@ -161,6 +161,10 @@ class PoseRecorder:
         for _ in range(dropped):
             self._samples.popleft()
 
+    def forget_from(self, t_ns):
+        while self._samples and self._samples[-1].t_ns >= t_ns:
+            self._samples.pop()
+
     def clear(self):
         self._samples.clear()
 

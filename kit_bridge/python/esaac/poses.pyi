@@ -160,7 +160,7 @@ class PoseRecorder:
         """The samples of an interval, and two beyond each end where there are any. `step` calls it."""
     def forget_before(self, t_ns: int) -> None:
         """Drops what no interval that begins at `t_ns` or later needs. `step` calls it."""
+    def forget_from(self, t_ns: int) -> None:
+        """Drops the samples at `t_ns` and later. Call it to record one anew."""
     def clear(self) -> None:
         """Drops everything. Call it when time is set back."""
-
-def on_host(array: Array) -> NDArray[Any]: ...

@@ -174,6 +174,23 @@ def test_trap_poses_after_a_step_are_those_of_its_end_and_the_data_are_left_alon
         assert np.abs(stale - data.xpos[1:]).max() > 1e-3
 
 
+def test_a_state_that_is_set_at_a_recorded_time_takes_the_place_of_the_one_before(model):
+    data = scene.begun(model)
+    with made(model) as cam:
+        cam.record(data)
+        cam.record(data)
+        (before,) = cam._recorder._samples
+        data.qpos[:3] += 0.25
+        cam.step(data)
+        (sample,) = cam._recorder._samples
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(sample.bodies[:, :3], data.xpos[1:], atol=1e-12)
+        assert np.abs(sample.bodies - before.bodies).max() > 0.1
+        data.qpos[:3] += 0.25
+        cam.record(data)
+        assert cam._recorder._samples[-1] is sample, "the frame shows it"
+
+
 def test_a_reset_begins_an_episode_that_equals_the_first(model):
     def episode(cam):
         data, packets = scene.begun(model), []

@@ -92,17 +92,23 @@ class EventCamera(KnownAttributes):
         """Keeps the poses at `data.time`. `data` is not changed.
 
         After `mj_step` the poses in `data` are those of the step before, so they are computed here from `data.qpos`.
+        A state that was set at a time that is recorded takes the place of the one before. Once the frame at that time
+        is drawn, it counts from the next time on.
         A time before the last one raises `esaac.FrameError`; call `reset` where a simulation begins anew."""
         t_ns = _time_ns(data)
-        if t_ns == self._recorded_ns:
-            return
-        self._check_time(t_ns)
         own = self._own
+        if t_ns == self._recorded_ns:
+            names = ("qpos", "mocap_pos", "mocap_quat")
+            same = all(np.array_equal(getattr(own, name), getattr(data, name)) for name in names)
+            if same or t_ns == self._stepped_ns:
+                return
+        self._check_time(t_ns)
         own.qpos[:], own.mocap_pos[:], own.mocap_quat[:] = data.qpos, data.mocap_pos, data.mocap_quat
         self._compute()
         camera = np.zeros(7)
         camera[:3] = own.cam_xpos[self._number]
         mujoco.mju_mat2Quat(camera[3:], own.cam_xmat[self._number])
+        self._recorder.forget_from(t_ns)
         self._recorder.record(t_ns, camera, np.concatenate([own.xpos[1:], own.xquat[1:]], axis=1))
         self._recorded_ns = t_ns
 
