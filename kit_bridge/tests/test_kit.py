@@ -16,6 +16,7 @@ from omni.replicator import core as rep
 from pxr import Plug, Usd, UsdGeom
 
 import esaac
+from esaac_sim import self_test
 from esaac_sim.bridge import SETTINGS
 from esaac_sim.extension import Extension
 from esaac_sim.frames import FrameUnusable, frame_of
@@ -222,6 +223,32 @@ def test_exposure_is_pinned_while_cameras_run_and_given_back(stage):
     assert settings.get("/rtx/post/aa/op") == 0 and settings.get("/rtx/post/histogram/enabled") is False
     running.detach()
     assert settings.get("/rtx/post/aa/op") == 3
+
+
+def test_settings_that_had_no_value_have_none_again(stage):
+    settings = carb.settings.get_settings()
+    settings.set("/rtx/post/aa/op", 3)
+    before = dict(settings)
+    running = bridge()
+    running.attach(stage)
+    assert settings.get("/rtx/post/tonemap/fStop") == 1.0
+    running.detach()
+    assert settings == before
+
+
+def test_a_camera_whose_texture_cannot_be_had_leaves_nothing_behind(stage, monkeypatch):
+    carb.settings.get_settings().set(SETTINGS + "path", "texture")
+
+    def refuse(product, camera):
+        raise FrameUnusable("no texture")
+
+    monkeypatch.setattr("esaac_sim.bridge.Texture", refuse)
+    running = bridge()
+    running.checks = [self_test.Check("texture", True, "the same events both ways")]
+    assert running.attach(stage) == 0 and running.problems == ["/camera: no texture"]
+    assert not rep._PRODUCTS and not running.attached
+    move(stage, 6)
+    running.detach()
 
 
 def test_the_extension_follows_the_timeline_and_shows_its_window(stage):

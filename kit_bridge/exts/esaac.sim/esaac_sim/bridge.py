@@ -124,19 +124,24 @@ class Bridge:
         by_texture = self._by_texture(spec, off)
         transforms = self._transforms if spec.with_geometry else None
         feed = Feed(spec, device=self.setting("device", None) or None, transforms=transforms)
+        drawn = None
         try:
             self._add_sinks(feed)
-            product, attached = writer.attach(spec, feed.write, with_hdr=not by_texture)
+            drawn = writer.attach(spec, feed.write, with_hdr=not by_texture)
             if by_texture:
-                feed.texture = Texture(product, feed.camera)
+                feed.texture = Texture(drawn[0], feed.camera)
         except BaseException:
+            closing = Closing()
+            if drawn is not None:
+                closing.call(writer.detach, *drawn)
+            closing.call(feed.close)
             try:
-                feed.close()
+                closing.finish()
             except CloseError as error:
                 self.problems += _words(error)
             raise
         self.feeds.append(feed)
-        self._attached.append((product, attached))
+        self._attached.append(drawn)
 
     @property
     def wants_texture(self):

@@ -24,5 +24,8 @@ def pin(settings):
 
 def restore(settings, before):
     for path, value in before.items():
-        if value is not None:
+        if value is None:
+            # It had none, and Kit's own default goes again.
+            settings.destroy_item(path)
+        else:
             settings.set(path, value)
