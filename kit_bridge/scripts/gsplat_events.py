@@ -11,6 +11,7 @@ Needs `torch` and `gsplat`, which draws on NVIDIA GPUs. The tests put another re
 
 import argparse
 import pathlib
+import sys
 
 PARSER = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 PARSER.add_argument("--splats", help="a PLY file")
@@ -129,13 +130,22 @@ def shake(seconds, width, height):
     return CameraPath(lens, width, height, np.stack([shaken(t_s) for t_s in times_s]), names)
 
 
+def poses_per_frame(pose_hz, frame_hz):
+    """Frames are drawn at poses, so each is so many poses after the one before."""
+    if not frame_hz > 0 or round(pose_hz / frame_hz) * frame_hz != pose_hz:
+        sys.exit(
+            f"error: --rate is {frame_hz:g}, expected a number that divides the {pose_hz:g} poses a second"
+        )
+    return round(pose_hz / frame_hz)
+
+
 def run(splats, path, pose_hz, frame_hz, **options):
     """Packets of frames at `frame_hz`, of poses at `pose_hz`."""
     options = {"width": path.width, "height": path.height, "intrinsics": path.lens, **options}
     camera = esaac.EventCamera("dvs128", **options)
     times_ns = np.round(np.arange(len(path)) / pose_hz * 1e9).astype(np.int64)
     poses, packets = path.poses(times_ns), []
-    for index in range(0, len(path), round(pose_hz / frame_hz)):
+    for index in range(0, len(path), poses_per_frame(pose_hz, frame_hz)):
         colour, depth = draw(splats, path.world_from_camera[index], path.lens, path.width, path.height)
         packets.append(camera.step(colour, t_ns=int(times_ns[index]), depth=depth, poses=poses))
     return camera.sensor, packets

@@ -102,3 +102,9 @@ def test_a_file_of_splats_and_a_path_become_a_recording(program, tmp_path):
     _, _, t_ns, _ = esaac.files.load_dsec(tmp_path / "events.h5")
     assert len(t_ns) > 300 and 0 < t_ns.min() and t_ns.max() <= 100_000_000
     program.main(["--device", "cpu", "--seconds", "0.07", "--size", "32", "24", "--rate", "60"])
+
+
+@pytest.mark.parametrize("rate", ["50", "1000", "0", "-30", "nan"])
+def test_a_rate_of_frames_that_have_no_pose_is_refused(program, rate):
+    with pytest.raises(SystemExit, match=f"--rate is {rate}, expected a number that divides the 480 poses"):
+        program.main(["--device", "cpu", "--size", "32", "24", "--rate", rate])
