@@ -4,8 +4,8 @@
 
 It ends with an error if the camera cannot be attached or the recording cannot be written.
 
-Not run where this project is built: there is no Isaac Sim. It uses those parts of Kit's interface that the
-extension's tests imitate (`kit_bridge/tests/stand_ins`).
+Tested: `--help`, and the extension on stand-ins for Kit (`kit_bridge/tests/stand_ins`). Not tested: the script as a
+whole, which needs Isaac Sim.
 """
 
 import argparse

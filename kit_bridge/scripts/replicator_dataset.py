@@ -6,7 +6,8 @@ Each recording is `NNNN/events.h5` and `NNNN/sensor.toml`. A recording that is t
 `--event-ids` each event has the id of the prim that it shows (`events/id`), and `NNNN/ids.json` says which prim each
 id is.
 
-Not run where this project is built: there is no Isaac Sim.
+Tested: `--help`, and the extension on stand-ins for Kit (`kit_bridge/tests/stand_ins`). Not tested: the script as a
+whole, which needs Isaac Sim.
 """
 
 import argparse
