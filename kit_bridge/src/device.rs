@@ -4,13 +4,13 @@ use crate::error::Fault;
 use crate::process::OwnProcess;
 use esaac_cli::arguments::DeviceArgument;
 use esaac_cli::device_choice::uuid_text;
-use esaac_engine::{Device, DeviceChoice, Validation, list_devices};
+use esaac_engine::{Device, DeviceChoice, Validation, find_device, list_devices};
 use esaac_interop::cuda::cuda_devices;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Open devices of this process, by UUID.
+/// Open devices of this process, with the choices that named them.
 static OPEN: Mutex<Vec<(u32, DeviceChoice, Weak<Device>)>> = Mutex::new(Vec::new());
 
 /// The device that Python names: None for the best, a number or UUID of `devices()`, or `cuda:N`.
@@ -49,7 +49,14 @@ pub fn open(py: Python<'_>, named: Option<&Bound<'_, PyAny>>) -> PyResult<OwnPro
         if let Some(device) = known.and_then(|(_, _, device)| device.upgrade()) {
             return Ok(device);
         }
-        let device = Device::open(choice, Validation::from_env()).map_err(Fault::from)?;
+        // It may be open under another name.
+        let info = find_device(choice).map_err(Fault::from)?;
+        let is_it =
+            |device: &Arc<Device>| (device.info().index, device.info().uuid) == (info.index, info.uuid);
+        let device = match open.iter().filter_map(|(.., device)| device.upgrade()).find(is_it) {
+            Some(device) => device,
+            None => Device::open(choice, Validation::from_env()).map_err(Fault::from)?,
+        };
         open.push((here, choice, Arc::downgrade(&device)));
         Ok::<_, Fault>(device)
     })?;

@@ -3,6 +3,8 @@
 import gc
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -72,8 +74,6 @@ def test_poses_of_another_kind():
     rig = esaac.Rig([cam.sensor], intrinsics=[(40.0, 40.0, 19.5, 11.5)])
     with pytest.raises(esaac.ArgumentError, match=r"poses are a ndarray, expected esaac\.Poses or"):
         rig.step([(HDR, None, depth)], t_ns=0, poses=[poses])
-
-
     for alone in (esaac.Poses([0], poses[:1]), esaac.PoseRecorder(), 3):
         kind = type(alone).__name__
         with pytest.raises(
@@ -86,6 +86,8 @@ def test_a_lens_has_four_numbers():
     for given in ((40.0, 40.0, 19.5), (40.0, 40.0, 19.5, 11.5, 0.0), (40.0, 40.0, 19.5, 11.5, 0.1, 0.2)):
         with pytest.raises(esaac.ArgumentError, match=r"intrinsics are \(40.*expected .*\(fx, fy, cx, cy\)"):
             camera(intrinsics=given)
+
+
 def test_a_frame_of_a_rig_has_no_more_than_its_images():
     rig = esaac.Rig([camera().sensor] * 2)
     for frame in ((HDR, None, None, None, None), ()):
@@ -228,6 +230,25 @@ def test_devices_are_listed_and_wrong_ones_refused():
             camera(device=device)
     with pytest.raises(esaac.ArgumentError, match="`host`, `mapped` or `cuda`"):
         camera(packets="gpu")
+
+
+def test_a_device_is_opened_once_by_whatever_name(tmp_path):
+    """A device has threads of its driver, or files."""
+    count = """
+import os, sys, esaac
+names = eval(sys.argv[1])
+cameras = [esaac.EventCamera("dvs128", width=8, height=8, device=name) for name in names]
+print(len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd")))
+"""
+    best = camera().device
+    index = next(entry["index"] for entry in esaac.devices() if entry["uuid"] == best["uuid"])
+    counted = [
+        subprocess.run(
+            [sys.executable, "-c", count, repr(names)], capture_output=True, text=True, check=True
+        ).stdout
+        for names in ([best["uuid"]] * 3, [best["uuid"], index, None])
+    ]
+    assert counted[0] == counted[1]
 
 
 def test_two_cameras_in_two_threads_give_what_each_gives_alone():

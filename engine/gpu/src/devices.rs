@@ -259,6 +259,15 @@ pub fn list_devices() -> Result<Vec<DeviceInfo>, EngineError> {
     }
 }
 
+/// The device that [`Device::open`](crate::Device::open) opens.
+pub fn find_device(choice: DeviceChoice) -> Result<DeviceInfo, EngineError> {
+    let devices = devices(&Instance::new(Validation::Off)?)?;
+    if devices.is_empty() {
+        return Err(EngineError::NoDriver);
+    }
+    Ok(choose(choice, devices)?.1)
+}
+
 /// The chosen device; an error if it does not exist or is not suitable.
 pub(crate) fn choose(
     choice: DeviceChoice,

@@ -33,7 +33,7 @@ pub use commands::{Commands, SubmitHooks};
 pub use device::Device;
 #[doc(hidden)]
 pub use device::Restrictions;
-pub use devices::{Capability, DeviceChoice, DeviceInfo, list_devices};
+pub use devices::{Capability, DeviceChoice, DeviceInfo, find_device, list_devices};
 pub use error::EngineError;
 pub use esaac_layout::{MAX_CAMERAS, MOST_BINS};
 #[doc(hidden)]
