@@ -2,8 +2,9 @@
 
 use esaac_engine::ash::vk;
 use esaac_engine::{
-    CameraConfig, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, GeometryConfig, InputBuffers,
-    MemoryLocation, Rig, RigOptions, SubmitHooks, Timeline, Validation,
+    CameraConfig, Commands, Device, DeviceChoice, EngineError, FrameBytes, FrameInput, GeometryConfig,
+    InputBuffers, KernelPolicy, MemoryLocation, Representation, Rig, RigOptions, Share, SubmitHooks,
+    Timeline, Validation,
 };
 use esaac_model::paths::{Intrinsics, Pose, PoseTrack, SceneMotion};
 use esaac_model::{
@@ -101,9 +102,10 @@ fn depth_and_ids_that_are_too_small_or_on_another_device() {
     assert_names(step(Some(&short), Some(&whole)), &["camera 0", "depth", "160 bytes", "432"]);
     assert_names(step(Some(&whole), Some(&short)), &["camera 0", "ids", "160 bytes", "216"]);
     assert_names(step(None, Some(&whole)), &["camera 0", "depth", "0 bytes", "432"]);
-    let error = assert_names(step(Some(&whole), Some(&elsewhere)), &["camera 0", "ids", "the rig's device"]);
-    assert!(matches!(error, EngineError::OtherDevice { camera: 0, image: "ids", .. }), "{error}");
-    assert_names(step(Some(&elsewhere), Some(&whole)), &["camera 0", "depth", "the rig's device"]);
+    let error =
+        assert_names(step(Some(&whole), Some(&elsewhere)), &["camera 0", "ids", "another open device"]);
+    assert!(matches!(error, EngineError::OtherDevice { .. }), "{error}");
+    assert_names(step(Some(&elsewhere), Some(&whole)), &["camera 0", "depth", "another open device"]);
     step(Some(&whole), Some(&whole)).unwrap();
     drop(rig);
     assert_silent();
@@ -297,6 +299,69 @@ fn saved_states_that_do_not_fit() {
     assert_eq!(step(&mut one, &frames, 3).packet, expected);
     assert!(!expected.is_empty());
     drop((one, other, two));
+    assert_silent();
+}
+
+#[test]
+fn shares_that_end_beyond_all_memory() {
+    let sensor = sensor();
+    let frames = frames(&sensor, 2);
+    let mut rig = rig(&sensor, &frames, RigOptions::default());
+    (0..2).for_each(|index| _ = step(&mut rig, &frames, index));
+    let buffer = |device: &Arc<Device>| {
+        device.allocate("target", 1 << 16, vk::BufferUsageFlags::empty(), MemoryLocation::GpuOnly).unwrap()
+    };
+    let (target, elsewhere) = (buffer(&DEVICE), buffer(&OTHER_SIDE));
+    for what in [Representation::EventFrame, Representation::Gathered] {
+        for (before, all) in [(u64::MAX, 0), (1 << 62, 0), (1 << 60, 0), (0, u64::MAX)] {
+            let error = rig.represent(what, &target, Share { before, all });
+            assert!(matches!(assert_names(error, &["target", "65536"]), EngineError::OutOfMemory { .. }));
+        }
+        let error = rig.represent(what, &elsewhere, Share::default());
+        assert_names(error, &["target", "another open device"]);
+        rig.represent(what, &target, Share::default()).unwrap();
+    }
+    drop((rig, target, elsewhere));
+    assert_silent();
+}
+
+#[test]
+fn options_that_no_rig_can_have() {
+    let sensor = sensor();
+    let config = camera(&sensor, 0, &frames(&sensor, 1));
+    let with = |options| Rig::with_options(&DEVICE, std::slice::from_ref(&config), options);
+    let own = KernelPolicy { sort_threads: 0, ..KernelPolicy::gpu() };
+    let refused = with(RigOptions { policy: Some(own), ..RigOptions::default() });
+    assert_names(refused, &["sort_threads", "is 0", "a power of two"]);
+    let refused = with(RigOptions { packet_ring: u32::MAX, ..RigOptions::default() });
+    assert_names(refused, &["packet_ring", "4294967295", "at most 64"]);
+    assert_silent();
+}
+
+#[test]
+fn hooks_that_a_submission_cannot_have() {
+    let sensor = sensor();
+    let frames = frames(&sensor, 1);
+    let mut rig = rig(&sensor, &frames, RigOptions::default());
+    let on = |device| Timeline::new(device, vk::ExternalSemaphoreHandleTypeFlags::empty()).unwrap();
+    let (own, other) = (on(&DEVICE), on(&OTHER_SIDE));
+    let commands = Commands::new(&OTHER_SIDE).unwrap();
+    own.signal(10).unwrap();
+    let none = SubmitHooks::default();
+    let mut step = |hooks: &SubmitHooks<'_>| rig.step_frames(&[None], hooks).map(|_| ());
+    for value in [5, 10] {
+        let error = assert_names(step(&SubmitHooks { signals: &[(&own, value)], ..none }), &["above 10"]);
+        assert!(matches!(error, EngineError::TimelineValue { expected_above: 10, .. }), "{error}");
+    }
+    let words = &["a timeline", "another open device"];
+    assert_names(step(&SubmitHooks { waits: &[(&other, 0)], ..none }), words);
+    assert_names(step(&SubmitHooks { signals: &[(&other, 1)], ..none }), words);
+    assert_names(step(&SubmitHooks { before: &[&commands], ..none }), &["commands", "another open device"]);
+    assert_names(DEVICE.run_with_hooks(&commands, &none), &["commands", "another open device"]);
+    assert_eq!(own.value().unwrap(), 10);
+    step(&SubmitHooks { waits: &[(&own, 10)], signals: &[(&own, 11)], ..none }).unwrap();
+    assert_eq!(own.value().unwrap(), 11);
+    drop((rig, own, other, commands));
     assert_silent();
 }
 

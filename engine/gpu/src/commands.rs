@@ -95,6 +95,12 @@ impl Commands {
         }
     }
 
+    /// As [`Commands::check`], and an error if they are of another device.
+    fn check_for(&self, device: &Device) -> Result<(), EngineError> {
+        device.check_own(&self.device, || "commands of a submission".to_owned())?;
+        self.check()
+    }
+
     /// Discards what is recorded and records with `record`.
     ///
     /// # Safety
@@ -152,7 +158,8 @@ pub struct SubmitHooks<'a> {
     pub after: &'a [&'a Commands],
     /// Timelines and the values that they must reach before anything runs.
     pub waits: &'a [(&'a crate::timeline::Timeline, u64)],
-    /// Timelines and the values that they are set to once everything has run.
+    /// Timelines and the values that they are set to once everything has run: above their current values
+    /// ([`EngineError::TimelineValue`]), and above any that an earlier submission will still set.
     pub signals: &'a [(&'a crate::timeline::Timeline, u64)],
 }
 
@@ -169,8 +176,14 @@ impl<'a> SubmitHooks<'a> {
         self.before.iter().chain(self.after).copied()
     }
 
-    pub(crate) fn check(&self) -> Result<(), EngineError> {
-        self.commands().try_for_each(Commands::check)
+    /// An error if these cannot go with a submission to `device`: of another device, commands in use, or a timeline that
+    /// would not grow.
+    pub(crate) fn check(&self, device: &Device) -> Result<(), EngineError> {
+        self.commands().try_for_each(|commands| commands.check_for(device))?;
+        for (timeline, _) in self.waits.iter().chain(self.signals) {
+            device.check_own(timeline.device(), || "a timeline of a submission".to_owned())?;
+        }
+        self.signals.iter().try_for_each(|(timeline, value)| timeline.check_next(*value))
     }
 
     /// Marks the commands as abandoned: the wait for a submission with these hooks has failed.
@@ -227,7 +240,7 @@ impl Device {
 
     /// Submits commands with hooks, and waits.
     pub fn run_with_hooks(&self, commands: &Commands, hooks: &SubmitHooks<'_>) -> Result<(), EngineError> {
-        commands.check()?;
+        commands.check_for(self)?;
         self.one_shot(|one_shot| self.submit(commands.raw(), hooks, one_shot.fence)).inspect_err(|error| {
             if error.leaves_work() {
                 commands.lent.abandon();

@@ -328,13 +328,22 @@ impl Device {
         Buffer::new(self, name, bytes, usage | always, location)
     }
 
+    /// An error if what is to be used here is of another device.
+    pub(crate) fn check_own(&self, of: &Device, what: impl FnOnce() -> String) -> Result<(), EngineError> {
+        if std::ptr::eq(self, of) {
+            return Ok(());
+        }
+        let [expected, actual] = [self, of].map(|device| device.info.name.clone());
+        Err(EngineError::OtherDevice { what: what(), expected, actual })
+    }
+
     pub(crate) fn submit(
         &self,
         commands: vk::CommandBuffer,
         hooks: &SubmitHooks<'_>,
         fence: vk::Fence,
     ) -> Result<(), EngineError> {
-        hooks.check()?;
+        hooks.check(self)?;
         self.fault(FaultPoint::Submit).call("vkQueueSubmit")?;
         let commands: Vec<_> = hooks
             .before

@@ -102,19 +102,25 @@ pub enum EngineError {
         /// Camera asked for.
         actual: usize,
     },
-    /// An image in a buffer of another device.
-    #[error(
-        "camera {camera}: {image} lies in a buffer of {actual}, expected one of the rig's device, {expected}"
-    )]
+    /// A buffer, a timeline or commands of another [`Device`](crate::Device), which may be the same hardware.
+    #[error("{what}: made by another open device ({actual}), expected the one that shall use it, {expected}")]
     OtherDevice {
-        /// Camera number in the rig.
-        camera: usize,
-        /// Which image.
-        image: &'static str,
-        /// The rig's device.
+        /// What it is.
+        what: String,
+        /// The device that shall use it.
         expected: String,
-        /// The buffer's.
+        /// The one that it is of.
         actual: String,
+    },
+    /// An option of a rig, or a part of its kernel policy, that no rig can have.
+    #[error("`{name}` is {actual}, expected {expected}")]
+    Option {
+        /// Its name.
+        name: &'static str,
+        /// What it may be.
+        expected: String,
+        /// What it is.
+        actual: u32,
     },
     /// Poses for a camera that gets no depth.
     #[error(

@@ -46,6 +46,6 @@ pub use memory::{Buffer, MemoryUse};
 pub use policy::{KernelPolicy, KernelSet, LevelsFirst, Resting};
 pub use rig::{
     ApsFrame, CameraConfig, Diagnostics, FrameBytes, FrameInput, GeometryConfig, HeldPackets, InputBuffers,
-    PacketPlace, Representation, Rig, RigOptions, Share, StageSpan, Tick, places_in_rig,
+    MOST_PACKET_SETS, PacketPlace, Representation, Rig, RigOptions, Share, StageSpan, Tick, places_in_rig,
 };
 pub use timeline::Timeline;

@@ -2,6 +2,7 @@
 //! here; none of them changes an event.
 
 use crate::device::Device;
+use crate::error::EngineError;
 use crate::instance::Validation;
 use esaac_layout::{CROSS_THREADS, INGEST_THREADS, QUEUE_PER_PX, READOUT_THREADS, SORT_THREADS, TILE_BLOCKS};
 use esaac_model::substeps::BLOCK_PX;
@@ -100,6 +101,9 @@ pub struct KernelPolicy {
     pub serial: bool,
 }
 
+/// Fewest threads of a workgroup of `sort` or `readout`. Each thread of `sort` has at most one bin of its workgroup's.
+const LEAST_THREADS: u32 = 64;
+
 /// See [`KernelPolicy::group_bins_of_small`].
 const FEW_BINS: u32 = 128;
 
@@ -192,6 +196,35 @@ impl KernelPolicy {
         }
     }
 
+    /// An error if kernels cannot be run so.
+    pub(crate) fn check(&self) -> Result<(), EngineError> {
+        let powers_of_two = [
+            ("sort_threads", self.sort_threads, LEAST_THREADS, SORT_THREADS),
+            ("readout_threads", self.readout_threads, LEAST_THREADS, READOUT_THREADS),
+            ("group_bins", self.group_bins, 1, LEAST_THREADS),
+            ("group_bins_of_many", self.group_bins_of_many, 1, LEAST_THREADS),
+            ("group_bins_of_small", self.group_bins_of_small, 1, LEAST_THREADS),
+        ];
+        for (name, actual, least, most) in powers_of_two {
+            if !actual.is_power_of_two() || actual < least || actual > most {
+                let expected = format!("a power of two from {least} to {most}");
+                return Err(EngineError::Option { name, expected, actual });
+            }
+        }
+        let counts = [
+            ("readout_rounds", self.readout_rounds, 1, u32::MAX),
+            ("readout_dispatches", self.readout_dispatches, 1, 64),
+            ("events_per_thread", self.events_per_thread, 1, 1 << 16),
+            ("most_queue_per_px", self.most_queue_per_px, 0, 4 * QUEUE_PER_PX),
+        ];
+        for (name, actual, least, most) in counts {
+            if actual < least || actual > most {
+                return Err(EngineError::Option { name, expected: format!("{least} to {most}"), actual });
+            }
+        }
+        Ok(())
+    }
+
     /// Bins that a workgroup of `sort` takes in a rig whose `cameras` have `bins` bins in all.
     pub(crate) fn group_bins_of(&self, bins: u32, cameras: u32) -> u32 {
         match (bins >= self.many_bins, bins <= cameras * FEW_BINS) {
@@ -234,6 +267,31 @@ mod tests {
                 let rows = if policy.whole_tiles && !again { BLOCK_PX } else { 1 };
                 assert_eq!(pixels * rows, TILE_WIDTH_PX * BLOCK_PX, "{policy:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_policy_that_kernels_cannot_follow_is_refused() {
+        let own = KernelPolicy::software_driver();
+        for policy in [own, KernelPolicy::gpu()] {
+            policy.check().unwrap();
+        }
+        for (name, policy) in [
+            ("sort_threads", KernelPolicy { sort_threads: 0, ..own }),
+            ("sort_threads", KernelPolicy { sort_threads: 7, ..own }),
+            ("sort_threads", KernelPolicy { sort_threads: 512, ..own }),
+            ("readout_threads", KernelPolicy { readout_threads: 0, ..own }),
+            ("group_bins", KernelPolicy { group_bins: 0, ..own }),
+            ("group_bins", KernelPolicy { group_bins: u32::MAX, ..own }),
+            ("group_bins_of_many", KernelPolicy { group_bins_of_many: 128, ..own }),
+            ("group_bins_of_small", KernelPolicy { group_bins_of_small: 3, ..own }),
+            ("readout_rounds", KernelPolicy { readout_rounds: 0, ..own }),
+            ("readout_dispatches", KernelPolicy { readout_dispatches: 0, ..own }),
+            ("events_per_thread", KernelPolicy { events_per_thread: 0, ..own }),
+            ("most_queue_per_px", KernelPolicy { most_queue_per_px: u32::MAX, ..own }),
+        ] {
+            let error = policy.check().expect_err(name).to_string();
+            assert!(error.starts_with(&format!("`{name}` is ")), "{error}");
         }
     }
 

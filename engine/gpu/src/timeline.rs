@@ -49,6 +49,11 @@ impl Timeline {
         self.raw
     }
 
+    /// The device that it is of.
+    pub(crate) fn device(&self) -> &Device {
+        &self.device
+    }
+
     /// The current value.
     pub fn value(&self) -> Result<u64, EngineError> {
         // SAFETY: the semaphore is alive.
@@ -58,16 +63,22 @@ impl Timeline {
     /// Sets the value from the host. An error if it is not above the current one. It must also be below any that a
     /// submission will signal, and nobody else may signal meanwhile.
     pub fn signal(&self, value: u64) -> Result<(), EngineError> {
-        let current = self.value()?;
-        if value <= current {
-            return Err(EngineError::TimelineValue { expected_above: current, actual: value });
-        }
+        self.check_next(value)?;
         let info = vk::SemaphoreSignalInfo::default().semaphore(self.raw).value(value);
         // SAFETY: the semaphore is alive, and the value was above its own a moment ago. That no submission signals a lower
         // value, and that nobody signals in between, is the caller's part. Vulkan does not promise that a driver notices. A
         // process that shares the semaphore can break that part, and no check here can prevent it: the window is the time
         // between the two calls.
         unsafe { self.device.raw().signal_semaphore(&info) }.call("vkSignalSemaphore")
+    }
+
+    /// An error if the value is not above the current one.
+    pub(crate) fn check_next(&self, value: u64) -> Result<(), EngineError> {
+        let current = self.value()?;
+        if value > current {
+            return Ok(());
+        }
+        Err(EngineError::TimelineValue { expected_above: current, actual: value })
     }
 
     /// Waits for `value`; returns whether it is reached within `timeout`. Polls the counter, because the driver's own

@@ -45,6 +45,9 @@ pub struct GeometryConfig {
     pub lens: Intrinsics,
 }
 
+/// Most packet buffer sets of a rig.
+pub const MOST_PACKET_SETS: u32 = 64;
+
 /// Options of a rig; none of them changes an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RigOptions {
@@ -59,7 +62,7 @@ pub struct RigOptions {
     pub packets: PacketPlace,
     /// Number of packet buffer sets that ticks write in turn; 0 for one. With [`PacketPlace::InPlace`], packets that
     /// are [held](super::Tick::hold) over the next `packet_ring - 1` ticks cost nothing. Packets that are held longer cost the
-    /// next tick an allocation. Each set takes memory for the packets of all cameras.
+    /// next tick an allocation. Each set takes memory for the packets of all cameras. At most [`MOST_PACKET_SETS`].
     pub packet_ring: u32,
     /// How kernels are run; `None` for the policy that suits the device. Events are the same in any case.
     pub policy: Option<KernelPolicy>,
@@ -69,6 +72,15 @@ impl RigOptions {
     /// Number of packet sets, at least one.
     pub(super) fn ring(&self) -> usize {
         self.packet_ring.max(1) as usize
+    }
+
+    /// An error if no rig can have them.
+    pub(super) fn check(&self) -> Result<(), EngineError> {
+        if self.packet_ring > MOST_PACKET_SETS {
+            let (name, expected) = ("packet_ring", format!("at most {MOST_PACKET_SETS}"));
+            return Err(EngineError::Option { name, expected, actual: self.packet_ring });
+        }
+        self.policy.map_or(Ok(()), |policy| policy.check())
     }
 }
 

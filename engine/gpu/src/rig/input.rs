@@ -5,9 +5,8 @@ use crate::error::EngineError;
 use crate::loan::Loan;
 use crate::memory::Buffer;
 use esaac_model::{IdFormat, MotionFormat, frame};
-use std::sync::Arc;
 
-/// A frame in host memory, rows tightly packed.
+/// A frame in host memory, rows tightly packed. Images that the camera does not take may be there; nobody reads them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameBytes<'a> {
     /// Colour image.
@@ -20,7 +19,8 @@ pub struct FrameBytes<'a> {
     pub ids: Option<&'a [u8]>,
 }
 
-/// Buffers that a producer on the device writes a frame into, rows tightly packed.
+/// Buffers that a producer on the device writes a frame into, rows tightly packed. Images that the camera does not take may
+/// be there; nobody reads them.
 #[derive(Clone, Copy)]
 pub struct InputBuffers<'a> {
     /// Colour image.
@@ -123,9 +123,8 @@ impl CameraState {
         let sensor = &self.config.sensor;
         let own = self.hdr.device();
         let holds = |image, buffer: Option<&Buffer>, texel_bytes: usize| {
-            if let Some(device) = buffer.map(Buffer::device).filter(|device| !Arc::ptr_eq(device, own)) {
-                let [expected, actual] = [own, device].map(|device| device.info().name.clone());
-                return Err(EngineError::OtherDevice { camera: number, image, expected, actual });
+            if let Some(buffer) = buffer {
+                own.check_own(buffer.device(), || format!("camera {number}: the buffer of {image}"))?;
             }
             let needed = sensor.pixels() * texel_bytes;
             let before = images_before * needed;

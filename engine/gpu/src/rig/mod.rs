@@ -84,7 +84,7 @@ use std::time::Duration;
 use submit::Submitted;
 use timing::Timing;
 
-pub use config::{CameraConfig, GeometryConfig, RigOptions};
+pub use config::{CameraConfig, GeometryConfig, MOST_PACKET_SETS, RigOptions};
 pub use held::HeldPackets;
 pub use input::{FrameBytes, FrameInput, InputBuffers};
 pub use represent::{Representation, Share};
@@ -235,12 +235,14 @@ impl Rig {
     }
 
     /// A rig. Errors: a sensor that is not valid, `motion` or `paper` synthesis without a motion format, `rigid` without
-    /// a geometry, more cameras than `MAX_CAMERAS`, a camera too large for the device, no memory.
+    /// a geometry, more cameras than `MAX_CAMERAS`, a camera too large for the device, options that no rig can have, no
+    /// memory.
     pub fn with_options(
         device: &Arc<Device>,
         configs: &[CameraConfig],
         options: RigOptions,
     ) -> Result<Self, EngineError> {
+        options.check()?;
         let asked: Vec<Synthesis> = configs.iter().map(|config| config.sensor.synthesis).collect();
         let configs: Vec<CameraConfig> = configs
             .iter()

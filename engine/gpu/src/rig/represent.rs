@@ -95,7 +95,8 @@ impl Rig {
     /// Writes a representation of the last tick's packets into `target`, and waits. Cameras without an interval in that
     /// tick have no events. [`EngineError::OutOfMemory`] if `target` is too small, or for 2^32 elements and more;
     /// [`EngineError::NoEventIds`] for [`Representation::EventIds`] if a camera's synthesis is not `rigid`;
-    /// [`EngineError::Bins`] for a number of bins that no voxel grid has.
+    /// [`EngineError::Bins`] for a number of bins that no voxel grid has;
+    /// [`EngineError::OtherDevice`] if `target` is not of the rig's device.
     pub fn represent(
         &mut self,
         what: Representation,
@@ -105,11 +106,13 @@ impl Rig {
         self.check_ready()?;
         self.check_form(what)?;
         let elements = self.elements(what);
-        let all = share.all.max(share.before + elements);
-        if all * what.element_bytes() > target.bytes() || all > u64::from(u32::MAX) {
+        self.device.check_own(target.device(), || format!("`{}`, to represent in", target.name()))?;
+        let all = share.all.max(share.before.saturating_add(elements));
+        let bytes = all.saturating_mul(what.element_bytes());
+        if bytes > target.bytes() || all > u64::from(u32::MAX) {
             return Err(EngineError::OutOfMemory {
                 name: target.name().to_owned(),
-                bytes: all * what.element_bytes(),
+                bytes,
                 reason: format!("{what:?} of this tick does not fit {} bytes", target.bytes()),
             });
         }

@@ -118,7 +118,7 @@ impl Rig {
         hooks: &SubmitHooks<'_>,
     ) -> Result<(), EngineError> {
         // Commands that are refused are so before the first look runs some of them.
-        hooks.check()?;
+        hooks.check(&self.device).map_err(|error| self.refused(error))?;
         let mut left = *hooks;
         self.check_conventions(given, &mut left)?;
         self.look_at_light(given, &mut left)?;
@@ -137,14 +137,18 @@ impl Rig {
         let started = Instant::now();
         let Rig { device, timing, recordings, arena, .. } = self;
         if let Err(error) = timing.submit(device, &recordings.ring[arena.current()].tick, &left) {
-            // A device that is gone has lost the cameras' state. Otherwise nothing runs.
-            return Err(if error.is_device_lost() { self.lose(error) } else { error });
+            return Err(self.refused(error));
         }
         let loans = lent.flat_map(InputBuffers::lend).chain(hooks.lend()).collect();
         self.submitted = Some(Submitted { t_ns, started, loans });
         // Freed while the device works.
         self.past_scenes.clear();
         Ok(())
+    }
+
+    /// The error of a submission that was not taken. A device that is gone has lost the cameras' state.
+    fn refused(&mut self, error: EngineError) -> EngineError {
+        if error.is_device_lost() { self.lose(error) } else { error }
     }
 
     /// Advances to a packet set that nobody holds.
