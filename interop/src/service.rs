@@ -27,6 +27,18 @@ pub struct InputWarnings {
     pub frame: Option<String>,
     /// Pixels without a path though there is depth.
     pub paths: Option<String>,
+    /// Dropped frames that left a gap in time for which the camera started anew.
+    pub gap: Option<String>,
+    /// A producer by whose frames the camera has another synthesis than by those of the one before.
+    pub synthesis: Option<String>,
+}
+
+impl InputWarnings {
+    /// All there are.
+    pub fn texts(&self) -> impl Iterator<Item = &String> {
+        let InputWarnings { poses, frame, paths, gap, synthesis } = self;
+        [poses, frame, paths, gap, synthesis].into_iter().flatten()
+    }
 }
 
 /// Steps a rig with the frames that a server receives.
@@ -38,6 +50,8 @@ pub struct Service {
     broken: Vec<bool>,
     /// Of each camera whose producer gives no depth though it takes some.
     stand_ins: Vec<Option<StandIn>>,
+    /// By what each camera's last frame was simulated.
+    stepped_by: Vec<Option<Synthesis>>,
     resets: u64,
     /// What was last said about each camera's poses.
     warnings: Vec<Option<String>>,
@@ -52,10 +66,21 @@ impl Service {
     pub fn new(rig: Rig, server: Server) -> Self {
         let stand_ins = (0..rig.len()).map(|_| None).collect();
         let (last_ns, warnings) = (vec![None; rig.len()], vec![None; rig.len()]);
-        let broken = vec![false; rig.len()];
+        let (broken, stepped_by) = (vec![false; rig.len()], vec![None; rig.len()]);
         let told = vec![[false; 2]; rig.len()];
         let first_warnings = vec![InputWarnings::default(); rig.len()];
-        Service { last_ns, broken, stand_ins, rig, server, resets: 0, warnings, told, first_warnings }
+        Service {
+            last_ns,
+            broken,
+            stand_ins,
+            stepped_by,
+            rig,
+            server,
+            resets: 0,
+            warnings,
+            told,
+            first_warnings,
+        }
     }
 
     /// Opens a server at `path` for a rig. `cameras` has the terms of each of its cameras.
@@ -121,14 +146,24 @@ impl Service {
     pub fn synthesis(&self) -> Vec<Synthesis> {
         let agreements = self.server.agreements();
         let of = |(camera, agreed): (usize, &Option<Agreement>)| {
-            let own = self.rig.synthesis(camera).expect("the server was opened for this rig");
             let lacks = agreed.is_some_and(|agreed| !agreed.geometry);
-            if own == Synthesis::Rigid && lacks {
-                return Synthesis::Auto.resolve(false, self.server.images(camera).motion.is_some());
-            }
-            own
+            self.synthesis_with(camera, !lacks).expect("the server was opened for this rig")
         };
         agreements.iter().enumerate().map(of).collect()
+    }
+
+    /// The synthesis of a camera whose producer gives depth, or does not though the camera may take some.
+    fn synthesis_with(&self, camera: usize, gives_depth: bool) -> Result<Synthesis, EngineError> {
+        let own = self.rig.synthesis(camera)?;
+        if own == Synthesis::Rigid && !gives_depth {
+            return Ok(Synthesis::Auto.resolve(false, self.server.images(camera).motion.is_some()));
+        }
+        Ok(own)
+    }
+
+    /// Ends all connections. Frames that have come and were not stepped count as abandoned.
+    pub fn close(&self) {
+        self.server.close();
     }
 
     /// Steps the cameras whose frames are written. Returns `None` if no frame came within `limit`.
@@ -159,7 +194,9 @@ impl Service {
             if stepped.is_ok() {
                 self.server.release(frame, Outcome::Stepped);
                 self.last_ns[frame.camera] = Some(frame.t_ns);
-                self.warn_of_input(frame.camera, frame.slot().inputs().depth.is_some())?;
+                let gives_depth = frame.slot().inputs().depth.is_some();
+                self.warn_of_change(frame, gives_depth)?;
+                self.warn_of_input(frame.camera, gives_depth)?;
             } else {
                 self.server.release(frame, Outcome::Dropped);
                 self.broken[frame.camera] = true;
@@ -209,6 +246,34 @@ impl Service {
         Ok(())
     }
 
+    /// Says that a camera's new producer changes its synthesis.
+    fn warn_of_change(&mut self, frame: &Ready, gives_depth: bool) -> Result<(), InteropError> {
+        let camera = frame.camera;
+        let now = self.synthesis_with(camera, gives_depth)?;
+        let before = self.stepped_by[camera].replace(now).filter(|before| frame.first && *before != now);
+        if let Some(before) = before {
+            let text = format!(
+                "from {} ns on it has another producer, by whose frames its synthesis is `{}`; it was `{}`",
+                frame.t_ns,
+                now.name(),
+                before.name()
+            );
+            self.server.say(format!("camera {camera}: warning: {text}"));
+            self.first_warnings[camera].synthesis.get_or_insert(text);
+        }
+        Ok(())
+    }
+
+    /// Says that a camera starts anew because of the frames that were dropped before its next one.
+    fn warn_of_gap(&mut self, camera: usize, gap_ns: i64) {
+        let text = format!(
+            "dropped frames left a gap of {gap_ns} ns, expected at most {MAX_INTERVAL_NS} ns; the camera starts anew and \
+             has no events of that time"
+        );
+        self.server.say(format!("camera {camera}: warning: {text}"));
+        self.first_warnings[camera].gap.get_or_insert(text);
+    }
+
     /// Resets the cameras that start anew and hands over poses. Returns for each camera whether it has a frame that is its
     /// first. A frame whose producer is turned away leaves `ready`: it is counted already, and nobody waits for its slot.
     fn ingest(&mut self, ready: &mut Vec<Ready>) -> Result<Vec<bool>, InteropError> {
@@ -220,7 +285,10 @@ impl Service {
             let gap = |last: i64| frame.t_ns.saturating_sub(last) > MAX_INTERVAL_NS;
             let was_broken = std::mem::take(&mut self.broken[camera]);
             let anew = frame.first || was_broken;
-            if self.last_ns[camera].is_some_and(|last| anew || gap(last)) {
+            if let Some(last) = self.last_ns[camera].filter(|&last| anew || gap(last)) {
+                if !anew {
+                    self.warn_of_gap(camera, frame.t_ns.saturating_sub(last));
+                }
                 self.rig.reset(camera)?;
                 self.resets += 1;
                 self.told[camera] = [false; 2];

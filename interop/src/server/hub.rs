@@ -315,6 +315,9 @@ impl Hub {
 /// send frames is one whose frames a tick waits for.
 fn link(state: &mut State, guest: &Guest, claim: Claim, agreement: Agreement, session: Session, ring: Ring) {
     state.agreed[claim.camera()] = Some(agreement);
+    if !state.all_agreed.contains(&agreement) {
+        state.all_agreed.push(agreement);
+    }
     state.counts[claim.camera()].connections += 1;
     state.processes.insert(guest.peer.process);
     state.links.push(Link {

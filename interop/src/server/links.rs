@@ -18,7 +18,7 @@ use std::time::Instant;
 /// Most messages that are read from one connection before the next connection's turn.
 const MAX_TURN: usize = 32;
 
-/// Most such turns of a producer whose camera another one wants. A socket's queue holds fewer messages, so a goodbye that
+/// Most such turns of a producer whose camera another one wants, or whose server ends. A socket's queue holds fewer messages, so a goodbye that
 /// lies in it is read.
 const MAX_HOLDER_TURNS: usize = 16;
 
@@ -50,6 +50,8 @@ pub(super) struct State {
     pub(super) links: Vec<Link>,
     /// What each camera's last producer agreed to.
     pub(super) agreed: Vec<Option<Agreement>>,
+    /// What any producer agreed to, each once.
+    pub(super) all_agreed: Vec<Agreement>,
     pub(super) counts: Vec<LinkCounts>,
     pub(super) connections: ConnectionCounts,
     /// Processes that had a ring, those of containers that this one does not see into as one.
@@ -196,11 +198,15 @@ impl Shared {
     /// Reads what a camera's producer has sent so far.
     pub(super) fn hear_holder(&self, camera: usize) {
         let mut state = self.lock();
-        let Some(id) = state.links.iter().find(|link| link.camera() == camera).map(|link| link.id) else {
-            return;
-        };
+        if let Some(id) = state.links.iter().find(|link| link.camera() == camera).map(|link| link.id) {
+            self.hear_out(&mut state, id);
+        }
+    }
+
+    /// Reads what a producer has sent so far.
+    pub(super) fn hear_out(&self, state: &mut State, id: u64) {
         for _ in 0..MAX_HOLDER_TURNS {
-            if !self.hear(&mut state, id) {
+            if !self.hear(state, id) {
                 break;
             }
         }

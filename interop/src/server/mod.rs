@@ -137,7 +137,7 @@ pub struct LinkCounts {
     pub stepped: u64,
     /// Frames dropped for newer ones, or with a step that failed.
     pub dropped: u64,
-    /// Frames that were not stepped because their producer was lost.
+    /// Frames that were not stepped because their producer was lost, or the server closed.
     pub abandoned: u64,
     /// Copies on the device of the frames that were stepped: those that producers report, and the engine's own
     /// of images.
@@ -243,6 +243,7 @@ impl Server {
             state: Mutex::new(State {
                 links: Vec::new(),
                 agreed: vec![None; terms.len()],
+                all_agreed: Vec::new(),
                 counts: vec![LinkCounts::default(); terms.len()],
                 connections: ConnectionCounts::default(),
                 processes: BTreeSet::new(),
@@ -290,6 +291,18 @@ impl Server {
         }
     }
 
+    /// Ends all connections. Frames that have come and were not taken count as abandoned.
+    pub fn close(&self) {
+        let mut state = self.shared.lock();
+        state.stopped = true;
+        let ids: Vec<u64> = state.links.iter().map(|link| link.id).collect();
+        ids.into_iter().for_each(|id| self.shared.hear_out(&mut state, id));
+        let State { links, counts, .. } = &mut *state;
+        for link in links.drain(..) {
+            counts[link.camera()].abandoned += link.pending.len() as u64;
+        }
+    }
+
     /// Counts of each camera.
     #[must_use]
     pub fn counts(&self) -> Vec<LinkCounts> {
@@ -300,6 +313,12 @@ impl Server {
     #[must_use]
     pub fn agreements(&self) -> Vec<Option<Agreement>> {
         self.shared.lock().agreed.clone()
+    }
+
+    /// Every combination of version, memory and timeline that producers have agreed to since the start.
+    #[must_use]
+    pub fn all_agreements(&self) -> Vec<Agreement> {
+        self.shared.lock().all_agreed.clone()
     }
 
     /// The images that a camera takes.

@@ -13,6 +13,7 @@ mod logs;
 mod rigid;
 mod same_events;
 mod shortage;
+mod told;
 mod two_devices;
 mod versions;
 

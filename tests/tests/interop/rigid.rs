@@ -239,6 +239,16 @@ fn a_camera_that_takes_depth_does_without_where_it_may() {
     let notices = service.server().notices().join("\n");
     assert!(!notices.contains("warning"), "no depth is missed: {notices}");
     assert_eq!(uploader.producer.finish().unwrap(), (FRAMES as u64, 0));
+    // The next producer gives depth.
+    let mut uploader = Uploader::connect(&device, &place.path(), &options(0, MEMORY_HOST)).unwrap();
+    send(&run, &mut uploader, 0, IdFormat::U32);
+    service.tick(60 * SECOND).unwrap().expect("a frame");
+    assert_eq!(service.synthesis(), [Synthesis::Rigid; 2]);
+    let warning = service.input_warnings()[0].synthesis.clone().expect("a warning");
+    assert!(warning.ends_with("its synthesis is `rigid`; it was `motion`"), "{warning}");
+    let agreed = service.server().all_agreements();
+    assert_eq!(agreed.iter().map(|agreed| agreed.geometry).collect::<Vec<_>>(), [false, true]);
+    assert_eq!(uploader.producer.finish().unwrap(), (1, 0));
     drop(service);
     assert_device_silent(&device);
     assert_silent();

@@ -23,8 +23,12 @@ pub struct LinkReport {
     pub pose_warnings: Vec<Option<String>>,
     /// Frames simulated, all cameras.
     pub frames: u64,
-    /// Frames that newer ones replaced.
+    /// Frames that newer ones replaced, or whose step failed.
     pub dropped_frames: u64,
+    /// Frames that came and were not stepped, because their producer was lost or the service ended.
+    pub abandoned_frames: u64,
+    /// How often a camera started anew: for another producer, or after a gap that dropped frames had left.
+    pub resets: u64,
     /// Connections that were refused before they had memory to share.
     pub refused_connections: u64,
     /// Copies through host memory per frame, between the renderer's image and the engine's.
@@ -50,16 +54,17 @@ impl LinkReport {
             synthesis: synthesis.collect(),
             pose_warnings: service.pose_warnings().to_vec(),
             processes: server.processes(),
-            ..LinkReport::counted(&server.counts(), &server.agreements())
+            resets: service.resets(),
+            ..LinkReport::counted(&server.counts(), &server.all_agreements())
         }
     }
 
-    fn counted(counts: &[LinkCounts], agreements: &[Option<Agreement>]) -> Self {
+    fn counted(counts: &[LinkCounts], agreements: &[Agreement]) -> Self {
         let sum = |of: fn(&LinkCounts) -> u64| counts.iter().map(of).sum::<u64>();
         let frames = sum(|c| c.stepped);
         let per_frame = |copies: u64| if frames == 0 { 0.0 } else { copies as f64 / frames as f64 };
         let names = |name: fn(&Agreement) -> &'static str| {
-            let mut names: Vec<&str> = agreements.iter().flatten().map(name).collect();
+            let mut names: Vec<&str> = agreements.iter().map(name).collect();
             names.sort_unstable();
             names.dedup();
             (!names.is_empty()).then(|| names.join(", "))
@@ -73,6 +78,8 @@ impl LinkReport {
             pose_warnings: Vec::new(),
             frames,
             dropped_frames: sum(|c| c.dropped),
+            abandoned_frames: sum(|c| c.abandoned),
+            resets: 0,
             refused_connections: 0,
             host_copies: per_frame(sum(|c| c.host_copies)),
             device_copies: per_frame(sum(|c| c.device_copies)),
@@ -96,8 +103,12 @@ impl LinkReport {
             [] => String::new(),
             of_cameras => format!("; synthesis {}", of_cameras.join(", ")),
         };
+        let abandoned = match self.abandoned_frames {
+            0 => String::new(),
+            frames => format!(", {frames} not stepped"),
+        };
         format!(
-            "{way}{synthesis}; {} frames, {} dropped; {} host copies and {} device copies per frame",
+            "{way}{synthesis}; {} frames, {} dropped{abandoned}; {} host copies and {} device copies per frame",
             self.frames, self.dropped_frames, self.host_copies, self.device_copies
         )
     }
@@ -138,7 +149,7 @@ mod tests {
             timeline: wire::TIMELINE_CARRIED,
             geometry: true,
         };
-        let report = LinkReport::counted(&[counts, LinkCounts::default()], &[Some(agreement), None]);
+        let report = LinkReport::counted(&[counts, LinkCounts::default()], &[agreement]);
         assert_eq!((report.device_copies, report.host_copies, report.frames), (1.5, 0.0, 4));
         assert_eq!(report.memory.as_deref(), Some("of the host"));
         let report =
@@ -150,6 +161,11 @@ mod tests {
         );
         assert!(report.to_text().contains("; synthesis rigid, motion; 4 frames"), "{}", report.to_text());
         assert!(report.to_text().contains("0 host copies and 1.5 device copies"), "{}", report.to_text());
+        let of_first = Agreement { version: Version::One, ..agreement };
+        let counts = LinkCounts { abandoned: 2, ..counts };
+        let report = LinkReport::counted(&[counts, counts], &[agreement, of_first]);
+        assert_eq!((report.protocol.as_deref(), report.abandoned_frames), (Some("1, 2"), 4));
+        assert!(report.to_text().contains("8 frames, 0 dropped, 4 not stepped;"), "{}", report.to_text());
         assert!(LinkReport::in_process(3).to_text().starts_with("1 process; 3 frames"));
     }
 }

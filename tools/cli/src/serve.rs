@@ -77,6 +77,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     };
     // Whatever ends the service, what it has gathered is written.
     let mut outcomes = vec![serve()];
+    service.close();
     outcomes.push(ros.show_cameras_now(&gathered.record, service.rig()));
     print_notices(&service);
     let connections = service.server().connections();
@@ -93,6 +94,7 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     let memory = MemoryReport::of(service.rig());
     outcomes.push(gathered.record.take_light(service.rig()));
     take_warnings(&service, &mut gathered.record, &mut warnings);
+    warn_of_abandoned(&service, &mut warnings);
     drop(service);
     outcomes.push(device_choice::check_validation(&device));
 
@@ -100,7 +102,8 @@ pub fn run(arguments: &ServeArguments, common: &CommonArguments) -> Result<Outco
     for (camera, sensor) in sensors.iter().enumerate() {
         if let Some(out) = arguments.out.as_ref().filter(|_| !gathered.had_frame(camera)) {
             let file = gathered::file(out, camera, 0);
-            stderr::line(format_args!("camera {camera} had no frame: {} is not written", file.display()));
+            let file = file.display();
+            stderr::line(format_args!("camera {camera}: no frame was stepped: {file} is not written"));
         }
         for (file, events) in gathered.files(camera) {
             outcomes.push(output_file::write(&file, |out| write_npz(out, events, &sensor.to_toml())));
@@ -240,11 +243,22 @@ fn warn_of_nowhere(
     }
 }
 
+/// Warns of frames that came and were not stepped.
+fn warn_of_abandoned(service: &Service, warnings: &mut Warnings) {
+    for (camera, counts) in service.counts().iter().enumerate().filter(|(_, counts)| counts.abandoned > 0) {
+        let frames = counted(counts.abandoned, "frame");
+        let what = if counts.abandoned == 1 { "was" } else { "were" };
+        warnings.tell(format_args!(
+            "camera {camera}: {frames} came and {what} not stepped: a producer was lost before that, or the service ended"
+        ));
+    }
+}
+
 /// Takes over what the log has told of the cameras' frames, and tells what is to be told of their light.
 fn take_warnings(service: &Service, record: &mut RunRecord, warnings: &mut Warnings) {
     for (camera, told) in service.input_warnings().iter().enumerate() {
         let of_camera = |text: &String| format!("camera {camera}: {text}");
-        warnings.keep_all(told.poses.iter().chain(&told.frame).chain(&told.paths).map(of_camera));
+        warnings.keep_all(told.texts().map(of_camera));
         let record = &mut record.cameras[camera];
         (record.frame_warning, record.path_warning) = (told.frame.clone(), told.paths.clone());
         warnings.tell_all(record.light_warnings.iter().map(of_camera));

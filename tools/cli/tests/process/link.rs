@@ -145,7 +145,7 @@ fn a_camera_that_never_had_a_frame_leaves_the_old_file() {
     // The first frame ends no interval.
     assert_eq!((&report["files"], &report["intervals"]), (&serde_json::json!([files[0]]), &4.into()));
     assert!(files[0].metadata().unwrap().len() > 300 && std::fs::read(&files[1]).unwrap() == b"old");
-    assert!(log.contains("camera 1 had no frame: ") && !log.contains("camera 0 had no frame"), "{log}");
+    assert!(log.contains("camera 1: no frame was stepped: ") && !log.contains("camera 0: no frame"), "{log}");
 }
 
 #[test]
@@ -265,6 +265,30 @@ fn what_is_wrong_with_frames_is_in_the_report() {
     assert_eq!(report["warnings"], serde_json::json!([format!("camera 1: {warning}")]));
     let of_other = &report["cameras"][0];
     assert!(of_other["frame_warning"].is_null() && of_other["path_warning"].is_null(), "{of_other}");
+}
+
+#[test]
+fn frames_of_a_producer_that_dies_are_counted() {
+    let out = tempfile::tempdir().unwrap();
+    let engine = Engine::start(&["--out", text(out.path())]);
+    let camera = ProducerOptions { camera: 1, ..ProducerOptions::default() };
+    let mut producer = Uploader::connect(&other_device(), &engine.socket(), &camera).unwrap();
+    // So it reads the frames and their end at once.
+    signal(&engine.child, "-STOP");
+    let frame = Frame { t_ns: 0, hdr: vec![0; 128 * 128 * 16], motion: None };
+    for t_ns in [0, 10_000_000, 20_000_000] {
+        producer.send(&frame, t_ns).unwrap();
+    }
+    drop(producer);
+    signal(&engine.child, "-CONT");
+    engine.wait_until_it_says("camera 1: the peer closed the connection");
+    signal(&engine.child, "-INT");
+    let (report, log) = engine.end();
+    let link = &report["link"];
+    assert_eq!((&link["frames"], &link["abandoned_frames"]), (&0.into(), &3.into()), "{link}");
+    let warning = report["warnings"][0].as_str().unwrap_or_else(|| panic!("{report}"));
+    assert!(warning.starts_with("camera 1: 3 frames came and were not stepped"), "{warning}");
+    assert!(log.contains(warning) && log.contains("camera 1: no frame was stepped: "), "{log}");
 }
 
 #[test]
