@@ -42,14 +42,14 @@ enum esaac_motion_format { ESAAC_MOTION_F16X2 = 0, ESAAC_MOTION_F32X2 = 1, ESAAC
 
 struct esaac_header {
     uint32_t magic;   /* ESAAC_MAGIC */
-    uint16_t version; /* ESAAC_VERSION */
+    uint16_t version; /* ESAAC_VERSION or ESAAC_VERSION_2, as of HELLO */
     uint16_t kind;    /* enum esaac_kind */
     uint32_t bytes;   /* of the whole message */
     uint32_t fds;     /* descriptors beside it */
 };
 
 struct esaac_image_memory {
-    uint64_t bytes;            /* of each buffer; of an image's texels, as RING says */
+    uint64_t bytes;            /* of each buffer, or of an image's texels, as RING says: a multiple of 16 */
     uint64_t allocation_bytes; /* of its memory, or of its file */
     uint32_t memory_type;      /* Vulkan memory type; BROUGHT may leave it open: 0xffffffff */
     uint32_t image_usage;      /* VkImageUsageFlags of an image, on both sides; 0 of a buffer */
@@ -100,7 +100,7 @@ struct esaac_frame {
     uint32_t host_copies;
     uint32_t reserved;
     uint64_t value; /* of the slot's timeline: 2k + 1 for its k-th frame, k from 0 */
-    int64_t t_ns;
+    int64_t t_ns;   /* later than that of the last frame, by a second at most; within +-2^62 */
 };
 
 struct esaac_released {
@@ -123,7 +123,7 @@ enum esaac_error_code {
     ESAAC_ERROR_TIME = 9, /* a frame's time */
     ESAAC_ERROR_TIMEOUT = 10, /* something that did not come */
     ESAAC_ERROR_USER = 11, /* another user's process */
-    ESAAC_ERROR_BUSY = 12, /* more connections than the engine takes */
+    ESAAC_ERROR_BUSY = 12, /* more connections without a ring than the engine answers at once: try again */
     ESAAC_ERROR_POSES = 13, /* poses that are none, or that do not span the frame's interval; version 2 */
 };
 
@@ -169,7 +169,7 @@ struct esaac_hello_2 {
     uint32_t memories;
     uint32_t timelines;
     uint32_t gives;         /* ESAAC_GIVES_GEOMETRY or 0 */
-    struct esaac_lens lens; /* that it renders with; ESAAC_NO_LENS for as the rig has it */
+    struct esaac_lens lens; /* that it renders with, if it gives geometry; ESAAC_NO_LENS for as the rig has it */
 };
 
 struct esaac_ring_2 {

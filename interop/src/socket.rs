@@ -236,7 +236,8 @@ impl Socket {
             })
             .flatten()
             .collect();
-        if got.bytes == 0 {
+        // An empty packet reads as the end of the connection does. It is a message that is none.
+        if got.bytes == 0 && self.is_hung_up() {
             return Err(InteropError::PeerGone);
         }
         if got.flags.contains(ReturnFlags::CTRUNC) {
@@ -247,6 +248,12 @@ impl Socket {
         }
         let agreed = self.version.get().copied();
         Ok(Some(Received { bytes: room[..got.bytes].to_vec(), fds, agreed }))
+    }
+
+    /// Whether the peer sends no more. If the kernel does not say, it does not.
+    fn is_hung_up(&self) -> bool {
+        let mut polled = [PollFd::new(&self.fd, PollFlags::RDHUP)];
+        poll(&mut polled, Some(&Timespec::default())).is_err() || !polled[0].revents().is_empty()
     }
 
     /// Waits for the next packet.
@@ -444,6 +451,26 @@ mod tests {
             assert!(matches!(listener.accept().unwrap(), Accepted::One(..)));
             late.join().unwrap().unwrap();
         });
+    }
+
+    #[test]
+    fn an_empty_packet_is_not_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("empty.sock");
+        let listener = Listener::bind(&path, 1).unwrap();
+        let peer = Socket::connect(&path, Version::NEWEST, Duration::ZERO).unwrap();
+        let Accepted::One(own, _) = listener.accept().unwrap() else { panic!("nobody came") };
+        for _ in 0..2 {
+            rustix::net::send(&peer.fd, &[], SendFlags::NOSIGNAL).unwrap();
+        }
+        for _ in 0..2 {
+            let received = own.receive().unwrap().expect("a packet");
+            let error = received.message().unwrap_err();
+            assert_eq!(error.code(), ErrorCode::Protocol, "{error}");
+        }
+        assert!(own.receive().unwrap().is_none(), "there is nothing more");
+        drop(peer);
+        assert!(matches!(own.receive(), Err(InteropError::PeerGone)));
     }
 
     #[test]

@@ -10,8 +10,7 @@ use crate::error::InteropError;
 use crate::frame_scene::FrameScene;
 use crate::images::Images;
 use crate::wire::{Brought, ErrorCode, FrameNotice, Message, WireError};
-use esaac_engine::EngineError;
-use esaac_model::frame;
+use esaac_model::{FrameError, frame};
 use poses::Poses;
 
 /// What a message asks of the engine.
@@ -193,8 +192,17 @@ impl Session {
         if notice.value != value + 1 {
             return Err(InteropError::Value { slot: notice.slot, expected: value + 1, actual: notice.value });
         }
-        frame::check_time(self.camera, self.last_ns, notice.t_ns)
-            .map_err(|error| refused(ErrorCode::Time, EngineError::Frame(error).to_string()))
+        frame::check_time(self.camera, self.last_ns, notice.t_ns).map_err(|error| {
+            let text = match error {
+                // The producer can reset no camera.
+                FrameError::Gap { camera, expected_ns, actual_ns } => format!(
+                    "camera {camera}: gap of {actual_ns} ns since the previous frame, expected at most {expected_ns} ns; \
+                     connect again to start anew"
+                ),
+                error => error.to_string(),
+            };
+            refused(ErrorCode::Time, text)
+        })
     }
 }
 

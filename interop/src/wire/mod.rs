@@ -148,7 +148,7 @@ pub struct Header {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct ImageMemory {
-    /// Size of the buffer, or of the image's texels tightly packed.
+    /// Size of the buffer, or of the image's texels tightly packed: a multiple of 16.
     pub bytes: u64,
     /// Size of its memory: of the allocation, or of the file.
     pub allocation_bytes: u64,

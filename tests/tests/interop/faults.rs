@@ -113,6 +113,13 @@ fn wrong_version() {
 
 #[test]
 fn another_protocol_and_truncated_messages() {
+    refused(first_bytes(Vec::new()), ErrorCode::Protocol, &["header of 0 bytes"]);
+    let empty_between_frames = |place: &Place| {
+        let (peer, _) = linked(place);
+        peer.send_bytes(&[], &[]);
+        peer.refusal()
+    };
+    refused(empty_between_frames, ErrorCode::Protocol, &["header of 0 bytes"]);
     refused(first_bytes(b"GET / HTTP/1.1\r\n".to_vec()), ErrorCode::Protocol, &["0x20544547"]);
     refused(first_bytes(vec![1, 2, 3]), ErrorCode::Protocol, &["header of 3 bytes", "expected 16"]);
     let hello = Message::Hello(greeting()).to_bytes(Version::Two, 0);
@@ -195,7 +202,7 @@ fn slots_and_times_that_cannot_be() {
     let back = vec![Message::Frame(frame(0, 1, 500)), Message::Frame(frame(1, 1, 500))];
     refused(then(back), ErrorCode::Time, &["500 ns is not after"]);
     let gap = vec![Message::Frame(frame(0, 1, 0)), Message::Frame(frame(1, 1, 5_000_000_000))];
-    refused(then(gap), ErrorCode::Time, &["gap of 5000000000 ns"]);
+    refused(then(gap), ErrorCode::Time, &["gap of 5000000000 ns", "connect again"]);
 }
 
 #[test]
