@@ -17,9 +17,16 @@ pub struct Header<'a> {
     pub frame_id: &'a str,
 }
 
-/// Writes a `builtin_interfaces/Time`. Seconds round down, so nanoseconds are never negative.
+const SECOND_NS: i64 = 1_000_000_000;
+
+/// Whether a `builtin_interfaces/Time` holds a time: some 68 years before and after 0.
+pub(crate) fn holds_time(t_ns: i64) -> bool {
+    i32::try_from(t_ns.div_euclid(SECOND_NS)).is_ok()
+}
+
+/// Writes a `builtin_interfaces/Time`. Seconds round down, so nanoseconds are never negative. Seconds that do not fit stay
+/// at their limit.
 pub(crate) fn time(cdr: &mut CdrWriter<'_>, t_ns: i64) {
-    const SECOND_NS: i64 = 1_000_000_000;
     let seconds = t_ns.div_euclid(SECOND_NS);
     let seconds = i32::try_from(seconds).unwrap_or(if seconds < 0 { i32::MIN } else { i32::MAX });
     cdr.i32(seconds).u32(t_ns.rem_euclid(SECOND_NS) as u32);

@@ -53,13 +53,17 @@ impl Worker {
     fn run(mut self) -> Result<(), BagError> {
         let mut recording = Ok(());
         let mut reported = Instant::now();
+        // Stamp and recording's time of the furthest tick: one of a camera that is behind is older.
         let mut last: Option<(i64, u64)> = None;
         let mut ahead = VecDeque::new();
         loop {
             match self.queue.pop(DIAGNOSTICS.saturating_sub(reported.elapsed())) {
                 Popped::Tick(batch) => {
                     let messages = batch.states.iter().chain(&batch.samples);
-                    last = Some((batch.stamp_ns, messages.map(|m| m.log_ns).max().unwrap_or_default()));
+                    let log_ns = messages.map(|m| m.log_ns).max().unwrap_or_default();
+                    if last.is_none_or(|(_, furthest_ns)| log_ns >= furthest_ns) {
+                        last = Some((batch.stamp_ns, log_ns));
+                    }
                     self.send_tick(&batch, &mut recording);
                     // `keep_pace` waits for the release of messages: this thread must not hold them.
                     drop((batch.states, batch.samples));

@@ -8,6 +8,7 @@ mod tick;
 pub use tick::{ApsImage, TickMessages};
 
 use crate::bag::{BagError, BagWriter};
+use crate::encode;
 use crate::events::EventFormat;
 use crate::payload::Pool;
 use crate::plan::{CameraPlan, Plan, PlanError, Policy, RigOptions};
@@ -116,6 +117,8 @@ pub struct RigPublisher {
     statistics: Arc<Statistics>,
     worker: Option<JoinHandle<Result<(), BagError>>>,
     clock: StampClock,
+    /// Whether the user knows of stamps that messages cannot hold.
+    is_far: bool,
 }
 
 impl RigPublisher {
@@ -173,6 +176,7 @@ impl RigPublisher {
             statistics,
             worker: Some(worker),
             clock: StampClock::default(),
+            is_far: false,
         })
     }
 
@@ -221,6 +225,12 @@ impl RigPublisher {
         let first = self.clock.is_new();
         let (stamp_ns, goes_on) = self.clock.tick(t_ns, self.options.sim_time);
         self.statistics.set_resets(self.clock.resets);
+        if !encode::holds_time(stamp_ns) && !std::mem::replace(&mut self.is_far, true) {
+            let _ = self.notify.send(format!(
+                "a tick is at {stamp_ns} ns, expected within +-2^31 s, which stamps of ROS can hold: the seconds of stamps stay \
+                 at that limit"
+            ));
+        }
         let mut tick = TickMessages::new(self, stamp_ns);
         if goes_on {
             tick.clock();

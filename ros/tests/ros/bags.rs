@@ -277,6 +277,33 @@ fn publish_one(rig: &mut RigPublisher, cameras: &[CameraPlan], camera: usize, in
     tick.send();
 }
 
+/// When the last message of a topic was recorded.
+fn last_log_ns(path: &Path, name: &str) -> u64 {
+    let mut bag = BagReader::open(path).unwrap();
+    let mut last_ns = 0;
+    while let Some(message) = bag.next_message().unwrap() {
+        if bag.topics()[message.topic].name == name {
+            last_ns = message.log_ns;
+        }
+    }
+    last_ns
+}
+
+#[test]
+fn stamps_that_messages_cannot_hold_are_told_once() {
+    let cameras = vec![world::camera("left", 32, 24)];
+    let (_folder, _, mut rig) = recording(&cameras, &lossless());
+    rig.tick(((1 << 31) - 1) * 1_000_000_000).send();
+    assert_eq!(rig.notices(), [""; 0]);
+    for seconds in [1 << 31, 1 << 32] {
+        rig.tick(seconds * 1_000_000_000).send();
+    }
+    let notices = rig.notices();
+    assert_eq!(notices.len(), 1, "{notices:?}");
+    assert!(notices[0].starts_with("a tick is at 2147483648000000000 ns"), "{notices:?}");
+    rig.finish().2.unwrap();
+}
+
 /// Recorded stamps of `/clock`, in intervals.
 fn clock_of(path: &Path) -> Vec<i64> {
     let mut bag = BagReader::open(path).unwrap();
@@ -333,6 +360,9 @@ fn a_camera_that_goes_back_without_a_restart_is_told() {
     let times = format!("`left` went back from {} to {INTERVAL_NS} ns", 3 * INTERVAL_NS);
     assert!(notices[0].contains(&times) && notices[0].contains("`restart`"), "{notices:?}");
     assert_eq!(rig.finish().0.unannounced_resets, 1);
+    // The last tick was behind, and is no reason for the diagnostics to go back.
+    let [clock_ns, diagnostics_ns] = ["/clock", "/diagnostics"].map(|name| last_log_ns(&path, name));
+    assert!(diagnostics_ns >= clock_ns, "{diagnostics_ns} and {clock_ns} ns");
     let status = &world::check_bag(&path)["/diagnostics"]["last"]["status"][0];
     assert_eq!(
         (&status["level"], status["message"].as_str().unwrap().contains("went back")),
