@@ -81,8 +81,8 @@ struct Known {
     times: HashMap<usize, PoseTimes>,
     /// Tracks of bodies from a step on.
     tracks: HashMap<(usize, usize), PoseTrack>,
-    /// Bodies whose poses are right.
-    checked: HashSet<usize>,
+    /// Bodies whose poses are right from a step on.
+    checked: HashSet<(usize, usize)>,
     spare: Vec<TrackMemory>,
 }
 
@@ -181,10 +181,11 @@ impl Poses<'_> {
     /// A camera's scene; `None` if its poses are not followed.
     fn scene(&self, wanted: &Wanted, known: &mut Known) -> Result<Option<SceneMotion>, Fault> {
         let Wanted { index, lens, first_ns, follows } = *wanted;
-        if !follows {
-            return self.check(index, known).map(|()| None);
-        }
+        // What was before a reset counts for nothing, so it may be anything.
         let first = self.times_ns.partition_point(|&t_ns| t_ns <= first_ns).saturating_sub(1);
+        if !follows {
+            return self.check(index, first, known).map(|()| None);
+        }
         let times = match known.times.entry(first) {
             Entry::Occupied(times) => times.get().clone(),
             Entry::Vacant(missing) => {
@@ -211,13 +212,14 @@ impl Poses<'_> {
         Ok(Some(scene))
     }
 
-    /// Fails where [`Poses::scene`] would.
-    fn check(&self, index: usize, known: &mut Known) -> Result<(), Fault> {
-        let check = |whose| (0..self.times_ns.len()).try_for_each(|step| self.pose(whose, step).map(drop));
+    /// Fails where [`Poses::scene`] would, from a step on.
+    fn check(&self, index: usize, first: usize, known: &mut Known) -> Result<(), Fault> {
+        let check =
+            |whose| (first..self.times_ns.len()).try_for_each(|step| self.pose(whose, step).map(drop));
         check(Whose::Camera(index))?;
         for instance in self.instances(index) {
             let Some(body) = instance?.1 else { continue };
-            if !self.shares_bodies() || known.checked.insert(body) {
+            if !self.shares_bodies() || known.checked.insert((body, first)) {
                 check(self.body(index, body))?;
             }
         }
@@ -259,7 +261,7 @@ impl Poses<'_> {
         })
     }
 
-    /// The track at `times`, which are the last steps. The poses of those before must be right too.
+    /// The track at `times`, which are the last steps.
     fn track(
         &self,
         whose: Whose,
@@ -267,7 +269,6 @@ impl Poses<'_> {
         spare: &mut Vec<TrackMemory>,
     ) -> Result<PoseTrack, Fault> {
         let first = self.times_ns.len() - times.times_ns().len();
-        (0..first).try_for_each(|step| self.pose(whose, step).map(drop))?;
         let mut memory = spare.pop().unwrap_or_default();
         memory.fill((first..self.times_ns.len()).map(|step| self.pose(whose, step)))?;
         PoseTrack::in_memory(times, memory).map_err(|error| wrong(&error))

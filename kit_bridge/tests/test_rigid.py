@@ -354,3 +354,27 @@ def test_the_example_tells_that_poses_are_worth_something(capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     linear, rigid = (float(line.rsplit(" ", 1)[1]) for line in lines if "F1" in line)
     assert rigid > linear + 0.3 and rigid > 0.8, lines
+
+
+@pytest.mark.parametrize("synthesis", ["rigid", "linear"])
+def test_poses_of_before_an_environments_reset_may_be_anything(synthesis):
+    tiled = esaac.TiledEventCamera("dvs128", 2, intrinsics=LENS, synthesis=synthesis, **SENSOR)
+    hdr, depth, ids = (np.stack([image] * 2) for image in IMAGES[0])
+    still = np.array([0, 0, 0, 0, 0, 0, 1.0])
+    step = lambda t_ns, poses: tiled.step(hdr, t_ns=t_ns, depth=depth, ids=ids, poses=poses)
+    poses = lambda times_ns: (np.tile(still, (len(times_ns), 2, 1)), np.tile(still, (len(times_ns), 2, 1, 1)))
+    step(0, esaac.Poses([0], *poses([0])))
+    tiled.reset([1])
+    step(FRAME_NS, esaac.Poses([0, FRAME_NS], *poses([0, FRAME_NS])))
+    times_ns = [FRAME_NS // 2, FRAME_NS, 2 * FRAME_NS]
+    camera, bodies = poses(times_ns)
+    # The first environment has had a frame then.
+    bodies[0, 0] = np.nan
+    with pytest.raises(esaac.FrameError, match="body 0 of environment 0, step 0: x is NaN"):
+        step(2 * FRAME_NS, esaac.Poses(times_ns, camera, bodies))
+    bodies[0] = still
+    camera[0, 1] = bodies[0, 1] = np.nan
+    step(2 * FRAME_NS, esaac.Poses(times_ns, camera, bodies))
+    bodies[1, 1] = np.nan
+    with pytest.raises(esaac.FrameError, match="body 0 of environment 1, step 1: x is NaN"):
+        step(3 * FRAME_NS, esaac.Poses([FRAME_NS // 2, FRAME_NS, 3 * FRAME_NS], camera, bodies))
