@@ -7,7 +7,7 @@ use crate::state::Events;
 use crate::tensor::{Kind, Tensor};
 use esaac_engine::HeldPackets;
 use esaac_model::{Packet, PacketView};
-use numpy::{Element, IntoPyArray, PyArray1, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -45,7 +45,30 @@ struct Header {
     height_px: u32,
 }
 
+/// A header for Python: `base_ns`, `watermark_ns`, `sequence`, `dropped`, `width_px`, `height_px`.
+type Numbers = (i64, i64, u64, u64, u32, u32);
+
+/// A packet taken apart: x, y, p, `t_ns`, `t_offset_ns`, `offsets` and headers.
+type Parts<'py> = (
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Option<Bound<'py, PyAny>>,
+    Option<Bound<'py, PyAny>>,
+    Vec<Numbers>,
+);
+
 impl Header {
+    fn numbers(&self) -> Numbers {
+        let Header { base_ns, watermark_ns, sequence, dropped, width_px, height_px } = *self;
+        (base_ns, watermark_ns, sequence, dropped, width_px, height_px)
+    }
+
+    fn of_numbers((base_ns, watermark_ns, sequence, dropped, width_px, height_px): Numbers) -> Self {
+        Header { base_ns, watermark_ns, sequence, dropped, width_px, height_px }
+    }
+
     fn of(packet: &PacketView<'_>) -> Self {
         let PacketView { base_ns, watermark_ns, sequence, dropped, width_px, height_px, .. } = *packet;
         Header { base_ns, watermark_ns, sequence, dropped, width_px, height_px }
@@ -153,6 +176,52 @@ impl PyPacket {
             p: cut(self.p(py)?)?,
             t_ns: cut(self.t_ns(py)?)?,
             ..Self::of_header(self.headers[index as usize], (last - first) as usize)
+        })
+    }
+
+    /// For pickles and copies.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Parts<'py>)> {
+        let columns = [self.x(py)?, self.y(py)?, self.p(py)?, self.t_ns(py)?].map(|each| each.into_bound(py));
+        if columns[0].is_instance_of::<Tensor>() {
+            let message = "the packet is on a CUDA device, expected one on the host (packets=\"host\")";
+            return Err(PyTypeError::new_err(message));
+        }
+        let [x, y, p, t_ns] = columns;
+        let t_offset_ns = self.t_offset_ns(py).map(|each| each.into_bound(py));
+        let offsets = self.offsets.as_ref().map(|offsets| offsets.bind(py).clone());
+        let headers = self.headers.iter().chain([&self.header]).map(Header::numbers).collect();
+        Ok((py.get_type::<Self>().getattr("_of_parts")?, (x, y, p, t_ns, t_offset_ns, offsets, headers)))
+    }
+
+    /// What `__reduce__` has taken apart. The last header is the packet's.
+    #[staticmethod]
+    fn _of_parts(
+        x: Bound<'_, PyArray1<u16>>,
+        y: Bound<'_, PyArray1<u16>>,
+        p: Bound<'_, PyArray1<u8>>,
+        t_ns: Bound<'_, PyArray1<i64>>,
+        t_offset_ns: Option<Bound<'_, PyArray1<u32>>>,
+        offsets: Option<Bound<'_, PyArray1<i64>>>,
+        headers: Vec<Numbers>,
+    ) -> PyResult<Self> {
+        let (py, events) = (x.py(), x.len());
+        let mut headers: Vec<Header> = headers.into_iter().map(Header::of_numbers).collect();
+        let header = headers.pop().unwrap_or_default();
+        let cameras = offsets.as_ref().map_or(0, |offsets| offsets.len().saturating_sub(1));
+        if headers.len() != cameras {
+            let message =
+                format!("a packet with the headers of {} cameras, expected {cameras}", headers.len());
+            return Err(PyTypeError::new_err(message));
+        }
+        Ok(PyPacket {
+            x: known(py, x.into_any().unbind()),
+            y: known(py, y.into_any().unbind()),
+            p: known(py, p.into_any().unbind()),
+            t_ns: known(py, t_ns.into_any().unbind()),
+            t_offset_ns: t_offset_ns.map(Bound::unbind),
+            offsets: offsets.map(|offsets| offsets.into_any().unbind()),
+            headers,
+            ..Self::of_header(header, events)
         })
     }
 

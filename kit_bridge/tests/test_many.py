@@ -1,6 +1,8 @@
 """Rigs of different cameras, and tiled frames of many environments."""
 
+import copy
 import pathlib
+import pickle
 import time
 
 import numpy as np
@@ -149,6 +151,27 @@ def test_one_environment_has_a_packet_as_several_have(packets):
         assert len(packet) > 20 and tiled.last_packet is packet
         with pytest.raises(IndexError, match="camera 1 of 1"):
             packet[1]
+
+
+@pytest.mark.parametrize("packets", ["host", "mapped"])
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda packet: pickle.loads(pickle.dumps(packet))]
+)
+def test_packets_are_pickled_and_copied(packets, again):
+    with esaac.TiledEventCamera(SENSOR, 3, packets=packets) as tiled, esaac.EventCamera(SENSOR) as camera:
+        for index in range(3):
+            hdr, motion = tiles(3, index)
+            together = tiled.step(hdr, motion, t_ns=FRAME_NS * index)
+            alone = camera.step(hdr[0], motion[0], t_ns=FRAME_NS * index)
+        for packet in (together, together[1], alone):
+            other = again(packet)
+            assert other is not packet and len(other) == len(packet) > 20
+            assert header(other) == header(packet) and repr(other) == repr(packet)
+            for name in ("x", "y", "t_ns", "p", "t_offset_ns", "offsets"):
+                np.testing.assert_array_equal(getattr(other, name), getattr(packet, name))
+        other = again(together)
+        assert [header(part) for part in other] == [header(part) for part in together]
+        np.testing.assert_array_equal(other[2].t_ns, together[2].t_ns)
 
 
 @pytest.mark.parametrize(

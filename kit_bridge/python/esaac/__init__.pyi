@@ -254,6 +254,8 @@ class Packet:
     `base_ns` and `watermark_ns` are the earliest, `dropped` is the sum, and `sequence` is the first environment's.
     With `packets="mapped"`, `packet[i]` is in place, and a column of the whole packet is a copy that is made when you
     first ask for it. `offsets` is None for a packet of one camera, and `t_offset_ns` where there is `t_ns` alone.
+
+    Packets on the host, mapped ones too, can be pickled and copied. Those on a CUDA device cannot.
     """
 
     x: Array
