@@ -437,7 +437,7 @@ def test_steps_that_a_memory_has_not_seen_are_told(env):
     act(env, 2)
     with pytest.raises(esaac.ArgumentError, match="has drawn 2 frames of environment 0 .*, expected 1"):
         direct.event_memory("still")
-    with pytest.raises(esaac.ArgumentError, match=r"kept is \[1.5\], expected shares from 0 to 1"):
+    with pytest.raises(esaac.ArgumentError, match=r"kept is \(1.5,\), expected shares from 0 to 1"):
         direct.event_memory("still", kept=(1.5,))
     with pytest.raises(esaac.ArgumentError, match="has the outputs .*expected `events`"):
         direct.events("mounted")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from esaac.isaaclab.memory import EventMemory
+from esaac.isaaclab.memory import EventMemory, shares_of
 from esaac.isaaclab.observations import image, rows
 from esaac.isaaclab.randomization import Distribution, randomize
 
@@ -21,10 +21,10 @@ class EventReading:
                 return {"policy": self.event_memory("camera", kept=(0, 0.8))}
 
     `camera` is the camera's name in the scene. A method may be called any number of times in an environment step, and
-    gives the same each time. A camera that is slower than the environment has no frame in some steps: then there are
-    no events, and images are 0, but for those of `event_memory`, which stay as they are. All raise
-    `esaac.ArgumentError` if the camera lacks the output that they read, or has more than one frame an environment
-    step.
+    gives the same each time, as tensors of the caller's own. A camera that is slower than the environment has no
+    frame in some steps: then there are no events, and images are 0, but for those of `event_memory`, which stay as
+    they are. All raise `esaac.ArgumentError` if the camera lacks the output that they read, or has more than one
+    frame an environment step.
     """
 
     scene: Any
@@ -59,10 +59,12 @@ class EventReading:
         `clip` limits a frame's image to -`clip` and `clip`. A reset empties the environment's images. The result is
         float32 `(num_envs, len(kept), height, width)`.
 
-        Call it in every environment step: steps that are left out raise `esaac.ArgumentError`."""
+        Call it in every environment step: steps that are left out raise `esaac.ArgumentError`, until the environments
+        that have missed frames are reset."""
         # The first call makes them.
         memories: dict[Any, EventMemory] = self.__dict__.setdefault("_event_memories", {})
-        key = camera, tuple(kept), clip
+        kept = shares_of(kept)
+        key = camera, kept, clip
         if key not in memories:
             memories[key] = EventMemory(camera, kept, clip)
         return memories[key].read(self)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from esaac.errors import ArgumentError
-from esaac.isaaclab.observations import held
+from esaac.isaaclab.observations import check_clip, held
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 class EventMemory:
     """Of one camera. Each of its frames counts once, however often it is read."""
 
-    def __init__(self, camera: str, kept: Sequence[float], clip: float | None) -> None:
-        if len(kept) == 0 or not all(0 <= share <= 1 for share in kept):
-            raise ArgumentError(f"kept is {list(kept)}, expected shares from 0 to 1")
+    def __init__(self, camera: str, kept: tuple[float, ...], clip: float | None) -> None:
+        check_clip(clip)
         self._camera, self._kept, self._clip = camera, kept, clip
         self._images: torch.Tensor | None = None
         self._frames: NDArray[np.int64] | None = None
@@ -54,8 +53,19 @@ class EventMemory:
             env = int(np.flatnonzero(new > 1)[0])
             raise ArgumentError(
                 f"camera `{self._camera}` has drawn {new[env]} frames of environment {env} since its memory was "
-                "read, expected 1: read it in every environment step"
+                "read, expected 1: read it in every environment step. It goes on when these environments are reset"
             )
+
+
+def shares_of(kept: Sequence[float]) -> tuple[float, ...]:
+    """What each channel keeps, as numbers."""
+    try:
+        shares = tuple(float(share) for share in kept)
+    except (TypeError, ValueError):
+        shares = ()
+    if not shares or not all(0 <= share <= 1 for share in shares):
+        raise ArgumentError(f"kept is {kept!r}, expected shares from 0 to 1, one for each channel")
+    return shares
 
 
 def _rows(envs: NDArray[np.bool_], device: Any) -> torch.Tensor:

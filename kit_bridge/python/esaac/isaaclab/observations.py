@@ -23,7 +23,7 @@ def event_frame(
 
     * `env`: the environment, with the camera in its scene.
     * `sensor_cfg`: `SceneEntityCfg("name of the camera")`. Its `data_types` must have `event_frame`.
-    * `clip`: the most events that count, None for all.
+    * `clip`: the most events that count, at least 0, None for all.
     * `channels_first`: float32 `(num_envs, 2, height, width)`, else `(num_envs, height, width, 2)`.
 
     Raises `esaac.ArgumentError` if the camera has no such output, or more than one frame an environment step.
@@ -44,12 +44,14 @@ def voxel_grid(
 
 def image(env: Any, name: str, output: str, clip: float | None, channels_first: bool) -> torch.Tensor:
     """An output of the camera with this name, as float32; 0 where no frame has come in the last environment step."""
-    values: torch.Tensor = held(env, name, output).float()
+    check_clip(clip)
+    # A copy: the camera writes its next frame to its own.
+    values: torch.Tensor = held(env, name, output).to(torch.float32, copy=True)
     new = _new(env, name, values.device)
     if new is not None:
-        values = values * new[:, None, None, None]
+        values *= new[:, None, None, None]
     if clip is not None:
-        values = values.clamp(-clip, clip)
+        values.clamp_(-clip, clip)
     return values.permute(0, 3, 1, 2) if channels_first else values
 
 
@@ -58,11 +60,17 @@ def rows(env: Any, name: str) -> tuple[torch.Tensor, torch.Tensor]:
     events, offsets = held(env, name, "events"), held(env, name, "events_offsets")
     new = _new(env, name, events.device)
     if new is None:
-        return events, offsets
+        return events.clone(), offsets.clone()
     counts = offsets.diff()
     kept = offsets.clone()
     kept[1:] = (counts * new).cumsum(0)
     return events[new.repeat_interleave(counts)], kept
+
+
+def check_clip(clip: float | None) -> None:
+    """Fails if `clip` is no limit."""
+    if clip is not None and not clip >= 0:
+        raise ArgumentError(f"clip is {clip}, expected a number of at least 0, or None")
 
 
 def _new(env: Any, name: str, device: Any) -> torch.Tensor | None:

@@ -46,7 +46,11 @@ def randomize(
     camera: Any, env_ids: Any, parameters: Mapping[str, tuple[float, float]], distribution: Distribution
 ) -> None:
     """Draws parameters of a camera's sensors for some environments."""
-    for name, (low, high) in parameters.items():
+    for name, given in parameters.items():
+        try:
+            low, high = given
+        except (TypeError, ValueError):
+            raise ArgumentError(f"the range of `{name}` is {given}, expected two ascending numbers") from None
         if not low <= high or (distribution == "log_uniform" and low <= 0):
             above = ", above 0," if distribution == "log_uniform" else ""
             raise ArgumentError(
