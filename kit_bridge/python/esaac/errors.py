@@ -40,7 +40,8 @@ class ForkError(EsaacError, RuntimeError):
 
 
 class PoseWarning(UserWarning):
-    """Depth and poses do not predict the motion vectors that came with them."""
+    """Depth and poses do not predict the motion vectors that came with them, or a simulation has poses that are not
+    finite."""
 
 
 class SynthesisWarning(UserWarning):

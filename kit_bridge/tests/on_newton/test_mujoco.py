@@ -279,6 +279,21 @@ def test_wrong_arguments_are_told(model):
     with made(model, "still") as cam:
         with pytest.raises(AttributeError, match=r"`contrast_on` is a parameter .*camera\.events\.sensor ="):
             cam.contrast_on = 0.4
+        data, other = mujoco.MjData(model), mujoco.MjData(sky())
+        for call in (cam.record, cam.step):
+            with pytest.raises(
+                esaac.ArgumentError, match="data have .* bodies, expected .* the camera's model"
+            ):
+                call(other)
+            data.time = np.nan
+            with pytest.raises(esaac.FrameError, match="data.time is nan, expected finite seconds"):
+                call(data)
+        data.time = 0
+        cam.step(data)
+    cam.close()
+    for call in (cam.record, cam.step):
+        with pytest.raises(esaac.ClosedError, match="the camera is closed"):
+            call(data)
     with pytest.raises(esaac.ArgumentError, match="camera 1 is orthographic, expected a perspective one"):
         made(sky(), "flat")
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (640, 480)

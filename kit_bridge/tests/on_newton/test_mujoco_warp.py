@@ -345,9 +345,13 @@ def test_wrong_arguments_are_told():
     made.step()
     with pytest.raises(esaac.ArgumentError, match="world 0 has had its frame at substep 0, expected record"):
         made.step()
-    with pytest.raises(esaac.ArgumentError, match=r"worlds are \[2\], expected numbers from 0 to 1"):
+    with pytest.raises(esaac.ArgumentError, match=r"world is 2, expected a number from 0 to 1"):
         made.step(worlds=[2])
     for _ in range(11):
         made.record()
     with pytest.raises(esaac.FrameError, match="11 substeps since the last frame, expected at most 10"):
         made.step()
+    made.close()
+    for call in (made.record, made.step, made.reset):
+        with pytest.raises(esaac.ClosedError, match="the cameras are closed"):
+            call()

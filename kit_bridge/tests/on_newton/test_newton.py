@@ -305,12 +305,16 @@ def test_wrong_arguments_are_told():
     moving = Moving(2)
     for wrong, message in (
         ({"substep_s": 0}, "substep_s is 0, expected seconds above 0"),
+        ({"substep_s": np.inf}, "substep_s is inf, expected seconds above 0"),
+        ({"antialiasing": 2.5}, "antialiasing is 2.5, expected a whole number from 1 to 8"),
         ({"limit": 0}, "limit is 0, expected at least 1"),
         ({"bodies": 4}, "bodies are 4, expected -1 to 3"),
         (
             {"bodies": [0, 1, 2]},
             r"bodies are \[0, 1, 2\], expected a number of a body, or one for each world",
         ),
+        ({"bodies": [2, 1]}, "camera of world 0 is on body 2 of world 1, expected one of its own world"),
+        ({"bodies": 1}, "camera of world 1 is on body 1 of world 0, expected one of its own world"),
         ({"intrinsics": None}, "intrinsics are None, expected Intrinsics"),
         ({"places": np.zeros((3, 7))}, r"places have shape \(3, 7\), expected \(7,\) or \(2, 7\)"),
     ):
@@ -321,9 +325,27 @@ def test_wrong_arguments_are_told():
         AttributeError, match="EventCameras has no attribute `wordls`; parameters are changed"
     ):
         made.wordls = [0]
-    for wrong in ([2], [-1], [0.5]):
-        with pytest.raises(esaac.ArgumentError, match=r"worlds are .*, expected numbers from 0 to 1"):
+    for wrong, message in (
+        ([2], "world is 2, expected a number from 0 to 1"),
+        ([-1], "world is -1, expected"),
+        ([0.5], "world is 0.5, expected"),
+        ([True], "mask of worlds has 1 entries, expected 2"),
+    ):
+        with pytest.raises(esaac.ArgumentError, match=message):
             made.step(moving.at(0), worlds=wrong)
+    other = Moving(3).at(0)
+    for call in (made.record, made.step):
+        with pytest.raises(esaac.ArgumentError, match="the state has 6 bodies, expected 4, those of the cam"):
+            call(other)
+    made.step(moving.at(0))
+    made.record(moving.at(0))
+    packet = made.step(moving.at(1 / PHYSICS_HZ), worlds=np.array([False, True]))
+    assert len(packet[0]) == 0 < len(packet[1])
+    made.close()
+    made.close()
+    for call in (lambda: made.record(moving.at(0)), lambda: made.step(moving.at(0)), made.reset):
+        with pytest.raises(esaac.ClosedError, match="the cameras are closed"):
+            call()
 
 
 def test_substeps_that_are_lost_are_told():
@@ -381,7 +403,7 @@ def test_averaging_draws_an_edge_between_two_pixels():
             np.testing.assert_allclose(depths, one_ray, rtol=1e-5)
             assert np.abs(edges[antialiasing] - edges[1]).max() > 0.02
         one_ray = depths if one_ray is None else one_ray
-    with pytest.raises(esaac.ArgumentError, match="antialiasing is 0, expected 1 to 8"):
+    with pytest.raises(esaac.ArgumentError, match="antialiasing is 0, expected a whole number from 1 to 8"):
         cameras(moving, antialiasing=0)
     fisheye = esaac.Intrinsics(*LENS, "fisheye")
     with pytest.raises(esaac.ArgumentError, match="expected `pinhole`"):

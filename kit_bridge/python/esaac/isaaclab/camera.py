@@ -33,7 +33,8 @@ class EventCamera(Camera):
 
     `data.output` has what `EventCameraCfg.data_types` asks for, of each environment's last frame. `events` is the
     `esaac.TiledEventCamera`, with `statistics` and `memory()`; None before the simulation plays. `frame_counts` and
-    `episode_counts` say how many frames and resets each environment has had.
+    `episode_counts` say how many frames and resets each environment has had, and `held_counts` how many frames it has
+    missed because its poses were not finite.
 
     After a reset the next frame, drawn when the camera is read or updated, is the first of the episode: it has no
     events. If nothing reads the camera before the next physics step, the episode's events begin after that step.
@@ -41,6 +42,9 @@ class EventCamera(Camera):
     A camera whose place was set (`set_world_poses`, `set_world_poses_from_view`) is taken to have moved there
     straight and at a steady speed since its last frame, and sends the events of that motion. If it was not moved but
     jumped, `reset` it: then its next frame is a first one.
+
+    An environment with a pose that is not finite has no frame, and the others go on. `esaac.PoseWarning` tells it
+    once. Its next frame is a first one.
 
     Settings without which events would be wrong in silence raise `esaac.ArgumentError`, which names them.
     """
@@ -78,6 +82,11 @@ class EventCamera(Camera):
     def frame_period_s(self) -> float:
         """Seconds between frames, in whole physics steps."""
         return float(self._schedule.period_steps * self._sim_physics_dt)
+
+    @property
+    def held_counts(self) -> NDArray[np.int64]:
+        """How many frames each environment has missed because its poses were not finite."""
+        return self._frames.held_counts.copy()
 
     def env_numbers(self, env_ids: Any = None) -> NDArray[np.int64]:
         """Numbers of the environments that Isaac Lab names: a list or a tensor of numbers, a mask with a bool for
@@ -184,7 +193,8 @@ class EventCamera(Camera):
         substep_s = self._sim_physics_dt / self._substeps
         limit = max(64, 4 * self._substeps * self._schedule.period_steps)
         advice = "call scene.update after each physics step, or reset the camera"
-        self._log = self._record.log = SubstepLog(model, substep_s, limit, advice)
+        begun = self._physics_step() * self._substeps
+        self._log = self._record.log = SubstepLog(model, substep_s, limit, advice, begun)
         # Where each camera was at its last frame, in the axes of its body.
         self._places: NDArray[np.float64] | None = None
         # The renderer asks for it before the matrix is known.
@@ -241,9 +251,15 @@ class EventCamera(Camera):
         before = places if self._places is None else np.where(last[:, None] < 0, places, self._places)
         mounts = Mounts(bodies, places, before, last)
         poses = self._frames.poses(due, now, NewtonManager.get_state_0(), mounts, asked)
-        packet = self._frames.step(due, now, self._render_data.view, poses, self._render_data.averaged)
+        held = self._frames.hold(due, now, poses)
+        if held.any():
+            self._schedule.restarts[held] = False
+            self._outputs.forget(held)
+            due &= ~held
+        if due.any():
+            packet = self._frames.step(due, now, self._render_data.view, poses, self._render_data.averaged)
+            self._outputs.update(packet, self.events, due)
         self._places = np.where(due[:, None], places, before)
-        self._outputs.update(packet, self.events, due)
         self.frame_counts[due] += 1
         self._publish()
 

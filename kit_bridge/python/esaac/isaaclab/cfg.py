@@ -29,8 +29,8 @@ class EventCameraCfg(CameraCfg):
 
     `camera.data.output` has, of each environment's last frame:
 
-    * `events`: int64 `(n, 4)`: x, y [px], t_ns, p (0 OFF, 1 ON), one environment's events after the other's, each
-      sorted by time. Environment i has rows `events_offsets[i]` to `events_offsets[i + 1]`.
+    * `events`: int64 `(n, 4)`: x, y [px], t_ns (the simulation's time), p (0 OFF, 1 ON), one environment's events
+      after the other's, each sorted by time. Environment i has rows `events_offsets[i]` to `events_offsets[i + 1]`.
     * `events_offsets`: int64 `(num_envs + 1,)`.
     * `event_ids`: int64 `(n,)`, the body that each of `events` shows when it is sent: 0 for what is static, i + 1 for
       body i of its environment in Newton's order, -1 where no path tells it. At a silhouette it is the body in front.

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 import esaac
-from esaac import ArgumentError, FrameError, PoseRecorder
+from esaac import ArgumentError, ClosedError, FrameError, PoseRecorder
 from esaac.attributes import KnownAttributes
 from esaac.mujoco.lens import camera_number, lens_of
 from esaac.mujoco.view import View
@@ -95,6 +95,7 @@ class EventCamera(KnownAttributes):
         A state that was set at a time that is recorded takes the place of the one before. Once the frame at that time
         is drawn, it counts from the next time on.
         A time before the last one raises `esaac.FrameError`; call `reset` where a simulation begins anew."""
+        self._check(data)
         t_ns = _time_ns(data)
         own = self._own
         if t_ns == self._recorded_ns:
@@ -118,6 +119,7 @@ class EventCamera(KnownAttributes):
 
         A time that is not after the last frame's raises `esaac.FrameError`, a lens that was changed in the model
         `esaac.ArgumentError`."""
+        self._check(data)
         t_ns = _time_ns(data)
         if t_ns == self._stepped_ns:
             raise FrameError(f"the frame at {t_ns} ns has been drawn, expected mj_step in between")
@@ -146,7 +148,8 @@ class EventCamera(KnownAttributes):
         self._recorded_ns = self._stepped_ns = None
 
     def close(self) -> None:
-        """Frees the renderer and the memory of the event camera."""
+        """Frees the renderer and the memory of the event camera. A second call does nothing; any other call raises
+        `esaac.ClosedError`."""
         self._view.close()
         self.events.close()
 
@@ -157,6 +160,19 @@ class EventCamera(KnownAttributes):
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _check(self, data: Any) -> None:
+        """Fails if the camera is closed, or the data are of another model."""
+        if self.events.closed:
+            raise ClosedError("the camera is closed")
+        sizes, expected = (
+            (each.qpos.size, len(each.mocap_pos), len(each.xpos)) for each in (data, self._own)
+        )
+        if sizes != expected:
+            raise ArgumentError(
+                f"data have {sizes[0]} coordinates, {sizes[1]} mocap bodies and {sizes[2]} bodies, expected "
+                f"{expected[0]}, {expected[1]} and {expected[2]}, those of the camera's model"
+            )
 
     def _compute(self) -> None:
         mujoco.mj_kinematics(self._model, self._own)
@@ -182,4 +198,6 @@ def sensor_of(
 
 
 def _time_ns(data: Any) -> int:
+    if not np.isfinite(data.time):
+        raise FrameError(f"data.time is {data.time}, expected finite seconds")
     return round(data.time * 1e9)

@@ -82,17 +82,20 @@ class EventCameras(WorldCameras):
     def record(self) -> None:
         """Keeps the poses that a physics step begins with: of the state as it is now, whatever step came before. It
         only launches kernels, so a CUDA graph may capture it."""
+        self._check_open()
         self._present.update()
         self._log.record(self._present)
 
     def step(self, worlds: ArrayLike | None = None) -> Packet:
         """Draws the present state, which is not recorded yet, and returns the events since each world's last frame.
 
-        `worlds` are the numbers of those that have a frame, all for None. The others wait: they have no events in
-        the packet, and their next interval begins at their last frame. The first frame of a world, and the first
-        after a `reset`, sends nothing.
+        `worlds` are the numbers of those that have a frame, or a mask, all for None. The others wait: they have no
+        events in the packet, and their next interval begins at their last frame. The first frame of a world, and the
+        first after a `reset`, sends nothing. A world whose poses are not finite has no frame: `held_counts` counts
+        it, `esaac.PoseWarning` tells it once, and its next frame is a first one.
 
         Raises `esaac.ArgumentError` if nothing was recorded since a world's last frame, and `esaac.FrameError` if
         more than `limit` substeps were."""
+        self._check_open()
         self._present.update()
         return self._step(self._present, worlds, self._present, lambda poses: self.view.draw())

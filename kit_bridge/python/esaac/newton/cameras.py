@@ -83,14 +83,16 @@ class EventCameras(WorldCameras):
     def record(self, state: Any) -> None:
         """Keeps the poses of a `newton.State` that a substep begins with. It only launches kernels, so a CUDA graph
         may capture it."""
+        self._check_open()
         self._log.record(state)
 
     def step(self, state: Any, worlds: ArrayLike | None = None) -> Packet:
         """Draws the present state, which is not recorded yet, and returns the events since each world's last frame.
 
-        `worlds` are the numbers of those that have a frame, all for None. The others wait: they have no events in
-        the packet, and their next interval begins at their last frame. The first frame of a world, and the first
-        after a `reset`, sends nothing.
+        `worlds` are the numbers of those that have a frame, or a mask, all for None. The others wait: they have no
+        events in the packet, and their next interval begins at their last frame. The first frame of a world, and the
+        first after a `reset`, sends nothing. A world whose poses are not finite has no frame: `held_counts` counts
+        it, `esaac.PoseWarning` tells it once, and its next frame is a first one.
 
         Raises `esaac.ArgumentError` if nothing was recorded since a world's last frame, and `esaac.FrameError` if
         more than `limit` substeps were."""
@@ -118,4 +120,12 @@ def _bodies(given: int | ArrayLike, model: Any) -> NDArray[np.int64]:
         raise ArgumentError(f"bodies are {given!r}, expected a number of a body, or one for each world")
     if bodies.min() < -1 or bodies.max() >= model.body_count:
         raise ArgumentError(f"bodies are {given!r}, expected -1 to {model.body_count - 1}")
-    return np.broadcast_to(bodies, (model.world_count,)).astype(np.int64)
+    bodies = np.broadcast_to(bodies, (model.world_count,)).astype(np.int64)
+    for world in np.flatnonzero(bodies >= 0):
+        own = int(model.body_world.numpy()[bodies[world]])
+        if own not in (world, -1):
+            raise ArgumentError(
+                f"the camera of world {world} is on body {bodies[world]} of world {own}, expected one of its "
+                "own world"
+            )
+    return bodies

@@ -9,7 +9,7 @@ import newton.sensors
 import numpy as np
 import warp as wp
 
-from esaac.checks import UNKNOWN
+from esaac.checks import UNKNOWN, whole_number
 from esaac.errors import ArgumentError
 from esaac.newton.bodies import WorldBodies
 from esaac.poses import Intrinsics
@@ -90,10 +90,7 @@ class View:
         lens = _lens(lens)
         if lens.projection != "pinhole":
             raise ArgumentError(f"projection is `{lens.projection}`, expected `pinhole`: Newton's rays are")
-        if not 1 <= antialiasing <= 8:
-            raise ArgumentError(
-                f"antialiasing is {antialiasing}, expected 1 to 8 rays along each axis of a pixel"
-            )
+        antialiasing = whole_number(antialiasing, 1, 8, "antialiasing")
         offsets, self._first_of_colour, self._centre = _pattern(antialiasing)
         self._per_pixel = len(offsets)
         self._model, self._shape_ids = model, bodies.shape_ids

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from esaac import ArgumentError, TiledEventCamera
+from esaac import ArgumentError, ClosedError, TiledEventCamera
 from esaac.attributes import KnownAttributes
+from esaac.checks import indices_of
 from esaac.on_warp.frames import Frames, Images
 
 if TYPE_CHECKING:
@@ -47,19 +48,33 @@ class WorldCameras(KnownAttributes):
         self.events = TiledEventCamera(sensor, worlds, intrinsics=intrinsics, **{**device, **options})
         self._log = log
         self._frames = Frames(self.events, log, bodies)
+        self._closed = False
+
+    @property
+    def held_counts(self) -> NDArray[np.int64]:
+        """How many frames each world has missed because its poses were not finite."""
+        return self._frames.held_counts.copy()
 
     def reset(self, worlds: ArrayLike | None = None) -> None:
-        """Lets worlds, given by their numbers, or all begin anew: their next frame is the first."""
+        """Lets worlds, given by their numbers or a mask, or all begin anew: their next frame is the first."""
+        self._check_open()
         self._frames.reset(self._chosen(worlds))
 
     def close(self) -> None:
-        """Frees the memory of the event cameras."""
+        """Frees the memory of the event cameras. A second call does nothing; any other call raises
+        `esaac.ClosedError`."""
+        self._closed = True
         self.events.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ClosedError("the cameras are closed")
 
     def _step(
         self, state: Any, worlds: ArrayLike | None, mounts: Mounts, draw: Callable[[Poses], None]
     ) -> Packet:
         """Draws the present state, and steps these worlds."""
+        self._check_open()
         now = self._log.substeps()
         stepped = self._chosen(worlds)
         late = stepped & self._frames.drawn_at(now)
@@ -68,6 +83,7 @@ class WorldCameras(KnownAttributes):
                 f"world {np.flatnonzero(late)[0]} has had its frame at substep {now}, expected record() in between"
             )
         poses = self._frames.poses(stepped, now, state, mounts)
+        stepped &= ~self._frames.hold(stepped, now, poses)
         draw(poses)
         return self._frames.step(stepped, now, self.view, poses)
 
@@ -75,9 +91,6 @@ class WorldCameras(KnownAttributes):
         count = len(self.events)
         if worlds is None:
             return np.ones(count, np.bool_)
-        numbers = np.atleast_1d(np.asarray(worlds))
-        if numbers.size and (numbers.dtype.kind not in "iu" or numbers.min() < 0 or numbers.max() >= count):
-            raise ArgumentError(f"worlds are {numbers.tolist()}, expected numbers from 0 to {count - 1}")
         chosen = np.zeros(count, np.bool_)
-        chosen[numbers.astype(np.int64)] = True
+        chosen[indices_of(worlds, count, "world")] = True
         return chosen

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import warp as wp
+
+from esaac.errors import PoseWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,11 +29,16 @@ class Images(Protocol):
 
 
 class Frames:
-    """The substep of each world's last frame. Worlds that are not stepped wait, and keep theirs."""
+    """The substep of each world's last frame. Worlds that are not stepped wait, and keep theirs.
+
+    `held_counts` says how many frames each world has missed because its poses were not finite.
+    """
 
     def __init__(self, events: TiledEventCamera, log: SubstepLog, bodies: Bodies) -> None:
         self._events, self._log, self._bodies = events, log, bodies
         self._last = np.full(len(events), _NEVER, np.int64)
+        self.held_counts = np.zeros(len(events), np.int64)
+        self._begun = False
 
     def reset(self, worlds: NDArray[np.bool_]) -> None:
         """The next frame of these worlds is the first of an episode."""
@@ -62,6 +70,29 @@ class Frames:
         """Of all substeps since the last frames of these worlds. A first frame needs its own alone."""
         return self._log.poses(self._first(stepped, now), now, state, self._bodies, mounts, asked)
 
+    def hold(self, stepped: NDArray[np.bool_], now: int, poses: Poses) -> NDArray[np.bool_]:
+        """Those of these worlds that have a pose which is not finite since their last frames, as a simulation that
+        diverges has. They are to miss this frame. They begin anew: their next frame is the first."""
+        held = np.zeros(len(stepped), np.bool_)
+        # The very first frame is needed of every world, and the error names the pose.
+        if not self._begun or (np.isfinite(poses.camera).all() and np.isfinite(poses.bodies).all()):
+            return held
+        finite = np.isfinite(poses.camera).all(axis=2) & np.isfinite(poses.bodies).all(axis=(2, 3))
+        steps = np.arange(now + 1 - len(poses), now + 1)
+        needed = steps[:, None] >= np.where(self._last == _NEVER, now, self._last)
+        held = stepped & (needed & ~finite).any(axis=0)
+        self.reset(held & (self._last != _NEVER))
+        if held.any() and not self.held_counts.any():
+            first, others = np.flatnonzero(held)[0], held.sum() - 1
+            more = f" (and {others} others)" if others else ""
+            warnings.warn(
+                f"world {first}{more}: poses are not finite. Until they are, it has no frame; then it begins anew",
+                PoseWarning,
+                stacklevel=4,
+            )
+        self.held_counts[held] += 1
+        return held
+
     def _first(self, stepped: NDArray[np.bool_], now: int) -> int:
         return int(np.where(self._last == _NEVER, now, self._last)[stepped].min(initial=now))
 
@@ -77,7 +108,7 @@ class Frames:
             poses=poses,
             stream=stream_of(images.depth.device),
         )
-        self._last[stepped] = now
+        self._last[stepped], self._begun = now, True
         return packet
 
 

@@ -70,14 +70,15 @@ class SubstepLog:
         substep_s: float,
         limit: int = 256,
         advice: str = "let the camera see more frames, or make limit= larger",
+        begun: int = 0,
     ) -> None:
-        """`advice` says in errors what to do where there were more substeps. A wrong `substep_s` or `limit` raises
-        `esaac.ArgumentError`."""
-        if not substep_s > 0:
+        """`advice` says in errors what to do where there were more substeps. `begun` is how many substeps the clock
+        has had before. A wrong `substep_s` or `limit` raises `esaac.ArgumentError`."""
+        if not 0 < substep_s < np.inf:
             raise ArgumentError(f"substep_s is {substep_s}, expected seconds above 0")
         if limit < 1:
             raise ArgumentError(f"limit is {limit}, expected at least 1 substep")
-        self._advice = advice
+        self._advice, self._begun = advice, begun
         self._model, self._substep_s, self._limit = model, substep_s, limit
         # A row of one body more keeps the arrays from being empty.
         self._log = wp.zeros((limit, model.body_count + 1), dtype=wp.transformf, device=model.device)
@@ -93,8 +94,9 @@ class SubstepLog:
 
     def record(self, state: Any) -> None:
         """Keeps a state that a substep begins with. It only launches kernels, so a CUDA graph may capture it."""
+        poses = self._poses_of(state)
         if self._model.body_count:
-            inputs = [state.body_q, self._count, self._log]
+            inputs = [poses, self._count, self._log]
             wp.launch(_keep, self._model.body_count, inputs, device=self._model.device)
         wp.launch(_advance, 1, [self._count], device=self._model.device)
 
@@ -103,9 +105,9 @@ class SubstepLog:
         return int(self._count.numpy()[0])
 
     def time_ns(self, substep: int) -> int:
-        """When a substep ends, by the number that there have been; 0 is the start."""
+        """When a substep ends, by the number that there have been here; 0 is the start."""
         # Of the whole number, so that rounding does not add up.
-        return round(substep * self._substep_s * 1e9)
+        return round((self._begun + substep) * self._substep_s * 1e9)
 
     def since(self, first: int, now: int, state: Any) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Bodies at substeps `first - MARGIN` (or 0) to `now`: numbers of the substeps, and `(steps, bodies, 7)`.
@@ -118,7 +120,8 @@ class SubstepLog:
         start = self._start(first, now)
         steps = np.arange(start, now + 1)
         parts = [self._rows(a, b) for a, b in _runs(start, now, self._limit)]
-        present = state.body_q.numpy() if self._model.body_count else np.zeros((0, 7), np.float32)
+        poses = self._poses_of(state)
+        present = poses.numpy() if self._model.body_count else np.zeros((0, 7), np.float32)
         return steps, np.concatenate([*parts, present[None]])
 
     def ask(self, first: int, now: int, state: Any, others: Sequence[Any] = ()) -> Asked:
@@ -135,7 +138,7 @@ class SubstepLog:
         if count:
             inputs = [self._log, self._count, self._asked_rows]
             wp.launch(_latest, (rows[0], count), inputs, device=self._model.device)
-            arrays += [self._asked_rows, state.body_q]
+            arrays += [self._asked_rows, self._poses_of(state)]
         if [(array.shape, array.dtype) for array in arrays] != [(a.shape, a.dtype) for a in self._on_host]:
             pinned = self._model.device.is_cuda
             self._on_host = [
@@ -160,7 +163,19 @@ class SubstepLog:
         known = None if asked is None or now - first > self._limit else asked.since(self._start(first, now))
         steps, states = self.since(first, now, state) if known is None else known
         times_ns = np.array([self.time_ns(step) for step in steps], np.int64)
-        return Poses(times_ns, mounts.poses(steps, states), bodies.arranged(states))
+        # Of a world that has diverged they are not finite.
+        with np.errstate(invalid="ignore", over="ignore"):
+            cameras = mounts.poses(steps, states)
+        return Poses(times_ns, cameras, bodies.arranged(states))
+
+    def _poses_of(self, state: Any) -> Any:
+        """A state's bodies, which must be those of the model."""
+        count = 0 if state.body_q is None else len(state.body_q)
+        if count != self._model.body_count:
+            raise ArgumentError(
+                f"the state has {count} bodies, expected {self._model.body_count}, those of the cameras' model"
+            )
+        return state.body_q
 
     def _start(self, first: int, now: int) -> int:
         # A Python number: Warp takes no other in a slice.
