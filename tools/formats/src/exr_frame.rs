@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use esaac_model::{HdrFormat, MotionFormat};
-use exr::prelude::{FlatSamples, MetaData, SampleType, Vec2};
+use exr::meta::header::Header;
+use exr::prelude::{AnyChannels, FlatSamples, Layer, MetaData, SampleType, Vec2};
 use half::f16;
 use std::path::Path;
 
@@ -41,7 +42,7 @@ pub struct FrameHeader {
     pub width_px: u32,
     /// Height, pixels.
     pub height_px: u32,
-    /// Names of all channels, in the file's order.
+    /// Names of all channels, in the file's order; of a channel that several parts have, after its part.
     pub channels: Vec<String>,
     /// Whether red, green and blue are all half floats.
     pub half_colour: bool,
@@ -83,10 +84,32 @@ pub struct FrameImages {
     pub ids: Option<Vec<u32>>,
 }
 
-/// Names of all channels of a file, in its order.
+/// Names of all channels of a file, in its order. A channel whose name several parts have, as the two views of a stereo
+/// camera, is named after its part too: `left.R`.
 pub fn channel_names(path: &Path) -> Result<Vec<String>> {
     let meta = MetaData::read_from_file(path, false).map_err(|e| unreadable(path, e))?;
-    Ok(meta.headers.iter().flat_map(|h| h.channels.list.iter()).map(|c| c.name.to_string()).collect())
+    Ok(names_of_parts(&meta).concat())
+}
+
+/// The same, part by part.
+fn names_of_parts(meta: &MetaData) -> Vec<Vec<String>> {
+    let part = |header: &Header| {
+        let channels = header.channels.list.iter().map(|channel| channel.name.to_string());
+        (header.own_attributes.layer_name.as_ref().map(ToString::to_string), channels.collect())
+    };
+    full_names(&meta.headers.iter().map(part).collect::<Vec<_>>())
+}
+
+/// The names of the channels of parts; a part without a name has its number.
+fn full_names(parts: &[(Option<String>, Vec<String>)]) -> Vec<Vec<String>> {
+    let full = |(number, (part, names)): (usize, &(Option<String>, Vec<String>))| {
+        let full = |name: &String| match parts.iter().filter(|(_, names)| names.contains(name)).count() {
+            1 => name.clone(),
+            _ => format!("{}.{name}", part.clone().unwrap_or_else(|| number.to_string())),
+        };
+        names.iter().map(full).collect()
+    };
+    parts.iter().enumerate().map(full).collect()
 }
 
 /// Reads and checks a header without reading pixels. Fails, with the file's name, if the file cannot be read, has deep
@@ -114,12 +137,8 @@ pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
             display.position.1
         );
     }
-    let all: Vec<(String, SampleType)> = meta
-        .headers
-        .iter()
-        .flat_map(|h| h.channels.list.iter())
-        .map(|c| (c.name.to_string(), c.sample_type))
-        .collect();
+    let kinds = meta.headers.iter().flat_map(|h| h.channels.list.iter()).map(|c| c.sample_type);
+    let all: Vec<(String, SampleType)> = names_of_parts(&meta).concat().into_iter().zip(kinds).collect();
     let find = |name: &str| all.iter().find(|(channel, _)| channel == name).map(|&(_, kind)| kind);
     let listed = || all.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
     let mut half_colour = true;
@@ -148,13 +167,18 @@ pub fn read_header(path: &Path, names: &ChannelNames) -> Result<FrameHeader> {
 pub fn read_frame(path: &Path, layout: &FrameLayout) -> Result<FrameImages> {
     let image = exr::prelude::read_all_flat_layers_from_file(path).map_err(|e| unreadable(path, e))?;
     let pixels = layout.width_px as usize * layout.height_px as usize;
+    let part = |layer: &Layer<AnyChannels<FlatSamples>>| {
+        let channels = layer.channel_data.list.iter().map(|channel| channel.name.to_string());
+        (layer.attributes.layer_name.as_ref().map(ToString::to_string), channels.collect())
+    };
+    let full_names = full_names(&image.layer_data.iter().map(part).collect::<Vec<_>>()).concat();
     let channel = |name: &str| -> Result<&FlatSamples> {
-        let samples = image
-            .layer_data
+        let all = image.layer_data.iter().flat_map(|layer| layer.channel_data.list.iter());
+        let samples = full_names
             .iter()
-            .flat_map(|layer| layer.channel_data.list.iter())
-            .find(|channel| channel.name.to_string() == name)
-            .map(|channel| &channel.sample_data)
+            .zip(all)
+            .find(|(full_name, _)| *full_name == name)
+            .map(|(_, channel)| &channel.sample_data)
             .with_context(|| format!("{}: no channel `{name}`", path.display()))?;
         ensure!(
             samples.len() == pixels,
@@ -248,6 +272,10 @@ fn unreadable(path: &Path, error: exr::error::Error) -> anyhow::Error {
     let reason = match &error {
         exr::error::Error::Io(_) => "cannot be read",
         exr::error::Error::NotSupported(_) => "uses a feature of OpenEXR that is not supported",
+        // What the library says of a compression whose number it does not know, such as Zstandard's.
+        exr::error::Error::Invalid(why) if why.contains("compression attribute") => {
+            "has a compression that is not supported, expected none, RLE, ZIP, PIZ, PXR24, B44 or DWA"
+        }
         _ => "is no OpenEXR file, or truncated",
     };
     anyhow::Error::new(error).context(format!("{} ({bytes} bytes) {reason}", path.display()))

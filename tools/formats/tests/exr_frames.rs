@@ -91,3 +91,37 @@ fn ids_that_are_no_whole_numbers_are_refused() {
         assert!(error.contains(&expected) && error.contains("frame_0001.exr"), "{error}");
     }
 }
+
+#[test]
+fn channels_that_several_parts_have_are_named_after_their_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let [left, right] = [1.0, 2.0].map(|v| ["B", "G", "R"].map(|name| (name, [v; 4])));
+    for parts in [[&left[..], &right[..]], [&right[..], &left[..]]] {
+        let path = write(folder.path(), &parts);
+        let all = ["part 0.B", "part 0.G", "part 0.R", "part 1.B", "part 1.G", "part 1.R"];
+        assert_eq!(channel_names(&path).unwrap(), all);
+        let error = read_header(&path, &ChannelNames::default()).unwrap_err().to_string();
+        assert!(error.contains("no colour channel `R`; it has: part 0.B, part 0.G"), "{error}");
+        let names = ChannelNames {
+            colour: ["R", "G", "B"].map(|name| format!("part 1.{name}")),
+            ..ChannelNames::default()
+        };
+        let header = read_header(&path, &names).unwrap();
+        let images = read_frame(&path, &FrameLayout::new(&header, &names, [1.0, 1.0])).unwrap();
+        assert_eq!(images.hdr[..4], parts[1][0].1[0].to_le_bytes());
+    }
+}
+
+#[test]
+fn a_compression_that_is_not_known_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = write(folder.path(), &[&PASSES[..]]);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // Name, type and length of the attribute, and then its number.
+    let attribute = b"compression\0compression\0\x01\0\0\0";
+    let at = bytes.windows(attribute.len()).position(|window| window == attribute).unwrap();
+    bytes[at + attribute.len()] = 12;
+    std::fs::write(&path, bytes).unwrap();
+    let error = format!("{:#}", channel_names(&path).unwrap_err());
+    assert!(error.contains("has a compression that is not supported, expected none, RLE"), "{error}");
+}

@@ -166,6 +166,51 @@ fn what_the_format_cannot_hold_is_refused() {
     assert!(refusal(|r| r.frames[1].pixels.truncate(5)).contains("a frame of 5 px, expected 851"));
 }
 
+/// As `file`, with these words of its header exchanged for others of the same length.
+fn with_header(recording: &Recording, from: &str, to: &str) -> Vec<u8> {
+    let mut bytes = file(recording, Compression::None);
+    let at: Vec<usize> =
+        (0..bytes.len() - from.len()).filter(|&at| bytes[at..].starts_with(from.as_bytes())).collect();
+    assert!(!at.is_empty() && from.len() == to.len(), "{from}");
+    for at in at {
+        bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+    }
+    bytes
+}
+
+#[test]
+fn cameras_of_one_file_are_not_mixed() {
+    let recording = recording();
+    let error = |from, to| read(&with_header(&recording, from, to)).unwrap_err().to_string();
+    let two = error(">IMUS<", ">EVTS<");
+    let named = "2 streams of events, expected one: 0 (`events` of `DAVIS <&> \"1\"`), 2 (`imu` of `DAVIS";
+    assert!(two.contains(named), "{two}");
+    let two = error(">IMUS<", ">FRME<");
+    assert!(two.contains("2 streams of frames, expected one: 1 (`frames` of `DAVIS"), "{two}");
+    // The stream of frames is another camera's.
+    let (frames, imu) = ("<node name=\"1\"", "<node name=\"2\"");
+    let bytes = file(&recording, Compression::None);
+    let place = |text: &str| bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap();
+    let mut other = bytes.clone();
+    let source = b"DAVIS";
+    let of_frames = place(frames)..place(imu);
+    let at = of_frames.start + bytes[of_frames].windows(5).position(|window| window == source).unwrap();
+    other[at..at + 5].copy_from_slice(b"OTHER");
+    assert_eq!(read(&other).unwrap(), Recording { frames: Vec::new(), ..recording.clone() });
+}
+
+#[test]
+fn streams_without_packets_are_not_declared() {
+    let declares = |recording: &Recording, kind: &str| {
+        let mut bytes = Vec::new();
+        write(&mut bytes, recording, &[], Compression::None).unwrap();
+        bytes.windows(kind.len()).any(|window| window == kind.as_bytes())
+    };
+    let events = Recording { frames: Vec::new(), ..recording() };
+    assert!(declares(&events, ">EVTS<") && !declares(&events, ">FRME<") && !declares(&events, ">IMUS<"));
+    assert!(declares(&recording(), ">FRME<"));
+}
+
 #[test]
 fn broken_files_are_errors_with_a_reason() {
     let good = file(&recording(), Compression::Lz4);

@@ -4,13 +4,13 @@
 //! Layout (iniVation's documentation of the AEDAT file formats): `#!AER-DAT4.0\r\n`, a sized FlatBuffer with
 //! the compression, the position of a table at the file's end and the XML; then packets, each an i32 stream
 //! number, an i32 length and as many bytes. Streams `EVTS` hold structs of 16 bytes (i64 time in microseconds,
-//! i16 x, i16 y, bool ON), `FRME` tables of times, format, size and pixels. The reader skips other streams.
+//! i16 x, i16 y, bool ON), `FRME` tables of times, format, size and pixels. The reader skips other streams. A file may
+//! hold several cameras; each stream names its own.
 
 use super::flatbuffer_reader::{Broken, Scalar, Table};
 use super::{Aps, Recording, RecordingError};
 use esaac_model::Polarity;
 use esaac_model::packet::Event;
-use std::collections::HashMap;
 use std::io::Read;
 use std::path::Path;
 
@@ -34,18 +34,26 @@ fn most_unpacked(packed_bytes: usize) -> usize {
     FEW_BYTES.saturating_add(packed_bytes.saturating_mul(MOST_PER_BYTE))
 }
 
-/// Content of a stream.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Events,
-    Frames,
-    Other,
+/// A stream, as the header describes it.
+struct Stream {
+    number: i32,
+    /// What it holds, such as `EVTS`.
+    holds: String,
+    /// DV's name of it.
+    output: String,
+    /// The camera.
+    source: String,
+    /// Columns and rows, if they are of a sensor.
+    size: Option<(u32, u32)>,
 }
 
 /// The header's contents that matter here.
 struct Header {
     compression: i32,
-    streams: HashMap<i32, Kind>,
+    /// The only stream of events.
+    events: i32,
+    /// Streams of frames of the same camera.
+    frames: Vec<Stream>,
     name: String,
     size: (u32, u32),
     /// Position where packets end: the start of the table, or the end of the file.
@@ -76,6 +84,7 @@ fn parse(bytes: &[u8], with_frames: bool) -> Result<Recording, Broken> {
     let packets = MAGIC.len() + 4 + length;
     let header = bytes.get(MAGIC.len() + 4..packets).ok_or("the header ends beyond the file")?;
     let header = read_header(header, bytes.len())?;
+    let frames = if with_frames { only(&header.frames, "frames")?.map(|stream| stream.number) } else { None };
     let (width_px, height_px) = header.size;
     let mut recording = Recording { name: header.name.clone(), width_px, height_px, ..Recording::default() };
     let mut at = packets;
@@ -86,22 +95,17 @@ fn parse(bytes: &[u8], with_frames: bool) -> Result<Recording, Broken> {
         let packed = end.and_then(|end| bytes.get(at + 8..end)).ok_or_else(|| {
             format!("the packet at byte {at} has a length of {length}, which ends beyond the file")
         })?;
-        let kind = header.streams.get(&stream).copied().unwrap_or(Kind::Other);
         let broken = |error: Broken| format!("the packet at byte {at}: {error}");
-        match kind {
-            Kind::Events => {
-                let unpacked = unpack(packed, header.compression).map_err(broken)?;
-                append_events(&unpacked, &mut recording).map_err(broken)?;
-                if recording.events.len().saturating_mul(EVENT_BYTES) > most_unpacked(bytes.len()) {
-                    let events = recording.events.len();
-                    return Err(broken(format!("{events} events in a file of {} bytes", bytes.len())));
-                }
+        if stream == header.events {
+            let unpacked = unpack(packed, header.compression).map_err(broken)?;
+            append_events(&unpacked, &mut recording).map_err(broken)?;
+            if recording.events.len().saturating_mul(EVENT_BYTES) > most_unpacked(bytes.len()) {
+                let events = recording.events.len();
+                return Err(broken(format!("{events} events in a file of {} bytes", bytes.len())));
             }
-            Kind::Frames if with_frames => {
-                let unpacked = unpack(packed, header.compression).map_err(broken)?;
-                read_frame(&unpacked, &mut recording).map_err(broken)?;
-            }
-            Kind::Frames | Kind::Other => {}
+        } else if frames == Some(stream) {
+            let unpacked = unpack(packed, header.compression).map_err(broken)?;
+            read_frame(&unpacked, &mut recording).map_err(broken)?;
         }
         at += 8 + packed.len();
     }
@@ -127,26 +131,24 @@ fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
     let is_stream = |n: &roxmltree::Node<'_, '_>| {
         n.has_tag_name("node") && n.parent().and_then(|parent| parent.attribute("name")) == Some("outInfo")
     };
-    let mut streams = HashMap::new();
-    let (mut name, mut size) = (String::new(), None);
-    for node in xml.descendants().filter(is_stream) {
-        let number = node.attribute("name").and_then(|name| name.parse::<i32>().ok());
-        let number = number.ok_or("the header names a stream that is no number")?;
-        let kind = match attribute(node, "typeIdentifier").as_deref() {
-            Some("EVTS") => Kind::Events,
-            Some("FRME") => Kind::Frames,
-            _ => Kind::Other,
-        };
-        if kind == Kind::Events {
-            let pixels = |key| attribute(node, key).and_then(|text| text.parse::<u32>().ok());
-            size = pixels("sizeX")
-                .zip(pixels("sizeY"))
-                .filter(|(w, h)| (1..=16384).contains(w) && (1..=16384).contains(h));
-            name = attribute(node, "source").unwrap_or_default();
-        }
-        streams.insert(number, kind);
-    }
-    let size = size.ok_or("the header has no stream of events with a size of 1 to 16384 px")?;
+    let stream = |node| -> Result<Stream, Broken> {
+        let number = node_number(node).ok_or("the header names a stream that is no number")?;
+        let text = |key| attribute(node, key).unwrap_or_default();
+        let pixels = |key| text(key).parse::<u32>().ok().filter(|side| (1..=16384).contains(side));
+        Ok(Stream {
+            number,
+            holds: text("typeIdentifier"),
+            output: text("originalOutputName"),
+            source: text("source"),
+            size: pixels("sizeX").zip(pixels("sizeY")),
+        })
+    };
+    let streams: Vec<Stream> = xml.descendants().filter(is_stream).map(stream).collect::<Result<_, _>>()?;
+    let (events, others): (Vec<_>, Vec<_>) = streams.into_iter().partition(|stream| stream.holds == "EVTS");
+    let sized = only(&events, "events")?.and_then(|events| Some((events, events.size?)));
+    let (events, size) = sized.ok_or("the header has no stream of events with a size of 1 to 16384 px")?;
+    let (number, name) = (events.number, events.source.clone());
+    let frames = others.into_iter().filter(|s| s.holds == "FRME" && s.source == name).collect();
     // A writer that ended early has put no table behind the packets.
     let end = usize::try_from(position).ok().filter(|&end| end > 0).unwrap_or(file_bytes);
     if end > file_bytes {
@@ -154,7 +156,27 @@ fn read_header(header: &[u8], file_bytes: usize) -> Result<Header, Broken> {
             "packets end at byte {end}, as the header says, and the file has {file_bytes} bytes"
         ));
     }
-    Ok(Header { compression, streams, name, size, end })
+    Ok(Header { compression, events: number, frames, name, size, end })
+}
+
+/// The number of a stream: the name of its node.
+fn node_number(node: roxmltree::Node<'_, '_>) -> Option<i32> {
+    node.attribute("name")?.parse().ok()
+}
+
+/// The only one of these streams, or none.
+///
+/// # Errors
+/// If there are several: two cameras, or one camera's events twice, would be taken for one sensor.
+fn only<'a>(streams: &'a [Stream], what: &str) -> Result<Option<&'a Stream>, Broken> {
+    let [_, _, ..] = streams else { return Ok(streams.first()) };
+    let named = |s: &Stream| format!("{} (`{}` of `{}`)", s.number, s.output, s.source);
+    let named: Vec<String> = streams.iter().map(named).collect();
+    Err(format!(
+        "{} streams of {what}, expected one: {}; write each camera to a file of its own",
+        streams.len(),
+        named.join(", ")
+    ))
 }
 
 /// Unpacks a packet. The header's `compression` is 0 for none, 1 and 2 for LZ4, 3 and 4 for Zstandard, each in its

@@ -1,5 +1,6 @@
 //! Writes AEDAT 4 files, laid out as [`super::aedat4`] says. Packets of events, frames and inertial samples are in
-//! order of time. There is no table at the end; readers find the packets by their lengths.
+//! order of time. The header names the stream of events, and others if they have packets. There is no table at the end;
+//! readers find the packets by their lengths.
 
 use super::Recording;
 use super::flatbuffer_writer::{Field, buffer};
@@ -89,8 +90,11 @@ pub fn write(
         Compression::Lz4 => 1,
         Compression::Zstd => 3,
     };
+    let has_packets = |&(number, _): &(i32, _)| packets.iter().any(|packet| packet.stream == number);
+    let streams: Vec<_> = (0..).zip(STREAMS).filter(|s| s.0 == 0 || has_packets(s)).collect();
     // No table at the end: its position is -1.
-    let header = [Field::I32(number), Field::I64(-1), Field::Text(description(recording, compression))];
+    let header =
+        [Field::I32(number), Field::I64(-1), Field::Text(description(recording, &streams, compression))];
     out.write_all(super::aedat4::MAGIC)?;
     out.write_all(&buffer(b"IOHE", &header))?;
     for packet in packets {
@@ -127,7 +131,7 @@ fn pack(bytes: &[u8], compression: Compression) -> Result<Vec<u8>> {
 }
 
 /// Makes DV's tree of settings in XML, with a node for each stream.
-fn description(recording: &Recording, compression: Compression) -> String {
+fn description(recording: &Recording, streams: &[(i32, (&str, &str))], compression: Compression) -> String {
     let compression = match compression {
         Compression::None => "NONE",
         Compression::Lz4 => "LZ4",
@@ -138,9 +142,9 @@ fn description(recording: &Recording, compression: Compression) -> String {
         format!("<attr key=\"{key}\" type=\"{kind}\">{value}</attr>")
     };
     let path = "/mainloop/Recorder/outInfo/";
-    let streams: String = (0..)
-        .zip(STREAMS)
-        .map(|(number, (identifier, output)): (i32, _)| {
+    let streams: String = streams
+        .iter()
+        .map(|(number, (identifier, output))| {
             format!(
                 "<node name=\"{number}\" path=\"{path}{number}/\">{}{}{}<node name=\"info\" path=\"{path}{number}/info/\">\
                  {}{}{}</node></node>",
