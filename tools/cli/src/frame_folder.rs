@@ -171,11 +171,12 @@ fn list(folder: &Path, pattern: Option<&str>) -> Result<Listed> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
         let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
-        files.push((name.to_string_lossy().into_owned(), folder.join(name)));
+        files.push((with_small_ending(&name.to_string_lossy()), folder.join(name)));
     }
     let matching = |pattern: &str| -> Result<Vec<(String, PathBuf)>> {
         let pattern = Pattern::new(pattern).with_context(|| format!("--frames is `{pattern}`"))?;
-        Ok(files.iter().filter(|(name, _)| pattern.matches(name)).cloned().collect())
+        let is_named = |path: &Path| path.file_name().is_some_and(|n| pattern.matches(&n.to_string_lossy()));
+        Ok(files.iter().filter(|(name, path)| pattern.matches(name) || is_named(path)).cloned().collect())
     };
     let (found, sought) = match pattern {
         Some(pattern) => (matching(pattern)?, pattern),
@@ -217,6 +218,14 @@ fn list(folder: &Path, pattern: Option<&str>) -> Result<Listed> {
     };
     let warnings = of_series.into_iter().chain(gap_warning(&names, &keys)).collect();
     Ok(Listed { paths, warnings })
+}
+
+/// The name with `.exr` in place of `.EXR`, which some programs of Windows write.
+fn with_small_ending(name: &str) -> String {
+    match name.rsplit_once('.') {
+        Some((stem, ending)) if ending.eq_ignore_ascii_case("exr") => format!("{stem}.exr"),
+        _ => name.to_owned(),
+    }
 }
 
 /// The channel of `what`, if it is there or `must` be. All frames must have it, or none.
@@ -276,6 +285,13 @@ mod tests {
         assert_eq!(listed(&files, "key_000[12].exr"), ["key_0001.exr", "key_0002.exr"]);
         let error = list(Path::new("/"), Some("key_[0.exr")).err().unwrap();
         assert!(format!("{error:#}").contains("--frames is `key_[0.exr`"), "{error:#}");
+    }
+
+    #[test]
+    fn an_ending_in_capitals_is_one_too() {
+        let files = ["f_1.exr", "f_2.EXR", "f_3.Exr", "g_4.txt"];
+        assert_eq!(listed(&files, "*.exr"), files[..3]);
+        assert_eq!(listed(&["f_1.EXR", "f_2.EXR", "f_3.exr"], "*.EXR"), ["f_1.EXR", "f_2.EXR"]);
     }
 
     #[test]

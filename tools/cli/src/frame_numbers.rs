@@ -1,6 +1,6 @@
 //! The numbers in the names of frames: their order, and whether one is missing.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 /// Text and numbers of a name in turn. Names in the order of their keys are in the order of their numbers: `f10` follows
 /// `f9`, and `f_-3` comes before `f_0`.
@@ -19,11 +19,14 @@ pub struct Part {
 const BEFORE_SIGN: [char; 2] = ['_', '.'];
 
 /// The keys of the names of a folder. In `shot-0003` and `2026-11-29` the `-` is text; in `f_-0003` it is a sign, and so
-/// it is in `shot-0003` where another name lacks it, as `shot0000` does.
+/// it is in `shot-0003` where another name lacks it, as `shot0000` does. Numbers after a dot are decimals where they must
+/// be: 0.25 comes before 0.5.
 pub fn keys(names: &[String]) -> Vec<Key> {
     let plain: Vec<Key> = names.iter().map(|name| unsigned(name)).collect();
     let texts: HashSet<Vec<&str>> = plain.iter().map(|key| texts(key)).collect();
-    plain.iter().map(|key| signed(key, &texts)).collect()
+    let mut keys: Vec<Key> = plain.iter().map(|key| signed(key, &texts)).collect();
+    read_decimals(names, &mut keys);
+    keys
 }
 
 /// The texts of a key.
@@ -64,8 +67,41 @@ fn signed(key: &Key, texts: &HashSet<Vec<&str>>) -> Key {
     key.iter().enumerate().map(part).collect()
 }
 
+/// Turns fractions of different lengths into numbers of one length: in 0.25 and 0.5 they are 25 and 50. They are fractions
+/// if one begins with 0, or if the numbers before them differ: `v2.9` and `v2.10` are frames 9 and 10.
+fn read_decimals(names: &[String], keys: &mut [Key]) {
+    let mut groups: BTreeMap<Vec<String>, Vec<usize>> = BTreeMap::new();
+    for (index, key) in keys.iter().enumerate() {
+        groups.entry(key.iter().map(|part| part.text.clone()).collect()).or_default().push(index);
+    }
+    for (texts, group) in groups {
+        for place in (1..texts.len()).filter(|&place| texts[place] == ".") {
+            let fraction = |index: usize| digits(&names[index]).get(place).copied().unwrap_or_default();
+            let longest = group.iter().map(|&index| fraction(index).len()).max().unwrap_or(0);
+            let is_any = |is: &dyn Fn(usize) -> bool| group.iter().any(|&index| is(index));
+            let whole = keys[group[0]][place - 1].number;
+            let differ = is_any(&|index| fraction(index).len() != longest);
+            let must = is_any(&|index| fraction(index).len() > 1 && fraction(index).starts_with('0'))
+                || is_any(&|index| keys[index][place - 1].number != whole);
+            if !differ || !must {
+                continue;
+            }
+            for &index in &group {
+                let shorter_by = (longest - fraction(index).len()) as u32;
+                let number = &mut keys[index][place].number;
+                *number = number.map(|number| number.saturating_mul(10_i128.saturating_pow(shorter_by)));
+            }
+        }
+    }
+}
+
+/// The numbers of a name as they are written.
+pub fn digits(name: &str) -> Vec<&str> {
+    name.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty()).collect()
+}
+
 /// A warning if names in their order leave numbers out. Names that differ in more than one number are not judged, and
-/// every so many numbers is a rule, not a gap.
+/// every so many numbers is a rule, not a gap; times that were rounded, such as .033, .067 and .1, are none either.
 pub fn gap_warning(names: &[String], keys: &[Key]) -> Option<String> {
     let steps: Vec<(usize, i128)> =
         keys.windows(2).map(|pair| step(&pair[0], &pair[1])).collect::<Option<_>>()?;
@@ -74,7 +110,8 @@ pub fn gap_warning(names: &[String], keys: &[Key]) -> Option<String> {
         return None;
     }
     let usual = if steps.len() == 1 { 1 } else { steps.iter().map(|(_, step)| *step).min()? };
-    let mut gaps = (1..).zip(&steps).filter(|(_, (_, step))| *step > usual).map(|(after, _)| after);
+    let most = usual.saturating_add(usual / 2);
+    let mut gaps = (1..).zip(&steps).filter(|(_, (_, step))| *step > most).map(|(after, _)| after);
     let after: usize = gaps.next()?;
     let more = match gaps.count() {
         0 => String::new(),
@@ -135,6 +172,17 @@ mod tests {
     }
 
     #[test]
+    fn a_number_after_a_dot_is_a_decimal_where_it_must_be() {
+        assert_order(&["0.25.exr", "0.5.exr", "0.75.exr", "1.0.exr", "1.125.exr"]);
+        assert_order(&["t0.0.exr", "t0.0333.exr", "t0.0667.exr", "t0.1.exr"]);
+        assert_order(&["f.2.exr", "f.10.exr"]);
+        assert_order(&["v2.9.exr", "v2.10.exr", "v2.11.exr"]);
+        assert_order(&["1.0009.exr", "1.0010.exr", "2.0001.exr"]);
+        let huge = "9".repeat(60);
+        assert_order(&["0.5.exr", &format!("1.{huge}.exr"), "2.5.exr"]);
+    }
+
+    #[test]
     fn a_number_that_is_left_out_is_told() {
         let warning = |names: &[&str]| gap_warning(&owned(names), &keys(&owned(names)));
         let told = warning(&["f_0000.exr", "f_0002.exr", "f_0003.exr"]).unwrap();
@@ -152,6 +200,9 @@ mod tests {
             &["f01.exr", "f1.exr"],
             &["day.exr", "night.exr"],
             &["f_-0001.exr", "f_0000.exr", "f_0001.exr"],
+            &["t0.0000.exr", "t0.0333.exr", "t0.0667.exr", "t0.1000.exr"],
+            &["t0.0.exr", "t0.0333.exr", "t0.0667.exr", "t0.1.exr"],
+            &["33333333ns.exr", "66666666ns.exr", "100000000ns.exr"],
         ] {
             assert_eq!(warning(whole), None, "{whole:?}");
         }

@@ -1,7 +1,7 @@
 //! Whether the names of a folder's frames are those of one sequence.
 
 use crate::counted::counted;
-use crate::frame_numbers::{Key, Part, texts};
+use crate::frame_numbers::{Key, Part, digits, texts};
 use glob::Pattern;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -106,11 +106,6 @@ fn pattern(group: &[usize], names: &[String], keys: &[Key]) -> String {
     let any = with(&|_| "*".to_owned());
     let wide = with(&|number| "?".repeat(number.len()));
     if !is_exact(&any) && is_exact(&wide) { wide } else { any }
-}
-
-/// The numbers of a name as they are written.
-fn digits(name: &str) -> Vec<&str> {
-    name.split(|c: char| !c.is_ascii_digit()).filter(|digits| !digits.is_empty()).collect()
 }
 
 #[cfg(test)]
