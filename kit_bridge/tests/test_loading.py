@@ -46,6 +46,23 @@ def test_what_was_written_is_read_back(tmp_path, suffix):
     assert_columns(files.load(tmp_path / f"again{suffix}"), COLUMNS)
 
 
+def test_a_filter_that_is_not_there_is_named(tmp_path):
+    # Of those numbers that HDF5 leaves to whoever tests. An optional filter may lack when the dataset is made.
+    number, path = 300, written(tmp_path / "events.h5")
+    with h5py.File(path, "a") as file:
+        t = file["events/t"][:]
+        del file["events/t"]
+        packing = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        packing.set_chunk(t.shape)
+        packing.set_filter(number, h5py.h5z.FLAG_OPTIONAL)
+        space, kind = h5py.h5s.create_simple(t.shape), h5py.h5t.py_create(t.dtype)
+        dataset = h5py.h5d.create(file["events"].id, b"t", kind, space, packing)
+        # No bit of its mask: every filter was used.
+        dataset.write_direct_chunk((0,), t.tobytes(), 0)
+    with pytest.raises(esaac.ArgumentError, match=rf"events.h5 needs the HDF5 filter .*\({number}\): pip"):
+        files.load(path)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("ids", [None, []])
 def test_an_empty_recording_and_one_without_labels_are_read_back(tmp_path, suffix, ids):

@@ -3,7 +3,9 @@ true events, as `esaac render --truth` writes them."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import importlib
 import os
 import pathlib
 import zipfile
@@ -77,11 +79,13 @@ def load_dsec(
 
 
 def h5py_library() -> Any:
-    """The module `h5py`, or an error that says how to install it."""
+    """The module `h5py`, and the filters of `hdf5plugin` if that is there. An error tells how to install `h5py`."""
     try:
         import h5py
     except ImportError as error:
         raise ImportError("HDF5 files need h5py: pip install esaac[hdf5]") from error
+    with contextlib.suppress(ImportError):
+        importlib.import_module("hdf5plugin")
     return h5py
 
 
@@ -190,7 +194,11 @@ def _load_hdf5(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> 
         raise ArgumentError(f"{path.name} is no HDF5 file")
     try:
         with library.File(path, "r") as file:
-            return _of_hdf5(path, file, first_ns, end_ns)
+            try:
+                return _of_hdf5(path, file, first_ns, end_ns)
+            except OSError:
+                _check_filters(library, path, file)
+                raise
     except EsaacError:
         raise
     except (KeyError, OSError, RuntimeError, ValueError) as error:
@@ -198,6 +206,22 @@ def _load_hdf5(path: pathlib.Path, first_ns: int | None, end_ns: int | None) -> 
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise ArgumentError(f"{path.name} is damaged: {error}") from error
+
+
+def _check_filters(library: Any, path: pathlib.Path, file: Any) -> None:
+    """Raises if a dataset was packed by a filter that HDF5 does not have here, as those of the DSEC data set are."""
+    needed = set()
+
+    def look(_: str, item: Any) -> None:
+        if isinstance(item, library.Dataset):
+            packing = item.id.get_create_plist()
+            filters = [packing.get_filter(number) for number in range(packing.get_nfilters())]
+            needed.update((code, name.decode(errors="replace")) for code, _, _, name in filters)
+
+    file.visititems(look)
+    lacking = [f"{name} ({code})" for code, name in sorted(needed) if not library.h5z.filter_avail(code)]
+    if lacking:
+        raise ArgumentError(f"{path.name} needs the HDF5 filter {', '.join(lacking)}: pip install hdf5plugin")
 
 
 def _of_hdf5(path: pathlib.Path, file: Any, first_ns: int | None, end_ns: int | None) -> Events:
