@@ -160,6 +160,15 @@ fn thresholds(samples: &[Sample], clear_log: f64) -> Result<(f64, f64)> {
         }
     }
     let [[up, up_on, up_off], [down, down_on, down_off]] = sums;
+    let most = |sign: f64| samples.iter().map(|s| sign * s.dl).fold(0.0, f64::max);
+    ensure!(
+        up > 0.0 && down < 0.0,
+        "no thresholds follow from the recording: from one APS frame to the next, pixels grow brighter by at most {:.2} \
+         log and darker by at most {:.2}, expected many that change by {clear_log:.2} or more (two thresholds) either way; \
+         record faster motion or more contrast",
+        most(1.0),
+        most(-1.0)
+    );
     let determinant = up_on * down_off - up_off * down_on;
     ensure!(
         determinant.abs() > 1e-9 && up_on > 0.0 && down_off > 0.0,
@@ -280,7 +289,13 @@ mod tests {
         let (on, off) = thresholds(&samples, 0.3).unwrap();
         assert!((on - 0.2).abs() < 1e-9 && (off - 0.2).abs() < 1e-9, "{on} {off}");
         let error = thresholds(&samples[2..], 0.3).unwrap_err().to_string();
-        assert!(error.contains("no thresholds follow"), "{error}");
+        assert!(
+            error.contains("brighter by at most 0.01 log and darker by at most 0.00, expected"),
+            "{error}"
+        );
+        let silent = [sample(0.8, 0.0, 0.0), sample(-0.6, 0.0, 0.0)];
+        let error = thresholds(&silent, 0.3).unwrap_err().to_string();
+        assert!(error.contains("there are 0 ON and 0 OFF events"), "{error}");
     }
 
     #[test]

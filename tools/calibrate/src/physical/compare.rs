@@ -1,6 +1,6 @@
 //! Rates of the recordings against those that a sensor has in the simulation, in their errors.
 
-use super::exposure::Exposures;
+use super::exposure::{Exposure, Exposures};
 use super::parameters::{STEPS, shifted};
 use super::search::Residuals;
 use super::simulate::{self, Light, expose};
@@ -16,6 +16,10 @@ const SIZE_PX: (u32, u32) = (24, 16);
 
 /// Error of a rate that no number of events makes smaller, as a share.
 const FLOOR: f64 = 0.03;
+
+/// Numbers of residuals of an exposure whose light swings, and of one under still light.
+const OF_SWING: usize = 6;
+const OF_STILL: usize = 3;
 
 /// Exposures, and the sensor that points are distances from.
 pub struct Fit<'a> {
@@ -73,6 +77,17 @@ impl Fit<'_> {
                 Ok(Summary::of(&exposure))
             })
             .collect()
+    }
+
+    /// The largest of each exposure's residuals, without its sign.
+    pub fn largest(&self, residuals: &[f64]) -> Vec<f64> {
+        let mut rest = residuals;
+        let largest = |exposure: &Exposure| {
+            let (own, others) = rest.split_at(if exposure.flicker.is_some() { OF_SWING } else { OF_STILL });
+            rest = others;
+            own.iter().fold(0.0, |largest: f64, residual| largest.max(residual.abs()))
+        };
+        self.exposures.all.iter().map(largest).collect()
     }
 
     /// Differences of simulated and recorded rates, in their errors.

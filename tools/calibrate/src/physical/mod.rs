@@ -35,10 +35,11 @@ pub use summary::Summary;
 use anyhow::{Result, ensure};
 use compare::Fit;
 use esaac_engine::Device;
+use esaac_model::presets::preset_with_physical_pixel;
 use esaac_model::{Pixel, SensorModel};
-use interval::{look_around, variance};
-use parameters::{FITTED, SECOND_POLE, shifted};
-use search::{ROUNDS, search, squares};
+use interval::{Around, look_around, variance};
+use parameters::{FITTED, SECOND_POLE, like, shifted};
+use search::{Found, ROUNDS, nearest, search, squares};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -47,6 +48,18 @@ const RESTARTS: usize = 2;
 
 /// A parameter whose standard deviation is larger (mostly as a share) is not told by the exposures.
 const NOT_TOLD: f64 = 0.33;
+
+/// Presets whose pixels are first guesses too, if the search does not come near from the given one.
+const OTHER_GUESSES: [&str; 3] = ["davis346", "hd", "dvs128"];
+
+/// Guesses that are searched from at most.
+const MOST_GUESSES: usize = 3;
+
+/// A misfit that is near: the differences are as large as their errors.
+const NEAR: f64 = 1.2;
+
+/// An exposure that differs by more errors is named.
+const FAR_OFF: f64 = 3.0;
 
 /// A fitted physical pixel and what the fit rests on.
 #[derive(Clone, Debug, Serialize)]
@@ -100,28 +113,16 @@ pub fn fit_physical(
     for (exposure, summary) in all.iter().zip(&recorded) {
         ensure!(summary.events > 0.0, "{}: no events after the burn-in", exposure.name);
     }
-    let mut sensor = guess.clone();
-    // A refractory period is no longer than the shortest gaps.
-    let shortest_ns = recorded.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
-    if shortest_ns.is_finite() {
-        sensor.refractory_ns = shortest_ns.max(1e3) as u32;
-    }
-    let simulated = Fit { device, exposures, recorded: &recorded, guess: &sensor }.simulate(&sensor)?;
-    // The shortest gaps are longer than the refractory period, by about as much as in the simulation.
-    let simulated_ns = simulated.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
-    if shortest_ns.is_finite() && simulated_ns.is_finite() {
-        sensor.refractory_ns = (shortest_ns * shortest_ns / simulated_ns).max(1e3) as u32;
-    }
-    let fit = Fit { device, exposures, recorded: &recorded, guess: &sensor };
-    let mut found = search(&fit, vec![0.0; FITTED.len()], |number| round(number, ROUNDS))?;
-    let mut around = look_around(&fit, &found, SECOND_POLE)?;
-    for _ in 0..RESTARTS {
-        let Some(better) = around.better.take() else { break };
-        found = search(&fit, better, |number| round(number, ROUNDS))?;
-        around = look_around(&fit, &found, SECOND_POLE)?;
-    }
-    let best = &found.residuals;
-    let sensor = shifted(&sensor, &found.point);
+    let others = OTHER_GUESSES.iter().filter_map(|name| preset_with_physical_pixel(name));
+    let others = others.map(|preset| like(guess, &preset)).filter(|other| other != guess);
+    let guesses = std::iter::once(guess.clone()).chain(others).take(MOST_GUESSES);
+    let found = nearest(guesses, NEAR, |guess| {
+        let found = fit_from(device, exposures, &recorded, guess, &mut round)?;
+        Ok((misfit(&found.found), found))
+    })?;
+    let FoundSensor { guess, found, around } = found.expect("there is a first guess");
+    let fit = Fit { device, exposures, recorded: &recorded, guess: &guess };
+    let sensor = shifted(&guess, &found.point);
     let simulated = fit.simulate(&sensor)?;
     sensor.validate()?;
     let others = FITTED.iter().enumerate().filter(|(number, _)| *number != SECOND_POLE);
@@ -130,8 +131,19 @@ pub fn fit_physical(
             format!("the exposures say little about {}: it may be far off", parameter.name)
         });
     let second_pole = SecondPole::of(sensor.second_pole_hz, around.interval);
-    let remarks = not_told.chain(second_pole.remark()).collect();
-    let misfit = (squares(best) / best.len() as f64).sqrt();
+    let largest = all.iter().zip(fit.largest(&found.residuals));
+    let far_off: Vec<String> = largest
+        .filter(|(_, errors)| *errors > FAR_OFF)
+        .map(|(exposure, errors)| format!("{} (by {errors:.1} errors)", exposure.name))
+        .collect();
+    let far_off = (!far_off.is_empty()).then(|| {
+        format!(
+            "the fit is far from what was recorded in {}, expected at most {FAR_OFF} errors: check the light of the list, \
+             or begin at another --guess",
+            far_off.join(", ")
+        )
+    });
+    let remarks = not_told.chain(second_pole.remark()).chain(far_off).collect();
     let compared =
         all.iter().zip(&recorded).zip(simulated).map(|((exposure, &recorded), simulated)| Compared {
             name: exposure.name.clone(),
@@ -140,5 +152,49 @@ pub fn fit_physical(
             recorded,
             simulated,
         });
+    let misfit = misfit(&found);
     Ok(PhysicalFit { exposures: compared.collect(), sensor, second_pole, misfit, remarks })
+}
+
+/// Root mean square of the residuals.
+fn misfit(found: &Found) -> f64 {
+    (squares(&found.residuals) / found.residuals.len() as f64).sqrt()
+}
+
+/// What a search finds from one guess.
+struct FoundSensor {
+    /// The guess, with a refractory period that fits the recordings.
+    guess: SensorModel,
+    found: Found,
+    around: Around,
+}
+
+fn fit_from(
+    device: &Arc<Device>,
+    exposures: &Exposures,
+    recorded: &[Summary],
+    guess: SensorModel,
+    round: &mut impl FnMut(usize, usize),
+) -> Result<FoundSensor> {
+    let mut sensor = guess;
+    // A refractory period is no longer than the shortest gaps.
+    let shortest_ns = recorded.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
+    if shortest_ns.is_finite() {
+        sensor.refractory_ns = shortest_ns.max(1e3) as u32;
+    }
+    let simulated = Fit { device, exposures, recorded, guess: &sensor }.simulate(&sensor)?;
+    // The shortest gaps are longer than the refractory period, by about as much as in the simulation.
+    let simulated_ns = simulated.iter().map(|summary| summary.short_gap_ns).fold(f64::INFINITY, f64::min);
+    if shortest_ns.is_finite() && simulated_ns.is_finite() {
+        sensor.refractory_ns = (shortest_ns * shortest_ns / simulated_ns).max(1e3) as u32;
+    }
+    let fit = Fit { device, exposures, recorded, guess: &sensor };
+    let mut found = search(&fit, vec![0.0; FITTED.len()], |number| round(number, ROUNDS))?;
+    let mut around = look_around(&fit, &found, SECOND_POLE)?;
+    for _ in 0..RESTARTS {
+        let Some(better) = around.better.take() else { break };
+        found = search(&fit, better, |number| round(number, ROUNDS))?;
+        around = look_around(&fit, &found, SECOND_POLE)?;
+    }
+    Ok(FoundSensor { guess: sensor, found, around })
 }

@@ -75,6 +75,22 @@ pub fn shifted(sensor: &SensorModel, by: &[f64]) -> SensorModel {
     sensor
 }
 
+/// A sensor with the fitted parameters of another.
+pub fn like(sensor: &SensorModel, other: &SensorModel) -> SensorModel {
+    SensorModel {
+        contrast_on: other.contrast_on,
+        contrast_off: other.contrast_off,
+        contrast_mismatch: other.contrast_mismatch,
+        refractory_ns: other.refractory_ns,
+        response_e_per_lux_s: other.response_e_per_lux_s,
+        photoreceptor_charge_e: other.photoreceptor_charge_e,
+        second_pole_hz: other.second_pole_hz,
+        dark_lux: other.dark_lux,
+        leak_rate_hz: other.leak_rate_hz,
+        ..sensor.clone()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

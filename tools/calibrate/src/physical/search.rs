@@ -71,6 +71,26 @@ pub fn search(of: &impl Residuals, start: Vec<f64>, mut round: impl FnMut(usize)
     Ok(found)
 }
 
+/// The nearest of what `search` finds from these starts, each with its misfit. Those behind the first are searched only
+/// while none came nearer than `near`: a search may end in a hollow beside the deepest one.
+pub fn nearest<S, T>(
+    starts: impl IntoIterator<Item = S>,
+    near: f64,
+    mut search: impl FnMut(S) -> Result<(f64, T)>,
+) -> Result<Option<T>> {
+    let mut best: Option<(f64, T)> = None;
+    for start in starts {
+        let found = search(start)?;
+        if best.as_ref().is_none_or(|(misfit, _)| found.0 < *misfit) {
+            best = Some(found);
+        }
+        if best.as_ref().is_some_and(|(misfit, _)| *misfit < near) {
+            break;
+        }
+    }
+    Ok(best.map(|(_, found)| found))
+}
+
 /// Measures slopes.
 fn slopes(of: &impl Residuals, at: &Found) -> Result<Vec<Vec<f64>>> {
     let steps = of.steps();
@@ -170,6 +190,33 @@ mod tests {
         let found = search(&Valley, vec![-0.5, 0.5], |_| rounds += 1).unwrap();
         assert!(found.point.iter().all(|at| (at - 1.0).abs() < 0.05), "{found:?}");
         assert!(squares(&found.residuals) < LEAST_GAIN && rounds < ROUNDS, "{found:?} {rounds}");
+    }
+
+    /// Two hollows, of which the one at 2 is the deeper.
+    struct Hollows;
+
+    impl Residuals for Hollows {
+        fn steps(&self) -> &[f64] {
+            &[0.01]
+        }
+
+        fn at(&self, points: &[Vec<f64>]) -> Result<Vec<Vec<f64>>> {
+            Ok(points.iter().map(|p| vec![10.0 * (p[0] + 2.0) * (p[0] - 2.0), 3.0 * (p[0] - 2.0)]).collect())
+        }
+    }
+
+    #[test]
+    fn a_search_that_ends_in_a_hollow_begins_anew_elsewhere() {
+        let mut begun = Vec::new();
+        let mut from = |start: f64| {
+            begun.push(start);
+            let found = search(&Hollows, vec![start], |_| {})?;
+            Ok((squares(&found.residuals).sqrt(), found.point[0]))
+        };
+        assert!((from(-3.0).unwrap().1 + 2.0).abs() < 0.3, "the hollow beside");
+        let found = nearest([-3.0, -2.5, 3.0, 4.0], 1.0, &mut from).unwrap().unwrap();
+        assert!((found - 2.0).abs() < 0.1, "{found}");
+        assert_eq!(begun, [-3.0, -3.0, -2.5, 3.0]);
     }
 
     #[test]
