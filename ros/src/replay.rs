@@ -57,6 +57,8 @@ pub struct Replayed {
     pub failed: u64,
     /// Recorded time from the first to the last message, nanoseconds.
     pub recorded_ns: u64,
+    /// Messages that were recorded before others that stand before them in the file. They were sent late, in the file's order.
+    pub out_of_order: u64,
     /// Whether the recording's end is missing, because its writer was stopped.
     pub truncated: bool,
     /// Channels that were skipped because their messages are not ROS 2's.
@@ -82,6 +84,7 @@ pub fn replay(
     let mut replayed = Replayed::default();
     let (mut told, mut refused) = (Instant::now(), BTreeSet::new());
     let mut start: Option<(Instant, u64)> = None;
+    let mut latest_ns = 0;
     while let Some(message) = bag.next_message()? {
         for topic in &bag.topics()[replayed.topics.len()..] {
             transport.advertise(topic)?;
@@ -90,6 +93,8 @@ pub fn replay(
         let (began, first_ns) = *start.get_or_insert_with(|| (Instant::now(), message.log_ns));
         let since_ns = message.log_ns.saturating_sub(first_ns);
         replayed.recorded_ns = replayed.recorded_ns.max(since_ns);
+        replayed.out_of_order += u64::from(message.log_ns < latest_ns);
+        latest_ns = latest_ns.max(message.log_ns);
         let due = options.delay.saturating_add(wait(since_ns, options.rate));
         let left = || due.saturating_sub(began.elapsed());
         while !left().is_zero() && !stop() {
@@ -128,6 +133,58 @@ pub fn replay(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bag::BagWriter;
+    use crate::plan::Topic;
+    use crate::qos::Qos;
+
+    /// A network without subscribers.
+    struct Nobody;
+
+    impl Transport for Nobody {
+        fn name(&self) -> String {
+            "nobody".to_owned()
+        }
+        fn copies(&self) -> u32 {
+            0
+        }
+        fn advertise(&mut self, _: &Topic) -> Result<(), TransportError> {
+            Ok(())
+        }
+        fn publish(&mut self, _: usize, _: &Arc<Payload>) -> Result<(), TransportError> {
+            Ok(())
+        }
+        fn subscribers(&self, _: usize) -> usize {
+            0
+        }
+        fn notices(&mut self) -> Vec<String> {
+            Vec::new()
+        }
+        fn drain(&mut self, _: Duration) {}
+    }
+
+    #[test]
+    fn messages_that_come_too_late_in_the_file_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let mut bag = BagWriter::create(&path).unwrap();
+        bag.add_topic(&Topic {
+            name: "/chat".to_owned(),
+            type_name: "std_msgs/msg/String".to_owned(),
+            type_hash: None,
+            schema: "string data".to_owned(),
+            qos: Qos::sensor_data(10),
+            patience: Duration::ZERO,
+        })
+        .unwrap();
+        for log_ns in [5, 5, 9, 3, 8, 10] {
+            bag.write(0, log_ns, &[0, 1, 0, 0]).unwrap();
+        }
+        bag.finish().unwrap();
+        let options = ReplayOptions { delay: Duration::ZERO, ..ReplayOptions::default() };
+        let bag = BagReader::open(&path).unwrap();
+        let replayed = replay(bag, &mut Nobody, options, || false, |_| ()).unwrap();
+        assert_eq!((replayed.sent, replayed.out_of_order, replayed.recorded_ns), (6, 2, 5));
+    }
 
     #[test]
     fn the_lowest_rate_is_one_that_clocks_can_wait_for() {

@@ -199,6 +199,7 @@ fn a_recording_is_sent_again_byte_by_byte_with_its_timing() {
     let replayed = replay(bag, &mut transport, options, || false, |_| ()).unwrap();
     let took = transport.met.unwrap().elapsed();
     assert_eq!((replayed.sent, replayed.failed, replayed.truncated), (messages.len() as u64, 0, false));
+    assert_eq!(replayed.out_of_order, 0);
     // The first IMU sample is half an interval before the first tick; the file is 29 and a half long.
     let recorded = Duration::from_nanos(replayed.recorded_ns);
     assert!(recorded > Duration::from_millis(960) && recorded < Duration::from_millis(1000), "{recorded:?}");

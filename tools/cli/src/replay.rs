@@ -47,6 +47,13 @@ pub fn run(arguments: &ReplayArguments, json: bool) -> Result<Outcome> {
             arguments.file.display()
         ));
     }
+    if replayed.out_of_order > 0 {
+        stderr::line(format_args!(
+            "warning: {} of the messages in {} were recorded before others that come first in the file; they were sent late",
+            replayed.out_of_order,
+            arguments.file.display()
+        ));
+    }
     for foreign in &replayed.foreign {
         stderr::line(format_args!("warning: skipped, not a ROS 2 message: {foreign}"));
     }
