@@ -61,6 +61,11 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -
         if is_special(path) {
             let mut whole = Cursor::new(Vec::new());
             fill(&mut whole)?;
+            if is_standard_output(path) {
+                let mut out = std::io::stdout().lock();
+                out.write_all(whole.get_ref())?;
+                return Ok(out.flush()?);
+            }
             return Ok(File::options().write(true).open(path)?.write_all(whole.get_ref())?);
         }
         let path = linked(path);
@@ -84,13 +89,22 @@ fn through_buffer(file: &File, fill: impl FnOnce(&mut dyn WriteSeek) -> Result<(
     Ok(())
 }
 
-/// Whether there is something at `path` that is neither a file nor a folder, such as a device.
+/// Whether there is something at `path` that is neither a file nor a folder, such as a device; or standard output,
+/// whatever it goes to.
 pub fn is_special(path: &Path) -> bool {
-    path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir())
+    names_standard_output(path) || path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir())
 }
 
-/// Whether `path` is the pipe that standard output goes to, so that text there would be part of the file.
+/// The names of standard output.
+fn names_standard_output(path: &Path) -> bool {
+    ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path == Path::new(name))
+}
+
+/// Whether `path` is standard output or the pipe that it goes to, so that text there would be part of the file.
 pub fn is_standard_output(path: &Path) -> bool {
+    if names_standard_output(path) {
+        return true;
+    }
     let pipe = |path: &Path| {
         let found = path.metadata().ok().filter(|m| m.file_type().is_fifo())?;
         Some((found.dev(), found.ino()))

@@ -169,7 +169,8 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     // The host decodes a frame and copies it into the engine's buffers.
     report.link = LinkReport { host_copies: 1.0, ..LinkReport::in_process(intervals as u64 + 1) };
     let published = ros.finish();
-    published.recorded?;
+    // The first frame is recorded before there is an interval.
+    let is_recorded = published.summary.as_ref().is_some_and(|summary| summary.recorded() > 0);
     report.ros = published.summary;
     let of_poses: Vec<String> = check
         .iter()
@@ -186,11 +187,11 @@ pub fn run(arguments: &SimulateArguments, common: &CommonArguments) -> Result<Ou
     let of_frames = folder.warnings.clone();
     let of_frames = of_frames.into_iter().chain(left_out).chain(of_poses).chain(of_input);
     warnings.tell_all(of_frames.chain(of_camera));
-    let written = outputs.iter().filter(|_| has_events);
-    report.files = written.map(|path| path.display().to_string()).collect();
+    let written = outputs.iter().zip([has_events, is_recorded]).filter(|(_, is_written)| *is_written);
+    report.files = written.map(|(path, _)| path.display().to_string()).collect();
     report.warnings = warnings;
     report.warn_of_losses();
-    let mut outcome = report.outcome(common.json)?;
+    let mut outcome = report.outcome(common.json)?.with_recording(published.recorded);
     if events.is_standard_output() {
         stderr::line(std::mem::take(&mut outcome.text).trim_end());
     }

@@ -107,8 +107,10 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
         stderr::line("the sensors changed during the run: no comparison with exact events");
     }
     if intervals == 0 {
-        simulated.ros.recorded?;
-        return report.outcome(common.json);
+        let is_recorded = report.ros.as_ref().is_some_and(|ros| ros.recorded() > 0);
+        let recording = arguments.ros.record.iter().filter(|_| is_recorded);
+        report.files = recording.map(|path| path.display().to_string()).collect();
+        return Ok(report.outcome(common.json)?.with_recording(simulated.ros.recorded));
     }
     // The comparison takes as long as the run: who interrupts one does not wait for it.
     let compared = !(simulated.sensors_changed || interrupted);
@@ -142,8 +144,7 @@ pub fn run(arguments: &DemoArguments, common: &CommonArguments) -> Result<Outcom
     report.warn_of_losses();
     let text = report.to_json()?;
     output_file::write(&json, |out| Ok(out.write_all(text.as_bytes())?))?;
-    simulated.ros.recorded?;
-    report.outcome(common.json)
+    Ok(report.outcome(common.json)?.with_recording(simulated.ros.recorded))
 }
 
 /// The chosen sensor, and the same with the other kind of intensity (colour or gray). Both have APS frames

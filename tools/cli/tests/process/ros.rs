@@ -112,17 +112,21 @@ fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     let mut limited = ignoring("XFSZ");
     // Few events, so that their file is small enough.
     limited
-        .args(["demo", "--frames", "300", "--contrast-on", "1", "--contrast-off", "1", "--out"])
+        .args(["demo", "--json", "--frames", "300", "--contrast-on", "1", "--contrast-off", "1", "--out"])
         .arg(folder.path())
         .arg("--record")
         .arg(&file);
     limited.args(SMALL).args(["--ros", "off"]);
-    let mut child = limited.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = limited.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     until_recorded(&mut child, &file);
     let most = Rlimit { current: Some(4 << 20), maximum: Some(4 << 20) };
     prlimit(Pid::from_raw(child.id() as i32), Resource::Fsize, most).unwrap();
-    let (code, _, error) = finish(child.wait_with_output().unwrap());
+    let (code, out, error) = finish(child.wait_with_output().unwrap());
     assert_eq!(code, 1, "{error}");
+    assert!(
+        error.contains("error: the recording is incomplete") && out.contains("events.npz"),
+        "{out} {error}"
+    );
     assert!(error.contains("recording stopped") && error.contains("File too large"), "{error}");
     let (topics, truncated) = recorded(&file);
     assert!(truncated && topics.iter().map(|(_, count)| count).sum::<usize>() > 100, "{topics:?}");
@@ -134,6 +138,30 @@ fn a_recording_that_outgrows_its_disk_is_an_error_and_readable() {
     let report: serde_json::Value = serde_json::from_str(&text).unwrap();
     let recorded = report["ros"]["topics"].as_array().unwrap().iter().map(|topic| topic["recorded"].as_u64());
     assert!(recorded.flatten().sum::<u64>() >= 100, "{}", report["ros"]);
+}
+
+/// As above; its limit is what the first second takes.
+#[test]
+fn frames_are_simulated_to_the_end_though_the_disk_of_the_recording_is_full() {
+    let (frames, folder) = (crate::harness::Frames::new(60, true), tempfile::tempdir().unwrap());
+    let [file, events] = ["run.mcap", "events.npz"].map(|name| folder.path().join(name));
+    let mut limited = ignoring("XFSZ");
+    limited.args(["simulate", frames.argument(), "--rate", "20", "--real-time", "--json", "--ros", "off"]);
+    limited.args(["--contrast-on", "1", "--contrast-off", "1", "--out"]).arg(&events);
+    let mut child =
+        limited.arg("--record").arg(&file).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    until_grown(&mut child, &file, 1);
+    let most = Some(file.metadata().unwrap().len());
+    let most = Rlimit { current: most, maximum: most };
+    prlimit(Pid::from_raw(child.id() as i32), Resource::Fsize, most).unwrap();
+    let (code, out, error) = finish(child.wait_with_output().unwrap());
+    assert_eq!(code, 1, "{error}");
+    assert!(error.contains("error: the recording is incomplete"), "{error}");
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&report["interrupted"], &report["intervals"]), (&false.into(), &59.into()));
+    let files = [&events, &file].map(|path| path.to_str().unwrap());
+    assert_eq!(report["files"], serde_json::json!(files));
+    assert!(events.metadata().unwrap().len() > 300 && recorded(&file).1);
 }
 
 #[test]

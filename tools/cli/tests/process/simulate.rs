@@ -379,6 +379,12 @@ fn events_go_through_a_pipe_and_the_report_beside_it() {
     let [report, told]: [serde_json::Value; 2] =
         [report, told].map(|text| serde_json::from_slice(&text).unwrap());
     assert_eq!(report["cameras"][0]["events"], told["cameras"][0]["events"]);
+    // The same where it goes to a file.
+    let to_file = std::fs::File::create(frames.file("redirected")).unwrap();
+    let mut command = esaac(&["simulate", frames.argument(), "--out", "/dev/stdout", "--synthesis", "none"]);
+    let output = command.stdout(to_file).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(std::fs::read(frames.file("redirected")).unwrap() == plain);
 }
 
 #[test]
