@@ -106,12 +106,14 @@ impl Worker {
         self.send_states_again();
         for state in &batch.states {
             self.send_state(state.topic, &state.message);
-            self.record(state, recording);
         }
         for sample in &batch.samples {
             self.send_sample(sample);
-            self.record(sample, recording);
         }
+        // A recording is in the order of its times; inertial samples lie before the tick that brings them.
+        let mut in_order: Vec<&Outgoing> = batch.states.iter().chain(&batch.samples).collect();
+        in_order.sort_by_key(|message| message.log_ns);
+        in_order.into_iter().for_each(|message| self.record(message, recording));
         self.flush();
         self.statistics.count_tick(batch.encoded.elapsed());
     }
