@@ -99,10 +99,12 @@ fn latency_ns(exposure: &Exposure, polarity: Polarity) -> f64 {
     for event in exposure.events.iter().filter(|event| event.polarity == polarity) {
         let half = (event.t_ns as f64 / half_ns) as usize;
         // The light is up in odd halves. It has always been down before the first one.
-        if half > 0 && half < halves && (half % 2 == 1) == (polarity == Polarity::On) {
-            if std::mem::replace(&mut answered[pixel(event)], half) != half {
-                answers_ns.push(event.t_ns as f64 - half as f64 * half_ns);
-            }
+        if half > 0
+            && half < halves
+            && (half % 2 == 1) == (polarity == Polarity::On)
+            && std::mem::replace(&mut answered[pixel(event)], half) != half
+        {
+            answers_ns.push(event.t_ns as f64 - half as f64 * half_ns);
         }
     }
     // ON answers odd halves, OFF even ones from the second on. Who does not answer takes forever.
