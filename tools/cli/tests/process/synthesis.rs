@@ -130,7 +130,9 @@ fn fast_motion_that_nothing_tells_is_warned_of() {
     assert_eq!(report["input_check"]["warning"], Value::Null, "{report}");
     assert!(!error.contains("warning"), "{error}");
     let (report, _) = simulate(&still, &["--synthesis", "none"]);
-    assert_eq!(report["input_check"], Value::Null);
+    let found = &report["input_check"];
+    assert_eq!((&found["motion_px"], &found["off_parabola_px"]), (&Value::Null, &Value::Null), "{found}");
+    assert!(found["grain_log"].as_f64().unwrap() < 0.01 && found["warning"] == Value::Null, "{found}");
 }
 
 #[test]
