@@ -29,6 +29,10 @@ const LEFT_SHARE: u64 = 32;
 /// has begun by then.
 const LEFT_TICKS: u32 = 4;
 
+/// A rig that has left sub-tiles and became dense for it does so again at once, once it is no longer dense and leaves another.
+/// After so many ticks in a row that leave none it is as any other.
+const FORGETS_TICKS: u32 = 30;
+
 /// Such a rig is no longer dense once it has a quarter less events than it had then: what would be left is not seen in a
 /// dense one.
 const STILL_CROWDED: [u64; 2] = [3, 4];
@@ -55,6 +59,10 @@ pub(super) struct Density {
     ticks: u32,
     /// Ticks in a row that left a sub-tile, of a rig that is not dense.
     left_ticks: u32,
+    /// Whether it has been dense for what it left.
+    has_left: bool,
+    /// Ticks in a row that left none, of a rig that is not dense.
+    clear_ticks: u32,
 }
 
 impl Density {
@@ -79,11 +87,14 @@ impl Density {
         self.ticks = if changes { self.ticks + 1 } else { 0 };
         let leaves = self.sparse_below.is_none() && load.left > 0;
         self.left_ticks = if leaves { self.left_ticks + 1 } else { 0 };
-        if self.ticks == TICKS || self.left_ticks == LEFT_TICKS {
+        self.clear_ticks = if leaves || self.sparse_below.is_some() { 0 } else { self.clear_ticks + 1 };
+        self.has_left &= self.clear_ticks < FORGETS_TICKS;
+        let is_left = self.left_ticks >= if self.has_left { 1 } else { LEFT_TICKS };
+        if self.ticks == TICKS || is_left {
             let [share, of] = STILL_CROWDED;
             let sparse_below = (PARTS * events * share / (of * pixels.max(1))).min(PARTS * sparse);
             let sparse_below = self.sparse_below.is_none().then_some(sparse_below);
-            *self = Density { sparse_below, ticks: 0, left_ticks: 0 };
+            *self = Density { sparse_below, has_left: self.has_left || is_left, ..Density::default() };
         }
     }
 }
@@ -154,7 +165,12 @@ mod tests {
         );
         assert_eq!(after([4; 4]), [true; 4]);
         assert_eq!(after([4, 4, 2, 2]), [true, true, true, false], "until it has a quarter less events");
-        assert_eq!(after([2; 4]), [false, false, false, true]);
+        assert_eq!(after([2; 4]), [true; 4], "and at once where it leaves one again");
+        assert_eq!(after([1; 4]), [true, false, true, true]);
+        const CLEAR: usize = FORGETS_TICKS as usize + TICKS as usize;
+        assert!(!after_leaving(&mut density, 640, [(0, 0); CLEAR])[CLEAR - 1]);
+        let leaving = after_leaving(&mut density, 640, [(1, 1); 4]);
+        assert_eq!(leaving, [false, false, false, true], "long after it is as any other");
     }
 
     #[test]
