@@ -2,8 +2,8 @@
 //!
 //! A track is made again from every second of its poses, and from every fourth. Poses that were left out lie off the new
 //! track, and what the camera sees of them moves by that: by `d2` and `d4` pixels, which a tenth of them exceeds. To halve
-//! the rate of poses from all to every second multiplies the error about as the next halving does, and by [`LEAST_RATIO`]
-//! at least. So the track through all poses is off by some `d2 / max(d4 / d2, LEAST_RATIO)`.
+//! the rate of poses from all to every second multiplies the error about as the next halving does, and by 4 at least. So
+//! the track through all poses is off by some `d2 / max(d4 / d2, 4)`.
 
 use super::{Intrinsics, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
 use glam::DVec2;
