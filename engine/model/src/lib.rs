@@ -99,6 +99,7 @@ pub mod paths;
 pub mod physical;
 mod pixel_draws;
 pub mod presets;
+mod quantile;
 pub mod random;
 pub mod sensor;
 pub mod substeps;

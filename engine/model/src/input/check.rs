@@ -2,7 +2,8 @@
 //! grainy.
 
 use super::grain;
-use super::image_motion::{Luminance, fastest_px, upper};
+use super::image_motion::{Luminance, fastest_px};
+use crate::quantile::upper;
 use crate::{HdrFormat, MotionFormat, SensorModel, Synthesis};
 use serde::Serialize;
 

@@ -6,7 +6,8 @@
 //! (J. Immerkaer, *Fast noise variance estimation*, 1996). The deviation of a block is that of the median, so that a few
 //! edges do not count. The image's is the one which three quarters of its blocks reach: fine textures seldom fill an image.
 
-use super::image_motion::{Luminance, upper};
+use super::image_motion::Luminance;
+use crate::quantile::upper;
 
 /// Side of a block, pixels.
 const BLOCK_PX: usize = 8;

@@ -2,6 +2,7 @@
 
 use crate::HdrFormat;
 use crate::intensity::REC709;
+use crate::quantile::upper;
 
 /// Side of a block, pixels.
 const BLOCK_PX: usize = 12;
@@ -106,23 +107,4 @@ pub(super) fn fastest_px(before: &Luminance, after: &Luminance, share: f64) -> O
         .filter_map(|corner| after.moved_px(before, corner))
         .collect();
     upper(&mut moved_px, share)
-}
-
-/// The value that a share of `values` reaches or exceeds. `None` of none.
-pub(super) fn upper(values: &mut [f64], share: f64) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let rank = ((1.0 - share) * values.len() as f64) as usize;
-    values.get(rank.min(values.len().wrapping_sub(1))).copied()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_share_of_the_values_reaches_what_is_reported() {
-        let mut values: Vec<f64> = (1..=100).map(f64::from).collect();
-        assert_eq!((upper(&mut values, 0.05), upper(&mut values, 0.5)), (Some(96.0), Some(51.0)));
-        assert_eq!((upper(&mut [7.0], 0.0), upper(&mut [], 0.5)), (Some(7.0), None));
-    }
 }

@@ -6,6 +6,7 @@
 //! the track through all poses is off by some `d2 / max(d4 / d2, 4)`.
 
 use super::{Intrinsics, Pose, PoseTrack, STATIC_WORLD, SceneMotion};
+use crate::quantile::upper;
 use glam::DVec2;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -21,6 +22,9 @@ const POSES_OF_BOTH: usize = 9;
 
 /// What halving the rate of poses multiplies the error by at least: that of a straight line between poses.
 const LEAST_RATIO: f64 = 4.0;
+
+/// The share of the left-out poses that lie as far off as is told, or farther.
+const MOVED_SHARE: f64 = 0.1;
 
 /// Points of an instance in a frame.
 const POINTS_OF_INSTANCE: usize = 64;
@@ -192,9 +196,9 @@ fn left_out_px(
         let (t_ns, pose) = (track.times_ns()[i], track.poses()[i]);
         let off = thinned.at(t_ns).ok()? * pose.inverse();
         let moved = points.iter().filter_map(|point| moved_px(scene, id, off, point));
-        quantile(moved.collect(), 0.5)
+        upper(&mut moved.collect::<Vec<_>>(), 0.5)
     });
-    quantile(errors.collect(), 0.9)
+    upper(&mut errors.collect::<Vec<_>>(), MOVED_SHARE)
 }
 
 /// By how many pixels a point moves if the pose of what shows it is off, in world axes.
@@ -211,12 +215,6 @@ fn spacing_ns(track: &PoseTrack) -> i64 {
         track.times_ns().windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
     let middle = apart.len() / 2;
     *apart.select_nth_unstable(middle).1
-}
-
-/// The value that this part of `values` does not exceed.
-fn quantile(mut values: Vec<f64>, part: f64) -> Option<f64> {
-    let place = ((values.len() as f64 * part) as usize).min(values.len().checked_sub(1)?);
-    Some(*values.select_nth_unstable_by(place, f64::total_cmp).1)
 }
 
 #[cfg(test)]

@@ -233,15 +233,19 @@ fn a_narrow_fisheye_counts_what_it_does_not_show() {
     assert_silent();
 }
 
-#[test]
-fn a_saved_rig_goes_on_as_if_it_had_not_stopped() {
-    let rendered = rendered();
-    let expected = packets(&rendered);
+fn after_two_frames(rendered: &Rendered) -> Rig {
     let mut rig = rendered.rig(&sensor(), RigOptions::default());
     for frame in &rendered.frames[..2] {
         step(&mut rig, frame).expect("a frame");
     }
-    let saved = rig.save().expect("a rig that is well");
+    rig
+}
+
+#[test]
+fn a_saved_rig_goes_on_as_if_it_had_not_stopped() {
+    let rendered = rendered();
+    let expected = packets(&rendered);
+    let saved = after_two_frames(&rendered).save().expect("a rig that is well");
     // Rows of instances come from the saved state, whatever this rig has had.
     let mut other = bare_rig(&rendered);
     let mut strange = still(&rendered, 0, 1 << 40);
@@ -272,10 +276,7 @@ fn a_saved_rig_goes_on_as_if_it_had_not_stopped() {
 fn a_saved_state_with_too_many_instances_is_refused() {
     let rendered = rendered();
     let expected = packets(&rendered);
-    let mut rig = rendered.rig(&sensor(), RigOptions::default());
-    for frame in &rendered.frames[..2] {
-        step(&mut rig, frame).expect("a frame");
-    }
+    let mut rig = after_two_frames(&rendered);
     let saved = rig.save().expect("a rig that is well");
     let most = 0xffff_u32;
     // None of these is of the scene, so its instances need rows of their own.
