@@ -18,8 +18,8 @@ use std::time::Instant;
 /// Most messages that are read from one connection before the next connection's turn.
 const MAX_TURN: usize = 32;
 
-/// Most such turns of a producer whose camera another one wants, or whose server ends. A socket's queue holds fewer messages, so a goodbye that
-/// lies in it is read.
+/// Most such turns of a producer whose camera another one wants, or whose server ends. A socket's queue holds fewer
+/// messages, so a goodbye that lies in it is read.
 const MAX_HOLDER_TURNS: usize = 16;
 
 /// A frame that was announced by FRAME and is not stepped yet.

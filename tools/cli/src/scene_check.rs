@@ -4,7 +4,7 @@
 use crate::frame_folder::FrameFolder;
 use crate::pose_report::PoseReport;
 use anyhow::{Context, Result};
-use esaac_formats::exr_frame::read_frame;
+use esaac_formats::exr_frame::{FrameImages, read_frame};
 use esaac_formats::scene_file::FolderScene;
 use esaac_model::MotionFormat;
 use esaac_model::paths::conventions::{ConventionCheck, ConventionReport, KeyFrame, Trust};
@@ -41,15 +41,23 @@ impl SceneCheck {
             (_, None) => Some("motion vectors"),
             _ => None,
         };
-        let mut check = ConventionCheck::default();
-        if missing.is_none() {
-            spanned
-                .iter()
-                .take(COMPARED_FRAMES)
-                .try_for_each(|&index| add(&mut check, folder, scene, index))?;
+        let compared = if missing.is_none() { &spanned[..spanned.len().min(COMPARED_FRAMES)] } else { &[] };
+        let (mut check, mut spacing) = (ConventionCheck::default(), SpacingCheck::default());
+        let (is_seen, stride) = (shows_paths(folder, scene), folder.paths.len().div_ceil(FRAMES_OF_POINTS));
+        for index in 0..folder.paths.len() {
+            let (is_compared, has_points) = (compared.contains(&index), is_seen && index % stride == 0);
+            if !is_compared && !has_points {
+                continue;
+            }
+            let images = read_frame(&folder.paths[index], layout)?;
+            if is_compared {
+                add(&mut check, &images, folder, scene, index)?;
+            }
+            if let Some(depth_m) = images.depth.as_ref().filter(|_| has_points) {
+                spacing.add(layout.width_px, folder.time_ns(index), depth_m, images.ids.as_deref());
+            }
         }
-        let found = check.report(&scene.motion);
-        let coarse = coarse_tracks(folder, scene)?;
+        let (found, coarse) = (check.report(&scene.motion), spacing.coarse(&scene.motion));
         let report = PoseReport::new(scene, (spanned.len(), intervals), missing, found.as_ref(), &coarse);
         Ok(Some(SceneCheck { report, found, coarse }))
     }
@@ -61,27 +69,20 @@ impl SceneCheck {
     }
 }
 
-/// The tracks of a folder with depth whose poses are too far apart in time.
-fn coarse_tracks(folder: &FrameFolder, scene: &FolderScene) -> Result<Vec<CoarseTrack>> {
-    let layout = &folder.layout;
-    let mut check = SpacingCheck::default();
-    if layout.depth.is_none() || scene.motion.moving_tracks() == 0 {
-        return Ok(Vec::new());
-    }
-    let stride = folder.paths.len().div_ceil(FRAMES_OF_POINTS);
-    for index in (0..folder.paths.len()).step_by(stride) {
-        let images = read_frame(&folder.paths[index], layout)?;
-        if let Some(depth_m) = &images.depth {
-            check.add(layout.width_px, folder.time_ns(index), depth_m, images.ids.as_deref());
-        }
-    }
-    Ok(check.coarse(&scene.motion))
+/// Whether a folder's depth tells what the camera sees of paths.
+fn shows_paths(folder: &FrameFolder, scene: &FolderScene) -> bool {
+    folder.layout.depth.is_some() && scene.motion.moving_tracks() > 0
 }
 
-/// Takes the frame `index`.
-fn add(check: &mut ConventionCheck, folder: &FrameFolder, scene: &FolderScene, index: usize) -> Result<()> {
+/// Takes the images of the frame `index`.
+fn add(
+    check: &mut ConventionCheck,
+    images: &FrameImages,
+    folder: &FrameFolder,
+    scene: &FolderScene,
+    index: usize,
+) -> Result<()> {
     let (path, layout) = (&folder.paths[index], &folder.layout);
-    let images = read_frame(path, layout)?;
     let (Some(depth), Some(motion)) = (&images.depth, &images.motion) else { return Ok(()) };
     let format = layout.motion.unwrap_or(MotionFormat::F32x2);
     let vectors: Vec<[f32; 2]> = (0..motion.len() / format.texel_bytes())
